@@ -1,0 +1,167 @@
+"""`RigidBody`: mass, centre of mass and inertia, with the principal axes in which the motion is computed.
+
+Checks that the numbers belong to a real body; never guesses a repaired value.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from rb_dynamics import rotation
+from rb_dynamics.body.principal import diagonalize
+from rb_dynamics.errors import BodyError
+from rb_dynamics.rotation import IDENTITY, Matrix, Quaternion
+from rb_dynamics.vector import ZERO, Vector
+
+# Relative to the largest entry. Inertia matrices are often typed with few digits; this admits their last digit in
+# double precision, not a wrong one.
+SYMMETRY_TOLERANCE = 1e-9
+TRIANGLE_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class RigidBody:
+    """Mass properties of one rigid body; build it with one of the `from_*` functions, which check them.
+
+    Attributes:
+        mass: kg.
+        inertia: about the centre of mass, body axes, products as they stand in the matrix (Ixy = -int xy dm), kg m^2.
+        center_of_mass: from the body origin, body axes, m.
+        principal_moments: kg m^2, one for each principal axis.
+        principal_orientation_xyzw: rotation from principal to body axes; identity where the inertia is diagonal.
+    """
+
+    mass: float
+    inertia: Matrix
+    center_of_mass: Vector
+    principal_moments: Vector
+    principal_orientation_xyzw: Quaternion
+
+    @classmethod
+    def from_matrix(
+        cls, mass: float, inertia: Sequence[Sequence[float]], center_of_mass: Sequence[float] = ZERO
+    ) -> RigidBody:
+        """Return the body with this inertia matrix (kg m^2, about the centre of mass, body axes).
+
+        Lecture 24, eqs. 10 and 11: the principal moments are the eigenvalues, the principal axes the eigenvectors.
+
+        Raises:
+            BodyError: the matrix is not symmetric, or no body has such moments.
+        """
+        rows = _symmetric(inertia)
+        moments, axes = diagonalize(rows)
+        _check(mass, moments, center_of_mass, rows)
+        return cls(float(mass), rows, _vector(center_of_mass), moments, axes)
+
+    @classmethod
+    def from_diagonal(
+        cls, mass: float, moments: Sequence[float], center_of_mass: Sequence[float] = ZERO
+    ) -> RigidBody:
+        """Return the body whose body axes are principal axes with these moments (kg m^2).
+
+        Raises:
+            BodyError: no body has such moments.
+        """
+        return cls.from_principal(mass, moments, IDENTITY, center_of_mass)
+
+    @classmethod
+    def from_principal(
+        cls,
+        mass: float,
+        moments: Sequence[float],
+        orientation_xyzw: Sequence[float],
+        center_of_mass: Sequence[float] = ZERO,
+    ) -> RigidBody:
+        """Return the body with these principal moments (kg m^2); `orientation_xyzw` turns principal into body axes.
+
+        Lecture 24, eq. 11 read backwards: I = A^T diag(moments) A.
+
+        Raises:
+            BodyError: no body has such moments, or the quaternion is not of unit length within 1e-3.
+        """
+        diagonal = _vector(moments)
+        _check(mass, diagonal, center_of_mass, None)
+        x, y, z, w = (float(c) for c in orientation_xyzw)
+        length = math.hypot(x, y, z, w)
+        if not abs(length - 1.0) <= 1e-3:
+            raise BodyError(f"orientation has norm {length!r}, expected a unit quaternion; divide it by its norm")
+        axes = (x, y, z, w) if (x, y, z) == ZERO else rotation.normalize((x, y, z, w))
+        return cls(float(mass), _in_body_axes(diagonal, axes), _vector(center_of_mass), diagonal, axes)
+
+
+def _vector(values: Sequence[float]) -> Vector:
+    x, y, z = (float(v) for v in values)
+    return (x, y, z)
+
+
+def _in_body_axes(moments: Vector, axes: Quaternion) -> Matrix:
+    """Return R diag(moments) R^T, symmetric to the bit."""
+    r = rotation.matrix(axes)
+
+    def entry(i: int, j: int) -> float:
+        return r[i][0] * moments[0] * r[j][0] + r[i][1] * moments[1] * r[j][1] + r[i][2] * moments[2] * r[j][2]
+
+    xy, xz, yz = entry(0, 1), entry(0, 2), entry(1, 2)
+    return ((entry(0, 0), xy, xz), (xy, entry(1, 1), yz), (xz, yz, entry(2, 2)))
+
+
+def _symmetric(inertia: Sequence[Sequence[float]]) -> Matrix:
+    rows = [[float(v) for v in row] for row in inertia]
+    if len(rows) != 3 or any(len(row) != 3 for row in rows):
+        raise BodyError(f"inertia matrix has rows of lengths {[len(row) for row in rows]}, expected 3 rows of 3 numbers")
+    if not all(math.isfinite(v) for row in rows for v in row):
+        raise BodyError(f"inertia matrix is {rows}, expected finite numbers (kg m^2)")
+    largest = max(abs(v) for row in rows for v in row)
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        if abs(rows[i][j] - rows[j][i]) > SYMMETRY_TOLERANCE * largest:
+            raise BodyError(
+                f"inertia matrix is not symmetric: I[{i}][{j}] = {rows[i][j]!r} but I[{j}][{i}] = {rows[j][i]!r}; "
+                "an inertia matrix is symmetric, write each product twice"
+            )
+        rows[i][j] = rows[j][i] = 0.5 * (rows[i][j] + rows[j][i])
+    return (_vector(rows[0]), _vector(rows[1]), _vector(rows[2]))
+
+
+def _check(mass: float, moments: Vector, center_of_mass: Sequence[float], rows: Matrix | None) -> None:
+    if not (math.isfinite(mass) and mass > 0.0):
+        raise BodyError(f"mass is {mass!r}, expected a finite number greater than 0 (kg)")
+    if not all(map(math.isfinite, center_of_mass)):
+        raise BodyError(f"center_of_mass is {list(center_of_mass)}, expected three finite numbers (m)")
+    if problem := _moments_problem(moments):
+        raise BodyError(problem + (_negated_products_hint(rows) if rows else ""))
+
+
+def _moments_problem(moments: Vector) -> str:
+    """Return what is wrong with principal moments, or "": each is positive and at most the sum of the others.
+
+    I1 + I2 - I3 = 2 int x3^2 dm >= 0 (lecture 24, eqs. 6 and 7 added).
+    """
+    shown = [float(f"{moment:.6g}") for moment in moments]
+    if not all(math.isfinite(m) and m > 0.0 for m in moments):
+        return (
+            f"principal moments are {shown}, expected three finite numbers greater than 0 (kg m^2); "
+            "the inertia matrix of a body is positive definite"
+        )
+    low, middle, high = sorted(moments)
+    if low + middle < high * (1.0 - TRIANGLE_TOLERANCE):
+        return (
+            f"principal moments are {shown} and {low:.6g} + {middle:.6g} < {high:.6g}: no body has them, because each "
+            "moment is at most the sum of the other two; check units, the reference point (centre of mass) and the axes"
+        )
+    return ""
+
+
+def _negated_products_hint(rows: Matrix) -> str:
+    """Return a remark where the same matrix with its products negated would be a body: the usual sign slip."""
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = rows
+    if xy == xz == yz == 0.0:
+        return ""
+    negated = ((xx, -xy, -xz), (-xy, yy, -yz), (-xz, -yz, zz))
+    if _moments_problem(diagonalize(negated)[0]):
+        return ""
+    return (
+        "; with its products negated the matrix would be valid: products of wrong sign suspected, "
+        "expected the matrix entries Ixy = -int xy dm"
+    )

@@ -1,0 +1,108 @@
+"""Wrench commands and the one rule that says in which axes and through which point they act.
+
+Never knows where a command came from (topic, bag or script) nor when it takes effect: `loads/channels.py` does.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from rb_dynamics import rotation
+from rb_dynamics.rotation import Quaternion
+from rb_dynamics.vector import ZERO, Vector, add, cross, subtract
+from rb_dynamics.errors import WrenchError
+
+
+@dataclass(frozen=True, slots=True)
+class Wrench:
+    """A force and a torque as commanded: `geometry_msgs/WrenchStamped` without ROS.
+
+    Attributes:
+        force: N, in the axes of `frame_id`.
+        torque: N m, in the axes of `frame_id`.
+        frame_id: "" or the body frame, the world frame, or a fixed frame that the scene declares.
+        stamp_ns: `header.stamp` of the command, integer nanoseconds.
+    """
+
+    force: Vector = ZERO
+    torque: Vector = ZERO
+    frame_id: str = ""
+    stamp_ns: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class FixedFrame:
+    """A frame fixed to the body: position of its origin from the body origin (m) and its axes, both in body axes."""
+
+    position: Vector = ZERO
+    orientation_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class HeldWrench:
+    """What a command does to the body while it is held: force through and torque about the centre of mass.
+
+    `*_body` parts turn with the body inside a step, `*_world` parts do not. N and N m.
+    """
+
+    force_body: Vector = ZERO
+    torque_body: Vector = ZERO
+    force_world: Vector = ZERO
+    torque_world: Vector = ZERO
+
+    def __add__(self, other: HeldWrench) -> HeldWrench:
+        """Return the sum: channels add up."""
+        return HeldWrench(
+            add(self.force_body, other.force_body),
+            add(self.torque_body, other.torque_body),
+            add(self.force_world, other.force_world),
+            add(self.torque_world, other.torque_world),
+        )
+
+
+@dataclass(frozen=True)
+class WrenchFrames:
+    """The frames a wrench may be given in, and the wrench rule.
+
+    Attributes:
+        world_frame: name of the inertial frame.
+        body_frame: name of the body frame.
+        fixed: further frames fixed to the body, by name.
+        center_of_mass: in body axes from the body origin, m.
+    """
+
+    world_frame: str = "world"
+    body_frame: str = "body"
+    fixed: Mapping[str, FixedFrame] | None = None
+    center_of_mass: Vector = ZERO
+
+    def hold(self, wrench: Wrench) -> HeldWrench:
+        """Return what `wrench` does about the centre of mass: tau_com = R tau + (p - c) x (R f) for a fixed frame.
+
+        Body and world wrenches act through the centre of mass. Moment of a force about a point: lecture 24, page 9.
+
+        Raises:
+            WrenchError: a component is not finite, or `frame_id` is not a known frame.
+        """
+        for name, vector in (("force", wrench.force), ("torque", wrench.torque)):
+            if not all(map(math.isfinite, vector)):
+                raise WrenchError(f"wrench {name} is {list(vector)}, expected three finite numbers; the command is ignored")
+        if wrench.frame_id in ("", self.body_frame):
+            return HeldWrench(force_body=wrench.force, torque_body=wrench.torque)
+        if wrench.frame_id == self.world_frame:
+            return HeldWrench(force_world=wrench.force, torque_world=wrench.torque)
+        frame = (self.fixed or {}).get(wrench.frame_id)
+        if frame is None:
+            known = ["", self.body_frame, self.world_frame, *(self.fixed or {})]
+            raise WrenchError(
+                f"wrench frame_id is {wrench.frame_id!r}, expected one of {known}; "
+                "declare the frame under body.frames in the scene or transform the wrench before sending it"
+            )
+        force = rotation.rotate(frame.orientation_xyzw, wrench.force)
+        torque = rotation.rotate(frame.orientation_xyzw, wrench.torque)
+        arm = subtract(frame.position, self.center_of_mass)
+        return HeldWrench(force_body=force, torque_body=add(torque, cross(arm, force)))
+
+

@@ -1,0 +1,76 @@
+"""`Arc`: the motion between two command edges, where the held wrench is constant, as a function of time.
+
+An arc steps on a grid of its own that starts where it starts. A time between two grid points is reached by one shorter
+step that nothing later builds on: looking at the motion, at whatever rate, never changes it, and advancing in many
+small pieces gives the same bits as in one.
+"""
+
+from __future__ import annotations
+
+from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.motion.method import Inertia, Method
+from rb_dynamics.motion.phase import Phase
+from rb_dynamics.motion.step_control import NANOSECONDS, StepControl
+from rb_dynamics.vector import scale
+
+
+class Arc:
+    """The motion from `start_ns` on under one held wrench (body parts in principal axes); times may only grow."""
+
+    def __init__(
+        self, method: Method, inertia: Inertia, held: HeldWrench, control: StepControl, start_ns: int, phase: Phase
+    ) -> None:
+        """Start in `phase` at `start_ns`."""
+        self._method, self._inertia, self._held, self._control = method, inertia, held, control
+        self._start_ns = start_ns
+        self._phase = phase
+        # In units of 1/denominator ns since the start: the grid point reached and the stride that follows it. The
+        # stride is chosen when it is first asked for, so that an arc that is left at once costs nothing.
+        self._reached = 0
+        self._strides = 0
+        self._stride: int | None = None
+        self._after: Phase | None = None
+
+    def at(self, time_ns: int) -> Phase:
+        """Return the phase at `time_ns`, not before the last time asked for nor the start.
+
+        Raises:
+            ConvergenceError: a step could not be solved.
+        """
+        denominator = self._control.denominator
+        target = (time_ns - self._start_ns) * denominator
+        while target > self._reached and self._reached + self._next_stride() <= target:
+            self._take_stride()
+        if target == self._reached:
+            return self._phase
+        return self._control.refine(
+            self._phase, self._advance, (target - self._reached) / (denominator * NANOSECONDS)
+        )
+
+    def steps_to(self, time_ns: int) -> int:
+        """Return the number of steps that lead to `time_ns`, the last time asked for."""
+        return self._strides + ((time_ns - self._start_ns) * self._control.denominator > self._reached)
+
+    def next_grid_ns(self) -> int:
+        """Return the time of the next grid point, rounded to the nanosecond it is reached in."""
+        end = self._reached + self._next_stride()
+        return self._start_ns - (-end // self._control.denominator)
+
+    def _next_stride(self) -> int:
+        if self._stride is None:
+            self._stride, self._after = self._control.stride(self._phase, self._advance)
+        return self._stride
+
+    def _take_stride(self) -> None:
+        stride = self._next_stride()
+        self._phase = self._after or self._advance(self._phase, stride / (self._control.denominator * NANOSECONDS))
+        self._reached += stride
+        self._stride = self._after = None
+        self._strides += 1
+
+    def _advance(self, phase: Phase, h: float) -> Phase:
+        velocity = scale(1.0 / self._inertia.mass, phase.linear_momentum_world)
+        step = self._method.step(
+            self._inertia, self._held, h, velocity, phase.orientation, phase.angular_momentum
+        )
+        return phase.after(step)

@@ -1,0 +1,121 @@
+"""Step control: chooses the grid of an arc, by a fixed step or by the accuracy that the user accepts.
+
+Sees a method only as a function that advances a phase; never knows the group behind it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from fractions import Fraction
+from typing import Protocol
+
+from rb_dynamics.errors import ConvergenceError
+from rb_dynamics.motion.method import Inertia
+from rb_dynamics.motion.phase import Phase
+from rb_dynamics.rotation import angle_between
+from rb_dynamics.vector import divide, norm, scale, subtract
+
+Advance = Callable[[Phase, float], Phase]
+
+NANOSECONDS = 1_000_000_000
+_EPSILON = 2.0**-52
+
+
+class StepControl(Protocol):
+    """Chooses the grid of an arc. Lengths of strides are integers in units of 1/`denominator` ns."""
+
+    denominator: int
+
+    def stride(self, phase: Phase, advance: Advance) -> tuple[int, Phase | None]:
+        """Return the length of the next stride and, where choosing it meant taking it, the phase at its end."""
+
+    def refine(self, phase: Phase, advance: Advance, h: float) -> Phase:
+        """Return the phase h s into a stride, as accurate as the stride."""
+
+
+class FixedStep:
+    """A fixed step; where it is no whole number of nanoseconds its remainder is carried exactly."""
+
+    def __init__(self, step: float) -> None:
+        """Take the step in s, as the decimal number that the user wrote."""
+        exact = Fraction(repr(float(step))) * NANOSECONDS
+        self.denominator = exact.denominator
+        self._stride = exact.numerator
+
+    def stride(self, phase: Phase, advance: Advance) -> tuple[int, Phase | None]:
+        """Return the step; it has not been taken."""
+        return self._stride, None
+
+    def refine(self, phase: Phase, advance: Advance, h: float) -> Phase:
+        """Return the phase after one step of h s."""
+        return advance(phase, h)
+
+
+class AccuracyControl:
+    """Steps as long as `accuracy` allows, by step doubling (Hairer, Norsett & Wanner I, section II.4).
+
+    Each stride is taken once whole and once in two halves; their difference, over 2^p - 1, estimates the error of the
+    halves, which are kept. The error is what the stride adds to attitude (rad) and, relative to the distance
+    travelled, to position at the end of the `horizon`: errors of rate and velocity count with the time they have to
+    grow. A stride h may add accuracy * h / horizon, so that all of them together stay within the accuracy.
+    """
+
+    denominator = 1
+
+    def __init__(self, accuracy: float, horizon: float, order: int, inertia: Inertia) -> None:
+        """Take the accepted error, the length of the run in s, and the order of the method."""
+        self._accuracy, self._horizon, self._order, self._inertia = accuracy, horizon, order, inertia
+        self._next = 0.0
+
+    def stride(self, phase: Phase, advance: Advance) -> tuple[int, Phase | None]:
+        """Return the length of an accepted stride and the phase at its end.
+
+        Raises:
+            ConvergenceError: not even a stride of 1 ns keeps the accuracy.
+        """
+        h = self._next or self._first(phase)
+        while True:
+            h_ns = max(1, min(round(h * NANOSECONDS), 2**62))
+            h = h_ns / NANOSECONDS
+            try:
+                after, error = self._attempt(phase, advance, h)
+            except ConvergenceError:
+                after, error = phase, math.inf
+            allowed = self._accuracy * h / self._horizon
+            if error > 0.0:
+                factor = 0.9 * (allowed / error) ** (1.0 / self._order)
+                self._next = h * min(5.0, max(0.2, factor))
+            else:
+                self._next = 5.0 * h
+            if error <= allowed:
+                return h_ns, after
+            if h_ns == 1:
+                raise ConvergenceError(
+                    f"accuracy {self._accuracy:g} cannot be kept: a step of 1 ns has an error of {error:.3g}; "
+                    "accept a larger solver.accuracy or check the size of the wrench"
+                )
+            h = self._next
+
+    def refine(self, phase: Phase, advance: Advance, h: float) -> Phase:
+        """Return the phase after two steps of h/2, as the stride itself is taken."""
+        return advance(advance(phase, 0.5 * h), 0.5 * h)
+
+    def _first(self, phase: Phase) -> float:
+        rate = norm(divide(phase.angular_momentum, self._inertia.moments))
+        return min(0.01 * self._horizon, 0.1 / rate if rate > 0.0 else math.inf)
+
+    def _attempt(self, phase: Phase, advance: Advance, h: float) -> tuple[Phase, float]:
+        whole, halves = advance(phase, h), self.refine(phase, advance, h)
+        moments, mass, horizon = self._inertia.moments, self._inertia.mass, self._horizon
+        rate = norm(divide(halves.angular_momentum, moments))
+        rate_error = norm(divide(subtract(whole.angular_momentum, halves.angular_momentum), moments))
+        attitude = angle_between(whole.orientation, halves.orientation) + rate_error * horizon
+        momentum_error = subtract(whole.linear_momentum_world, halves.linear_momentum_world)
+        drift = norm(subtract(whole.center_of_mass_world, halves.center_of_mass_world))
+        drift += norm(scale(1.0 / mass, momentum_error)) * horizon
+        speed = norm(scale(1.0 / mass, halves.linear_momentum_world))
+        position = drift / (speed * horizon) if speed > 0.0 else 0.0
+        # What rounding alone makes of the difference is no reason to step shorter.
+        floor = 8.0 * _EPSILON * (1.0 + rate * horizon)
+        return halves, max(0.0, max(attitude, position) - floor) / (2.0**self._order - 1.0)

@@ -1,0 +1,55 @@
+"""Where a run comes from: the facts that a log carries so that it can be repeated and doubted."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+from importlib import metadata
+
+from rb_dynamics.loads.channels import AppliedWrench
+from rb_dynamics.scene.compile import Plan
+from rb_dynamics.scene.model import Scene
+
+_PACKAGES = ("rb_dynamics", "numpy", "scipy", "PyYAML", "mcap", "rerun-sdk")
+
+
+def version(package: str = "rb_dynamics") -> str:
+    """Return the installed version of `package`, or "not installed"."""
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return "not installed"
+
+
+def run_metadata(scene: Scene, plan: Plan) -> dict[str, str]:
+    """Return what is known when a run begins: software, platform, method, hash of the scene. Values are text.
+
+    `seed` is empty: nothing in a run is random.
+    """
+    return {
+        "scene_file": scene.source,
+        "scene_sha256": hashlib.sha256(scene.text.encode()).hexdigest(),
+        "method": plan.method.name,
+        "solver": plan.description,
+        "seed": "",
+        "platform": platform.platform(),
+        "machine": platform.machine(),
+        "python": platform.python_version(),
+        **{f"version.{package}": version(package) for package in _PACKAGES},
+    }
+
+
+class InputHash:
+    """SHA-256 over the scene text and every wrench in the order and at the time in which it took effect."""
+
+    def __init__(self, scene_text: str) -> None:
+        """Begin with the scene."""
+        self._hash = hashlib.sha256(scene_text.encode())
+
+    def update(self, applied: AppliedWrench) -> None:
+        """Add one change; floats enter with all their digits."""
+        self._hash.update(repr(applied).encode())
+
+    def hexdigest(self) -> str:
+        """Return the hash so far."""
+        return self._hash.hexdigest()

@@ -1,0 +1,49 @@
+"""`Scene`: a validated scene as values. Never reads a file: `scene/read.py` does."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.body.state import State
+from rb_dynamics.loads.channels import Channel
+from rb_dynamics.loads.wrench import WrenchFrames
+
+
+@dataclass(frozen=True, slots=True)
+class Solver:
+    """How the motion is computed: a method by name with a `step` (s), or with an `accuracy` that sets the step."""
+
+    method: str = "auto"
+    step: float | None = None
+    accuracy: float | None = 1.0e-9
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A scene, validated and in SI units.
+
+    Attributes:
+        body: mass properties.
+        frames: names of world and body, fixed frames and the wrench rule.
+        initial: state at time 0.
+        channels: wrench channels, in the order of the scene.
+        solver: method and step or accuracy.
+        duration: s, or None where the run has no end of its own.
+        output_rate: Hz of published and logged states; 0 for every step.
+        text: the scene as YAML, as read.
+        source: file name, for messages.
+    """
+
+    body: RigidBody
+    frames: WrenchFrames
+    initial: State
+    channels: tuple[Channel, ...] = (Channel(),)
+    solver: Solver = Solver()
+    duration: float | None = None
+    output_rate: float = 100.0
+    text: str = ""
+    source: str = "<scene>"
+
+
+__all__ = ["Channel", "Scene", "Solver"]

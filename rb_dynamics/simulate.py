@@ -1,0 +1,193 @@
+"""The only loop: advances a scene from edge to edge (command, timeout, output, end) and tells sinks what happens.
+
+Offline runs, the node and replay all advance through `Simulation`. It never reads a clock, a file or a message.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+from rb_dynamics.diagnostics import Baseline, Sample, observe
+from rb_dynamics.errors import ConvergenceError, SceneError
+from rb_dynamics.loads.channels import WrenchChannels
+from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.motion.arc import Arc
+from rb_dynamics.motion.phase import Phase, in_principal_axes, inertia_of
+from rb_dynamics.motion.step_control import NANOSECONDS
+from rb_dynamics.recording.provenance import InputHash, run_metadata
+from rb_dynamics.recording.sink import Event, RunInfo, Sink
+from rb_dynamics.scene.compile import compile_scene
+from rb_dynamics.scene.model import Scene
+
+
+class Simulation:
+    """One run of a scene: takes commands, advances time, feeds sinks.
+
+    Time is integer nanoseconds from 0. The motion depends on the scene and on the commands with the times at which they
+    take effect, and on nothing else: not on how often `advance` is called, nor on the output rate.
+    """
+
+    def __init__(self, scene: Scene, sinks: Sequence[Sink] = ()) -> None:
+        """Prepare a run; `start` begins it."""
+        self.scene = scene
+        self.plan = compile_scene(scene)
+        self.time_ns = 0
+        self.end_ns = None if scene.duration is None else round(Fraction(repr(scene.duration)) * NANOSECONDS)
+        self._sinks = tuple(sinks)
+        self._inertia = inertia_of(scene.body)
+        self._control = self.plan.control()
+        self._channels = WrenchChannels(scene.channels, scene.frames)
+        self._inputs = InputHash(scene.text)
+        self._steps_before = 0
+        phase = Phase.of(scene.body, scene.initial)
+        self._baseline = Baseline.of(scene.body, phase)
+        self._arc = self._new_arc(phase)
+        self._period_ns = 0 if scene.output_rate == 0 else NANOSECONDS / Fraction(repr(scene.output_rate))
+        self._outputs = 0
+
+    @property
+    def sample(self) -> Sample:
+        """State and bookkeeping at `time_ns`."""
+        return observe(self.scene.body, self._arc.at(self.time_ns), self.time_ns, self._baseline)
+
+    @property
+    def steps(self) -> int:
+        """Steps taken so far; the short ones that only look between two grid points are not counted."""
+        return self._steps_before + self._arc.steps_to(self.time_ns)
+
+    @property
+    def ended(self) -> bool:
+        """Whether the scene's duration is over."""
+        return self.time_ns == self.end_ns
+
+    def start(self) -> None:
+        """Open the sinks and give them the initial state."""
+        run = RunInfo(self.scene, self.plan.method.name, run_metadata(self.scene, self.plan))
+        for sink in self._sinks:
+            sink.open(run)
+        self._outputs = 1
+        self.write(self.sample)
+
+    def post(self, topic: str, wrench: Wrench, time_ns: int = 0) -> None:
+        """Let `wrench` take effect on channel `topic` at `time_ns`; a time that has passed means now.
+
+        Raises:
+            WrenchError: the command cannot be honoured; the run goes on without it.
+        """
+        self._channels.post(topic, wrench, max(self.time_ns, time_ns))
+
+    def next_output_ns(self) -> int:
+        """Return the next time at which a sample is due."""
+        if self._period_ns == 0:
+            return self._arc.next_grid_ns()
+        return math.floor(self._outputs * self._period_ns + Fraction(1, 2))
+
+    def advance(self, until_ns: int) -> None:
+        """Advance to the last edge at or before `until_ns`, never past the end of the scene.
+
+        Raises:
+            ConvergenceError: a step could not be solved; `time_ns` and `sample` stand at the last good state.
+        """
+        output = self.next_output_ns()
+        while True:
+            change = self._channels.next_change_ns()
+            if change is not None and change <= self.time_ns:
+                self._apply_changes()
+                output = self.next_output_ns()
+                continue
+            edge = min(time for time in (output, change, self.end_ns) if time is not None)
+            if edge > until_ns or self.ended:
+                return
+            _require_finite(self._arc.at(edge), edge)
+            self.time_ns = edge
+            if edge == output:
+                self._outputs += 1
+                output = self.next_output_ns()
+                self.write(self.sample)
+            elif edge == self.end_ns or self._period_ns == 0:
+                self.write(self.sample)
+
+    def write(self, event: Event) -> None:
+        """Tell every sink."""
+        for sink in self._sinks:
+            sink.write(event)
+
+    def finish(self) -> None:
+        """Close every sink, even where one of them fails."""
+        result = {"steps": str(self.steps), "end_time_ns": str(self.time_ns), "inputs_sha256": self._inputs.hexdigest()}
+        with contextlib.ExitStack() as stack:
+            for sink in self._sinks:
+                stack.callback(sink.close, result)
+
+    def _apply_changes(self) -> None:
+        phase = self._arc.at(self.time_ns)
+        self._steps_before = self.steps
+        for applied in self._channels.apply(self.time_ns):
+            self._inputs.update(applied)
+            self.write(applied)
+        self._arc = self._new_arc(phase)
+
+    def _new_arc(self, phase: Phase) -> Arc:
+        held = in_principal_axes(self.scene.body, self._channels.total())
+        return Arc(self.plan.method, self._inertia, held, self._control, self.time_ns, phase)
+
+
+def _require_finite(phase: Phase, time_ns: int) -> None:
+    # One sum is enough: an infinity or a NaN anywhere makes it one.
+    if not math.isfinite(math.fsum((*phase.high, *phase.low, *phase.orientation, *phase.angular_momentum))):
+        raise ConvergenceError(
+            f"the state is no longer finite at t = {time_ns / NANOSECONDS:.9g} s: a momentum, a position or an energy "
+            "has left the range of double precision; check the size of wrench, mass and inertia, or use a smaller step"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """What `simulate` returns: the last sample, and how it was computed."""
+
+    sample: Sample
+    method: str
+    steps: int
+    wall_time_s: float
+
+
+def simulate(
+    scene: Scene,
+    commands: Iterable[tuple[str, Wrench]] = (),
+    sinks: Sequence[Sink] = (),
+    progress: Callable[[float], None] | None = None,
+) -> Run:
+    """Run `scene` to the end of its duration; each of `commands` (topic, wrench) takes effect at its stamp.
+
+    Args:
+        scene: what is simulated; its `duration` must be given.
+        commands: wrench commands for the scene's channels; those after the end have no effect.
+        sinks: told everything that happens.
+        progress: called now and then with the fraction done.
+
+    Raises:
+        SceneError: the scene has no duration.
+        WrenchError: a command cannot be honoured.
+        ConvergenceError: a step could not be solved; what was logged until then is complete.
+    """
+    started = time.perf_counter()
+    run = Simulation(scene, sinks)
+    if run.end_ns is None:
+        raise SceneError(f"{scene.source}: duration: missing, expected the length of the run in s; add it or give --duration")
+    for topic, wrench in commands:
+        run.post(topic, wrench, wrench.stamp_ns)
+    run.start()
+    try:
+        # Hundredths of the run: to advance in pieces changes nothing, see `Arc`.
+        for part in range(1, 101):
+            run.advance(run.end_ns * part // 100)
+            if progress is not None:
+                progress(part / 100.0)
+    finally:
+        run.finish()
+    return Run(run.sample, run.plan.method.name, run.steps, time.perf_counter() - started)

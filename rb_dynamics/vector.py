@@ -1,0 +1,54 @@
+"""R^3 on tuples of plain floats: the few operations the step needs. Never imports numpy, never allocates arrays."""
+
+from __future__ import annotations
+
+import math
+
+Vector = tuple[float, float, float]
+
+ZERO: Vector = (0.0, 0.0, 0.0)
+
+
+def add(a: Vector, b: Vector) -> Vector:
+    """Return a + b."""
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+
+
+def subtract(a: Vector, b: Vector) -> Vector:
+    """Return a - b."""
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+def scale(s: float, a: Vector) -> Vector:
+    """Return s a."""
+    return (s * a[0], s * a[1], s * a[2])
+
+
+def add_scaled(a: Vector, s: float, b: Vector) -> Vector:
+    """Return a + s b."""
+    return (a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2])
+
+
+def dot(a: Vector, b: Vector) -> float:
+    """Return a . b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def cross(a: Vector, b: Vector) -> Vector:
+    """Return a x b."""
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+def norm(a: Vector) -> float:
+    """Return |a| without overflow or underflow."""
+    return math.hypot(a[0], a[1], a[2])
+
+
+def multiply(a: Vector, b: Vector) -> Vector:
+    """Return (a1 b1, a2 b2, a3 b3): a diagonal matrix times a vector."""
+    return (a[0] * b[0], a[1] * b[1], a[2] * b[2])
+
+
+def divide(a: Vector, b: Vector) -> Vector:
+    """Return (a1 / b1, a2 / b2, a3 / b3): the inverse of a diagonal matrix times a vector."""
+    return (a[0] / b[0], a[1] / b[1], a[2] / b[2])

@@ -1,0 +1,81 @@
+"""Installs the package, with pip or with colcon; name, version and the like come from package.xml alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+from setuptools import find_packages, setup
+
+# ROS 2 Jazzy as wheels; a sourced installation brings the same packages itself.
+ROS_PACKAGES = (
+    "rclpy",
+    "rmw-fastrtps-cpp",
+    "diagnostic-msgs",
+    "geometry-msgs",
+    "lifecycle-msgs",
+    "nav-msgs",
+    "rosgraph-msgs",
+    "sensor-msgs",
+    "std-msgs",
+    "std-srvs",
+    "visualization-msgs",
+)
+
+EXTRAS = {
+    "fast": ["numba>=0.59"],
+    "log": ["mcap>=1.2", "rerun-sdk>=0.39,<0.42", "zstandard>=0.22"],
+    "ros": [f"ros-jazzy-{name}" for name in ROS_PACKAGES],
+    "plot": ["jinja2>=3.1", "matplotlib>=3.8", "tqdm>=4.66"],
+    "test": [
+        "colcon-core>=0.18",
+        "colcon-ros>=0.5",
+        "hypothesis>=6.100",
+        "mpmath>=1.3",
+        "pytest>=8",
+        "pytest-timeout>=2.3",
+        "rosbags>=0.10",
+        "setuptools>=70.1",
+    ],
+    "dev": ["mypy>=1.11", "ruff>=0.17,<0.18", "types-PyYAML>=6"],
+}
+
+
+def metadata() -> dict[str, str]:
+    """Return what package.xml says about the package, under the names setup() uses."""
+    root = ElementTree.parse("package.xml").getroot()
+    texts = {tag: " ".join(root.findtext(tag, "").split()) for tag in ("name", "version", "description", "license")}
+    maintainer = root.find("maintainer")
+    assert maintainer is not None, "package.xml names no maintainer"
+    return texts | {"maintainer": maintainer.text or "", "maintainer_email": maintainer.attrib["email"]}
+
+
+def shared(*folders: str) -> list[tuple[str, list[str]]]:
+    """Return the files below these folders with the place each takes under share/<package>."""
+    files = [path for folder in folders for path in sorted(Path(folder).rglob("*")) if path.is_file()]
+    return [(f"share/{NAME}/{path.parent}", [str(path)]) for path in files if path.suffix != ".pyc"]
+
+
+METADATA = metadata()
+NAME = METADATA["name"]
+
+setup(
+    **METADATA,
+    python_requires=">=3.10",
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    package_data={NAME: ["py.typed", "**/*.css", "**/*.html.j2", "**/*.json", "**/*.msg", "**/*.yaml"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        *shared("config", "launch", "examples"),
+    ],
+    install_requires=["numpy>=1.26", "scipy>=1.11", "PyYAML>=6"],
+    extras_require=EXTRAS,
+    entry_points={
+        "console_scripts": [
+            "rb-dynamics = rb_dynamics.cli:main",
+            "rigid_body = rb_dynamics.ros.node:main",
+        ],
+    },
+    zip_safe=False,
+)
