@@ -153,8 +153,7 @@ def _third(square: float) -> float:
         return (angle - math.sin(angle)) / (angle * square)
     s = square
     return (
-        1.0
-        - s / 20.0 * (1.0 - s / 42.0 * (1.0 - s / 72.0 * (1.0 - s / 110.0 * (1.0 - s / 156.0 * (1.0 - s / 210.0)))))
+        1.0 - s / 20.0 * (1.0 - s / 42.0 * (1.0 - s / 72.0 * (1.0 - s / 110.0 * (1.0 - s / 156.0 * (1.0 - s / 210.0)))))
     ) / 6.0
 
 

@@ -178,7 +178,9 @@ def simulate(
     started = time.perf_counter()
     run = Simulation(scene, sinks)
     if run.end_ns is None:
-        raise SceneError(f"{scene.source}: duration: missing, expected the length of the run in s; add it or give --duration")
+        raise SceneError(
+            f"{scene.source}: duration: missing, expected the length of the run in s; add it or give --duration"
+        )
     for topic, wrench in commands:
         run.post(topic, wrench, wrench.stamp_ns)
     run.start()

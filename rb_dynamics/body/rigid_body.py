@@ -56,9 +56,7 @@ class RigidBody:
         return cls(float(mass), rows, _vector(center_of_mass), moments, axes)
 
     @classmethod
-    def from_diagonal(
-        cls, mass: float, moments: Sequence[float], center_of_mass: Sequence[float] = ZERO
-    ) -> RigidBody:
+    def from_diagonal(cls, mass: float, moments: Sequence[float], center_of_mass: Sequence[float] = ZERO) -> RigidBody:
         """Return the body whose body axes are principal axes with these moments (kg m^2).
 
         Raises:
@@ -110,7 +108,9 @@ def _in_body_axes(moments: Vector, axes: Quaternion) -> Matrix:
 def _symmetric(inertia: Sequence[Sequence[float]]) -> Matrix:
     rows = [[float(v) for v in row] for row in inertia]
     if len(rows) != 3 or any(len(row) != 3 for row in rows):
-        raise BodyError(f"inertia matrix has rows of lengths {[len(row) for row in rows]}, expected 3 rows of 3 numbers")
+        raise BodyError(
+            f"inertia matrix has rows of lengths {[len(row) for row in rows]}, expected 3 rows of 3 numbers"
+        )
     if not all(math.isfinite(v) for row in rows for v in row):
         raise BodyError(f"inertia matrix is {rows}, expected finite numbers (kg m^2)")
     largest = max(abs(v) for row in rows for v in row)

@@ -1,0 +1,77 @@
+"""The command line `rb-dynamics`: one module a command, each with `HELP`, `add_arguments` and `run`.
+
+This file only finds the command and turns errors into one message and an exit code: 0 done, 1 ran and failed its
+check, 2 bad input. Command modules import what they need inside `run`, so that `--help` stays quick.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+
+from rb_dynamics.errors import ConvergenceError, RigidBodyError
+
+COMMANDS = ("simulate", "node", "inspect", "body", "demo")
+
+_EPILOG = """\
+examples:
+  rb-dynamics body config/slew.yaml
+  rb-dynamics simulate config/slew.yaml --wrench examples/slew.mcap --mcap run.mcap
+  rb-dynamics inspect run.mcap --html run.html
+  rb-dynamics node config/slew.yaml --ros-args -p real_time_factor:=1.0
+
+exit codes: 0 done, 1 ran and failed its check, 2 bad input
+"""
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of all commands."""
+    top = argparse.ArgumentParser(
+        prog="rb-dynamics",
+        description="Simulate one free-floating rigid body: offline, or as a ROS 2 node, with logs to trust.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    for name in COMMANDS:
+        module = importlib.import_module(f"rb_dynamics.cli.{name}")
+        command = commands.add_parser(
+            name,
+            help=module.HELP,
+            description=module.__doc__,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        module.add_arguments(command)
+        command.set_defaults(run=module.run)
+    return top
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit code."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    # What stands behind --ros-args is rcl's to read.
+    split = arguments.index("--ros-args") if "--ros-args" in arguments else len(arguments)
+    top = parser()
+    args = top.parse_args(arguments[:split])
+    if arguments[split:] and args.command != "node":
+        top.error(f"--ros-args belongs to the command node, not to {args.command}")
+    args.ros_args = arguments[split:]
+    try:
+        code: int = args.run(args)
+    except ConvergenceError as error:
+        print(f"rb-dynamics: {error}", file=sys.stderr)
+        return 1
+    except RigidBodyError as error:
+        print(f"rb-dynamics: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("rb-dynamics: interrupted", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        # The reader of a pipe has gone (`| head`); nothing more can be said, nor should the flush at exit try.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    return code

@@ -10,9 +10,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from rb_dynamics import rotation
+from rb_dynamics.errors import WrenchError
 from rb_dynamics.rotation import Quaternion
 from rb_dynamics.vector import ZERO, Vector, add, cross, subtract
-from rb_dynamics.errors import WrenchError
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +88,9 @@ class WrenchFrames:
         """
         for name, vector in (("force", wrench.force), ("torque", wrench.torque)):
             if not all(map(math.isfinite, vector)):
-                raise WrenchError(f"wrench {name} is {list(vector)}, expected three finite numbers; the command is ignored")
+                raise WrenchError(
+                    f"wrench {name} is {list(vector)}, expected three finite numbers; the command is ignored"
+                )
         if wrench.frame_id in ("", self.body_frame):
             return HeldWrench(force_body=wrench.force, torque_body=wrench.torque)
         if wrench.frame_id == self.world_frame:
@@ -104,5 +106,3 @@ class WrenchFrames:
         torque = rotation.rotate(frame.orientation_xyzw, wrench.torque)
         arm = subtract(frame.position, self.center_of_mass)
         return HeldWrench(force_body=force, torque_body=add(torque, cross(arm, force)))
-
-

@@ -43,9 +43,7 @@ class Arc:
             self._take_stride()
         if target == self._reached:
             return self._phase
-        return self._control.refine(
-            self._phase, self._advance, (target - self._reached) / (denominator * NANOSECONDS)
-        )
+        return self._control.refine(self._phase, self._advance, (target - self._reached) / (denominator * NANOSECONDS))
 
     def steps_to(self, time_ns: int) -> int:
         """Return the number of steps that lead to `time_ns`, the last time asked for."""
@@ -70,7 +68,5 @@ class Arc:
 
     def _advance(self, phase: Phase, h: float) -> Phase:
         velocity = scale(1.0 / self._inertia.mass, phase.linear_momentum_world)
-        step = self._method.step(
-            self._inertia, self._held, h, velocity, phase.orientation, phase.angular_momentum
-        )
+        step = self._method.step(self._inertia, self._held, h, velocity, phase.orientation, phase.angular_momentum)
         return phase.after(step)

@@ -52,7 +52,7 @@ class Method:
 
     Attributes:
         name: as in `solver.method`.
-        order: the error of attitude, rate, position and of the booked work and impulses after a fixed time is O(h^order).
+        order: after a fixed time the error of attitude, rate, position, booked work and impulses is O(h^order).
         invariants: what free motion keeps to round-off, of "energy", "angular_momentum" and "unit_quaternion".
         step: the method itself; its docstring names the source.
     """

@@ -52,8 +52,9 @@ class Phase:
         )
 
     def after(self, step: Increment) -> Phase:
-        """Return the phase after a step: the sums grow by two-sum (Knuth, TAOCP 2, 4.2.2 theorem B), so that the
-        error of 1e9 additions stays at one rounding.
+        """Return the phase after a step.
+
+        The sums grow by two-sum (Knuth, TAOCP 2, 4.2.2 theorem B): the error of 1e9 additions stays at one rounding.
         """
         high, low = [], []
         increments = (*step.displacement, *step.impulse, *step.impulse, *step.torque_impulse, step.work)

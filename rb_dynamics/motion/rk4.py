@@ -6,7 +6,7 @@ from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Method
 from rb_dynamics.rotation import Quaternion, normalize, rotate, rotate_inverse
-from rb_dynamics.vector import ZERO, Vector, add, add_scaled, cross, divide, dot, multiply, scale, subtract
+from rb_dynamics.vector import ZERO, Vector, add, add_scaled, cross, divide, dot, multiply, norm, scale, subtract
 
 _WEIGHTS = (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0)
 _NODES = (0.0, 0.5, 0.5, 1.0)
@@ -52,7 +52,7 @@ def step(
     if not 0.5 < square < 2.0:
         raise ConvergenceError(
             f"rk4: after a step of {h:g} s the quaternion has norm {square**0.5:.3g}, expected about 1; "
-            f"the body turns too far in one step: use a step well below {0.5 / max(1e-300, dot(omega_0, omega_0)) ** 0.5:.3g} s"
+            f"the body turns too far in one step at {norm(omega_0):.3g} rad/s: use a shorter step"
         )
     return Increment(
         displacement,

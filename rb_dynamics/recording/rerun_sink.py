@@ -9,20 +9,22 @@ force, torque), `world/path`, and one scalar entity for each field of `Sample`. 
 
 from __future__ import annotations
 
+import contextlib
 import math
+import os
 import uuid
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rb_dynamics.body.state import ZERO, Vector
 from rb_dynamics.diagnostics import Sample
 from rb_dynamics.errors import LogError, MissingExtraError
 from rb_dynamics.recording.sink import AppliedWrench, Event, RunInfo, Status
+from rb_dynamics.vector import ZERO, Vector
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -76,8 +78,8 @@ class RerunSink:
     from then on only the last one before each kept sample. Memory is bounded by `batch_rows` and `PATH_POINTS`.
     """
 
-    def __init__(self, path: str | Path, *, max_rows: int = MAX_ROWS, batch_rows: int = BATCH_ROWS) -> None:
-        """Write to `path`, which is replaced; nothing is touched before `open`."""
+    def __init__(self, path: str | os.PathLike[str], *, max_rows: int = MAX_ROWS, batch_rows: int = BATCH_ROWS) -> None:
+        """Say where to write; folders above it are made, an earlier file is replaced, nothing happens before `open`."""
         self.path = Path(path)
         self._max_rows = max_rows
         self._batch_rows = batch_rows
@@ -91,12 +93,12 @@ class RerunSink:
             LogError: the file cannot be written.
         """
         try:
-            import rerun
-            import rerun.blueprint
+            import rerun  # noqa: F401
         except ImportError as error:
             raise MissingExtraError("rerun-sdk", "log", "writing a .rrd file") from error
         recorder = _Recorder(self.path, run, self._max_rows, self._batch_rows)
-        recorder.begin()
+        with recorder.writing():
+            recorder.begin()
         self._recorder = recorder
 
     def write(self, event: Event) -> None:
@@ -107,7 +109,8 @@ class RerunSink:
         """
         if self._recorder is None:
             raise RuntimeError(f"{self.path}: write() outside open() and close()")
-        self._recorder.take(event)
+        with self._recorder.writing():
+            self._recorder.take(event)
 
     def close(self, result: Mapping[str, str]) -> None:
         """Write what is left and the facts in `result`, then the footer; closing again does nothing.
@@ -117,7 +120,8 @@ class RerunSink:
         """
         recorder, self._recorder = self._recorder, None
         if recorder is not None:
-            recorder.end(result)
+            with recorder.writing():
+                recorder.end(result)
 
 
 @dataclass
@@ -158,7 +162,7 @@ class _Polyline:
                 self.stride *= 2
 
     def due(self) -> bool:
-        """Whether as many points have come since it was last sent as had been then: all sendings together stay small."""
+        """Whether it has doubled since it was last sent: then all sendings together cost no more than two."""
         return self.seen >= 2 * self.sent
 
 
@@ -189,7 +193,7 @@ class _Steps:
 
 @dataclass
 class _Arrow:
-    """An arrow at the centre of mass: physical vectors, drawn `length` metres long at their largest so far."""
+    """An arrow at the centre of mass, `length` metres long at its largest so far; `peak` is the root of that vector."""
 
     entity: str
     label: str
@@ -224,10 +228,11 @@ class _Recorder:
         if any(scene.body.center_of_mass):
             self.paths["body_origin"] = _Polyline()
         at = "world/center_of_mass"
-        self.momentum = _Arrow(f"{at}/angular_momentum", "angular momentum", ORANGE, 2.4 * self.size)
-        self.rate = _Arrow(f"{at}/angular_velocity", "angular velocity", CYAN, 1.8 * self.size)
-        self.force = _Arrow(f"{at}/force", "force", MAGENTA, 2.0 * self.size)
-        self.torque = _Arrow(f"{at}/torque", "torque", YELLOW, 1.6 * self.size)
+        self.momentum = _Arrow(f"{at}/angular_momentum", "L", ORANGE, 3.0 * self.size)
+        self.rate = _Arrow(f"{at}/angular_velocity", "ω", CYAN, 1.9 * self.size)
+        self.force = _Arrow(f"{at}/force", "F", MAGENTA, 2.4 * self.size)
+        self.torque = _Arrow(f"{at}/torque", "τ", YELLOW, 1.6 * self.size)
+        self.peaks = {series.entity: 0.0 for series in _SERIES}
         self.rows: list[_Row] = []
         self.notes: list[tuple[int, int, Status]] = []
         self.note_count = 0
@@ -235,6 +240,7 @@ class _Recorder:
         self.pending: _Row | None = None
         self.pending_kept = False
         self.samples = 0
+        self.time_ns = 0
         self.held: tuple[tuple[Vector, Vector], tuple[Vector, Vector]] = ((ZERO, ZERO), (ZERO, ZERO))
 
     # ---- life of the file
@@ -242,24 +248,28 @@ class _Recorder:
     def begin(self) -> None:
         import rerun as rr
 
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        self.path.write_bytes(b"")  # a path that cannot be written fails here, before Rerun has anything to lose
         # A recording id of its own: two files with one id would be merged by the viewer.
         self.stream = rr.RecordingStream("rb_dynamics", recording_id=uuid.uuid4())
-        try:
-            self.stream.save(self.path, default_blueprint=self._blueprint())
-        except RuntimeError as error:
-            raise self._unwritable(error) from error
-        if not self.path.exists():
+        self.stream.save(self.path, default_blueprint=self._blueprint(self.run.scene.duration))
+        if not rr.is_enabled(self.stream):
             raise LogError(f"{self.path}: Rerun is switched off by the environment variable RERUN; unset it to log")
         self.stream.send_recording_name(Path(self.run.scene.source).name)
         self._send_static()
         self._send_facts({})
+        self.stream.flush()
 
     def take(self, event: Event) -> None:
+        self.time_ns = event.time_ns
         if isinstance(event, Sample):
             self._settle()
             self.pending = _Row(self.samples, event, *self.held)
             self.pending_kept = self.thinner.keeps(self.samples)
             self.samples += 1
+            if self.pending_kept:
+                for steps in self.steps.values():
+                    steps.settle()
             if self.samples == 1:
                 for channel in self.run.scene.channels:
                     self._steps(channel.topic, self.run.scene.frames.body_frame, event.time_ns)
@@ -273,27 +283,29 @@ class _Recorder:
 
     def end(self, result: Mapping[str, str]) -> None:
         self.pending_kept = True
-        last = self.pending
         self._settle()
         for steps in self.steps.values():
             steps.settle()
-            if last is not None:  # the line of a held command reaches the end of the run
-                steps.rows.append((last.sample.time_ns, last.index, steps.force, steps.torque))
+            # The line of a held command reaches the end of the run.
+            steps.rows.append((self.time_ns, self._newest(), steps.force, steps.torque))
         self._flush()
         for name in self.paths:
             self._send_path(name)
         self._send_facts(result)
-        try:
-            self.stream.flush()
-            self.stream.disconnect()
-        except RuntimeError as error:
-            raise self._unwritable(error) from error
+        # The same layout again, now that the extent of the path and the duration are known; the last one counts.
+        self.stream.send_blueprint(self._blueprint(self.time_ns * 1e-9), make_active=False, make_default=True)
+        self.stream.flush()
+        self.stream.disconnect()
 
-    def _unwritable(self, error: Exception) -> LogError:
-        return LogError(
-            f"{self.path}: cannot be written ({error}); "
-            "give a path in an existing directory that you may write to and that has room"
-        )
+    @contextlib.contextmanager
+    def writing(self) -> Iterator[None]:
+        """Turn what Rerun and the file system complain of into a `LogError`."""
+        try:
+            yield
+        except (RuntimeError, OSError) as error:
+            raise LogError(
+                f"{self.path}: cannot be written ({error}); give a path that you may write to, on a disk with room"
+            ) from error
 
     # ---- events to rows
 
@@ -305,8 +317,6 @@ class _Recorder:
         row, self.pending = self.pending, None
         if row is not None and self.pending_kept:
             self.rows.append(row)
-            for steps in self.steps.values():
-                steps.settle()
 
     def _steps(self, topic: str, frame_id: str, time_ns: int) -> _Steps:
         key = (topic, frame_id)
@@ -344,10 +354,7 @@ class _Recorder:
             if steps.rows:
                 self._send_steps(topic, frame_id, steps.rows)
                 steps.rows = []
-        try:
-            self.stream.flush()
-        except RuntimeError as error:
-            raise self._unwritable(error) from error
+        self.stream.flush()
 
     def _send_samples(self, rows: list[_Row]) -> None:
         import rerun as rr
@@ -357,6 +364,7 @@ class _Recorder:
         for series in _SERIES:
             values = np.array([getattr(sample, series.attribute) for sample in samples], dtype=np.float64)
             self._send_scalars(series.entity, times, values.reshape(len(samples), -1))
+            self.peaks[series.entity] = max(self.peaks[series.entity], float(np.abs(values).max()))
         position = np.array([sample.position_world for sample in samples]) - np.array(self.offset)
         attitude = np.array([sample.orientation_xyzw for sample in samples])
         center = position + _rotate(attitude, np.array(self.run.scene.body.center_of_mass))
@@ -375,17 +383,24 @@ class _Recorder:
             self._send_arrow(arrow, times, turning + np.array([row.world[part] for row in rows]))
 
     def _send_arrow(self, arrow: _Arrow, times: list[rr.TimeColumn], vectors: Array) -> None:
-        """Send physical vectors; their scale in the picture is a static transform, renewed when a longer one comes."""
+        """Send arrows as long as the root of their vector, so that small ones are seen beside the largest.
+
+        Their scale in the picture is a static transform, renewed when a longer one comes: the peak of a run is known
+        only at its end.
+        """
         import rerun as rr
 
-        norms = np.linalg.norm(vectors, axis=1)
-        peak = float(norms.max())
+        roots = np.sqrt(np.linalg.norm(vectors, axis=1))
+        peak = float(roots.max())
         if peak > arrow.peak:
             arrow.peak = peak
             self.stream.log(arrow.entity, rr.Transform3D(scale=arrow.length / peak), static=True)
         if arrow.peak > 0.0:
-            shown = norms > 0.0
-            self._send(arrow.entity, times, rr.Arrows3D.columns(vectors=vectors[shown]).partition(shown.astype(int)))
+            shown = roots > 0.0
+            drawn = vectors[shown] / roots[shown, None]
+            # A point a little beyond the tip carries the letter, where it hides no other arrow's.
+            columns = [*rr.Arrows3D.columns(vectors=drawn), *rr.Points3D.columns(positions=1.1 * drawn)]
+            self._send(arrow.entity, times, rr.ComponentColumnList(columns).partition(shown.astype(int)))
 
     def _send_path(self, name: str) -> None:
         import rerun as rr
@@ -435,9 +450,12 @@ class _Recorder:
         self.stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         self.stream.log("world/body", rr.TransformAxes3D(1.6 * self.size), static=True)
         self.stream.log("world/body/box", box, static=True)
+        # Of constant size on the screen: shows where the body is when the whole path is in view.
+        self.stream.log("world/center_of_mass", rr.Points3D([ZERO], radii=[-3.0], colors=[GREY]), static=True)
         for arrow in (self.momentum, self.rate, self.force, self.torque):
-            style = rr.Arrows3D.from_fields(colors=[arrow.color], labels=[arrow.label], radii=[-4.0], show_labels=True)
-            self.stream.log(arrow.entity, style, static=True)
+            shaft = rr.Arrows3D.from_fields(colors=[arrow.color], radii=[-4.0])
+            letter = rr.Points3D.from_fields(colors=[arrow.color], radii=[-0.5], labels=[arrow.label], show_labels=True)
+            self.stream.log(arrow.entity, shaft, letter, static=True)
         for series in _SERIES:
             style_lines = rr.SeriesLines(names=list(series.names), colors=list(series.colors[: len(series.names)]))
             self.stream.log(series.entity, style_lines, static=True)
@@ -458,7 +476,7 @@ class _Recorder:
         """Send what is known about the run, as text to read and as properties to query."""
         import rerun as rr
 
-        facts = {"scene": self.run.scene.source, "method": self.run.method, **self.run.metadata, **result}
+        facts = {"method": self.run.method, **self.run.metadata, **result}
         if self.thinner.stride > 1:
             facts["thinned"] = f"every {self.thinner.stride}th sample at the end; the MCAP log has all"
         self.stream.send_property("run", rr.AnyValues(drop_untyped_nones=True, **facts))
@@ -466,16 +484,16 @@ class _Recorder:
         self.stream.log("about", about, static=True)
 
     def _about(self, facts: Mapping[str, str]) -> str:
-        where = "The picture has its origin at the world's."
+        where = "The 3D views use world coordinates."
         if any(self.offset):
             where = (
                 f"The start position {list(self.offset)} m (world) has been subtracted in the 3D views, "
                 "because they compute in single precision; the plots show true values in double precision."
             )
-        table = "\n".join(f"| {key} | {value} |" for key, value in facts.items())
+        table = "\n".join(f"| {key} | {value} |" for key, value in facts.items() if value)
         return _ABOUT.format(where=where, size=_short(2.0 * self.size), table=table)
 
-    def _blueprint(self) -> rrb.Blueprint:
+    def _blueprint(self, duration: float | None) -> rrb.Blueprint:
         import rerun.blueprint as rrb
 
         left = rrb.Vertical(
@@ -486,13 +504,13 @@ class _Recorder:
                 rrb.TextLogView(origin="/log", name="Warnings"),
                 active_tab=0,
             ),
-            row_shares=[3, 1],
+            row_shares=[5, 2],
         )
-        layout = rrb.Horizontal(left, _plots(), column_shares=[5, 6])
+        layout = rrb.Horizontal(left, _plots(self.peaks), column_shares=[5, 6])
         panel = rrb.TimePanel(
             timeline="sim_time",
             state="collapsed",
-            playback_speed=_playback_speed(self.run.scene.duration),
+            playback_speed=_playback_speed(duration),
             loop_mode="all",
             play_state="playing",
         )
@@ -502,39 +520,70 @@ class _Recorder:
         import rerun.blueprint as rrb
 
         # The frame of the centre of mass, not the world's: the body stays in view and exact however far it goes.
-        eye = rrb.EyeControls3D(
-            kind=rrb.Eye3DKind.Orbital,
-            position=(np.array([3.4, -4.2, 2.6]) * self.size).tolist(),
-            look_target=[0.0, 0.0, 0.0],
-            eye_up=[0.0, 0.0, 1.0],
-        )
         return rrb.Spatial3DView(
-            origin="/world/center_of_mass", contents="/world/**", name="Body, followed", eye_controls=eye, line_grid=False
+            origin="/world/center_of_mass",
+            contents="/world/**",
+            name="Body, followed",
+            eye_controls=_eye(np.zeros(3), self.size),
+            line_grid=False,
         )
 
     def _overview(self) -> rrb.Spatial3DView:
         import rerun.blueprint as rrb
 
-        return rrb.Spatial3DView(origin="/world", name="Whole path, fixed in the world")
+        path = self.paths["center_of_mass"]
+        points = np.array([*path.points, path.last])
+        low, high = points.min(axis=0), points.max(axis=0)
+        eye = _eye(0.5 * (low + high), max(0.25 * float(np.linalg.norm(high - low)), self.size))
+        return rrb.Spatial3DView(origin="/world", name="Whole path, fixed in the world", eye_controls=eye)
+
+
+def _eye(center: Array, size: float) -> rrb.EyeControls3D:
+    """Return an eye that sees what lies within some 3 `size` of `center`, all axes about equally foreshortened."""
+    import rerun.blueprint as rrb
+
+    return rrb.EyeControls3D(
+        kind=rrb.Eye3DKind.Orbital,
+        position=(center + np.array([3.6, -4.0, 2.8]) * size).tolist(),
+        look_target=center.tolist(),
+        eye_up=[0.0, 0.0, 1.0],
+    )
 
 
 _ABOUT = """\
-The **box** has the mass and the inertia of the body (diagonal {size} m); its red, green and blue lines are the body axes.
-**Orange**: angular momentum, which only a torque can turn. **Cyan**: angular velocity. **Magenta**: force.
-**Yellow**: torque. Each kind of arrow has its own scale. **Grey line**: path of the centre of mass. {where}
+The **box** has the mass and inertia of the body ({size} m from corner to corner); its red, green and blue lines are the
+body axes. **Orange L**: angular momentum; only a torque turns it. **Cyan ω**: angular velocity. **Magenta F**: force.
+**Yellow τ**: torque. Arrows grow with the square root, each kind on its own scale. **Grey line**: path of the centre of
+mass. {where}
 
-| | |
+| run | |
 |---|---|
 {table}
 """
 
 
-def _plots() -> rrb.Grid:
+def _plots(peaks: Mapping[str, float]) -> rrb.Grid:
+    """Return the plots; `peaks` are the largest absolute values so far, 0 before there are any."""
     import rerun.blueprint as rrb
+    from rerun import TimeRange, TimeRangeBoundary
 
-    def plot(name: str, *entities: str) -> rrb.TimeSeriesView:
-        legend = rrb.PlotLegend(corner=rrb.Corner2D.LeftTop)
-        return rrb.TimeSeriesView(origin="/", contents=[f"/{entity}" for entity in entities], name=name, plot_legend=legend)
+    # Said, or a long run would show only what lies near the time cursor.
+    whole_run = TimeRange(start=TimeRangeBoundary.infinite(), end=TimeRangeBoundary.infinite())
+
+    def plot(name: str, *entities: str, half_range: float | None = None) -> rrb.TimeSeriesView:
+        return rrb.TimeSeriesView(
+            origin="/",
+            contents=[f"/{entity}" for entity in entities],
+            name=name,
+            axis_x=rrb.TimeAxis(view_range=whole_run),
+            axis_y=rrb.ScalarAxis(range=(-half_range, half_range)) if half_range else None,
+            plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop),
+        )
+
+    def defect(name: str, entity: str, *of: str) -> rrb.TimeSeriesView:
+        # Round-off shall look like zero, not like a signal that fills the plot; labels end at about 1e-15.
+        whole = max(peaks[other] for other in of)
+        return plot(name, entity, half_range=max(1.2 * peaks[entity], 1e-12 * whole, 1e-14) if whole else None)
 
     return rrb.Grid(
         plot("Angular velocity, body axes [rad/s]", "angular_velocity"),
@@ -547,10 +596,10 @@ def _plots() -> rrb.Grid:
             plot("Attitude", "attitude"),
             active_tab=0,
         ),
-        plot("Energy defect [J]", "energy/defect"),
+        defect("Energy defect [J]", "energy/defect", "energy/kinetic", "energy/work"),
         rrb.Tabs(
-            plot("Angular momentum defect [kg m²/s]", "angular_momentum/defect"),
-            plot("Linear [kg m/s]", "linear_momentum/defect"),
+            defect("Angular momentum defect [kg m²/s]", "angular_momentum/defect", "angular_momentum"),
+            defect("Linear [kg m/s]", "linear_momentum/defect", "linear_momentum"),
             active_tab=0,
         ),
         plot("Applied force [N]", "force/**"),
@@ -620,7 +669,7 @@ def _sum(vectors: Sequence[Vector]) -> Vector:
 def _wrench_entity(kind: str, topic: str, frame_id: str) -> str:
     import rerun as rr
 
-    return rr.new_entity_path([kind, topic, frame_id])
+    return rr.new_entity_path([kind, *filter(None, topic.split("/")), frame_id])
 
 
 def _sentence(status: Status) -> str:

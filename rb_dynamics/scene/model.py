@@ -31,7 +31,7 @@ class Scene:
         solver: method and step or accuracy.
         duration: s, or None where the run has no end of its own.
         output_rate: Hz of published and logged states; 0 for every step.
-        text: the scene as YAML, as read.
+        text: the scene as YAML, as read; where values were overridden, with those in it. It alone makes this scene.
         source: file name, for messages.
     """
 

@@ -1,0 +1,58 @@
+# make demo | test | test-slow | lint | clean        PYTHON=/path/to/python3.12 chooses the interpreter of .venv
+#
+# Needs Python 3.10 or newer with venv, and make. Everything else is installed into .venv, ROS 2 included.
+
+PYTHON ?= python3
+PYTEST_ARGS ?=
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check
+
+# The .venv brings its own ROS 2: a sourced one, or the library path of another venv, must not leak into it.
+ifneq ($(AMENT_PREFIX_PATH)$(_ROS_WHEELS_BOOTSTRAP_COMPLETE),)
+unexport LD_LIBRARY_PATH
+endif
+unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE AMENT_PREFIX_PATH COLCON_PREFIX_PATH PYTHONHOME PYTHONPATH RMW_IMPLEMENTATION
+
+INSTALL_HINT := Installation failed. If it was ROS 2: its wheels are for Linux on x86-64 and Python 3.10 to 3.14; \
+elsewhere build with colcon in a sourced ROS 2 Jazzy.
+
+.DELETE_ON_ERROR:
+.NOTPARALLEL:
+.PHONY: demo test test-slow lint clean
+
+demo: $(VENV)/installed-demo
+	$(BIN)/rb-dynamics demo
+
+test: $(VENV)/installed-test
+	$(BIN)/python -m pytest -m 'not slow' $(PYTEST_ARGS)
+
+test-slow: $(VENV)/installed-test
+	$(BIN)/python -m pytest -m slow $(PYTEST_ARGS)
+
+lint: $(VENV)/installed-test
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy --strict rb_dynamics
+
+clean:
+	rm -rf $(VENV) build dist install log out *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# An environment that is there is kept; a half-made one is made anew. colcon-core asks for setuptools below 80.
+$(VENV)/created:
+	@$(PYTHON) -c '' 2>/dev/null || { echo "No working '$(PYTHON)': install Python 3.10 or newer, or say: make PYTHON=/path/to/python3" >&2; exit 1; }
+	@$(PYTHON) -c 'import sys; v = sys.version_info; v >= (3, 10) or sys.exit("Python %d.%d is too old: Python 3.10 or newer is needed; say: make PYTHON=/path/to/python3" % v[:2])'
+	@$(BIN)/python -m pip --version >/dev/null 2>&1 || $(PYTHON) -m venv --clear $(VENV) || { echo "'$(PYTHON) -m venv' failed: install the venv module (Debian, Ubuntu: apt install python3-venv)" >&2; exit 1; }
+	@$(PIP) install --quiet --upgrade 'pip>=23.1' 'setuptools>=70.1,<80'
+	@touch $@
+
+# setuptools warns of what an editable install is; that is known here.
+INSTALL := PYTHONWARNINGS=ignore::UserWarning $(PIP) install --quiet --no-build-isolation --editable
+EXTRAS_demo := ros,log,plot
+EXTRAS_test := $(EXTRAS_demo),test,dev
+
+$(VENV)/installed-%: $(VENV)/created package.xml pyproject.toml setup.cfg setup.py
+	@echo "Installing into $(VENV), once: this takes a minute or two ..."
+	@$(INSTALL) '.[$(EXTRAS_$*)]' || { echo "$(INSTALL_HINT)" >&2; exit 1; }
+	@touch $(VENV)/installed-demo $@

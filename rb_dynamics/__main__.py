@@ -1,0 +1,7 @@
+"""`python -m rb_dynamics` is the command line."""
+
+import sys
+
+from rb_dynamics.cli import main
+
+sys.exit(main())

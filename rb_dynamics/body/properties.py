@@ -1,0 +1,121 @@
+"""What an inertia matrix says: scalar inertia, radii of gyration, inertia ellipsoid, and how stable a spin is.
+
+Equation numbers are those of lecture 24.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+
+from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.errors import BodyError
+from rb_dynamics.rotation import Matrix, matrix, rotate_inverse
+from rb_dynamics.vector import Vector, dot, norm, scale
+
+# A spin within this angle of the middle axis is warned of; it leaves the axis within a few growth times.
+NEAR_AXIS = 0.2
+
+
+def scalar_inertia(body: RigidBody, axis: Vector) -> float:
+    """Return I_n = n^T I n about the axis through the centre of mass, body axes, kg m^2 (eq. 12).
+
+    Raises:
+        BodyError: the axis has no direction.
+    """
+    length = norm(axis)
+    if not (math.isfinite(length) and length > 0.0):
+        raise BodyError(f"axis is {list(axis)}, expected a direction: three finite numbers, not all zero")
+    n = scale(1.0 / length, axis)
+    return dot(n, (dot(body.inertia[0], n), dot(body.inertia[1], n), dot(body.inertia[2], n)))
+
+
+def radius_of_gyration(body: RigidBody, axis: Vector) -> float:
+    """Return k_n = sqrt(I_n / m), m: the distance of a point mass with the same inertia (eq. 13)."""
+    return math.sqrt(scalar_inertia(body, axis) / body.mass)
+
+
+def inertia_ellipsoid(body: RigidBody) -> Vector:
+    """Return the half axes of r^T I r = a along the principal axes, with a = I_max so that the shortest is 1.
+
+    Eqs. 14 to 16: r = sqrt(a / I_n), long where the inertia is small.
+    """
+    i1, i2, i3 = body.principal_moments
+    a = max(i1, i2, i3)
+    return (math.sqrt(a / i1), math.sqrt(a / i2), math.sqrt(a / i3))
+
+
+def middle_axis_growth_time(body: RigidBody, angular_velocity_body: Vector) -> float | None:
+    """Return the time (s) in which a small deviation from a spin about the middle axis grows e-fold.
+
+    From eqs. 20 to 22 linearised about the middle axis: 1 / (|w| sqrt((I2 - I1)(I3 - I2) / (I1 I3))). None where the
+    spin is not within `NEAR_AXIS` rad of the middle axis or the body has no middle axis.
+    """
+    spin = rotate_inverse(body.principal_orientation_xyzw, angular_velocity_body)
+    rate = norm(spin)
+    low, middle, high = sorted(range(3), key=lambda i: body.principal_moments[i])
+    i1, i2, i3 = (body.principal_moments[i] for i in (low, middle, high))
+    growth = rate * math.sqrt(max(0.0, (i2 - i1) * (i3 - i2) / (i1 * i3)))
+    if growth == 0.0 or math.hypot(spin[low], spin[high]) > NEAR_AXIS * abs(spin[middle]):
+        return None
+    return 1.0 / growth
+
+
+@dataclass(frozen=True, slots=True)
+class MassProperties:
+    """All there is to say about a body. Columns of `principal_axes` are the principal axes in body axes."""
+
+    mass: float
+    center_of_mass: Vector
+    inertia: Matrix
+    principal_moments: Vector
+    principal_axes: Matrix
+    radii_of_gyration: Vector
+    inertia_ellipsoid: Vector
+    warnings: tuple[str, ...]
+
+    @classmethod
+    def of(cls, body: RigidBody, angular_velocity_body: Vector) -> MassProperties:
+        """Return the properties of `body`; the angular velocity (rad/s) is looked at for its stability."""
+        warnings = []
+        if growth := middle_axis_growth_time(body, angular_velocity_body):
+            warnings.append(
+                f"the initial spin is close to the middle principal axis, which is unstable: a deviation grows e-fold "
+                f"in {growth:.3g} s and the body flips over and over; this is physics, not an error of the integration"
+            )
+        i1, i2, i3 = (math.sqrt(moment / body.mass) for moment in body.principal_moments)
+        return cls(
+            body.mass,
+            body.center_of_mass,
+            body.inertia,
+            body.principal_moments,
+            matrix(body.principal_orientation_xyzw),
+            (i1, i2, i3),
+            inertia_ellipsoid(body),
+            tuple(warnings),
+        )
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the fields by name."""
+        return asdict(self)
+
+    def as_text(self) -> str:
+        """Return the properties for a person."""
+        columns = list(zip(*self.principal_axes, strict=True))
+        lines = [
+            f"mass             {self.mass:.9g} kg",
+            f"centre of mass  {_row(self.center_of_mass)}  m, from the body origin",
+            "inertia about the centre of mass, body axes, kg m^2",
+            *(f"                {_row(row)}" for row in self.inertia),
+            "",
+            f"{'principal axis':17}{'moment':>14}{'gyration':>14}{'ellipsoid':>14}   direction in body axes",
+            f"{'':17}{'kg m^2':>14}{'m':>14}{'(relative)':>14}",
+        ]
+        for i, axis in enumerate(columns):
+            numbers = (self.principal_moments[i], self.radii_of_gyration[i], self.inertia_ellipsoid[i])
+            lines.append(f"{i + 1:<17}{''.join(f'{number:>14.6g}' for number in numbers)}   {_row(axis)}")
+        return "\n".join([*lines, *(f"\nwarning: {warning}" for warning in self.warnings)])
+
+
+def _row(values: Vector) -> str:
+    return "".join(f"{value + 0.0:>14.9g}" for value in values)

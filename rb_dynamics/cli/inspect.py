@@ -1,0 +1,55 @@
+"""Show what happened in a recorded run: states, momenta, energy, defects, wrenches, rates and gaps.
+
+Works on logs of this package and on any ROS 2 MCAP bag of pose, twist and wrench; topics are found by type. A bag
+without mass properties gives motion and rates; with --scene also momenta and energy, from the twist.
+
+Exit codes: 0 every check passed; 1 the log is incomplete or a defect is beyond --bound (the last lines say which);
+2 the file cannot be read.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+
+HELP = "show what happened in a recorded run"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `inspect`."""
+    parser.add_argument("log", metavar="RUN.mcap", help="log of a run, or a bag of pose, twist and wrench")
+    parser.add_argument("--html", metavar="F", help="write a report with figures (extra: plot)")
+    parser.add_argument("--scene", metavar="SCENE", help="scene file whose body and frames belong to the bag")
+    parser.add_argument(
+        "--bound",
+        type=_bound,
+        metavar="REL",
+        help="largest defect accepted, relative to the largest energy or momentum seen (default 1e-6)",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print the summary; exit code 0, or 1 where a check fails."""
+    from rb_dynamics.recording.mcap_reader import read_bag
+    from rb_dynamics.report.summary import BOUND, summarize
+    from rb_dynamics.report.text import as_text
+    from rb_dynamics.report.track import read_track
+    from rb_dynamics.scene.read import read_scene
+
+    scene = read_scene(args.scene) if args.scene else None
+    track = read_track(read_bag(args.log), scene)
+    summary = summarize(track, BOUND if args.bound is None else args.bound)
+    print(as_text(summary))
+    if args.html:
+        from rb_dynamics.report.html import write_html
+        from rb_dynamics.report.run import run_report
+
+        write_html(args.html, run_report(track, summary))
+    return 0 if summary.passed else 1
+
+
+def _bound(text: str) -> float:
+    value = float(text)
+    if not (math.isfinite(value) and value > 0.0):
+        raise argparse.ArgumentTypeError(f"found {text!r}, expected a number greater than 0 such as 1e-6")
+    return value

@@ -1,0 +1,81 @@
+"""What the commands print: the result of a run as JSON or text, and progress on a terminal. Never computes anything."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rb_dynamics.loads.wrench import Wrench
+    from rb_dynamics.scene.model import Scene
+    from rb_dynamics.simulate import Run
+
+_UNITS = {
+    "position_world": "m",
+    "orientation_xyzw": "",
+    "linear_velocity_world": "m/s",
+    "angular_velocity_body": "rad/s",
+    "angular_momentum_world": "kg m^2/s",
+    "linear_momentum_world": "kg m/s",
+    "kinetic_energy": "J",
+    "work": "J",
+    "energy_defect": "J",
+    "angular_momentum_defect_world": "kg m^2/s",
+    "linear_momentum_defect_world": "kg m/s",
+}
+
+
+def as_json(run: Run) -> str:
+    """Return one JSON object; floats in full precision, so that they read back to the same bits."""
+    sample = asdict(run.sample)
+    return json.dumps({**sample, "method": run.method, "steps": run.steps, "wall_time_s": run.wall_time_s})
+
+
+def as_text(run: Run) -> str:
+    """Return the final state and the books for a person."""
+    sample = asdict(run.sample)
+    seconds = sample.pop("time_ns") / 1e9
+    lines = [f"after {seconds:.9g} s: {run.steps} steps of {run.method} in {run.wall_time_s:.3g} s of computing"]
+    for name, value in sample.items():
+        numbers = value if isinstance(value, tuple) else (value,)
+        lines.append(f"  {name:30}{''.join(f'{number:>18.9g}' for number in numbers)}  {_UNITS[name]}".rstrip())
+    return "\n".join(lines)
+
+
+def warn_outside(commands: Sequence[tuple[str, Wrench]], scene: Scene) -> None:
+    """Say on stderr how many commands the run will never reach."""
+    if scene.duration is None or not commands:
+        return
+    late = sum(wrench.stamp_ns > scene.duration * 1e9 for _, wrench in commands)
+    if late:
+        first = min(wrench.stamp_ns for _, wrench in commands) / 1e9
+        print(
+            f"warning: {late} of {len(commands)} wrench commands lie after the end of the run at {scene.duration:g} s "
+            f"and have no effect (the first command of the bag is at {first:.9g} s)",
+            file=sys.stderr,
+        )
+
+
+@contextlib.contextmanager
+def progress(what: str) -> Iterator[Callable[[float], None] | None]:
+    """Yield a function that shows the fraction done as a bar on a terminal; None in a pipe or without tqdm."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    try:
+        from tqdm import tqdm
+    except ImportError:
+        yield None
+        return
+    with tqdm(
+        total=100,
+        desc=what,
+        unit="%",
+        leave=False,
+        bar_format="{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}",
+    ) as bar:
+        yield lambda fraction: bar.update(round(100.0 * fraction) - bar.n)

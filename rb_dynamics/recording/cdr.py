@@ -1,0 +1,214 @@
+"""CDR bytes of the ROS 2 messages in a log: encode and decode, little endian out, either endianness in.
+
+Each message type is one line of `LAYOUTS`, with nested structures written out flat. Never imports ROS, and knows only
+the types listed here.
+
+CDR (OMG XCDR1): four bytes of encapsulation, then the fields in order, each aligned to its own size counted from the
+byte after the encapsulation; a string is its length with the closing NUL, then its bytes.
+"""
+
+from __future__ import annotations
+
+import functools
+import struct
+from collections.abc import Callable, Sequence
+from typing import Any, Final, TypeAlias
+
+from rb_dynamics.errors import LogError
+
+# A field is STAMP, STRING, BYTE, the number of float64 in a row, or a list: a sequence of structures of such fields.
+Field: TypeAlias = "str | int | list[Field]"
+
+STAMP: Final = "stamp"
+STRING: Final = "string"
+BYTE: Final = "byte"
+
+_HEADER: tuple[Field, ...] = (STAMP, STRING)
+
+LAYOUTS: dict[str, tuple[Field, ...]] = {
+    "geometry_msgs/msg/PoseStamped": (*_HEADER, 7),
+    "geometry_msgs/msg/TwistStamped": (*_HEADER, 6),
+    "geometry_msgs/msg/AccelStamped": (*_HEADER, 6),
+    "geometry_msgs/msg/WrenchStamped": (*_HEADER, 6),
+    "geometry_msgs/msg/Wrench": (6,),
+    "geometry_msgs/msg/Vector3Stamped": (*_HEADER, 3),
+    "geometry_msgs/msg/InertiaStamped": (*_HEADER, 10),
+    "nav_msgs/msg/Odometry": (*_HEADER, STRING, 7, 36, 6, 36),
+    "std_msgs/msg/Float64": (1,),
+    "diagnostic_msgs/msg/DiagnosticArray": (*_HEADER, [BYTE, STRING, STRING, STRING, [STRING, STRING]]),
+    "rosgraph_msgs/msg/Clock": (STAMP,),
+    "tf2_msgs/msg/TFMessage": ([*_HEADER, STRING, 7],),
+}
+
+_ENCAPSULATION = b"\x00\x01\x00\x00"
+_ORIGIN = len(_ENCAPSULATION)
+_NANOSECONDS = 1_000_000_000
+_ZERO_COVARIANCE = bytes(36 * 8)
+
+Packer: TypeAlias = Callable[..., bytes]
+
+
+def split_stamp(time_ns: int) -> tuple[int, int]:
+    """Return integer nanoseconds as (sec, nanosec) of `builtin_interfaces/Time`.
+
+    Raises:
+        LogError: the seconds do not fit in 32 bits.
+    """
+    seconds, nanoseconds = divmod(time_ns, _NANOSECONDS)
+    if not -(2**31) <= seconds < 2**31:
+        raise LogError(f"time is {time_ns} ns, expected |time| < 2^31 s (68 years): a ROS stamp holds no more")
+    return seconds, nanoseconds
+
+
+def encode(type_name: str, *values: Any) -> bytes:
+    """Return the CDR bytes of one message, little endian.
+
+    `values` follow the type's layout: a stamp is integer nanoseconds, a run of float64 a sequence of that length, a
+    sequence a list of tuples.
+    """
+    out = bytearray(_ENCAPSULATION)
+    _encode(LAYOUTS[type_name], values, out)
+    return bytes(out)
+
+
+def decode(type_name: str, data: bytes) -> tuple[Any, ...]:
+    """Return the values of one message, as `encode` takes them; runs of float64 come as tuples.
+
+    Raises:
+        LogError: `data` is cut short, or is no plain CDR.
+    """
+    if len(data) < _ORIGIN or data[0] != 0 or data[1] > 1:
+        raise LogError(
+            f"{type_name}: message begins with {data[:_ORIGIN].hex(' ') or 'nothing'}, expected the CDR encapsulation "
+            "00 00 or 00 01 and two more bytes; the message is not CDR or is cut short"
+        )
+    try:
+        return _Decoder(data, "<" if data[1] else ">").structure(LAYOUTS[type_name])
+    except struct.error:
+        raise LogError(f"{type_name}: message ends after {len(data)} bytes, before its last field") from None
+    except UnicodeDecodeError as error:
+        raise LogError(f"{type_name}: a string in the message is not UTF-8 ({error.reason})") from None
+
+
+def first_number(type_name: str, data: bytes) -> int:
+    """Return where the first float64 begins in a message that `decode` accepts, of a type without sequences."""
+    layout = LAYOUTS[type_name]
+    texts = layout[: next(place for place, field in enumerate(layout) if isinstance(field, int))]
+    decoder = _Decoder(data, "<" if data[1] else ">")
+    decoder.structure(texts)
+    return decoder.aligned(8)
+
+
+@functools.lru_cache(maxsize=256)
+def stamped_packer(type_name: str, *strings: str) -> Packer:
+    """Return `pack(sec, nanosec, *numbers)` for a type of stamp, strings and one run of float64, the strings fixed.
+
+    The bytes are those of `encode`, in one call of `struct`.
+    """
+    count = LAYOUTS[type_name][-1]
+    text = _aligned_strings(strings)
+    pack_all = struct.Struct(f"<4siI{len(text)}s{count}d").pack
+
+    def pack(seconds: int, nanoseconds: int, *numbers: float) -> bytes:
+        return pack_all(_ENCAPSULATION, seconds, nanoseconds, text, *numbers)
+
+    return pack
+
+
+def odometry_packer(frame_id: str, child_frame_id: str) -> Packer:
+    """Return `pack(sec, nanosec, pose, twist)` for nav_msgs/Odometry with both frames fixed and covariances zero."""
+    text = _aligned_strings((frame_id, child_frame_id))
+    pack_all = struct.Struct(f"<4siI{len(text)}s7d288s6d288s").pack
+
+    def pack(seconds: int, nanoseconds: int, pose: Sequence[float], twist: Sequence[float]) -> bytes:
+        return pack_all(_ENCAPSULATION, seconds, nanoseconds, text, *pose, _ZERO_COVARIANCE, *twist, _ZERO_COVARIANCE)
+
+    return pack
+
+
+def float64_packer() -> Packer:
+    """Return `pack(number)` for std_msgs/Float64."""
+    return functools.partial(struct.Struct("<4sd").pack, _ENCAPSULATION)
+
+
+def _aligned_strings(strings: Sequence[str]) -> bytes:
+    """Return strings as they stand after a stamp, padded to where float64 may follow."""
+    after_stamp = _ORIGIN + 8
+    out = bytearray(after_stamp)
+    for text in strings:
+        _append_string(text, out)
+    _align(out, 8)
+    return bytes(out[after_stamp:])
+
+
+def _align(out: bytearray, size: int) -> None:
+    out += bytes(-(len(out) - _ORIGIN) % size)
+
+
+def _append_string(text: str, out: bytearray) -> None:
+    # A lone surrogate (a file name that is not UTF-8) must not stop a log.
+    data = text.encode("utf-8", "replace")
+    _align(out, 4)
+    out += struct.pack("<I", len(data) + 1)
+    out += data + b"\0"
+
+
+def _encode(layout: Sequence[Field], values: Sequence[Any], out: bytearray) -> None:
+    for field, value in zip(layout, values, strict=True):
+        if isinstance(field, list):
+            _align(out, 4)
+            out += struct.pack("<I", len(value))
+            for element in value:
+                _encode(field, element, out)
+        elif isinstance(field, int):
+            _align(out, 8)
+            out += struct.pack(f"<{field}d", *value)
+        elif field == STAMP:
+            _align(out, 4)
+            out += struct.pack("<iI", *split_stamp(value))
+        elif field == STRING:
+            _append_string(value, out)
+        else:
+            out.append(value)
+
+
+class _Decoder:
+    """Walks through one message; struct.error where it ends too soon."""
+
+    def __init__(self, data: bytes, order: str) -> None:
+        self._data = data
+        self._order = order
+        self._position = _ORIGIN
+
+    def aligned(self, size: int) -> int:
+        """Return where a value of this size would begin."""
+        return self._position + -(self._position - _ORIGIN) % size
+
+    def structure(self, layout: Sequence[Field]) -> tuple[Any, ...]:
+        """Return the values of one structure."""
+        return tuple(self._field(field) for field in layout)
+
+    def _field(self, field: Field) -> Any:
+        if isinstance(field, list):
+            (count,) = self._take("I", 4, 4)
+            # An element takes at least four bytes, so a false count ends at the end of the data, not of the memory.
+            return [self.structure(field) for _ in range(count)]
+        if isinstance(field, int):
+            return self._take(f"{field}d", 8, 8 * field)
+        if field == STAMP:
+            seconds, nanoseconds = self._take("iI", 4, 8)
+            return seconds * _NANOSECONDS + nanoseconds
+        if field == STRING:
+            return self._string()
+        return self._take("B", 1, 1)[0]
+
+    def _take(self, what: str, alignment: int, size: int) -> tuple[Any, ...]:
+        start = self.aligned(alignment)
+        self._position = start + size
+        return struct.unpack_from(self._order + what, self._data, start)
+
+    def _string(self) -> str:
+        (length,) = self._take("I", 4, 4)
+        (text,) = self._take(f"{length}s", 1, length)
+        # Some writers give an empty string the length 0, without its NUL.
+        return str(text[:-1] if text.endswith(b"\0") else text, "utf-8")

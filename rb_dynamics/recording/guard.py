@@ -1,0 +1,38 @@
+"""`GuardedSink`: a log that fails stops itself, not the run that it records."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from rb_dynamics.errors import LogError
+from rb_dynamics.recording.sink import Event, RunInfo, Sink
+
+
+class GuardedSink:
+    """Passes everything on until the sink behind it raises a `LogError`; keeps that as `error` and tells once."""
+
+    def __init__(self, sink: Sink, on_error: Callable[[LogError], None]) -> None:
+        """Guard `sink`; `on_error` hears of the failure that stops it."""
+        self._sink, self._on_error = sink, on_error
+        self.error: LogError | None = None
+
+    def open(self, run: RunInfo) -> None:
+        """Open the sink."""
+        self._try(lambda: self._sink.open(run))
+
+    def write(self, event: Event) -> None:
+        """Pass one event on."""
+        if self.error is None:
+            self._try(lambda: self._sink.write(event))
+
+    def close(self, result: Mapping[str, str]) -> None:
+        """Close the sink even after a failure, so that what was written is finished as far as it can be."""
+        self._try(lambda: self._sink.close(result))
+
+    def _try(self, call: Callable[[], None]) -> None:
+        try:
+            call()
+        except LogError as error:
+            if self.error is None:
+                self.error = error
+                self._on_error(error)

@@ -1,0 +1,265 @@
+"""What a ROS 2 MCAP file says: wrench commands for a run, and poses, twists and scalars as arrays.
+
+Any writer will do (rosbag2, this package, others), and so will a file that was cut off. Never needs ROS or the index of
+the file, and keeps only messages of the types in `rb_dynamics.recording.cdr.LAYOUTS`.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rb_dynamics.errors import LogError
+from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.recording import cdr
+from rb_dynamics.recording.mcap_records import Channel, McapFile, Message
+
+Times = NDArray[np.int64]
+Values = NDArray[np.float64]
+
+_logger = logging.getLogger(__name__)
+
+WRENCH = "geometry_msgs/msg/Wrench"
+WRENCH_STAMPED = "geometry_msgs/msg/WrenchStamped"
+
+# Of each kind of quantity: the types that carry it, and where it stands in their decoded values.
+_POSES = {"geometry_msgs/msg/PoseStamped": 2, "nav_msgs/msg/Odometry": 3}
+_TWISTS = {"geometry_msgs/msg/TwistStamped": 2, "nav_msgs/msg/Odometry": 5}
+_VECTORS = {"geometry_msgs/msg/Vector3Stamped": 2}
+_SCALARS = {"std_msgs/msg/Float64": 0}
+_WRENCHES = {WRENCH: 0, WRENCH_STAMPED: 2}
+
+
+@dataclass
+class Topic:
+    """The messages of one topic, in the order of the file.
+
+    Attributes:
+        name: as recorded.
+        type_name: message type, such as "std_msgs/msg/Float64"; with the encoding before it where that is not CDR.
+        qos: `offered_qos_profiles` as recorded, YAML; "" where the writer gave none.
+        log_times: ns, one for each message.
+        publish_times: ns, one for each message.
+        messages: the bytes of each message; empty for a type that is not in `cdr.LAYOUTS`.
+    """
+
+    name: str
+    type_name: str
+    qos: str = ""
+    log_times: list[int] = field(default_factory=list)
+    publish_times: list[int] = field(default_factory=list)
+    messages: list[bytes] = field(default_factory=list)
+
+    @property
+    def count(self) -> int:
+        """Number of messages."""
+        return len(self.log_times)
+
+    def decoded(self) -> list[tuple[Any, ...]]:
+        """Return the values of each message, see `cdr.decode`.
+
+        Raises:
+            LogError: a message is cut short or not CDR.
+        """
+        return [cdr.decode(self.type_name, message) for message in self.messages]
+
+
+@dataclass
+class Bag:
+    """An MCAP file in memory.
+
+    Attributes:
+        path: the file.
+        complete: False for a file that was cut off; it holds what was written until then.
+        topics: by name as recorded.
+        metadata: key and value of each metadata record, by its name.
+        attachments: content by name.
+    """
+
+    path: Path
+    complete: bool
+    topics: dict[str, Topic]
+    metadata: dict[str, dict[str, str]]
+    attachments: dict[str, bytes]
+
+    def poses(self, topic: str) -> tuple[Times, Values]:
+        """Return stamps (ns) and rows of position (m) and quaternion x, y, z, w; of PoseStamped or Odometry.
+
+        Raises:
+            LogError: no such topic, another type, or a damaged message; so for the five functions below.
+        """
+        return self._series(topic, _POSES)
+
+    def twists(self, topic: str) -> tuple[Times, Values]:
+        """Return stamps (ns) and rows of linear (m/s) and angular (rad/s) velocity; of TwistStamped or Odometry."""
+        return self._series(topic, _TWISTS)
+
+    def vectors(self, topic: str) -> tuple[Times, Values]:
+        """Return stamps (ns) and rows of x, y, z; of Vector3Stamped."""
+        return self._series(topic, _VECTORS)
+
+    def scalars(self, topic: str) -> tuple[Times, Values]:
+        """Return log times (ns) and numbers; of Float64."""
+        times, rows = self._series(topic, _SCALARS)
+        return times, rows[:, 0]
+
+    def wrenches(self, topic: str) -> list[tuple[int, Wrench]]:
+        """Return log time (ns) and command for each message, in the order of the file; of WrenchStamped or Wrench."""
+        source = self._topic(topic, _WRENCHES)
+        pairs = zip(source.log_times, source.messages, strict=True)
+        return [(time_ns, _wrench(source.type_name, time_ns, message)) for time_ns, message in pairs]
+
+    def frame_ids(self, topic: str) -> set[str]:
+        """Return every `header.frame_id` on a topic of a stamped type."""
+        stamped = {name: 1 for name, layout in cdr.LAYOUTS.items() if layout[:2] == (cdr.STAMP, cdr.STRING)}
+        return {values[1] for values in self._topic(topic, stamped).decoded()}
+
+    def _series(self, topic: str, places: dict[str, int]) -> tuple[Times, Values]:
+        source = self._topic(topic, places)
+        place = places[source.type_name]
+        times, values = _alike(source, place) or _one_by_one(source, place)
+        return (times if _stamped(source) else np.array(source.log_times, dtype=np.int64)), values
+
+    def _topic(self, name: str, types: dict[str, int]) -> Topic:
+        topic = self.topics.get(name)
+        if topic is None or topic.type_name not in types:
+            found = "no such topic" if topic is None else f"type {topic.type_name!r}"
+            usable = [other.name for other in self.topics.values() if other.type_name in types]
+            raise LogError(
+                f"{self.path}: topic {name!r}: {found}, expected {' or '.join(types)}; the file has {usable}"
+            )
+        return topic
+
+
+def read_bag(path: str | os.PathLike[str]) -> Bag:
+    """Return what is in an MCAP file.
+
+    Raises:
+        LogError: the file cannot be read, is no MCAP file or is damaged.
+    """
+    file = McapFile(Path(path))
+    bag = Bag(file.path, False, {}, file.metadata, file.attachments)
+    for message in file.messages():
+        topic = _topic_of(bag, message.channel)
+        topic.log_times.append(message.log_time)
+        topic.publish_times.append(message.publish_time)
+        if topic.type_name in cdr.LAYOUTS:
+            topic.messages.append(message.data)
+    for channel in file.channels.values():
+        _topic_of(bag, channel)
+    bag.complete = file.complete
+    return bag
+
+
+def read_wrenches(path: str | os.PathLike[str], topics: Sequence[str]) -> list[tuple[str, Wrench]]:
+    """Return the commands for the wrench channels `topics` of a scene, by stamp; equal stamps in the order of the file.
+
+    A leading slash makes no difference between names. A Wrench without header has its log time as stamp and frame "".
+
+    Raises:
+        LogError: the file cannot be read or is damaged, or none of its wrench topics is one of `topics`.
+    """
+    file = McapFile(Path(path))
+    wanted = {topic.removeprefix("/"): topic for topic in topics}
+    found: Counter[str] = Counter()
+    commands: list[tuple[str, Wrench]] = []
+    for message in file.messages():
+        type_name = _type_name(message.channel)
+        if type_name not in _WRENCHES:
+            continue
+        found[message.channel.topic] += 1
+        topic = wanted.get(message.channel.topic.removeprefix("/"))
+        if topic is not None:
+            commands.append((topic, _command(file, type_name, message)))
+    for channel in file.channels.values():
+        if _type_name(channel) in _WRENCHES:
+            found[channel.topic] += 0
+    if not any(name.removeprefix("/") in wanted for name in found):
+        raise LogError(_no_commands(file, topics, found))
+    if not file.complete:
+        _logger.warning("%s was cut off; the %d commands in it are used", file.path, len(commands))
+    return sorted(commands, key=lambda command: command[1].stamp_ns)
+
+
+def _stamped(topic: Topic) -> bool:
+    return cdr.LAYOUTS[topic.type_name][0] == cdr.STAMP
+
+
+def _one_by_one(topic: Topic, place: int) -> tuple[Times, Values]:
+    """Return first field and numbers of each message."""
+    rows = topic.decoded()
+    times = np.array([row[0] if _stamped(topic) else 0 for row in rows], dtype=np.int64)
+    return times, np.array([row[place] for row in rows], dtype=np.float64).reshape(len(rows), _width(topic, place))
+
+
+def _alike(topic: Topic, place: int) -> tuple[Times, Values] | None:
+    """Return the same straight from the bytes, much faster; None unless only stamps and numbers differ."""
+    messages = topic.messages
+    if len({len(message) for message in messages}) != 1:
+        return None
+    cdr.decode(topic.type_name, messages[0])
+    raw = np.frombuffer(b"".join(messages), dtype=np.uint8).reshape(len(messages), -1)
+    numbers = cdr.first_number(topic.type_name, messages[0])
+    texts = raw[:, 12:numbers]
+    if (raw[:, :2] != raw[0, :2]).any() or (texts != texts[0]).any():
+        return None
+    order = "<" if messages[0][1] else ">"
+    stamps = raw[:, 4:12].copy().view([("s", order + "i4"), ("ns", order + "u4")])[:, 0]
+    start = numbers + 8 * sum(_width(topic, earlier) for earlier in range(place))
+    values = raw[:, start : start + 8 * _width(topic, place)].copy().view(order + "f8")
+    return stamps["s"].astype(np.int64) * 1_000_000_000 + stamps["ns"], values.astype(np.float64)
+
+
+def _width(topic: Topic, place: int) -> int:
+    """Return how many float64 a field holds; 0 for a stamp or a string."""
+    count = cdr.LAYOUTS[topic.type_name][place]
+    return count if isinstance(count, int) else 0
+
+
+def _no_commands(file: McapFile, topics: Sequence[str], found: Counter[str]) -> str:
+    listed = ", ".join(f"{name} ({count} messages)" for name, count in sorted(found.items())) or "none"
+    return (
+        f"{file.path} has no channel of the scene: its wrench topics are {listed}, the scene expects "
+        f"{', '.join(topics) or 'none'}; name the channel under `wrenches` in the scene like the topic in the file"
+    )
+
+
+def _command(file: McapFile, type_name: str, message: Message) -> Wrench:
+    try:
+        return _wrench(type_name, message.log_time, message.data)
+    except LogError as error:
+        raise LogError(
+            f"{file.path}: topic {message.channel.topic}, log time {message.log_time} ns: {error}"
+        ) from error
+
+
+def _wrench(type_name: str, log_time: int, data: bytes) -> Wrench:
+    values = cdr.decode(type_name, data)
+    stamp, frame, numbers = values if type_name == WRENCH_STAMPED else (log_time, "", *values)
+    return Wrench(numbers[:3], numbers[3:], frame, stamp)
+
+
+def _type_name(channel: Channel) -> str:
+    """Return "pkg/msg/Type", for the older "pkg/Type" too; what is no CDR is given its encoding and so fits no type."""
+    type_name = channel.type_name
+    if channel.encoding != "cdr":
+        return f"{channel.encoding}:{type_name}"
+    return type_name.replace("/", "/msg/") if type_name.count("/") == 1 else type_name
+
+
+def _topic_of(bag: Bag, channel: Channel) -> Topic:
+    """Return the topic a channel belongs to, new where it is the first: a topic may have several publishers."""
+    type_name = _type_name(channel)
+    topic = bag.topics.setdefault(channel.topic, Topic(channel.topic, type_name))
+    if topic.type_name != type_name:
+        raise LogError(f"{bag.path}: topic {topic.name} has both types {topic.type_name} and {type_name}, expected one")
+    topic.qos = topic.qos or channel.metadata.get("offered_qos_profiles", "")
+    return topic

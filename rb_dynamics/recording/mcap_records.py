@@ -1,0 +1,239 @@
+"""The MCAP container: schemas, channels, messages, metadata and attachments of a file, in the order of the file.
+
+Reads front to back without the index, so a file that was never finished gives all it has. Every length is checked
+against what is there before memory is asked for. Never looks inside a message.
+
+Format: the MCAP specification, version 0. A record is one byte of opcode, the length of its content, the content.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+import zlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import BinaryIO, NamedTuple
+
+from rb_dynamics.errors import LogError, MissingExtraError
+
+# One record, and one chunk after decompression, must fit: recorders write chunks of 1 to 4 MB.
+MAX_RECORD_BYTES = 256 * 2**20
+
+_MAGIC = b"\x89MCAP0\r\n"
+_FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _ATTACHMENT, _METADATA = _NEEDED = (2, 3, 4, 5, 6, 9, 12)
+_RECORD = struct.Struct("<BQ")
+_MESSAGE_HEAD = struct.Struct("<HIQQ")
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """One channel: topic, name of its message type, encoding of the messages and metadata as recorded."""
+
+    topic: str
+    type_name: str
+    encoding: str
+    metadata: dict[str, str]
+
+
+class Message(NamedTuple):
+    """One message: times in integer nanoseconds, content as recorded."""
+
+    channel: Channel
+    log_time: int
+    publish_time: int
+    data: bytes
+
+
+@dataclass
+class McapFile:
+    """One MCAP file; the attributes below `path` fill while `messages` runs.
+
+    Attributes:
+        path: the file.
+        complete: the file was finished by its writer; False for one that was cut off.
+        metadata: key and value of each metadata record, by its name; of two of one name the later.
+        attachments: content by name.
+        channels: by channel id.
+    """
+
+    path: Path
+    complete: bool = False
+    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    attachments: dict[str, bytes] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    _schemas: dict[int, str] = field(default_factory=dict)
+
+    def messages(self) -> Iterator[Message]:
+        """Yield every message; ends quietly where the file was cut off.
+
+        Raises:
+            LogError: the file cannot be read, is no MCAP file or is damaged.
+        """
+        try:
+            with self.path.open("rb") as file:
+                yield from self._messages(file)
+        except OSError as error:
+            raise LogError(f"cannot read {self.path}: {error.strerror or error}{_hint(self.path)}") from error
+        except UnicodeDecodeError as error:
+            raise self._damage("has text that is not UTF-8") from error
+
+    def _messages(self, file: BinaryIO) -> Iterator[Message]:
+        if file.read(len(_MAGIC)) != _MAGIC:
+            raise LogError(f"{self.path} does not begin like an MCAP file; give an .mcap file, such as rosbag2 writes")
+        for opcode, content in self._records(file, os.fstat(file.fileno()).st_size):
+            if opcode == _CHUNK:
+                yield from self._chunk_messages(self._decompressed(content))
+            elif opcode == _MESSAGE:
+                yield self._message(content, 0, len(content))
+            elif opcode == _FOOTER:
+                self.complete = file.read(len(_MAGIC)) == _MAGIC
+                return
+            else:
+                self._note(opcode, content)
+
+    def _records(self, file: BinaryIO, size: int) -> Iterator[tuple[int, bytes]]:
+        """Yield the records that are there in full."""
+        while len(head := file.read(_RECORD.size)) == _RECORD.size:
+            opcode, length = _RECORD.unpack(head)
+            start = file.tell()
+            # No record has opcode 0: a disk that lost its power leaves zeros.
+            if opcode == 0 or length > size - start:
+                return
+            if opcode in _NEEDED:
+                if length > MAX_RECORD_BYTES:
+                    raise self._damage(f"has a record of {length} bytes at {start}, more than {MAX_RECORD_BYTES}")
+                yield opcode, file.read(length)
+            else:
+                file.seek(length, os.SEEK_CUR)
+
+    def _chunk_messages(self, data: bytes) -> Iterator[Message]:
+        end = 0
+        while end < len(data):
+            start = end + _RECORD.size
+            opcode, length = _RECORD.unpack_from(data, end) if start <= len(data) else (0, 0)
+            end = start + length
+            if opcode == 0 or end > len(data):
+                raise self._damage("has a chunk that ends within a record")
+            if opcode == _MESSAGE:
+                yield self._message(data, start, end)
+            else:
+                self._note(opcode, data[start:end])
+
+    def _message(self, data: bytes, start: int, end: int) -> Message:
+        content = start + _MESSAGE_HEAD.size
+        if content > end:
+            raise self._damage("has a message without its times")
+        channel_id, _, log_time, publish_time = _MESSAGE_HEAD.unpack_from(data, start)
+        channel = self.channels.get(channel_id)
+        if channel is None:
+            raise self._damage(f"has a message on channel {channel_id}, which it does not declare")
+        return Message(channel, log_time, publish_time, data[content:end])
+
+    def _note(self, opcode: int, content: bytes) -> None:
+        """Keep what a record says that is no message."""
+        fields = _Fields(content, self._damage)
+        if opcode == _SCHEMA:
+            (schema_id,) = fields.take("H")
+            self._schemas[schema_id] = fields.text()
+        elif opcode == _CHANNEL:
+            channel_id, schema_id = fields.take("HH")
+            topic, encoding = fields.text(), fields.text()
+            self.channels[channel_id] = Channel(topic, self._schemas.get(schema_id, ""), encoding, fields.mapping())
+        elif opcode == _ATTACHMENT:
+            fields.take("QQ")
+            name, _ = fields.text(), fields.text()
+            self.attachments[name] = fields.block("Q")
+        elif opcode == _METADATA:
+            name = fields.text()
+            self.metadata[name] = fields.mapping()
+
+    def _decompressed(self, content: bytes) -> bytes:
+        fields = _Fields(content, self._damage)
+        fields.take("QQ")
+        size, checksum = fields.take("QI")
+        compression, data = fields.text(), fields.block("Q")
+        if size > MAX_RECORD_BYTES:
+            raise self._damage(f"has a chunk of {size} bytes, more than {MAX_RECORD_BYTES}")
+        if compression not in _DECOMPRESSORS:
+            raise LogError(f"{self.path} is compressed with {compression!r}, expected one of {sorted(_DECOMPRESSORS)}")
+        try:
+            data = _DECOMPRESSORS[compression](data, size)
+        except ImportError as error:
+            raise MissingExtraError(error.name or compression, "log", f"reading {self.path}") from None
+        except (RuntimeError, ValueError, EOFError) as error:
+            raise self._damage(f"has a chunk that cannot be decompressed ({error})") from error
+        if len(data) != size or (checksum and zlib.crc32(data) != checksum):
+            raise self._damage("has a chunk whose checksum does not fit its content")
+        return data
+
+    def _damage(self, what: str) -> LogError:
+        return LogError(f"{self.path} is damaged: it {what}; repair it with `mcap recover` or record it again")
+
+
+class _Fields:
+    """The fields of one record, taken one after the other."""
+
+    def __init__(self, data: bytes, damage: Callable[[str], LogError]) -> None:
+        self._data = data
+        self._position = 0
+        self._damage = damage
+
+    def take(self, formats: str) -> tuple[int, ...]:
+        """Return unsigned integers by their `struct` formats."""
+        return struct.unpack("<" + formats, self._bytes(struct.calcsize("<" + formats)))
+
+    def block(self, length_format: str) -> bytes:
+        """Return bytes that follow their length."""
+        return self._bytes(self.take(length_format)[0])
+
+    def text(self) -> str:
+        """Return a string that follows its length."""
+        return str(self.block("I"), "utf-8")
+
+    def mapping(self) -> dict[str, str]:
+        """Return a map of strings that follows its length in bytes."""
+        inner = _Fields(self.block("I"), self._damage)
+        pairs: dict[str, str] = {}
+        while not inner.at_end:
+            key = inner.text()
+            pairs[key] = inner.text()
+        return pairs
+
+    @property
+    def at_end(self) -> bool:
+        """Whether nothing is left."""
+        return self._position == len(self._data)
+
+    def _bytes(self, count: int) -> bytes:
+        end = self._position + count
+        if end > len(self._data):
+            raise self._damage("has a record that is shorter than its fields")
+        taken = self._data[self._position : end]
+        self._position = end
+        return taken
+
+
+def _hint(path: Path) -> str:
+    inside = sorted(path.glob("*.mcap")) if path.is_dir() else []
+    return f"; give the file in it: {', '.join(map(str, inside))}" if inside else ""
+
+
+# One byte more than is due is asked for, so that a chunk that holds more than it says shows itself.
+def _zstd(data: bytes, size: int) -> bytes:
+    import zstandard
+
+    try:
+        return bytes(zstandard.ZstdDecompressor().stream_reader(data).read(size + 1))
+    except zstandard.ZstdError as error:
+        raise ValueError(str(error)) from error
+
+
+def _lz4(data: bytes, size: int) -> bytes:
+    import lz4.frame  # type: ignore[import-untyped,import-not-found,unused-ignore]
+
+    return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1))
+
+
+_DECOMPRESSORS: dict[str, Callable[[bytes, int], bytes]] = {"": lambda data, _: data, "zstd": _zstd, "lz4": _lz4}

@@ -1,0 +1,55 @@
+"""`MemorySink`: a run as numpy arrays, for scripts and notebooks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import TYPE_CHECKING
+
+from rb_dynamics.diagnostics import Sample
+from rb_dynamics.loads.channels import AppliedWrench
+from rb_dynamics.recording.sink import Event, RunInfo
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+_FIELDS = frozenset(field.name for field in fields(Sample))
+
+
+class MemorySink:
+    """Keeps every sample; each field of `Sample` is an array over time with the name of the field.
+
+    `sink.time_ns` is (n,) int64; `sink.position_world` is (n, 3), `sink.kinetic_energy` (n,) float64, and so on.
+
+    Attributes:
+        samples: the samples themselves.
+        applied: every change of a wrench channel.
+    """
+
+    def __init__(self) -> None:
+        """Begin with nothing."""
+        self.samples: list[Sample] = []
+        self.applied: list[AppliedWrench] = []
+
+    def open(self, run: RunInfo) -> None:
+        """Forget an earlier run."""
+        self.samples, self.applied = [], []
+
+    def write(self, event: Event) -> None:
+        """Keep a sample or a change of wrench."""
+        if isinstance(event, Sample):
+            self.samples.append(event)
+        elif isinstance(event, AppliedWrench):
+            self.applied.append(event)
+
+    def close(self, result: Mapping[str, str]) -> None:
+        """Keep what is there."""
+
+    def __getattr__(self, name: str) -> npt.NDArray[np.float64]:
+        """Return the field `name` of all samples as an array."""
+        if name not in _FIELDS:
+            raise AttributeError(f"MemorySink has no attribute {name!r}; the fields of a sample are {sorted(_FIELDS)}")
+        import numpy as np
+
+        return np.array([getattr(sample, name) for sample in self.samples])

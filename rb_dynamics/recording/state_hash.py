@@ -1,0 +1,72 @@
+"""`StateHash`: one SHA-256 that two runs share exactly when all their samples agree to the last bit."""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+from collections.abc import Mapping
+
+from rb_dynamics.diagnostics import Sample
+from rb_dynamics.recording.sink import Event, RunInfo
+
+_RECORD = struct.Struct("<q28d")
+
+
+class StateHash:
+    """SHA-256 over samples in the order of time.
+
+    Each sample enters as 232 bytes, little endian: `time_ns` as int64, then 28 float64 in the order of the fields of
+    `Sample`: position, orientation (x, y, z, w), linear velocity, angular velocity, angular momentum, linear momentum,
+    kinetic energy, work, energy defect, angular momentum defect, linear momentum defect.
+    """
+
+    def __init__(self) -> None:
+        """Begin with no sample."""
+        self._hash = hashlib.sha256()
+
+    def update(self, sample: Sample) -> None:
+        """Add one sample."""
+        self._hash.update(
+            _RECORD.pack(
+                sample.time_ns,
+                *sample.position_world,
+                *sample.orientation_xyzw,
+                *sample.linear_velocity_world,
+                *sample.angular_velocity_body,
+                *sample.angular_momentum_world,
+                *sample.linear_momentum_world,
+                sample.kinetic_energy,
+                sample.work,
+                sample.energy_defect,
+                *sample.angular_momentum_defect_world,
+                *sample.linear_momentum_defect_world,
+            )
+        )
+
+    def hexdigest(self) -> str:
+        """Return the hash of all samples so far, 64 hexadecimal digits."""
+        return self._hash.hexdigest()
+
+
+class HashSink:
+    """Keeps nothing of a run but the hash of its samples: what a log of the same run has as `states_sha256`."""
+
+    def __init__(self) -> None:
+        """Begin with no sample."""
+        self._states = StateHash()
+
+    def open(self, run: RunInfo) -> None:
+        """Begin anew."""
+        self._states = StateHash()
+
+    def write(self, event: Event) -> None:
+        """Add a sample; other events do not count."""
+        if isinstance(event, Sample):
+            self._states.update(event)
+
+    def close(self, result: Mapping[str, str]) -> None:
+        """Keep the hash."""
+
+    def hexdigest(self) -> str:
+        """Return the hash of all samples so far, 64 hexadecimal digits."""
+        return self._states.hexdigest()

@@ -1,0 +1,131 @@
+"""`Report`: sections of text, figures and tables, written as one HTML file that needs nothing else.
+
+The file loads no script, font or picture from anywhere, follows the light or dark setting of the reader and prints.
+All text is escaped; only figures go in as they are. Never computes a number.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from rb_dynamics.errors import LogError, MissingExtraError
+
+_UNSHOWABLE = re.compile("[^\t\n\x20-\x7e\xa0-\ud7ff\ue000-\ufdcf\ufdf0-\ufffd\U00010000-\U0001fffd]|[\u202a-\u202e\u2066-\u2069]")
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A picture as inline SVG, as `rb_dynamics.report.plots` draws it, with one sentence on what to see in it."""
+
+    svg: str
+    caption: str
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of text under a header; the first column is left-aligned, `numeric` aligns the others to the right."""
+
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    numeric: bool = True
+
+
+@dataclass(frozen=True)
+class Tile:
+    """One number at a glance; `verdict` is "good", "bad" or "" where nothing is judged."""
+
+    label: str
+    value: str
+    note: str = ""
+    verdict: str = ""
+
+
+@dataclass(frozen=True)
+class Section:
+    """One part of a report, shown in the order of the fields.
+
+    Attributes:
+        heading: also its entry in the table of contents.
+        text: paragraphs, separated by empty lines.
+        tiles: numbers at a glance.
+        figures: below one another.
+        table: one table, or None.
+        source: preformatted text, folded away; "" for none.
+        source_title: what one clicks on to see `source`.
+    """
+
+    heading: str
+    text: str = ""
+    tiles: Sequence[Tile] = ()
+    figures: Sequence[Figure] = ()
+    table: Table | None = None
+    source: str = ""
+    source_title: str = ""
+
+    @property
+    def paragraphs(self) -> list[str]:
+        """`text`, split at empty lines."""
+        return [part for part in re.split(r"\n\s*\n", self.text.strip()) if part]
+
+
+@dataclass(frozen=True)
+class Report:
+    """A page: title, one sentence of lead, sections; `footer` says what made it."""
+
+    title: str
+    lead: str
+    sections: Sequence[Section] = field(default_factory=tuple)
+    footer: str = ""
+
+
+def printable(text: object) -> str:
+    """Return `text` with every character that is no letter, mark or line break shown as its code point.
+
+    Control characters are not allowed in HTML and do harm on a terminal; marks that turn the writing direction lie.
+    """
+    return _UNSHOWABLE.sub(lambda match: f"\\u{ord(match[0]):04x}", str(text))
+
+
+def render_html(report: Report) -> str:
+    """Return the page.
+
+    Raises:
+        MissingExtraError: jinja2 is not installed.
+    """
+    try:
+        from jinja2 import Environment, FileSystemLoader, StrictUndefined
+    except ImportError:
+        raise MissingExtraError("jinja2", "plot", "an HTML report") from None
+    folder = Path(__file__).parent / "templates"
+    environment = Environment(
+        loader=FileSystemLoader(folder),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        finalize=lambda value: printable(value) if type(value) is str else value,
+    )
+    return environment.get_template("report.html.j2").render(report=report)
+
+
+def write_html(path: str | os.PathLike[str], report: Report) -> None:
+    """Write `report` to `path`; folders above it are made.
+
+    Raises:
+        LogError: the file cannot be written.
+        MissingExtraError: jinja2 is not installed.
+    """
+    page = render_html(report)
+    target = Path(path)
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_text(page, encoding="utf-8")
+    except OSError as error:
+        raise LogError(
+            f"cannot write {target}: {error.strerror or error}, expected a file name such as run.html in a folder "
+            "that can be written; give another one"
+        ) from error

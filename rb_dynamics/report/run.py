@@ -1,0 +1,242 @@
+"""The report of one recorded run: `Summary` and `Track` put into sections, figures and tables.
+
+Every number comes from `summary`, so the page and the terminal say the same. Never reads a scene or simulates.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from rb_dynamics.recording.mcap_reader import read_bag
+from rb_dynamics.report import plots, text
+from rb_dynamics.report.balance import Balance
+from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, write_html
+from rb_dynamics.report.summary import BOUND, Summary, summarize
+from rb_dynamics.report.track import APPLIED, Array, Series, Track, read_track
+from rb_dynamics.scene.model import Scene
+
+
+def write_run_report(
+    log: str | os.PathLike[str],
+    html: str | os.PathLike[str],
+    *,
+    scene: Scene | None = None,
+    bound: float = BOUND,
+    extra: Sequence[Section] = (),
+) -> Summary:
+    """Write the report of the MCAP file `log` to `html` and return its numbers.
+
+    Args:
+        log: of this package, or any bag of pose, twist and wrench.
+        html: the page to write.
+        scene: gives mass properties and frames to a bag that does not have them.
+        bound: the largest defect accepted, relative to the largest energy or momentum seen.
+        extra: sections shown right after the numbers at a glance.
+
+    Raises:
+        LogError: `log` cannot be read or `html` not be written.
+        MissingExtraError: matplotlib or jinja2 is not installed.
+    """
+    track = read_track(read_bag(log), scene)
+    summary = summarize(track, bound)
+    write_html(html, run_report(track, summary, extra))
+    return summary
+
+
+def run_report(track: Track, summary: Summary, extra: Sequence[Section] = ()) -> Report:
+    """Return the page about one run."""
+    name = os.path.basename(summary.path)
+    source = "Log" if summary.own else "Recording"
+    lead = (
+        f"{source} of {summary.duration_s:.6g} s in {summary.samples} samples"
+        f"{', cut off before its end' if not summary.complete else ''}. "
+        f"{'Every check passed.' if summary.passed else _failures(summary)}"
+    )
+    sections = [
+        Section("At a glance", "\n\n".join((*summary.missing, *summary.notes)), tiles=_tiles(summary)),
+        *extra,
+        *_motion(track),
+        *_conservation(track, summary),
+        *_wrenches(track, summary),
+        *_tables(summary),
+        *_provenance(track),
+    ]
+    version = f" {summary.version}" if summary.version else ""
+    return Report(summary.scene or name, lead, sections, f"{name} · rb_dynamics{version}")
+
+
+def comparison_section(
+    time_s: Array, differences: Mapping[str, Array], heading: str = "Against the recorded truth", lead: str = ""
+) -> Section:
+    """Return a section on how far a run is from a reference.
+
+    Args:
+        time_s: s.
+        differences: by title with unit; numbers, or rows of a vector.
+        heading: of the section.
+        lead: what is compared with what.
+    """
+    rows = []
+    for title, values in differences.items():
+        sizes = np.abs(values) if values.ndim == 1 else np.linalg.norm(values, axis=1)
+        worst = int(sizes.argmax())
+        rows.append([title, f"{sizes[worst]:.3e}", f"{time_s[worst]:.6g}", f"{sizes[-1]:.3e}"])
+    caption = (
+        "Size of the difference. A good run stays near the round-off of the numbers compared; a difference that grows "
+        "steadily points to the method or its step, one that jumps to a command or a frame."
+    )
+    figure = Figure(plots.comparison(time_s, differences), caption)
+    return Section(heading, lead, figures=[figure], table=Table(["", "worst", "at t [s]", "at the end"], rows))
+
+
+def _failures(summary: Summary) -> str:
+    failed = [check.name for check in summary.checks if not check.passed]
+    return f"Failed: {'; '.join(failed)}."
+
+
+def _tiles(summary: Summary) -> list[Tile]:
+    rate = next((t.rate for t in summary.topics if t.rate and t.count == summary.samples), 0.0)
+    tiles = [Tile("Duration", f"{summary.duration_s:.6g} s", f"{summary.samples} samples" + (f", {rate:.4g} Hz" if rate else ""))]
+    if summary.method:
+        steps = f"{summary.steps} steps" if summary.steps is not None else "steps unknown: the run did not finish"
+        tiles.append(Tile("Method", summary.method.split(",")[0], ", ".join([*summary.method.split(", ")[1:], steps])))
+    tiles += [
+        Tile(c.name[0].upper() + c.name[1:], "yes" if c.passed else "NO", c.detail, "good" if c.passed else "bad")
+        for c in summary.checks
+        if not c.name.endswith(" balance")
+    ]
+    for check in summary.checks:
+        balance = summary.balance(check.name.removesuffix(" balance"))
+        if balance is not None and check.name.endswith(" balance"):
+            label = f"{balance.name[0].upper()}{balance.name[1:]} defect, relative"
+            note = f"{balance.worst:.3g} {balance.unit} of {balance.scale:.4g}"
+            if balance.covered < 1.0:
+                note += f"; known for {100.0 * balance.covered:.3g} % of the time"
+            tiles.append(Tile(label, f"{balance.relative:.2g}", note, "good" if check.passed else "bad"))
+    tiles += [
+        Tile(f"Largest {r.name}", f"{r.high:.4g} {r.unit}", f"at {r.high_at_s:.4g} s; smallest {r.low:.4g}")
+        for r in summary.ranges
+        if r.name.startswith(("angular momentum", "linear momentum", "kinetic energy"))
+    ]
+    return tiles
+
+
+def _motion(track: Track) -> list[Section]:
+    figures = []
+    if track.pose is not None:
+        time_s, rows = track.seconds(track.pose.time_ns), track.pose.values
+        caption = (
+            f"From {track.pose.topic}. In a good run both are smooth: a jump in position or attitude is a lost stretch "
+            "or a reset."
+        )
+        figures.append(Figure(plots.position_and_attitude(time_s, rows[:, :3], rows[:, 3:]), caption))
+    if track.twist is not None:
+        time_s, rows = track.seconds(track.twist.time_ns), track.twist.values
+        axes = "world" if track.twist_in_world else "body"
+        caption = (
+            f"From {track.twist.topic}. In a good run these are continuous, with kinks only where a wrench changes; in "
+            "body axes they also turn as the body does."
+        )
+        figures.append(Figure(plots.rates_and_velocity(time_s, rows[:, 3:], rows[:, :3], axes), caption))
+    return [Section("Motion", figures=figures)] if figures else []
+
+
+def _conservation(track: Track, summary: Summary) -> list[Section]:
+    figures = []
+    angular, linear, kinetic = track.angular_momentum, track.linear_momentum, track.kinetic_energy
+    if angular is not None and linear is not None and np.array_equal(angular.time_ns, linear.time_ns):
+        caption = (
+            f"From {track.momenta_from}. In a good run each is a horizontal line wherever no wrench acts, to the last digit."
+        )
+        time_s = track.seconds(angular.time_ns)
+        figures.append(Figure(plots.momenta(time_s, angular.values, linear.values), caption))
+    if kinetic is not None and len(kinetic.time_ns):
+        figures.append(_energy(track, kinetic))
+    figures += _defects(track, summary)
+    basis = "\n\n".join(f"{b.name[0].upper()}{b.name[1:]}: {b.basis}." for b in summary.balances)
+    rows = text.balance_rows(summary)
+    table = Table(rows[0], rows[1:]) if rows else None
+    return [Section("Momentum and energy", basis, figures=figures, table=table)] if figures or table else []
+
+
+def _energy(track: Track, kinetic: Series) -> Figure:
+    time_s = track.seconds(kinetic.time_ns)
+    if track.work is not None and np.array_equal(track.work.time_ns, kinetic.time_ns):
+        caption = "In a good run the two lines lie on one another: kinetic energy changes by the work done, and by nothing else."
+        return Figure(plots.energy(time_s, kinetic.values, track.work.values), caption)
+    return Figure(plots.energy(time_s, kinetic.values), "In a good run this is a horizontal line wherever no wrench acts.")
+
+
+def _defects(track: Track, summary: Summary) -> list[Figure]:
+    figures = []
+    energy = summary.balance("energy")
+    if energy is not None:
+        caption = (
+            f"The part of the energy that no work explains. In a good run it stays far below the energy itself "
+            f"({energy.scale:.3g} J) and does not grow steadily."
+        )
+        figures.append(Figure(plots.energy_defect(*_series(track, energy)), caption))
+    angular, linear = summary.balance("angular momentum"), summary.balance("linear momentum")
+    if angular is not None or linear is not None:
+        caption = (
+            "The part of the momenta that no impulse explains, from the start of each stretch for which it is known. In a "
+            "good run this is noise of the last digit around zero."
+        )
+        given = [None if balance is None else _series(track, balance) for balance in (angular, linear)]
+        figures.append(Figure(plots.momentum_defects(*given), caption))
+    return figures
+
+
+def _series(track: Track, balance: Balance) -> tuple[Array, Array]:
+    return track.seconds(balance.time_ns), balance.defect
+
+
+def _wrenches(track: Track, summary: Summary) -> list[Section]:
+    panels, idle = [], []
+    for steps in track.wrenches:
+        name = steps.topic.removesuffix(APPLIED)
+        axes = "world" if steps.world.all() else "mixed" if steps.world.any() else "body"
+        for kind, unit, rows in (("Force", "N", steps.force), ("Torque", "N m", steps.torque)):
+            if rows.any():
+                panels.append((f"{kind} of {name}, {axes} axes [{unit}]", track.seconds(steps.time_ns), rows))
+            else:
+                idle.append(f"{kind.lower()} of {name}")
+    rows = text.channel_rows(summary)
+    if not rows:
+        return []
+    caption = (
+        "What acted, each value held until the next. In a good run it is what was meant: no spike, no channel that "
+        f"falls silent.{' Zero throughout: ' + ', '.join(idle) + '.' if idle else ''}"
+    )
+    figures = [Figure(plots.wrench_history(panels, track.seconds(np.array(track.span_ns))), caption)] if panels else []
+    paragraph = "" if panels else "No force and no torque acted at any time."
+    return [Section("Wrenches", paragraph, figures=figures, table=Table(rows[0], rows[1:]))]
+
+
+def _tables(summary: Summary) -> list[Section]:
+    checks = Table(["", "", ""], [[c.name, "passed" if c.passed else "FAILED", c.detail] for c in summary.checks], numeric=False)
+    named = [("First and last state", text.state_rows(summary)), ("Extremes", text.range_rows(summary))]
+    sections = [Section("Checks", table=checks)]
+    sections += [Section(title, table=Table(rows[0], rows[1:])) for title, rows in named if rows]
+    rows = text.topic_rows(summary)
+    sections.append(Section("Topics", "Rates and longest intervals are by log time.", table=Table(rows[0], rows[1:])))
+    if summary.health is not None:
+        values = Table(["", ""], [list(pair) for pair in summary.health.values], numeric=False)
+        sections.append(Section("Diagnostics", text.health_sentence(summary), table=values if values.rows else None))
+    return sections
+
+
+def _provenance(track: Track) -> list[Section]:
+    facts = [
+        [key, value]
+        for name in sorted(track.bag.metadata)
+        for key, value in track.bag.metadata[name].items()
+        if value
+    ]
+    scenes = [content for name, content in sorted(track.bag.attachments.items()) if name.endswith((".yaml", ".yml"))]
+    source = scenes[0].decode("utf-8", "replace") if scenes else ""
+    table = Table(["", ""], facts, numeric=False) if facts else None
+    return [Section("What was run", table=table, source=source, source_title="The scene")] if table or source else []

@@ -1,0 +1,376 @@
+"""`Summary`: what happened in a recorded run, in numbers, and the checks it has to pass. For text and HTML alike.
+
+Judges only what it can: a check that lacks its data is not there, and `missing` says what would bring it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rb_dynamics.recording.mcap_reader import Bag, Topic
+from rb_dynamics.report.balance import Balance, balances
+from rb_dynamics.report.track import APPLIED, Array, Series, Times, Track, WrenchSteps
+
+BOUND = 1e-6
+"""Default of the largest defect accepted, relative to the largest energy or momentum seen."""
+
+DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
+
+# An interval this much longer than the usual one is a gap, where intervals are even.
+_GAP = 1.5
+
+
+@dataclass(frozen=True)
+class TopicFacts:
+    """How the messages of one topic come, by log time.
+
+    Attributes:
+        name: as recorded.
+        type_name: message type.
+        count: messages.
+        first_s: log time of the first message, s from the start of the motion.
+        rate: mean, Hz; 0 for fewer than two messages.
+        longest_s: longest time between two messages.
+        longest_at_s: when that began, s from the start of the motion.
+        gaps: intervals that stand out from even ones; 0 where intervals are not even.
+        backwards: how often log time went back.
+    """
+
+    name: str
+    type_name: str
+    count: int
+    first_s: float
+    rate: float
+    longest_s: float
+    longest_at_s: float
+    gaps: int
+    backwards: int
+
+
+@dataclass(frozen=True)
+class Range:
+    """Smallest and largest value of a quantity, and when (s from the start)."""
+
+    name: str
+    unit: str
+    low: float
+    low_at_s: float
+    high: float
+    high_at_s: float
+
+
+@dataclass(frozen=True)
+class Channel:
+    """What came on one wrench channel and what became of it; None where the log does not say.
+
+    Attributes:
+        topic: as recorded, without "/applied".
+        frames: every `frame_id` met.
+        received: commands that took effect; of a bag without applied wrenches, all commands.
+        applied: changes of what acted.
+        timeouts: drops to zero.
+        rejected: commands that were not honoured.
+        largest_force: N.
+        largest_torque: N m.
+    """
+
+    topic: str
+    frames: tuple[str, ...]
+    received: int | None
+    applied: int | None
+    timeouts: int | None
+    rejected: int | None
+    largest_force: float
+    largest_torque: float
+
+
+@dataclass(frozen=True)
+class Moment:
+    """One quantity at the first and the last sample."""
+
+    name: str
+    unit: str
+    first: tuple[float, ...]
+    last: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Check:
+    """One thing that has to hold, whether it does, and by how much."""
+
+    name: str
+    passed: bool
+    detail: str
+
+
+@dataclass(frozen=True)
+class Health:
+    """The last diagnostics status, and the worst level of all: 0 OK, 1 WARN, 2 ERROR."""
+
+    worst_level: int
+    message: str
+    values: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True)
+class Summary:
+    """A recorded run in numbers.
+
+    Attributes:
+        path: the file, as text.
+        own: written by this package.
+        complete: finished by its writer, not cut off.
+        scene: file name of the scene, "" where unknown.
+        method: solver, as the log describes it; "" where unknown.
+        version: of the package that wrote the log; "" where unknown.
+        steps: None where unknown.
+        start_ns: time of the first sample.
+        duration_s: from the first to the last sample.
+        samples: rows of the motion.
+        topics: by name.
+        moments: first and last state.
+        ranges: extremes.
+        balances: conservation laws.
+        channels: wrench channels.
+        health: None where the log has no diagnostics.
+        momenta_from: see `Track`.
+        checks: what was judged.
+        notes: what a reader has to know about the data.
+        missing: what cannot be computed, and how to give what it needs.
+    """
+
+    path: str
+    own: bool
+    complete: bool
+    scene: str
+    method: str
+    version: str
+    steps: int | None
+    start_ns: int
+    duration_s: float
+    samples: int
+    topics: tuple[TopicFacts, ...]
+    moments: tuple[Moment, ...]
+    ranges: tuple[Range, ...]
+    balances: tuple[Balance, ...]
+    channels: tuple[Channel, ...]
+    health: Health | None
+    momenta_from: str
+    checks: tuple[Check, ...]
+    notes: tuple[str, ...]
+    missing: tuple[str, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether every check holds."""
+        return all(check.passed for check in self.checks)
+
+    def balance(self, name: str) -> Balance | None:
+        """Return the balance of "energy", "angular momentum" or "linear momentum"; None where it is not known."""
+        return next((balance for balance in self.balances if balance.name == name and balance.covered > 0.0), None)
+
+
+def summarize(track: Track, bound: float = BOUND) -> Summary:
+    """Return what happened; `bound` is the largest defect accepted, relative to the largest energy or momentum."""
+    bag = track.bag
+    facts, result = bag.metadata.get("rb_dynamics", {}), bag.metadata.get("rb_dynamics.result", {})
+    start, end = track.span_ns
+    motion = track.pose or track.twist
+    topics = tuple(_topic(topic, start) for _, topic in sorted(bag.topics.items()))
+    health = _health(bag)
+    found = tuple(balances(track))
+    return Summary(
+        path=str(bag.path),
+        own=track.own,
+        complete=bag.complete,
+        scene=facts.get("scene_file", ""),
+        method=facts.get("solver") or facts.get("method", ""),
+        version=facts.get("version.rb_dynamics", ""),
+        steps=int(result["steps"]) if result.get("steps", "").isdecimal() else None,
+        start_ns=start,
+        duration_s=(end - start) * 1e-9,
+        samples=0 if motion is None else len(motion.time_ns),
+        topics=topics,
+        moments=tuple(_moments(track)),
+        ranges=tuple(_ranges(track)),
+        balances=found,
+        channels=tuple(_channels(track, health)),
+        health=health,
+        momenta_from=track.momenta_from,
+        checks=tuple(_checks(track, topics, found, bound)),
+        notes=track.notes,
+        missing=tuple(_missing(track)),
+    )
+
+
+def _topic(topic: Topic, start_ns: int) -> TopicFacts:
+    times = np.array(topic.log_times, dtype=np.int64)
+    if not len(times):
+        return TopicFacts(topic.name, topic.type_name, 0, 0.0, 0.0, 0.0, 0.0, 0, 0)
+    steps = np.diff(times)
+    span = int(times[-1] - times[0])
+    longest = int(steps.argmax()) if len(steps) else 0
+    return TopicFacts(
+        name=topic.name,
+        type_name=topic.type_name,
+        count=len(times),
+        first_s=int(times[0] - start_ns) * 1e-9,
+        rate=len(steps) / (span * 1e-9) if span > 0 else 0.0,
+        longest_s=float(steps[longest]) * 1e-9 if len(steps) else 0.0,
+        longest_at_s=int(times[longest] - start_ns) * 1e-9,
+        gaps=gaps(times),
+        backwards=int((steps < 0).sum()),
+    )
+
+
+def gaps(time_ns: Times) -> int:
+    """Return how many intervals are longer than usual; 0 where nine in ten are not even to 1 %."""
+    steps = np.diff(time_ns)
+    if len(steps) < 3:
+        return 0
+    usual = float(np.median(steps))
+    even = np.abs(steps - usual) <= 0.01 * usual
+    return int((steps > _GAP * usual).sum()) if usual > 0.0 and even.mean() >= 0.9 else 0
+
+
+def _moments(track: Track) -> list[Moment]:
+    pose, twist = track.pose, track.twist
+    axes = "world" if track.twist_in_world else "body"
+    parts = [
+        ("position, world", "m", pose and pose.values[:, :3]),
+        ("orientation x y z w", "", pose and pose.values[:, 3:]),
+        (f"linear velocity, {axes}", "m/s", twist and twist.values[:, :3]),
+        (f"angular velocity, {axes}", "rad/s", twist and twist.values[:, 3:]),
+        ("angular momentum, world", "kg m^2/s", track.angular_momentum and track.angular_momentum.values),
+        ("linear momentum, world", "kg m/s", track.linear_momentum and track.linear_momentum.values),
+        ("kinetic energy", "J", track.kinetic_energy and track.kinetic_energy.values),
+        ("work", "J", track.work and track.work.values),
+    ]
+    return [
+        Moment(name, unit, tuple(np.atleast_1d(rows[0]).tolist()), tuple(np.atleast_1d(rows[-1]).tolist()))
+        for name, unit, rows in parts
+        if rows is not None and len(rows)
+    ]
+
+
+def _ranges(track: Track) -> list[Range]:
+    twist = track.twist
+    speed = twist and Series(twist.topic, twist.time_ns, twist.values[:, :3])
+    rate = twist and Series(twist.topic, twist.time_ns, twist.values[:, 3:])
+    parts = [
+        ("speed of the body origin", "m/s", speed),
+        ("angular rate", "rad/s", rate),
+        ("angular momentum |L|", "kg m^2/s", track.angular_momentum),
+        ("linear momentum |p|", "kg m/s", track.linear_momentum),
+        ("kinetic energy T", "J", track.kinetic_energy),
+        ("work W", "J", track.work),
+    ]
+    return [_range(track, name, unit, series) for name, unit, series in parts if series and len(series.time_ns)]
+
+
+def _range(track: Track, name: str, unit: str, series: Series) -> Range:
+    values = series.values if series.values.ndim == 1 else np.linalg.norm(series.values, axis=1)
+    seconds = track.seconds(series.time_ns)
+    low, high = int(values.argmin()), int(values.argmax())
+    return Range(name, unit, float(values[low]), float(seconds[low]), float(values[high]), float(seconds[high]))
+
+
+def _channels(track: Track, health: Health | None) -> list[Channel]:
+    return [_channel(track, steps, health) for steps in track.wrenches]
+
+
+def _channel(track: Track, steps: WrenchSteps, health: Health | None) -> Channel:
+    name = steps.topic.removesuffix(APPLIED)
+    applied = len(steps.time_ns) if steps.topic.endswith(APPLIED) else None
+    source = track.bag.topics.get(name)
+    received = None if source is None else source.count
+    frames = steps.frames
+    if source is not None and applied is not None and source.count:
+        frames = tuple(sorted({wrench.frame_id for _, wrench in track.bag.wrenches(name)}))
+    # Every applied wrench that no command stands behind is a timeout: that is how the log is written.
+    timeouts = applied - received if track.own and applied is not None and received is not None else None
+    return Channel(
+        topic=name,
+        frames=frames,
+        received=received,
+        applied=applied,
+        timeouts=timeouts,
+        rejected=_rejected(name, health),
+        largest_force=float(np.linalg.norm(steps.force, axis=1).max(initial=0.0)),
+        largest_torque=float(np.linalg.norm(steps.torque, axis=1).max(initial=0.0)),
+    )
+
+
+def _rejected(topic: str, health: Health | None) -> int | None:
+    for key, value in health.values if health else ():
+        match = re.fullmatch(r"(.+): rejected", key)
+        if match and f"/{topic}".endswith(f"/{match[1].lstrip('/')}") and value.isdecimal():
+            return int(value)
+    return None
+
+
+def _health(bag: Bag) -> Health | None:
+    topics = [topic for topic in bag.topics.values() if topic.type_name == DIAGNOSTICS and topic.count]
+    statuses = [status for topic in topics for message in topic.decoded() for status in message[2]]
+    ours = [status for status in statuses if status[1] == "rb_dynamics" or "rb_dynamics" in bag.metadata]
+    if not ours:
+        return None
+    _, _, message, _, values = ours[-1]
+    return Health(max(status[0] for status in ours), message, tuple(values))
+
+
+def _checks(track: Track, topics: Sequence[TopicFacts], found: Sequence[Balance], bound: float) -> list[Check]:
+    complete = track.bag.complete
+    detail = "finished by its writer" if complete else "cut off: it holds what was written until then"
+    checks = [Check("file is whole", complete, detail)]
+    motion = {series.topic for series in (track.pose, track.twist) if series is not None}
+    checks += [_even(facts) for facts in topics if facts.name in motion]
+    if track.pose is not None and len(track.pose.time_ns):
+        checks.append(_unit(track.pose.values[:, 3:], bound))
+    checks += [_balanced(track, balance, bound) for balance in found if balance.covered > 0.0]
+    return checks
+
+
+def _even(facts: TopicFacts) -> Check:
+    name = f"{facts.name} has no gaps"
+    if facts.backwards:
+        return Check(name, False, f"time goes back {facts.backwards} times; two runs in one file cannot be told apart")
+    if facts.gaps:
+        detail = f"{facts.gaps} gaps, the longest {facts.longest_s:.6g} s from t = {facts.longest_at_s:.6g} s"
+        return Check(name, False, detail)
+    return Check(name, True, f"{facts.count} messages, at most {facts.longest_s:.6g} s apart")
+
+
+def _unit(orientation: Array, bound: float) -> Check:
+    worst = float(np.abs(np.linalg.norm(orientation, axis=1) - 1.0).max())
+    return Check("quaternion is unit", worst <= bound, f"norm - 1 is at most {worst:.3g}, accepted {bound:g}")
+
+
+def _balanced(track: Track, balance: Balance, bound: float) -> Check:
+    when = int(balance.worst_ns - track.span_ns[0]) * 1e-9
+    detail = (
+        f"worst {balance.worst:.3g} {balance.unit} at t = {when:.6g} s, relative {balance.relative:.3g}, accepted {bound:g}"
+    )
+    return Check(f"{balance.name} balance", balance.relative <= bound, detail)
+
+
+def _missing(track: Track) -> list[str]:
+    lacks = []
+    if track.pose is None:
+        lacks.append("No PoseStamped or Odometry: position, attitude and everything in world axes are not known.")
+    if track.twist is None:
+        lacks.append("No TwistStamped or Odometry: velocities, momenta and energy are not known.")
+    if track.pose and track.twist and track.body is None and not track.momenta_from:
+        lacks.append(
+            "No mass properties: momenta and energy are not computed. Give them as a scene file with --scene SCENE "
+            "(its keys body.mass, body.center_of_mass and body.inertia are used)."
+        )
+    if track.momenta_from and not track.acted:
+        lacks.append("No wrench topic: a change of momentum or energy cannot be told from a defect, and is not judged.")
+    if track.momenta_from and track.work is None:
+        lacks.append("No energy/work topic: the energy is judged only where no wrench acts.")
+    return lacks

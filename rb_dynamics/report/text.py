@@ -1,0 +1,144 @@
+"""A `Summary` as plain text for a terminal: aligned, at most 100 columns, nothing in it that a terminal obeys."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from rb_dynamics.report.html import printable
+from rb_dynamics.report.summary import Summary
+
+WIDTH = 100
+
+
+def as_text(summary: Summary) -> str:
+    """Return the summary as lines of at most `WIDTH` columns."""
+    lines = [*_wrap(headline(summary)), ""]
+    lines += _table("topic", topic_rows(summary), (39, 16, 9, 10, 11, 11))
+    lines += _table("state", state_rows(summary), (33, 7, 15, 15, 15, 15))
+    lines += _table("extremes", range_rows(summary), (35, 16, 16, 16, 16))
+    lines += _table("balance", balance_rows(summary), (29, 14, 14, 14, 14, 14))
+    lines += [line for row in summary.balances for line in _wrap(f"  {row.name}: {row.basis}", "    ")]
+    lines += [""] if summary.balances else []
+    lines += _table("wrench channel", channel_rows(summary), (30, 11, 9, 9, 9, 9, 11, 12))
+    if summary.health:
+        lines += [*_wrap(f"diagnostics: {health_sentence(summary)}"), ""]
+    for remark in (*summary.missing, *summary.notes):
+        lines += _wrap(f"note: {remark}", "  ")
+    lines += [""] if summary.missing or summary.notes else []
+    for check in summary.checks:
+        lines += _wrap(f"{'ok  ' if check.passed else 'FAIL'}  {check.name}: {check.detail}", "      ")
+    failed = sum(not check.passed for check in summary.checks)
+    verdict = f"{failed} of {len(summary.checks)} checks failed" if failed else f"all {len(summary.checks)} checks passed"
+    return "\n".join([*lines, verdict])
+
+
+def headline(summary: Summary) -> str:
+    """Return what the file is, in one or two sentences."""
+    source = f"log of rb_dynamics {summary.version}".rstrip() if summary.own else "recording"
+    scene = f" of {summary.scene}" if summary.scene else ""
+    samples = f"{summary.duration_s:.9g} s in {summary.samples} samples" if summary.samples else "no motion recorded"
+    method = f"; {summary.method}" if summary.method else ""
+    steps = f", {summary.steps} steps" if summary.steps is not None else ""
+    start = "" if summary.start_ns == 0 else f", from t = {summary.start_ns / 1e9:.9f} s"
+    state = "" if summary.complete else ", cut off"
+    return f"{summary.path}: {source}{scene}{state}: {samples}{start}{method}{steps}"
+
+
+def topic_rows(summary: Summary) -> list[list[str]]:
+    """Return header and rows: how messages come."""
+    rows = [["", "type", "messages", "rate [Hz]", "longest [s]", "at t [s]"]]
+    for t in summary.topics:
+        kind = t.type_name.rpartition("/")[2]
+        spaced = t.count > 1
+        rows.append(
+            [
+                t.name,
+                kind,
+                str(t.count),
+                _short(t.rate) if t.rate else "",
+                _short(t.longest_s) if spaced else "",
+                _short(t.longest_at_s) if spaced else "",
+            ]
+        )
+    return rows
+
+
+def state_rows(summary: Summary) -> list[list[str]]:
+    """Return header and rows: first and last state; empty without motion."""
+    rows = [["", "", "x", "y", "z", "w"]]
+    for m in summary.moments:
+        for when, values in (("first", m.first), ("last", m.last)):
+            name = m.name + (f" [{m.unit}]" if m.unit else "") if when == "first" else ""
+            rows.append([name, when, *(f"{value:.8g}" for value in values), *[""] * (4 - len(values))])
+    return rows if summary.moments else []
+
+
+def range_rows(summary: Summary) -> list[list[str]]:
+    """Return header and rows: extremes; empty without motion."""
+    rows = [["", "smallest", "at t [s]", "largest", "at t [s]"]]
+    for r in summary.ranges:
+        rows.append([f"{r.name} [{r.unit}]", f"{r.low:.8g}", _short(r.low_at_s), f"{r.high:.8g}", _short(r.high_at_s)])
+    return rows if summary.ranges else []
+
+
+def balance_rows(summary: Summary) -> list[list[str]]:
+    """Return header and rows: defects; empty where nothing is balanced."""
+    rows = [["", "worst defect", "at t [s]", "largest seen", "relative", "known for"]]
+    for b in summary.balances:
+        numbers = [f"{b.worst:.3e}", _short((b.worst_ns - summary.start_ns) * 1e-9), f"{b.scale:.4g}", f"{b.relative:.3e}"]
+        known = f"{100.0 * b.covered:.3g} %"
+        rows.append([f"{b.name} [{b.unit}]", *(numbers if b.covered else ["", "", f"{b.scale:.4g}", ""]), known])
+    return rows if summary.balances else []
+
+
+def channel_rows(summary: Summary) -> list[list[str]]:
+    """Return header and rows: what came on each wrench channel; empty without channels."""
+    rows = [["", "frame", "received", "applied", "timeouts", "rejected", "max |F| [N]", "max |τ| [Nm]"]]
+    for c in summary.channels:
+        counts = ["?" if n is None else str(n) for n in (c.received, c.applied, c.timeouts, c.rejected)]
+        frames = ", ".join(frame or '""' for frame in c.frames)
+        rows.append([c.topic, frames, *counts, f"{c.largest_force:.5g}", f"{c.largest_torque:.5g}"])
+    return rows if summary.channels else []
+
+
+def health_sentence(summary: Summary) -> str:
+    """Return the worst level and the last message of the diagnostics."""
+    if summary.health is None:
+        return ""
+    level = ("ok", "warning", "error", "stale")[min(summary.health.worst_level, 3)]
+    return f"worst level {level}; last message: {summary.health.message or 'none'}"
+
+
+def _short(value: float) -> str:
+    return f"{value:.6g}"
+
+
+def _table(title: str, rows: Sequence[Sequence[str]], widths: Sequence[int]) -> list[str]:
+    if not rows:
+        return []
+    header, *body = rows
+    lines = [_line([title.upper(), *header[1:]], widths)]
+    lines += [_line([f"  {row[0]}" if row[0] else "", *row[1:]], widths) for row in body]
+    return [*lines, ""]
+
+
+def _line(cells: Sequence[str], widths: Sequence[int]) -> str:
+    first, *rest = (_fit(cell, width) for cell, width in zip(cells, widths, strict=True))
+    return (first.ljust(widths[0]) + "".join(c.rjust(w) for c, w in zip(rest, widths[1:], strict=True))).rstrip()
+
+
+def _fit(cell: str, width: int) -> str:
+    """Return `cell` with its middle left out where it is too wide; one column stays free."""
+    text = printable(cell)
+    if len(text) < width:
+        return text
+    half = (width - 2) // 2
+    return f"{text[: width - 2 - half]}…{text[len(text) - half :]}"
+
+
+def _wrap(text: str, indent: str = "  ") -> Iterable[str]:
+    import textwrap
+
+    return textwrap.wrap(
+        " ".join(printable(text).split("\n")), WIDTH, subsequent_indent=indent, drop_whitespace=True, break_on_hyphens=False
+    )

@@ -1,0 +1,132 @@
+"""The only place where ROS messages meet tuples: stamps, wrenches in, samples out.
+
+Axes and reference points: `pose` is the body origin in the world, `twist` the velocity of the body origin and the
+angular velocity, both in body axes, as REP-103 and nav_msgs/Odometry have it.
+"""
+
+from __future__ import annotations
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import (
+    InertiaStamped,
+    Pose,
+    PoseStamped,
+    Quaternion,
+    Twist,
+    TwistStamped,
+    Vector3,
+    Vector3Stamped,
+    WrenchStamped,
+)
+from nav_msgs.msg import Odometry
+
+from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.diagnostics import Sample
+from rb_dynamics.loads.wrench import Wrench, WrenchFrames
+from rb_dynamics.recording.sink import Status
+from rb_dynamics.rotation import rotate_inverse
+from rb_dynamics.vector import Vector
+
+_NANOSECONDS = 1_000_000_000
+
+
+def to_stamp(time_ns: int) -> Time:
+    """Return integer nanoseconds as a stamp."""
+    return Time(sec=time_ns // _NANOSECONDS, nanosec=time_ns % _NANOSECONDS)
+
+
+def to_nanoseconds(stamp: Time) -> int:
+    """Return a stamp as integer nanoseconds."""
+    return int(stamp.sec) * _NANOSECONDS + int(stamp.nanosec)
+
+
+def to_wrench(message: WrenchStamped) -> Wrench:
+    """Return a wrench command; nothing is checked here."""
+    force, torque = message.wrench.force, message.wrench.torque
+    return Wrench(
+        (force.x, force.y, force.z),
+        (torque.x, torque.y, torque.z),
+        message.header.frame_id,
+        to_nanoseconds(message.header.stamp),
+    )
+
+
+def pose(sample: Sample, frames: WrenchFrames) -> PoseStamped:
+    """Return the pose of the body origin in the world frame."""
+    message = PoseStamped()
+    message.header.stamp = to_stamp(sample.time_ns)
+    message.header.frame_id = frames.world_frame
+    _fill_pose(message.pose, sample)
+    return message
+
+
+def twist(sample: Sample, frames: WrenchFrames) -> TwistStamped:
+    """Return the twist of the body origin in body axes; `header.frame_id` is the body frame."""
+    message = TwistStamped()
+    message.header.stamp = to_stamp(sample.time_ns)
+    message.header.frame_id = frames.body_frame
+    _fill_twist(message.twist, sample)
+    return message
+
+
+def odometry(sample: Sample, frames: WrenchFrames) -> Odometry:
+    """Return pose in the world frame and twist in body axes in one message; covariances are zero."""
+    message = Odometry()
+    message.header.stamp = to_stamp(sample.time_ns)
+    message.header.frame_id = frames.world_frame
+    message.child_frame_id = frames.body_frame
+    _fill_pose(message.pose.pose, sample)
+    _fill_twist(message.twist.twist, sample)
+    return message
+
+
+def vector(value: Vector, time_ns: int, frame_id: str) -> Vector3Stamped:
+    """Return a vector with its time and axes."""
+    message = Vector3Stamped()
+    message.header.stamp = to_stamp(time_ns)
+    message.header.frame_id = frame_id
+    message.vector = Vector3(x=value[0], y=value[1], z=value[2])
+    return message
+
+
+def inertia(body: RigidBody, body_frame: str) -> InertiaStamped:
+    """Return the mass properties: matrix entries about the centre of mass in body axes."""
+    message = InertiaStamped()
+    message.header.frame_id = body_frame
+    (ixx, ixy, ixz), (_, iyy, iyz), (_, _, izz) = body.inertia
+    x, y, z = body.center_of_mass
+    content = message.inertia
+    content.m, content.com = body.mass, Vector3(x=x, y=y, z=z)
+    content.ixx, content.ixy, content.ixz, content.iyy, content.iyz, content.izz = ixx, ixy, ixz, iyy, iyz, izz
+    return message
+
+
+def diagnostics(status: Status, name: str, hardware_id: str) -> DiagnosticArray:
+    """Return a status as `/diagnostics` shows it."""
+    message = DiagnosticArray()
+    message.header.stamp = to_stamp(status.time_ns)
+    message.status = [
+        DiagnosticStatus(
+            level=bytes([status.level]),
+            name=name,
+            message=status.message,
+            hardware_id=hardware_id,
+            values=[KeyValue(key=key, value=value) for key, value in status.values.items()],
+        )
+    ]
+    return message
+
+
+def _fill_pose(target: Pose, sample: Sample) -> None:
+    x, y, z = sample.position_world
+    qx, qy, qz, qw = sample.orientation_xyzw
+    target.position.x, target.position.y, target.position.z = x, y, z
+    target.orientation = Quaternion(x=qx, y=qy, z=qz, w=qw)
+
+
+def _fill_twist(target: Twist, sample: Sample) -> None:
+    vx, vy, vz = rotate_inverse(sample.orientation_xyzw, sample.linear_velocity_world)
+    wx, wy, wz = sample.angular_velocity_body
+    target.linear = Vector3(x=vx, y=vy, z=vz)
+    target.angular = Vector3(x=wx, y=wy, z=wz)

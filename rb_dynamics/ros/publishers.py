@@ -1,0 +1,91 @@
+"""`TopicSink`: the node's publishers behind the same interface as the logs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from operator import attrgetter
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import InertiaStamped, PoseStamped, TwistStamped, Vector3Stamped
+from nav_msgs.msg import Odometry
+from rclpy.duration import Duration
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Float64
+
+from rb_dynamics.diagnostics import Sample
+from rb_dynamics.loads.wrench import WrenchFrames
+from rb_dynamics.recording.sink import Event, RunInfo, Status
+from rb_dynamics.ros import conversions
+
+_DEPTH = 10
+
+
+_Make = Callable[[Sample], object]
+
+
+class TopicSink:
+    """Publishes every sample on the topics of the node; a topic that nobody reads costs nothing.
+
+    A reader that joins is greeted with the newest sample, so that it sees where a paused node stands.
+    """
+
+    def __init__(self, node: Node, frames: WrenchFrames, publish_clock: bool) -> None:
+        """Create the publishers on `node`."""
+        self._node, self._frames = node, frames
+        self._newest: Sample | None = None
+        transient = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._inertia = node.create_publisher(InertiaStamped, "inertia", transient)
+        self._diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", 1)
+        self._samples: list[tuple[Publisher, _Make]] = []
+        if publish_clock:
+            self._add(Clock, "/clock", lambda s: Clock(clock=conversions.to_stamp(s.time_ns)))
+        self._add(PoseStamped, "pose", lambda s: conversions.pose(s, frames))
+        self._add(TwistStamped, "twist", lambda s: conversions.twist(s, frames))
+        self._add(Odometry, "odom", lambda s: conversions.odometry(s, frames))
+        world = frames.world_frame
+        for name in ("angular_momentum", "linear_momentum"):
+            value = attrgetter(f"{name}_world")
+            self._add(Vector3Stamped, name, lambda s, value=value: conversions.vector(value(s), s.time_ns, world))
+        self._add(Float64, "energy/kinetic", lambda s: Float64(data=s.kinetic_energy))
+        self._add(Float64, "energy/work", lambda s: Float64(data=s.work))
+        self._add(Float64, "energy/defect", lambda s: Float64(data=s.energy_defect))
+
+    def open(self, run: RunInfo) -> None:
+        """Publish what is simulated; late subscribers get it too (transient local)."""
+        self._inertia.publish(conversions.inertia(run.scene.body, self._frames.body_frame))
+
+    def write(self, event: Event) -> None:
+        """Publish a sample or a status; wrenches are not echoed."""
+        if isinstance(event, Sample):
+            self._newest = event
+            for publisher, make in self._samples:
+                if publisher.get_subscription_count():
+                    publisher.publish(make(event))
+        elif isinstance(event, Status):
+            name = self._node.get_fully_qualified_name()
+            self._diagnostics.publish(conversions.diagnostics(event, name, self._frames.body_frame))
+
+    def close(self, result: Mapping[str, str]) -> None:
+        """Wait, briefly, until readers have what was published last."""
+        for publisher, _ in self._samples:
+            publisher.wait_for_all_acked(Duration(seconds=0.2))
+
+    def _add(self, kind: type, topic: str, make: _Make) -> None:
+        def greet(event: Any) -> None:
+            if event.current_count_change > 0 and self._newest is not None:
+                publisher.publish(make(self._newest))
+
+        publisher = self._node.create_publisher(
+            kind,
+            topic,
+            _DEPTH,
+            event_callbacks=PublisherEventCallbacks(matched=greet),
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        )
+        self._samples.append((publisher, make))

@@ -1,0 +1,263 @@
+"""YAML text as a tree of plain values that remembers on which line each stands.
+
+Bounded in size, depth and number of values, so that no input takes long or much memory. Tags are refused, so that
+nothing is ever constructed from a file. Never knows which keys a scene may have: `scene/read.py` does.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from numbers import Real
+from typing import Any, TypeAlias
+
+import yaml
+
+from rb_dynamics.errors import SceneError
+from rb_dynamics.scene.problems import Problems, printable
+
+MAX_CHARACTERS = 1 << 20
+MAX_DEPTH = 32
+MAX_VALUES = 100_000
+
+Value: TypeAlias = "bool | float | str | list[Node] | dict[str, Node] | None"
+
+# YAML 1.1 reads 1e-9 as text, 010 as octal, 1_000 as 1000 and 1:30 as 90. Here a number is what people and other
+# languages write in decimal, and anything else stays text, which is then reported where a number is expected.
+_DECIMAL = re.compile(r"[-+]?(?:(?:0|[1-9][0-9]*)(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
+_NOT_FINITE = re.compile(r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)")
+
+
+@dataclass(slots=True)
+class Node:
+    """One value of a document.
+
+    Attributes:
+        value: every number is a float; mappings keep the order of the file.
+        line: where the value begins, from 1; None where it comes from an override.
+        key_line: where its key stands; the value's line for an item of a list.
+        text: a scalar as it was written, for messages.
+        quoted: a scalar that stood in quotes.
+    """
+
+    value: Value
+    line: int | None = None
+    key_line: int | None = None
+    text: str = ""
+    quoted: bool = False
+
+
+def parse(text: str, problems: Problems) -> Node:
+    """Return the mapping that `text` holds; duplicate keys go to `problems`.
+
+    Raises:
+        SceneError: not YAML, not one mapping, or beyond the limits of this module.
+    """
+    source = problems.source
+    if len(text) > MAX_CHARACTERS:
+        raise SceneError(
+            f"{source}: found {len(text)} characters, expected at most {MAX_CHARACTERS}; a scene is a short text, "
+            "check that this is the right file"
+        )
+    root = _compose(text, source)
+    if root is None:
+        raise SceneError(f"{source}: found an empty document, expected a scene; it needs at least body.mass")
+    document = _Converter(problems).convert(root, 0)
+    if not isinstance(document.value, dict):
+        raise SceneError(
+            f"{source}:{document.line}: found {show(document)}, expected a mapping with the key body; "
+            "check that this is a scene file"
+        )
+    return document
+
+
+def from_python(value: object) -> Node:
+    """Return `value` (scalar, sequence, mapping or array) as a node that came from an override."""
+    tolist = getattr(value, "tolist", None)  # numpy and array.array, without importing either
+    if callable(tolist):
+        value = tolist()
+    if value is None or isinstance(value, bool):
+        return Node(value, text={None: "null", True: "true", False: "false"}[value])
+    if isinstance(value, Real):
+        return Node(_float(value), text=repr(value))
+    if isinstance(value, str):
+        return Node(value, text=value, quoted=True)
+    if isinstance(value, Mapping):
+        return Node({str(key): from_python(item) for key, item in value.items()})
+    if isinstance(value, Sequence) and not isinstance(value, (bytes, bytearray)):
+        return Node([from_python(item) for item in value])
+    return Node(None, text=repr(value))
+
+
+def to_text(document: Node, comment: str) -> str:
+    """Return YAML that `parse` reads as `document`, headed by `comment`."""
+    body = yaml.dump(
+        _to_python(document), Dumper=_Dumper, sort_keys=False, allow_unicode=True, default_flow_style=None, width=120
+    )
+    return f"# {printable(comment, 1000)}\n{body}"
+
+
+def show(node: Node, limit: int = 60) -> str:
+    """Return the value of `node` as it was written, on one line and cut at `limit` characters."""
+    value = node.value
+    if isinstance(value, list):
+        return printable(f"[{', '.join(show(item) for item in value[:10])}{', ...' if len(value) > 10 else ''}]", limit)
+    if isinstance(value, dict):
+        items = [f"{printable(key)}: {show(item)}" for key, item in list(value.items())[:10]]
+        return printable("{" + ", ".join(items) + (", ..." if len(value) > 10 else "") + "}", limit)
+    if value is None and node.text in ("", "null", "~"):
+        return "nothing"
+    return printable(f"'{node.text}'" if node.quoted else node.text, limit)
+
+
+def is_decimal(text: str) -> bool:
+    """Return whether `text` is a number in decimal notation."""
+    return _DECIMAL.fullmatch(text) is not None
+
+
+def _to_python(node: Node) -> object:
+    if isinstance(node.value, dict):
+        return {name: _to_python(item) for name, item in node.value.items()}
+    if isinstance(node.value, list):
+        return [_to_python(item) for item in node.value]
+    return node.value
+
+
+class _Dumper(yaml.SafeDumper):
+    """PyYAML's dumper with quotes around text that `parse` would read as a number, such as '1e-9'."""
+
+
+def _represent_text(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
+    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style="'" if is_decimal(text) else None)
+
+
+_Dumper.add_representer(str, _represent_text)
+
+
+class _Loader(yaml.SafeLoader):
+    """PyYAML's composer, stopped at the limits of this module while it composes, not after."""
+
+    def __init__(self, text: str, source: str) -> None:
+        super().__init__(text)
+        self._source = source
+        self._depth = 0
+        self._count = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        event = self.peek_event()  # type: ignore[no-untyped-call]
+        line = event.start_mark.line + 1
+        tag = getattr(event, "tag", None)
+        if tag is not None:
+            raise SceneError(
+                f"{self._source}:{line}: found the YAML tag {printable(tag)}, expected plain values; remove the tag"
+            )
+        self._count += 1
+        _check_limits(self._depth, self._count, self._source, line)
+        self._depth += 1
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        return node
+
+
+def _check_limits(depth: int, count: int, source: str, line: int) -> None:
+    if depth > MAX_DEPTH:
+        raise SceneError(
+            f"{source}:{line}: found values nested more than {MAX_DEPTH} deep, expected a scene; "
+            "check the brackets and aliases (*name)"
+        )
+    if count > MAX_VALUES:
+        raise SceneError(
+            f"{source}:{line}: found more than {MAX_VALUES} values, those behind aliases (*name) counted each time, "
+            "expected fewer; write a smaller scene"
+        )
+
+
+def _compose(text: str, source: str) -> yaml.Node | None:
+    try:
+        loader = _Loader(text, source)
+        try:
+            return loader.get_single_node()
+        finally:
+            loader.dispose()
+    except yaml.MarkedYAMLError as error:
+        raise _not_yaml(error, source) from error
+    except yaml.reader.ReaderError as error:
+        line = text.count("\n", 0, error.position) + 1
+        raise SceneError(
+            f"{source}:{line}: found the character {chr(error.character)!a}, expected a text file in UTF-8; "
+            "check that this is a scene file"
+        ) from error
+    except (ValueError, OverflowError) as error:  # PyYAML's own slips, as for "\UFFFFFFFF"
+        raise SceneError(
+            f"{source}: found {error}, expected valid YAML; check escapes such as \\U in quotes"
+        ) from error
+
+
+def _not_yaml(error: yaml.MarkedYAMLError, source: str) -> SceneError:
+    mark = error.problem_mark or error.context_mark
+    place = f"{source}:{mark.line + 1}" if mark else source
+    what = ", ".join(text for text in (error.context, error.problem) if text)
+    tab = "'\\t'" in what
+    remedy = "indent with spaces, not with tabs" if tab else "correct this line or the one above it"
+    return SceneError(f"{place}: {what}, expected valid YAML; {remedy}")
+
+
+@dataclass
+class _Converter:
+    """Turns PyYAML's nodes into ours; aliases are expanded, and counted as often as they are."""
+
+    problems: Problems
+    count: int = field(default=0, init=False)
+
+    def convert(self, node: yaml.Node, depth: int, key: str = "", key_line: int | None = None) -> Node:
+        self.count += 1
+        line = node.start_mark.line + 1
+        _check_limits(depth, self.count, self.problems.source, line)
+        if isinstance(node, yaml.ScalarNode):
+            return Node(_scalar(node), line, key_line or line, node.value, node.style is not None)
+        if isinstance(node, yaml.SequenceNode):
+            items = [self.convert(item, depth + 1, f"{key}[{i}]") for i, item in enumerate(node.value)]
+            return Node(items, line, key_line or line)
+        return Node(self._mapping(node, depth, key), line, key_line or line)
+
+    def _mapping(self, node: yaml.Node, depth: int, key: str) -> dict[str, Node]:
+        items: dict[str, Node] = {}
+        for name_node, value_node in node.value:
+            line = name_node.start_mark.line + 1
+            name = name_node.value
+            if not isinstance(name_node, yaml.ScalarNode) or name_node.tag == "tag:yaml.org,2002:merge":
+                self.problems.add(line, key, "found a key that is no plain name, expected names; write the keys out")
+                continue
+            path = join(key, name)
+            if name in items:
+                first = items[name].key_line
+                self.problems.add(line, path, f"found again, first on line {first}, expected once; remove one of them")
+                continue
+            items[name] = self.convert(value_node, depth + 1, path, line)
+        return items
+
+
+def join(key: str, name: str) -> str:
+    """Return the dotted key of `name` in the section `key`."""
+    return f"{key}.{name}" if key else name
+
+
+def _scalar(node: yaml.ScalarNode) -> bool | float | str | None:
+    text: str = node.value
+    if node.style is not None:
+        return text
+    if is_decimal(text):
+        return float(text)
+    if _NOT_FINITE.fullmatch(text):
+        return float(text.replace(".", ""))
+    if node.tag == "tag:yaml.org,2002:bool":
+        return text.lower() in ("yes", "true", "on")
+    return None if node.tag == "tag:yaml.org,2002:null" else text
+
+
+def _float(value: Any) -> float:
+    try:
+        return float(value)
+    except OverflowError:  # an integer beyond the doubles; reported as not finite
+        return float("inf") if value > 0 else float("-inf")

@@ -1,0 +1,73 @@
+"""Overrides: values from the command line, ROS parameters or a campaign, set in a document before it is validated.
+
+Never validates them: an override is checked as if it stood in the file.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+
+from rb_dynamics.scene.document import Node, from_python, join, show
+from rb_dynamics.scene.problems import Problems
+
+# A dotted key, with [n] for an item of a list, as messages write it: wrenches[0].timeout
+_PART = re.compile(r"([^.\[\]]+)((?:\[[0-9]{1,6}\])*)")
+
+
+def apply_overrides(document: Node, overrides: Mapping[str, object], problems: Problems) -> None:
+    """Set each dotted key of `overrides` in `document`; keys that lead nowhere go to `problems`.
+
+    `solver.step` takes the place of `solver.accuracy` and the other way round, unless both are overridden.
+    """
+    for key, value in overrides.items():
+        _set(document, str(key), from_python(value), problems)
+    for given, other in (("step", "accuracy"), ("accuracy", "step")):
+        if f"solver.{given}" in overrides and f"solver.{other}" not in overrides:
+            _drop_from_solver(document, other)
+
+
+def _drop_from_solver(document: Node, name: str) -> None:
+    solver = document.value.get("solver") if isinstance(document.value, dict) else None
+    if solver is not None and isinstance(solver.value, dict):
+        solver.value.pop(name, None)
+
+
+def _set(document: Node, key: str, new: Node, problems: Problems) -> None:
+    steps = _steps(key)
+    if not steps:
+        problems.add(None, key, "found this as an override, expected a dotted key; write it as in body.mass")
+    node, path = document, ""
+    for i, step in enumerate(steps):
+        child = _enter(node, step, new if i + 1 == len(steps) else None)
+        if child is None:
+            wanted = f"the key {step}" if isinstance(step, str) else f"an item [{step}]"
+            text = f"found {path or 'the scene'} to be {show(node)}, expected it to hold {wanted}; correct the override"
+            problems.add(None, key, text)
+            return
+        node, path = child, join(path, step) if isinstance(step, str) else f"{path}[{step}]"
+
+
+def _enter(node: Node, step: str | int, new: Node | None) -> Node | None:
+    """Return what `step` leads to from `node`, after putting `new` there; None where there is no such place."""
+    if isinstance(step, str) and isinstance(node.value, dict):
+        if new is not None:
+            node.value[step] = new
+        return node.value.setdefault(step, Node({}))
+    if isinstance(step, int) and isinstance(node.value, list) and step < len(node.value):
+        if new is not None:
+            node.value[step] = new
+        return node.value[step]
+    return None
+
+
+def _steps(key: str) -> list[str | int]:
+    """Return the names and indices that `key` walks along; none where it is not a dotted key."""
+    steps: list[str | int] = []
+    for part in key.split("."):
+        match = _PART.fullmatch(part)
+        if match is None:
+            return []
+        steps.append(match[1])
+        steps.extend(int(index) for index in re.findall("[0-9]+", match[2]))
+    return steps

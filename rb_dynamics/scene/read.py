@@ -1,0 +1,153 @@
+"""Scene files: YAML -> validated `Scene`. The keys, defaults and limits of a scene stand here and in `read_*.py`.
+
+Never guesses: what is not understood is an error that names file, line, key, value, expectation and remedy.
+"""
+
+from __future__ import annotations
+
+import difflib
+import os
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from rb_dynamics.body.state import State
+from rb_dynamics.errors import SceneError
+from rb_dynamics.scene import document
+from rb_dynamics.scene.fields import LONGEST, SHORTEST, Field, Rule, Section
+from rb_dynamics.scene.model import Scene, Solver
+from rb_dynamics.scene.overrides import apply_overrides
+from rb_dynamics.scene.problems import Problems, printable
+from rb_dynamics.scene.read_body import body_and_frames
+from rb_dynamics.scene.read_channels import channels
+
+_NO_OVERRIDES: Mapping[str, object] = MappingProxyType({})
+
+_ROOT_KEYS = ("world_frame", "body", "initial", "wrenches", "effects", "solver", "duration", "output_rate")
+_INITIAL_KEYS = ("position_world", "orientation", "linear_velocity_world", "angular_velocity_body")
+
+_POSITION = Rule("a finite number (m)")
+_VELOCITY = Rule("a finite number (m/s)")
+_ANGULAR_VELOCITY = Rule("a finite number (rad/s)")
+_STEP = Rule(
+    f"a number from {SHORTEST:g} to {LONGEST:.1e} (s)",
+    lambda v: SHORTEST <= v <= LONGEST,
+    "time is counted in nanoseconds, write a step such as 0.001",
+)
+_ACCURACY = Rule(
+    "a number greater than 0 and less than 1",
+    lambda v: 0.0 < v < 1.0,
+    "write the error accepted at the end of the run, such as 1.0e-9",
+)
+_DURATION = Rule(
+    f"a number from {SHORTEST:g} to {LONGEST:.1e} (s)",
+    lambda v: SHORTEST <= v <= LONGEST,
+    "time is counted in 64-bit nanoseconds, write the seconds to simulate or remove the key",
+)
+_OUTPUT_RATE = Rule(
+    f"0 (every step) or a number from {1.0 / LONGEST:.1e} to {1.0 / SHORTEST:g} (Hz)",
+    lambda v: v == 0.0 or 1.0 / LONGEST <= v <= 1.0 / SHORTEST,
+    "write how many states per second to publish and log, such as 100",
+)
+
+
+def read_scene(path: str | os.PathLike[str], overrides: Mapping[str, object] = _NO_OVERRIDES) -> Scene:
+    """Return the scene in the YAML file `path`, with dotted keys replaced as `overrides` says.
+
+    Raises:
+        SceneError: the file cannot be read, or is not a valid scene; one line for each problem.
+    """
+    source = os.fspath(path)
+    try:
+        with open(source, "rb") as file:
+            data = file.read(document.MAX_CHARACTERS + 1)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise SceneError(
+            f"{printable(source, 200)}: found no readable file ({reason}), expected a scene in YAML; check the path"
+        ) from error
+    if len(data) > document.MAX_CHARACTERS:
+        raise SceneError(
+            f"{source}: found more than {document.MAX_CHARACTERS} bytes, expected a scene of at most that; "
+            "a scene is a short text, check that this is the right file"
+        )
+    try:
+        text = data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise SceneError(
+            f"{source}: found a byte that is not UTF-8 at offset {error.start}, expected a text file; "
+            "check that this is a scene file, and save it as UTF-8"
+        ) from error
+    return parse_scene(text, source, overrides)
+
+
+def parse_scene(text: str, source: str = "<scene>", overrides: Mapping[str, object] = _NO_OVERRIDES) -> Scene:
+    """Return the scene in the YAML `text`, with dotted keys replaced as `overrides` says.
+
+    >>> scene = parse_scene("body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}", overrides={"duration": 10.0})
+    >>> scene.body.principal_moments, scene.duration
+    ((1.0, 2.0, 3.0), 10.0)
+
+    Raises:
+        SceneError: `text` is not a valid scene; one line for each problem, headed by `source` and its line.
+    """
+    problems = Problems(source)
+    tree = document.parse(text, problems)
+    apply_overrides(tree, overrides, problems)
+    root = Field(tree, "", problems).section(_ROOT_KEYS)
+    body, frames = body_and_frames(root)
+    initial = _initial(root.section("initial", _INITIAL_KEYS))
+    wrenches = channels(root.get("wrenches"))
+    _check_effects(root.get("effects"))
+    solver = _solver(root.section("solver", ("method", "accuracy", "step")))
+    duration = root.get("duration")
+    seconds = None if duration is None else duration.number(_DURATION, 1.0)
+    output_rate = root.number("output_rate", _OUTPUT_RATE, 100.0)
+    if body is None or problems:
+        raise problems.error()
+    if overrides:
+        text = document.to_text(tree, f"{source} with overrides of {', '.join(overrides)}")
+    return Scene(body, frames, initial, wrenches, solver, seconds, output_rate, text, source)
+
+
+def _initial(section: Section) -> State:
+    return State(
+        time_ns=0,
+        position_world=section.vector("position_world", _POSITION),
+        orientation_xyzw=section.quaternion("orientation"),
+        linear_velocity_world=section.vector("linear_velocity_world", _VELOCITY),
+        angular_velocity_body=section.vector("angular_velocity_body", _ANGULAR_VELOCITY),
+    )
+
+
+def _check_effects(field: Field | None) -> None:
+    if field is None:
+        return
+    for effect in field.items("a list", "write [] for no effects"):
+        effect.reject("no entries: no type of effect is known to this version yet", "remove it")
+
+
+def _solver(section: Section) -> Solver:
+    method = _method(section.get("method"))
+    step, accuracy = section.get("step"), section.get("accuracy")
+    if step is None:
+        return Solver(method, None, section.number("accuracy", _ACCURACY, 1e-9))
+    if accuracy is not None:
+        accuracy.number(_ACCURACY, 1e-9)
+        section.field.reject("one of step and accuracy", "remove the other", "both step and accuracy")
+    return Solver(method, step.number(_STEP, 1.0), None)
+
+
+def _method(field: Field | None) -> str:
+    from rb_dynamics.motion import METHODS
+
+    if field is None:
+        return "auto"
+    known = ("auto", *METHODS)
+    text = field.node.value if isinstance(field.node.value, str) else ""
+    near = difflib.get_close_matches(text.lower()[:60], known, n=1)
+    return field.text(
+        f"one of {', '.join(known)}",
+        lambda name: name in known,
+        f"did you mean {near[0]}?" if near else "write auto to let the method be chosen",
+        "auto",
+    )

@@ -1,0 +1,73 @@
+"""The `wrenches` section of a scene: the channels by which commands come, and which topics they may have."""
+
+from __future__ import annotations
+
+import re
+
+from rb_dynamics.scene.fields import LONGEST, SHORTEST, Field, Rule, Section
+from rb_dynamics.scene.model import Channel
+
+# What we publish ourselves: a channel of that name would clash with it in the graph and in the log.
+PUBLISHED_TOPICS = frozenset(
+    {
+        "pose", "twist", "odom", "accel", "angular_momentum", "linear_momentum", "energy/kinetic", "energy/work",
+        "energy/defect", "inertia", "diagnostics", "tf", "clock",
+    }
+)  # fmt: skip
+
+_TIMEOUT = Rule(
+    f"0 (hold for ever) or a number from {SHORTEST:g} to {LONGEST:.1e} (s)",
+    lambda v: v == 0.0 or SHORTEST <= v <= LONGEST,
+    "write 0 or the time after which the channel drops to zero",
+)
+
+
+def channels(field: Field | None) -> tuple[Channel, ...]:
+    """Return the channels in the order of the scene; one named `wrench` where the section is absent."""
+    if field is None:
+        return (Channel(),)
+    taken: dict[str, str] = {}
+    entries = field.items("a list of channels", "write a list such as [{topic: wrench}], or [] for none")
+    return tuple(_channel(entry.section(("topic", "timeout", "optional")), taken) for entry in entries)
+
+
+def _channel(section: Section, taken: dict[str, str]) -> Channel:
+    optional = section.get("optional")
+    return Channel(
+        _topic(section, taken),
+        section.number("timeout", _TIMEOUT, 0.0),
+        optional is not None and optional.flag(default=False),
+    )
+
+
+def _topic(section: Section, taken: dict[str, str]) -> str:
+    """Return the channel's topic; notes one that is no ROS name, or would share its name with another."""
+    field = section.get("topic")
+    if field is None:
+        section.missing("topic", "the name of a topic", "add topic: wrench")
+        return ""
+    topic = field.text(
+        "a ROS topic name",
+        _is_topic,
+        "use letters, digits and _, with / between parts that do not begin with a digit",
+        "",
+    )
+    # In the root namespace wrench and /wrench are one topic, and a bag knows only /wrench.
+    name = topic.removeprefix("/")
+    if name in taken:
+        field.reject(
+            "each topic once", "rename one of the channels or remove it", f"{topic} again, first in {taken[name]}"
+        )
+    elif name in PUBLISHED_TOPICS:
+        field.reject("a topic that rb_dynamics does not publish itself", "rename the channel, for example to wrench")
+    elif name.endswith("/applied"):
+        field.reject("a topic that does not end in /applied, where the log keeps what acted", "rename the channel")
+    elif name:
+        taken[name] = field.key
+    return topic
+
+
+def _is_topic(name: str) -> bool:
+    """Return whether `name` is a ROS 2 topic name without substitutions and private parts: no bag can hold those."""
+    parts = name.removeprefix("/").split("/")
+    return len(name) <= 200 and all(re.fullmatch(r"(?!.*__)[A-Za-z_][A-Za-z0-9_]*", part) for part in parts)

@@ -1,0 +1,94 @@
+"""What all tests share: the places in the tree, and a ROS 2 graph of their own."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import shutil
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from typing import IO
+
+ROOT = Path(__file__).resolve().parent.parent
+INHERITED = {
+    "_ROS_WHEELS_BOOTSTRAP_COMPLETE",
+    "AMENT_PREFIX_PATH",
+    "COLCON_PREFIX_PATH",
+    "LD_LIBRARY_PATH",
+    "MAKEFLAGS",
+    "MAKELEVEL",
+    "MFLAGS",
+    "PYTHONPATH",
+}
+
+
+def _claim_domain() -> tuple[int, IO[str]]:
+    """Return a ROS domain (1 to 101) no other test process here holds, with the lock that keeps it ours.
+
+    Domain 0 stays free: it is where a user's own nodes live.
+    """
+    folder = Path(tempfile.gettempdir()) / f"rb_dynamics_domains_{os.getuid()}"
+    folder.mkdir(exist_ok=True)
+    for offset in range(101):
+        domain = 1 + (os.getpid() + offset) % 101
+        lock = (folder / str(domain)).open("w")
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            lock.close()
+            continue
+        return domain, lock
+    raise RuntimeError(f"all ROS domains from 1 to 101 are held by test processes (locks in {folder}); end some")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Set the environment before anything imports rclpy; child processes inherit it."""
+    domain, lock = _claim_domain()
+    logs = tempfile.mkdtemp(prefix="rb_dynamics_ros_log_")
+    os.environ.update(
+        ROS_DOMAIN_ID=str(domain),
+        ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST",
+        ROS_LOG_DIR=logs,
+    )
+    config.add_cleanup(lock.close)
+    config.add_cleanup(lambda: shutil.rmtree(logs, ignore_errors=True))
+
+
+@pytest.fixture(scope="session")
+def root() -> Path:
+    """Return the root of the source tree."""
+    return ROOT
+
+
+@pytest.fixture(scope="session")
+def scene_dir() -> Path:
+    """Return the folder of the scenes that ship with the package."""
+    return ROOT / "config"
+
+
+@pytest.fixture(scope="session")
+def example_dir() -> Path:
+    """Return the folder of the recorded wrench logs that ship with the package."""
+    return ROOT / "examples"
+
+
+@pytest.fixture
+def bare_environment() -> dict[str, str]:
+    """Return this process's environment without what make, the ROS wheels and a sourced workspace put into it.
+
+    The wheels restart the interpreter once to set the library path of their own venv and leave a guard behind; a
+    child in another venv would take both over and never set its own.
+    """
+    inherited = (
+        "_ROS_WHEELS_BOOTSTRAP_COMPLETE",
+        "AMENT_PREFIX_PATH",
+        "COLCON_PREFIX_PATH",
+        "LD_LIBRARY_PATH",
+        "PYTHONPATH",
+    )
+    return {name: value for name, value in os.environ.items() if name not in inherited}

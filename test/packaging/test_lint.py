@@ -1,0 +1,49 @@
+"""The gates on the text of the package: linter, formatter, type checker, package.xml, launch file."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+@pytest.mark.parametrize(
+    "command",
+    [("ruff", "check", "."), ("ruff", "format", "--check", "."), ("mypy", "--strict", "rb_dynamics")],
+    ids=["ruff-check", "ruff-format", "mypy"],
+)
+def test_tool_is_content(root: Path, command: tuple[str, ...]) -> None:
+    pytest.importorskip(command[0], reason="extra 'dev' is not installed")
+
+    done = subprocess.run([sys.executable, "-m", *command], cwd=root, capture_output=True, text=True, check=False)
+
+    assert done.returncode == 0, f"{' '.join(command)}:\n{done.stdout}{done.stderr}"
+
+
+def test_package_xml_is_valid(root: Path) -> None:
+    catkin_package = pytest.importorskip("catkin_pkg.package", reason="extra 'test' is not installed")
+    complaints: list[str] = []
+
+    package = catkin_package.parse_package(str(root / "package.xml"), warnings=complaints)
+    package.validate(warnings=complaints)
+
+    assert complaints == []
+    assert package.get_build_type() == "ament_python"
+
+
+def test_launch_file_offers_its_arguments(root: Path) -> None:
+    """`launch` is not on PyPI, so the file is read, not run."""
+    path = root / "launch" / "rigid_body.launch.py"
+
+    tree = ast.parse(path.read_text(encoding="utf-8"), filename=str(path))
+
+    texts = {node.value for node in ast.walk(tree) if isinstance(node, ast.Constant)}
+    assert texts >= {"scene", "namespace", "mcap", "rerun", "real_time_factor", "lockstep", "use_sim_time"}
+    functions = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
+    assert "generate_launch_description" in functions

@@ -1,0 +1,414 @@
+"""The MCAP log, read back with rosbags and with the reader of the mcap package."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import math
+import os
+import random
+import struct
+import sys
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.body.state import State
+from rb_dynamics.diagnostics import Sample
+from rb_dynamics.errors import LogError, MissingExtraError
+from rb_dynamics.loads.wrench import Wrench, WrenchFrames
+from rb_dynamics.recording.mcap_reader import read_bag
+from rb_dynamics.recording.mcap_sink import CHUNK_BYTES, McapSink
+from rb_dynamics.recording.ros2msg import TYPE_HASHES
+from rb_dynamics.recording.sink import AppliedWrench, Event, RunInfo, Status
+from rb_dynamics.recording.state_hash import StateHash
+from rb_dynamics.scene.model import Channel, Scene
+
+pytest.importorskip("mcap")
+
+from mcap.reader import make_reader
+from mcap.records import Message
+from mcap.stream_reader import StreamReader
+
+INERTIA = ((0.2975, 0.0021, -0.0008), (0.0021, 0.2930, 0.0013), (-0.0008, 0.0013, 0.3104))
+
+TYPES = {
+    "/pose": "geometry_msgs/msg/PoseStamped",
+    "/twist": "geometry_msgs/msg/TwistStamped",
+    "/odom": "nav_msgs/msg/Odometry",
+    "/angular_momentum": "geometry_msgs/msg/Vector3Stamped",
+    "/linear_momentum": "geometry_msgs/msg/Vector3Stamped",
+    "/energy/kinetic": "std_msgs/msg/Float64",
+    "/energy/work": "std_msgs/msg/Float64",
+    "/energy/defect": "std_msgs/msg/Float64",
+    "/inertia": "geometry_msgs/msg/InertiaStamped",
+    "/wrench": "geometry_msgs/msg/WrenchStamped",
+    "/wrench/applied": "geometry_msgs/msg/WrenchStamped",
+    "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+}
+
+
+def make_run(*topics: str) -> RunInfo:
+    scene = Scene(
+        body=RigidBody.from_matrix(16.8, INERTIA, (0.1, -0.2, 0.3)),
+        frames=WrenchFrames("inertial", "satellite"),
+        initial=State(),
+        channels=tuple(map(Channel, topics or ("wrench",))),
+        text="body: {mass: 16.8}  # Größe\n",
+    )
+    return RunInfo(scene, "rk4", {"seed": "", "platform": "here", "scene_file": "gr\udcfcn.yaml"})
+
+
+def make_samples(count: int, step_ns: int = 10_000_000) -> list[Sample]:
+    source = random.Random(5)
+
+    def numbers(length: int) -> Any:
+        return tuple(source.uniform(-10.0, 10.0) for _ in range(length))
+
+    def attitude() -> Any:
+        four = numbers(4)
+        return tuple(component / math.hypot(*four) for component in four)
+
+    return [
+        Sample(
+            time_ns=i * step_ns,
+            position_world=numbers(3),
+            orientation_xyzw=attitude(),
+            linear_velocity_world=numbers(3),
+            angular_velocity_body=numbers(3),
+            angular_momentum_world=numbers(3),
+            linear_momentum_world=numbers(3),
+            kinetic_energy=numbers(1)[0],
+            work=numbers(1)[0],
+            energy_defect=numbers(1)[0],
+            angular_momentum_defect_world=numbers(3),
+            linear_momentum_defect_world=numbers(3),
+        )
+        for i in range(count)
+    ]
+
+
+def write(path: Path, events: Iterable[Event], run: RunInfo | None = None, **arguments: Any) -> Path:
+    sink = McapSink(path, **arguments)
+    sink.open(run or make_run())
+    for event in events:
+        sink.write(event)
+    sink.close({"steps": "7"})
+    return path
+
+
+class Rosbags:
+    """Every message of a file as rosbags understands it, by the definitions in the file itself."""
+
+    def __init__(self, path: Path) -> None:
+        from rosbags.highlevel import AnyReader
+
+        self.times: dict[str, list[int]] = {}
+        self.messages: dict[str, list[Any]] = {}
+        with AnyReader([path]) as reader:
+            self.connections = {each.topic: each for each in reader.connections}
+            for connection, time_ns, data in reader.messages():
+                self.times.setdefault(connection.topic, []).append(time_ns)
+                self.messages.setdefault(connection.topic, []).append(reader.deserialize(data, connection.msgtype))
+
+
+def triple(vector: Any) -> tuple[float, float, float]:
+    return (vector.x, vector.y, vector.z)
+
+
+def stamp(message: Any) -> int:
+    return int(message.header.stamp.sec * 10**9 + message.header.stamp.nanosec)
+
+
+def raw_messages(path: Path) -> list[tuple[str, Message]]:
+    with path.open("rb") as file:
+        return [(channel.topic, each) for _, channel, each in make_reader(file, validate_crcs=True).iter_messages()]
+
+
+def test_samples_come_back_exactly(tmp_path: Path) -> None:
+    from scipy.spatial.transform import Rotation
+
+    samples = make_samples(40)
+    bag = Rosbags(write(tmp_path / "run.mcap", samples))
+    times = [sample.time_ns for sample in samples]
+    for topic in list(TYPES)[:8]:
+        assert bag.times[topic] == times
+    rows = zip(*(bag.messages[topic] for topic in list(TYPES)[:8]), strict=True)
+    for sample, (pose, twist, odom, angular, linear, kinetic, work, defect) in zip(samples, rows, strict=True):
+        assert [stamp(each) for each in (pose, twist, odom, angular, linear)] == [sample.time_ns] * 5
+        assert [each.header.frame_id for each in (pose, odom, angular, linear)] == ["inertial"] * 4
+        assert (twist.header.frame_id, odom.child_frame_id) == ("satellite", "satellite")
+        for stated in (pose.pose, odom.pose.pose):
+            assert triple(stated.position) == sample.position_world
+            assert (*triple(stated.orientation), stated.orientation.w) == sample.orientation_xyzw
+        expected = Rotation.from_quat(sample.orientation_xyzw).inv().apply(sample.linear_velocity_world)
+        for stated in (twist.twist, odom.twist.twist):
+            assert triple(stated.angular) == sample.angular_velocity_body
+            assert triple(stated.linear) == pytest.approx(expected, rel=1e-13, abs=1e-13)
+        assert not odom.pose.covariance.any()
+        assert not odom.twist.covariance.any()
+        assert triple(angular.vector) == sample.angular_momentum_world
+        assert triple(linear.vector) == sample.linear_momentum_world
+        assert (kinetic.data, work.data, defect.data) == (sample.kinetic_energy, sample.work, sample.energy_defect)
+
+
+def test_inertia_is_about_the_centre_of_mass_with_the_entries_of_the_matrix(tmp_path: Path) -> None:
+    bag = Rosbags(write(tmp_path / "run.mcap", []))
+    (message,) = bag.messages["/inertia"]
+    content = message.inertia
+    assert message.header.frame_id == "satellite"
+    assert (content.m, triple(content.com)) == (16.8, (0.1, -0.2, 0.3))
+    assert (content.ixx, content.ixy, content.ixz) == INERTIA[0]
+    assert (content.iyy, content.iyz, content.izz) == (INERTIA[1][1], INERTIA[1][2], INERTIA[2][2])
+
+
+def test_every_channel_is_declared_even_without_messages(tmp_path: Path) -> None:
+    bag = Rosbags(write(tmp_path / "run.mcap", []))
+    assert {topic: each.msgtype for topic, each in bag.connections.items()} == TYPES
+    assert list(bag.messages) == ["/inertia"]
+
+
+def test_wrenches_as_received_and_as_applied(tmp_path: Path) -> None:
+    command = Wrench((1.0, 2.0, 3.0), (4.0, 5.0, 6.0), "thruster_1", 90_000_000)
+    early = Wrench((1.0, 0.0, 0.0), (0.0, 0.0, 0.0), "", -5)
+    path = write(
+        tmp_path / "run.mcap",
+        [
+            AppliedWrench(100_000_000, "wrench", command, "satellite", (7.0, 8.0, 9.0), (0.5, 0.25, 0.125)),
+            AppliedWrench(200_000_000, "wrench", None, "satellite", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+            AppliedWrench(300_000_000, "wrench", early, "satellite", (1.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+        ],
+    )
+    bag = Rosbags(path)
+    first, second = bag.messages["/wrench"]
+    assert (first.header.frame_id, stamp(first)) == ("thruster_1", 90_000_000)
+    assert (triple(first.wrench.force), triple(first.wrench.torque)) == (command.force, command.torque)
+    assert (second.header.frame_id, stamp(second)) == ("", -5)
+    applied = bag.messages["/wrench/applied"]
+    assert [stamp(each) for each in applied] == [100_000_000, 200_000_000, 300_000_000]
+    assert {each.header.frame_id for each in applied} == {"satellite"}
+    assert (triple(applied[0].wrench.force), triple(applied[0].wrench.torque)) == ((7, 8, 9), (0.5, 0.25, 0.125))
+    assert triple(applied[1].wrench.force) == (0, 0, 0)
+    times = [(each.log_time, each.publish_time) for topic, each in raw_messages(path) if topic == "/wrench"]
+    assert times == [(100_000_000, 90_000_000), (300_000_000, 0)]
+
+
+def test_status_is_a_diagnostic_array(tmp_path: Path) -> None:
+    status = Status(5, 1, "log is slow: \udcff", {"dropped": "3", "": ""})
+    (message,) = Rosbags(write(tmp_path / "run.mcap", [status])).messages["/diagnostics"]
+    (entry,) = message.status
+    assert stamp(message) == 5
+    assert (entry.level, entry.name, entry.hardware_id) == (1, "rb_dynamics", "satellite")
+    assert entry.message == "log is slow: ?"
+    assert [(pair.key, pair.value) for pair in entry.values] == [("dropped", "3"), ("", "")]
+
+
+def test_container_says_what_ros_expects(tmp_path: Path) -> None:
+    from rosbags.rosbag2.metadata import dump_qos_v9
+
+    path = write(tmp_path / "run.mcap", make_samples(3))
+    with path.open("rb") as file:
+        reader = make_reader(file)
+        assert reader.get_header().profile == "ros2"
+        assert reader.get_header().library.startswith("rb_dynamics ")
+        summary = reader.get_summary()
+        metadata = {each.name: each.metadata for each in reader.iter_metadata()}
+        attachments = [(each.name, each.media_type, each.data) for each in reader.iter_attachments()]
+    assert summary is not None
+    for channel in summary.channels.values():
+        schema = summary.schemas[channel.schema_id]
+        assert (schema.name, schema.encoding, channel.message_encoding) == (TYPES[channel.topic], "ros2msg", "cdr")
+        assert channel.metadata["topic_type_hash"] == TYPE_HASHES[schema.name]
+    for topic, connection in Rosbags(path).connections.items():
+        written = next(each for each in summary.channels.values() if each.topic == topic).metadata[
+            "offered_qos_profiles"
+        ]
+        assert dump_qos_v9(connection.ext.offered_qos_profiles) == yaml.safe_load(written)
+        (profile,) = yaml.safe_load(written)
+        assert profile["durability"] == ("transient_local" if topic == "/inertia" else "volatile")
+        assert (profile["history"], profile["reliability"]) == ("keep_last", "reliable")
+    assert metadata["rb_dynamics"] == {"method": "rk4", "seed": "", "platform": "here", "scene_file": "gr?n.yaml"}
+    assert metadata["rb_dynamics.result"]["steps"] == "7"
+    assert attachments == [("scene.yaml", "application/yaml", make_run().scene.text.encode())]
+
+
+def test_hash_of_the_states_is_over_all_numbers_in_order(tmp_path: Path) -> None:
+    samples = make_samples(5)
+    states = StateHash()
+    expected = hashlib.sha256()
+    for sample in samples:
+        states.update(sample)
+        expected.update(struct.pack("<q", sample.time_ns))
+        for name in Sample.__slots__[1:]:
+            expected.update(np.atleast_1d(getattr(sample, name)).astype("<f8").tobytes())
+    bag = read_bag(write(tmp_path / "run.mcap", samples))
+    assert bag.metadata["rb_dynamics.result"]["states_sha256"] == states.hexdigest() == expected.hexdigest()
+
+
+def test_same_run_gives_the_same_bytes(tmp_path: Path) -> None:
+    one, two = (write(tmp_path / name, make_samples(500)).read_bytes() for name in ("one.mcap", "two.mcap"))
+    assert one == two
+
+
+@pytest.mark.parametrize("namespace", ["sat_1", "/sat_1", "/sat_1/"])
+def test_names_with_namespace_and_remapping(tmp_path: Path, namespace: str) -> None:
+    remap = {"pose": "/truth/pose", "thrust": "/control/thrust", "/ground/push/applied": "/elsewhere"}
+    run = make_run("thrust", "wheel", "/ground/push")
+    bag = Rosbags(write(tmp_path / "run.mcap", [], run, namespace=namespace, remap=remap))
+    assert set(bag.connections) >= {
+        "/truth/pose",
+        "/sat_1/twist",
+        "/sat_1/energy/work",
+        "/control/thrust",
+        "/control/thrust/applied",
+        "/sat_1/wheel",
+        "/sat_1/wheel/applied",
+        "/ground/push",
+        "/elsewhere",
+        "/diagnostics",
+    }
+
+
+@pytest.mark.parametrize("topics", [("wrench", "wrench"), ("pose",), ("a", "a/applied"), ("/wrench", "wrench")])
+def test_channels_of_one_name_are_refused_before_the_file_is_touched(tmp_path: Path, topics: tuple[str, ...]) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_text("an earlier log")
+    with pytest.raises(LogError, match="twice"):
+        McapSink(path).open(make_run(*topics))
+    assert path.read_text() == "an earlier log"
+
+
+def test_nothing_is_touched_before_open(tmp_path: Path) -> None:
+    McapSink(tmp_path / "a" / "run.mcap").close({})
+    assert not list(tmp_path.iterdir())
+
+
+def test_folders_are_made_and_an_earlier_file_is_replaced(tmp_path: Path) -> None:
+    path = tmp_path / "a" / "b" / "run.mcap"
+    long = write(path, make_samples(2000)).stat().st_size
+    assert write(path, make_samples(2)).stat().st_size < long
+    assert read_bag(path).topics["/pose"].count == 2
+
+
+def test_a_directory_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match="directory, expected a file name"):
+        McapSink(tmp_path).open(make_run())
+
+
+def test_a_path_below_a_file_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(LogError, match=r"cannot write .*run\.mcap"):
+        McapSink(tmp_path / "file" / "run.mcap").open(make_run())
+
+
+def test_open_leaves_a_readable_file_with_all_channels(tmp_path: Path) -> None:
+    sink = McapSink(tmp_path / "run.mcap")
+    sink.open(make_run())
+    bag = read_bag(tmp_path / "run.mcap")
+    sink.close({})
+    assert not bag.complete
+    assert {name: topic.type_name for name, topic in bag.topics.items()} == TYPES
+    assert bag.topics["/inertia"].count == 1
+    assert bag.metadata["rb_dynamics"]["method"] == "rk4"
+    assert bag.attachments["scene.yaml"] == make_run().scene.text.encode()
+
+
+def test_without_close_at_most_a_chunk_is_missing_and_flush_saves_that(tmp_path: Path) -> None:
+    samples = make_samples(1000)
+    sink = McapSink(tmp_path / "run.mcap")
+    sink.open(make_run())
+    for sample in samples:
+        sink.write(sample)
+    there = read_bag(tmp_path / "run.mcap").topics["/pose"].count
+    bytes_per_sample = 2200
+    assert 0 <= len(samples) - there <= CHUNK_BYTES / bytes_per_sample + 60
+    sink.flush()
+    assert read_bag(tmp_path / "run.mcap").topics["/pose"].count == len(samples)
+    sink.close({})
+
+
+def test_a_full_disk_at_open_is_a_clear_error() -> None:
+    full = Path("/dev/full")
+    if not full.is_char_device():
+        pytest.skip("this system has no /dev/full")
+    sink = McapSink(full)
+    with pytest.raises(LogError, match="No space left on device"):
+        sink.open(make_run())
+    sink.close({})
+
+
+@pytest.fixture
+def small_files() -> Iterator[int]:
+    """Let no file of this process grow beyond the size yielded."""
+    resource = pytest.importorskip("resource")
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    limit = 3 * CHUNK_BYTES
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
+    yield limit
+    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def test_a_disk_that_fills_up_leaves_what_was_written(tmp_path: Path, small_files: int) -> None:
+    path = tmp_path / "run.mcap"
+    sink = McapSink(path)
+    sink.open(make_run())
+    samples = make_samples(3000)
+
+    def write_all() -> None:
+        for sample in samples:
+            sink.write(sample)
+
+    with pytest.raises(LogError, match=r"run\.mcap: " + os.strerror(errno.EFBIG)):
+        write_all()
+    with pytest.raises(LogError, match=os.strerror(errno.EFBIG)):
+        sink.flush()
+    sink.close({})
+    bag = read_bag(path)
+    assert not bag.complete
+    count = bag.topics["/pose"].count
+    assert 100 < count < len(samples)
+    np.testing.assert_array_equal(bag.poses("/pose")[1][:, :3], [each.position_world for each in samples[:count]])
+    assert path.stat().st_size <= small_files
+
+
+def test_a_time_that_no_stamp_can_hold_is_refused(tmp_path: Path) -> None:
+    sink = McapSink(tmp_path / "run.mcap")
+    sink.open(make_run())
+    (sample,) = make_samples(1)
+    with pytest.raises(LogError, match="2147483648000000000 ns"):
+        sink.write(Sample(2**31 * 10**9, *(getattr(sample, name) for name in Sample.__slots__[1:])))
+    sink.close({})
+
+
+def test_without_mcap_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "mcap.writer", None)
+    with pytest.raises(MissingExtraError, match=r"rb-dynamics\[log\]"):
+        McapSink(tmp_path / "run.mcap").open(make_run())
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("installed", [True, False])
+def test_zstd_where_it_is_installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, installed: bool) -> None:
+    if not installed:
+        monkeypatch.setitem(sys.modules, "zstandard", None)
+    path = write(tmp_path / "run.mcap", make_samples(10))
+    monkeypatch.undo()
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    assert {index.compression for index in summary.chunk_indexes} == {"zstd" if installed else ""}
+    assert len(Rosbags(path).messages["/pose"]) == 10
+
+
+def test_checksums_hold_and_log_times_never_decrease(tmp_path: Path) -> None:
+    path = write(tmp_path / "run.mcap", make_samples(300))
+    with path.open("rb") as file:
+        records = list(StreamReader(file, validate_crcs=True).records)
+    times = [each.log_time for each in records if isinstance(each, Message)]
+    assert len(times) == 1 + 8 * 300
+    assert times == sorted(times)

@@ -1,0 +1,377 @@
+"""`RerunSink`: what Rerun's own reader finds in the file is what the run was."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rb_dynamics import rotation
+from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.body.state import IDENTITY, State
+from rb_dynamics.diagnostics import Sample
+from rb_dynamics.errors import LogError, MissingExtraError
+from rb_dynamics.loads.wrench import Wrench, WrenchFrames
+from rb_dynamics.recording.rerun_sink import RerunSink, equivalent_box
+from rb_dynamics.recording.sink import AppliedWrench, Event, RunInfo, Status
+from rb_dynamics.scene.model import Channel, Scene, Solver
+from rb_dynamics.simulate import simulate
+from rb_dynamics.vector import ZERO
+
+# Rerun announces on import which Pythons it will drop.
+pytestmark = pytest.mark.filterwarnings("ignore:Python 3.10 reaches end-of-life:DeprecationWarning")
+
+INDEXES = ("rerun.controls.RowId", "sim_time", "sample")
+BODY = RigidBody.from_principal(2.0, (1.0, 2.0, 2.5), rotation.exp((0.3, 0.2, 0.1)), (0.1, -0.2, 0.05))
+SCENE = Scene(
+    BODY,
+    WrenchFrames(center_of_mass=BODY.center_of_mass),
+    State(0, (1.0, 2.0, 3.0), IDENTITY, linear_velocity_world=(0.5, 0.0, -0.1), angular_velocity_body=(0.1, 2.0, 0.1)),
+    channels=(Channel("wrench"), Channel("other")),
+    solver=Solver("rk4", 0.005, None),
+    duration=3.0,
+    output_rate=100.0,
+    text="body: {mass: 2}\n",
+    source="config/tumble.yaml",
+)
+COMMANDS = (
+    ("wrench", Wrench((1.0, 0.0, 0.0), (0.0, 0.0, 0.5), "body", 505_000_000)),
+    ("wrench", Wrench((0.0, 2.0, 0.0), (0.0, 0.0, 0.0), "world", 1_000_000_000)),
+    ("wrench", Wrench((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "world", 2_000_000_000)),
+)
+
+
+@dataclass
+class Memory:
+    """Keeps what it is told."""
+
+    events: list[Event] = field(default_factory=list)
+
+    def open(self, run: RunInfo) -> None:
+        self.events.clear()
+
+    def write(self, event: Event) -> None:
+        self.events.append(event)
+
+    def close(self, result: Mapping[str, str]) -> None:
+        pass
+
+    @property
+    def samples(self) -> list[Sample]:
+        return [event for event in self.events if isinstance(event, Sample)]
+
+
+class Rrd:
+    """A .rrd file as Rerun reads it: rows (time_ns, sample, value) of a component, times None for static ones."""
+
+    def __init__(self, path: Path) -> None:
+        from rerun.chunk import RrdReader
+
+        self.reader = RrdReader(path)
+        self.rows: dict[tuple[str, str], list[tuple[int | None, int | None, list[object]]]] = defaultdict(list)
+        self.batches = 0
+        for chunk in self.reader.stream().to_chunks():
+            batch = chunk.to_record_batch()
+            self.batches += chunk.entity_path == "/position"
+            times, samples = ([None] * chunk.num_rows, [None] * chunk.num_rows)
+            if not chunk.is_static:
+                times, samples = (batch.column(name).cast("int64").to_pylist() for name in ("sim_time", "sample"))
+            for name in (name for name in batch.schema.names if name not in INDEXES):
+                rows = zip(times, samples, batch.column(name).to_pylist(), strict=True)
+                self.rows[chunk.entity_path, name] += [row for row in rows if row[2] is not None]
+        for rows in self.rows.values():
+            rows.sort(key=lambda row: -1 if row[1] is None else row[0])
+
+    def times(self, entity: str, component: str = "Scalars:scalars") -> list[int]:
+        return [row[0] for row in self.rows["/" + entity, component]]
+
+    def indices(self, entity: str, component: str = "Scalars:scalars") -> list[int]:
+        return [row[1] for row in self.rows["/" + entity, component]]
+
+    def values(self, entity: str, component: str = "Scalars:scalars") -> np.ndarray:
+        return np.array([row[2] for row in self.rows["/" + entity, component]])
+
+    def static(self, entity: str, component: str) -> list[object]:
+        return [row for row in self.rows["/" + entity, component] if row[0] is None][-1][2]
+
+
+def logged(tmp_path: Path, scene: Scene = SCENE, commands=COMMANDS, **options: int) -> tuple[Rrd, list[Sample]]:
+    path, memory = tmp_path / "run.rrd", Memory()
+    simulate(scene, commands, [RerunSink(path, **options), memory])
+    return Rrd(path), memory.samples
+
+
+def still(index: int, period_ns: int = 1_000_000) -> Sample:
+    """Return a sample whose position tells its index."""
+    place, identity = (float(index), 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
+    return Sample(index * period_ns, place, identity, ZERO, ZERO, ZERO, ZERO, 0.0, 0.0, 0.0, ZERO, ZERO)
+
+
+def written(path: Path, events: list[Event], scene: Scene = SCENE, **options: int) -> Rrd:
+    sink = RerunSink(path, **options)
+    sink.open(RunInfo(scene, "rk4"))
+    for event in events:
+        sink.write(event)
+    sink.close({})
+    return Rrd(path)
+
+
+@pytest.mark.parametrize("batch_rows", [7, 64, 2048])
+def test_every_field_comes_back_bit_for_bit(tmp_path: Path, batch_rows: int) -> None:
+    rrd, samples = logged(tmp_path, batch_rows=batch_rows)
+    fields = {
+        "position": "position_world",
+        "attitude": "orientation_xyzw",
+        "linear_velocity": "linear_velocity_world",
+        "angular_velocity": "angular_velocity_body",
+        "angular_momentum": "angular_momentum_world",
+        "linear_momentum": "linear_momentum_world",
+        "energy/kinetic": "kinetic_energy",
+        "energy/work": "work",
+        "energy/defect": "energy_defect",
+        "angular_momentum/defect": "angular_momentum_defect_world",
+        "linear_momentum/defect": "linear_momentum_defect_world",
+    }
+    assert len(samples) == 301
+    assert samples[-1].kinetic_energy != samples[0].kinetic_energy
+    for entity, name in fields.items():
+        expected = np.array([getattr(sample, name) for sample in samples]).reshape(len(samples), -1)
+        np.testing.assert_array_equal(rrd.values(entity), expected, err_msg=entity)
+        assert rrd.times(entity) == [sample.time_ns for sample in samples]
+        assert rrd.indices(entity) == list(range(len(samples)))
+    if batch_rows == 7:
+        assert rrd.batches > 10
+
+
+def test_poses_are_those_of_the_body_and_of_its_center_of_mass(tmp_path: Path) -> None:
+    rrd, samples = logged(tmp_path)
+    position = np.array([sample.position_world for sample in samples])
+    attitude = np.array([sample.orientation_xyzw for sample in samples])
+    center = [
+        np.add(sample.position_world, rotation.rotate(sample.orientation_xyzw, BODY.center_of_mass))
+        for sample in samples
+    ]
+    for entity, component, expected in (
+        ("world/body", "Transform3D:translation", position),
+        ("world/body", "Transform3D:quaternion", attitude),
+        ("world/center_of_mass", "Transform3D:translation", np.array(center)),
+    ):
+        np.testing.assert_allclose(rrd.values(entity, component)[:, 0], expected, rtol=0, atol=5e-7, err_msg=entity)
+    path = np.array(rrd.static("world/path/center_of_mass", "LineStrips3D:strips")[0])
+    np.testing.assert_allclose(path[:-1], center, rtol=0, atol=5e-7)
+    np.testing.assert_allclose(path[-1], center[-1], rtol=0, atol=5e-7)
+    assert len(rrd.static("world/path/body_origin", "LineStrips3D:strips")[0]) == len(samples) + 1
+
+
+def test_the_box_has_mass_and_inertia_of_the_body(tmp_path: Path) -> None:
+    rrd, _ = logged(tmp_path)
+    half = np.array(rrd.static("world/body/box", "Boxes3D:half_sizes")[0])
+    squares = half**2
+    moments = BODY.mass / 3.0 * (squares.sum() - squares)
+    np.testing.assert_allclose(moments, BODY.principal_moments, rtol=1e-6)
+    np.testing.assert_allclose(rrd.static("world/body/box", "Boxes3D:centers")[0], BODY.center_of_mass, rtol=1e-6)
+    np.testing.assert_allclose(
+        rrd.static("world/body/box", "Boxes3D:quaternions")[0], BODY.principal_orientation_xyzw, rtol=1e-6
+    )
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e5])
+def test_equivalent_box(scale: float) -> None:
+    half = np.array([0.5, 1.0, 0.25]) * scale
+    moments = 8.0 / 3.0 * (np.sum(half**2) - half**2)
+    found, size = equivalent_box(RigidBody.from_diagonal(8.0, moments))
+    np.testing.assert_allclose(found, half, rtol=1e-12)
+    assert size == pytest.approx(np.linalg.norm(half), rel=1e-12)
+
+
+def test_a_flat_body_can_be_seen() -> None:
+    half, size = equivalent_box(RigidBody.from_diagonal(3.0, (1.0, 1.0, 2.0)))
+    assert half == pytest.approx((1.0, 1.0, 0.01 * math.sqrt(2.0)))
+    assert size == pytest.approx(math.sqrt(2.0))
+
+
+def test_arrows_have_the_direction_of_their_vectors_and_fit_the_body(tmp_path: Path) -> None:
+    rrd, samples = logged(tmp_path)
+    size = equivalent_box(BODY)[1]
+    for name, vectors, length in (
+        ("angular_momentum", [sample.angular_momentum_world for sample in samples], 3.0),
+        ("angular_velocity", [rotation.rotate(s.orientation_xyzw, s.angular_velocity_body) for s in samples], 1.9),
+    ):
+        entity = f"world/center_of_mass/{name}"
+        arrows = rrd.values(entity, "Arrows3D:vectors")[:, 0]
+        norms = np.linalg.norm(vectors, axis=1)
+        np.testing.assert_allclose(arrows, np.array(vectors) / np.sqrt(norms)[:, None], rtol=0, atol=1e-6)
+        drawn = np.linalg.norm(arrows, axis=1) * np.array(rrd.static(entity, "Transform3D:scale")[0])[0]
+        assert drawn.max() == pytest.approx(length * size, rel=1e-5)
+
+
+def test_force_and_torque_arrows_show_only_while_they_act_and_turn_with_their_frame(tmp_path: Path) -> None:
+    rrd, samples = logged(tmp_path)
+    arrows = {index: value for _, index, value in rrd.rows["/world/center_of_mass/force", "Arrows3D:vectors"]}
+    for index, sample in enumerate(samples):
+        if 505_000_000 <= sample.time_ns < 1_000_000_000:
+            expected = rotation.rotate(sample.orientation_xyzw, (1.0, 0.0, 0.0))
+        elif 1_000_000_000 <= sample.time_ns < 2_000_000_000:
+            expected = (0.0, math.sqrt(2.0), 0.0)
+        else:
+            assert arrows.get(index, []) == []
+            continue
+        np.testing.assert_allclose(arrows[index][0], expected, rtol=0, atol=1e-6)
+    torques = rrd.rows["/world/center_of_mass/torque", "Arrows3D:vectors"]
+    assert [index for _, index, value in torques if value] == list(range(51, 100))
+
+
+def test_wrench_series_have_their_edges_when_they_took_effect(tmp_path: Path) -> None:
+    rrd, _ = logged(tmp_path)
+    milliseconds = [time // 1_000_000 for time in rrd.times("force/wrench/body")]
+    assert milliseconds == [0, 505, 1000, 3000]
+    assert rrd.values("force/wrench/body")[:, 0].tolist() == [0.0, 1.0, 0.0, 0.0]
+    assert rrd.values("torque/wrench/body")[:, 2].tolist() == [0.0, 0.5, 0.0, 0.0]
+    assert [time // 1_000_000 for time in rrd.times("force/wrench/world")] == [1000, 1000, 2000, 3000]
+    assert rrd.values("force/wrench/world")[:, 1].tolist()[1:] == [2.0, 0.0, 0.0]
+    # A channel that never spoke is a line at zero, not an empty plot.
+    assert rrd.times("force/other/body") == [0, 3_000_000_000]
+    assert not rrd.values("force/other/body").any()
+
+
+def test_the_file_opens_with_a_layout_facts_and_the_scene(tmp_path: Path) -> None:
+    rrd, _ = logged(tmp_path)
+    assert len(rrd.reader.recordings()) == 1
+    for store in rrd.reader.blueprints():
+        column = "ViewBlueprint:class_identifier"
+        batches = [chunk.to_record_batch() for chunk in rrd.reader.stream(store=store).to_chunks()]
+        found = [batch.column(column).to_pylist() for batch in batches if column in batch.schema.names]
+        kinds = [kind for rows in found for (kind,) in rows]
+        assert kinds.count("3D") == 2
+        assert kinds.count("TimeSeries") == 12
+        assert {"TextDocument", "TextLog"} < set(kinds)
+    assert len(rrd.reader.blueprints()) == 2
+    assert SCENE.text in rrd.static("scene", "TextDocument:text")[0]
+    about = rrd.static("about", "TextDocument:text")[0]
+    assert "| method | rk4 |" in about
+    assert "| steps | " in about
+    assert "thinned" not in about
+    assert rrd.static("__properties/run", "method") == ["rk4"]
+    assert int(rrd.static("__properties/run", "steps")[0]) >= 600
+
+
+def test_series_have_names_and_colors(tmp_path: Path) -> None:
+    rrd, _ = logged(tmp_path)
+    assert rrd.static("angular_momentum", "SeriesLines:names") == ["x", "y", "z"]
+    assert len(set(rrd.static("angular_momentum", "SeriesLines:colors"))) == 3
+    assert rrd.static("force/wrench/body", "SeriesLines:names")[0] == "wrench x (body)"
+
+
+def test_warnings_are_logged_and_good_health_is_not(tmp_path: Path) -> None:
+    events = [
+        still(0),
+        Status(0, 0, "fine", {}),
+        Status(500_000, 1, "command rejected", {"frame_id": "hand"}),
+        still(1),
+        Status(1_000_000, 2, "broken", {}),
+    ]
+    rrd = written(tmp_path / "a.rrd", events)
+    assert rrd.values("log", "TextLog:text").ravel().tolist() == ["command rejected (frame_id: hand)", "broken"]
+    assert rrd.values("log", "TextLog:level").ravel().tolist() == ["WARN", "ERROR"]
+    assert rrd.times("log", "TextLog:text") == [500_000, 1_000_000]
+
+
+def test_far_from_the_origin_the_picture_is_recentred_and_the_numbers_are_not(tmp_path: Path) -> None:
+    start = (7.0e6, -2.0e6, 1.0e6)
+    rrd, samples = logged(tmp_path, replace(SCENE, initial=replace(SCENE.initial, position_world=start)))
+    drawn = rrd.values("world/body", "Transform3D:translation")[:, 0]
+    moved = np.array([sample.position_world for sample in samples]) - np.array(start)
+    np.testing.assert_allclose(drawn, moved, rtol=0, atol=1e-6)
+    assert rrd.values("position")[-1].tolist() == list(samples[-1].position_world)
+    assert str(list(start)) in rrd.static("about", "TextDocument:text")[0]
+
+
+def test_thinning_is_even_where_the_length_is_known(tmp_path: Path) -> None:
+    scene = replace(SCENE, duration=10.0, output_rate=1000.0)
+    rrd = written(tmp_path / "a.rrd", [still(i) for i in range(10_001)], scene, max_rows=1000, batch_rows=128)
+    assert rrd.indices("position") == list(range(0, 10_001, 10))
+    np.testing.assert_array_equal(rrd.values("position")[:, 0], range(0, 10_001, 10))
+    assert "thinned" in rrd.static("about", "TextDocument:text")[0]
+
+
+def test_a_run_without_end_grows_with_its_logarithm_and_keeps_its_last_sample(tmp_path: Path) -> None:
+    scene = replace(SCENE, duration=None)
+    rrd = written(tmp_path / "a.rrd", [still(i) for i in range(10_000)], scene, max_rows=100, batch_rows=32)
+    indices = rrd.indices("position")
+    assert indices[:101] == [*range(100), 100]
+    assert indices[-1] == 9_999
+    assert len(indices) <= 100 * (math.log2(10_000 / 100) + 1) + 1
+    assert np.all(np.diff(np.diff(indices[:-1])) >= 0)
+    assert rrd.values("position")[-1, 0] == 9_999.0
+
+
+def test_many_commands_are_thinned_but_what_is_held_at_a_kept_sample_is_right(tmp_path: Path) -> None:
+    events: list[Event] = []
+    for i in range(200):
+        events.append(still(i))
+        for j in range(5):
+            force = (float(5 * i + j), 0.0, 0.0)
+            events.append(AppliedWrench(i * 1_000_000 + 100 * j, "wrench", None, "world", force, ZERO))
+    rrd = written(tmp_path / "a.rrd", events, replace(SCENE, duration=None), max_rows=50, batch_rows=16)
+    held = dict(zip(rrd.times("force/wrench/world"), rrd.values("force/wrench/world")[:, 0].tolist(), strict=True))
+    assert len(held) < 400
+    for index in rrd.indices("position")[60:]:
+        before = max(time for time in held if time < index * 1_000_000)
+        assert held[before] == 5.0 * index - 1.0
+    assert rrd.values("force/wrench/world")[-1, 0] == 999.0
+
+
+def test_the_path_stays_small_and_ends_at_the_body(tmp_path: Path) -> None:
+    rrd = written(tmp_path / "a.rrd", [still(i) for i in range(40_000)], replace(SCENE, duration=None))
+    strip = rrd.static("world/path/center_of_mass", "LineStrips3D:strips")[0]
+    assert 8192 <= len(strip) <= 2 * 8192 + 2
+    assert strip[-1][0] == pytest.approx(39_999.0 + BODY.center_of_mass[0], rel=1e-6)
+    assert np.ptp(np.diff([point[0] for point in strip[:-1]])) < 0.1
+
+
+def test_two_runs_of_one_process_stay_two_recordings(tmp_path: Path) -> None:
+    ids = {written(tmp_path / f"{i}.rrd", [still(0)]).reader.recordings()[0].recording_id for i in range(2)}
+    assert len(ids) == 2
+
+
+def test_closing_again_or_without_a_run_is_harmless(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "folder" / "run.rrd"
+    sink = RerunSink(path)
+    sink.close({})
+    assert not path.parent.exists()
+    sink.open(RunInfo(SCENE, "rk4"))
+    sink.close({"steps": "0"})
+    size = path.stat().st_size
+    sink.close({"steps": "1"})
+    assert path.stat().st_size == size
+    assert "| steps | 0 |" in Rrd(path).static("about", "TextDocument:text")[0]
+    with pytest.raises(RuntimeError, match=r"run\.rrd"):
+        sink.write(still(0))
+
+
+@pytest.mark.parametrize("name", [".", "file/run.rrd"])
+def test_a_path_that_cannot_be_written_is_named(tmp_path: Path, name: str) -> None:
+    (tmp_path / "file").write_text("in the way")
+    path = tmp_path / name
+    with pytest.raises(LogError) as caught:
+        RerunSink(path).open(RunInfo(SCENE, "rk4"))
+    assert str(path) in str(caught.value)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_full_disk_is_an_error_not_a_short_file() -> None:
+    with pytest.raises(LogError, match="/dev/full"):
+        RerunSink("/dev/full").open(RunInfo(SCENE, "rk4"))
+
+
+def test_without_the_package_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    with pytest.raises(MissingExtraError, match=r"rb-dynamics\[log\]"):
+        RerunSink(tmp_path / "run.rrd").open(RunInfo(SCENE, "rk4"))
+    assert not (tmp_path / "run.rrd").exists()

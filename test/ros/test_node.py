@@ -1,0 +1,242 @@
+"""The real node in a process of its own, over real DDS."""
+
+from __future__ import annotations
+
+import math
+import signal
+from pathlib import Path
+
+import pytest
+from geometry_msgs.msg import InertiaStamped, PoseStamped, TwistStamped, Vector3Stamped
+from nav_msgs.msg import Odometry
+from ros_harness import ROOT, TRANSIENT, NodeProcess, Peer, running
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Float64
+from std_srvs.srv import SetBool, Trigger
+
+from rb_dynamics import HashSink, Simulation, Wrench, read_scene
+from rb_dynamics.recording.mcap_reader import read_bag
+from rb_dynamics.rotation import rotate
+
+pytestmark = pytest.mark.ros
+
+
+def values(message) -> dict[str, str]:
+    return {pair.key: pair.value for pair in message.status[0].values}
+
+
+def stamp(message) -> int:
+    return message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+
+
+def test_topics_types_and_frames(scene: Path, peer: Peer) -> None:
+    with running(scene, publish_clock=True) as node:
+        inertia = peer.listen(InertiaStamped, "inertia", TRANSIENT)
+        pose, twist, odom = (
+            peer.listen(kind, name)
+            for kind, name in ((PoseStamped, "pose"), (TwistStamped, "twist"), (Odometry, "odom"))
+        )
+        angular, linear = (peer.listen(Vector3Stamped, name) for name in ("angular_momentum", "linear_momentum"))
+        energies = [peer.listen(Float64, f"energy/{name}") for name in ("kinetic", "work", "defect")]
+        clock = peer.listen(Clock, "/clock")
+        heard = [inertia, pose, twist, odom, angular, linear, *energies, clock]
+        peer.until(lambda: all(heard) and len(odom) > 3, "every topic")
+        assert node.stop() == 0
+    assert (pose[0].header.frame_id, twist[0].header.frame_id) == ("world", "body")
+    assert (odom[0].header.frame_id, odom[0].child_frame_id, angular[0].header.frame_id) == ("world", "body", "world")
+    i = inertia[0].inertia
+    assert (i.m, i.ixx, i.iyy, i.izz, i.ixy) == (2.0, 1.0, 2.0, 2.5, 0.0)
+    # Free motion: T and L are those of the initial state, whatever the time.
+    assert energies[0][0].data == pytest.approx(0.5 * (0.09 + 2 * 0.04 + 2.5 * 0.01), rel=1e-9)
+    assert angular[0].vector.y == pytest.approx(-0.4, rel=1e-12)
+    by_time = {stamp(m): m for m in odom}
+    same = next(m for m in pose if stamp(m) in by_time)
+    assert by_time[stamp(same)].pose.pose == same.pose
+
+
+def test_lockstep_gives_the_bits_of_simulate_in_any_order(scene: Path, peer: Peer, tmp_path: Path) -> None:
+    commands = [
+        ("wrench", Wrench((0.1, 0.0, -0.2), (0.01, 0.02, 0.03), "body", 0)),
+        ("wrench", Wrench((0.0, 0.3, 0.0), (0.0, -0.1, 0.0), "thruster", 33_333_333)),
+        ("wrench", Wrench((0.0, 0.0, 0.0), (0.2, 0.0, 0.0), "world", 250_000_000)),
+        ("wrench", Wrench((0.0, 0.0, 0.1), (0.0, 0.0, 0.0), "", 500_000_000)),
+        ("push", Wrench((1.0, 0.0, 0.0), (0.0, 0.0, 0.0), "world", 7)),
+        ("push", Wrench((-1.0, 0.0, 0.0), (0.0, 0.0, 0.0), "world", 333_000_001)),
+        ("push", Wrench(stamp_ns=500_000_000)),
+    ]
+    log = tmp_path / "run.mcap"
+    with running(scene, lockstep=True, mcap=log) as node:
+        poses = peer.listen(PoseStamped, "pose")
+        # The second channel first and whole, the first one after it: no order between channels is kept.
+        peer.wrench("push", stamp_ns=0)
+        for topic, w in commands[4:] + commands[:4]:
+            peer.wrench(topic, w.force, w.torque, w.frame_id, w.stamp_ns)
+        peer.until(lambda: bool(poses) and stamp(poses[-1]) == 500_000_000, "the pose at the last stamp")
+        peer.spin(0.3)
+        assert stamp(poses[-1]) == 500_000_000, "time must stand still at the smallest of the newest stamps"
+        assert node.stop() == 0
+    offline = Simulation(read_scene(scene), [states := HashSink()])
+    for topic, w in [("push", Wrench(stamp_ns=0)), *commands]:
+        offline.post(topic, w, w.stamp_ns)
+    offline.start()
+    offline.advance(500_000_000)
+    last = poses[-1].pose
+    sample = offline.sample
+    assert (last.position.x, last.position.y, last.position.z) == sample.position_world
+    o = last.orientation
+    assert (o.x, o.y, o.z, o.w) == sample.orientation_xyzw
+    assert read_bag(log).metadata["rb_dynamics.result"]["states_sha256"] == states.hexdigest()
+
+
+def test_lockstep_waits_for_a_channel_that_has_not_spoken(tmp_path: Path, peer: Peer) -> None:
+    scene = tmp_path / "two.yaml"
+    scene.write_text("body: {mass: 1, inertia: {diagonal: [1, 1, 1]}}\nwrenches: [{topic: a}, {topic: b}]\n")
+    with running(scene, lockstep=True):
+        poses = peer.listen(PoseStamped, "pose")
+        peer.wrench("a", stamp_ns=100_000_000)
+        peer.spin(0.5)
+        assert [stamp(m) for m in poses] == [0], "a reader is greeted with the state, and time stands still"
+        peer.wrench("b", stamp_ns=20_000_000)
+        peer.until(lambda: len(poses) == 3, "two poses more")
+        peer.spin(0.3)
+        assert [stamp(m) for m in poses] == [0, 10_000_000, 20_000_000]
+        assert peer.call("rigid_body/step", Trigger.Request()).success
+        peer.until(lambda: len(poses) == 4, "the pose after a step")
+        assert stamp(poses[-1]) == 30_000_000
+
+
+def test_bad_wrenches_are_rejected_counted_and_shown(scene: Path, peer: Peer) -> None:
+    with running(scene, start_paused=True) as node:
+        diagnostics = peer.diagnostics()
+        poses = peer.listen(PoseStamped, "pose")
+        peer.until(lambda: bool(poses), "the greeting")
+        peer.wrench(force=(math.nan, 0.0, 0.0))
+        peer.wrench(torque=(0.0, math.inf, 0.0))
+        peer.wrench(force=(1.0, 0.0, 0.0), frame_id="camera")
+        peer.wrench(force=(4.0, 0.0, 0.0), frame_id="world")
+        peer.until(
+            lambda: diagnostics and values(diagnostics[-1])["wrench: accepted"] == "1", "the good command counted"
+        )
+        status = diagnostics[-1].status[0]
+        assert values(diagnostics[-1])["wrench: rejected"] == "3"
+        assert int.from_bytes(status.level, "little") == 1
+        assert "camera" in status.message
+        assert "expected one of" in status.message
+        peer.call("rigid_body/step", Trigger.Request())
+        peer.until(lambda: stamp(poses[-1]) > 0, "a pose after a step")
+        assert node.stop() == 0
+    # The good command acts, F = 4 N on 2 kg for one output period; the others left no trace.
+    assert poses[-1].pose.position.x == pytest.approx(0.5 * 2.0 * 0.01**2, rel=1e-12)
+
+
+def test_pause_step_and_reset(scene: Path, peer: Peer, tmp_path: Path) -> None:
+    log = tmp_path / "run.mcap"
+    with running(scene, mcap=log) as node:
+        poses = peer.listen(PoseStamped, "pose")
+        peer.until(lambda: len(poses) > 2, "motion")
+        assert not peer.call("rigid_body/step", Trigger.Request()).success
+        assert peer.call("rigid_body/pause", SetBool.Request(data=True)).success
+        peer.spin(0.2)
+        frozen = stamp(poses[-1])
+        peer.spin(0.2)
+        assert stamp(poses[-1]) == frozen
+        assert peer.call("rigid_body/step", Trigger.Request()).success
+        peer.until(lambda: stamp(poses[-1]) == frozen + 10_000_000, "one output period more")
+        assert peer.call("rigid_body/reset", Trigger.Request()).success
+        peer.until(lambda: stamp(poses[-1]) < frozen, "time from 0 again")
+        assert node.stop() == 0
+    assert read_bag(log).complete
+    again = read_bag(log.with_stem("run_1"))
+    assert again.complete
+    assert again.poses("/pose")[0][0] == 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_closes_the_logs_and_exits_with_0(scene: Path, peer: Peer, tmp_path: Path, number: int) -> None:
+    mcap, rrd = tmp_path / "deep" / "run.mcap", tmp_path / "run.rrd"
+    with running(scene, mcap=mcap, rerun=rrd) as node:
+        poses = peer.listen(PoseStamped, "pose")
+        peer.until(lambda: len(poses) > 5, "motion")
+        assert node.stop(number) == 0, node.err
+    bag = read_bag(mcap)
+    assert bag.complete
+    assert int(bag.metadata["rb_dynamics.result"]["end_time_ns"]) >= stamp(poses[-1])
+    assert rrd.stat().st_size > 0
+
+
+def test_as_fast_as_possible_ends_with_the_scene_and_equals_simulate(tmp_path: Path) -> None:
+    log = tmp_path / "run.mcap"
+    node = NodeProcess(
+        ROOT / "config" / "dzhanibekov.yaml", real_time_factor=0, duration=3.0, solver__step=0.01, mcap=log
+    )
+    assert node.wait() == 0, node.err
+    scene = read_scene(ROOT / "config" / "dzhanibekov.yaml", {"duration": 3.0, "solver.step": 0.01})
+    offline = Simulation(scene, [states := HashSink()])
+    offline.start()
+    offline.advance(3_000_000_000)
+    assert read_bag(log).metadata["rb_dynamics.result"]["states_sha256"] == states.hexdigest()
+
+
+def test_namespace_remapping_and_scene_overrides(scene: Path, peer: Peer, tmp_path: Path) -> None:
+    log = tmp_path / "run.mcap"
+    ros_args = ("-r", "__ns:=/robot_1", "-r", "wrench:=/commands")
+    with running(scene, *ros_args, start_paused=True, body__mass=4, mcap=log) as node:
+        inertia = peer.listen(InertiaStamped, "/robot_1/inertia", TRANSIENT)
+        peer.until(lambda: bool(inertia), "the inertia")
+        assert inertia[0].inertia.m == 4.0
+        peer.wrench("/commands", force=(1.0, 0.0, 0.0))
+        assert peer.call("/robot_1/rigid_body/step", Trigger.Request()).success
+        assert node.stop() == 0
+    assert {"/robot_1/pose", "/commands", "/commands/applied"} <= set(read_bag(log).topics)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "expected"),
+    [
+        ({"real_time_factor": -1.0}, "real_time_factor"),
+        ({"real_time_factor": ".nan"}, "real_time_factor"),
+        ({"lockstep": 3}, "lockstep"),
+        ({"apply_at": "whenever"}, "'arrival' or 'stamp'"),
+        ({"body__mas": 1.0}, "mass"),
+        ({"body__mass": -1.0}, "body.mass"),
+        ({"mcap": "/proc/no/run.mcap"}, "/proc/no"),
+    ],
+)
+def test_bad_parameters_end_with_one_message(scene: Path, parameters: dict[str, object], expected: str) -> None:
+    node = NodeProcess(scene, **parameters)
+    assert node.wait() == 2
+    assert expected in node.err
+    assert "Traceback" not in node.err
+
+
+def test_apply_at_stamp_waits_for_the_stamp_and_counts_late_ones(scene: Path, peer: Peer) -> None:
+    with running(scene, start_paused=True, apply_at="stamp") as node:
+        diagnostics = peer.diagnostics()
+        poses = peer.listen(PoseStamped, "pose")
+        peer.until(lambda: bool(poses), "the greeting")
+        peer.wrench(force=(2.0, 0.0, 0.0), frame_id="world", stamp_ns=5_000_000)
+        peer.until(lambda: diagnostics and values(diagnostics[-1])["wrench: accepted"] == "1", "the command counted")
+        peer.call("rigid_body/step", Trigger.Request())
+        peer.until(lambda: stamp(poses[-1]) > 0, "a pose")
+        assert poses[-1].pose.position.x == pytest.approx(0.5 * 0.005**2, rel=1e-12)
+        peer.wrench(force=(0.0, 0.0, 0.0), frame_id="world", stamp_ns=1)
+        peer.until(lambda: values(diagnostics[-1])["wrench: late"] == "1", "the late command counted")
+        assert node.stop() == 0
+
+
+def test_twist_is_in_body_axes(scene: Path, peer: Peer) -> None:
+    with running(scene) as node:
+        twists, momenta, poses = (
+            peer.listen(TwistStamped, "twist"),
+            peer.listen(Vector3Stamped, "linear_momentum"),
+            peer.listen(PoseStamped, "pose"),
+        )
+        peer.wrench(force=(3.0, -1.0, 0.5), frame_id="world")
+        peer.until(lambda: bool(twists) and abs(twists[-1].twist.linear.x) > 0.05 and bool(momenta), "motion")
+        peer.spin(0.1)
+        assert node.stop() == 0
+    times = {stamp(m): m for m in twists}, {stamp(m): m for m in momenta}, {stamp(m): m for m in poses}
+    common = max(times[0].keys() & times[1].keys() & times[2].keys())
+    t, p, o = times[0][common].twist.linear, times[1][common].vector, times[2][common].pose.orientation
+    world = rotate((o.x, o.y, o.z, o.w), (t.x, t.y, t.z))
+    assert [2.0 * v for v in world] == pytest.approx([p.x, p.y, p.z], rel=1e-9)
