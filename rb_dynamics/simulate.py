@@ -37,7 +37,7 @@ class Simulation:
         self.scene = scene
         self.plan = compile_scene(scene)
         self.time_ns = 0
-        self.end_ns = None if scene.duration is None else round(Fraction(repr(scene.duration)) * NANOSECONDS)
+        self.end_ns = None if scene.duration is None else round(Fraction(repr(float(scene.duration))) * NANOSECONDS)
         self._sinks = tuple(sinks)
         self._inertia = inertia_of(scene.body)
         self._control = self.plan.control()
@@ -46,14 +46,15 @@ class Simulation:
         self._steps_before = 0
         phase = Phase.of(scene.body, scene.initial)
         self._baseline = Baseline.of(scene.body, phase)
-        self._arc = self._new_arc(phase)
-        self._period_ns = 0 if scene.output_rate == 0 else NANOSECONDS / Fraction(repr(scene.output_rate))
+        self._phase = phase
+        self._arc = self._new_arc()
+        self._period_ns = 0 if scene.output_rate == 0 else NANOSECONDS / Fraction(repr(float(scene.output_rate)))
         self._outputs = 0
 
     @property
     def sample(self) -> Sample:
         """State and bookkeeping at `time_ns`."""
-        return observe(self.scene.body, self._arc.at(self.time_ns), self.time_ns, self._baseline)
+        return observe(self.scene.body, self._phase, self.time_ns, self._baseline)
 
     @property
     def steps(self) -> int:
@@ -103,8 +104,9 @@ class Simulation:
             edge = min(time for time in (output, change, self.end_ns) if time is not None)
             if edge > until_ns or self.ended:
                 return
-            _require_finite(self._arc.at(edge), edge)
-            self.time_ns = edge
+            phase = self._arc.at(edge)
+            _require_finite(phase, edge)
+            self.time_ns, self._phase = edge, phase
             if edge == output:
                 self._outputs += 1
                 output = self.next_output_ns()
@@ -125,21 +127,19 @@ class Simulation:
                 stack.callback(sink.close, result)
 
     def _apply_changes(self) -> None:
-        phase = self._arc.at(self.time_ns)
         self._steps_before = self.steps
         for applied in self._channels.apply(self.time_ns):
             self._inputs.update(applied)
             self.write(applied)
-        self._arc = self._new_arc(phase)
+        self._arc = self._new_arc()
 
-    def _new_arc(self, phase: Phase) -> Arc:
+    def _new_arc(self) -> Arc:
         held = in_principal_axes(self.scene.body, self._channels.total())
-        return Arc(self.plan.method, self._inertia, held, self._control, self.time_ns, phase)
+        return Arc(self.plan.method, self._inertia, held, self._control, self.time_ns, self._phase)
 
 
 def _require_finite(phase: Phase, time_ns: int) -> None:
-    # One sum is enough: an infinity or a NaN anywhere makes it one.
-    if not math.isfinite(math.fsum((*phase.high, *phase.low, *phase.orientation, *phase.angular_momentum))):
+    if not all(map(math.isfinite, (*phase.high, *phase.low, *phase.orientation, *phase.angular_momentum))):
         raise ConvergenceError(
             f"the state is no longer finite at t = {time_ns / NANOSECONDS:.9g} s: a momentum, a position or an energy "
             "has left the range of double precision; check the size of wrench, mass and inertia, or use a smaller step"

@@ -1,8 +1,8 @@
 """Principal axes: the eigen-decomposition of an inertia matrix by cyclic Jacobi rotations.
 
 Jacobi's method keeps small moments of a positive definite matrix to full relative accuracy (Demmel & Veselic, SIAM J.
-Matrix Anal. Appl. 13 (1992) 1204), gives the same bits on every machine, always a right-handed frame, and the axes
-nearest to the body axes: a diagonal matrix is left alone and repeated moments do not turn the frame at random.
+Matrix Anal. Appl. 13 (1992) 1204), gives the same bits on every machine, always a right-handed frame, and no turn
+that is not needed: a diagonal matrix is left alone and repeated moments do not turn the frame at random.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _SWEEPS = 30
 def diagonalize(inertia: Matrix) -> tuple[Vector, Quaternion]:
     """Return (moments, axes) with I = R diag(moments) R^T, R the rotation of `axes` from principal to body axes.
 
-    Lecture 24, eqs. 10 and 11 (there A = R^T). The moments are in the order of the body axes nearest to them.
+    Lecture 24, eqs. 10 and 11 (there A = R^T). A matrix that is nearly diagonal keeps the order of its axes.
     """
     a = [list(row) for row in inertia]
     axes = IDENTITY

@@ -85,7 +85,7 @@ class RigidBody:
         length = math.hypot(x, y, z, w)
         if not abs(length - 1.0) <= 1e-3:
             raise BodyError(f"orientation has norm {length!r}, expected a unit quaternion; divide it by its norm")
-        axes = (x, y, z, w) if (x, y, z) == ZERO else rotation.normalize((x, y, z, w))
+        axes = IDENTITY if (x, y, z) == ZERO else rotation.normalize((x, y, z, w))
         return cls(float(mass), _in_body_axes(diagonal, axes), _vector(center_of_mass), diagonal, axes)
 
 

@@ -11,8 +11,10 @@ import argparse
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
+    from rb_dynamics.loads.wrench import Wrench
     from rb_dynamics.ros.player import WrenchPlayer
     from rb_dynamics.scene.model import Scene
 
@@ -33,6 +35,7 @@ def run(args: argparse.Namespace) -> int:
     from rb_dynamics.cli import output
     from rb_dynamics.recording.mcap_reader import read_bag, read_wrenches
     from rb_dynamics.report.comparison import Comparison
+    from rb_dynamics.report.run import write_run_report
     from rb_dynamics.scene import read_scene
     from rb_dynamics.shipped import shipped
 
@@ -51,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
     print(comparison.as_text(TOLERANCE))
     same = _same_bits_offline(scene, commands, mcap)
     print(f"the same commands offline, without ROS: {'the same bits' if same else 'DIFFERENT bits'}")
-    comparison.write_html(out / "demo.html", mcap, TOLERANCE)
+    write_run_report(mcap, out / "demo.html", extra=[comparison.section()])
     for name, what in (
         ("demo.mcap", "the log: ros2 bag play, Foxglove, PlotJuggler, rb-dynamics inspect"),
         ("demo.rrd", "the scene: rerun " + str(out / "demo.rrd")),
@@ -61,7 +64,14 @@ def run(args: argparse.Namespace) -> int:
     return 0 if same and comparison.within(TOLERANCE) else 1
 
 
-def _fly(scene: Scene, scene_file: Path, commands: list, mcap: Path, rrd: Path, progress: object) -> WrenchPlayer:
+def _fly(
+    scene: Scene,
+    scene_file: Path,
+    commands: list[tuple[str, Wrench]],
+    mcap: Path,
+    rrd: Path,
+    progress: Callable[[float], None] | None,
+) -> WrenchPlayer:
     """Run the node as a process of its own and play the commands to it."""
     import os
     import random
@@ -98,7 +108,7 @@ def _fly(scene: Scene, scene_file: Path, commands: list, mcap: Path, rrd: Path, 
             node.wait(timeout=10)
 
 
-def _same_bits_offline(scene: Scene, commands: list, mcap: Path) -> bool:
+def _same_bits_offline(scene: Scene, commands: list[tuple[str, Wrench]], mcap: Path) -> bool:
     """Return whether `simulate` on the same commands gives the states that the node logged, to the bit."""
     from rb_dynamics.recording.mcap_reader import read_bag
     from rb_dynamics.recording.state_hash import HashSink

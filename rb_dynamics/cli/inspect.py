@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import sys
 
 HELP = "show what happened in a recorded run"
 
@@ -39,7 +40,8 @@ def run(args: argparse.Namespace) -> int:
     scene = read_scene(args.scene) if args.scene else None
     track = read_track(read_bag(args.log), scene)
     summary = summarize(track, BOUND if args.bound is None else args.bound)
-    print(as_text(summary))
+    encoding = sys.stdout.encoding or "utf-8"
+    print(as_text(summary).encode(encoding, "backslashreplace").decode(encoding))
     if args.html:
         from rb_dynamics.report.html import write_html
         from rb_dynamics.report.run import run_report

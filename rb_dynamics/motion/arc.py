@@ -39,11 +39,14 @@ class Arc:
         """
         denominator = self._control.denominator
         target = (time_ns - self._start_ns) * denominator
-        while target > self._reached and self._reached + self._next_stride() <= target:
+        while target > self._reached:
+            end = self._reached + self._next_stride()
+            self._control.begin()
+            if end > target:
+                h = (target - self._reached) / (denominator * NANOSECONDS)
+                return self._control.refine(self._phase, self._advance, h)
             self._take_stride()
-        if target == self._reached:
-            return self._phase
-        return self._control.refine(self._phase, self._advance, (target - self._reached) / (denominator * NANOSECONDS))
+        return self._phase
 
     def steps_to(self, time_ns: int) -> int:
         """Return the number of steps that lead to `time_ns`, the last time asked for."""

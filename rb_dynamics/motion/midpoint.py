@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Method
@@ -12,6 +14,8 @@ from rb_dynamics.vector import multiply as times
 _ITERATIONS = 50
 # Newton has converged when it changes the angular velocity by a few units in the last place.
 _CONVERGED = 4.0 * 2.0**-52
+# Below the normal range a unit in the last place is no longer relative.
+_SMALLEST = 8.0 * math.ulp(0.0)
 
 
 def step(
@@ -61,6 +65,7 @@ def _mean_angular_velocity(moments: Vector, m0: Vector, world: Vector, body: Vec
     half_world = scale(0.5, world)
     target = add_scaled(add(m0, half_world), 0.5, body)
     w = divide(target, moments)
+    least = _SMALLEST + _SMALLEST / min(moments)
     previous = float("inf")
     for _ in range(_ITERATIONS):
         lever = add(times(moments, w), half_world)
@@ -69,7 +74,7 @@ def _mean_angular_velocity(moments: Vector, m0: Vector, world: Vector, body: Vec
         w = subtract(w, correction)
         size = norm(correction)
         # Converged, or at the round-off floor, where corrections no longer shrink.
-        if size <= _CONVERGED * norm(w) or (size >= 0.5 * previous and size <= 1e-12 * norm(w)):
+        if size <= _CONVERGED * norm(w) + least or (size >= 0.5 * previous and size <= 1e-12 * norm(w)):
             return w
         previous = size
     raise ConvergenceError(

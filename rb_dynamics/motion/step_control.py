@@ -30,6 +30,9 @@ class StepControl(Protocol):
     def stride(self, phase: Phase, advance: Advance) -> tuple[int, Phase | None]:
         """Return the length of the next stride and, where choosing it meant taking it, the phase at its end."""
 
+    def begin(self) -> None:
+        """Learn from the stride that was chosen last: time goes into it. What is never entered must leave no trace."""
+
     def refine(self, phase: Phase, advance: Advance, h: float) -> Phase:
         """Return the phase h s into a stride, as accurate as the stride."""
 
@@ -46,6 +49,9 @@ class FixedStep:
     def stride(self, phase: Phase, advance: Advance) -> tuple[int, Phase | None]:
         """Return the step; it has not been taken."""
         return self._stride, None
+
+    def begin(self) -> None:
+        """Learn nothing: every step is the same."""
 
     def refine(self, phase: Phase, advance: Advance, h: float) -> Phase:
         """Return the phase after one step of h s."""
@@ -66,7 +72,9 @@ class AccuracyControl:
     def __init__(self, accuracy: float, horizon: float, order: int, inertia: Inertia) -> None:
         """Take the accepted error, the length of the run in s, and the order of the method."""
         self._accuracy, self._horizon, self._order, self._inertia = accuracy, horizon, order, inertia
-        self._next = 0.0
+        # What the stride chosen last suggests for the next one, and what the last one entered did: a stride is also
+        # chosen to see where an output falls, and a new arc may begin before it does.
+        self._next = self._learnt = 0.0
 
     def stride(self, phase: Phase, advance: Advance) -> tuple[int, Phase | None]:
         """Return the length of an accepted stride and the phase at its end.
@@ -74,7 +82,7 @@ class AccuracyControl:
         Raises:
             ConvergenceError: not even a stride of 1 ns keeps the accuracy.
         """
-        h = self._next or self._first(phase)
+        h = self._learnt or self._first(phase)
         while True:
             h_ns = max(1, min(round(h * NANOSECONDS), 2**62))
             h = h_ns / NANOSECONDS
@@ -96,6 +104,10 @@ class AccuracyControl:
                     "accept a larger solver.accuracy or check the size of the wrench"
                 )
             h = self._next
+
+    def begin(self) -> None:
+        """Let the next stride be sought near what the last one suggests."""
+        self._learnt = self._next
 
     def refine(self, phase: Phase, advance: Advance, h: float) -> Phase:
         """Return the phase after two steps of h/2, as the stride itself is taken."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import platform
 from importlib import metadata
+from pathlib import PurePath
 
 from rb_dynamics.loads.channels import AppliedWrench
 from rb_dynamics.scene.compile import Plan
@@ -27,7 +28,7 @@ def run_metadata(scene: Scene, plan: Plan) -> dict[str, str]:
     `seed` is empty: nothing in a run is random.
     """
     return {
-        "scene_file": scene.source,
+        "scene_file": PurePath(scene.source).name,
         "scene_sha256": hashlib.sha256(scene.text.encode()).hexdigest(),
         "method": plan.method.name,
         "solver": plan.description,

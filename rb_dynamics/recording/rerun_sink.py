@@ -42,6 +42,7 @@ PATH_POINTS = 8192
 RED, GREEN, BLUE = (236, 92, 92), (102, 194, 102), (96, 148, 245)
 ORANGE, CYAN, MAGENTA, YELLOW, GREY = (255, 170, 51), (64, 208, 220), (224, 96, 200), (240, 220, 80), (170, 175, 185)
 _AXES_COLORS: tuple[Color, ...] = (RED, GREEN, BLUE, GREY)
+_KINDS = ("force", "torque")
 
 
 @dataclass(frozen=True)
@@ -168,24 +169,26 @@ class _Polyline:
 
 @dataclass
 class _Steps:
-    """One channel's force and torque in one frame as a step function; rows are (time_ns, sample, force, torque)."""
+    """One channel's force or torque in one frame as a step function; rows are (time_ns, sample, value).
 
-    rows: list[tuple[int, int, Vector, Vector]]
-    force: Vector = ZERO
-    torque: Vector = ZERO
-    count: int = 0
-    waiting: tuple[int, int, Vector, Vector] | None = None
+    The next `exact` edges are kept; later ones wait, each in place of the one before, until a kept sample comes.
+    """
 
-    def set(self, time_ns: int, sample: int, force: Vector, torque: Vector, exact: bool) -> None:
-        self.force, self.torque = force, torque
-        self.count += 1
-        if exact:
-            self.rows.append((time_ns, sample, force, torque))
+    rows: list[tuple[int, int, Vector]]
+    exact: int
+    value: Vector = ZERO
+    waiting: tuple[int, int, Vector] | None = None
+
+    def set(self, time_ns: int, sample: int, value: Vector) -> None:
+        self.value = value
+        if self.exact > 0:
+            self.exact -= 1
+            self.rows.append((time_ns, sample, value))
         else:
-            self.waiting = (time_ns, sample, force, torque)
+            self.waiting = (time_ns, sample, value)
 
     def settle(self) -> None:
-        """Keep the edge that waited for a kept sample."""
+        """Keep the edge that waited."""
         if self.waiting is not None:
             self.rows.append(self.waiting)
             self.waiting = None
@@ -236,11 +239,11 @@ class _Recorder:
         self.rows: list[_Row] = []
         self.notes: list[tuple[int, int, Status]] = []
         self.note_count = 0
-        self.steps: dict[tuple[str, str], _Steps] = {}
+        self.steps: dict[tuple[str, str, str], _Steps] = {}  # by kind, topic and frame
         self.pending: _Row | None = None
         self.pending_kept = False
         self.samples = 0
-        self.time_ns = 0
+        self.start_ns = self.time_ns = scene.initial.time_ns
         self.held: tuple[tuple[Vector, Vector], tuple[Vector, Vector]] = ((ZERO, ZERO), (ZERO, ZERO))
 
     # ---- life of the file
@@ -270,9 +273,6 @@ class _Recorder:
             if self.pending_kept:
                 for steps in self.steps.values():
                     steps.settle()
-            if self.samples == 1:
-                for channel in self.run.scene.channels:
-                    self._steps(channel.topic, self.run.scene.frames.body_frame, event.time_ns)
         elif isinstance(event, AppliedWrench):
             self._take_wrench(event)
         elif event.level > 0 and self.note_count < self.max_rows:
@@ -287,7 +287,10 @@ class _Recorder:
         for steps in self.steps.values():
             steps.settle()
             # The line of a held command reaches the end of the run.
-            steps.rows.append((self.time_ns, self._newest(), steps.force, steps.torque))
+            steps.rows.append((self.time_ns, self._newest(), steps.value))
+        for kind in _KINDS:
+            if not any(key[0] == kind for key in self.steps):
+                self._send_no_wrench(kind)
         self._flush()
         for name in self.paths:
             self._send_path(name)
@@ -318,28 +321,33 @@ class _Recorder:
         if row is not None and self.pending_kept:
             self.rows.append(row)
 
-    def _steps(self, topic: str, frame_id: str, time_ns: int) -> _Steps:
-        key = (topic, frame_id)
-        if key not in self.steps:
-            self._send_wrench_style(topic, frame_id)
-            self.steps[key] = _Steps([(time_ns, self._newest(), ZERO, ZERO)])
-        return self.steps[key]
-
     def _take_wrench(self, event: AppliedWrench) -> None:
         if self.pending is not None and event.time_ns > self.pending.sample.time_ns:
             self._settle()
-        current = self._steps(event.topic, event.frame_id, event.time_ns)
-        for (topic, _), steps in self.steps.items():
-            if topic == event.topic and steps is not current and any(steps.force + steps.torque):
-                steps.set(event.time_ns, self._newest(), ZERO, ZERO, steps.count < self.max_rows)
-        current.set(event.time_ns, self._newest(), event.force, event.torque, current.count < self.max_rows)
-        in_world = self.run.scene.frames.world_frame
-        self.held = (
-            _total([steps for (_, frame), steps in self.steps.items() if frame != in_world]),
-            _total([steps for (_, frame), steps in self.steps.items() if frame == in_world]),
-        )
+        for kind, value in zip(_KINDS, (event.force, event.torque), strict=True):
+            key = (kind, event.topic, event.frame_id)
+            for other, steps in self.steps.items():
+                if other[:2] == key[:2] and other != key and any(steps.value):
+                    steps.set(event.time_ns, self._newest(), ZERO)
+            # What never acts has no line: three at zero for each silent part would hide the others.
+            if key in self.steps or any(value):
+                self._steps(key).set(event.time_ns, self._newest(), value)
+        self.held = (self._total(in_world=False), self._total(in_world=True))
         if self.pending is not None:
             self.pending = _Row(self.pending.index, self.pending.sample, *self.held)
+
+    def _steps(self, key: tuple[str, str, str]) -> _Steps:
+        if key not in self.steps:
+            self._send_wrench_style(*key)
+            self.steps[key] = _Steps([(self.start_ns, 0, ZERO)], self.max_rows)
+        return self.steps[key]
+
+    def _total(self, *, in_world: bool) -> tuple[Vector, Vector]:
+        """Return the sums of force and torque held in world axes, or in body axes."""
+        world = self.run.scene.frames.world_frame
+        acting = [(key[0], steps.value) for key, steps in self.steps.items() if (key[2] == world) == in_world]
+        force, torque = ([value for kind, value in acting if kind == wanted] for wanted in _KINDS)
+        return _sum(force), _sum(torque)
 
     # ---- rows to columns
 
@@ -350,9 +358,10 @@ class _Recorder:
             self._send_samples(rows)
         if notes:
             self._send_notes(notes)
-        for (topic, frame_id), steps in self.steps.items():
+        for key, steps in self.steps.items():
             if steps.rows:
-                self._send_steps(topic, frame_id, steps.rows)
+                times = _times([row[0] for row in steps.rows], [row[1] for row in steps.rows])
+                self._send_scalars(_wrench_entity(*key), times, np.array([row[2] for row in steps.rows]))
                 steps.rows = []
         self.stream.flush()
 
@@ -412,10 +421,13 @@ class _Recorder:
         line = rr.LineStrips3D([strip], colors=[color], radii=[radius])
         self.stream.log(f"world/path/{name}", line, static=True)
 
-    def _send_steps(self, topic: str, frame_id: str, rows: list[tuple[int, int, Vector, Vector]]) -> None:
-        times = _times([row[0] for row in rows], [row[1] for row in rows])
-        for part, kind in ((2, "force"), (3, "torque")):
-            self._send_scalars(_wrench_entity(kind, topic, frame_id), times, np.array([row[part] for row in rows]))
+    def _send_no_wrench(self, kind: str) -> None:
+        """Say by a line at zero that there was none, where the plot would be empty."""
+        import rerun as rr
+
+        self.stream.log(f"{kind}/none", rr.SeriesLines(names=["none"], colors=[GREY]), static=True)
+        times = _times([self.start_ns, self.time_ns], [0, self._newest()])
+        self._send_scalars(f"{kind}/none", times, np.zeros((2, 1)))
 
     def _send_notes(self, notes: list[tuple[int, int, Status]]) -> None:
         import rerun as rr
@@ -462,15 +474,15 @@ class _Recorder:
         yaml = rr.TextDocument(f"```yaml\n{self.run.scene.text}\n```", media_type=rr.MediaType.MARKDOWN)
         self.stream.log("scene", yaml, static=True)
 
-    def _send_wrench_style(self, topic: str, frame_id: str) -> None:
+    def _send_wrench_style(self, kind: str, topic: str, frame_id: str) -> None:
         import rerun as rr
 
+        shade = sum(key[0] == kind for key in self.steps) % 3
+        colors = [tuple(c + (255 - c) * shade // 3 for c in color) for color in (RED, GREEN, BLUE)]
         names = [f"{topic} {axis} ({frame_id})" for axis in "xyz"]
-        lines = rr.SeriesLines(
-            names=names, colors=list(_AXES_COLORS[:3]), interpolation_mode=rr.components.InterpolationMode.StepAfter
-        )
-        for kind in ("force", "torque"):
-            self.stream.log(_wrench_entity(kind, topic, frame_id), lines, static=True)
+        steps = rr.components.InterpolationMode.StepAfter
+        lines = rr.SeriesLines(names=names, colors=colors, interpolation_mode=steps)
+        self.stream.log(_wrench_entity(kind, topic, frame_id), lines, static=True)
 
     def _send_facts(self, result: Mapping[str, str]) -> None:
         """Send what is known about the run, as text to read and as properties to query."""
@@ -478,7 +490,7 @@ class _Recorder:
 
         facts = {"method": self.run.method, **self.run.metadata, **result}
         if self.thinner.stride > 1:
-            facts["thinned"] = f"every {self.thinner.stride}th sample at the end; the MCAP log has all"
+            facts["thinned"] = f"to one sample in {self.thinner.stride} towards the end; the MCAP log has all"
         self.stream.send_property("run", rr.AnyValues(drop_untyped_nones=True, **facts))
         about = rr.TextDocument(self._about(facts), media_type=rr.MediaType.MARKDOWN)
         self.stream.log("about", about, static=True)
@@ -577,7 +589,7 @@ def _plots(peaks: Mapping[str, float]) -> rrb.Grid:
             name=name,
             axis_x=rrb.TimeAxis(view_range=whole_run),
             axis_y=rrb.ScalarAxis(range=(-half_range, half_range)) if half_range else None,
-            plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop),
+            plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.RightTop),
         )
 
     def defect(name: str, entity: str, *of: str) -> rrb.TimeSeriesView:
@@ -656,10 +668,6 @@ def _rotate(xyzw: Array, v: Array) -> Array:
     t = 2.0 * np.cross(u, v)
     turned: Array = v + w * t + np.cross(u, t)
     return turned
-
-
-def _total(steps: Sequence[_Steps]) -> tuple[Vector, Vector]:
-    return _sum([s.force for s in steps]), _sum([s.torque for s in steps])
 
 
 def _sum(vectors: Sequence[Vector]) -> Vector:

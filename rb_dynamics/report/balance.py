@@ -1,21 +1,17 @@
 """Balances of a recorded motion: momentum against the impulse of the wrenches, energy against work.
 
-A wrench held in world axes gives an impulse that is exact between any two samples. One that turns with the body does
-not: its impulse depends on the attitude between the samples. Such stretches are left out and counted, never estimated.
+Where the log cannot tell what an impulse or a work was, the balance is not known there; it is never made up.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rb_dynamics.report.track import Array, Times, Track, WrenchSteps
-
-Rates = TypeVar("Rates", Array, Times)
+from rb_dynamics.report.impulse import Impulse, impulses
+from rb_dynamics.report.track import Array, Series, Times, Track
 
 
 @dataclass(frozen=True)
@@ -64,9 +60,17 @@ class Balance:
         return sizes
 
 
-def balances(track: Track) -> list[Balance]:
-    """Return the balances that `track` has the data for: energy, angular momentum, linear momentum."""
-    found = [_energy(track), _momentum(track, "angular momentum"), _momentum(track, "linear momentum")]
+def balances(track: Track, bound: float) -> list[Balance]:
+    """Return the balances that `track` has the data for: energy, angular momentum, linear momentum.
+
+    An impulse by quadrature counts only where its error, summed up, stays under a tenth of `bound` (relative to the
+    largest momentum), so that it cannot be what fails a check.
+    """
+    found = [_energy(track)]
+    if track.angular_momentum is not None:
+        found.append(_momentum(track, "angular momentum", "torque", "kg m²/s", track.angular_momentum, 0.1 * bound))
+    if track.linear_momentum is not None:
+        found.append(_momentum(track, "linear momentum", "force", "kg m/s", track.linear_momentum, 0.1 * bound))
     return [balance for balance in found if balance is not None]
 
 
@@ -74,34 +78,47 @@ def _energy(track: Track) -> Balance | None:
     kinetic, logged, work = track.kinetic_energy, track.energy_defect, track.work
     if logged is not None and len(logged.time_ns):
         sizes = [np.abs(series.values).max(initial=0.0) for series in (kinetic, work) if series is not None]
-        basis = "T - T0 - W, as the run booked the work of everything that acted"
+        basis = "T − T₀ − W, with the work W of everything that acted as the run booked it"
         return Balance("energy", "J", logged.time_ns, logged.values, 1.0, float(max(sizes, default=0.0)), basis)
-    if kinetic is None or not track.acted:
+    if kinetic is None or not len(kinetic.time_ns) or not track.acted:
         return None
-    flows = [_held(steps, kind, kinetic.time_ns) for steps in track.wrenches for kind in ("force", "torque")]
-    coasting = _clear([flow.active for flow in flows], len(kinetic.time_ns))
+    idle = impulses(track, "force", kinetic.time_ns).idle & impulses(track, "torque", kinetic.time_ns).idle
+    defect, covered = _from_start(kinetic.values[:, None], idle, kinetic.time_ns)
     scale = float(kinetic.values.max(initial=0.0))
-    defect, covered = _from_start(kinetic.values[:, None], coasting, kinetic.time_ns)
-    basis = _basis("drift of T where no wrench acts", covered, "the log has no work of the wrenches")
+    basis = _basis("drift of T while no wrench acts", covered, "the recording does not say what work a wrench does")
     return Balance("energy", "J", kinetic.time_ns, defect[:, 0], covered, scale, basis)
 
 
-def _momentum(track: Track, name: str) -> Balance | None:
-    angular = name == "angular momentum"
-    series = track.angular_momentum if angular else track.linear_momentum
-    if series is None or not len(series.time_ns) or not track.acted:
+def _momentum(track: Track, name: str, kind: str, unit: str, series: Series, accepted: float) -> Balance | None:
+    if not len(series.time_ns) or not track.acted:
         return None
-    kind, unit = ("torque", "kg m^2/s") if angular else ("force", "kg m/s")
-    flows = [_held(steps, kind, series.time_ns) for steps in track.wrenches]
-    impulse = np.zeros_like(series.values) + sum(flow.impulse for flow in flows)
-    exact = _clear([flow.inexact for flow in flows], len(series.time_ns))
-    idle = _clear([flow.active for flow in flows], len(series.time_ns))
-    defect, covered = _from_start(series.values - impulse, exact, series.time_ns)
-    sizes = np.linalg.norm(np.concatenate([series.values, impulse]), axis=1)
-    scale = float(sizes.max()) if angular else max(float(sizes.max()), _moved(track))
-    what = "drift: no wrench acts" if bool((idle | ~exact).all()) else f"against the impulse of the world-axes {kind}s, exact"
-    basis = _basis(what, covered, f"{kind}s in body axes act in the rest, where their impulse is not exact")
+    impulse = impulses(track, kind, series.time_ns)
+    total = np.cumsum(impulse.exact, axis=0)
+    sizes = np.linalg.norm(np.concatenate([series.values, total]), axis=1)
+    scale = max(float(sizes.max()), _moved(track) if name == "linear momentum" else 0.0)
+    good = impulse.error == 0.0
+    by_quadrature = float(impulse.error[np.isfinite(impulse.error)].sum())
+    if 0.0 < by_quadrature <= accepted * scale:
+        total = np.cumsum(impulse.exact + np.where(np.isfinite(impulse.error)[:, None], impulse.turning, 0.0), axis=0)
+        good = np.isfinite(impulse.error)
+    else:
+        by_quadrature = 0.0
+    defect, covered = _from_start(series.values - total, good, series.time_ns)
+    rest = f"while a {kind} in body axes acts, the samples do not give its impulse"
+    basis = _basis(_measured(impulse, good, kind, by_quadrature, unit), covered, rest)
     return Balance(name, unit, series.time_ns, defect, covered, scale, basis)
+
+
+def _measured(impulse: Impulse, good: NDArray[np.bool_], kind: str, by_quadrature: float, unit: str) -> str:
+    if bool(impulse.idle[good].all()):
+        return f"drift while no {kind} acts"
+    text = f"against the impulse of the applied {kind}s"
+    if by_quadrature == 0.0:
+        return f"{text}, which is exact: they are held in world axes"
+    return (
+        f"{text}; those in body axes are integrated over the recorded attitude, with an error of at most about "
+        f"{by_quadrature:.1g} {unit}"
+    )
 
 
 def _moved(track: Track) -> float:
@@ -113,56 +130,15 @@ def _moved(track: Track) -> float:
 
 
 def _basis(what: str, covered: float, rest: str) -> str:
+    if covered == 1.0:
+        return what
     if covered == 0.0:
-        return f"not known at any time: {rest.replace(' in the rest', '')}"
-    return what if covered == 1.0 else f"{what}; over {100.0 * covered:.3g} % of the time, {rest}"
-
-
-@dataclass(frozen=True)
-class _Flow:
-    """What one channel does: the impulse from the first sample to each, and for each sample the ns, in the interval
-    that ends there, in which its impulse is not exact and in which it acts at all.
-    """
-
-    impulse: Array
-    inexact: Times
-    active: Times
-
-
-def _held(steps: WrenchSteps, kind: str, time_ns: Times) -> _Flow:
-    vectors = steps.force if kind == "force" else steps.torque
-    active = (vectors != 0.0).any(axis=1) | ~steps.known
-    world = (steps.world & steps.known)[:, None]
-    flags = np.column_stack([active & ~world[:, 0], active]).astype(np.int64)
-    # Whether a wrench acts is counted in whole nanoseconds, so that no rounding makes a free stretch look forced.
-    passed = np.diff(integral(steps.time_ns, flags, time_ns), axis=0, prepend=0)
-    impulse = integral(steps.time_ns, np.where(world, vectors, 0.0), time_ns) * 1e-9
-    return _Flow(impulse, passed[:, 0], passed[:, 1])
-
-
-def integral(from_ns: Times, rates: Rates, time_ns: Times) -> Rates:
-    """Return the integral over ns of what is held, from the first of `time_ns` to each.
-
-    Row i of `rates` is held from `from_ns[i]` until the next; before the first there is nothing.
-    """
-    if not len(from_ns) or not len(time_ns):
-        return np.zeros((len(time_ns), rates.shape[1]), dtype=rates.dtype)
-    before = np.zeros_like(rates)
-    np.cumsum(rates[:-1] * np.diff(from_ns)[:, None], axis=0, out=before[1:])
-    row = np.searchsorted(from_ns, time_ns, side="right") - 1
-    since = (time_ns - from_ns[row])[:, None]
-    sums = np.where(row[:, None] >= 0, before[row] + rates[row] * since, 0)
-    result: Rates = sums - sums[0]
-    return result
-
-
-def _clear(amounts: Sequence[Times], count: int) -> NDArray[np.bool_]:
-    """Return for each sample whether the interval that ends there is free of what `amounts` measure."""
-    return np.logical_and.reduce([amount == 0 for amount in amounts], axis=0) if amounts else np.ones(count, bool)
+        return f"not known at any time; {rest}"
+    return f"{what}; known for {100.0 * covered:.3g} % of the time, {rest}"
 
 
 def _from_start(values: Array, good: NDArray[np.bool_], time_ns: Times) -> tuple[Array, float]:
-    """Return `values` relative to the start of their stretch of good intervals, and the fraction of time these cover."""
+    """Return `values` relative to the start of their stretch of good intervals, and how much of the time these are."""
     count = len(values)
     good = good.copy()
     good[0] = False

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from rb_dynamics.recording.mcap_reader import Bag
+    from rb_dynamics.report.html import Section
     from rb_dynamics.rotation import Quaternion
     from rb_dynamics.vector import Vector
 
@@ -92,6 +93,19 @@ class Comparison:
     def within(self, tolerance: float) -> bool:
         """Return whether every difference is at most `tolerance`."""
         return all(value <= tolerance for value in self.worst().values())
+
+    def section(self) -> Section:
+        """Return the comparison as a section of an HTML report."""
+        import numpy as np
+
+        from rb_dynamics.report.run import comparison_section
+
+        return comparison_section(
+            np.array(self.times_ns) / 1e9,
+            {name: np.array(values) for name, values in self.series().items()},
+            "Against the recorded flight",
+            f"Pose and twist as they came back over DDS, compared with the recording at {len(self.times_ns)} stamps.",
+        )
 
     def as_text(self, tolerance: float) -> str:
         """Return a table: the differences at some of the stamps, the largest of all, and the verdict."""

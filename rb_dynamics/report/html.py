@@ -14,7 +14,10 @@ from pathlib import Path
 
 from rb_dynamics.errors import LogError, MissingExtraError
 
-_UNSHOWABLE = re.compile("[^\t\n\x20-\x7e\xa0-\ud7ff\ue000-\ufdcf\ufdf0-\ufffd\U00010000-\U0001fffd]|[\u202a-\u202e\u2066-\u2069]")
+# All but text: what HTML does not allow, and the marks that turn the writing direction (202a.., 2066..).
+_UNSHOWABLE = re.compile(
+    "[^\t\n\x20-\x7e\xa0-\u2029\u202f-\u2065\u206a-\ud7ff\ue000-\ufdcf\ufdf0-\ufffd\U00010000-\U0001fffd]"
+)
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ changes matplotlib's settings for the caller.
 from __future__ import annotations
 
 import io
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -74,7 +75,7 @@ def thin(values: Array, max_points: int = MAX_POINTS) -> NDArray[np.intp]:
         return np.arange(count)
     kept: set[int] = set()
     edges = np.linspace(0, count, max_points // 5 + 1).astype(int)
-    for start, stop in zip(edges[:-1], edges[1:], strict=True):
+    for start, stop in itertools.pairwise(edges):
         bucket = values[start:stop]
         gaps = np.isnan(bucket)
         kept |= {start, stop - 1}
@@ -103,8 +104,10 @@ def draw(panels: Sequence[Panel], name: str, span_s: Array | None = None) -> str
         raise MissingExtraError("matplotlib", "plot", "a figure") from None
     height = _BOTTOM + len(panels) * (_TOP + _PANEL)
     buffer = io.BytesIO()
-    # Settings are needed while drawing, too; the context gives the caller's back.
-    with style.context(["default", {**_SETTINGS, "svg.hashsalt": "|".join([name, *(panel.title for panel in panels)])}]):
+    # Ids depend on the figure alone: the same in every run, different within a page.
+    settings = {**_SETTINGS, "svg.hashsalt": "|".join([name, *(panel.title for panel in panels)])}
+    # They are needed while drawing, too; the context gives the caller's back.
+    with style.context(["default", settings]):
         figure = Figure(figsize=(_WIDTH / 72.0, height / 72.0))
         start, end = _span(panels, span_s)
         for row, panel in enumerate(panels):
@@ -189,7 +192,7 @@ def _logarithmic(axes: Axes) -> None:
 def tick(value: float, places: Sequence[float] | Array) -> str:
     """Return the label of a tick with just the digits that tell it from its neighbours."""
     around = sorted(float(place) for place in places)
-    steps = [b - a for a, b in zip(around[:-1], around[1:], strict=True) if b > a]
+    steps = [b - a for a, b in itertools.pairwise(around) if b > a]
     if not steps:
         return f"{value:g}"
     if abs(value) < 1e-9 * min(steps):

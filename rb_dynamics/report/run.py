@@ -49,15 +49,16 @@ def write_run_report(
 def run_report(track: Track, summary: Summary, extra: Sequence[Section] = ()) -> Report:
     """Return the page about one run."""
     name = os.path.basename(summary.path)
-    source = "Log" if summary.own else "Recording"
+    source = "logged by rb_dynamics" if summary.own else "recorded"
     lead = (
-        f"{source} of {summary.duration_s:.6g} s in {summary.samples} samples"
-        f"{', cut off before its end' if not summary.complete else ''}. "
+        f"{summary.duration_s:.6g} s in {summary.samples} samples, {source}"
+        f"{'' if summary.complete else ', cut off before the end'}. "
         f"{'Every check passed.' if summary.passed else _failures(summary)}"
     )
     sections = [
-        Section("At a glance", "\n\n".join((*summary.missing, *summary.notes)), tiles=_tiles(summary)),
+        Section("At a glance", tiles=_tiles(summary)),
         *extra,
+        *_subject(track, summary),
         *_motion(track),
         *_conservation(track, summary),
         *_wrenches(track, summary),
@@ -98,30 +99,75 @@ def _failures(summary: Summary) -> str:
 
 
 def _tiles(summary: Summary) -> list[Tile]:
-    rate = next((t.rate for t in summary.topics if t.rate and t.count == summary.samples), 0.0)
-    tiles = [Tile("Duration", f"{summary.duration_s:.6g} s", f"{summary.samples} samples" + (f", {rate:.4g} Hz" if rate else ""))]
+    return [*_run_tiles(summary), *_check_tiles(summary), *_size_tiles(summary)]
+
+
+def _run_tiles(summary: Summary) -> list[Tile]:
+    rate = next((topic.rate for topic in summary.topics if topic.rate and topic.count == summary.samples), 0.0)
+    samples = f"{summary.samples} samples" + (f", {rate:.4g} Hz" if rate else "")
+    tiles = [Tile("Duration", f"{summary.duration_s:.6g} s", samples)]
     if summary.method:
-        steps = f"{summary.steps} steps" if summary.steps is not None else "steps unknown: the run did not finish"
-        tiles.append(Tile("Method", summary.method.split(",")[0], ", ".join([*summary.method.split(", ")[1:], steps])))
-    tiles += [
-        Tile(c.name[0].upper() + c.name[1:], "yes" if c.passed else "NO", c.detail, "good" if c.passed else "bad")
-        for c in summary.checks
-        if not c.name.endswith(" balance")
-    ]
+        method, *rest = summary.method.split(", ")
+        steps = "number of steps unknown" if summary.steps is None else f"{summary.steps} steps"
+        tiles.append(Tile("Method", method, ", ".join([*rest, steps])))
+    return tiles
+
+
+def _check_tiles(summary: Summary) -> list[Tile]:
+    """Return one tile for the checks of the data, those that failed each with their own, and one for each balance."""
+    data = [check for check in summary.checks if not check.name.endswith(" balance")]
+    failed = [Tile(check.name, "failed", check.detail, "bad") for check in data if not check.passed]
+    whole = Tile("Log", "whole", "; ".join(check.name for check in data), "good")
+    tiles = failed or [whole]
     for check in summary.checks:
         balance = summary.balance(check.name.removesuffix(" balance"))
         if balance is not None and check.name.endswith(" balance"):
-            label = f"{balance.name[0].upper()}{balance.name[1:]} defect, relative"
-            note = f"{balance.worst:.3g} {balance.unit} of {balance.scale:.4g}"
-            if balance.covered < 1.0:
-                note += f"; known for {100.0 * balance.covered:.3g} % of the time"
-            tiles.append(Tile(label, f"{balance.relative:.2g}", note, "good" if check.passed else "bad"))
-    tiles += [
-        Tile(f"Largest {r.name}", f"{r.high:.4g} {r.unit}", f"at {r.high_at_s:.4g} s; smallest {r.low:.4g}")
-        for r in summary.ranges
-        if r.name.startswith(("angular momentum", "linear momentum", "kinetic energy"))
-    ]
+            known = "" if balance.covered == 1.0 else f"; known for {100.0 * balance.covered:.3g} % of the time"
+            note = f"relative; {balance.worst:.2g} of {balance.scale:.3g} {balance.unit}{known}"
+            verdict = "good" if check.passed else "bad"
+            tiles.append(Tile(f"{_capital(balance.name)} defect", f"{balance.relative:.2g}", note, verdict))
     return tiles
+
+
+def _size_tiles(summary: Summary) -> list[Tile]:
+    shown = ("angular rate", "angular momentum", "linear momentum", "kinetic energy")
+    return [
+        Tile(f"Largest {r.name}", f"{r.high:.4g}", f"{r.unit}, at {r.high_at_s:.4g} s; smallest {r.low:.4g}")
+        for r in summary.ranges
+        if r.name.startswith(shown)
+    ]
+
+
+def _capital(sentence: str) -> str:
+    return sentence[:1].upper() + sentence[1:]
+
+
+def _subject(track: Track, summary: Summary) -> list[Section]:
+    """Return what the body is, how it was computed and what to know about the data."""
+    facts = [["scene", summary.scene], ["solver", summary.method], ["rb_dynamics", summary.version]]
+    body = track.body
+    if body is not None:
+        facts += [
+            ["mass", f"{body.mass:g} kg"],
+            ["centre of mass", f"{_numbers(body.center_of_mass)} m, from the body origin in body axes"],
+            ["principal moments", f"{_numbers(body.principal_moments)} kg m²"],
+            ["mass properties from", track.body_from],
+        ]
+    facts.append(["momenta and energy from", summary.momenta_from])
+    scenes = [content for name, content in sorted(track.bag.attachments.items()) if name.endswith((".yaml", ".yml"))]
+    return [
+        Section(
+            "What was simulated" if summary.own else "What was recorded",
+            "\n\n".join((*summary.missing, *summary.notes)),
+            table=Table(["", ""], [fact for fact in facts if fact[1]], numeric=False),
+            source=scenes[0].decode("utf-8", "replace") if scenes else "",
+            source_title="The scene",
+        )
+    ]
+
+
+def _numbers(values: Sequence[float]) -> str:
+    return ", ".join(f"{value:.6g}" for value in values)
 
 
 def _motion(track: Track) -> list[Section]:
@@ -129,16 +175,15 @@ def _motion(track: Track) -> list[Section]:
     if track.pose is not None:
         time_s, rows = track.seconds(track.pose.time_ns), track.pose.values
         caption = (
-            f"From {track.pose.topic}. In a good run both are smooth: a jump in position or attitude is a lost stretch "
-            "or a reset."
+            f"{track.pose.topic}: in a good run both are smooth; a jump in position or attitude is a lost stretch "
+            "or a reset. The sign of the quaternion is chosen not to jump: q and -q are one attitude."
         )
         figures.append(Figure(plots.position_and_attitude(time_s, rows[:, :3], rows[:, 3:]), caption))
     if track.twist is not None:
         time_s, rows = track.seconds(track.twist.time_ns), track.twist.values
         axes = "world" if track.twist_in_world else "body"
         caption = (
-            f"From {track.twist.topic}. In a good run these are continuous, with kinks only where a wrench changes; in "
-            "body axes they also turn as the body does."
+            f"{track.twist.topic}: in a good run these are continuous, with kinks only where a wrench changes."
         )
         figures.append(Figure(plots.rates_and_velocity(time_s, rows[:, 3:], rows[:, :3], axes), caption))
     return [Section("Motion", figures=figures)] if figures else []
@@ -148,15 +193,13 @@ def _conservation(track: Track, summary: Summary) -> list[Section]:
     figures = []
     angular, linear, kinetic = track.angular_momentum, track.linear_momentum, track.kinetic_energy
     if angular is not None and linear is not None and np.array_equal(angular.time_ns, linear.time_ns):
-        caption = (
-            f"From {track.momenta_from}. In a good run each is a horizontal line wherever no wrench acts, to the last digit."
-        )
         time_s = track.seconds(angular.time_ns)
+        caption = "In a good run each is a horizontal line, to the last digit, for as long as nothing acts."
         figures.append(Figure(plots.momenta(time_s, angular.values, linear.values), caption))
     if kinetic is not None and len(kinetic.time_ns):
         figures.append(_energy(track, kinetic))
     figures += _defects(track, summary)
-    basis = "\n\n".join(f"{b.name[0].upper()}{b.name[1:]}: {b.basis}." for b in summary.balances)
+    basis = "\n\n".join(f"{_capital(balance.name)}: {balance.basis}." for balance in summary.balances)
     rows = text.balance_rows(summary)
     table = Table(rows[0], rows[1:]) if rows else None
     return [Section("Momentum and energy", basis, figures=figures, table=table)] if figures or table else []
@@ -164,10 +207,11 @@ def _conservation(track: Track, summary: Summary) -> list[Section]:
 
 def _energy(track: Track, kinetic: Series) -> Figure:
     time_s = track.seconds(kinetic.time_ns)
-    if track.work is not None and np.array_equal(track.work.time_ns, kinetic.time_ns):
-        caption = "In a good run the two lines lie on one another: kinetic energy changes by the work done, and by nothing else."
-        return Figure(plots.energy(time_s, kinetic.values, track.work.values), caption)
-    return Figure(plots.energy(time_s, kinetic.values), "In a good run this is a horizontal line wherever no wrench acts.")
+    if track.work is None or not np.array_equal(track.work.time_ns, kinetic.time_ns):
+        caption = "In a good run this is a horizontal line for as long as nothing acts."
+        return Figure(plots.energy(time_s, kinetic.values), caption)
+    caption = "In a good run the lines lie on one another: kinetic energy changes by the work done and nothing else."
+    return Figure(plots.energy(time_s, kinetic.values, track.work.values), caption)
 
 
 def _defects(track: Track, summary: Summary) -> list[Figure]:
@@ -175,15 +219,15 @@ def _defects(track: Track, summary: Summary) -> list[Figure]:
     energy = summary.balance("energy")
     if energy is not None:
         caption = (
-            f"The part of the energy that no work explains. In a good run it stays far below the energy itself "
-            f"({energy.scale:.3g} J) and does not grow steadily."
+            f"The part of the energy that no work explains. In a good run it stays far below the largest energy, "
+            f"{energy.scale:.3g} J, and does not grow steadily."
         )
         figures.append(Figure(plots.energy_defect(*_series(track, energy)), caption))
     angular, linear = summary.balance("angular momentum"), summary.balance("linear momentum")
     if angular is not None or linear is not None:
         caption = (
-            "The part of the momenta that no impulse explains, from the start of each stretch for which it is known. In a "
-            "good run this is noise of the last digit around zero."
+            "The part of the momenta that no impulse explains, from the start of each stretch for which it is known. "
+            "In a good run this is noise of the last digit around zero."
         )
         given = [None if balance is None else _series(track, balance) for balance in (angular, linear)]
         figures.append(Figure(plots.momentum_defects(*given), caption))
@@ -199,9 +243,9 @@ def _wrenches(track: Track, summary: Summary) -> list[Section]:
     for steps in track.wrenches:
         name = steps.topic.removesuffix(APPLIED)
         axes = "world" if steps.world.all() else "mixed" if steps.world.any() else "body"
-        for kind, unit, rows in (("Force", "N", steps.force), ("Torque", "N m", steps.torque)):
-            if rows.any():
-                panels.append((f"{kind} of {name}, {axes} axes [{unit}]", track.seconds(steps.time_ns), rows))
+        for kind, unit, vectors in (("Force", "N", steps.force), ("Torque", "N m", steps.torque)):
+            if vectors.any():
+                panels.append((f"{kind} of {name}, {axes} axes [{unit}]", track.seconds(steps.time_ns), vectors))
             else:
                 idle.append(f"{kind.lower()} of {name}")
     rows = text.channel_rows(summary)
@@ -217,7 +261,8 @@ def _wrenches(track: Track, summary: Summary) -> list[Section]:
 
 
 def _tables(summary: Summary) -> list[Section]:
-    checks = Table(["", "", ""], [[c.name, "passed" if c.passed else "FAILED", c.detail] for c in summary.checks], numeric=False)
+    judged = [[check.name, "passed" if check.passed else "FAILED", check.detail] for check in summary.checks]
+    checks = Table(["check", "result", "detail"], judged, numeric=False)
     named = [("First and last state", text.state_rows(summary)), ("Extremes", text.range_rows(summary))]
     sections = [Section("Checks", table=checks)]
     sections += [Section(title, table=Table(rows[0], rows[1:])) for title, rows in named if rows]
@@ -230,13 +275,11 @@ def _tables(summary: Summary) -> list[Section]:
 
 
 def _provenance(track: Track) -> list[Section]:
+    """Return every metadata record of the file."""
     facts = [
         [key, value]
         for name in sorted(track.bag.metadata)
         for key, value in track.bag.metadata[name].items()
         if value
     ]
-    scenes = [content for name, content in sorted(track.bag.attachments.items()) if name.endswith((".yaml", ".yml"))]
-    source = scenes[0].decode("utf-8", "replace") if scenes else ""
-    table = Table(["", ""], facts, numeric=False) if facts else None
-    return [Section("What was run", table=table, source=source, source_title="The scene")] if table or source else []
+    return [Section("Provenance", table=Table(["", ""], facts, numeric=False))] if facts else []

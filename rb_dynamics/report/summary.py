@@ -182,14 +182,14 @@ def summarize(track: Track, bound: float = BOUND) -> Summary:
     motion = track.pose or track.twist
     topics = tuple(_topic(topic, start) for _, topic in sorted(bag.topics.items()))
     health = _health(bag)
-    found = tuple(balances(track))
+    found = tuple(balances(track, bound))
     return Summary(
         path=str(bag.path),
         own=track.own,
         complete=bag.complete,
         scene=facts.get("scene_file", ""),
         method=facts.get("solver") or facts.get("method", ""),
-        version=facts.get("version.rb_dynamics", ""),
+        version=facts.get("version.rb_dynamics", "").replace("not installed", ""),
         steps=int(result["steps"]) if result.get("steps", "").isdecimal() else None,
         start_ns=start,
         duration_s=(end - start) * 1e-9,
@@ -240,21 +240,26 @@ def gaps(time_ns: Times) -> int:
 def _moments(track: Track) -> list[Moment]:
     pose, twist = track.pose, track.twist
     axes = "world" if track.twist_in_world else "body"
+    all_of_it = slice(None)
     parts = [
-        ("position, world", "m", pose and pose.values[:, :3]),
-        ("orientation x y z w", "", pose and pose.values[:, 3:]),
-        (f"linear velocity, {axes}", "m/s", twist and twist.values[:, :3]),
-        (f"angular velocity, {axes}", "rad/s", twist and twist.values[:, 3:]),
-        ("angular momentum, world", "kg m^2/s", track.angular_momentum and track.angular_momentum.values),
-        ("linear momentum, world", "kg m/s", track.linear_momentum and track.linear_momentum.values),
-        ("kinetic energy", "J", track.kinetic_energy and track.kinetic_energy.values),
-        ("work", "J", track.work and track.work.values),
+        ("position, world", "m", pose, slice(0, 3)),
+        ("orientation x y z w", "", pose, slice(3, 7)),
+        (f"linear velocity, {axes}", "m/s", twist, slice(0, 3)),
+        (f"angular velocity, {axes}", "rad/s", twist, slice(3, 6)),
+        ("angular momentum, world", "kg m²/s", track.angular_momentum, all_of_it),
+        ("linear momentum, world", "kg m/s", track.linear_momentum, all_of_it),
+        ("kinetic energy", "J", track.kinetic_energy, all_of_it),
+        ("work", "J", track.work, all_of_it),
     ]
     return [
-        Moment(name, unit, tuple(np.atleast_1d(rows[0]).tolist()), tuple(np.atleast_1d(rows[-1]).tolist()))
-        for name, unit, rows in parts
-        if rows is not None and len(rows)
+        Moment(name, unit, _row(series, 0, columns), _row(series, -1, columns))
+        for name, unit, series, columns in parts
+        if series is not None and len(series.time_ns)
     ]
+
+
+def _row(series: Series, index: int, columns: slice) -> tuple[float, ...]:
+    return tuple(np.atleast_1d(series.values[index])[columns].tolist())
 
 
 def _ranges(track: Track) -> list[Range]:
@@ -264,7 +269,7 @@ def _ranges(track: Track) -> list[Range]:
     parts = [
         ("speed of the body origin", "m/s", speed),
         ("angular rate", "rad/s", rate),
-        ("angular momentum |L|", "kg m^2/s", track.angular_momentum),
+        ("angular momentum |L|", "kg m²/s", track.angular_momentum),
         ("linear momentum |p|", "kg m/s", track.linear_momentum),
         ("kinetic energy T", "J", track.kinetic_energy),
         ("work W", "J", track.work),
@@ -352,9 +357,8 @@ def _unit(orientation: Array, bound: float) -> Check:
 
 def _balanced(track: Track, balance: Balance, bound: float) -> Check:
     when = int(balance.worst_ns - track.span_ns[0]) * 1e-9
-    detail = (
-        f"worst {balance.worst:.3g} {balance.unit} at t = {when:.6g} s, relative {balance.relative:.3g}, accepted {bound:g}"
-    )
+    worst = f"worst {balance.worst:.3g} {balance.unit} at t = {when:.6g} s"
+    detail = f"{worst}, relative {balance.relative:.3g}, accepted {bound:g}"
     return Check(f"{balance.name} balance", balance.relative <= bound, detail)
 
 

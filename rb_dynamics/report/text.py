@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterable, Sequence
 
 from rb_dynamics.report.html import printable
@@ -13,13 +14,13 @@ WIDTH = 100
 def as_text(summary: Summary) -> str:
     """Return the summary as lines of at most `WIDTH` columns."""
     lines = [*_wrap(headline(summary)), ""]
-    lines += _table("topic", topic_rows(summary), (39, 16, 9, 10, 11, 11))
-    lines += _table("state", state_rows(summary), (33, 7, 15, 15, 15, 15))
+    lines += _table("topic", topic_rows(summary), (37, 17, 10, 11, 13, 12))
+    lines += _table("state", state_rows(summary), (37, 6, 14, 14, 14, 14))
     lines += _table("extremes", range_rows(summary), (35, 16, 16, 16, 16))
-    lines += _table("balance", balance_rows(summary), (29, 14, 14, 14, 14, 14))
+    lines += _table("balance", balance_rows(summary), (30, 14, 14, 14, 14, 14))
     lines += [line for row in summary.balances for line in _wrap(f"  {row.name}: {row.basis}", "    ")]
     lines += [""] if summary.balances else []
-    lines += _table("wrench channel", channel_rows(summary), (30, 11, 9, 9, 9, 9, 11, 12))
+    lines += _table("wrench channel", channel_rows(summary), (26, 10, 10, 9, 10, 10, 12, 13))
     if summary.health:
         lines += [*_wrap(f"diagnostics: {health_sentence(summary)}"), ""]
     for remark in (*summary.missing, *summary.notes):
@@ -27,9 +28,8 @@ def as_text(summary: Summary) -> str:
     lines += [""] if summary.missing or summary.notes else []
     for check in summary.checks:
         lines += _wrap(f"{'ok  ' if check.passed else 'FAIL'}  {check.name}: {check.detail}", "      ")
-    failed = sum(not check.passed for check in summary.checks)
-    verdict = f"{failed} of {len(summary.checks)} checks failed" if failed else f"all {len(summary.checks)} checks passed"
-    return "\n".join([*lines, verdict])
+    failed, count = sum(not check.passed for check in summary.checks), len(summary.checks)
+    return "\n".join([*lines, f"{failed} of {count} checks failed" if failed else f"all {count} checks passed"])
 
 
 def headline(summary: Summary) -> str:
@@ -69,15 +69,17 @@ def state_rows(summary: Summary) -> list[list[str]]:
     for m in summary.moments:
         for when, values in (("first", m.first), ("last", m.last)):
             name = m.name + (f" [{m.unit}]" if m.unit else "") if when == "first" else ""
-            rows.append([name, when, *(f"{value:.8g}" for value in values), *[""] * (4 - len(values))])
+            rows.append([name, when, *(f"{value:.7g}" for value in values), *[""] * (4 - len(values))])
     return rows if summary.moments else []
 
 
 def range_rows(summary: Summary) -> list[list[str]]:
     """Return header and rows: extremes; empty without motion."""
     rows = [["", "smallest", "at t [s]", "largest", "at t [s]"]]
-    for r in summary.ranges:
-        rows.append([f"{r.name} [{r.unit}]", f"{r.low:.8g}", _short(r.low_at_s), f"{r.high:.8g}", _short(r.high_at_s)])
+    rows += [
+        [f"{r.name} [{r.unit}]", f"{r.low:.8g}", _short(r.low_at_s), f"{r.high:.8g}", _short(r.high_at_s)]
+        for r in summary.ranges
+    ]
     return rows if summary.ranges else []
 
 
@@ -85,9 +87,9 @@ def balance_rows(summary: Summary) -> list[list[str]]:
     """Return header and rows: defects; empty where nothing is balanced."""
     rows = [["", "worst defect", "at t [s]", "largest seen", "relative", "known for"]]
     for b in summary.balances:
-        numbers = [f"{b.worst:.3e}", _short((b.worst_ns - summary.start_ns) * 1e-9), f"{b.scale:.4g}", f"{b.relative:.3e}"]
-        known = f"{100.0 * b.covered:.3g} %"
-        rows.append([f"{b.name} [{b.unit}]", *(numbers if b.covered else ["", "", f"{b.scale:.4g}", ""]), known])
+        worst = [f"{b.worst:.3e}", _short((b.worst_ns - summary.start_ns) * 1e-9)] if b.covered else ["", ""]
+        relative = f"{b.relative:.3e}" if b.covered else ""
+        rows.append([f"{b.name} [{b.unit}]", *worst, f"{b.scale:.4g}", relative, f"{100.0 * b.covered:.3g} %"])
     return rows if summary.balances else []
 
 
@@ -95,7 +97,7 @@ def channel_rows(summary: Summary) -> list[list[str]]:
     """Return header and rows: what came on each wrench channel; empty without channels."""
     rows = [["", "frame", "received", "applied", "timeouts", "rejected", "max |F| [N]", "max |τ| [Nm]"]]
     for c in summary.channels:
-        counts = ["?" if n is None else str(n) for n in (c.received, c.applied, c.timeouts, c.rejected)]
+        counts = ["-" if n is None else str(n) for n in (c.received, c.applied, c.timeouts, c.rejected)]
         frames = ", ".join(frame or '""' for frame in c.frames)
         rows.append([c.topic, frames, *counts, f"{c.largest_force:.5g}", f"{c.largest_torque:.5g}"])
     return rows if summary.channels else []
@@ -137,8 +139,5 @@ def _fit(cell: str, width: int) -> str:
 
 
 def _wrap(text: str, indent: str = "  ") -> Iterable[str]:
-    import textwrap
-
-    return textwrap.wrap(
-        " ".join(printable(text).split("\n")), WIDTH, subsequent_indent=indent, drop_whitespace=True, break_on_hyphens=False
-    )
+    flat = " ".join(printable(text).split("\n"))
+    return textwrap.wrap(flat, WIDTH, subsequent_indent=indent, break_on_hyphens=False)

@@ -114,8 +114,7 @@ class Track:
     def seconds(self, time_ns: Times) -> Array:
         """Return times as s from the start of the motion; the difference is taken in integers."""
         start, _ = self.span_ns
-        result: Array = (time_ns - start) * 1e-9
-        return result
+        return (time_ns - start).astype(np.float64) * 1e-9
 
 
 def read_track(bag: Bag, scene: Scene | None = None) -> Track:
@@ -135,6 +134,13 @@ def rotate_all(orientation_xyzw: Array, vectors: Array) -> Array:
     return turned
 
 
+def unit_rows(orientation_xyzw: Array) -> Array:
+    """Return each quaternion divided by its norm; one that is all zero stays so."""
+    norms = np.linalg.norm(orientation_xyzw, axis=1, keepdims=True)
+    result: Array = orientation_xyzw / np.where(norms > 0.0, norms, 1.0)
+    return result
+
+
 @dataclass(frozen=True)
 class Momenta:
     """What pose, twist and mass properties give, at the times which pose and twist share."""
@@ -148,15 +154,14 @@ class Momenta:
 def momenta(pose: Series, twist: Series, twist_in_world: bool, body: RigidBody) -> Momenta:
     """Return L = R I w (about the centre of mass), p = m (v + R (w x c)) and T, in world axes."""
     time_ns, at_pose, at_twist = np.intersect1d(pose.time_ns, twist.time_ns, return_indices=True)
-    attitude = pose.values[at_pose, 3:]
-    attitude = attitude / np.linalg.norm(attitude, axis=1, keepdims=True)
+    attitude = unit_rows(pose.values[at_pose, 3:])
     velocity, omega = twist.values[at_twist, :3], twist.values[at_twist, 3:]
     if twist_in_world:
         inverse = attitude * np.array([-1.0, -1.0, -1.0, 1.0])
         velocity, omega = rotate_all(inverse, velocity), rotate_all(inverse, omega)
     velocity = velocity + np.cross(omega, np.array(body.center_of_mass))
     spin = omega @ np.array(body.inertia)
-    kinetic = 0.5 * (body.mass * np.einsum("ij,ij->i", velocity, velocity) + np.einsum("ij,ij->i", omega, spin))
+    kinetic: Array = np.sum(0.5 * (body.mass * velocity**2 + omega * spin), axis=1)
     linear: Array = body.mass * rotate_all(attitude, velocity)
     return Momenta(time_ns, rotate_all(attitude, spin), linear, kinetic)
 
@@ -250,7 +255,7 @@ class _Finder:
         rows = values.reshape(len(time_ns), -1)
         finite = np.isfinite(rows).all(axis=1)
         if not finite.all():
-            self.notes.append(f"{topic}: {int((~finite).sum())} messages with numbers that are not finite are left out.")
+            self.notes.append(f"{topic}: {np.sum(~finite)} messages with numbers that are not finite are left out.")
             time_ns, values = time_ns[finite], values[finite]
         order = np.argsort(time_ns, kind="stable")
         return Series(topic, time_ns[order], values[order], frame)
@@ -317,9 +322,9 @@ class _Finder:
 
     def _note_unused(self) -> None:
         kinds = (POSE, TWIST, *WRENCHES) if self.used else ()
-        others = [t.name for t in self.bag.topics.values() if t.type_name in kinds and t.count and t.name not in self.used]
-        if others:
-            self.notes.append(f"One body is inspected; these topics are left out: {', '.join(sorted(others))}.")
+        named = {topic.name for topic in self.bag.topics.values() if topic.type_name in kinds and topic.count}
+        if others := sorted(named - self.used):
+            self.notes.append(f"One body is inspected; these topics are left out: {', '.join(others)}.")
 
 
 def _steps(bag: Bag, topic: str, frames: WrenchFrames) -> WrenchSteps:

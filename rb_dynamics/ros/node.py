@@ -101,10 +101,11 @@ class RigidBodyNode(Node):
         self._newest = {channel.topic: None for channel in self._scene.channels if not channel.optional}
         logs: list[Sink] = []
         if self._settings.mcap:
-            from rb_dynamics.recording.mcap_sink import McapSink
+            from rb_dynamics.recording.mcap_sink import SAMPLE_TOPICS, McapSink
 
-            remap = {c.topic: self.resolve_topic_name(c.topic) for c in self._scene.channels}
-            logs.append(McapSink(_numbered(self._settings.mcap, self._runs), self.get_namespace().rstrip("/"), remap))
+            names = ["inertia", *(name for name, _ in SAMPLE_TOPICS), *(c.topic for c in self._scene.channels)]
+            resolved = {name: self.resolve_topic_name(name) for name in names}
+            logs.append(McapSink(_numbered(self._settings.mcap, self._runs), remap=resolved))
         if self._settings.rerun:
             from rb_dynamics.recording.rerun_sink import RerunSink
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from operator import attrgetter
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -49,9 +48,14 @@ class TopicSink:
         self._add(TwistStamped, "twist", lambda s: conversions.twist(s, frames))
         self._add(Odometry, "odom", lambda s: conversions.odometry(s, frames))
         world = frames.world_frame
-        for name in ("angular_momentum", "linear_momentum"):
-            value = attrgetter(f"{name}_world")
-            self._add(Vector3Stamped, name, lambda s, value=value: conversions.vector(value(s), s.time_ns, world))
+        self._add(
+            Vector3Stamped,
+            "angular_momentum",
+            lambda s: conversions.vector(s.angular_momentum_world, s.time_ns, world),
+        )
+        self._add(
+            Vector3Stamped, "linear_momentum", lambda s: conversions.vector(s.linear_momentum_world, s.time_ns, world)
+        )
         self._add(Float64, "energy/kinetic", lambda s: Float64(data=s.kinetic_energy))
         self._add(Float64, "energy/work", lambda s: Float64(data=s.work))
         self._add(Float64, "energy/defect", lambda s: Float64(data=s.energy_defect))

@@ -232,6 +232,9 @@ def test_container_says_what_ros_expects(tmp_path: Path) -> None:
         (profile,) = yaml.safe_load(written)
         assert profile["durability"] == ("transient_local" if topic == "/inertia" else "volatile")
         assert (profile["history"], profile["reliability"]) == ("keep_last", "reliable")
+        for duration in ("deadline", "lifespan", "liveliness_lease_duration"):
+            # What rmw calls infinite: 2^63 - 1 ns.
+            assert profile[duration]["sec"] * 10**9 + profile[duration]["nsec"] == 2**63 - 1
     assert metadata["rb_dynamics"] == {"method": "rk4", "seed": "", "platform": "here", "scene_file": "gr?n.yaml"}
     assert metadata["rb_dynamics.result"]["steps"] == "7"
     assert attachments == [("scene.yaml", "application/yaml", make_run().scene.text.encode())]

@@ -233,11 +233,29 @@ def test_wrench_series_have_their_edges_when_they_took_effect(tmp_path: Path) ->
     assert milliseconds == [0, 505, 1000, 3000]
     assert rrd.values("force/wrench/body")[:, 0].tolist() == [0.0, 1.0, 0.0, 0.0]
     assert rrd.values("torque/wrench/body")[:, 2].tolist() == [0.0, 0.5, 0.0, 0.0]
-    assert [time // 1_000_000 for time in rrd.times("force/wrench/world")] == [1000, 1000, 2000, 3000]
-    assert rrd.values("force/wrench/world")[:, 1].tolist()[1:] == [2.0, 0.0, 0.0]
-    # A channel that never spoke is a line at zero, not an empty plot.
-    assert rrd.times("force/other/body") == [0, 3_000_000_000]
-    assert not rrd.values("force/other/body").any()
+    assert [time // 1_000_000 for time in rrd.times("force/wrench/world")] == [0, 1000, 2000, 3000]
+    assert rrd.values("force/wrench/world")[:, 1].tolist() == [0.0, 2.0, 0.0, 0.0]
+    assert not {"/torque/wrench/world", "/force/other/body", "/force/none"} & {entity for entity, _ in rrd.rows}
+
+
+def test_a_run_without_wrenches_has_plots_that_say_so(tmp_path: Path) -> None:
+    rrd, _ = logged(tmp_path, commands=())
+    for kind in ("force", "torque"):
+        assert rrd.times(f"{kind}/none") == [0, 3_000_000_000]
+        assert rrd.values(f"{kind}/none").ravel().tolist() == [0.0, 0.0]
+
+
+def test_channels_add_up(tmp_path: Path) -> None:
+    events = [
+        still(0),
+        AppliedWrench(0, "wrench", None, "world", (1.0, 0.0, 0.0), ZERO),
+        AppliedWrench(0, "other/arm", None, "body", (0.0, 3.0, 0.0), ZERO),
+        still(1),
+    ]
+    rrd = written(tmp_path / "a.rrd", events)
+    arrows = rrd.values("world/center_of_mass/force", "Arrows3D:vectors")[:, 0]
+    np.testing.assert_allclose(arrows, np.array([[1.0, 3.0, 0.0]] * 2) / 10.0**0.25, rtol=1e-6)
+    assert rrd.values("force/other/arm/body")[:, 1].tolist() == [0.0, 3.0, 3.0]
 
 
 def test_the_file_opens_with_a_layout_facts_and_the_scene(tmp_path: Path) -> None:
@@ -368,6 +386,12 @@ def test_a_path_that_cannot_be_written_is_named(tmp_path: Path, name: str) -> No
 def test_a_full_disk_is_an_error_not_a_short_file() -> None:
     with pytest.raises(LogError, match="/dev/full"):
         RerunSink("/dev/full").open(RunInfo(SCENE, "rk4"))
+
+
+def test_rerun_switched_off_is_an_error_not_an_empty_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RERUN", "off")
+    with pytest.raises(LogError, match="environment variable RERUN"):
+        RerunSink(tmp_path / "run.rrd").open(RunInfo(SCENE, "rk4"))
 
 
 def test_without_the_package_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
