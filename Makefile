@@ -1,4 +1,4 @@
-# make demo | test | test-slow | lint | clean        PYTHON=/path/to/python3.12 chooses the interpreter of .venv
+# make demo | test | test-slow | lint | pictures | clean    PYTHON=/path/to/python3.12 chooses the interpreter of .venv
 #
 # Needs Python 3.10 or newer with venv, and make. Everything else is installed into .venv, ROS 2 included.
 
@@ -19,9 +19,16 @@ elsewhere build with colcon in a sourced ROS 2 Jazzy.
 
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: demo test test-slow lint clean
+.PHONY: demo pictures test test-slow lint clean
 
 demo: $(VENV)/installed-demo
+	$(BIN)/rb-dynamics demo
+
+# The demo is flown only if it has not been; after a change: make demo pictures
+pictures: out/demo.rrd | $(VENV)/installed-demo
+	$(BIN)/python docs/make_pictures.py
+
+out/demo.rrd: | $(VENV)/installed-demo
 	$(BIN)/rb-dynamics demo
 
 test: $(VENV)/installed-test

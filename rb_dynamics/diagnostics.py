@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.motion.phase import Phase
 from rb_dynamics.rotation import Quaternion
-from rb_dynamics.vector import Vector, divide, dot, subtract
+from rb_dynamics.vector import Vector, dot, multiply, subtract
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,9 +44,9 @@ class Sample:
 
 
 def kinetic_energy(body: RigidBody, phase: Phase) -> float:
-    """Return T = p . p / 2m + m . I^-1 m / 2, J: translation (lecture 24, page 6) and rotation (eq. 26)."""
-    momentum, spin = phase.linear_momentum_world, phase.angular_momentum
-    return 0.5 * (dot(momentum, momentum) / body.mass + dot(spin, divide(spin, body.principal_moments)))
+    """Return T = p . p / 2m + w . I w / 2, J: translation (lecture 24, page 6) and rotation (eq. 26)."""
+    momentum, omega = phase.linear_momentum_world, phase.angular_velocity
+    return 0.5 * (dot(momentum, momentum) / body.mass + dot(omega, multiply(body.principal_moments, omega)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +60,7 @@ class Baseline:
     @classmethod
     def of(cls, body: RigidBody, phase: Phase) -> Baseline:
         """Return the baseline of a run that begins in `phase`."""
-        return cls(kinetic_energy(body, phase), phase.angular_momentum_world, phase.linear_momentum_world)
+        return cls(kinetic_energy(body, phase), phase.angular_momentum_world(body), phase.linear_momentum_world)
 
 
 def observe(body: RigidBody, phase: Phase, time_ns: int, baseline: Baseline) -> Sample:
@@ -71,7 +71,7 @@ def observe(body: RigidBody, phase: Phase, time_ns: int, baseline: Baseline) -> 
     """
     state = phase.state(body, time_ns)
     energy = kinetic_energy(body, phase)
-    spin, momentum = phase.angular_momentum_world, phase.linear_momentum_world
+    spin, momentum = phase.angular_momentum_world(body), phase.linear_momentum_world
     return Sample(
         time_ns=time_ns,
         position_world=state.position_world,

@@ -152,9 +152,8 @@ def _third(square: float) -> float:
         angle = math.sqrt(square)
         return (angle - math.sin(angle)) / (angle * square)
     s = square
-    return (
-        1.0 - s / 20.0 * (1.0 - s / 42.0 * (1.0 - s / 72.0 * (1.0 - s / 110.0 * (1.0 - s / 156.0 * (1.0 - s / 210.0)))))
-    ) / 6.0
+    tail = 1.0 - s / 110.0 * (1.0 - s / 156.0 * (1.0 - s / 210.0 * (1.0 - s / 272.0)))
+    return (1.0 - s / 20.0 * (1.0 - s / 42.0 * (1.0 - s / 72.0 * tail))) / 6.0
 
 
 # B_2k / (2k)! in absolute value: the series of (1 - (a/2) cot(a/2))/a^2 in a^2.

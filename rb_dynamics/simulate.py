@@ -139,7 +139,7 @@ class Simulation:
 
 
 def _require_finite(phase: Phase, time_ns: int) -> None:
-    if not all(map(math.isfinite, (*phase.high, *phase.low, *phase.orientation, *phase.angular_momentum))):
+    if not all(map(math.isfinite, (*phase.high, *phase.low, *phase.orientation, *phase.angular_velocity))):
         raise ConvergenceError(
             f"the state is no longer finite at t = {time_ns / NANOSECONDS:.9g} s: a momentum, a position or an energy "
             "has left the range of double precision; check the size of wrench, mass and inertia, or use a smaller step"

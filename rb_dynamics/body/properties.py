@@ -1,4 +1,4 @@
-"""What an inertia matrix says: scalar inertia, radii of gyration, inertia ellipsoid, and how stable a spin is.
+"""What an inertia matrix says: scalar inertia, radii of gyration, ellipsoid, box, and how stable a spin is.
 
 Equation numbers are those of lecture 24.
 """
@@ -43,6 +43,20 @@ def inertia_ellipsoid(body: RigidBody) -> Vector:
     i1, i2, i3 = body.principal_moments
     a = max(i1, i2, i3)
     return (math.sqrt(a / i1), math.sqrt(a / i2), math.sqrt(a / i3))
+
+
+def equivalent_box(body: RigidBody) -> tuple[Vector, float]:
+    """Return (half sizes, half diagonal) in m of the uniform box with the mass and principal moments of `body`.
+
+    Eqs. 6 and 7 give I2 + I3 - I1 = 2 int x1^2 dm, which is 2/3 m h1^2 for a uniform box; so h1^2 = 3 (I2 + I3 - I1) /
+    2m, and cyclically. A flat or thin body gets 1 % of its half diagonal there, to be seen.
+    """
+    i1, i2, i3 = body.principal_moments
+    squares = [1.5 * (pair - own) / body.mass for pair, own in ((i2 + i3, i1), (i3 + i1, i2), (i1 + i2, i3))]
+    half = [math.sqrt(max(square, 0.0)) for square in squares]
+    size = math.hypot(*half)
+    x, y, z = (max(h, 0.01 * size) for h in half)
+    return (x, y, z), size
 
 
 def middle_axis_growth_time(body: RigidBody, angular_velocity_body: Vector) -> float | None:

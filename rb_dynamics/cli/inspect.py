@@ -32,9 +32,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Print the summary; exit code 0, or 1 where a check fails."""
     from rb_dynamics.recording.mcap_reader import read_bag
-    from rb_dynamics.report.summary import BOUND, summarize
+    from rb_dynamics.report.checks import BOUND
+    from rb_dynamics.report.summary import summarize
     from rb_dynamics.report.text import as_text
-    from rb_dynamics.report.track import read_track
+    from rb_dynamics.report.topics import read_track
     from rb_dynamics.scene.read import read_scene
 
     scene = read_scene(args.scene) if args.scene else None

@@ -74,7 +74,8 @@ class WrenchChannels:
         """Start with every channel at zero."""
         self._channels = tuple(channels)
         self._index = {c.topic.lstrip("/"): i for i, c in enumerate(channels)}
-        self._timeout_ns = [round(c.timeout * 1e9) for c in channels]
+        # A timeout below 1 ns is short, not the 0 that holds for ever.
+        self._timeout_ns = [max(1, round(c.timeout * 1e9)) if c.timeout else 0 for c in channels]
         self._frames = frames
         self._holds = [_Hold() for _ in channels]
         self._queue: list[_Pending] = []

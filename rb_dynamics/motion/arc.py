@@ -71,5 +71,5 @@ class Arc:
 
     def _advance(self, phase: Phase, h: float) -> Phase:
         velocity = scale(1.0 / self._inertia.mass, phase.linear_momentum_world)
-        step = self._method.step(self._inertia, self._held, h, velocity, phase.orientation, phase.angular_momentum)
+        step = self._method.step(self._inertia, self._held, h, velocity, phase.orientation, phase.angular_velocity)
         return phase.after(step)

@@ -28,7 +28,7 @@ class Increment(NamedTuple):
     Attributes:
         displacement: of the centre of mass, world axes, m.
         orientation: after the step, principal to world axes.
-        angular_momentum: after the step, principal axes, kg m^2/s.
+        angular_velocity: after the step, principal axes, rad/s.
         impulse: integral of the force by the method's own quadrature, world axes, N s.
         torque_impulse: integral of the torque about the centre of mass, likewise, world axes, N m s.
         work: integral of force . velocity + torque . angular velocity, likewise, J.
@@ -36,13 +36,13 @@ class Increment(NamedTuple):
 
     displacement: Vector
     orientation: Quaternion
-    angular_momentum: Vector
+    angular_velocity: Vector
     impulse: Vector
     torque_impulse: Vector
     work: float
 
 
-# step(inertia, held wrench in principal and world axes, h, velocity_world, orientation, angular_momentum_principal)
+# step(inertia, held wrench in principal and world axes, h, velocity_world, orientation, angular_velocity_principal)
 Step = Callable[[Inertia, HeldWrench, float, Vector, Quaternion, Vector], Increment]
 
 

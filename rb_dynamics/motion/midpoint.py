@@ -19,7 +19,7 @@ _SMALLEST = 8.0 * math.ulp(0.0)
 
 
 def step(
-    inertia: Inertia, held: HeldWrench, h: float, velocity: Vector, orientation: Quaternion, momentum: Vector
+    inertia: Inertia, held: HeldWrench, h: float, velocity: Vector, orientation: Quaternion, angular_velocity: Vector
 ) -> Increment:
     """Advance by the implicit midpoint rule with attitude R1 = R0 cay(h w) (HLW IV.8.3 and VII.5.3).
 
@@ -32,6 +32,7 @@ def step(
         ConvergenceError: Newton's method finds no w for this step.
     """
     mass, moments = inertia
+    momentum = times(moments, angular_velocity)
     torque_impulse_world = scale(h, rotate_inverse(orientation, held.torque_world))
     w = _mean_angular_velocity(moments, momentum, torque_impulse_world, scale(h, held.torque_body), h)
     half_turn = scale(0.5 * h, w)
@@ -45,7 +46,7 @@ def step(
     return Increment(
         scale(h, mean_velocity),
         normalize(multiply(orientation, turn)),
-        rotate_inverse(turn, add(momentum, torque_impulse)),
+        divide(rotate_inverse(turn, add(momentum, torque_impulse)), moments),
         impulse,
         add_scaled(rotate(orientation, torque_impulse_body), h, held.torque_world),
         dot(mean_velocity, impulse) + dot(w, torque_impulse),

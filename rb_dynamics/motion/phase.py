@@ -12,7 +12,7 @@ from rb_dynamics.body.state import State
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia
 from rb_dynamics.rotation import Quaternion, conjugate, multiply, rotate, rotate_inverse
-from rb_dynamics.vector import ZERO, Vector, add, cross, divide, scale, subtract
+from rb_dynamics.vector import ZERO, Vector, add, cross, scale, subtract
 from rb_dynamics.vector import multiply as times
 
 # Sums carried with compensation: position of the centre of mass, linear momentum, impulse, torque impulse (world axes,
@@ -26,13 +26,13 @@ class Phase:
 
     Attributes:
         orientation: principal to world axes.
-        angular_momentum: about the centre of mass, principal axes, kg m^2/s.
+        angular_velocity: principal axes, rad/s; not the momentum, so that the user's digits are kept as they came.
         high: the compensated sums, see `_SUMS`.
         low: what rounding took from them; the value is high + low.
     """
 
     orientation: Quaternion
-    angular_momentum: Vector
+    angular_velocity: Vector
     high: tuple[float, ...]
     low: tuple[float, ...]
 
@@ -46,7 +46,7 @@ class Phase:
         momentum = scale(body.mass, add(state.linear_velocity_world, spin))
         return cls(
             multiply(state.orientation_xyzw, body.principal_orientation_xyzw),
-            times(body.principal_moments, omega),
+            omega,
             (*position, *momentum, *ZERO, *ZERO, 0.0),
             (0.0,) * _SUMS,
         )
@@ -63,7 +63,7 @@ class Phase:
             part = total - a
             high.append(total)
             low.append(c + ((a - (total - part)) + (b - part)))
-        return Phase(step.orientation, step.angular_momentum, tuple(high), tuple(low))
+        return Phase(step.orientation, step.angular_velocity, tuple(high), tuple(low))
 
     def _sum(self, first: int) -> Vector:
         h, low, i = self.high, self.low, first
@@ -94,16 +94,15 @@ class Phase:
         """Work of all loads since the start, J."""
         return self.high[12] + self.low[12]
 
-    @property
-    def angular_momentum_world(self) -> Vector:
-        """About the centre of mass, kg m^2/s."""
-        return rotate(self.orientation, self.angular_momentum)
+    def angular_momentum_world(self, body: RigidBody) -> Vector:
+        """Return L = I w about the centre of mass, kg m^2/s (lecture 24, page 22)."""
+        return rotate(self.orientation, times(body.principal_moments, self.angular_velocity))
 
     def state(self, body: RigidBody, time_ns: int) -> State:
         """Return the state of `body` in this phase: body origin and body axes again."""
         axes = body.principal_orientation_xyzw
         orientation = multiply(self.orientation, conjugate(axes))
-        omega = rotate(axes, divide(self.angular_momentum, body.principal_moments))
+        omega = rotate(axes, self.angular_velocity)
         velocity = scale(1.0 / body.mass, self.linear_momentum_world)
         return State(
             time_ns,

@@ -13,7 +13,7 @@ _NODES = (0.0, 0.5, 0.5, 1.0)
 
 
 def step(
-    inertia: Inertia, held: HeldWrench, h: float, velocity: Vector, orientation: Quaternion, momentum: Vector
+    inertia: Inertia, held: HeldWrench, h: float, velocity: Vector, orientation: Quaternion, angular_velocity: Vector
 ) -> Increment:
     """Advance (q, omega, v, x) by the classical RK4 and normalise q (Hairer, Norsett & Wanner I, table II.1.2).
 
@@ -24,8 +24,7 @@ def step(
         ConvergenceError: the step turns the body so far that a stage is no rotation any more.
     """
     mass, moments = inertia
-    omega_0 = divide(momentum, moments)
-    q, omega, v = orientation, omega_0, velocity
+    q, omega, v = orientation, angular_velocity, velocity
     q_sum = (0.0, 0.0, 0.0, 0.0)
     omega_sum, displacement, impulse, torque_impulse, work = ZERO, ZERO, ZERO, ZERO, 0.0
     for stage in range(4):
@@ -45,19 +44,19 @@ def step(
         if stage < 3:
             ahead = _NODES[stage + 1] * h
             q = _add_scaled(orientation, ahead, q_dot)
-            omega = add_scaled(omega_0, ahead, omega_dot)
+            omega = add_scaled(angular_velocity, ahead, omega_dot)
             v = add_scaled(velocity, ahead / mass, force)
     q_end = _add_scaled(orientation, 1.0, q_sum)
     square = q_end[0] ** 2 + q_end[1] ** 2 + q_end[2] ** 2 + q_end[3] ** 2
     if not 0.5 < square < 2.0:
         raise ConvergenceError(
             f"rk4: after a step of {h:g} s the quaternion has norm {square**0.5:.3g}, expected about 1; "
-            f"the body turns too far in one step at {norm(omega_0):.3g} rad/s: use a shorter step"
+            f"the body turns too far in one step at {norm(angular_velocity):.3g} rad/s: use a shorter step"
         )
     return Increment(
         displacement,
         normalize(q_end),
-        multiply(moments, add(omega_0, omega_sum)),
+        add(angular_velocity, omega_sum),
         impulse,
         torque_impulse,
         work,

@@ -9,12 +9,12 @@ from rb_dynamics.rotation import (
     Quaternion,
     dexpinv,
     exp,
-    multiply,
     normalize,
     rotate,
     rotate_inverse,
 )
-from rb_dynamics.vector import ZERO, Vector, add, add_scaled, divide, dot, norm, scale
+from rb_dynamics.rotation import multiply as compose
+from rb_dynamics.vector import ZERO, Vector, add, add_scaled, divide, dot, multiply, norm, scale
 
 # The classical fourth-order tableau: each stage starts from the one before it.
 _WEIGHTS = (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0)
@@ -25,7 +25,7 @@ _LARGEST_TURN = 3.0
 
 
 def step(
-    inertia: Inertia, held: HeldWrench, h: float, velocity: Vector, orientation: Quaternion, momentum: Vector
+    inertia: Inertia, held: HeldWrench, h: float, velocity: Vector, orientation: Quaternion, angular_velocity: Vector
 ) -> Increment:
     """Advance by RKMK4 with dexpinv (Munthe-Kaas, BIT 38 (1998) 92; IMNZ algorithm 4.1).
 
@@ -37,6 +37,7 @@ def step(
         ConvergenceError: the step turns the body further than exp can be inverted.
     """
     mass, moments = inertia
+    momentum = multiply(moments, angular_velocity)
     force_0 = rotate_inverse(orientation, held.force_world)
     torque_0 = rotate_inverse(orientation, held.torque_world)
     velocity_0 = rotate_inverse(orientation, velocity)
@@ -77,8 +78,8 @@ def step(
     displacement = rotate(orientation, scale(h * h / mass, force_moment))
     return Increment(
         add(scale(h, velocity), add_scaled(displacement, 0.5 * h * h / mass, held.force_world)),
-        normalize(multiply(orientation, turn)),
-        rotate_inverse(turn, add(momentum, add_scaled(torque_impulse, h, torque_0))),
+        normalize(compose(orientation, turn)),
+        divide(rotate_inverse(turn, add(momentum, add_scaled(torque_impulse, h, torque_0))), moments),
         add_scaled(rotate(orientation, scale(h, force_sum)), h, held.force_world),
         add_scaled(rotate(orientation, torque_impulse), h, held.torque_world),
         work,

@@ -14,7 +14,7 @@ from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.motion.method import Inertia
 from rb_dynamics.motion.phase import Phase
 from rb_dynamics.rotation import angle_between
-from rb_dynamics.vector import divide, norm, scale, subtract
+from rb_dynamics.vector import norm, scale, subtract
 
 Advance = Callable[[Phase, float], Phase]
 
@@ -114,14 +114,14 @@ class AccuracyControl:
         return advance(advance(phase, 0.5 * h), 0.5 * h)
 
     def _first(self, phase: Phase) -> float:
-        rate = norm(divide(phase.angular_momentum, self._inertia.moments))
+        rate = norm(phase.angular_velocity)
         return min(0.01 * self._horizon, 0.1 / rate if rate > 0.0 else math.inf)
 
     def _attempt(self, phase: Phase, advance: Advance, h: float) -> tuple[Phase, float]:
         whole, halves = advance(phase, h), self.refine(phase, advance, h)
-        moments, mass, horizon = self._inertia.moments, self._inertia.mass, self._horizon
-        rate = norm(divide(halves.angular_momentum, moments))
-        rate_error = norm(divide(subtract(whole.angular_momentum, halves.angular_momentum), moments))
+        mass, horizon = self._inertia.mass, self._horizon
+        rate = norm(halves.angular_velocity)
+        rate_error = norm(subtract(whole.angular_velocity, halves.angular_velocity))
         attitude = angle_between(whole.orientation, halves.orientation) + rate_error * horizon
         momentum_error = subtract(whole.linear_momentum_world, halves.linear_momentum_world)
         drift = norm(subtract(whole.center_of_mass_world, halves.center_of_mass_world))

@@ -90,9 +90,7 @@ def _of_channel(steps: WrenchSteps, kind: str, time_ns: Times, attitude: _Attitu
     )
 
 
-def _turning(
-    steps: WrenchSteps, vectors: Array, time_ns: Times, attitude: _Attitude | None
-) -> tuple[Array, Array]:
+def _turning(steps: WrenchSteps, vectors: Array, time_ns: Times, attitude: _Attitude | None) -> tuple[Array, Array]:
     """Return the integral of R b over each interval in which b is held, and an estimate of its error.
 
     With f = R b and f' = R (w x b) at both ends: h/2 (f0 + f1) + h^2/12 (f0' - f1'), whose error is h^5/720 f''''
@@ -140,5 +138,3 @@ def _attitude(track: Track, time_ns: Times) -> _Attitude | None:
     if track.twist_in_world:
         omega = rotate_all(orientation * np.array([-1.0, -1.0, -1.0, 1.0]), omega)
     return _Attitude(orientation, omega)
-
-

@@ -13,9 +13,11 @@ import numpy as np
 from rb_dynamics.recording.mcap_reader import read_bag
 from rb_dynamics.report import plots, text
 from rb_dynamics.report.balance import Balance
+from rb_dynamics.report.checks import BOUND
 from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, write_html
-from rb_dynamics.report.summary import BOUND, Summary, summarize
-from rb_dynamics.report.track import APPLIED, Array, Series, Track, read_track
+from rb_dynamics.report.summary import Summary, summarize
+from rb_dynamics.report.topics import read_track
+from rb_dynamics.report.track import APPLIED, Array, Series, Track
 from rb_dynamics.scene.model import Scene
 
 
@@ -132,9 +134,10 @@ def _check_tiles(summary: Summary) -> list[Tile]:
 def _size_tiles(summary: Summary) -> list[Tile]:
     shown = ("angular rate", "angular momentum", "linear momentum", "kinetic energy")
     return [
-        Tile(f"Largest {r.name}", f"{r.high:.4g}", f"{r.unit}, at {r.high_at_s:.4g} s; smallest {r.low:.4g}")
+        Tile(f"Largest {name}", f"{r.high:.4g}", f"{r.unit}, at {r.high_at_s:.4g} s; smallest {r.low:.4g}")
         for r in summary.ranges
-        if r.name.startswith(shown)
+        for name in shown
+        if r.name.startswith(name)
     ]
 
 
@@ -182,9 +185,7 @@ def _motion(track: Track) -> list[Section]:
     if track.twist is not None:
         time_s, rows = track.seconds(track.twist.time_ns), track.twist.values
         axes = "world" if track.twist_in_world else "body"
-        caption = (
-            f"{track.twist.topic}: in a good run these are continuous, with kinks only where a wrench changes."
-        )
+        caption = f"{track.twist.topic}: in a good run these are continuous, with kinks only where a wrench changes."
         figures.append(Figure(plots.rates_and_velocity(time_s, rows[:, 3:], rows[:, :3], axes), caption))
     return [Section("Motion", figures=figures)] if figures else []
 
@@ -192,11 +193,10 @@ def _motion(track: Track) -> list[Section]:
 def _conservation(track: Track, summary: Summary) -> list[Section]:
     figures = []
     angular, linear, kinetic = track.angular_momentum, track.linear_momentum, track.kinetic_energy
-    if angular is not None and linear is not None and np.array_equal(angular.time_ns, linear.time_ns):
-        time_s = track.seconds(angular.time_ns)
+    if angular is not None and linear is not None:
         caption = "In a good run each is a horizontal line, to the last digit, for as long as nothing acts."
-        figures.append(Figure(plots.momenta(time_s, angular.values, linear.values), caption))
-    if kinetic is not None and len(kinetic.time_ns):
+        figures.append(Figure(plots.momenta(*_shared(track, angular, linear)), caption))
+    if kinetic is not None:
         figures.append(_energy(track, kinetic))
     figures += _defects(track, summary)
     basis = "\n\n".join(f"{_capital(balance.name)}: {balance.basis}." for balance in summary.balances)
@@ -206,12 +206,17 @@ def _conservation(track: Track, summary: Summary) -> list[Section]:
 
 
 def _energy(track: Track, kinetic: Series) -> Figure:
-    time_s = track.seconds(kinetic.time_ns)
-    if track.work is None or not np.array_equal(track.work.time_ns, kinetic.time_ns):
+    if track.work is None:
         caption = "In a good run this is a horizontal line for as long as nothing acts."
-        return Figure(plots.energy(time_s, kinetic.values), caption)
+        return Figure(plots.energy(track.seconds(kinetic.time_ns), kinetic.values), caption)
     caption = "In a good run the lines lie on one another: kinetic energy changes by the work done and nothing else."
-    return Figure(plots.energy(time_s, kinetic.values, track.work.values), caption)
+    return Figure(plots.energy(*_shared(track, kinetic, track.work)), caption)
+
+
+def _shared(track: Track, first: Series, second: Series) -> tuple[Array, Array, Array]:
+    """Return the times (s) that both have, with their values: a log that was cut off may end between two topics."""
+    time_ns, at_first, at_second = np.intersect1d(first.time_ns, second.time_ns, return_indices=True)
+    return track.seconds(time_ns), first.values[at_first], second.values[at_second]
 
 
 def _defects(track: Track, summary: Summary) -> list[Figure]:
@@ -220,7 +225,7 @@ def _defects(track: Track, summary: Summary) -> list[Figure]:
     if energy is not None:
         caption = (
             f"The part of the energy that no work explains. In a good run it stays far below the largest energy, "
-            f"{energy.scale:.3g} J, and does not grow steadily."
+            f"{energy.scale:.3g} J; steady growth is the error of the method adding up."
         )
         figures.append(Figure(plots.energy_defect(*_series(track, energy)), caption))
     angular, linear = summary.balance("angular momentum"), summary.balance("linear momentum")
@@ -277,9 +282,6 @@ def _tables(summary: Summary) -> list[Section]:
 def _provenance(track: Track) -> list[Section]:
     """Return every metadata record of the file."""
     facts = [
-        [key, value]
-        for name in sorted(track.bag.metadata)
-        for key, value in track.bag.metadata[name].items()
-        if value
+        [key, value] for name in sorted(track.bag.metadata) for key, value in track.bag.metadata[name].items() if value
     ]
     return [Section("Provenance", table=Table(["", ""], facts, numeric=False))] if facts else []

@@ -6,22 +6,16 @@ Judges only what it can: a check that lacks its data is not there, and `missing`
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from rb_dynamics.recording.mcap_reader import Bag, Topic
 from rb_dynamics.report.balance import Balance, balances
-from rb_dynamics.report.track import APPLIED, Array, Series, Times, Track, WrenchSteps
-
-BOUND = 1e-6
-"""Default of the largest defect accepted, relative to the largest energy or momentum seen."""
+from rb_dynamics.report.checks import BOUND, Check, checks
+from rb_dynamics.report.track import APPLIED, Series, Track, WrenchSteps
 
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
-
-# An interval this much longer than the usual one is a gap, where intervals are even.
-_GAP = 1.5
 
 
 @dataclass(frozen=True)
@@ -36,8 +30,6 @@ class TopicFacts:
         rate: mean, Hz; 0 for fewer than two messages.
         longest_s: longest time between two messages.
         longest_at_s: when that began, s from the start of the motion.
-        gaps: intervals that stand out from even ones; 0 where intervals are not even.
-        backwards: how often log time went back.
     """
 
     name: str
@@ -47,8 +39,6 @@ class TopicFacts:
     rate: float
     longest_s: float
     longest_at_s: float
-    gaps: int
-    backwards: int
 
 
 @dataclass(frozen=True)
@@ -96,15 +86,6 @@ class Moment:
     unit: str
     first: tuple[float, ...]
     last: tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class Check:
-    """One thing that has to hold, whether it does, and by how much."""
-
-    name: str
-    passed: bool
-    detail: str
 
 
 @dataclass(frozen=True)
@@ -201,7 +182,7 @@ def summarize(track: Track, bound: float = BOUND) -> Summary:
         channels=tuple(_channels(track, health)),
         health=health,
         momenta_from=track.momenta_from,
-        checks=tuple(_checks(track, topics, found, bound)),
+        checks=tuple(checks(track, found, bound)),
         notes=track.notes,
         missing=tuple(_missing(track)),
     )
@@ -210,7 +191,7 @@ def summarize(track: Track, bound: float = BOUND) -> Summary:
 def _topic(topic: Topic, start_ns: int) -> TopicFacts:
     times = np.array(topic.log_times, dtype=np.int64)
     if not len(times):
-        return TopicFacts(topic.name, topic.type_name, 0, 0.0, 0.0, 0.0, 0.0, 0, 0)
+        return TopicFacts(topic.name, topic.type_name, 0, 0.0, 0.0, 0.0, 0.0)
     steps = np.diff(times)
     span = int(times[-1] - times[0])
     longest = int(steps.argmax()) if len(steps) else 0
@@ -222,19 +203,7 @@ def _topic(topic: Topic, start_ns: int) -> TopicFacts:
         rate=len(steps) / (span * 1e-9) if span > 0 else 0.0,
         longest_s=float(steps[longest]) * 1e-9 if len(steps) else 0.0,
         longest_at_s=int(times[longest] - start_ns) * 1e-9,
-        gaps=gaps(times),
-        backwards=int((steps < 0).sum()),
     )
-
-
-def gaps(time_ns: Times) -> int:
-    """Return how many intervals are longer than usual; 0 where nine in ten are not even to 1 %."""
-    steps = np.diff(time_ns)
-    if len(steps) < 3:
-        return 0
-    usual = float(np.median(steps))
-    even = np.abs(steps - usual) <= 0.01 * usual
-    return int((steps > _GAP * usual).sum()) if usual > 0.0 and even.mean() >= 0.9 else 0
 
 
 def _moments(track: Track) -> list[Moment]:
@@ -326,40 +295,6 @@ def _health(bag: Bag) -> Health | None:
         return None
     _, _, message, _, values = ours[-1]
     return Health(max(status[0] for status in ours), message, tuple(values))
-
-
-def _checks(track: Track, topics: Sequence[TopicFacts], found: Sequence[Balance], bound: float) -> list[Check]:
-    complete = track.bag.complete
-    detail = "finished by its writer" if complete else "cut off: it holds what was written until then"
-    checks = [Check("file is whole", complete, detail)]
-    motion = {series.topic for series in (track.pose, track.twist) if series is not None}
-    checks += [_even(facts) for facts in topics if facts.name in motion]
-    if track.pose is not None and len(track.pose.time_ns):
-        checks.append(_unit(track.pose.values[:, 3:], bound))
-    checks += [_balanced(track, balance, bound) for balance in found if balance.covered > 0.0]
-    return checks
-
-
-def _even(facts: TopicFacts) -> Check:
-    name = f"{facts.name} has no gaps"
-    if facts.backwards:
-        return Check(name, False, f"time goes back {facts.backwards} times; two runs in one file cannot be told apart")
-    if facts.gaps:
-        detail = f"{facts.gaps} gaps, the longest {facts.longest_s:.6g} s from t = {facts.longest_at_s:.6g} s"
-        return Check(name, False, detail)
-    return Check(name, True, f"{facts.count} messages, at most {facts.longest_s:.6g} s apart")
-
-
-def _unit(orientation: Array, bound: float) -> Check:
-    worst = float(np.abs(np.linalg.norm(orientation, axis=1) - 1.0).max())
-    return Check("quaternion is unit", worst <= bound, f"norm - 1 is at most {worst:.3g}, accepted {bound:g}")
-
-
-def _balanced(track: Track, balance: Balance, bound: float) -> Check:
-    when = int(balance.worst_ns - track.span_ns[0]) * 1e-9
-    worst = f"worst {balance.worst:.3g} {balance.unit} at t = {when:.6g} s"
-    detail = f"{worst}, relative {balance.relative:.3g}, accepted {bound:g}"
-    return Check(f"{balance.name} balance", balance.relative <= bound, detail)
 
 
 def _missing(track: Track) -> list[str]:

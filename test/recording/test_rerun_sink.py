@@ -13,19 +13,17 @@ import numpy as np
 import pytest
 
 from rb_dynamics import rotation
+from rb_dynamics.body.properties import equivalent_box
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import IDENTITY, State
 from rb_dynamics.diagnostics import Sample
 from rb_dynamics.errors import LogError, MissingExtraError
 from rb_dynamics.loads.wrench import Wrench, WrenchFrames
-from rb_dynamics.recording.rerun_sink import RerunSink, equivalent_box
+from rb_dynamics.recording.rerun_sink import RerunSink
 from rb_dynamics.recording.sink import AppliedWrench, Event, RunInfo, Status
 from rb_dynamics.scene.model import Channel, Scene, Solver
 from rb_dynamics.simulate import simulate
 from rb_dynamics.vector import ZERO
-
-# Rerun announces on import which Pythons it will drop.
-pytestmark = pytest.mark.filterwarnings("ignore:Python 3.10 reaches end-of-life:DeprecationWarning")
 
 INDEXES = ("rerun.controls.RowId", "sim_time", "sample")
 BODY = RigidBody.from_principal(2.0, (1.0, 2.0, 2.5), rotation.exp((0.3, 0.2, 0.1)), (0.1, -0.2, 0.05))
@@ -179,21 +177,6 @@ def test_the_box_has_mass_and_inertia_of_the_body(tmp_path: Path) -> None:
     np.testing.assert_allclose(
         rrd.static("world/body/box", "Boxes3D:quaternions")[0], BODY.principal_orientation_xyzw, rtol=1e-6
     )
-
-
-@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e5])
-def test_equivalent_box(scale: float) -> None:
-    half = np.array([0.5, 1.0, 0.25]) * scale
-    moments = 8.0 / 3.0 * (np.sum(half**2) - half**2)
-    found, size = equivalent_box(RigidBody.from_diagonal(8.0, moments))
-    np.testing.assert_allclose(found, half, rtol=1e-12)
-    assert size == pytest.approx(np.linalg.norm(half), rel=1e-12)
-
-
-def test_a_flat_body_can_be_seen() -> None:
-    half, size = equivalent_box(RigidBody.from_diagonal(3.0, (1.0, 1.0, 2.0)))
-    assert half == pytest.approx((1.0, 1.0, 0.01 * math.sqrt(2.0)))
-    assert size == pytest.approx(math.sqrt(2.0))
 
 
 def test_arrows_have_the_direction_of_their_vectors_and_fit_the_body(tmp_path: Path) -> None:

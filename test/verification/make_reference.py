@@ -95,7 +95,6 @@ class Motion:
         def product(a, b, n):
             return mp.fdot(a[: n + 1], b[n::-1])
 
-        turn_coefficients = [[[], [], []] for _ in range(3)]
         momentum, torque, force = ([[], [], []] for _ in range(3))
         torque_body = [[], [], []]
         for n in range(order):
@@ -110,8 +109,6 @@ class Motion:
             tb = times(transposed(turn), self.torque_world)
             m = times(self.inertia, now)
             for i in range(3):
-                for j in range(3):
-                    turn_coefficients[i][j].append(turn[i][j])
                 force[i].append(f[i] + constant * self.force_world[i])
                 torque[i].append(t[i] + constant * self.torque_world[i])
                 torque_body[i].append(tb[i] + constant * self.torque_body[i])
@@ -183,11 +180,11 @@ def main():
     assert agreement < mpf(10) ** -40, nstr(agreement, 3)
     assert balance < mpf(10) ** -40, nstr(balance, 3)
     document = {
-        "conventions": "SI; quaternions (x, y, z, w), body to world; the initial one is normalised exactly; every input "
+        "conventions": "SI; quaternions (x, y, z, w), body to world; the initial one is normalised exactly; each input "
         "is the IEEE double nearest the decimal shown; body and world wrench are held from 0 on, forces through the "
         f"centre of mass; position and velocity are those of the body origin; states to {DIGITS} digits",
-        "how": f"Taylor order {ORDER + 5}, step {STEP}/2 s, 60 digits (make_reference.py); order {ORDER} with twice the "
-        f"step agrees to {nstr(agreement, 1)}, kinetic energy less work is constant to {nstr(balance, 1)} J",
+        "how": f"Taylor order {ORDER + 5}, step {STEP}/2 s, 60 digits (make_reference.py); order {ORDER} with twice "
+        f"the step agrees to {nstr(agreement, 1)}, kinetic energy less work is constant to {nstr(balance, 1)} J",
         "case": CASE,
         "states": [motion.outputs(t, y) for t, y in zip(TIMES, fine, strict=True)],
     }

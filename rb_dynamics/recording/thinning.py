@@ -1,0 +1,237 @@
+"""What a picture of a run keeps of it: which samples, which edges of the wrenches, which points of the path.
+
+Chooses among what happened and never makes a value up; knows no file format. Of a long run few are kept.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+from rb_dynamics.diagnostics import Sample
+from rb_dynamics.loads.channels import AppliedWrench
+from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.vector import ZERO, Vector
+
+
+@dataclass
+class Thinner:
+    """Which samples become rows: every `stride`-th, `stride` doubling after each `max_rows` rows."""
+
+    max_rows: int
+    stride: int = 1
+    rows: int = 0
+
+    @classmethod
+    def of_run(cls, duration: float | None, output_rate: float, max_rows: int) -> Thinner:
+        """Return one that keeps about `max_rows` samples where `duration` (s) and `output_rate` (Hz) are known."""
+        if duration is None or output_rate <= 0.0:
+            return cls(max_rows)
+        return cls(max_rows, max(1, math.ceil(duration * output_rate / max_rows)))
+
+    def keeps(self, index: int) -> bool:
+        """Return whether sample `index` is kept, and count it; asked once for each, in their order."""
+        if index % self.stride:
+            return False
+        self.rows += 1
+        if self.rows % self.max_rows == 0:
+            self.stride *= 2
+        return True
+
+
+@dataclass
+class Polyline:
+    """A path in at most 2 `max_points` points, evenly thinned; the newest point is always its end."""
+
+    max_points: int
+    points: list[Vector] = field(default_factory=list)
+    stride: int = 1
+    seen: int = 0
+    last: Vector = ZERO
+    sent: int = 0
+
+    def extend(self, points: Iterable[Vector]) -> None:
+        """Take the next points."""
+        for point in points:
+            self.last = point
+            if self.seen % self.stride == 0:
+                self.points.append(point)
+            self.seen += 1
+            if len(self.points) > 2 * self.max_points:
+                self.points = self.points[::2]
+                self.stride *= 2
+
+    def due(self) -> bool:
+        """Return whether it has doubled since it was last sent: then all sendings together cost no more than two."""
+        return self.seen >= 2 * self.sent
+
+    def line(self) -> list[Vector]:
+        """Return the points kept and the newest one."""
+        return [*self.points, self.last] if self.points else []
+
+
+class WrenchPart(NamedTuple):
+    """A channel's "force" or "torque" as given in one frame."""
+
+    kind: str
+    topic: str
+    frame_id: str
+
+
+class Edge(NamedTuple):
+    """A new value: when, and the index of the newest sample then."""
+
+    time_ns: int
+    sample: int
+    value: Vector
+
+
+@dataclass
+class Steps:
+    """One part of a wrench as a step function.
+
+    The next `exact` edges are kept; later ones wait, each in place of the one before, until a kept sample comes.
+    """
+
+    edges: list[Edge]
+    exact: int
+    value: Vector = ZERO
+    waiting: Edge | None = None
+
+    def add(self, edge: Edge) -> None:
+        """Take the next edge."""
+        self.value = edge.value
+        if self.exact > 0:
+            self.exact -= 1
+            self.edges.append(edge)
+        else:
+            self.waiting = edge
+
+    def settle(self) -> None:
+        """Keep the edge that waited."""
+        if self.waiting is not None:
+            self.edges.append(self.waiting)
+            self.waiting = None
+
+
+class WrenchSteps:
+    """The wrenches of all channels, one step function for each part that ever acts; each begins with zero."""
+
+    def __init__(self, world_frame: str, start_ns: int, exact: int) -> None:
+        """Start with nothing acting at `start_ns`; `exact` edges of each part are kept whatever comes."""
+        self.parts: dict[WrenchPart, Steps] = {}
+        self.held = HeldWrench()  # the sum of the channels
+        self._world_frame, self._start_ns, self._exact = world_frame, start_ns, exact
+
+    def take(self, event: AppliedWrench, sample: int) -> list[WrenchPart]:
+        """Take a change that came after `sample`; return the parts that act for the first time."""
+        new = []
+        for kind, value in (("force", event.force), ("torque", event.torque)):
+            part = WrenchPart(kind, event.topic, event.frame_id)
+            # A channel holds one wrench: what it held in another frame has ended.
+            for other, steps in self.parts.items():
+                if other[:2] == part[:2] and other != part and any(steps.value):
+                    steps.add(Edge(event.time_ns, sample, ZERO))
+            # What never acts has no line: three at zero for each silent part would hide the others.
+            if part not in self.parts and any(value):
+                self.parts[part] = Steps([Edge(self._start_ns, 0, ZERO)], self._exact)
+                new.append(part)
+            if part in self.parts:
+                self.parts[part].add(Edge(event.time_ns, sample, value))
+        self.held = self._total()
+        return new
+
+    def fetch(self) -> list[tuple[WrenchPart, list[Edge]]]:
+        """Return the edges kept since it was last called, for each part that has any."""
+        fetched = [(part, steps.edges) for part, steps in self.parts.items() if steps.edges]
+        for part, _ in fetched:
+            self.parts[part].edges = []
+        return fetched
+
+    def settle(self) -> None:
+        """Keep what waited: a kept sample has come."""
+        for steps in self.parts.values():
+            steps.settle()
+
+    def finish(self, time_ns: int, sample: int) -> None:
+        """Let the line of a held command reach the end of the run."""
+        for steps in self.parts.values():
+            steps.settle()
+            steps.edges.append(Edge(time_ns, sample, steps.value))
+
+    def unsent(self) -> int:
+        """Return how many edges wait to be fetched."""
+        return sum(len(steps.edges) for steps in self.parts.values())
+
+    def _total(self) -> HeldWrench:
+        total = HeldWrench()
+        for part, steps in self.parts.items():
+            axes = "world" if part.frame_id == self._world_frame else "body"
+            total += HeldWrench(**{f"{part.kind}_{axes}": steps.value})
+        return total
+
+
+@dataclass(frozen=True)
+class Row:
+    """A kept sample, with the sum of the wrenches held then."""
+
+    index: int
+    sample: Sample
+    held: HeldWrench
+
+
+class Rows:
+    """Kept samples, and the wrenches between them, until they are fetched."""
+
+    def __init__(self, thinner: Thinner, wrenches: WrenchSteps) -> None:
+        """Start before the first sample."""
+        self.thinner, self.wrenches = thinner, wrenches
+        self._samples = 0
+        self._ready: list[Row] = []
+        self._pending: Row | None = None
+        self._pending_kept = False
+
+    @property
+    def newest(self) -> int:
+        """Index of the newest sample; what comes before the first one counts with it."""
+        return max(self._samples - 1, 0)
+
+    def take_sample(self, sample: Sample) -> None:
+        """Take the next sample. It waits, so that wrenches of the very same instant count for it."""
+        self._settle()
+        self._pending = Row(self._samples, sample, self.wrenches.held)
+        self._pending_kept = self.thinner.keeps(self._samples)
+        self._samples += 1
+        if self._pending_kept:
+            self.wrenches.settle()
+
+    def take_wrench(self, event: AppliedWrench) -> list[WrenchPart]:
+        """Take a change of a wrench; return the parts that act for the first time."""
+        if self._pending is not None and event.time_ns > self._pending.sample.time_ns:
+            self._settle()
+        new = self.wrenches.take(event, self.newest)
+        if self._pending is not None:
+            self._pending = replace(self._pending, held=self.wrenches.held)
+        return new
+
+    def finish(self, time_ns: int) -> None:
+        """Keep the last sample whatever its index, and let every wrench reach the end at `time_ns`."""
+        self._pending_kept = True
+        self._settle()
+        self.wrenches.finish(time_ns, self.newest)
+
+    def fetch(self) -> list[Row]:
+        """Return the samples kept since it was last called."""
+        ready, self._ready = self._ready, []
+        return ready
+
+    def unsent(self) -> int:
+        """Return how many samples and edges wait to be fetched."""
+        return len(self._ready) + self.wrenches.unsent()
+
+    def _settle(self) -> None:
+        row, self._pending = self._pending, None
+        if row is not None and self._pending_kept:
+            self._ready.append(row)

@@ -1,0 +1,87 @@
+"""What has to hold in a recorded run: the file is whole, time runs evenly, attitudes are unit, the balances close.
+
+Judges only what it can: a check that lacks its data is not there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rb_dynamics.report.balance import Balance
+from rb_dynamics.report.track import Array, Series, Times, Track
+
+BOUND = 1e-6
+"""Default of the largest defect accepted, relative to the largest energy or momentum seen."""
+
+# An interval this much longer than the usual one is a gap, where intervals are even.
+_GAP = 1.5
+
+
+@dataclass(frozen=True)
+class Check:
+    """One thing that has to hold, whether it does, and by how much."""
+
+    name: str
+    passed: bool
+    detail: str
+
+
+def checks(track: Track, found: Sequence[Balance], bound: float) -> list[Check]:
+    """Return every check that `track` has the data for; `bound` is relative to the largest energy or momentum."""
+    complete = track.bag.complete
+    detail = "finished by its writer" if complete else "cut off: it holds what was written until then"
+    done = [Check("file is whole", complete, detail)]
+    done += [_whole(series, track) for series in _motion(track)]
+    if track.pose is not None and len(track.pose.time_ns):
+        done.append(_unit(track.pose.values[:, 3:], bound))
+    done += [_balanced(track, balance, bound) for balance in found if balance.covered > 0.0]
+    return done
+
+
+def _motion(track: Track) -> list[Series]:
+    """Return pose and twist, once where both are from one topic."""
+    found = {series.topic: series for series in (track.pose, track.twist) if series is not None}
+    return list(found.values())
+
+
+def _whole(series: Series, track: Track) -> Check:
+    name, count = f"{series.topic} is whole", len(series.time_ns)
+    if series.unusable:
+        of = f"{series.unusable} of {count + series.unusable} messages"
+        return Check(name, False, f"{of} have a number that is not finite or too large")
+    if series.backwards:
+        return Check(name, False, f"stamps go back {series.backwards}×; two runs in one file cannot be told apart")
+    steps = np.diff(series.time_ns)
+    if not len(steps):
+        return Check(name, True, f"{count} samples")
+    longest = int(steps.argmax())
+    apart = f"{int(steps[longest]) * 1e-9:.6g} s"
+    if missing := gaps(series.time_ns):
+        start = track.seconds(series.time_ns)[longest]
+        return Check(name, False, f"gaps: {missing}, the longest {apart} from t = {start:.6g} s")
+    return Check(name, True, f"{count} samples, all finite, at most {apart} apart")
+
+
+def _unit(orientation: Array, bound: float) -> Check:
+    worst = float(np.abs(np.linalg.norm(orientation, axis=1) - 1.0).max())
+    return Check("quaternion is unit", worst <= bound, f"norm - 1 is at most {worst:.3g}, accepted {bound:g}")
+
+
+def _balanced(track: Track, balance: Balance, bound: float) -> Check:
+    when = int(balance.worst_ns - track.span_ns[0]) * 1e-9
+    worst = f"worst {balance.worst:.3g} {balance.unit} at t = {when:.6g} s"
+    detail = f"{worst}, relative {balance.relative:.3g}, accepted {bound:g}"
+    return Check(f"{balance.name} balance", balance.relative <= bound, detail)
+
+
+def gaps(time_ns: Times) -> int:
+    """Return how many intervals are longer than usual; 0 where nine in ten are not even to 1 %."""
+    steps = np.diff(time_ns)
+    if len(steps) < 3:
+        return 0
+    usual = float(np.median(steps))
+    even = np.abs(steps - usual) <= 0.01 * usual
+    return int((steps > _GAP * usual).sum()) if usual > 0.0 and even.mean() >= 0.9 else 0

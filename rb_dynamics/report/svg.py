@@ -1,0 +1,260 @@
+"""Time series as inline SVG: stacks of panels over one time axis, readable on light and on dark pages.
+
+`draw` thins long series so that their peaks stay, writes titles and legends as plain text (names from a log are no
+markup), and gives the same bytes for the same numbers. Never opens a window, never changes matplotlib's settings for
+the caller.
+"""
+
+from __future__ import annotations
+
+import io
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rb_dynamics.errors import MissingExtraError
+from rb_dynamics.report.html import printable
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Array: TypeAlias = NDArray[np.float64]
+
+# Vermilion, green, blue, violet: told apart by colour-blind readers, 3:1 and better against white and near-black;
+# red, green, blue for x, y, z as everywhere in robotics.
+COLORS = ("#d9591b", "#12916a", "#3b86d1", "#a86fc0")
+
+# Per line; four points to a bucket.
+MAX_POINTS = 2000
+
+_WIDTH, _PANEL, _TOP, _BOTTOM, _LEFT, _RIGHT = 690.0, 112.0, 32.0, 36.0, 72.0, 14.0
+_FONT = 9.5
+# Stands for currentColor, which matplotlib has no name for.
+_TEXT = "#010203"
+_SETTINGS = {"font.size": _FONT, "svg.fonttype": "none"}
+
+
+@dataclass(frozen=True)
+class Line:
+    """Values over time (s); `step` holds each value until the next, `dashed` lets the line below show. NaN is a gap."""
+
+    label: str
+    time_s: Array
+    values: Array
+    step: bool = False
+    dashed: bool = False
+
+
+@dataclass(frozen=True)
+class Panel:
+    """Lines over one y axis; `log` shows magnitudes on a logarithmic axis."""
+
+    title: str
+    lines: Sequence[Line]
+    log: bool = False
+
+
+def components(time_s: Array, values: Array, labels: Sequence[str] = "xyz", *, step: bool = False) -> list[Line]:
+    """Return one line for each column of `values`."""
+    return [Line(label, time_s, column, step) for label, column in zip(labels, values.T, strict=False)]
+
+
+def thin(values: Array, max_points: int = MAX_POINTS) -> NDArray[np.intp]:
+    """Return indices, in order, of at most `max_points` values that look the same.
+
+    Of each bucket stay the first, the last, the smallest and the largest value, and one NaN where there is a gap.
+    """
+    count = len(values)
+    if count <= max_points:
+        return np.arange(count)
+    kept: set[int] = set()
+    edges = np.linspace(0, count, max_points // 5 + 1).astype(int)
+    for start, stop in itertools.pairwise(edges):
+        bucket = values[start:stop]
+        gaps = np.isnan(bucket)
+        kept |= {start, stop - 1}
+        if gaps.any():
+            kept.add(start + int(gaps.argmax()))
+        if not gaps.all():
+            kept |= {start + int(np.nanargmin(bucket)), start + int(np.nanargmax(bucket))}
+    return np.array(sorted(kept))
+
+
+def draw(panels: Sequence[Panel], name: str, span_s: Array | None = None) -> str:
+    """Return the panels, above one another, as an SVG element for use inside HTML.
+
+    Args:
+        panels: at least one.
+        name: what the figure shows, for readers who do not see it.
+        span_s: first and last time to show; None for all there is.
+
+    Raises:
+        MissingExtraError: matplotlib is not installed.
+    """
+    try:
+        from matplotlib import style
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise MissingExtraError("matplotlib", "plot", "a figure") from None
+    height = _BOTTOM + len(panels) * (_TOP + _PANEL)
+    buffer = io.BytesIO()
+    # Ids depend on the figure alone: the same in every run, different within a page.
+    settings = {**_SETTINGS, "svg.hashsalt": "|".join([name, *(panel.title for panel in panels)])}
+    # They are needed while drawing, too; the context gives the caller's back.
+    with style.context(["default", settings]):
+        figure = Figure(figsize=(_WIDTH / 72.0, height / 72.0))
+        start, end = _span(panels, span_s)
+        for row, panel in enumerate(panels):
+            bottom = height - (row + 1) * (_TOP + _PANEL)
+            box = (_LEFT / _WIDTH, bottom / height, (_WIDTH - _LEFT - _RIGHT) / _WIDTH, _PANEL / height)
+            axes = figure.add_axes(box)
+            _plot(axes, panel, end)
+            axes.set_xlim(start, end)
+            if row + 1 < len(panels):
+                axes.tick_params(labelbottom=False)
+        axes.set_xlabel("time [s]", color=_TEXT, labelpad=2.0)
+        figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
+    return _inline(buffer.getvalue(), panels, name)
+
+
+def _span(panels: Sequence[Panel], span_s: Array | None) -> tuple[float, float]:
+    times = [line.time_s for panel in panels for line in panel.lines] if span_s is None else [span_s]
+    start = min((float(time[0]) for time in times if len(time)), default=0.0)
+    end = max((float(time[-1]) for time in times if len(time)), default=1.0)
+    return (start, end) if end > start else (start - 0.5, start + 0.5)
+
+
+def _plot(axes: Axes, panel: Panel, end: float) -> None:
+    from matplotlib.ticker import FuncFormatter, MaxNLocator
+
+    for line, color in zip(panel.lines, _cycle(len(panel.lines)), strict=True):
+        time_s, values = _points(line, panel.log, end)
+        look = (0, (4, 3)) if line.dashed else "solid"
+        drawn = "steps-post" if line.step else "default"
+        axes.plot(time_s, values, color=color, linewidth=1.3, linestyle=look, drawstyle=drawn)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.spines[["left", "bottom"]].set_color("#808080")
+    axes.grid(axis="y", color="#808080", alpha=0.25, linewidth=0.6)
+    axes.tick_params(color="#808080", labelcolor=_TEXT, length=3.0)
+    if panel.log:
+        _logarithmic(axes)
+    else:
+        axes.margins(y=0.1)
+        _widen(axes)
+        axes.yaxis.set_major_locator(MaxNLocator(5, min_n_ticks=3))
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter(FuncFormatter(lambda value, _, axis=axis: tick(value, axis.get_majorticklocs())))
+
+
+def _cycle(count: int) -> list[str]:
+    return [COLORS[i % len(COLORS)] for i in range(count)]
+
+
+def _points(line: Line, log: bool, end: float) -> tuple[Array, Array]:
+    values = np.abs(line.values) if log else line.values
+    kept = thin(values)
+    time_s, values = line.time_s[kept], values[kept]
+    if line.step and len(time_s):
+        # The last value holds to the end of the figure; before its first a channel is zero, which needs no line.
+        return np.append(time_s, end), np.append(values, values[-1])
+    return time_s, values
+
+
+def _widen(axes: Axes) -> None:
+    """Let what is constant but for round-off look so; how constant it is, the figures of the defects show."""
+    low, high = axes.get_ylim()
+    middle, least = 0.5 * (low + high), 1e-5 * max(abs(low), abs(high))
+    if high - low < least:
+        axes.set_ylim(middle - 0.5 * least, middle + 0.5 * least)
+
+
+def _logarithmic(axes: Axes) -> None:
+    from matplotlib.ticker import LogLocator, NullLocator
+
+    shown = [np.asarray(line.get_ydata(), dtype=float) for line in axes.get_lines()]
+    values = np.concatenate([*shown, [np.nan]])
+    positive = values[np.isfinite(values) & (values > 0.0)]
+    low, high = (float(positive.min()), float(positive.max())) if len(positive) else (1e-16, 1e-15)
+    # A few samples that agree to the last bit would stretch the axis over decades nobody looks at.
+    low = max(low, 1e-6 * high)
+    axes.set_ylim(10.0 ** math.floor(math.log10(low)), 10.0 ** (math.floor(math.log10(high)) + 1))
+    axes.set_yscale("log", nonpositive="mask")
+    axes.yaxis.set_major_locator(LogLocator(numticks=5))
+    axes.yaxis.set_minor_locator(NullLocator())
+
+
+def tick(value: float, places: Sequence[float] | Array) -> str:
+    """Return the label of a tick with just the digits that tell it from its neighbours."""
+    around = sorted(float(place) for place in places)
+    steps = [b - a for a, b in itertools.pairwise(around) if b > a]
+    if not steps:
+        return f"{value:g}"
+    if abs(value) < 1e-9 * min(steps):
+        return "0"
+    size, apart = math.floor(math.log10(abs(value))), math.floor(math.log10(min(steps)) + 1e-9)
+    if -4 <= size < 6:
+        text = f"{value:.{min(max(1 - apart, 0), 12)}f}"
+        text = text.rstrip("0").rstrip(".") if "." in text else text
+    else:
+        mantissa, _, exponent = f"{value:.{min(max(size - apart + 1, 0), 11)}e}".partition("e")
+        mantissa = mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa
+        text = f"{mantissa}e{int(exponent)}"
+    return text.replace("-", "\N{MINUS SIGN}")
+
+
+def _inline(document: bytes, panels: Sequence[Panel], name: str) -> str:
+    """Return the svg element without namespaces, ids nobody refers to and fonts, with titles and legends."""
+    root = ElementTree.fromstring(document)
+    for element in root.iter():
+        element.tag = element.tag.rpartition("}")[2]
+        attributes = {key.rpartition("}")[2]: value for key, value in element.attrib.items()}
+        element.attrib.clear()
+        element.attrib.update(attributes)
+        if "style" in attributes:
+            element.set("style", _style(attributes["style"]))
+        if element.tag == "g":
+            element.attrib.pop("id", None)
+    _drop(root, "metadata")
+    for defs in root.findall("defs"):
+        # It would style the whole page.
+        _drop(defs, "style")
+    for key in ("width", "height", "version"):
+        root.attrib.pop(key, None)
+    root.attrib.update({"role": "img", "aria-label": printable(name), "stroke-linejoin": "round"})
+    for row, panel in enumerate(panels):
+        root.extend(_heading(panel, row * (_TOP + _PANEL) + _TOP - 9.0))
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def _drop(parent: ElementTree.Element, tag: str) -> None:
+    for child in parent.findall(tag):
+        parent.remove(child)
+
+
+def _style(text: str) -> str:
+    parts = [part.strip() for part in text.replace(_TEXT, "currentColor").split(";")]
+    kept = [f"font-size: {_FONT:g}px" if part.startswith("font:") else part for part in parts]
+    return "; ".join(part for part in kept if part and not part.startswith("font-family"))
+
+
+def _heading(panel: Panel, y: float) -> list[ElementTree.Element]:
+    common = {"y": f"{y:g}", "fill": "currentColor"}
+    title = ElementTree.Element("text", {**common, "x": "2", "style": "font-size: 11px; font-weight: 600"})
+    title.text = printable(panel.title)
+    if len(panel.lines) < 2:
+        return [title]
+    style = f"font-size: {_FONT:g}px; text-anchor: end"
+    legend = ElementTree.Element("text", {**common, "x": f"{_WIDTH - _RIGHT:g}", "style": style})
+    for line, color in zip(panel.lines, _cycle(len(panel.lines)), strict=True):
+        swatch = ElementTree.SubElement(legend, "tspan", {"fill": color, "style": "font-weight: 700"})
+        swatch.text = "\N{EN DASH}\N{EN DASH}" if line.dashed else "\N{EM DASH}"
+        # Spaces that stay: a shift by dx would not count where the text ends.
+        swatch.tail = f"\N{NO-BREAK SPACE}{printable(line.label)}" + 3 * "\N{NO-BREAK SPACE}"
+    legend[-1].tail = (legend[-1].tail or "").rstrip()
+    return [title, legend]

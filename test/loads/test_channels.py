@@ -1,0 +1,231 @@
+"""Wrench channels: when a command takes effect, how long it is held, and how channels add up."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rb_dynamics.errors import WrenchError
+from rb_dynamics.loads.channels import AppliedWrench, Channel, WrenchChannels
+from rb_dynamics.loads.wrench import FixedFrame, HeldWrench, Wrench, WrenchFrames
+from rb_dynamics.vector import ZERO
+
+MS = 1_000_000
+
+
+def push(x: float, frame_id: str = "body") -> Wrench:
+    return Wrench((x, 0.0, 0.0), ZERO, frame_id)
+
+
+def channels(*which: Channel) -> WrenchChannels:
+    frames = WrenchFrames(fixed={"hook": FixedFrame((0.0, 1.0, 0.0))}, center_of_mass=(0.0, 0.25, 0.0))
+    return WrenchChannels(which or (Channel("wrench"),), frames)
+
+
+def run(posted: WrenchChannels, until_ns: int) -> list[AppliedWrench]:
+    """Apply each change at its own time, as a run does."""
+    changes = []
+    while (time_ns := posted.next_change_ns()) is not None and time_ns <= until_ns:
+        changes += posted.apply(time_ns)
+    return changes
+
+
+class TestHold:
+    def test_starts_at_zero(self) -> None:
+        assert channels().total() == HeldWrench()
+        assert channels().next_change_ns() is None
+        assert channels().apply(10) == []
+
+    def test_takes_effect_at_its_time_and_is_held(self) -> None:
+        c = channels()
+        c.post("wrench", push(1.0), 5 * MS)
+
+        assert c.next_change_ns() == 5 * MS
+        assert c.apply(5 * MS - 1) == []
+        assert c.total() == HeldWrench()
+        c.apply(5 * MS)
+        assert c.total() == HeldWrench(force_body=(1.0, 0.0, 0.0))
+        assert c.next_change_ns() is None
+        c.apply(10**18)
+        assert c.total() == HeldWrench(force_body=(1.0, 0.0, 0.0))
+
+    def test_next_command_takes_the_place_of_the_last_whole(self) -> None:
+        c = channels()
+        c.post("wrench", Wrench((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), "body"), 0)
+        c.post("wrench", push(2.0, "world"), 1)
+        run(c, 1)
+
+        assert c.total() == HeldWrench(force_world=(2.0, 0.0, 0.0))
+
+    def test_order_of_posting_does_not_matter_where_times_differ(self) -> None:
+        c = channels()
+        for k in (3, 1, 4, 0, 2):
+            c.post("wrench", push(float(k)), k)
+
+        assert [(a.time_ns, a.force[0]) for a in run(c, 9)] == [(k, float(k)) for k in range(5)]
+
+    def test_of_equal_times_the_last_posted_wins_and_all_are_told(self) -> None:
+        c = channels()
+        for x in (1.0, 3.0, 2.0):
+            c.post("wrench", push(x), 7)
+
+        assert [a.force[0] for a in c.apply(7)] == [1.0, 3.0, 2.0]
+        assert c.total().force_body == (2.0, 0.0, 0.0)
+
+    def test_late_commands_take_effect_in_the_order_of_their_times(self) -> None:
+        c = channels()
+        c.post("wrench", push(2.0), 2)
+        c.post("wrench", push(1.0), 1)
+
+        assert [(a.time_ns, a.force[0]) for a in c.apply(100)] == [(100, 1.0), (100, 2.0)]
+        assert c.total().force_body == (2.0, 0.0, 0.0)
+
+
+class TestTimeout:
+    def test_drops_to_zero_at_the_very_nanosecond(self) -> None:
+        c = channels(Channel("wrench", timeout=0.1))
+        c.post("wrench", push(1.0), 3)
+        c.apply(3)
+
+        assert c.next_change_ns() == 3 + 100 * MS
+        assert c.apply(2 + 100 * MS) == []
+        assert c.total().force_body == (1.0, 0.0, 0.0)
+        assert c.apply(3 + 100 * MS) == [AppliedWrench(3 + 100 * MS, "wrench", None, "body", ZERO, ZERO)]
+        assert c.total() == HeldWrench()
+        assert c.next_change_ns() is None
+
+    def test_each_command_begins_it_anew(self) -> None:
+        c = channels(Channel("wrench", timeout=0.1))
+        c.post("wrench", push(1.0), 0)
+        c.post("wrench", push(2.0), 60 * MS)
+
+        assert [(a.time_ns, a.force[0]) for a in run(c, 10**9)] == [(0, 1.0), (60 * MS, 2.0), (160 * MS, 0.0)]
+
+    def test_command_at_the_time_of_expiry_wins(self) -> None:
+        c = channels(Channel("wrench", timeout=0.1))
+        c.post("wrench", push(1.0), 0)
+        c.post("wrench", push(2.0), 100 * MS)
+
+        assert [(a.time_ns, a.force[0]) for a in run(c, 150 * MS)] == [(0, 1.0), (100 * MS, 2.0)]
+        assert c.total().force_body == (2.0, 0.0, 0.0)
+
+    def test_command_one_nanosecond_later_finds_it_at_zero(self) -> None:
+        c = channels(Channel("wrench", timeout=0.1))
+        c.post("wrench", push(1.0), 0)
+        c.post("wrench", push(2.0), 100 * MS + 1)
+
+        changes = run(c, 150 * MS)
+
+        assert [(a.time_ns, a.force[0]) for a in changes] == [(0, 1.0), (100 * MS, 0.0), (100 * MS + 1, 2.0)]
+
+    def test_drops_its_own_channel_only(self) -> None:
+        c = channels(Channel("a", timeout=0.1), Channel("b"))
+        c.post("a", push(1.0), 0)
+        c.post("b", push(10.0), 0)
+
+        assert [(a.topic, a.received) for a in run(c, 10**9)][2:] == [("a", None)]
+        assert c.total().force_body == (10.0, 0.0, 0.0)
+
+    @pytest.mark.parametrize("timeout", [0.1, 0.3, 1.1, 1e-9, 0.123456789, 33.3])
+    def test_is_a_whole_number_of_nanoseconds(self, timeout: float) -> None:
+        c = channels(Channel("wrench", timeout=timeout))
+        c.post("wrench", push(1.0), 0)
+        c.apply(0)
+
+        assert c.next_change_ns() == round(timeout * 1e9)
+
+    def test_shorter_than_a_nanosecond_is_not_for_ever(self) -> None:
+        c = channels(Channel("wrench", timeout=1e-10))
+        c.post("wrench", push(1.0), 0)
+        c.apply(0)
+
+        assert c.next_change_ns() == 1
+
+
+class TestSum:
+    def test_channels_add_up_in_the_order_of_the_scene(self) -> None:
+        """1e16 + 1 - 1e16 depends on the order, so its bits tell which it was."""
+        for order in (("a", "b", "c"), ("c", "b", "a"), ("b", "a", "c")):
+            c = channels(*map(Channel, order))
+            values = {"a": 1e16, "b": 1.0, "c": -1e16}
+            for k, topic in enumerate(("b", "c", "a")):
+                c.post(topic, push(values[topic]), k)
+            run(c, 9)
+            assert c.total().force_body[0] == (0.0 + values[order[0]] + values[order[1]]) + values[order[2]]
+
+    def test_body_and_world_parts_stay_apart(self) -> None:
+        c = channels(Channel("a"), Channel("b"), Channel("c"))
+        c.post("a", push(1.0, ""), 0)
+        c.post("b", push(2.0, "world"), 0)
+        c.post("c", push(4.0, "hook"), 0)
+        c.apply(0)
+
+        assert c.total() == HeldWrench(
+            force_body=(5.0, 0.0, 0.0), torque_body=(0.0, 0.0, -3.0), force_world=(2.0, 0.0, 0.0)
+        )
+
+    @given(
+        st.lists(
+            st.tuples(st.integers(0, 50), st.sampled_from("abc"), st.integers(-9, 9), st.sampled_from(["body", "world"])),
+            max_size=30,
+        )
+    )
+    def test_is_what_a_simple_model_says(self, posted: list[tuple[int, str, int, str]]) -> None:
+        """The model: of each channel the last command, by time and then by arrival, unless it is 20 ns old."""
+        c = channels(Channel("a", timeout=20e-9), Channel("b", timeout=7e-9), Channel("c"))
+        for time_ns, topic, x, frame in posted:
+            c.post(topic, push(float(x), frame), time_ns)
+
+        lives = {"a": 20, "b": 7, "c": 10**9}
+        for now in range(60):
+            if c.next_change_ns() is not None and c.next_change_ns() <= now:
+                c.apply(now)
+            body = world = 0.0
+            for topic, life in lives.items():
+                known = [(t, k, x, f) for k, (t, name, x, f) in enumerate(posted) if name == topic and t <= now]
+                if known:
+                    time_ns, _, x, frame = max(known)
+                    if now - time_ns < life:
+                        body += x * (frame == "body")
+                        world += x * (frame == "world")
+            assert (c.total().force_body[0], c.total().force_world[0]) == (body, world)
+
+
+class TestApplied:
+    def test_says_what_was_received_and_what_it_does(self) -> None:
+        c = channels(Channel("/robot/wrench"))
+        wrench = Wrench((0.0, 0.0, 2.0), (0.5, 0.0, 0.0), "hook", 3)
+        c.post("robot/wrench", wrench, 5)
+
+        assert c.apply(5) == [AppliedWrench(5, "/robot/wrench", wrench, "body", (0.0, 0.0, 2.0), (2.0, 0.0, 0.0))]
+
+    def test_world_wrench_stays_in_world_axes(self) -> None:
+        c = channels()
+        wrench = push(1.0, "world")
+        c.post("/wrench", wrench, 0)
+
+        assert c.apply(0) == [AppliedWrench(0, "wrench", wrench, "world", (1.0, 0.0, 0.0), ZERO)]
+
+
+class TestRefusal:
+    @pytest.mark.parametrize(
+        ("topic", "wrench", "says"),
+        [
+            ("other", push(1.0), "wrench topic is 'other', expected one of"),
+            ("wrench", push(math.nan), "finite"),
+            ("wrench", push(1.0, "nowhere"), "'nowhere'"),
+        ],
+    )
+    def test_changes_nothing(self, topic: str, wrench: Wrench, says: str) -> None:
+        c = channels()
+        c.post("wrench", push(1.0), 0)
+        c.apply(0)
+
+        with pytest.raises(WrenchError, match=says):
+            c.post(topic, wrench, 1)
+
+        assert c.next_change_ns() is None
+        assert c.total().force_body == (1.0, 0.0, 0.0)

@@ -1,0 +1,322 @@
+"""Every method in the registry: what it says of itself, and what holds for any integrator of a rigid body."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+
+import pytest
+from motions import EPS, Case, attitude_error, errors, forced, move, slope
+
+from rb_dynamics import rotation
+from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.body.state import State
+from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.motion import METHODS, Increment, Inertia, Method, midpoint, rkmk
+from rb_dynamics.motion.phase import Phase
+from rb_dynamics.rotation import Quaternion
+from rb_dynamics.vector import ZERO, Vector, add, cross, divide, dot, multiply, norm, scale, subtract
+
+INERTIA = Inertia(3.7, (1.5, 2.1, 3.1))
+HELD = HeldWrench((0.9, -0.4, 0.6), (0.3, -0.2, 0.25), (-0.5, 0.8, 0.3), (0.2, 0.35, -0.3))
+VELOCITY: Vector = (0.3, -0.1, 0.2)
+ORIENTATION: Quaternion = (0.5, -0.1, 0.7, 0.5)
+MOMENTUM: Vector = (1.0, -2.0, 2.5)
+
+each_method = pytest.mark.parametrize("method", METHODS.values(), ids=list(METHODS))
+
+
+def one_step(method: Method, h: float = 0.1, **changed: object) -> Increment:
+    arguments = {
+        "inertia": INERTIA,
+        "held": HELD,
+        "velocity": VELOCITY,
+        "orientation": ORIENTATION,
+        "momentum": MOMENTUM,
+        **changed,
+    }
+    return method.step(h=h, **arguments)  # type: ignore[arg-type]
+
+
+def flat(step: Increment) -> tuple[float, ...]:
+    return tuple(itertools.chain(*step[:5], step[5:]))
+
+
+class TestRegistry:
+    def test_names_are_unique_and_keys(self) -> None:
+        names = [method.name for method in METHODS.values()]
+
+        assert names == list(METHODS)
+        assert len(set(names)) == len(names)
+        assert all(re.fullmatch(r"[a-z][a-z0-9]*", name) for name in names)
+
+    def test_cannot_be_changed(self) -> None:
+        with pytest.raises(TypeError):
+            METHODS["other"] = METHODS["rk4"]  # type: ignore[index]
+
+    @each_method
+    def test_docstring_says_order_and_source(self, method: Method) -> None:
+        text = " ".join((method.step.__doc__ or "").split())
+
+        assert f"Order {method.order}" in text
+        assert re.search(r"HLW|IMNZ|Hairer|BIT \d+|J\. [A-Z].* \d+ \(\d{4}\)", text), "no source"
+        assert "Raises: ConvergenceError:" in text
+
+    @each_method
+    def test_invariants_are_of_the_known_ones(self, method: Method) -> None:
+        assert method.invariants <= {"energy", "angular_momentum", "unit_quaternion"}
+        assert "unit_quaternion" in method.invariants
+
+    def test_the_least_are_there(self) -> None:
+        assert {"rkmk4": 4, "midpoint": 2, "rk4": 4}.items() <= {m.name: m.order for m in METHODS.values()}.items()
+
+
+@each_method
+class TestStep:
+    def test_is_a_pure_function_of_plain_floats(self, method: Method) -> None:
+        first, second = one_step(method), one_step(method)
+
+        assert first == second
+        assert all(type(value) is float for value in flat(first))
+
+    def test_no_time_no_change(self, method: Method) -> None:
+        step = one_step(method, h=0.0)
+
+        assert math.dist(step.orientation, ORIENTATION) <= EPS
+        assert math.dist(step.angular_momentum, MOMENTUM) <= 4.0 * EPS
+        assert step.displacement == step.impulse == step.torque_impulse == ZERO
+        assert step.work == 0.0
+
+    def test_slope_at_zero_is_the_equation_of_motion(self, method: Method) -> None:
+        """First order in h, by a central difference: the steps of +h and -h differ by 2 h times the right hand side."""
+        h = 1e-5
+        ahead, back = one_step(method, h), one_step(method, -h)
+
+        def rate(name: str) -> Vector:
+            return scale(0.5 / h, subtract(getattr(ahead, name), getattr(back, name)))
+
+        omega = divide(MOMENTUM, INERTIA.moments)
+        torque = add(HELD.torque_body, rotation.rotate_inverse(ORIENTATION, HELD.torque_world))
+        force = add(rotation.rotate(ORIENTATION, HELD.force_body), HELD.force_world)
+        turn = rotation.log(rotation.multiply(rotation.conjugate(back.orientation), ahead.orientation))
+        assert math.dist(rate("displacement"), VELOCITY) < 1e-9
+        assert math.dist(scale(0.5 / h, turn), omega) < 1e-9
+        assert math.dist(rate("angular_momentum"), add(torque, cross(MOMENTUM, omega))) < 1e-9
+        assert math.dist(rate("impulse"), force) < 1e-9
+        assert math.dist(rate("torque_impulse"), rotation.rotate(ORIENTATION, torque)) < 1e-9
+        assert (ahead.work - back.work) / (2.0 * h) == pytest.approx(
+            dot(force, VELOCITY) + dot(torque, omega), rel=1e-9
+        )
+
+    def test_world_axes_do_not_matter(self, method: Method) -> None:
+        """Turn the world: what is in world axes turns with it, what is in body axes stays."""
+        turn = rotation.normalize((0.3, -0.6, 0.2, 0.7))
+
+        def turned(v: Vector) -> Vector:
+            return rotation.rotate(turn, v)
+
+        held = HeldWrench(HELD.force_body, HELD.torque_body, turned(HELD.force_world), turned(HELD.torque_world))
+        here = one_step(method)
+        there = one_step(
+            method, held=held, velocity=turned(VELOCITY), orientation=rotation.multiply(turn, ORIENTATION)
+        )
+
+        assert math.dist(there.angular_momentum, here.angular_momentum) <= 16.0 * EPS * norm(MOMENTUM)
+        assert math.dist(there.orientation, rotation.multiply(turn, here.orientation)) <= 8.0 * EPS
+        for name in ("displacement", "impulse", "torque_impulse"):
+            assert math.dist(getattr(there, name), turned(getattr(here, name))) <= 16.0 * EPS
+        assert there.work == pytest.approx(here.work, abs=16.0 * EPS)
+
+    def test_names_of_the_axes_do_not_matter(self, method: Method) -> None:
+        """Rename the principal axes cyclically: a slip in one component of a formula shows."""
+
+        def renamed(v: Vector) -> Vector:
+            return (v[1], v[2], v[0])
+
+        # The turn that takes the new axes to the old ones: new x is old y.
+        cycle: Quaternion = (0.5, 0.5, 0.5, 0.5)
+        assert rotation.rotate(cycle, (1.0, 0.0, 0.0)) == (0.0, 1.0, 0.0)
+        held = HeldWrench(renamed(HELD.force_body), renamed(HELD.torque_body), HELD.force_world, HELD.torque_world)
+        here = one_step(method)
+        there = one_step(
+            method,
+            inertia=Inertia(INERTIA.mass, renamed(INERTIA.moments)),
+            held=held,
+            orientation=rotation.multiply(ORIENTATION, cycle),
+            momentum=renamed(MOMENTUM),
+        )
+
+        assert math.dist(there.angular_momentum, renamed(here.angular_momentum)) <= 16.0 * EPS * norm(MOMENTUM)
+        assert math.dist(there.orientation, rotation.multiply(here.orientation, cycle)) <= 8.0 * EPS
+        for name in ("displacement", "impulse", "torque_impulse"):
+            assert math.dist(getattr(there, name), getattr(here, name)) <= 16.0 * EPS
+
+    def test_velocity_of_the_observer_does_not_matter(self, method: Method) -> None:
+        """Galilei: a boost adds to displacement and work what it must and touches nothing else."""
+        boost: Vector = (4.0, -8.0, 16.0)
+        here, there = one_step(method), one_step(method, velocity=add(VELOCITY, boost))
+
+        assert there.orientation == here.orientation
+        assert there.angular_momentum == here.angular_momentum
+        assert math.dist(there.displacement, add(here.displacement, scale(0.1, boost))) <= 8.0 * EPS * norm(boost)
+        assert there.work == pytest.approx(here.work + dot(here.impulse, boost), abs=64.0 * EPS * norm(boost))
+
+    def test_force_does_not_turn_and_torque_does_not_push(self, method: Method) -> None:
+        with_force = one_step(method)
+        without = one_step(method, held=HeldWrench(torque_body=HELD.torque_body, torque_world=HELD.torque_world))
+
+        assert without.orientation == with_force.orientation
+        assert without.angular_momentum == with_force.angular_momentum
+        assert without.impulse == ZERO
+        assert math.dist(without.displacement, scale(0.1, VELOCITY)) <= 2.0 * EPS
+
+    @pytest.mark.parametrize("h", [1e-9, 0.1, 7.0, 1e9])
+    def test_a_body_at_rest_falls_exactly_like_a_particle(self, method: Method, h: float) -> None:
+        held = HeldWrench(force_world=HELD.force_world, force_body=HELD.force_body)
+        step = one_step(method, h, held=held, momentum=ZERO)
+
+        force = add(HELD.force_world, rotation.rotate(ORIENTATION, HELD.force_body))
+        fall = add(scale(h, VELOCITY), scale(0.5 * h * h / INERTIA.mass, force))
+        assert step.angular_momentum == ZERO
+        assert math.dist(step.orientation, ORIENTATION) <= EPS
+        assert math.dist(step.displacement, fall) <= 16.0 * EPS * (h * norm(VELOCITY) + 0.5 * h * h * norm(force))
+        assert math.dist(step.impulse, scale(h, force)) <= 8.0 * EPS * h * norm(force)
+
+    @pytest.mark.parametrize("axis", [0, 1, 2])
+    @pytest.mark.parametrize("sign", [1.0, -1.0])
+    def test_spin_about_a_principal_axis_stays_there_to_the_bit(self, method: Method, axis: int, sign: float) -> None:
+        spin = [0.0, 0.0, 0.0]
+        spin[axis] = sign * 0.7
+        momentum = (spin[0], spin[1], spin[2])
+        orientation = ORIENTATION
+        for _ in range(100):
+            step = one_step(method, 0.05, held=HeldWrench(), momentum=momentum, orientation=orientation)
+            momentum, orientation = step.angular_momentum, step.orientation
+            assert [m for i, m in enumerate(momentum) if i != axis] == [0.0, 0.0]
+        assert momentum[axis] == pytest.approx(spin[axis], rel=100.0 * EPS)
+        # The axis has not moved in the world either.
+        unit = tuple(float(i == axis) for i in range(3))
+        before, after = rotation.rotate(ORIENTATION, unit), rotation.rotate(orientation, unit)
+        assert math.dist(before, after) <= 200.0 * EPS
+
+    def test_a_sphere_turns_about_a_fixed_axis(self, method: Method) -> None:
+        momentum, orientation = (0.3, -0.5, 0.4), ORIENTATION
+        sphere = Inertia(1.0, (2.0, 2.0, 2.0))
+        for _ in range(50):
+            step = one_step(method, 0.02, inertia=sphere, held=HeldWrench(), momentum=momentum, orientation=orientation)
+            momentum, orientation = step.angular_momentum, step.orientation
+
+        assert math.dist(momentum, (0.3, -0.5, 0.4)) <= 100.0 * EPS
+        turned = rotation.multiply(ORIENTATION, rotation.exp(scale(1.0 / 2.0, (0.3, -0.5, 0.4))))
+        # The angle of a step is wrong by (h |w|)^3 / 12 at most, in 50 steps.
+        assert rotation.angle_between(orientation, turned) <= 50.0 * (0.02 * 0.36) ** 3 / 12.0
+
+
+class TestMidpoint:
+    """What its docstring claims beyond order 2."""
+
+    @pytest.mark.parametrize("h", [0.01, 0.2, 0.5])
+    def test_is_symmetric(self, h: float) -> None:
+        """The step back from the end leads to the start, to round-off."""
+        method = METHODS["midpoint"]
+        there = one_step(method, h)
+        velocity = add(VELOCITY, scale(1.0 / INERTIA.mass, there.impulse))
+        back = one_step(method, -h, velocity=velocity, orientation=there.orientation, momentum=there.angular_momentum)
+
+        assert math.dist(back.orientation, ORIENTATION) <= 16.0 * EPS
+        assert math.dist(back.angular_momentum, MOMENTUM) <= 64.0 * EPS * norm(MOMENTUM)
+        assert math.dist(back.displacement, scale(-1.0, there.displacement)) <= 32.0 * EPS
+        assert math.dist(back.torque_impulse, scale(-1.0, there.torque_impulse)) <= 32.0 * EPS
+        assert back.work == pytest.approx(-there.work, abs=32.0 * EPS)
+
+    @pytest.mark.parametrize("h", [0.01, 0.2, 0.5])
+    def test_energy_changes_by_the_booked_work_exactly(self, h: float) -> None:
+        step = one_step(METHODS["midpoint"], h)
+        velocity = add(VELOCITY, scale(1.0 / INERTIA.mass, step.impulse))
+
+        def energy(v: Vector, m: Vector) -> float:
+            return 0.5 * (INERTIA.mass * dot(v, v) + dot(m, divide(m, INERTIA.moments)))
+
+        gained = energy(velocity, step.angular_momentum) - energy(VELOCITY, MOMENTUM)
+        assert gained == pytest.approx(step.work, abs=32.0 * EPS * energy(VELOCITY, MOMENTUM))
+
+    @pytest.mark.parametrize("h", [0.01, 0.2, 0.5])
+    def test_solves_its_own_equations(self, h: float) -> None:
+        """R1 = R0 cay(h w) with w the angular velocity of the mean momentum, told from the result alone."""
+        held = HeldWrench(torque_body=HELD.torque_body)
+        step = one_step(METHODS["midpoint"], h, held=held)
+        mean = scale(0.5, add(MOMENTUM, step.angular_momentum))
+        w = divide(mean, INERTIA.moments)
+
+        turn = rotation.multiply(rotation.conjugate(ORIENTATION), step.orientation)
+        assert math.dist(turn, rotation.cayley(scale(h, w))) <= 16.0 * EPS
+
+
+def failing_part(case: Case, method: Method, time: float, steps: tuple[int, ...]) -> float:
+    """Return the measured order of the attitude."""
+    sizes = [time / n for n in steps]
+    return slope(sizes, [errors(case, time, move(case, method, h, time))["attitude"] for h in sizes])
+
+
+class TestMutations:
+    """The parts that a careless change would drop are needed: without them these very tests fail."""
+
+    def test_rkmk4_without_dexpinv_is_of_order_2(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        method, steps = METHODS["rkmk4"], (32, 64, 128, 256)
+        assert failing_part(forced(), method, 1, steps) == pytest.approx(4.0, abs=0.2)
+
+        monkeypatch.setattr(rkmk, "dexpinv", lambda v, u: u)
+
+        assert failing_part(forced(), method, 1, steps) == pytest.approx(2.0, abs=0.2)
+
+    def test_rkmk4_with_dexp_in_its_place_loses_its_order(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(rkmk, "dexpinv", rotation.dexp)
+
+        assert failing_part(forced(), METHODS["rkmk4"], 1, (32, 64, 128, 256)) < 2.2
+
+    def test_midpoint_with_exp_for_cayley_loses_the_energy(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """With the exponential it is still of order 2 and keeps the angular momentum, but not the energy."""
+        body = RigidBody.from_diagonal(1.0, (1.0, 2.0, 3.0))
+        case = Case(body, State(angular_velocity_body=(0.1, 2.0, 0.1)), HeldWrench(), {})
+
+        def drift() -> float:
+            phase = move(case, METHODS["midpoint"], 0.05, 20.0)
+            spin = phase.angular_momentum
+            return abs(dot(spin, divide(spin, body.principal_moments)) / (0.01 + 8.0 + 0.03) - 1.0)
+
+        assert drift() < 1e-13
+        monkeypatch.setattr(midpoint, "cayley", rotation.exp)
+        assert drift() > 1e-6
+
+    def test_midpoint_with_the_cross_product_turned_round_does_not_converge_to_the_motion(
+        self, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(midpoint, "cross", lambda a, b: cross(b, a))
+
+        phase = move(forced(), METHODS["midpoint"], 1.0 / 256.0, 1)
+
+        assert errors(forced(), 1, phase)["attitude"] > 0.01
+
+
+def test_momentum_and_velocity_are_those_of_the_principal_axes() -> None:
+    """`Phase.of`: m = I w in principal axes, and the center of mass moves with v + w x c; against body axes."""
+    case = forced()
+    phase = Phase.of(case.body, case.initial)
+    w, c = case.initial.angular_velocity_body, case.body.center_of_mass
+
+    in_body = tuple(math.fsum(row[i] * w[i] for i in range(3)) for row in case.body.inertia)
+    world = rotation.rotate(case.initial.orientation_xyzw, in_body)
+    assert math.dist(phase.angular_momentum_world, world) <= 16.0 * EPS * norm(world)
+    velocity = add(case.initial.linear_velocity_world, rotation.rotate(case.initial.orientation_xyzw, cross(w, c)))
+    assert math.dist(phase.linear_momentum_world, scale(case.body.mass, velocity)) <= 16.0 * EPS
+    assert math.dist(
+        phase.center_of_mass_world,
+        add(case.initial.position_world, rotation.rotate(case.initial.orientation_xyzw, c)),
+    ) <= 4.0 * EPS
+    state = phase.state(case.body, 5)
+    assert state.time_ns == 5
+    assert attitude_error(state.orientation_xyzw, map(repr, case.initial.orientation_xyzw)) <= 4.0 * EPS
+    for name in ("position_world", "linear_velocity_world", "angular_velocity_body"):
+        assert math.dist(getattr(state, name), getattr(case.initial, name)) <= 8.0 * EPS
+    assert multiply(case.body.principal_moments, (1.0, 1.0, 1.0)) == case.body.principal_moments

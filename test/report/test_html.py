@@ -1,0 +1,81 @@
+"""The page: well-formed, self-contained, and text stays text."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from rb_dynamics.errors import LogError
+from rb_dynamics.report import svg
+from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, printable, render_html, write_html
+
+HOSTILE = "<script>alert('1')</script>\"><img src=x onerror=alert(2)>&amp;{{ 7*7 }}\x1b[31m\x00\u202e]]>"
+
+
+def assert_self_contained(page: str) -> None:
+    root = ElementTree.fromstring(page.removeprefix("<!DOCTYPE html>"))
+    assert not {"script", "link", "iframe", "img", "object", "embed", "base"} & {element.tag for element in root.iter()}
+    for element in root.iter():
+        assert not {name for name in element.attrib if name.startswith("on") or name == "src"}
+        assert element.get("href", "#").startswith("#")
+    assert "http" not in page
+    assert "@import" not in page
+    assert not re.search(r"url\((?!#)", page)
+    ids = re.findall(r'\sid="([^"]+)"', page)
+    assert len(ids) == len(set(ids))
+
+
+def example(text: str) -> Report:
+    time_s = np.linspace(0.0, 1.0, 20)
+    figure = Figure(svg.draw([svg.Panel(text, svg.components(time_s, np.eye(20)))], text), text)
+    section = Section(
+        heading=text,
+        text=f"{text}\n\n{text}",
+        tiles=[Tile(text, text, text, "good")],
+        figures=[figure],
+        table=Table([text, text], [[text, text]]),
+        source=text,
+        source_title=text,
+    )
+    return Report(text, text, [section, Section("empty"), Section("table", table=Table(["", ""], [["a", "b"]]))], text)
+
+
+@pytest.mark.parametrize("text", ["plain", HOSTILE, "推力 🚀 é"])
+def test_page_is_well_formed_and_self_contained(text: str) -> None:
+    assert_self_contained(render_html(example(text)))
+
+
+def test_hostile_text_is_shown_as_text() -> None:
+    page = render_html(example(HOSTILE))
+    root = ElementTree.fromstring(page.removeprefix("<!DOCTYPE html>"))
+    shown = HOSTILE.replace("\x1b", "\\u001b").replace("\x00", "\\u0000").replace("\u202e", "\\u202e")
+    for tag in ("title", "h1", "h2", "p", "dt", "figcaption", "th", "td", "summary", "pre", "footer"):
+        element = root.find(f".//{tag}")
+        assert element is not None
+        assert "".join(element.itertext()) == shown
+
+
+def test_printable_keeps_letters_of_every_script_and_line_breaks() -> None:
+    assert printable("é 推 🚀\n\tx") == "é 推 🚀\n\tx"
+    assert printable("a\x07\x9b\u2066b\ud800") == "a\\u0007\\u009b\\u2066b\\ud800"
+
+
+def test_page_follows_light_and_dark_and_prints() -> None:
+    page = render_html(Report("t", "l"))
+    assert "prefers-color-scheme: dark" in page
+    assert "@media print" in page
+
+
+def test_file_is_utf8_and_folders_are_made(tmp_path: Path) -> None:
+    target = tmp_path / "new" / "run.html"
+    write_html(target, Report("推力", "lead"))
+    assert "推力" in target.read_text(encoding="utf-8")
+
+
+def test_unwritable_file_is_one_clear_error(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match=r"cannot write .*expected a file name"):
+        write_html(tmp_path, Report("t", "l"))

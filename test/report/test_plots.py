@@ -1,0 +1,144 @@
+"""Figures: what is thinned keeps its look, and what comes out is small, reproducible, harmless SVG."""
+
+from __future__ import annotations
+
+import re
+from xml.etree import ElementTree
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+
+from rb_dynamics.report import plots, svg
+
+TIME = np.linspace(0.0, 10.0, 20_001)
+WAVE = np.stack([np.sin(TIME), np.cos(TIME), 0.1 * TIME], axis=1)
+
+
+def texts(picture: str) -> list[str]:
+    return ["".join(text.itertext()).strip() for text in ElementTree.fromstring(picture).iter("text")]
+
+
+def test_thinning_keeps_a_single_peak_and_both_ends() -> None:
+    values = np.sin(TIME)
+    values[7_777], values[12_345] = 9.0, -9.0
+    kept = svg.thin(values)
+    assert len(kept) <= svg.MAX_POINTS
+    assert {0, 7_777, 12_345, len(values) - 1} <= set(kept.tolist())
+    assert (np.diff(kept) > 0).all()
+
+
+def test_thinning_leaves_short_series_alone() -> None:
+    assert svg.thin(np.arange(svg.MAX_POINTS, dtype=float)).tolist() == list(range(svg.MAX_POINTS))
+
+
+def test_thinning_keeps_gaps() -> None:
+    values = np.sin(TIME)
+    values[5_000:9_000] = np.nan
+    values[15_000] = np.nan
+    shown = values[svg.thin(values)]
+    assert np.isnan(shown).any()
+    assert 15_000 in svg.thin(values)
+    assert np.nanmax(shown) == np.nanmax(values)
+
+
+def test_the_same_numbers_give_the_same_bytes_and_settings_stay() -> None:
+    before = dict(mpl.rcParams)
+    mpl_style = {"axes.facecolor": "red", "font.size": 40.0}
+    with mpl.rc_context(mpl_style):
+        styled = plots.momenta(TIME, WAVE, WAVE)
+        assert mpl.rcParams["font.size"] == 40.0
+    assert plots.momenta(TIME, WAVE, WAVE) == styled
+    assert dict(mpl.rcParams) == before
+
+
+def test_svg_stands_alone() -> None:
+    picture = plots.position_and_attitude(TIME, WAVE, np.column_stack([WAVE, TIME]))
+    root = ElementTree.fromstring(picture)
+    assert root.tag == "svg"
+    assert root.get("viewBox")
+    assert "http" not in picture
+    assert root.find(".//style") is None
+    assert root.find(".//metadata") is None
+    for element in root.iter():
+        assert element.get("href", "#").startswith("#")
+    references = set(re.findall(r'href="#([^"]+)"', picture)) | set(re.findall(r"url\(#([^)]+)\)", picture))
+    assert references <= set(re.findall(r'id="([^"]+)"', picture))
+    assert len(picture) < 200_000
+
+
+def test_figures_of_one_page_share_no_id() -> None:
+    first, second = plots.momenta(TIME, WAVE, WAVE), plots.rates_and_velocity(TIME, WAVE, WAVE)
+    assert not set(re.findall(r' id="([^"]+)"', first)) & set(re.findall(r' id="([^"]+)"', second))
+
+
+@pytest.mark.parametrize("title", ["$x_{", "_hidden", "<script>alert(1)</script>", "推力 🚀", 'a"b&c', "\x1b[31mred"])
+def test_titles_and_labels_are_plain_text(title: str) -> None:
+    lines = [svg.Line(title, TIME, TIME), svg.Line("other", TIME, 2 * TIME, dashed=True)]
+    picture = svg.draw([svg.Panel(title, lines)], title)
+    shown = title.replace("\x1b", "\\u001b")
+    root = ElementTree.fromstring(picture)
+    assert shown in texts(picture)
+    assert any(shown in text and "other" in text for text in texts(picture))
+    assert root.get("aria-label") == shown
+    assert root.find(".//script") is None
+
+
+def test_text_takes_the_colour_of_the_page() -> None:
+    picture = plots.energy_defect(TIME, WAVE[:, 0])
+    assert "currentColor" in picture
+    assert svg._TEXT not in picture
+    assert "#ffffff" not in picture
+    assert "#000000" not in picture
+
+
+@pytest.mark.parametrize(
+    "values",
+    [np.full(50, 3.0), np.zeros(50), 1000.0 + 1e-9 * np.arange(50), np.full(50, np.nan), np.empty(0)],
+    ids=["constant", "zero", "tiny change", "unknown", "empty"],
+)
+def test_any_series_can_be_drawn(values: np.ndarray) -> None:
+    time_s = np.linspace(0.0, 1.0, len(values))
+    for log in (False, True):
+        picture = svg.draw([svg.Panel("any", [svg.Line("", time_s, values)], log)], "any")
+        assert ElementTree.fromstring(picture).tag == "svg"
+
+
+def test_comparison_is_logarithmic_and_shows_lengths() -> None:
+    difference = np.outer(np.logspace(-15, -9, 200), [3.0, 0.0, 4.0])
+    difference[0] = 0.0
+    labels = texts(plots.comparison(np.arange(200.0), {"position [m]": difference}))
+    assert "position [m]" in labels
+    assert "1e\N{MINUS SIGN}10" in labels
+    assert not [label for label in labels if label.startswith("$")]
+
+
+@pytest.mark.parametrize(
+    ("places", "labels"),
+    [
+        ([0.0, 0.5, 1.0], ["0", "0.5", "1"]),
+        ([1000.0, 1000.0001, 1000.0002], ["1000", "1000.0001", "1000.0002"]),
+        ([-2e-17, 0.0, 2e-17], ["\N{MINUS SIGN}2e\N{MINUS SIGN}17", "0", "2e\N{MINUS SIGN}17"]),
+        ([20000.0, 40000.0, 60000.0], ["20000", "40000", "60000"]),
+        ([0.25, 0.5, 0.75], ["0.25", "0.5", "0.75"]),
+        ([2e9, 2.5e9, 3e9], ["2e9", "2.5e9", "3e9"]),
+        ([2e-05, 4e-05], ["2e\N{MINUS SIGN}5", "4e\N{MINUS SIGN}5"]),
+    ],
+)
+def test_ticks_have_the_digits_that_tell_them_apart(places: list[float], labels: list[str]) -> None:
+    assert [svg.tick(place, places) for place in places] == labels
+
+
+def test_steps_hold_to_the_end() -> None:
+    line = svg.Line("", np.array([0.0, 1.0]), np.array([2.0, 5.0]), step=True)
+    time_s, values = svg._points(line, log=False, end=3.0)
+    assert time_s.tolist() == [0.0, 1.0, 3.0]
+    assert values.tolist() == [2.0, 5.0, 5.0]
+
+
+def test_quaternions_do_not_jump() -> None:
+    angle = np.linspace(0.0, 20.0, 500)
+    attitude = np.column_stack([np.sin(angle / 2), 0 * angle, 0 * angle, np.cos(angle / 2)])
+    flipped = attitude * np.where(attitude[:, 3:] < 0.0, -1.0, 1.0)
+    assert np.abs(np.diff(flipped, axis=0)).max() > 1.0
+    np.testing.assert_allclose(plots.continuous(flipped), attitude, atol=1e-15)

@@ -1,0 +1,112 @@
+"""The report of a run: the same numbers as the terminal, in sections, for any log."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from rb_dynamics.report.html import Section
+from rb_dynamics.report.run import comparison_section, write_run_report
+from rb_dynamics.scene import read_scene
+
+
+def page_of(path: Path) -> ElementTree.Element:
+    return ElementTree.fromstring(path.read_text(encoding="utf-8").removeprefix("<!DOCTYPE html>"))
+
+
+def words(element: ElementTree.Element) -> str:
+    return " ".join("".join(element.itertext()).split())
+
+
+def headings(page: ElementTree.Element) -> list[str]:
+    return [words(heading) for heading in page.iter("h2")]
+
+
+def test_report_of_a_run_has_everything(flight: Any, tmp_path: Path) -> None:
+    target = tmp_path / "run.html"
+    extra = Section("Extra", "told by the caller")
+    summary = write_run_report(flight.log, target, extra=[extra])
+    page = page_of(target)
+    assert headings(page) == [
+        "At a glance",
+        "Extra",
+        "What was simulated",
+        "Motion",
+        "Momentum and energy",
+        "Wrenches",
+        "Checks",
+        "First and last state",
+        "Extremes",
+        "Topics",
+        "Provenance",
+    ]
+    text = words(page)
+    energy = summary.balance("energy")
+    assert energy is not None
+    assert f"{energy.relative:.2g}" in text
+    assert f"{flight.result.sample.work:.7g}" in text
+    assert f"{flight.result.steps} steps" in text
+    assert "mass: 4.0" in text
+    assert len(list(page.iter("svg"))) == len(list(page.iter("figcaption"))) == 7
+    assert all(words(caption) for caption in page.iter("figcaption"))
+    for figure in ("Torque of /thrust, body axes [N m]", "Force of /push, world axes [N]", "Energy defect"):
+        assert figure in text
+    assert "Zero throughout: torque of /push, force of /thrust." in text
+    assert "http" not in target.read_text()
+
+
+def test_report_is_the_same_every_time(flight: Any, tmp_path: Path) -> None:
+    for name in ("one.html", "two.html"):
+        write_run_report(flight.log, tmp_path / name)
+    assert (tmp_path / "one.html").read_bytes() == (tmp_path / "two.html").read_bytes()
+
+
+def test_report_of_a_run_without_wrench(coasting: Any, tmp_path: Path) -> None:
+    write_run_report(coasting.log, tmp_path / "run.html")
+    assert "No force and no torque acted at any time." in words(page_of(tmp_path / "run.html"))
+
+
+@pytest.mark.parametrize("with_scene", [False, True])
+def test_report_of_a_foreign_bag(with_scene: bool, example_dir: Path, scene_dir: Path, tmp_path: Path) -> None:
+    scene = read_scene(scene_dir / "slew.yaml") if with_scene else None
+    write_run_report(example_dir / "slew.mcap", tmp_path / "run.html", scene=scene)
+    page = page_of(tmp_path / "run.html")
+    assert ("Momentum and energy" in headings(page)) is with_scene
+    assert "What was recorded" in headings(page)
+    assert ("Give them as a scene file" in words(page)) is not with_scene
+
+
+def test_failures_stand_at_the_top(flight: Any, tmp_path: Path) -> None:
+    cut = tmp_path / "cut.mcap"
+    data = flight.log.read_bytes()
+    cut.write_bytes(data[: 2 * len(data) // 3])
+    write_run_report(cut, tmp_path / "run.html")
+    page = page_of(tmp_path / "run.html")
+    lead = words(next(iter(page.iter("p"))))
+    assert "cut off before the end" in lead
+    assert "Failed: file is whole" in lead
+    # All of them, although some topics have one sample more than others.
+    assert len(list(page.iter("svg"))) == 7
+
+
+def test_scene_text_and_names_are_escaped(bagger: Any, tmp_path: Path) -> None:
+    topic = "/<img src=x onerror=alert(1)>/pose"
+    pose = "geometry_msgs/msg/PoseStamped"
+    write_run_report(
+        bagger([(topic, pose, k, (k, "<b>", (0.0,) * 6 + (1.0,))) for k in range(3)]), tmp_path / "run.html"
+    )
+    page = page_of(tmp_path / "run.html")
+    assert topic in words(page)
+    assert page.find(".//img") is None
+
+
+def test_comparison_tells_the_worst_and_when() -> None:
+    time_s = np.array([0.0, 1.0, 2.0])
+    section = comparison_section(time_s, {"position (m)": np.array([[0.0, 0, 0], [3e-9, 4e-9, 0], [0, 0, 1e-10]])})
+    assert section.table is not None
+    assert section.table.rows == [["position (m)", "5.000e-09", "1", "1.000e-10"]]
+    assert "position (m)" in section.figures[0].svg

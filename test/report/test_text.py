@@ -1,0 +1,44 @@
+"""The summary on a terminal: aligned, within 100 columns, and no name in a log commands the terminal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from rb_dynamics.recording.mcap_reader import read_bag
+from rb_dynamics.report.summary import summarize
+from rb_dynamics.report.text import WIDTH, as_text
+from rb_dynamics.report.topics import read_track
+
+POSE = "geometry_msgs/msg/PoseStamped"
+
+
+def text_of(log: Path) -> str:
+    return as_text(summarize(read_track(read_bag(log))))
+
+
+def test_lines_fit_and_columns_align(flight: Any) -> None:
+    lines = text_of(flight.log).splitlines()
+    assert max(map(len, lines)) <= WIDTH
+    start = next(i for i, line in enumerate(lines) if line.startswith("TOPIC"))
+    rows = [line for line in lines[start : lines.index("", start)] if " 151 " in line]
+    assert len({line.index(" 151 ") for line in rows}) == 1
+    assert len(rows) == 8
+    assert "…" not in "".join(lines)
+
+
+def test_it_says_what_happened(flight: Any) -> None:
+    text = text_of(flight.log)
+    flat = " ".join(text.split())
+    assert "log of rb_dynamics" in flat
+    assert f"{flight.result.sample.work:.7g}" in flat
+    assert "all 7 checks passed" in flat
+    assert "force" in flat
+
+
+def test_hostile_names_do_no_harm(bagger: Any) -> None:
+    topic = "/\x1b[2J" + 50 * "long/" + "\r\n\x07pose"
+    rows = [(topic, POSE, k, (k, "world", (0.0,) * 6 + (1.0,))) for k in range(5)]
+    text = text_of(bagger(rows))
+    assert not {"\x1b", "\r", "\x07"} & set(text)
+    assert max(map(len, text.splitlines())) <= WIDTH
