@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -178,5 +178,3 @@ def slope(steps: list[float], values: list[float]) -> float:
         (x - mean_x) ** 2 for x in xs
     )
 
-
-Change = Callable[[Method], Method]

@@ -187,7 +187,7 @@ def test_no_growth_time_where_a_spin_does_not_leave_the_middle_axis(moments: Vec
     assert middle_axis_growth_time(RigidBody.from_diagonal(1.0, moments), spin) is None
 
 
-def test_near_the_middle_axis_is_near_in_angle() -> None:
+def test_near_the_middle_axis_ends_at_its_limit_on_both_sides() -> None:
     body = BODIES["diagonal"]
 
     assert middle_axis_growth_time(body, (0.0, 5.0, 4.99 * NEAR_AXIS)) is not None
