@@ -40,10 +40,10 @@ class Simulation:
         self.end_ns = None if scene.duration is None else round(Fraction(repr(float(scene.duration))) * NANOSECONDS)
         self._sinks = tuple(sinks)
         self._inertia = inertia_of(scene.body)
-        self._control = self.plan.control()
         self._channels = WrenchChannels(scene.channels, scene.frames)
         self._inputs = InputHash(scene.text)
         self._steps_before = 0
+        self._used: dict[str, None] = {}
         phase = Phase.of(scene.body, scene.initial)
         self._baseline = Baseline.of(scene.body, phase)
         self._phase = phase
@@ -62,13 +62,18 @@ class Simulation:
         return self._steps_before + self._arc.steps_to(self.time_ns)
 
     @property
+    def methods(self) -> str:
+        """Names of the methods that have moved the body, in the order of their first use, joined by "+"."""
+        return "+".join(self._used) or self.plan.name
+
+    @property
     def ended(self) -> bool:
         """Whether the scene's duration is over."""
         return self.time_ns == self.end_ns
 
     def start(self) -> None:
         """Open the sinks and give them the initial state."""
-        run = RunInfo(self.scene, self.plan.method.name, run_metadata(self.scene, self.plan))
+        run = RunInfo(self.scene, self.plan.name, run_metadata(self.scene, self.plan.name, self.plan.description))
         for sink in self._sinks:
             sink.open(run)
         self._outputs = 1
@@ -107,6 +112,7 @@ class Simulation:
             phase = self._arc.at(edge)
             _require_finite(phase, edge)
             self.time_ns, self._phase = edge, phase
+            self._used[self._arc.method] = None
             if edge == output:
                 self._outputs += 1
                 output = self.next_output_ns()
@@ -121,7 +127,12 @@ class Simulation:
 
     def finish(self) -> None:
         """Close every sink, even where one of them fails."""
-        result = {"steps": str(self.steps), "end_time_ns": str(self.time_ns), "inputs_sha256": self._inputs.hexdigest()}
+        result = {
+            "method": self.methods,
+            "steps": str(self.steps),
+            "end_time_ns": str(self.time_ns),
+            "inputs_sha256": self._inputs.hexdigest(),
+        }
         with contextlib.ExitStack() as stack:
             for sink in self._sinks:
                 stack.callback(sink.close, result)
@@ -135,7 +146,8 @@ class Simulation:
 
     def _new_arc(self) -> Arc:
         held = in_principal_axes(self.scene.body, self._channels.total())
-        return Arc(self.plan.method, self._inertia, held, self._control, self.time_ns, self._phase)
+        method, control = self.plan.choose(held)
+        return Arc(method, self._inertia, held, control, self.time_ns, self._phase)
 
 
 def _require_finite(phase: Phase, time_ns: int) -> None:
@@ -192,4 +204,4 @@ def simulate(
                 progress(part / 100.0)
     finally:
         run.finish()
-    return Run(run.sample, run.plan.method.name, run.steps, time.perf_counter() - started)
+    return Run(run.sample, run.methods, run.steps, time.perf_counter() - started)

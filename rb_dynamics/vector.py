@@ -52,3 +52,8 @@ def multiply(a: Vector, b: Vector) -> Vector:
 def divide(a: Vector, b: Vector) -> Vector:
     """Return (a1 / b1, a2 / b2, a3 / b3): the inverse of a diagonal matrix times a vector."""
     return (a[0] / b[0], a[1] / b[1], a[2] / b[2])
+
+
+def positive_zeros(a: Vector) -> Vector:
+    """Return a with 0 for -0: equal vectors then have equal bits, which a cache that compares with == relies on."""
+    return (a[0] + 0.0, a[1] + 0.0, a[2] + 0.0)

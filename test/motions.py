@@ -17,6 +17,7 @@ from rb_dynamics.body.state import State
 from rb_dynamics.diagnostics import Sample
 from rb_dynamics.loads.channels import Channel
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, WrenchFrames
+from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.arc import Arc
 from rb_dynamics.motion.method import Method
 from rb_dynamics.motion.phase import Phase, in_principal_axes, inertia_of
@@ -29,6 +30,9 @@ from rb_dynamics.vector import norm, subtract
 DATA = Path(__file__).parent / "verification" / "data"
 
 EPS = 2.0**-52
+
+STEPPED = {name: method for name, method in METHODS.items() if method.order is not None}
+"""The methods that step; the others are closed forms, for the motions that have one."""
 
 
 class Recorder:
@@ -177,4 +181,3 @@ def slope(steps: list[float], values: list[float]) -> float:
     return math.fsum((x - mean_x) * (y - mean_y) for x, y in zip(xs, ys, strict=True)) / math.fsum(
         (x - mean_x) ** 2 for x in xs
     )
-

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 from rb_dynamics import rotation
 from rb_dynamics.errors import WrenchError
+from rb_dynamics.moments import moment_of_force
 from rb_dynamics.rotation import Quaternion
-from rb_dynamics.vector import ZERO, Vector, add, cross, subtract
+from rb_dynamics.vector import ZERO, Vector, add
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,5 +105,5 @@ class WrenchFrames:
             )
         force = rotation.rotate(frame.orientation_xyzw, wrench.force)
         torque = rotation.rotate(frame.orientation_xyzw, wrench.torque)
-        arm = subtract(frame.position, self.center_of_mass)
-        return HeldWrench(force_body=force, torque_body=add(torque, cross(arm, force)))
+        moment = moment_of_force(force, frame.position, self.center_of_mass)
+        return HeldWrench(force_body=force, torque_body=add(torque, moment))

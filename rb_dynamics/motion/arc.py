@@ -11,7 +11,7 @@ from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Inertia, Method
 from rb_dynamics.motion.phase import Phase
 from rb_dynamics.motion.step_control import NANOSECONDS, StepControl
-from rb_dynamics.vector import scale
+from rb_dynamics.vector import Vector, scale
 
 
 class Arc:
@@ -21,7 +21,9 @@ class Arc:
         self, method: Method, inertia: Inertia, held: HeldWrench, control: StepControl, start_ns: int, phase: Phase
     ) -> None:
         """Start in `phase` at `start_ns`."""
-        self._method, self._inertia, self._held, self._control = method, inertia, held, control
+        self.method = method.name
+        self._control = control
+        self._advance = _Stepper(method, inertia, held)
         self._start_ns = start_ns
         self._phase = phase
         # In units of 1/denominator ns since the start: the grid point reached and the stride that follows it. The
@@ -69,7 +71,32 @@ class Arc:
         self._stride = self._after = None
         self._strides += 1
 
-    def _advance(self, phase: Phase, h: float) -> Phase:
-        velocity = scale(1.0 / self._inertia.mass, phase.linear_momentum_world)
-        step = self._method.step(self._inertia, self._held, h, velocity, phase.orientation, phase.angular_velocity)
-        return phase.after(step)
+
+class _Stepper:
+    """A method with the body and the wrench that it moves it under."""
+
+    def __init__(self, method: Method, inertia: Inertia, held: HeldWrench) -> None:
+        self._method, self._inertia, self._held = method, inertia, held
+
+    def __call__(self, phase: Phase, h: float) -> Phase:
+        return phase.after(
+            self._method.step(
+                self._inertia, self._held, h, self._velocity(phase), phase.orientation, phase.angular_velocity
+            )
+        )
+
+    def longest_step(self, phase: Phase, accuracy: float, horizon: float) -> float:
+        if self._method.longest_step is None:
+            raise TypeError(f"{self._method.name} does not know its own error")
+        return self._method.longest_step(
+            self._inertia,
+            self._held,
+            self._velocity(phase),
+            phase.orientation,
+            phase.angular_velocity,
+            accuracy,
+            horizon,
+        )
+
+    def _velocity(self, phase: Phase) -> Vector:
+        return scale(1.0 / self._inertia.mass, phase.linear_momentum_world)

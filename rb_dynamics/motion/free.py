@@ -12,11 +12,12 @@ Safstrom & Zanna, SIAM J. Sci. Comput. 30 (2008) 2084; DLMF 19.21.12 for the int
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 from rb_dynamics.elliptic import complete_k, rf, rj, sncndn
 from rb_dynamics.rotation import Quaternion, exp, multiply, normalize
-from rb_dynamics.vector import Vector, norm, scale
+from rb_dynamics.vector import Vector, norm, positive_zeros, scale
 from rb_dynamics.vector import multiply as times
 
 _Axes = tuple[tuple[int, float], tuple[int, float], tuple[int, float]]
@@ -62,13 +63,13 @@ class FreeRotation:
 
     def __init__(self, moments: Vector, angular_velocity: Vector) -> None:
         """Prepare everything that does not depend on time; moments in kg m^2."""
-        self._spin = angular_velocity
-        self._tumble = None if _spins_steadily(moments, angular_velocity) else _tumble(moments, angular_velocity)
+        self._spin = w = positive_zeros(angular_velocity)
+        self._tumble = None if _spins_steadily(moments, w) else _tumble(moments, w)
 
     def at(self, t: float) -> tuple[Quaternion, Vector]:
-        """Return after t s the rotation from the attitude at 0 to that at t, in body axes at 0, and the angular velocity.
+        """Return the rotation r of the first t s, q(t) = q(0) r, and the angular velocity after them.
 
-        q(t) = q(0) r with r the rotation returned. Error of the attitude below 100 eps (1 + |w| t).
+        The error of the attitude is below 100 eps (1 + |w| t), those of energy and |L| are below 20 eps.
         """
         if self._tumble is None:
             return exp(scale(t, self._spin)), self._spin
@@ -82,6 +83,8 @@ def _spins_steadily(moments: Vector, w: Vector) -> bool:
     )
 
 
+# An arc is looked at many times from one start.
+@lru_cache(maxsize=8)
 def _tumble(moments: Vector, w: Vector) -> _Tumble | None:
     low, middle, high = sorted(range(3), key=lambda i: moments[i])
     # L^2 - 2 T I_b, the distance from the separatrix: a difference of two positive terms that may all but cancel.

@@ -46,18 +46,26 @@ class Increment(NamedTuple):
 Step = Callable[[Inertia, HeldWrench, float, Vector, Quaternion, Vector], Increment]
 
 
+# longest_step(inertia, held, velocity_world, orientation, angular_velocity_principal, accuracy, horizon)
+LongestStep = Callable[[Inertia, HeldWrench, Vector, Quaternion, Vector, float, float], float]
+
+
 @dataclass(frozen=True, slots=True)
 class Method:
     """A method of integration.
 
     Attributes:
         name: as in `solver.method`.
-        order: after a fixed time the error of attitude, rate, position, booked work and impulses is O(h^order).
+        order: after a fixed time the error of attitude, rate, position, booked work and impulses is O(h^order); None
+            for a closed form, whose error does not depend on h and which takes an arc in one step.
         invariants: what free motion keeps to round-off, of "energy", "angular_momentum" and "unit_quaternion".
         step: the method itself; its docstring names the source.
+        longest_step: for a method that knows its own error: the longest step (s) that adds at most accuracy * step /
+            horizon to the error at the end; None where steps have to be compared for it.
     """
 
     name: str
-    order: int
+    order: int | None
     invariants: frozenset[str]
     step: Step
+    longest_step: LongestStep | None = None

@@ -6,7 +6,6 @@ Sees a method only as a function that advances a phase; never knows the group be
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from fractions import Fraction
 from typing import Protocol
 
@@ -16,7 +15,16 @@ from rb_dynamics.motion.phase import Phase
 from rb_dynamics.rotation import angle_between
 from rb_dynamics.vector import norm, scale, subtract
 
-Advance = Callable[[Phase, float], Phase]
+
+class Advance(Protocol):
+    """A method under a held wrench."""
+
+    def __call__(self, phase: Phase, h: float) -> Phase:
+        """Return the phase after a step of h s."""
+
+    def longest_step(self, phase: Phase, accuracy: float, horizon: float) -> float:
+        """Return the longest step in s that adds at most accuracy * step / horizon to the error at the end."""
+
 
 NANOSECONDS = 1_000_000_000
 _EPSILON = 2.0**-52
@@ -55,6 +63,54 @@ class FixedStep:
 
     def refine(self, phase: Phase, advance: Advance, h: float) -> Phase:
         """Return the phase after one step of h s."""
+        return advance(phase, h)
+
+
+class WholeArc:
+    """One stride for the whole arc, for a method in closed form: every time is reached from the start."""
+
+    denominator = 1
+
+    def stride(self, phase: Phase, advance: Advance) -> tuple[int, Phase | None]:
+        """Return a stride longer than any run."""
+        return 2**64, None
+
+    def begin(self) -> None:
+        """Learn nothing."""
+
+    def refine(self, phase: Phase, advance: Advance, h: float) -> Phase:
+        """Return the phase h s after the start of the arc."""
+        return advance(phase, h)
+
+
+class OwnControl:
+    """Steps as long as `accuracy` allows, by the method's own knowledge of its error; see `AccuracyControl`."""
+
+    denominator = 1
+
+    def __init__(self, accuracy: float, horizon: float) -> None:
+        """Take the accepted error and the length of the run in s."""
+        self._accuracy, self._horizon = accuracy, horizon
+
+    def stride(self, phase: Phase, advance: Advance) -> tuple[int, Phase | None]:
+        """Return the longest step there is; it has not been taken.
+
+        Raises:
+            ConvergenceError: not even a step of 1 ns keeps the accuracy.
+        """
+        h_ns = int(min(advance.longest_step(phase, self._accuracy, self._horizon) * NANOSECONDS, 2.0**62))
+        if h_ns < 1:
+            raise ConvergenceError(
+                f"accuracy {self._accuracy:g} cannot be kept: a step would have to be shorter than 1 ns; "
+                "accept a larger solver.accuracy or check the size of the wrench"
+            )
+        return h_ns, None
+
+    def begin(self) -> None:
+        """Learn nothing: every step is judged by itself."""
+
+    def refine(self, phase: Phase, advance: Advance, h: float) -> Phase:
+        """Return the phase after one step of h s, which is shorter than the longest."""
         return advance(phase, h)
 
 

@@ -8,7 +8,6 @@ from importlib import metadata
 from pathlib import PurePath
 
 from rb_dynamics.loads.channels import AppliedWrench
-from rb_dynamics.scene.compile import Plan
 from rb_dynamics.scene.model import Scene
 
 _PACKAGES = ("rb_dynamics", "numpy", "scipy", "PyYAML", "mcap", "rerun-sdk")
@@ -22,7 +21,7 @@ def version(package: str = "rb_dynamics") -> str:
         return "not installed"
 
 
-def run_metadata(scene: Scene, plan: Plan) -> dict[str, str]:
+def run_metadata(scene: Scene, method: str, solver: str) -> dict[str, str]:
     """Return what is known when a run begins: software, platform, method, hash of the scene. Values are text.
 
     `seed` is empty: nothing in a run is random.
@@ -30,8 +29,8 @@ def run_metadata(scene: Scene, plan: Plan) -> dict[str, str]:
     return {
         "scene_file": PurePath(scene.source).name,
         "scene_sha256": hashlib.sha256(scene.text.encode()).hexdigest(),
-        "method": plan.method.name,
-        "solver": plan.description,
+        "method": method,
+        "solver": solver,
         "seed": "",
         "platform": platform.platform(),
         "machine": platform.machine(),

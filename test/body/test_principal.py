@@ -32,9 +32,7 @@ MOMENTS: list[Vector] = [
 ]
 
 parts = st.floats(-1.0, 1.0).map(lambda x: x if abs(x) > 1e-9 else 0.0)
-quaternions = (
-    st.tuples(parts, parts, parts, parts).filter(lambda q: math.hypot(*q) > 1e-3).map(lambda q: rotation.normalize(q))
-)
+quaternions = st.tuples(parts, parts, parts, parts).filter(lambda q: math.hypot(*q) > 1e-3).map(rotation.normalize)
 small_turns = st.tuples(parts, parts, parts).map(lambda v: rotation.exp(scale(0.2, v)))
 
 

@@ -175,7 +175,9 @@ class TestFromPrincipal:
 
         assert all(inertia[i][j] == inertia[j][i] for i in range(3) for j in range(3))
 
-    @pytest.mark.parametrize("q", [(0.0, 0.0, 0.0, 0.0), (1.0, 1.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.01), (0, 0, math.nan, 1)])
+    @pytest.mark.parametrize(
+        "q", [(0.0, 0.0, 0.0, 0.0), (1.0, 1.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.01), (0, 0, math.nan, 1)]
+    )
     def test_refuses_what_is_no_unit_quaternion(self, q: tuple[float, float, float, float]) -> None:
         with pytest.raises(BodyError, match="expected a unit quaternion"):
             RigidBody.from_principal(1.0, (1.0, 1.0, 1.0), q)

@@ -169,7 +169,9 @@ class TestSum:
 
     @given(
         st.lists(
-            st.tuples(st.integers(0, 50), st.sampled_from("abc"), st.integers(-9, 9), st.sampled_from(["body", "world"])),
+            st.tuples(
+                st.integers(0, 50), st.sampled_from("abc"), st.integers(-9, 9), st.sampled_from(["body", "world"])
+            ),
             max_size=30,
         )
     )

@@ -27,9 +27,7 @@ FRAMES = WrenchFrames(
 numbers = st.floats(-10.0, 10.0).map(lambda x: x if abs(x) > 1e-6 else 0.0)
 vectors = st.tuples(numbers, numbers, numbers)
 quaternions = (
-    st.tuples(numbers, numbers, numbers, numbers)
-    .filter(lambda q: math.hypot(*q) > 0.01)
-    .map(lambda q: rotation.normalize(q))
+    st.tuples(numbers, numbers, numbers, numbers).filter(lambda q: math.hypot(*q) > 0.01).map(rotation.normalize)
 )
 
 
@@ -114,9 +112,7 @@ class TestLeverArm:
         assert math.dist(a, b) <= 8.0 * EPS * norm(force) * (norm(place) + norm(center) + norm(force))
 
     @given(st.lists(st.tuples(st.floats(0.1, 5.0), vectors, vectors), min_size=2, max_size=12))
-    def test_is_the_moment_of_the_forces_on_many_particles(
-        self, particles: list[tuple[float, Vector, Vector]]
-    ) -> None:
+    def test_is_the_moment_of_the_forces_on_many_particles(self, particles: list[tuple[float, Vector, Vector]]) -> None:
         """Forces on single particles, each commanded in a frame at the particle, sum to F and to N about their c."""
         total = math.fsum(m for m, _, _ in particles)
         center = tuple(math.fsum(m * p[i] for m, p, _ in particles) / total for i in range(3))

@@ -48,14 +48,14 @@ def tumbling(control: StepControl, method: str = "rkmk4", start_ns: int = 0) -> 
 def controls(kind: str) -> StepControl:
     if kind == "accuracy":
         return AccuracyControl(1e-6, 2.0, 4, inertia_of(forced().body))
-    return FixedStep({"whole": 0.02, "third": 1.0 / 3e1, "odd": 0.0123456789, "below a nanosecond": 1.0 / 3.0}[kind])
+    return FixedStep({"whole": 0.02, "third": 1.0 / 30.0, "odd": 0.0123456789}[kind])
 
 
 KINDS = ["whole", "third", "odd", "accuracy"]
 
 
 class TestTime:
-    @pytest.mark.parametrize("step", [0.001, 1.0 / 3e-3 * 1e-6, 0.0001234567890123, 2.0**-13])
+    @pytest.mark.parametrize("step", [0.001, 1.0 / 3e3, 0.0001234567890123, 2.0**-13])
     def test_is_the_sum_of_all_steps(self, step: float) -> None:
         """1e5 steps on a grid that is no whole ns: the path shows no step lost, doubled or cut."""
         arc = drifting(step)
@@ -160,7 +160,7 @@ class TestLooking:
 
 
 class TestSums:
-    def test_a_million_small_increments_lose_nothing(self) -> None:
+    def test_small_increments_to_a_large_sum_lose_nothing(self) -> None:
         """At 1e12 m one unit in the last place is 1.2e-4 m; each step moves by a tenth of it."""
         phase = Phase((0.0, 0.0, 0.0, 1.0), ZERO, (1e12,) + (0.0,) * 12, (0.0,) * 13)
         step = Increment((1e-5, 0.0, 0.0), phase.orientation, ZERO, ZERO, ZERO, 0.1)
@@ -180,4 +180,6 @@ class TestSums:
         exact = sum(map(Fraction, terms))
         largest = max(abs(t) for t in terms)
         for found in (phase.work, phase.impulse_world[1], phase.linear_momentum_world[1]):
-            assert abs(Fraction(found) - exact) <= Fraction(EPS) * abs(exact) + Fraction(len(terms) ** 2 * EPS**2 * largest)
+            assert abs(Fraction(found) - exact) <= Fraction(EPS) * abs(exact) + Fraction(
+                len(terms) ** 2 * EPS**2 * largest
+            )

@@ -7,7 +7,7 @@ import math
 import re
 
 import pytest
-from motions import EPS, Case, attitude_error, errors, forced, move, slope
+from motions import EPS, STEPPED, Case, attitude_error, errors, forced, move, slope
 
 from rb_dynamics import rotation
 from rb_dynamics.body.rigid_body import RigidBody
@@ -25,6 +25,7 @@ ORIENTATION: Quaternion = (0.5, -0.1, 0.7, 0.5)
 OMEGA: Vector = (0.7, -1.1, 0.9)
 
 each_method = pytest.mark.parametrize("method", METHODS.values(), ids=list(METHODS))
+each_stepped = pytest.mark.parametrize("method", STEPPED.values(), ids=list(STEPPED))
 
 
 def one_step(method: Method, h: float = 0.1, **changed: object) -> Increment:
@@ -59,7 +60,7 @@ class TestRegistry:
     def test_docstring_says_order_and_source(self, method: Method) -> None:
         text = " ".join((method.step.__doc__ or "").split())
 
-        assert f"Order {method.order}" in text
+        assert (f"Order {method.order}" if method.order else "No order") in text
         assert re.search(r"HLW|IMNZ|Hairer|BIT \d+|J\. [A-Z].* \d+ \(\d{4}\)", text), "no source"
         assert "Raises: ConvergenceError:" in text
 
@@ -72,7 +73,7 @@ class TestRegistry:
         assert {"rkmk4": 4, "midpoint": 2, "rk4": 4}.items() <= {m.name: m.order for m in METHODS.values()}.items()
 
 
-@each_method
+@each_stepped
 class TestStep:
     def test_is_a_pure_function_of_plain_floats(self, method: Method) -> None:
         first, second = one_step(method), one_step(method)
@@ -119,9 +120,7 @@ class TestStep:
 
         held = HeldWrench(HELD.force_body, HELD.torque_body, turned(HELD.force_world), turned(HELD.torque_world))
         here = one_step(method)
-        there = one_step(
-            method, held=held, velocity=turned(VELOCITY), orientation=rotation.multiply(turn, ORIENTATION)
-        )
+        there = one_step(method, held=held, velocity=turned(VELOCITY), orientation=rotation.multiply(turn, ORIENTATION))
 
         assert math.dist(there.angular_velocity, here.angular_velocity) <= 16.0 * EPS * norm(OMEGA)
         assert math.dist(there.orientation, rotation.multiply(turn, here.orientation)) <= 8.0 * EPS
@@ -184,6 +183,9 @@ class TestStep:
         assert math.dist(step.displacement, fall) <= 16.0 * EPS * (h * norm(VELOCITY) + 0.5 * h * h * norm(force))
         assert math.dist(step.impulse, scale(h, force)) <= 8.0 * EPS * h * norm(force)
 
+
+@each_method
+class TestFreeStep:
     @pytest.mark.parametrize("axis", [0, 1, 2])
     @pytest.mark.parametrize("sign", [1.0, -1.0])
     def test_spin_about_a_principal_axis_stays_there_to_the_bit(self, method: Method, axis: int, sign: float) -> None:
@@ -214,6 +216,25 @@ class TestStep:
         # The angle of a step is wrong by (h |w|)^3 / 12 at most, in 50 steps.
         assert rotation.angle_between(orientation, turned) <= 50.0 * (0.02 * norm(spin)) ** 3 / 12.0
 
+    def test_steps_add_up(self, method: Method) -> None:
+        """A closed form is a flow: two steps are one. What steps is one to the error of its order."""
+        whole = one_step(method, 0.2, held=HeldWrench())
+        first = one_step(method, 0.05, held=HeldWrench())
+        second = one_step(
+            method, 0.15, held=HeldWrench(), orientation=first.orientation, angular_velocity=first.angular_velocity
+        )
+
+        tolerance = 16.0 * EPS if method.order is None else 0.5 ** (method.order + 1)
+        assert math.dist(second.orientation, whole.orientation) <= tolerance
+        assert math.dist(second.angular_velocity, whole.angular_velocity) <= tolerance
+
+    def test_makes_no_work_and_no_impulse(self, method: Method) -> None:
+        step = one_step(method, 0.2, held=HeldWrench())
+
+        assert step.impulse == step.torque_impulse == ZERO
+        assert step.work == 0.0
+        assert math.dist(step.displacement, scale(0.2, VELOCITY)) <= 2.0 * EPS
+
 
 class TestMidpoint:
     """What its docstring claims beyond order 2."""
@@ -224,7 +245,9 @@ class TestMidpoint:
         method = METHODS["midpoint"]
         there = one_step(method, h)
         velocity = add(VELOCITY, scale(1.0 / INERTIA.mass, there.impulse))
-        back = one_step(method, -h, velocity=velocity, orientation=there.orientation, angular_velocity=there.angular_velocity)
+        back = one_step(
+            method, -h, velocity=velocity, orientation=there.orientation, angular_velocity=there.angular_velocity
+        )
 
         assert math.dist(back.orientation, ORIENTATION) <= 16.0 * EPS
         assert math.dist(back.angular_velocity, OMEGA) <= 64.0 * EPS * norm(OMEGA)
@@ -267,7 +290,7 @@ class TestMutations:
         method, steps = METHODS["rkmk4"], (32, 64, 128, 256)
         assert failing_part(forced(), method, 1, steps) == pytest.approx(4.0, abs=0.2)
 
-        monkeypatch.setattr(rkmk, "dexpinv", lambda v, u: u)
+        monkeypatch.setattr(rkmk, "dexpinv", lambda _, u: u)
 
         assert failing_part(forced(), method, 1, steps) == pytest.approx(2.0, abs=0.2)
 
@@ -302,10 +325,13 @@ def test_momentum_and_velocity_are_those_of_the_principal_axes() -> None:
     assert math.dist(phase.angular_momentum_world(case.body), world) <= 16.0 * EPS * norm(world)
     velocity = add(case.initial.linear_velocity_world, rotation.rotate(case.initial.orientation_xyzw, cross(w, c)))
     assert math.dist(phase.linear_momentum_world, scale(case.body.mass, velocity)) <= 16.0 * EPS
-    assert math.dist(
-        phase.center_of_mass_world,
-        add(case.initial.position_world, rotation.rotate(case.initial.orientation_xyzw, c)),
-    ) <= 4.0 * EPS
+    assert (
+        math.dist(
+            phase.center_of_mass_world,
+            add(case.initial.position_world, rotation.rotate(case.initial.orientation_xyzw, c)),
+        )
+        <= 4.0 * EPS
+    )
     state = phase.state(case.body, 5)
     assert state.time_ns == 5
     assert attitude_error(state.orientation_xyzw, map(repr, case.initial.orientation_xyzw)) <= 4.0 * EPS

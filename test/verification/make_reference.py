@@ -66,6 +66,14 @@ def transposed(rows):
     return [[rows[j][i] for j in range(3)] for i in range(3)]
 
 
+def value(series, h):
+    """Return the polynomial with these coefficients, lowest first, at h (Horner)."""
+    total = mpf(0)
+    for coefficient in reversed(series):
+        total = total * h + coefficient
+    return total
+
+
 class Motion:
     """The unknowns: q (4), w (3, body), x and v of the centre of mass (3 + 3), impulses (3 + 3) and work."""
 
@@ -144,7 +152,7 @@ class Motion:
         """Return the unknowns at TIMES."""
         y, h, found = list(self.start), mpf(step), []
         for k in range(1, round(TIMES[-1] / h) + 1):
-            y = [mp.polyval(series[::-1], h) for series in self.coefficients(y, order)]
+            y = [value(series, h) for series in self.coefficients(y, order)]
             if k * h in TIMES:
                 found.append(list(y))
         return found

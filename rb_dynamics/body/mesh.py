@@ -1,0 +1,242 @@
+"""Mass properties of a closed surface of triangles: exact integrals over the polyhedron it encloses.
+
+The divergence theorem turns the volume into signed tetrahedra, one from a reference point to each triangle. With the
+corners a, b and c from that point, V = a . (b x c) / 6 and s = a + b + c, one has int x dV = V s / 4 and
+int x x^T dV = V / 20 (s s^T + a a^T + b b^T + c c^T); F. Tonon, Explicit exact formulas for the 3-D tetrahedron inertia
+tensor in terms of its vertex coordinates, J. Math. Stat. 1 (2004) 8. Second moments are taken about the centre of mass,
+so that nothing cancels however far away the origin is. `trimesh` only reads the file formats. Never repairs a surface,
+and does not look for triangles that cut through each other.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import os
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rb_dynamics.body.files import read_bounded
+from rb_dynamics.body.particles import inertia_from_second_moments
+from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.errors import BodyError, MissingExtraError
+from rb_dynamics.rotation import Matrix
+from rb_dynamics.vector import Vector, scale
+
+MAX_BYTES = 64 << 20
+FORMATS = (".stl", ".obj", ".ply")
+
+Points = NDArray[np.float64]
+Faces = NDArray[np.int64]
+
+_EPS = 2.0**-52
+
+
+@dataclass(frozen=True, slots=True)
+class Solid:
+    """What a closed surface encloses, filled uniformly.
+
+    Attributes:
+        volume: m^3.
+        center_of_mass: in the axes of the mesh, m.
+        squared_gyration: the inertia matrix per mass about the centre of mass, m^2.
+        reach: distance of the farthest vertex from the centre of mass, m.
+        inside_out: the triangles were oriented inwards, and have been turned.
+    """
+
+    volume: float
+    center_of_mass: Vector
+    squared_gyration: Matrix
+    reach: float
+    inside_out: bool = False
+
+    def body(self, mass: float) -> RigidBody:
+        """Return the body that has this shape and `mass` (kg); the axes of the mesh are the body axes.
+
+        Raises:
+            BodyError: the mass is not positive, or the moments are beyond double precision.
+        """
+        return RigidBody.from_matrix(mass, [scale(mass, row) for row in self.squared_gyration], self.center_of_mass)
+
+
+def read_mesh(path: str | os.PathLike[str]) -> tuple[Points, Faces]:
+    """Return the vertices, in the file's unit, and the triangles of an STL, OBJ or PLY file.
+
+    Raises:
+        BodyError: it is no such file, or larger than 64 MiB.
+        MissingExtraError: trimesh is not installed.
+    """
+    suffix = os.path.splitext(os.fspath(path))[1].lower()
+    if suffix not in FORMATS:
+        raise BodyError(f"file is {os.fspath(path)!r}, expected one that ends in {', '.join(FORMATS)}; convert the mesh")
+    data = read_bounded(path, MAX_BYTES, "a mesh")
+    try:
+        import trimesh
+    except ImportError:
+        raise MissingExtraError("trimesh", "mesh", "a body from a mesh") from None
+    try:
+        # From bytes and without a resolver: materials and textures that an OBJ names are not looked for.
+        mesh: Any = trimesh.load_mesh(io.BytesIO(data), file_type=suffix[1:], process=False)
+        vertices, faces = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
+    except Exception as error:  # noqa: BLE001 - a reader of malformed files may raise anything
+        raise BodyError(
+            f"{os.fspath(path)} cannot be read as {suffix[1:].upper()} ({type(error).__name__}: {error}), expected a "
+            "mesh of triangles; export it again"
+        ) from error
+    return vertices, faces
+
+
+def solid(vertices: Points, faces: Faces) -> Solid:
+    """Return what the closed surface of these triangles encloses; vertices (n, 3) in m, faces (m, 3) their indices.
+
+    Corners with equal coordinates are one vertex, as STL repeats them. A part inside another one is a hole where its
+    triangles are oriented the other way.
+
+    Raises:
+        BodyError: the surface is not closed, not consistently oriented, encloses nothing, or is not finite.
+    """
+    points, triangles = _merged(vertices, faces)
+    _check_closed(points, triangles)
+    reference = points.mean(axis=0)
+    # A power of two: an exact change of unit, after which cubes and fifth powers of any length are in range.
+    unit = 2.0 ** math.frexp(float(np.abs(points - reference).max()))[1]
+    local = (points - reference) / unit
+    volume = _volume(local, triangles)
+    if volume < 0.0:
+        turned = solid(points, triangles[:, ::-1])
+        return replace(turned, inside_out=True)
+    _check_parts(local, triangles)
+    rest = _first_moment(local, triangles) / volume
+    about_center = local - rest
+    moments = _second_moments(about_center, triangles) / volume * unit**2
+    x, y, z = (float(c) for c in reference + rest * unit)
+    found = inertia_from_second_moments(lambda i, j: float(moments[i, j]))
+    reach = float(np.sqrt((about_center**2).sum(axis=1)).max()) * unit
+    return Solid(volume * unit**3, (x, y, z), found, reach)
+
+
+def _merged(vertices: Points, faces: Faces) -> tuple[Points, Faces]:
+    """Return the mesh with equal vertices made one, and without triangles that have one vertex twice."""
+    if vertices.ndim != 2 or faces.ndim != 2 or vertices.shape[1] != 3 or faces.shape[1] != 3 or not len(faces):
+        raise BodyError(
+            f"found a mesh with vertices of shape {vertices.shape} and faces of shape {faces.shape}, expected "
+            "triangles: (n, 3) and (m, 3); export it as triangles"
+        )
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise BodyError(
+            f"found a triangle with the vertex {int(faces.max())} of {len(vertices)}, expected indices below the number "
+            "of vertices; export the mesh again"
+        )
+    used, compact = np.unique(faces, return_inverse=True)
+    points = vertices[used]
+    if not np.isfinite(points).all():
+        raise BodyError("found a vertex that is not finite, expected coordinates in m; export the mesh again")
+    points, same = np.unique(points + 0.0, axis=0, return_inverse=True)
+    triangles = same.reshape(-1)[compact.reshape(faces.shape)]
+    a, b, c = triangles.T
+    triangles = triangles[(a != b) & (b != c) & (c != a)]
+    if len(triangles) < 4:
+        raise BodyError(f"found {len(triangles)} triangles with an area, expected at least 4: a closed surface")
+    return points, triangles
+
+
+def _check_closed(points: Points, triangles: Faces) -> None:
+    """Raise unless every edge belongs to two triangles that run along it in opposite directions."""
+    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    low, high = edges.min(axis=1), edges.max(axis=1)
+    keys, index, counts = np.unique(low * len(points) + high, return_inverse=True, return_counts=True)
+    balance = np.zeros(len(keys), dtype=np.int64)
+    np.add.at(balance, index.reshape(-1), np.where(edges[:, 0] < edges[:, 1], 1, -1))
+    for bad, what, remedy in (
+        (counts == 1, "open edges, which one triangle alone has", "close the holes and merge vertices that nearly meet"),
+        (counts > 2, "edges with more than two triangles", "separate the parts or remove inner and doubled faces"),
+        (balance != 0, "edges along which two triangles run the same way", "orient all triangles outwards"),
+    ):
+        if bad.any():
+            first = keys[bad][:3]
+            middles = 0.5 * (points[first // len(points)] + points[first % len(points)])
+            places = ", ".join(str([float(f"{c:.6g}") for c in place]) for place in middles)
+            raise BodyError(
+                f"the surface of the mesh is not closed: found {int(bad.sum())} {what} (of {len(keys)} edges; near "
+                f"{places}), expected each edge to belong to two triangles in opposite directions; {remedy}"
+            )
+
+
+def _check_parts(points: Points, triangles: Faces) -> None:
+    """Raise where a part lies inside another and is no hole, or is a hole in nothing: it would count wrongly."""
+    # scipy is slow to import, and a mesh is read by few.
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    pairs = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]]])
+    graph = coo_array((np.ones(len(pairs), dtype=np.int8), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
+    count, part_of_point = connected_components(graph, directed=False)
+    part_of_triangle = part_of_point[triangles[:, 0]]
+    if count == 1:
+        return
+    lows, highs = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+    np.minimum.at(lows, part_of_point, points)
+    np.maximum.at(highs, part_of_point, points)
+    for part in range(count):
+        own = part_of_triangle == part
+        at = points[triangles[own][0, 0]]
+        around = (lows <= at).all(axis=1) & (at <= highs).all(axis=1)
+        around[part] = False
+        inside = _winding(at, points, triangles[around[part_of_triangle]])
+        volume = _volume(points, triangles[own])
+        # A fraction belongs to a point on another part's surface, where parts touch: neither in nor out.
+        if abs(inside - round(inside)) < 1e-3 and round(inside) != (0 if volume > 0.0 else 1):
+            what = "lies inside another part, oriented as it is" if volume > 0.0 else "is oriented inwards"
+            raise BodyError(
+                f"part {part + 1} of the {count} parts of the mesh {what}, expected parts beside each other, oriented "
+                "outwards, and holes in them, oriented inwards; turn its triangles, or remove the part"
+            )
+
+
+def _winding(at: Points, points: Points, triangles: Faces) -> float:
+    """Return how often these triangles wind around the point `at`: their solid angle over 4 pi.
+
+    A. van Oosterom, J. Strackee, IEEE Trans. Biomed. Eng. 30 (1983) 125, eq. 8.
+    """
+    a, b, c = (points[triangles[:, i]] - at for i in range(3))
+    la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
+    below = la * lb * lc + (a * b).sum(axis=1) * lc + (b * c).sum(axis=1) * la + (c * a).sum(axis=1) * lb
+    return math.fsum(2.0 * np.arctan2(_six_volumes(a, b, c), below)) / (4.0 * math.pi)
+
+
+def _six_volumes(a: Points, b: Points, c: Points) -> Points:
+    product: Points = (a * np.cross(b, c)).sum(axis=1)
+    return product
+
+
+def _volume(points: Points, triangles: Faces) -> float:
+    """Return the signed volume; raises where it is no more than the rounding of its parts."""
+    volumes = _six_volumes(*(points[triangles[:, i]] for i in range(3)))
+    total = math.fsum(volumes)
+    if abs(total) <= 64.0 * _EPS * math.fsum(np.abs(volumes)):
+        raise BodyError(
+            "the surface of the mesh encloses no volume, expected a solid; give the sheet a thickness, or use another "
+            "form of inertia"
+        )
+    return total / 6.0
+
+
+def _first_moment(points: Points, triangles: Faces) -> Points:
+    a, b, c = (points[triangles[:, i]] for i in range(3))
+    terms = _six_volumes(a, b, c)[:, None] * (a + b + c)
+    return np.array([math.fsum(column) for column in terms.T]) / 24.0
+
+
+def _second_moments(points: Points, triangles: Faces) -> Points:
+    """Return int x x^T dV."""
+    a, b, c = (points[triangles[:, i]] for i in range(3))
+    volumes, s = _six_volumes(a, b, c), a + b + c
+    moments = np.empty((3, 3))
+    for i in range(3):
+        for j in range(i, 3):
+            squares = s[:, i] * s[:, j] + a[:, i] * a[:, j] + b[:, i] * b[:, j] + c[:, i] * c[:, j]
+            moments[i, j] = moments[j, i] = math.fsum(volumes * squares) / 120.0
+    return moments

@@ -1,0 +1,67 @@
+"""Composition: a symmetric method of order 2, taken several times forward and backward, has order 4 or 6.
+
+Needs no derivatives and keeps whatever the method keeps. Never looks into the method.
+"""
+
+from __future__ import annotations
+
+from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.motion.method import Increment, Inertia, Method
+from rb_dynamics.motion.midpoint import MIDPOINT
+from rb_dynamics.rotation import Quaternion
+from rb_dynamics.vector import ZERO, Vector, add, add_scaled
+
+_QUARTIC = 1.0 / (4.0 - 4.0 ** (1.0 / 3.0))
+
+SUZUKI4 = (_QUARTIC, _QUARTIC, 1.0 - 4.0 * _QUARTIC, _QUARTIC, _QUARTIC)
+"""Order 4 in 5 stages (Suzuki, Phys. Lett. A 146 (1990) 319; HLW II.4, example 4.3)."""
+
+_KAHAN_LI = (
+    0.39216144400731413927925056,
+    0.33259913678935943859974864,
+    -0.70624617255763935980996482,
+    0.08221359629355080023149045,
+)
+
+KAHAN_LI6 = (*_KAHAN_LI, 1.0 - 2.0 * sum(_KAHAN_LI), *_KAHAN_LI[::-1])
+"""Order 6 in 9 stages (Kahan & Li, Math. Comp. 66 (1997) 1089; HLW V.3.2)."""
+
+
+def compose(name: str, order: int, base: Method, coefficients: tuple[float, ...], source: str) -> Method:
+    """Return the method that takes a step of `base` for each coefficient; a symmetric base and coefficients of `order`.
+
+    Args:
+        name: of the new method.
+        order: that the coefficients give, see `SUZUKI4` and `KAHAN_LI6`.
+        base: a symmetric method of order 2.
+        coefficients: lengths of the stages in units of the step; their sum is 1.
+        source: where the coefficients stand.
+    """
+
+    def step(
+        inertia: Inertia, held: HeldWrench, h: float, velocity: Vector, orientation: Quaternion, angular_velocity: Vector
+    ) -> Increment:
+        q, omega = orientation, angular_velocity
+        displacement, impulse, torque_impulse, work = ZERO, ZERO, ZERO, 0.0
+        for coefficient in coefficients:
+            v = add_scaled(velocity, 1.0 / inertia.mass, impulse)
+            stage = base.step(inertia, held, coefficient * h, v, q, omega)
+            q, omega = stage.orientation, stage.angular_velocity
+            displacement = add(displacement, stage.displacement)
+            impulse = add(impulse, stage.impulse)
+            torque_impulse = add(torque_impulse, stage.torque_impulse)
+            work += stage.work
+        return Increment(displacement, q, omega, impulse, torque_impulse, work)
+
+    step.__doc__ = f"""Advance by {len(coefficients)} steps of `{base.name}` ({source}).
+
+    Order {order}, symmetric; keeps what `{base.name}` keeps.
+
+    Raises:
+        ConvergenceError: a step of `{base.name}` cannot be solved.
+    """
+    return Method(name, order, base.invariants, step)
+
+
+MIDPOINT4 = compose("midpoint4", 4, MIDPOINT, SUZUKI4, "Suzuki, Phys. Lett. A 146 (1990) 319; HLW II.4")
+MIDPOINT6 = compose("midpoint6", 6, MIDPOINT, KAHAN_LI6, "Kahan & Li, Math. Comp. 66 (1997) 1089; HLW V.3.2")

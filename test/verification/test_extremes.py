@@ -1,0 +1,351 @@
+"""Sizes, speeds and wrenches at the ends of the range of numbers: right within bounds or a clear error, never a NaN."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import math
+from fractions import Fraction
+
+import pytest
+from motions import EPS, METHODS, STEPPED, Case, forced, move, scene
+
+from rb_dynamics import rotation
+from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.body.state import State
+from rb_dynamics.diagnostics import Sample
+from rb_dynamics.errors import ConvergenceError
+from rb_dynamics.loads.wrench import HeldWrench, Wrench
+from rb_dynamics.motion import Inertia
+from rb_dynamics.motion.phase import Phase
+from rb_dynamics.scene.model import Scene, Solver
+from rb_dynamics.simulate import Simulation, simulate
+from rb_dynamics.vector import ZERO, Vector, norm, scale
+
+SECOND = 1_000_000_000
+
+each_method = pytest.mark.parametrize("method", METHODS)
+each_stepped = pytest.mark.parametrize("method", STEPPED)
+
+
+def scaled(case: Case, length: int, mass: int) -> Case:
+    """Return `case` in other units of length and mass, powers of two; the clock stays."""
+    ell, m = 2.0**length, 2.0**mass
+    body, held, initial = case.body, case.held, case.initial
+
+    def larger(factor: float, v: Vector) -> Vector:
+        return scale(factor, v)
+
+    return Case(
+        RigidBody(
+            m * body.mass,
+            tuple(larger(m * ell * ell, row) for row in body.inertia),  # type: ignore[arg-type]
+            larger(ell, body.center_of_mass),
+            larger(m * ell * ell, body.principal_moments),
+            body.principal_orientation_xyzw,
+        ),
+        dataclasses.replace(
+            initial,
+            position_world=larger(ell, initial.position_world),
+            linear_velocity_world=larger(ell, initial.linear_velocity_world),
+        ),
+        HeldWrench(
+            larger(m * ell, held.force_body),
+            larger(m * ell * ell, held.torque_body),
+            larger(m * ell, held.force_world),
+            larger(m * ell * ell, held.torque_world),
+        ),
+        {},
+    )
+
+
+def outcome(run: Scene) -> Sample | ConvergenceError:
+    """Return how a run ends: with a state or with the one error that a run may end with."""
+    try:
+        return simulate(run).sample
+    except ConvergenceError as error:
+        return error
+
+
+def finite(sample: Sample) -> bool:
+    values = [value for value in dataclasses.astuple(sample) if value is not None]
+    return all(math.isfinite(c) for v in values for c in (v if isinstance(v, tuple) else (v,)))
+
+
+class TestUnits:
+    """Other units, powers of two apart, give the same digits to the last bit: masses and inertias 1e-20 to 1e20."""
+
+    @each_stepped
+    @pytest.mark.parametrize(
+        ("length", "mass"), [(0, 66), (0, -66), (33, 0), (-33, 0), (-20, -26), (20, 26), (40, -66)]
+    )
+    def test_of_length_and_mass_do_not_matter(self, method: str, length: int, mass: int) -> None:
+        here, there = (move(case, STEPPED[method], 0.05, 2.0) for case in (forced(), scaled(forced(), length, mass)))
+
+        ell, m = 2.0**length, 2.0**mass
+        assert there.orientation == here.orientation
+        assert there.angular_velocity == here.angular_velocity
+        assert there.center_of_mass_world == scale(ell, here.center_of_mass_world)
+        assert there.linear_momentum_world == scale(m * ell, here.linear_momentum_world)
+        assert there.impulse_world == scale(m * ell, here.impulse_world)
+        assert there.torque_impulse_world == scale(m * ell * ell, here.torque_impulse_world)
+        assert there.work == m * ell * ell * here.work
+
+    @each_stepped
+    @pytest.mark.parametrize("exponent", [-60, -10, 10, 60])
+    def test_of_time_do_not_matter(self, method: str, exponent: int) -> None:
+        """Rates twice as fast, forces four times as large, steps half as long."""
+        case, s = forced(), 2.0**exponent
+        phase = Phase.of(case.body, case.initial)
+        velocity = scale(1.0 / case.body.mass, phase.linear_momentum_world)
+        inertia = (case.body.mass, case.body.principal_moments)
+        quick = HeldWrench(*(scale(s * s, part) for part in dataclasses.astuple(case.held)))
+        step = STEPPED[method].step
+
+        here = step(Inertia(*inertia), case.held, 0.125, velocity, phase.orientation, phase.angular_velocity)
+        there = step(
+            Inertia(*inertia), quick, 0.125 / s, scale(s, velocity), phase.orientation, scale(s, phase.angular_velocity)
+        )
+
+        assert there.orientation == here.orientation
+        assert there.displacement == here.displacement
+        assert there.angular_velocity == scale(s, here.angular_velocity)
+        assert there.impulse == scale(s, here.impulse)
+        assert there.torque_impulse == scale(s, here.torque_impulse)
+        assert there.work == s * s * here.work
+
+    @pytest.mark.parametrize(("length", "mass"), [(33, 66), (-33, -66)])
+    def test_do_not_matter_to_the_step_control(self, length: int, mass: int) -> None:
+        solver = Solver("rkmk4", accuracy=1e-7)
+        runs = [simulate(case.scene(solver, 1.0), case.commands) for case in (forced(), scaled(forced(), length, mass))]
+
+        assert runs[0].steps == runs[1].steps
+        assert runs[0].sample.orientation_xyzw == runs[1].sample.orientation_xyzw
+
+
+class TestFarAway:
+    @each_method
+    def test_a_slow_body_at_1e12_m_arrives(self, method: str) -> None:
+        """Each of 2e4 steps moves it by a tenth of a unit in the last place; all together by 1600 of them."""
+        body = RigidBody.from_diagonal(1.0, (1.0, 1.5, 2.0))
+        initial = State(position_world=(1e12, -1e12, 0.0), linear_velocity_world=(1e-2, 1e-2, 1e-2))
+
+        phase = move(Case(body, initial, HeldWrench(), {}), METHODS[method], 1e-3, 20.0)
+
+        expected = [Fraction(p) + 20 * Fraction(1e-2) for p in (1e12, -1e12, 0.0)]
+        for found, exact in zip(phase.center_of_mass_world, expected, strict=True):
+            assert abs(Fraction(found) - exact) <= Fraction(math.ulp(float(exact)))
+
+    @each_stepped
+    def test_a_tumbling_body_turns_there_as_it_does_here(self, method: str) -> None:
+        here = forced()
+        far = dataclasses.replace(here, initial=dataclasses.replace(here.initial, position_world=(1e12, 1e12, -1e12)))
+
+        a, b = (move(case, STEPPED[method], 0.01, 1.0) for case in (here, far))
+
+        assert b.orientation == a.orientation
+        assert b.linear_momentum_world == a.linear_momentum_world
+        moved = [
+            p - q
+            for p, q in zip(b.center_of_mass_world, Phase.of(far.body, far.initial).center_of_mass_world, strict=True)
+        ]
+        also = [
+            p - q
+            for p, q in zip(a.center_of_mass_world, Phase.of(here.body, here.initial).center_of_mass_world, strict=True)
+        ]
+        assert math.dist(moved, also) <= 2.0 * math.ulp(1e12)
+
+
+class TestRest:
+    @each_method
+    def test_nothing_moves_what_nothing_acts_on(self, method: str) -> None:
+        initial = dataclasses.replace(forced().initial, linear_velocity_world=ZERO, angular_velocity_body=ZERO)
+        still = scene(forced().body, initial, Solver(method, step=0.1), 10.0)
+
+        sample = simulate(still).sample
+
+        first = Simulation(still).sample
+        assert dataclasses.replace(sample, time_ns=0) == first
+        assert sample.angular_velocity_body == sample.linear_velocity_world == ZERO
+        assert sample.energy_defect == 0.0
+
+    @each_method
+    @pytest.mark.parametrize("axis", [0, 1, 2])
+    @pytest.mark.parametrize("orientation", [(0.0, 0.0, 0.0, 1.0), (0.5, -0.1, 0.7, 0.5), (1.0, 0.0, 0.0, 0.0)])
+    @pytest.mark.parametrize("rate", [0.3, -2.0, 1e-12])
+    def test_spin_on_a_principal_axis_stays_there_to_the_bit(
+        self, method: str, axis: int, orientation: tuple[float, float, float, float], rate: float
+    ) -> None:
+        """The middle axis too, where the least deviation would grow: none is made."""
+        spin = tuple(rate * (i == axis) for i in range(3))
+        body = RigidBody.from_diagonal(1.0, (1.1, 2.3, 3.1))
+        initial = State(orientation_xyzw=orientation, angular_velocity_body=spin)
+        run = Simulation(scene(body, initial, Solver(method, step=0.1), 60.0, 1.0))
+
+        run.advance(SECOND)
+        early = run.sample
+        run.advance(60 * SECOND)
+
+        w = run.sample.angular_velocity_body
+        assert [c for i, c in enumerate(w) if i != axis] == [0.0, 0.0]
+        assert w[axis] == pytest.approx(rate, rel=600.0 * EPS)
+        assert run.sample.time_ns > early.time_ns
+        unit = tuple(float(i == axis) for i in range(3))
+        before, after = (rotation.rotate(q, unit) for q in (orientation, run.sample.orientation_xyzw))
+        assert math.dist(before, after) <= 600.0 * EPS
+
+
+class TestNeedle:
+    """Slender bodies: the spin about the long axis hangs on the last digits of the angular momentum."""
+
+    @pytest.mark.parametrize("ratio", [1e-3, 1e-6, 1e-9, 1e-12])
+    def test_keeps_its_spin_about_the_long_axis(self, ratio: float) -> None:
+        """Symmetric: the spin is constant. rk4 works with rates and keeps it whatever the ratio is."""
+        body = RigidBody.from_diagonal(1.0, (ratio, 1.0, 1.0))
+        case = Case(body, State(angular_velocity_body=(0.3, 0.5, -0.4)), HeldWrench(), {})
+
+        assert move(case, METHODS["rk4"], 0.01, 10.0).angular_velocity[0] == pytest.approx(0.3, rel=1e-12)
+
+    @each_stepped
+    @pytest.mark.parametrize("ratio", [1e-3, 1e-6, 1e-9, 1e-12])
+    def test_is_never_wrong_in_silence_by_more_than_its_energy_says(self, method: str, ratio: float) -> None:
+        """Where a method cannot resolve it there is an error, or the defects show it: never a NaN."""
+        body = RigidBody.from_diagonal(1.0, (ratio, 1.0, 1.0))
+        run = scene(body, State(angular_velocity_body=(0.3, 0.5, -0.4)), Solver(method, step=0.01), 2.0, 10.0)
+
+        sample = outcome(run)
+
+        if isinstance(sample, ConvergenceError):
+            assert "use a step below" in str(sample)
+            return
+        assert finite(sample)
+        gained = 0.5 * ratio * abs(sample.angular_velocity_body[0] ** 2 - 0.09)
+        assert gained <= abs(sample.energy_defect) + 1e-9
+
+
+class TestWrenches:
+    @each_stepped
+    def test_that_reverse_each_step_leave_nothing_behind(self, method: str) -> None:
+        """From rest, +N and -N in turn about one axis: after each pair the rate is zero, the angle N h^2 / I more."""
+        body = RigidBody.from_diagonal(2.0, (0.5, 1.0, 1.25))
+        h_ns, pairs = 10_000_000, 250
+        commands = [
+            ("wrench", Wrench((0.0, 8.0 * (-1) ** k, 0.0), (0.0, 0.0, 2.0 * (-1) ** k), "world", k * h_ns))
+            for k in range(2 * pairs)
+        ]
+
+        run = simulate(scene(body, State(), Solver(method, step=0.01), 2 * pairs * 0.01, 1.0), commands)
+
+        h = 0.01
+        assert run.steps == 2 * pairs
+        assert norm(run.sample.angular_velocity_body) <= 2 * pairs * EPS * 2.0 * h / 1.25
+        assert norm(run.sample.linear_velocity_world) <= 2 * pairs * EPS * 8.0 * h / 2.0
+        assert run.sample.position_world[1] == pytest.approx(pairs * h * h * 8.0 / 2.0, rel=1e-13)
+        turned = rotation.log(run.sample.orientation_xyzw)
+        assert turned[:2] == (0.0, 0.0)
+        assert turned[2] == pytest.approx(pairs * h * h * 2.0 / 1.25, rel=1e-9)
+        assert abs(run.sample.energy_defect) <= 1e-14
+
+    @each_stepped
+    @pytest.mark.parametrize("size", [5e-324, 1e-320, 1e-310, 1e-300, 1e-160])
+    @pytest.mark.parametrize("frame", ["body", "world"])
+    def test_that_are_hardly_there_do_hardly_anything(self, method: str, size: float, frame: str) -> None:
+        commands = [("wrench", Wrench((size, -size, size), (size, size, -size), frame))]
+
+        sample = simulate(scene(forced().body, State(), Solver(method, step=0.1), 1.0, 10.0), commands).sample
+
+        assert finite(sample)
+        for found in (sample.linear_momentum_world, sample.angular_momentum_world):
+            assert norm(found) <= 4.0 * size
+        # Ten steps of 0.1 s; the impulse of a step is rounded to the smallest number there is.
+        assert sample.linear_momentum_world[0] == pytest.approx(size, rel=1e-2, abs=20 * 5e-324 + 0.3 * size)
+
+    @each_stepped
+    def test_of_zero_are_no_wrench(self, method: str) -> None:
+        commands = [("wrench", Wrench(ZERO, ZERO, frame, 0)) for frame in ("body", "world")]
+        plain = scene(forced().body, forced().initial, Solver(method, step=0.05), 1.0, 10.0)
+
+        assert simulate(plain, commands).sample == simulate(plain).sample
+
+    @each_stepped
+    @pytest.mark.parametrize("part", ["force", "torque"])
+    @pytest.mark.parametrize("frame", ["body", "world"])
+    @pytest.mark.parametrize("size", [1e150, 1e200, 1e300, 1.7e308])
+    def test_that_leave_the_range_of_numbers_are_an_error(
+        self, method: str, part: str, frame: str, size: float
+    ) -> None:
+        commands = [("wrench", Wrench(**{part: (size, -size, size)}, frame_id=frame))]
+        run = Simulation(scene(forced().body, forced().initial, Solver(method, step=1.0), 100.0, 1.0))
+        run.post(*commands[0])
+
+        with contextlib.suppress(ConvergenceError):
+            run.advance(100 * SECOND)
+
+        # Whether it went on or not: what there is to see is finite.
+        assert finite(run.sample)
+
+    @each_stepped
+    def test_overflow_to_both_sides_is_an_error_of_ours(self, method: str) -> None:
+        commands = [("wrench", Wrench((1.7e308, -1.7e308, 0.0), ZERO, "world"))]
+
+        with pytest.raises(ConvergenceError, match="no longer finite"):
+            simulate(scene(forced().body, State(), Solver(method, step=20.0), 100.0, 0.01), commands)
+
+    @each_stepped
+    def test_large_but_finite_is_no_error(self, method: str) -> None:
+        """The sum of finite numbers may overflow; the numbers are still good."""
+        far = State(position_world=(1.2e308, 1.2e308, -1.2e308))
+
+        assert simulate(scene(forced().body, far, Solver(method, step=0.5), 1.0)).sample.time_ns == SECOND
+
+
+class TestSteps:
+    @each_stepped
+    @pytest.mark.parametrize("step", [5.0, 1e3, 1e6, 1e100, 1e300])
+    def test_of_many_turns_are_an_error_or_keep_what_is_declared(self, method: str, step: float) -> None:
+        duration = min(10.0 * step, 1e9)
+        run = scene(
+            forced().body, forced().initial, Solver(method, step=step), duration, 1.0 / step if step < 1e9 else 1e-9
+        )
+
+        sample = outcome(run)
+
+        if isinstance(sample, ConvergenceError):
+            assert f"{method}:" in str(sample)
+            assert "step" in str(sample)
+            return
+        assert finite(sample)
+        assert abs(math.hypot(*sample.orientation_xyzw) - 1.0) <= 4.0 * EPS
+        if "energy" in STEPPED[method].invariants:
+            assert abs(sample.energy_defect) <= 1e-12 * sample.kinetic_energy
+
+    @each_stepped
+    @pytest.mark.parametrize("rate", [1e10, 1e100, 1e150, 1e200, 1e300])
+    def test_of_a_body_that_spins_beyond_measure_are_an_error(self, method: str, rate: float) -> None:
+        spin = State(angular_velocity_body=(0.7 * rate, -1.1 * rate, 0.9 * rate))
+
+        with pytest.raises(ConvergenceError):
+            simulate(scene(forced().body, spin, Solver(method, step=1.0), 10.0))
+
+    @each_method
+    @pytest.mark.parametrize("field", ["position_world", "linear_velocity_world", "angular_velocity_body"])
+    @pytest.mark.parametrize("bad", [math.nan, math.inf])
+    def test_a_state_that_is_not_finite_is_an_error(self, method: str, field: str, bad: float) -> None:
+        start = dataclasses.replace(State(), **{field: (bad, 0.0, 0.0)})
+
+        with pytest.raises(ConvergenceError):
+            simulate(scene(forced().body, start, Solver(method, step=0.1), 1.0))
+
+    @each_stepped
+    def test_of_a_nanosecond_add_up(self, method: str) -> None:
+        case = forced()
+        run = case.scene(Solver(method, step=1e-9), 1e-6, 0.0)
+
+        many = simulate(run, case.commands)
+        one = simulate(case.scene(Solver(method, step=1e-6), 1e-6, 0.0), case.commands)
+
+        assert many.steps == 1000
+        # The attitude walks at random, a rounding in each step, and takes the body origin with it.
+        assert rotation.angle_between(many.sample.orientation_xyzw, one.sample.orientation_xyzw) <= 1000 * EPS
+        assert math.dist(many.sample.position_world, one.sample.position_world) <= 1000 * EPS
+        assert many.sample.work == pytest.approx(one.sample.work, rel=1e-12)
