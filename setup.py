@@ -26,6 +26,7 @@ EXTRAS = {
     "fast": ["numba>=0.59"],
     "log": ["mcap>=1.6", "rerun-sdk>=0.39,<0.42", "zstandard>=0.22"],
     "ros": [f"ros-jazzy-{name}" for name in ROS_PACKAGES],
+    "mesh": ["trimesh>=4"],
     "plot": ["jinja2>=3.1", "matplotlib>=3.8", "tqdm>=4.66"],
     "test": [
         "colcon-core>=0.18",
@@ -36,6 +37,7 @@ EXTRAS = {
         "pytest-timeout>=2.3",
         "rosbags>=0.10",
         "setuptools>=70.1",
+        "trimesh>=4",
     ],
     "dev": ["mypy>=1.11", "ruff>=0.17,<0.18", "types-PyYAML>=6"],
 }

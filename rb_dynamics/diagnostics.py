@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.motion.phase import Phase
 from rb_dynamics.rotation import Quaternion
-from rb_dynamics.vector import Vector, dot, multiply, subtract
+from rb_dynamics.vector import Vector, dot, multiply, scale, subtract
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ class Sample:
 def kinetic_energy(body: RigidBody, phase: Phase) -> float:
     """Return T = p . p / 2m + w . I w / 2, J: translation (lecture 24, page 6) and rotation (eq. 26)."""
     momentum, omega = phase.linear_momentum_world, phase.angular_velocity
-    return 0.5 * (dot(momentum, momentum) / body.mass + dot(omega, multiply(body.principal_moments, omega)))
+    return 0.5 * (dot(momentum, scale(1.0 / body.mass, momentum)) + dot(omega, multiply(body.principal_moments, omega)))
 
 
 @dataclass(frozen=True, slots=True)

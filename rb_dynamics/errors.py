@@ -36,6 +36,6 @@ class MissingExtraError(RigidBodyError):
     def __init__(self, package: str, extra: str, purpose: str) -> None:
         """State which `package` is missing, the `extra` that installs it and the `purpose` it serves."""
         super().__init__(
-            f"{purpose} needs the package {package!r}, which is not installed; "
-            f"install it with: pip install 'rb-dynamics[{extra}]'"
+            f"{purpose} needs the package {package!r}, which is not installed; install the extra {extra!r}: "
+            f"pip install '.[{extra}]' in the source tree"
         )

@@ -12,9 +12,10 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
-from rb_dynamics.diagnostics import Baseline, Sample, observe
-from rb_dynamics.errors import ConvergenceError, SceneError
-from rb_dynamics.loads.channels import WrenchChannels
+from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.diagnostics import Baseline, Sample, kinetic_energy, observe
+from rb_dynamics.errors import ConvergenceError, SceneError, WrenchError
+from rb_dynamics.loads.channels import AppliedWrench, WrenchChannels
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion.arc import Arc
 from rb_dynamics.motion.phase import Phase, in_principal_axes, inertia_of
@@ -37,6 +38,8 @@ class Simulation:
         self.scene = scene
         self.plan = compile_scene(scene)
         self.time_ns = 0
+        self._computed_ns = 0
+        self._finished = False
         self.end_ns = None if scene.duration is None else round(Fraction(repr(float(scene.duration))) * NANOSECONDS)
         self._sinks = tuple(sinks)
         self._inertia = inertia_of(scene.body)
@@ -45,6 +48,7 @@ class Simulation:
         self._steps_before = 0
         self._used: dict[str, None] = {}
         phase = Phase.of(scene.body, scene.initial)
+        _require_finite(scene.body, phase, 0)
         self._baseline = Baseline.of(scene.body, phase)
         self._phase = phase
         self._arc = self._new_arc()
@@ -72,10 +76,17 @@ class Simulation:
         return self.time_ns == self.end_ns
 
     def start(self) -> None:
-        """Open the sinks and give them the initial state."""
+        """Open the sinks and give them the initial state; if one cannot be opened, those before it are closed.
+
+        Raises:
+            LogError: a log cannot be written.
+        """
         run = RunInfo(self.scene, self.plan.name, run_metadata(self.scene, self.plan.name, self.plan.description))
-        for sink in self._sinks:
-            sink.open(run)
+        with contextlib.ExitStack() as opened:
+            for sink in self._sinks:
+                sink.open(run)
+                opened.callback(sink.close, {})
+            opened.pop_all()
         self._outputs = 1
         self.write(self.sample)
 
@@ -85,7 +96,7 @@ class Simulation:
         Raises:
             WrenchError: the command cannot be honoured; the run goes on without it.
         """
-        self._channels.post(topic, wrench, max(self.time_ns, time_ns))
+        self._channels.post(topic, wrench, max(self._computed_ns, time_ns))
 
     def next_output_ns(self) -> int:
         """Return the next time at which a sample is due."""
@@ -108,10 +119,15 @@ class Simulation:
                 continue
             edge = min(time for time in (output, change, self.end_ns) if time is not None)
             if edge > until_ns or self.ended:
+                # Nothing to tell yet, but what leads there is done: the next call has less to do.
+                if not self.ended:
+                    self._arc.advance(until_ns)
+                    self._computed_ns = max(self._computed_ns, until_ns)
                 return
             phase = self._arc.at(edge)
-            _require_finite(phase, edge)
+            _require_finite(self.scene.body, phase, edge)
             self.time_ns, self._phase = edge, phase
+            self._computed_ns = max(self._computed_ns, edge)
             self._used[self._arc.method] = None
             if edge == output:
                 self._outputs += 1
@@ -121,12 +137,16 @@ class Simulation:
                 self.write(self.sample)
 
     def write(self, event: Event) -> None:
-        """Tell every sink."""
-        for sink in self._sinks:
-            sink.write(event)
+        """Tell every sink, until the run is finished."""
+        if not self._finished:
+            for sink in self._sinks:
+                sink.write(event)
 
     def finish(self) -> None:
-        """Close every sink, even where one of them fails."""
+        """Close every sink, even where one of them fails; a second call does nothing."""
+        if self._finished:
+            return
+        self._finished = True
         result = {
             "method": self.methods,
             "steps": str(self.steps),
@@ -138,11 +158,16 @@ class Simulation:
                 stack.callback(sink.close, result)
 
     def _apply_changes(self) -> None:
-        self._steps_before = self.steps
-        for applied in self._channels.apply(self.time_ns):
-            self._inputs.update(applied)
-            self.write(applied)
-        self._arc = self._new_arc()
+        steps = self.steps
+        changes = self._channels.apply(self.time_ns)
+        for change in changes:
+            if isinstance(change, AppliedWrench):
+                self._inputs.update(change)
+            self.write(change)
+        # What was rejected leaves no trace in the motion: no edge either.
+        if any(isinstance(change, AppliedWrench) for change in changes):
+            self._steps_before = steps
+            self._arc = self._new_arc()
 
     def _new_arc(self) -> Arc:
         held = in_principal_axes(self.scene.body, self._channels.total())
@@ -150,8 +175,9 @@ class Simulation:
         return Arc(method, self._inertia, held, control, self.time_ns, self._phase)
 
 
-def _require_finite(phase: Phase, time_ns: int) -> None:
-    if not all(map(math.isfinite, (*phase.high, *phase.low, *phase.orientation, *phase.angular_velocity))):
+def _require_finite(body: RigidBody, phase: Phase, time_ns: int) -> None:
+    numbers = (*phase.high, *phase.low, *phase.orientation, *phase.angular_velocity, kinetic_energy(body, phase))
+    if not all(map(math.isfinite, numbers)):
         raise ConvergenceError(
             f"the state is no longer finite at t = {time_ns / NANOSECONDS:.9g} s: a momentum, a position or an energy "
             "has left the range of double precision; check the size of wrench, mass and inertia, or use a smaller step"
@@ -160,12 +186,21 @@ def _require_finite(phase: Phase, time_ns: int) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """What `simulate` returns: the last sample, and how it was computed."""
+    """What `simulate` returns.
+
+    Attributes:
+        sample: at the end of the run.
+        method: names of the methods that moved the body, joined by "+".
+        steps: of all of them.
+        wall_time_s: s.
+        rejected: why each command that could not be honoured was not; the run went on without them.
+    """
 
     sample: Sample
     method: str
     steps: int
     wall_time_s: float
+    rejected: tuple[str, ...] = ()
 
 
 def simulate(
@@ -178,13 +213,14 @@ def simulate(
 
     Args:
         scene: what is simulated; its `duration` must be given.
-        commands: wrench commands for the scene's channels; those after the end have no effect.
+        commands: wrench commands for the scene's channels; those after the end have no effect, those that cannot be
+            honoured are left out and named in the result, as the node does.
         sinks: told everything that happens.
         progress: called now and then with the fraction done.
 
     Raises:
         SceneError: the scene has no duration.
-        WrenchError: a command cannot be honoured.
+        LogError: a log cannot be written.
         ConvergenceError: a step could not be solved; what was logged until then is complete.
     """
     started = time.perf_counter()
@@ -193,8 +229,12 @@ def simulate(
         raise SceneError(
             f"{scene.source}: duration: missing, expected the length of the run in s; add it or give --duration"
         )
+    rejected = []
     for topic, wrench in commands:
-        run.post(topic, wrench, wrench.stamp_ns)
+        try:
+            run.post(topic, wrench, wrench.stamp_ns)
+        except WrenchError as error:
+            rejected.append(f"{topic} at {wrench.stamp_ns / NANOSECONDS:.9f} s: {error}")
     run.start()
     try:
         # Hundredths of the run: to advance in pieces changes nothing, see `Arc`.
@@ -204,4 +244,4 @@ def simulate(
                 progress(part / 100.0)
     finally:
         run.finish()
-    return Run(run.sample, run.methods, run.steps, time.perf_counter() - started)
+    return Run(run.sample, run.methods, run.steps, time.perf_counter() - started, tuple(rejected))

@@ -9,6 +9,7 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import hypothesis
 import pytest
 
 if TYPE_CHECKING:
@@ -48,6 +49,9 @@ def _claim_domain() -> tuple[int, IO[str]]:
 
 def pytest_configure(config: pytest.Config) -> None:
     """Set the environment before anything imports rclpy; child processes inherit it."""
+    # How long an example takes says how busy the machine is, not whether the code is right.
+    hypothesis.settings.register_profile("unhurried", deadline=None)
+    hypothesis.settings.load_profile("unhurried")
     domain, lock = _claim_domain()
     logs = tempfile.mkdtemp(prefix="rb_dynamics_ros_log_")
     os.environ.update(

@@ -71,7 +71,9 @@ def read_mesh(path: str | os.PathLike[str]) -> tuple[Points, Faces]:
     """
     suffix = os.path.splitext(os.fspath(path))[1].lower()
     if suffix not in FORMATS:
-        raise BodyError(f"file is {os.fspath(path)!r}, expected one that ends in {', '.join(FORMATS)}; convert the mesh")
+        raise BodyError(
+            f"file is {os.fspath(path)!r}, expected one that ends in {', '.join(FORMATS)}; convert the mesh"
+        )
     data = read_bounded(path, MAX_BYTES, "a mesh")
     try:
         import trimesh
@@ -81,12 +83,30 @@ def read_mesh(path: str | os.PathLike[str]) -> tuple[Points, Faces]:
         # From bytes and without a resolver: materials and textures that an OBJ names are not looked for.
         mesh: Any = trimesh.load_mesh(io.BytesIO(data), file_type=suffix[1:], process=False)
         vertices, faces = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
-    except Exception as error:  # noqa: BLE001 - a reader of malformed files may raise anything
+    except Exception as error:  # a reader of malformed files may raise anything
         raise BodyError(
             f"{os.fspath(path)} cannot be read as {suffix[1:].upper()} ({type(error).__name__}: {error}), expected a "
             "mesh of triangles; export it again"
         ) from error
     return vertices, faces
+
+
+def read_solid(path: str | os.PathLike[str], scale_to_m: float = 1.0) -> Solid:
+    """Return what the closed mesh in the file encloses; `scale_to_m` is the unit of its numbers in m.
+
+    Raises:
+        BodyError: as `read_mesh` and `solid`, or the scale is not positive.
+        MissingExtraError: trimesh is not installed.
+    """
+    if not (math.isfinite(scale_to_m) and scale_to_m > 0.0):
+        raise BodyError(f"scale is {scale_to_m!r}, expected a finite number greater than 0; write 0.001 for mm")
+    vertices, faces = read_mesh(path)
+    with np.errstate(over="ignore"):  # what is then not finite is reported
+        vertices = vertices * scale_to_m
+    try:
+        return solid(vertices, faces)
+    except BodyError as error:
+        raise BodyError(f"{os.fspath(path)}: {error}") from error
 
 
 def solid(vertices: Points, faces: Faces) -> Solid:
@@ -127,8 +147,8 @@ def _merged(vertices: Points, faces: Faces) -> tuple[Points, Faces]:
         )
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise BodyError(
-            f"found a triangle with the vertex {int(faces.max())} of {len(vertices)}, expected indices below the number "
-            "of vertices; export the mesh again"
+            f"found a triangle with the vertex {int(faces.max())} of {len(vertices)}, expected indices below that "
+            "number; export the mesh again"
         )
     used, compact = np.unique(faces, return_inverse=True)
     points = vertices[used]
@@ -151,7 +171,11 @@ def _check_closed(points: Points, triangles: Faces) -> None:
     balance = np.zeros(len(keys), dtype=np.int64)
     np.add.at(balance, index.reshape(-1), np.where(edges[:, 0] < edges[:, 1], 1, -1))
     for bad, what, remedy in (
-        (counts == 1, "open edges, which one triangle alone has", "close the holes and merge vertices that nearly meet"),
+        (
+            counts == 1,
+            "open edges, which one triangle alone has",
+            "close the holes and merge vertices that nearly meet",
+        ),
         (counts > 2, "edges with more than two triangles", "separate the parts or remove inner and doubled faces"),
         (balance != 0, "edges along which two triangles run the same way", "orient all triangles outwards"),
     ):

@@ -59,10 +59,7 @@ def total_torque(positions: Sequence[Vector], forces: Sequence[Vector], about: V
 
 def inertia_matrix(masses: Sequence[float], positions: Sequence[Vector], about: Vector | None = None) -> Matrix:
     """Return I = sum m_k (|x_k|^2 1 - x_k x_k^T), kg m^2 (page 22), about `about`, by default the centre of mass."""
-    if about is None:
-        arms = _arms(masses, positions)
-    else:
-        arms = [subtract(x, about) for x in positions]
+    arms = _arms(masses, positions) if about is None else [subtract(x, about) for x in positions]
     return inertia_from_second_moments(lambda i, j: _fsum(m * r[i] * r[j] for m, r in zip(masses, arms, strict=True)))
 
 
@@ -88,8 +85,8 @@ def body_of_particles(masses: Sequence[float], positions: Sequence[Vector]) -> R
             raise BodyError(f"position of particle {k} is {list(position)}, expected three finite numbers (m)")
     if not masses:
         raise BodyError("found no particles, expected at least 3 that are not on one line")
-    _check_spread(masses, positions)
     inertia = inertia_matrix(masses, positions)
+    _check_spread(masses, positions)
     return RigidBody.from_matrix(total_mass(masses), inertia, center_of_mass(masses, positions))
 
 

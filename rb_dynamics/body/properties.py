@@ -1,38 +1,43 @@
 """What an inertia matrix says: scalar inertia, radii of gyration, ellipsoid, box, and how stable a spin is.
 
-Equation numbers are those of lecture 24.
+Equation numbers are those of lecture 24. What is suspicious about the numbers is for `doctor.py` to say.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
+from rb_dynamics.body.doctor import Finding, examine, symmetry
 from rb_dynamics.body.rigid_body import RigidBody
-from rb_dynamics.errors import BodyError
+from rb_dynamics.moments import unit
 from rb_dynamics.rotation import Matrix, matrix, rotate_inverse
-from rb_dynamics.vector import Vector, dot, norm, scale
+from rb_dynamics.vector import Vector, cross, dot, norm, subtract
 
 # A spin within this angle of the middle axis is warned of; it leaves the axis within a few growth times.
 NEAR_AXIS = 0.2
 
 
-def scalar_inertia(body: RigidBody, axis: Vector) -> float:
-    """Return I_n = n^T I n about the axis through the centre of mass, body axes, kg m^2 (eq. 12).
+def scalar_inertia(body: RigidBody, axis: Vector, through: Vector | None = None) -> float:
+    """Return I_n = n^T I n about the direction `axis`, body axes, kg m^2 (eq. 12).
+
+    The axis goes through the centre of mass, or through the point `through` (m, from the body origin, body axes): then
+    m d^2 is added, with d its distance from the centre of mass.
 
     Raises:
         BodyError: the axis has no direction.
     """
-    length = norm(axis)
-    if not (math.isfinite(length) and length > 0.0):
-        raise BodyError(f"axis is {list(axis)}, expected a direction: three finite numbers, not all zero")
-    n = scale(1.0 / length, axis)
-    return dot(n, (dot(body.inertia[0], n), dot(body.inertia[1], n), dot(body.inertia[2], n)))
+    n = unit(axis)
+    inertia = dot(n, (dot(body.inertia[0], n), dot(body.inertia[1], n), dot(body.inertia[2], n)))
+    if through is None:
+        return inertia
+    return inertia + body.mass * norm(cross(subtract(body.center_of_mass, through), n)) ** 2
 
 
-def radius_of_gyration(body: RigidBody, axis: Vector) -> float:
+def radius_of_gyration(body: RigidBody, axis: Vector, through: Vector | None = None) -> float:
     """Return k_n = sqrt(I_n / m), m: the distance of a point mass with the same inertia (eq. 13)."""
-    return math.sqrt(scalar_inertia(body, axis) / body.mass)
+    return math.sqrt(scalar_inertia(body, axis, through) / body.mass)
 
 
 def inertia_ellipsoid(body: RigidBody) -> Vector:
@@ -75,9 +80,55 @@ def middle_axis_growth_time(body: RigidBody, angular_velocity_body: Vector) -> f
     return 1.0 / growth
 
 
+def examine_spin(body: RigidBody, angular_velocity_body: Vector) -> Finding | None:
+    """Return a finding where the spin (rad/s) is near the middle principal axis."""
+    growth = middle_axis_growth_time(body, angular_velocity_body)
+    if growth is None:
+        return None
+    return Finding(
+        "middle-axis",
+        "the initial spin is close to the middle principal axis, which is unstable",
+        f"a deviation grows e-fold in {growth:.3g} s and the body flips over and over",
+        "this is physics, not an error of the integration",
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class AxisProperties:
+    """What the body is to a rotation about one axis: a unit vector in body axes, and a point of it where one was given.
+
+    `scalar_inertia` in kg m^2 (eq. 12), `radius_of_gyration` in m (eq. 13).
+    """
+
+    axis: Vector
+    through: Vector | None
+    scalar_inertia: float
+    radius_of_gyration: float
+
+    @classmethod
+    def of(cls, body: RigidBody, axis: Vector, through: Vector | None = None) -> AxisProperties:
+        """Return the properties about `axis`, through the centre of mass or through a point."""
+        inertia, radius = scalar_inertia(body, axis, through), radius_of_gyration(body, axis, through)
+        return cls(unit(axis), through, inertia, radius)
+
+    def as_text(self) -> str:
+        """Return the properties for a person."""
+        place = "the centre of mass" if self.through is None else f"[{', '.join(f'{c:g}' for c in self.through)}] m"
+        return "\n".join(
+            (
+                f"about the axis {_row(self.axis)}  through {place}",
+                f"scalar inertia   {self.scalar_inertia:.9g} kg m^2",
+                f"gyration         {self.radius_of_gyration:.9g} m",
+            )
+        )
+
+
 @dataclass(frozen=True, slots=True)
 class MassProperties:
-    """All there is to say about a body. Columns of `principal_axes` are the principal axes in body axes."""
+    """All there is to say about a body. Columns of `principal_axes` are the principal axes in body axes.
+
+    `warnings` are the `findings` of the inertia doctor as sentences.
+    """
 
     mass: float
     center_of_mass: Vector
@@ -86,17 +137,18 @@ class MassProperties:
     principal_axes: Matrix
     radii_of_gyration: Vector
     inertia_ellipsoid: Vector
+    symmetry: str
     warnings: tuple[str, ...]
+    findings: tuple[Finding, ...]
 
     @classmethod
-    def of(cls, body: RigidBody, angular_velocity_body: Vector) -> MassProperties:
-        """Return the properties of `body`; the angular velocity (rad/s) is looked at for its stability."""
-        warnings = []
-        if growth := middle_axis_growth_time(body, angular_velocity_body):
-            warnings.append(
-                f"the initial spin is close to the middle principal axis, which is unstable: a deviation grows e-fold "
-                f"in {growth:.3g} s and the body flips over and over; this is physics, not an error of the integration"
-            )
+    def of(cls, body: RigidBody, angular_velocity_body: Vector, noticed: Sequence[Finding] = ()) -> MassProperties:
+        """Return the properties of `body`; the angular velocity (rad/s) is looked at for its stability.
+
+        `noticed` are findings from elsewhere, for example from the reading of a mesh.
+        """
+        spin = examine_spin(body, angular_velocity_body)
+        findings = (*noticed, *examine(body), *((spin,) if spin else ()))
         i1, i2, i3 = (math.sqrt(moment / body.mass) for moment in body.principal_moments)
         return cls(
             body.mass,
@@ -106,7 +158,9 @@ class MassProperties:
             matrix(body.principal_orientation_xyzw),
             (i1, i2, i3),
             inertia_ellipsoid(body),
-            tuple(warnings),
+            symmetry(body).value,
+            tuple(map(str, findings)),
+            findings,
         )
 
     def as_dict(self) -> dict[str, object]:
@@ -118,9 +172,9 @@ class MassProperties:
         columns = list(zip(*self.principal_axes, strict=True))
         lines = [
             f"mass             {self.mass:.9g} kg",
-            f"centre of mass  {_row(self.center_of_mass)}  m, from the body origin",
+            f"centre of mass {_row(self.center_of_mass)}  m, from the body origin",
             "inertia about the centre of mass, body axes, kg m^2",
-            *(f"                {_row(row)}" for row in self.inertia),
+            *(f"{'':15}{_row(row)}" for row in self.inertia),
             "",
             f"{'principal axis':17}{'moment':>14}{'gyration':>14}{'ellipsoid':>14}   direction in body axes",
             f"{'':17}{'kg m^2':>14}{'m':>14}{'(relative)':>14}",
@@ -128,8 +182,18 @@ class MassProperties:
         for i, axis in enumerate(columns):
             numbers = (self.principal_moments[i], self.radii_of_gyration[i], self.inertia_ellipsoid[i])
             lines.append(f"{i + 1:<17}{''.join(f'{number:>14.6g}' for number in numbers)}   {_row(axis)}")
+        lines.append(f"symmetry         {self.symmetry} ({_SYMMETRY_WORDS[self.symmetry]})")
         return "\n".join([*lines, *(f"\nwarning: {warning}" for warning in self.warnings)])
 
 
+_SYMMETRY_WORDS = {
+    "sphere": "three equal moments: every axis is a principal axis",
+    "oblate": "two equal moments and a larger one, like a disc",
+    "prolate": "two equal moments and a smaller one, like a rod",
+    "triaxial": "three different moments",
+}
+
+
 def _row(values: Vector) -> str:
-    return "".join(f"{value + 0.0:>14.9g}" for value in values)
+    # 15 characters hold any number of 9 digits, such as -1.58818678e-22.
+    return "".join(f"{value + 0.0:>16.9g}" for value in values)

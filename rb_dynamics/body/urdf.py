@@ -98,11 +98,8 @@ def _link(root: ElementTree.Element, link: str, source: str) -> ElementTree.Elem
     links = {element.get("name", ""): element for element in root.findall("link")}
     if link in links:
         return links[link]
-    known = ", ".join(repr(name[:60]) for name in list(links)[:20])
-    raise BodyError(
-        f"{source}: found no link {link!r}, expected one of {known or 'the links of a <robot>, of which there are none'};"
-        " correct the name"
-    )
+    known = ", ".join(repr(name[:60]) for name in list(links)[:20]) or "the links of a <robot>, which are none here"
+    raise BodyError(f"{source}: found no link {link!r}, expected one of {known}; correct the name")
 
 
 def _child(element: ElementTree.Element, name: str, place: str) -> ElementTree.Element:

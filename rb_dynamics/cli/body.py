@@ -1,6 +1,8 @@
 """Show the mass properties of a scene's body: principal axes and moments, radii of gyration, inertia ellipsoid.
 
-Warns where the initial spin is close to the middle principal axis, about which no spin is stable.
+Warns of what is suspicious about them: inertia about the origin, products of the wrong sign, numbers in the wrong
+order, moments at the limit of the possible, a wrong unit; and of an initial spin close to the middle principal axis,
+about which no spin is stable. Give --mesh to compare the inertia with that of a shape.
 """
 
 from __future__ import annotations
@@ -13,17 +15,44 @@ HELP = "show the mass properties of a scene's body"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `body`."""
     parser.add_argument("scene", metavar="SCENE", help="scene file (YAML)")
+    parser.add_argument(
+        "--axis", nargs=3, type=float, metavar=("X", "Y", "Z"),
+        help="also the scalar inertia and radius of gyration about this direction (body axes)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--through", nargs=3, type=float, metavar=("X", "Y", "Z"),
+        help="a point of that axis (m, from the body origin); default: the centre of mass",
+    )  # fmt: skip
+    parser.add_argument(
+        "--mesh", metavar="FILE", help="compare with this closed mesh (STL, OBJ, PLY), filled uniformly"
+    )
+    parser.add_argument("--scale", type=float, default=1.0, metavar="S", help="m per unit of the mesh; 0.001 for mm")
     parser.add_argument("--json", action="store_true", help="print one JSON object, floats in full")
 
 
 def run(args: argparse.Namespace) -> int:
     """Print the mass properties; exit code 0."""
     import json
+    from dataclasses import asdict
 
-    from rb_dynamics.body.properties import MassProperties
+    from rb_dynamics.body.properties import AxisProperties, MassProperties
+    from rb_dynamics.errors import BodyError
     from rb_dynamics.scene import read_scene
 
+    if args.through and not args.axis:
+        raise BodyError("found --through without --axis, expected the direction of the axis too; add --axis X Y Z")
     scene = read_scene(args.scene)
-    properties = MassProperties.of(scene.body, scene.initial.angular_velocity_body)
-    print(json.dumps(properties.as_dict()) if args.json else properties.as_text())
+    noticed = [*scene.findings]
+    if args.mesh:
+        from rb_dynamics.body.doctor import compare
+        from rb_dynamics.body.mesh import read_solid
+
+        noticed += compare(scene.body, read_solid(args.mesh, args.scale))
+    properties = MassProperties.of(scene.body, scene.initial.angular_velocity_body, noticed)
+    through = tuple(args.through) if args.through else None
+    axis = AxisProperties.of(scene.body, tuple(args.axis), through) if args.axis else None
+    if args.json:
+        print(json.dumps(properties.as_dict() | ({"axis": asdict(axis)} if axis else {})))
+    else:
+        print(properties.as_text() + (f"\n\n{axis.as_text()}" if axis else ""))
     return 0

@@ -87,12 +87,13 @@ def _fly(
         import rclpy
     except ImportError as error:
         raise MissingExtraError("rclpy", "ros", "the demo") from error
+    from rb_dynamics.cli.node import parameter
     from rb_dynamics.ros.player import WrenchPlayer
 
-    parameters = ("lockstep:=true", f"mcap:={mcap}", f"rerun:={rrd}")
+    parameters = ("lockstep:=true", parameter("mcap", str(mcap)), parameter("rerun", str(rrd)))
     node = subprocess.Popen(
         [sys.executable, "-m", "rb_dynamics", "node", str(scene_file), "--ros-args"]
-        + [part for parameter in parameters for part in ("-p", parameter)]
+        + [part for value in parameters for part in ("-p", value)]
     )
     try:
         rclpy.init(args=[])

@@ -20,6 +20,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Spin the node; exit code 0 after a clean stop."""
+    try:
+        import rclpy  # noqa: F401 - only to say what is missing
+    except ImportError as error:
+        from rb_dynamics.errors import MissingExtraError
+
+        raise MissingExtraError("rclpy", "ros", "the node") from error
     from rb_dynamics.ros.node import spin
 
-    return spin([*(args.ros_args or ["--ros-args"]), "-p", f"scene:={args.scene}"])
+    return spin(["--ros-args", "-p", parameter("scene", args.scene), "--", *args.ros_args])
+
+
+def parameter(name: str, text: str) -> str:
+    """Return a parameter as rcl reads it: YAML, where only quotes keep a text what it is."""
+    quoted = text.replace("'", "''")
+    return f"{name}:='{quoted}'"

@@ -32,7 +32,8 @@ _UNITS = {
 def as_json(run: Run) -> str:
     """Return one JSON object; floats in full precision, so that they read back to the same bits."""
     sample = asdict(run.sample)
-    return json.dumps({**sample, "method": run.method, "steps": run.steps, "wall_time_s": run.wall_time_s})
+    facts = {**sample, "method": run.method, "steps": run.steps, "wall_time_s": run.wall_time_s}
+    return json.dumps(facts, allow_nan=False)
 
 
 def as_text(run: Run) -> str:
@@ -56,6 +57,16 @@ def warn_outside(commands: Sequence[tuple[str, Wrench]], scene: Scene) -> None:
         print(
             f"warning: {late} of {len(commands)} wrench commands lie after the end of the run at {scene.duration:g} s "
             f"and have no effect (the first command of the bag is at {first:.9g} s)",
+            file=sys.stderr,
+        )
+
+
+def warn_rejected(run: Run, commands: int) -> None:
+    """Say on stderr how many commands could not be honoured, and why the first was not."""
+    if run.rejected:
+        print(
+            f"warning: {len(run.rejected)} of {commands} wrench commands were rejected and had no effect; "
+            f"the first: {run.rejected[0]}",
             file=sys.stderr,
         )
 

@@ -65,9 +65,13 @@ def run(args: argparse.Namespace) -> int:
             sinks.append(RerunSink(args.rerun))
         with output.progress(args.scene) as progress:
             result = simulate(scene, commands, sinks, progress)
+        output.warn_rejected(result, len(commands))
         if args.html:
             from rb_dynamics.report.run import write_run_report
 
             write_run_report(mcap, args.html)
     print(output.as_json(result) if args.json else output.as_text(result))
+    for written in (args.mcap, args.rerun, args.html):
+        if written and not args.json:
+            print(f"wrote {written}")
     return 0

@@ -50,6 +50,23 @@ class AppliedWrench:
     torque: Vector
 
 
+@dataclass(frozen=True, slots=True)
+class RejectedWrench:
+    """A command that was not honoured.
+
+    Attributes:
+        time_ns: simulation time at which it would have taken effect.
+        topic: the channel's topic, as the scene writes it.
+        received: the command as it came.
+        reason: what was found, expected and to be done.
+    """
+
+    time_ns: int
+    topic: str
+    received: Wrench
+    reason: str
+
+
 @dataclass(slots=True)
 class _Hold:
     held: HeldWrench = HeldWrench()
@@ -58,13 +75,18 @@ class _Hold:
 
 @dataclass(order=True, slots=True)
 class _Pending:
-    """A command that waits for its time; equal times keep the order of arrival, so the last one wins."""
+    """A command that waits for its time.
+
+    At equal times the channels come in the order of the scene, however the commands arrived; within a channel the order
+    of arrival is kept, so the last one wins. `held` is None for a rejected command.
+    """
 
     time_ns: int
+    channel: int
     number: int
-    channel: int = field(compare=False)
     wrench: Wrench = field(compare=False)
-    held: HeldWrench = field(compare=False)
+    held: HeldWrench | None = field(compare=False)
+    reason: str = field(compare=False, default="")
 
 
 class WrenchChannels:
@@ -85,14 +107,19 @@ class WrenchChannels:
         """Let `wrench` take effect on the channel `topic` at `time_ns`.
 
         Raises:
-            WrenchError: no such channel, a component is not finite, or the frame is unknown; nothing changes.
+            WrenchError: no such channel, a component is not finite, or the frame is unknown. The command has no effect;
+                on a channel of the scene it is reported as rejected when its time comes.
         """
         channel = self._index.get(topic.lstrip("/"))
         if channel is None:
             raise WrenchError(f"wrench topic is {topic!r}, expected one of {sorted(self._index)} as in scene.wrenches")
-        held = self._frames.hold(wrench)
-        heapq.heappush(self._queue, _Pending(time_ns, self._number, channel, wrench, held))
         self._number += 1
+        try:
+            held = self._frames.hold(wrench)
+        except WrenchError as error:
+            heapq.heappush(self._queue, _Pending(time_ns, channel, self._number, wrench, None, str(error)))
+            raise
+        heapq.heappush(self._queue, _Pending(time_ns, channel, self._number, wrench, held))
 
     def next_change_ns(self) -> int | None:
         """Return when the held wrench changes next: a command or a timeout; None if it never does."""
@@ -101,7 +128,7 @@ class WrenchChannels:
             times.append(self._queue[0].time_ns)
         return min(times, default=None)
 
-    def apply(self, now_ns: int) -> list[AppliedWrench]:
+    def apply(self, now_ns: int) -> list[AppliedWrench | RejectedWrench]:
         """Make every change that is due at `now_ns` and return what changed, in order.
 
         A command that comes at the very time of its channel's timeout wins over it.
@@ -109,8 +136,8 @@ class WrenchChannels:
         due: list[_Pending] = []
         while self._queue and self._queue[0].time_ns <= now_ns:
             due.append(heapq.heappop(self._queue))
-        commanded = {pending.channel for pending in due}
-        changes = []
+        commanded = {pending.channel for pending in due if pending.held is not None}
+        changes: list[AppliedWrench | RejectedWrench] = []
         for i, hold in enumerate(self._holds):
             if hold.expires_ns is not None and hold.expires_ns <= now_ns:
                 hold.expires_ns = None
@@ -118,6 +145,10 @@ class WrenchChannels:
                     hold.held = HeldWrench()
                     changes.append(self._applied(now_ns, i, None))
         for pending in due:
+            if pending.held is None:
+                topic = self._channels[pending.channel].topic
+                changes.append(RejectedWrench(now_ns, topic, pending.wrench, pending.reason))
+                continue
             hold = self._holds[pending.channel]
             hold.held = pending.held
             timeout = self._timeout_ns[pending.channel]

@@ -39,16 +39,24 @@ class Arc:
         Raises:
             ConvergenceError: a step could not be solved.
         """
+        self.advance(time_ns)
         denominator = self._control.denominator
-        target = (time_ns - self._start_ns) * denominator
+        h = ((time_ns - self._start_ns) * denominator - self._reached) / (denominator * NANOSECONDS)
+        return self._control.refine(self._phase, self._advance, h) if h > 0.0 else self._phase
+
+    def advance(self, time_ns: int) -> None:
+        """Take the strides that end by `time_ns`, so that less is left to do when it is asked for.
+
+        Raises:
+            ConvergenceError: a step could not be solved.
+        """
+        target = (time_ns - self._start_ns) * self._control.denominator
         while target > self._reached:
             end = self._reached + self._next_stride()
             self._control.begin()
             if end > target:
-                h = (target - self._reached) / (denominator * NANOSECONDS)
-                return self._control.refine(self._phase, self._advance, h)
+                return
             self._take_stride()
-        return self._phase
 
     def steps_to(self, time_ns: int) -> int:
         """Return the number of steps that lead to `time_ns`, the last time asked for."""

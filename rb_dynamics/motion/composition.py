@@ -5,11 +5,12 @@ Needs no derivatives and keeps whatever the method keeps. Never looks into the m
 
 from __future__ import annotations
 
+from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Method
 from rb_dynamics.motion.midpoint import MIDPOINT
-from rb_dynamics.rotation import Quaternion
-from rb_dynamics.vector import ZERO, Vector, add, add_scaled
+from rb_dynamics.rotation import IDENTITY, Quaternion, multiply, normalize, rotate, rotate_inverse
+from rb_dynamics.vector import ZERO, Vector, add, add_scaled, dot, scale
 
 _QUARTIC = 1.0 / (4.0 - 4.0 ** (1.0 / 3.0))
 
@@ -41,17 +42,35 @@ def compose(name: str, order: int, base: Method, coefficients: tuple[float, ...]
     def step(
         inertia: Inertia, held: HeldWrench, h: float, velocity: Vector, orientation: Quaternion, angular_velocity: Vector
     ) -> Increment:
-        q, omega = orientation, angular_velocity
+        # From the axes of R0 and an observer who moves with `velocity`: small numbers, to which rounding does little.
+        here = HeldWrench(
+            held.force_body,
+            held.torque_body,
+            rotate_inverse(orientation, held.force_world),
+            rotate_inverse(orientation, held.torque_world),
+        )
+        turn, omega = IDENTITY, angular_velocity
         displacement, impulse, torque_impulse, work = ZERO, ZERO, ZERO, 0.0
         for coefficient in coefficients:
-            v = add_scaled(velocity, 1.0 / inertia.mass, impulse)
-            stage = base.step(inertia, held, coefficient * h, v, q, omega)
-            q, omega = stage.orientation, stage.angular_velocity
+            gain = scale(1.0 / inertia.mass, impulse)
+            try:
+                stage = base.step(inertia, here, coefficient * h, gain, turn, omega)
+            except ConvergenceError as error:
+                raise ConvergenceError(f"{name}: a stage of {coefficient:.3g} steps failed: {error}") from error
+            turn, omega = stage.orientation, stage.angular_velocity
             displacement = add(displacement, stage.displacement)
             impulse = add(impulse, stage.impulse)
             torque_impulse = add(torque_impulse, stage.torque_impulse)
             work += stage.work
-        return Increment(displacement, q, omega, impulse, torque_impulse, work)
+        impulse = rotate(orientation, impulse)
+        return Increment(
+            add_scaled(rotate(orientation, displacement), h, velocity),
+            normalize(multiply(orientation, turn)),
+            omega,
+            impulse,
+            rotate(orientation, torque_impulse),
+            work + dot(velocity, impulse),
+        )
 
     step.__doc__ = f"""Advance by {len(coefficients)} steps of `{base.name}` ({source}).
 

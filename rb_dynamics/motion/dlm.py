@@ -51,7 +51,7 @@ def _method(name: str, order: int, stages: Stages, scheme: str) -> Method:
     def step(
         inertia: Inertia, held: HeldWrench, h: float, velocity: Vector, orientation: Quaternion, angular_velocity: Vector
     ) -> Increment:
-        return advance(flow, stages, inertia, held, h, velocity, orientation, angular_velocity)
+        return advance(name, flow, stages, inertia, held, h, velocity, orientation, angular_velocity)
 
     step.__doc__ = f"""Advance by kicks and turns about the principal axes: {scheme}.
 
@@ -59,7 +59,7 @@ def _method(name: str, order: int, stages: Stages, scheme: str) -> Method:
     Leimkuhler & McLachlan, J. Chem. Phys. 107 (1997) 5840; HLW VII.5.4.
 
     Raises:
-        ConvergenceError: the wrench is so large that the angular velocity overflows.
+        ConvergenceError: the body turns too far between two kicks.
     """
     return Method(name, order, frozenset({"angular_momentum", "unit_quaternion"}), step)
 

@@ -86,9 +86,12 @@ def _mean_angular_velocity(moments: Vector, m0: Vector, world: Vector, body: Vec
 
 def _solve_jacobian(moments: Vector, w: Vector, lever: Vector, half: float, b: Vector) -> Vector:
     """Return J^-1 b, J = diag(moments) + half (hat(w) diag(moments) - hat(lever)), by Cramer's rule."""
-    i1, i2, i3 = moments
+    # In units of the largest moment, so that the determinant neither underflows nor overflows.
+    unit = 1.0 / max(moments)
+    i1, i2, i3 = scale(unit, moments)
     x, y, z = w
-    p, q, r = lever
+    p, q, r = scale(unit, lever)
+    b = scale(unit, b)
     c1 = (i1, half * (z * i1 - r), half * (q - y * i1))
     c2 = (half * (r - z * i2), i2, half * (x * i2 - p))
     c3 = (half * (y * i3 - q), half * (p - x * i3), i3)

@@ -15,7 +15,7 @@ from rb_dynamics.motion import exact
 from rb_dynamics.motion.composition import KAHAN_LI6, SUZUKI4
 from rb_dynamics.motion.free import FreeRotation
 from rb_dynamics.motion.method import Increment, Inertia, Method
-from rb_dynamics.rotation import Quaternion, multiply, normalize, rotate, rotate_inverse
+from rb_dynamics.rotation import IDENTITY, Quaternion, multiply, normalize, rotate, rotate_inverse
 from rb_dynamics.vector import ZERO, Vector, add, add_scaled, divide, dot, norm, scale
 
 # flow(moments, orientation, angular velocity, t): orientation and angular velocity after t s of free rotation.
@@ -23,6 +23,13 @@ Flow = Callable[[Vector, Quaternion, Vector, float], tuple[Quaternion, Vector]]
 
 # (kick, free), in units of the step: first the kick, then the free motion.
 Stages = tuple[tuple[float, float], ...]
+
+
+# A wrench that turns further than this between two kicks is not seen by them.
+_LARGEST_TURN = 3.0
+
+# Where there are no kicks, the rounding of the angle alone is the limit: 1e-7 rad.
+_LARGEST_FREE_TURN = 1e9
 
 
 def kick_free_kick(coefficients: tuple[float, ...]) -> Stages:
@@ -40,6 +47,7 @@ def free_kick_free(free: tuple[float, ...], kicks: tuple[float, ...]) -> Stages:
 
 
 def advance(
+    name: str,
     flow: Flow,
     stages: Stages,
     inertia: Inertia,
@@ -54,34 +62,50 @@ def advance(
     A kick does the work (mean of w) . impulse of torque + (mean of v) . impulse of force: what T grows by.
 
     Raises:
-        ConvergenceError: the wrench is so large that the angular velocity overflows.
+        ConvergenceError: the body turns so far between two kicks that they miss what the wrench does.
     """
     mass, moments = inertia
-    q, omega = orientation, angular_velocity
-    moment, impulse, torque_impulse, work = ZERO, ZERO, ZERO, 0.0
+    force_0 = rotate_inverse(orientation, held.force_world)
+    torque_0 = rotate_inverse(orientation, held.torque_world)
+    velocity_0 = rotate_inverse(orientation, velocity)
+
+    # All in the axes of R0, to which `turn` leads. Only what turns with the body needs the sums: the force of the world
+    # pushes like a constant, as the kicks add up to 1 and lie symmetrically.
+    turn, omega = IDENTITY, angular_velocity
+    pushed, moved, twisted, kicked, work = ZERO, ZERO, ZERO, 0.0, 0.0
     for kick, free in stages:
         t = kick * h
         if t != 0.0:
-            push = scale(t, add(rotate(q, held.force_body), held.force_world))
-            twist = scale(t, add(held.torque_body, rotate_inverse(q, held.torque_world)))
-            gain = divide(twist, moments)
-            work += dot(add_scaled(velocity, 1.0 / mass, add_scaled(impulse, 0.5, push)), push)
-            work += dot(add_scaled(omega, 0.5, gain), twist)
+            push, twist = scale(t, rotate(turn, held.force_body)), scale(t, held.torque_body)
+            twist_all = add_scaled(twist, t, rotate_inverse(turn, torque_0))
+            gain = divide(twist_all, moments)
+            before = add_scaled(add_scaled(pushed, 0.5, push), kicked + 0.5 * t, force_0)
+            work += dot(add_scaled(velocity_0, 1.0 / mass, before), add_scaled(push, t, force_0))
+            work += dot(add_scaled(omega, 0.5, gain), twist_all)
             omega = add(omega, gain)
-            impulse = add(impulse, push)
-            torque_impulse = add_scaled(torque_impulse, t, add(rotate(q, held.torque_body), held.torque_world))
+            pushed, twisted, kicked = add(pushed, push), add(twisted, rotate(turn, twist)), kicked + t
         t = free * h
         if t != 0.0:
-            if not norm(omega) < math.inf:
-                raise ConvergenceError(
-                    f"splitting: a step of {h:g} s with a torque of {norm(held.torque_body):.3g} N m in body and "
-                    f"{norm(held.torque_world):.3g} N m in world axes overflows the angular velocity; use a shorter step"
-                )
-            moment = add_scaled(moment, t, impulse)
-            q, omega = flow(moments, q, omega, t)
+            _check_turn(name, h, abs(free), norm(omega))
+            moved = add_scaled(moved, t, pushed)
+            turn, omega = flow(moments, turn, omega, t)
+    displacement = add_scaled(rotate(orientation, scale(1.0 / mass, moved)), 0.5 * h * h / mass, held.force_world)
     return Increment(
-        add_scaled(scale(h, velocity), 1.0 / mass, moment), normalize(q), omega, impulse, torque_impulse, work
+        add_scaled(displacement, h, velocity),
+        normalize(multiply(orientation, turn)),
+        omega,
+        add_scaled(rotate(orientation, pushed), h, held.force_world),
+        add_scaled(rotate(orientation, twisted), h, held.torque_world),
+        work,
     )
+
+
+def _check_turn(name: str, h: float, free: float, rate: float, largest: float = _LARGEST_TURN) -> None:
+    if not rate * free * abs(h) < largest:
+        raise ConvergenceError(
+            f"{name}: a step of {h:g} s turns the body by {rate * free * abs(h):.3g} rad between two kicks, expected "
+            f"less than {largest:g} rad; use a step below {largest / (rate * free):.3g} s"
+        )
 
 
 def _exact_flow(moments: Vector, orientation: Quaternion, angular_velocity: Vector, t: float) -> tuple[Quaternion, Vector]:
@@ -94,8 +118,9 @@ def _method(name: str, order: int, stages: Stages, scheme: str) -> Method:
         inertia: Inertia, held: HeldWrench, h: float, velocity: Vector, orientation: Quaternion, angular_velocity: Vector
     ) -> Increment:
         if exact.is_free(held):
+            _check_turn(name, h, 1.0, norm(angular_velocity), _LARGEST_FREE_TURN)
             return exact.step(inertia, held, h, velocity, orientation, angular_velocity)
-        return advance(_exact_flow, stages, inertia, held, h, velocity, orientation, angular_velocity)
+        return advance(name, _exact_flow, stages, inertia, held, h, velocity, orientation, angular_velocity)
 
     step.__doc__ = f"""Advance by kicks and exact free motion: {scheme}.
 
@@ -103,7 +128,7 @@ def _method(name: str, order: int, stages: Stages, scheme: str) -> Method:
     world-frame angular momentum change by the booked work and torque impulse, to round-off.
 
     Raises:
-        ConvergenceError: the wrench is so large that the angular velocity overflows.
+        ConvergenceError: the body turns so far between two kicks that they miss what the wrench does.
     """
     return Method(name, order, exact.EXACT.invariants, step)
 

@@ -98,12 +98,14 @@ class OwnControl:
         Raises:
             ConvergenceError: not even a step of 1 ns keeps the accuracy.
         """
+        rate = norm(phase.angular_velocity)
         h_ns = int(min(advance.longest_step(phase, self._accuracy, self._horizon) * NANOSECONDS, 2.0**62))
         if h_ns < 1:
             raise ConvergenceError(
                 f"accuracy {self._accuracy:g} cannot be kept: a step would have to be shorter than 1 ns; "
                 "accept a larger solver.accuracy or check the size of the wrench"
             )
+        _require_reachable(self._accuracy, self._horizon, h_ns / NANOSECONDS, rate)
         return h_ns, None
 
     def begin(self) -> None:
@@ -147,12 +149,15 @@ class AccuracyControl:
             except ConvergenceError:
                 after, error = phase, math.inf
             allowed = self._accuracy * h / self._horizon
+            if not math.isfinite(error):
+                error = math.inf
             if error > 0.0:
                 factor = 0.9 * (allowed / error) ** (1.0 / self._order)
                 self._next = h * min(5.0, max(0.2, factor))
             else:
                 self._next = 5.0 * h
             if error <= allowed:
+                _require_reachable(self._accuracy, self._horizon, h, norm(phase.angular_velocity))
                 return h_ns, after
             if h_ns == 1:
                 raise ConvergenceError(
@@ -185,5 +190,21 @@ class AccuracyControl:
         speed = norm(scale(1.0 / mass, halves.linear_momentum_world))
         position = drift / (speed * horizon) if speed > 0.0 else 0.0
         # What rounding alone makes of the difference is no reason to step shorter.
-        floor = 8.0 * _EPSILON * (1.0 + rate * horizon)
-        return halves, max(0.0, max(attitude, position) - floor) / (2.0**self._order - 1.0)
+        floor = _EPSILON * (1.0 + rate * horizon)
+        error = max(attitude, position)
+        return halves, (0.0 if error <= floor else error - floor) / (2.0**self._order - 1.0)
+
+
+def _require_reachable(accuracy: float, horizon: float, h: float, rate: float) -> None:
+    """Refuse an accuracy that rounding alone does not leave: each step rounds the rate, errors add up as a random walk.
+
+    Raises:
+        ConvergenceError: names the accuracy that can be reached.
+    """
+    rounding = _EPSILON * (1.0 + rate * horizon) * math.sqrt(max(1.0, horizon / h))
+    if rounding > accuracy:
+        raise ConvergenceError(
+            f"accuracy {accuracy:g} cannot be kept: at {rate:.3g} rad/s in steps of {h:.3g} s rounding alone adds "
+            f"about {rounding:.1g} rad in {horizon:g} s; accept that much, or use method auto or taylor, which take "
+            "longer steps"
+        )

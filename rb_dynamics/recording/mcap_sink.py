@@ -1,8 +1,8 @@
 """`McapSink`: a run as one MCAP file that ROS 2, Foxglove, PlotJuggler and Rerun open unchanged.
 
 Profile `ros2`, CDR, one channel for each topic of the node with the node's QoS, and for each wrench channel what was
-received (`<topic>`) and what acted (`<topic>/applied`). Times are simulation nanoseconds; a received wrench has its
-stamp as publish time and the time at which it took effect as log time. The scene is attached as `scene.yaml`; metadata
+received (`<topic>`), honoured or not, and what acted (`<topic>/applied`). Times are simulation nanoseconds: those at
+which a command took effect, whatever clock its stamp is of. The scene is attached as `scene.yaml`; metadata
 `rb_dynamics` says what was run, `rb_dynamics.result` how it ended, with `states_sha256` over all samples.
 
 Never imports ROS, never changes or drops a value, and holds back at most one chunk from the file.
@@ -21,7 +21,7 @@ from rb_dynamics.errors import LogError, MissingExtraError
 from rb_dynamics.recording import cdr
 from rb_dynamics.recording.provenance import version
 from rb_dynamics.recording.ros2msg import TYPE_HASHES, schema_text
-from rb_dynamics.recording.sink import AppliedWrench, Event, RunInfo, Status
+from rb_dynamics.recording.sink import AppliedWrench, Event, RejectedWrench, RunInfo, Status
 from rb_dynamics.recording.state_hash import StateHash
 from rb_dynamics.rotation import rotate_inverse
 
@@ -122,7 +122,10 @@ class McapSink:
             self._states.update(event)
             self._write_sample(event)
         elif isinstance(event, AppliedWrench):
-            self._write_wrench(event)
+            self._write_received(event)
+            self._write_applied(event)
+        elif isinstance(event, RejectedWrench):
+            self._write_received(event)
         else:
             self._write_status(event)
 
@@ -191,19 +194,21 @@ class McapSink:
         for channel, message in zip(self._sample_ids, self._encode_sample(sample), strict=True):
             self._add(channel, time_ns, message, time_ns)
 
-    def _write_wrench(self, event: AppliedWrench) -> None:
+    def _write_received(self, event: AppliedWrench | RejectedWrench) -> None:
         command = event.received
         if command is not None:
+            # The stamp may be of any clock; the times of the record are simulation time.
             pack = cdr.stamped_packer(WRENCH, command.frame_id)
             message = pack(*cdr.split_stamp(command.stamp_ns), *command.force, *command.torque)
-            # MCAP times are unsigned; the stamp itself keeps its sign in the message.
-            self._add(self._ids[event.topic], event.time_ns, message, max(command.stamp_ns, 0))
+            self._add(self._ids[event.topic], event.time_ns, message, event.time_ns)
+
+    def _write_applied(self, event: AppliedWrench) -> None:
         pack = cdr.stamped_packer(WRENCH, event.frame_id)
         message = pack(*cdr.split_stamp(event.time_ns), *event.force, *event.torque)
         self._add(self._ids[event.topic + _APPLIED], event.time_ns, message, event.time_ns)
 
     def _write_status(self, event: Status) -> None:
-        status = (event.level, "rb_dynamics", event.message, self._body_frame, list(event.values.items()))
+        status = (event.level, event.name, event.message, self._body_frame, list(event.values.items()))
         message = cdr.encode(DIAGNOSTICS, event.time_ns, "", [status])
         self._add(self._ids["/diagnostics"], event.time_ns, message, event.time_ns)
 

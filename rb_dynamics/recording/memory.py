@@ -7,7 +7,7 @@ from dataclasses import fields
 from typing import TYPE_CHECKING
 
 from rb_dynamics.diagnostics import Sample
-from rb_dynamics.loads.channels import AppliedWrench
+from rb_dynamics.loads.channels import AppliedWrench, RejectedWrench
 from rb_dynamics.recording.sink import Event, RunInfo
 
 if TYPE_CHECKING:
@@ -25,16 +25,18 @@ class MemorySink:
     Attributes:
         samples: the samples themselves.
         applied: every change of a wrench channel.
+        rejected: every command that was not honoured.
     """
 
     def __init__(self) -> None:
         """Begin with nothing."""
         self.samples: list[Sample] = []
         self.applied: list[AppliedWrench] = []
+        self.rejected: list[RejectedWrench] = []
 
     def open(self, run: RunInfo) -> None:
         """Forget an earlier run."""
-        self.samples, self.applied = [], []
+        self.samples, self.applied, self.rejected = [], [], []
 
     def write(self, event: Event) -> None:
         """Keep a sample or a change of wrench."""
@@ -42,6 +44,8 @@ class MemorySink:
             self.samples.append(event)
         elif isinstance(event, AppliedWrench):
             self.applied.append(event)
+        elif isinstance(event, RejectedWrench):
+            self.rejected.append(event)
 
     def close(self, result: Mapping[str, str]) -> None:
         """Keep what is there."""

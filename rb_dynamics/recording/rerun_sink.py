@@ -143,7 +143,7 @@ class _Recorder:
         elif isinstance(event, AppliedWrench):
             for part in self.rows.take_wrench(event):
                 self._send_wrench_looks(part)
-        elif event.level > 0 and self.note_count < self.max_rows:
+        elif isinstance(event, Status) and event.level > 0 and self.note_count < self.max_rows:
             self.notes.append((event.time_ns, self.rows.newest, event))
             self.note_count += 1
         if self.rows.unsent() + len(self.notes) >= self.batch_rows:

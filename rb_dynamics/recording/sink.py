@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
 from rb_dynamics.diagnostics import Sample
-from rb_dynamics.loads.channels import AppliedWrench
+from rb_dynamics.loads.channels import AppliedWrench, RejectedWrench
 
 if TYPE_CHECKING:
     from rb_dynamics.scene.model import Scene
@@ -40,15 +40,17 @@ class Status:
         level: 0 OK, 1 WARN, 2 ERROR, as in diagnostic_msgs/DiagnosticStatus.
         message: one line for a person.
         values: key and value, as text.
+        name: of what the status is about: a node by its full name.
     """
 
     time_ns: int
     level: int
     message: str
     values: Mapping[str, str]
+    name: str = "rb_dynamics"
 
 
-Event = Sample | AppliedWrench | Status
+Event = Sample | AppliedWrench | RejectedWrench | Status
 
 
 class Sink(Protocol):
@@ -64,4 +66,4 @@ class Sink(Protocol):
         """Finish with facts known only at the end (steps, hash of the states) and release everything."""
 
 
-__all__ = ["AppliedWrench", "Event", "RunInfo", "Sample", "Sink", "Status"]
+__all__ = ["AppliedWrench", "Event", "RejectedWrench", "RunInfo", "Sample", "Sink", "Status"]

@@ -23,16 +23,24 @@ from nav_msgs.msg import Odometry
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.diagnostics import Sample
+from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import Wrench, WrenchFrames
 from rb_dynamics.recording.sink import Status
 from rb_dynamics.rotation import rotate_inverse
 from rb_dynamics.vector import Vector
 
 _NANOSECONDS = 1_000_000_000
+_LAST_NS = 2**31 * _NANOSECONDS
 
 
 def to_stamp(time_ns: int) -> Time:
-    """Return integer nanoseconds as a stamp."""
+    """Return integer nanoseconds as a stamp.
+
+    Raises:
+        ConvergenceError: the time is past 2^31 s, where stamps end.
+    """
+    if not 0 <= time_ns < _LAST_NS:
+        raise ConvergenceError(f"time is {time_ns / _NANOSECONDS:.9g} s, expected less than 2^31 s, where stamps end")
     return Time(sec=time_ns // _NANOSECONDS, nanosec=time_ns % _NANOSECONDS)
 
 
@@ -102,14 +110,14 @@ def inertia(body: RigidBody, body_frame: str) -> InertiaStamped:
     return message
 
 
-def diagnostics(status: Status, name: str, hardware_id: str) -> DiagnosticArray:
+def diagnostics(status: Status, hardware_id: str) -> DiagnosticArray:
     """Return a status as `/diagnostics` shows it."""
     message = DiagnosticArray()
     message.header.stamp = to_stamp(status.time_ns)
     message.status = [
         DiagnosticStatus(
             level=bytes([status.level]),
-            name=name,
+            name=status.name,
             message=status.message,
             hardware_id=hardware_id,
             values=[KeyValue(key=key, value=value) for key, value in status.values.items()],

@@ -26,30 +26,31 @@ class _Counts:
 class Health:
     """What `/diagnostics` says. A warning stays for the run: nobody has to be looking when it happens."""
 
-    def __init__(self, topics: Sequence[str]) -> None:
-        """Begin with no complaints."""
+    def __init__(self, name: str, topics: Sequence[str]) -> None:
+        """Begin with no complaints about the node `name` and its wrench `topics`."""
+        self._name = name
         self._counts = {topic: _Counts() for topic in topics}
         self._warning = ""
         self._failure = ""
         self._next_ns = time.monotonic_ns()
 
-    def accepted(self, topic: str, late_ns: int) -> None:
-        """Count a command; one whose stamp had passed took effect at once and is late."""
-        counts = self._counts[topic]
-        counts.accepted += 1
-        if late_ns > 0:
-            counts.late += 1
-            self.warn(f"{topic}: a command came {late_ns / 1e9:.9g} s after its stamp and took effect at once")
+    @property
+    def failure(self) -> str:
+        """The newest failure, or ""."""
+        return self._failure
 
-    def rejected(self, topic: str, reason: str) -> None:
+    def accepted(self, topic: str, late: bool) -> None:
+        """Count a command, and whether its stamp had passed."""
+        self._counts[topic].accepted += 1
+        self._counts[topic].late += late
+
+    def rejected(self, topic: str) -> None:
         """Count a command that was not honoured."""
         self._counts[topic].rejected += 1
-        self.warn(f"{topic}: rejected: {reason}")
 
     def lost(self, topic: str, number: int) -> None:
         """Count commands that the middleware lost."""
         self._counts[topic].lost += number
-        self.warn(f"{topic}: {number} commands lost on the way")
 
     def warn(self, message: str) -> None:
         """Remember the newest warning."""
@@ -90,9 +91,10 @@ class Health:
                 f"{topic}: lost": str(counts.lost),
             }
         if self._failure:
-            return Status(sample.time_ns, ERROR, self._failure, values)
+            return Status(sample.time_ns, ERROR, self._failure, values, self._name)
         if self._warning:
-            return Status(sample.time_ns, WARN, self._warning, values)
+            return Status(sample.time_ns, WARN, self._warning, values, self._name)
         if pacer.overruns:
-            return Status(sample.time_ns, WARN, f"{pacer.overruns} overruns: the machine is too slow for this", values)
-        return Status(sample.time_ns, OK, state, values)
+            message = f"{pacer.overruns} overruns: the machine is too slow for this"
+            return Status(sample.time_ns, WARN, message, values, self._name)
+        return Status(sample.time_ns, OK, state, values, self._name)

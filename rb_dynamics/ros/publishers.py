@@ -31,12 +31,12 @@ _Make = Callable[[Sample], object]
 class TopicSink:
     """Publishes every sample on the topics of the node; a topic that nobody reads costs nothing.
 
-    A reader that joins is greeted with the newest sample, so that it sees where a paused node stands.
+    While time stands still, a reader that joins is greeted with the newest sample, so that it sees where the body is.
     """
 
-    def __init__(self, node: Node, frames: WrenchFrames, publish_clock: bool) -> None:
-        """Create the publishers on `node`."""
-        self._node, self._frames = node, frames
+    def __init__(self, node: Node, frames: WrenchFrames, publish_clock: bool, stands_still: Callable[[], bool]) -> None:
+        """Create the publishers on `node`; `stands_still` says whether readers are to be greeted."""
+        self._node, self._frames, self._stands_still = node, frames, stands_still
         self._newest: Sample | None = None
         transient = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._inertia = node.create_publisher(InertiaStamped, "inertia", transient)
@@ -72,8 +72,7 @@ class TopicSink:
                 if publisher.get_subscription_count():
                     publisher.publish(make(event))
         elif isinstance(event, Status):
-            name = self._node.get_fully_qualified_name()
-            self._diagnostics.publish(conversions.diagnostics(event, name, self._frames.body_frame))
+            self._diagnostics.publish(conversions.diagnostics(event, self._frames.body_frame))
 
     def close(self, result: Mapping[str, str]) -> None:
         """Wait, briefly, until readers have what was published last."""
@@ -82,7 +81,7 @@ class TopicSink:
 
     def _add(self, kind: type, topic: str, make: _Make) -> None:
         def greet(event: Any) -> None:
-            if event.current_count_change > 0 and self._newest is not None:
+            if event.current_count_change > 0 and self._newest is not None and self._stands_still():
                 publisher.publish(make(self._newest))
 
         publisher = self._node.create_publisher(

@@ -46,17 +46,14 @@ class Field:
         text = f"found {found or show(self.node)}, expected {expected}; {remedy}"
         self.problems.add(self.node.line, self.key, text)
 
-    def section(self, known: Sequence[str], later: Sequence[str] = ()) -> Section:
-        """Return the mapping that stands here, an empty one where none does.
-
-        Keys that are not `known` are noted; those in `later` as belonging to the format but not to this version.
-        """
+    def section(self, known: Sequence[str]) -> Section:
+        """Return the mapping that stands here, an empty one where none does; keys that are not `known` are noted."""
         value = self.node.value
         if not isinstance(value, dict):
             self.reject(f"a mapping of {', '.join(known)}", "write key: value pairs, or remove the key")
             value = None
         section = Section(self, value or {})
-        section.check(known, later)
+        section.check(known)
         return section
 
     def mapping(self, expected: str) -> dict[str, Field]:
@@ -162,7 +159,7 @@ class Section:
     values: dict[str, Node]
     misspelt: set[str] = dataclasses.field(default_factory=set)
 
-    def check(self, known: Sequence[str], later: Sequence[str] = ()) -> None:
+    def check(self, known: Sequence[str]) -> None:
         """Note every key that is not `known`, with the nearest that is."""
         for name, node in self.values.items():
             if name in known:
@@ -170,10 +167,7 @@ class Section:
             near = difflib.get_close_matches(printable(name), known, n=1, cutoff=0.5)
             self.misspelt.update(near)
             remedy = f"did you mean {near[0]}?" if near else "remove it"
-            found = "an unknown key"
-            if name in later:
-                found, remedy = "a key that is not supported by this version", "use one of these"
-            text = f"found {found}, expected one of {', '.join(known)}; {remedy}"
+            text = f"found an unknown key, expected one of {', '.join(known)}; {remedy}"
             self.field.problems.add(node.key_line, join(self.field.key, name) or "''", text)
 
     def fields(self) -> dict[str, Field]:

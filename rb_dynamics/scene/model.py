@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from rb_dynamics.body.doctor import Finding
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.loads.channels import Channel
@@ -31,8 +32,10 @@ class Scene:
         solver: method and step or accuracy.
         duration: s, or None where the run has no end of its own.
         output_rate: Hz of published and logged states; 0 for every step.
-        text: the scene as YAML, as read; where values were overridden, with those in it. It alone makes this scene.
+        text: the scene as YAML, as read; where values were overridden, with those in it; where a file says what the
+            body is (mesh, URDF), with what it says. It alone makes this scene.
         source: file name, for messages.
+        findings: what was suspicious about the body as it was read; not part of what the scene is.
     """
 
     body: RigidBody
@@ -44,6 +47,7 @@ class Scene:
     output_rate: float = 100.0
     text: str = ""
     source: str = "<scene>"
+    findings: tuple[Finding, ...] = field(default=(), compare=False)
 
 
 __all__ = ["Channel", "Scene", "Solver"]

@@ -94,7 +94,7 @@ def parse_scene(text: str, source: str = "<scene>", overrides: Mapping[str, obje
     tree = document.parse(text, problems)
     apply_overrides(tree, overrides, problems)
     root = Field(tree, "", problems).section(_ROOT_KEYS)
-    body, frames = body_and_frames(root)
+    reading, frames = body_and_frames(root)
     initial = _initial(root.section("initial", _INITIAL_KEYS))
     wrenches = channels(root.get("wrenches"))
     _check_effects(root.get("effects"))
@@ -102,11 +102,14 @@ def parse_scene(text: str, source: str = "<scene>", overrides: Mapping[str, obje
     duration = root.get("duration")
     seconds = None if duration is None else duration.number(_DURATION, 1.0)
     output_rate = root.number("output_rate", _OUTPUT_RATE, 100.0)
-    if body is None or problems:
+    if reading.body is None or problems:
         raise problems.error()
-    if overrides:
-        text = document.to_text(tree, f"{source} with overrides of {', '.join(overrides)}")
-    return Scene(body, frames, initial, wrenches, solver, seconds, output_rate, text, source)
+    changes = [f"overrides of {', '.join(overrides)}"] if overrides else []
+    changes += [f"the body that {reading.file} says"] if reading.file else []
+    if changes:
+        text = document.to_text(tree, f"{source} with {' and '.join(changes)}")
+    found = reading.findings
+    return Scene(reading.body, frames, initial, wrenches, solver, seconds, output_rate, text, source, found)
 
 
 def _initial(section: Section) -> State:

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rb_dynamics.errors import WrenchError
-from rb_dynamics.loads.channels import AppliedWrench, Channel, WrenchChannels
+from rb_dynamics.loads.channels import AppliedWrench, Channel, RejectedWrench, WrenchChannels
 from rb_dynamics.loads.wrench import FixedFrame, HeldWrench, Wrench, WrenchFrames
 from rb_dynamics.vector import ZERO
 
@@ -221,7 +221,7 @@ class TestRefusal:
             ("wrench", push(1.0, "nowhere"), "'nowhere'"),
         ],
     )
-    def test_changes_nothing(self, topic: str, wrench: Wrench, says: str) -> None:
+    def test_has_no_effect(self, topic: str, wrench: Wrench, says: str) -> None:
         c = channels()
         c.post("wrench", push(1.0), 0)
         c.apply(0)
@@ -229,5 +229,16 @@ class TestRefusal:
         with pytest.raises(WrenchError, match=says):
             c.post(topic, wrench, 1)
 
-        assert c.next_change_ns() is None
+        rejected = c.apply(1)
+        assert [(r.time_ns, r.topic, r.received) for r in rejected] == (
+            [(1, "wrench", wrench)] if topic == "wrench" else []
+        )
+        assert all(isinstance(r, RejectedWrench) and says in r.reason for r in rejected)
         assert c.total().force_body == (1.0, 0.0, 0.0)
+
+    def test_equal_times_come_in_the_order_of_the_scene(self) -> None:
+        for order in (("a", "b"), ("b", "a")):
+            c = WrenchChannels((Channel("a"), Channel("b")), WrenchFrames())
+            for topic in order:
+                c.post(topic, push(1.0), 5)
+            assert [change.topic for change in c.apply(5)] == ["a", "b"]

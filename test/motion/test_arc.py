@@ -109,7 +109,7 @@ class TestTime:
 class TestLooking:
     @pytest.mark.parametrize("kind", KINDS)
     @given(looks=st.lists(st.integers(0, 2 * SECOND), max_size=12))
-    @settings(max_examples=15, deadline=None)
+    @settings(max_examples=15)
     def test_leaves_every_bit(self, kind: str, looks: list[int]) -> None:
         looked, other = tumbling(controls(kind)), tumbling(controls(kind))
 

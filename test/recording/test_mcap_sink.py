@@ -25,7 +25,7 @@ from rb_dynamics.loads.wrench import Wrench, WrenchFrames
 from rb_dynamics.recording.mcap_reader import read_bag
 from rb_dynamics.recording.mcap_sink import CHUNK_BYTES, McapSink
 from rb_dynamics.recording.ros2msg import TYPE_HASHES
-from rb_dynamics.recording.sink import AppliedWrench, Event, RunInfo, Status
+from rb_dynamics.recording.sink import AppliedWrench, Event, RejectedWrench, RunInfo, Status
 from rb_dynamics.recording.state_hash import StateHash
 from rb_dynamics.scene.model import Channel, Scene
 
@@ -195,7 +195,16 @@ def test_wrenches_as_received_and_as_applied(tmp_path: Path) -> None:
     assert (triple(applied[0].wrench.force), triple(applied[0].wrench.torque)) == ((7, 8, 9), (0.5, 0.25, 0.125))
     assert triple(applied[1].wrench.force) == (0, 0, 0)
     times = [(each.log_time, each.publish_time) for topic, each in raw_messages(path) if topic == "/wrench"]
-    assert times == [(100_000_000, 90_000_000), (300_000_000, 0)]
+    assert times == [(100_000_000, 100_000_000), (300_000_000, 300_000_000)]
+
+
+def test_what_was_rejected_was_received_all_the_same(tmp_path: Path) -> None:
+    command = Wrench((math.nan, 0.0, 0.0), (0.0, 0.0, 0.0), "nowhere", 7)
+    bag = Rosbags(write(tmp_path / "run.mcap", [RejectedWrench(9, "wrench", command, "not finite")]))
+    (message,) = bag.messages["/wrench"]
+    assert (message.header.frame_id, stamp(message)) == ("nowhere", 7)
+    assert math.isnan(message.wrench.force.x)
+    assert "/wrench/applied" not in bag.messages
 
 
 def test_status_is_a_diagnostic_array(tmp_path: Path) -> None:
@@ -390,7 +399,7 @@ def test_a_time_that_no_stamp_can_hold_is_refused(tmp_path: Path) -> None:
 
 def test_without_mcap_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "mcap.writer", None)
-    with pytest.raises(MissingExtraError, match=r"rb-dynamics\[log\]"):
+    with pytest.raises(MissingExtraError, match="extra 'log'"):
         McapSink(tmp_path / "run.mcap").open(make_run())
     assert not list(tmp_path.iterdir())
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("rclpy", reason="rclpy is not installed: pip install 'rb-dynamics[ros]'")
+pytest.importorskip("rclpy", reason="rclpy is not installed: pip install '.[ros]'")
 
 from ros_harness import Peer
 

@@ -67,8 +67,11 @@ def test_lockstep_gives_the_bits_of_simulate_in_any_order(scene: Path, peer: Pee
     log = tmp_path / "run.mcap"
     with running(scene, lockstep=True, mcap=log) as node:
         poses = peer.listen(PoseStamped, "pose")
-        # The second channel first and whole, the first one after it: no order between channels is kept.
+        # The second channel first and whole, the first one after it: no order between channels is kept. The second is
+        # optional, so time would not wait for its first command.
+        diagnostics = peer.diagnostics()
         peer.wrench("push", stamp_ns=0)
+        peer.until(lambda: bool(diagnostics) and values(diagnostics[-1])["push: accepted"] == "1", "the first command")
         for topic, w in commands[4:] + commands[:4]:
             peer.wrench(topic, w.force, w.torque, w.frame_id, w.stamp_ns)
         peer.until(lambda: bool(poses) and stamp(poses[-1]) == 500_000_000, "the pose at the last stamp")
@@ -239,3 +242,77 @@ def test_twist_is_in_body_axes(scene: Path, peer: Peer) -> None:
     t, p, o = times[0][common].twist.linear, times[1][common].vector, times[2][common].pose.orientation
     world = rotate((o.x, o.y, o.z, o.w), (t.x, t.y, t.z))
     assert [2.0 * v for v in world] == pytest.approx([p.x, p.y, p.z], rel=1e-9)
+
+
+def test_commands_after_a_stall_act_in_their_order(scene: Path, peer: Peer) -> None:
+    with running(scene) as node:
+        momenta = peer.listen(Vector3Stamped, "linear_momentum")
+        peer.wrench()
+        peer.until(lambda: len(momenta) > 5, "motion")
+        node.process.send_signal(signal.SIGSTOP)
+        peer.spin(0.3)
+        peer.wrench(force=(1.0, 0.0, 0.0), frame_id="world")
+        peer.spin(0.3)
+        peer.wrench(force=(0.0, 0.0, 0.0), frame_id="world")
+        peer.spin(0.3)
+        node.process.send_signal(signal.SIGCONT)
+        peer.spin(1.0)
+        first = momenta[-1].vector.x
+        peer.spin(0.5)
+        assert momenta[-1].vector.x == first, "the last command, no force, must be the one that is held"
+        assert node.stop() == 0
+
+
+def test_a_stamp_of_another_clock_does_not_deafen_the_node(scene: Path, peer: Peer) -> None:
+    with running(scene, lockstep=True) as node:
+        diagnostics = peer.diagnostics()
+        peer.wrench(stamp_ns=1_760_000_000_000_000_000)
+        peer.until(
+            lambda: bool(diagnostics) and "far ahead" in diagnostics[-1].status[0].message, "a warning of the stamp"
+        )
+        assert node.stop() == 0
+
+
+def test_a_burst_of_commands_is_taken_whole(scene: Path, peer: Peer) -> None:
+    count = 3000
+    with running(scene, lockstep=True, output_rate=1.0) as node:
+        diagnostics = peer.diagnostics()
+        for k in range(count):
+            peer.wrench(force=(1.0, 0.0, 0.0), frame_id="world", stamp_ns=k * 1_000_000)
+        peer.until(
+            lambda: bool(diagnostics) and values(diagnostics[-1])["wrench: accepted"] == str(count), "every command"
+        )
+        assert values(diagnostics[-1])["wrench: late"] == "0"
+        assert node.stop() == 0
+
+
+def test_a_reset_whose_log_cannot_be_opened_is_answered_and_survived(scene: Path, peer: Peer, tmp_path: Path) -> None:
+    folder = tmp_path / "logs"
+    with running(scene, mcap=folder / "run.mcap") as node:
+        poses = peer.listen(PoseStamped, "pose")
+        peer.until(lambda: len(poses) > 3, "motion")
+        (folder / "run.mcap").rename(tmp_path / "run.mcap")
+        folder.rmdir()
+        folder.write_text("no folder any more")
+        answer = peer.call("rigid_body/reset", Trigger.Request())
+        assert not answer.success
+        assert "log" in answer.message
+        count = len(poses)
+        peer.until(lambda: len(poses) > count + 3, "motion after the reset")
+        assert node.stop() == 0, node.err
+    assert read_bag(tmp_path / "run.mcap").complete
+
+
+@pytest.mark.parametrize("ros_args", [("-p", "foo"), ("-r", "__ns:=bad-ns"), ("-r", "wrench:=/pose")])
+def test_bad_ros_arguments_end_with_one_message(scene: Path, ros_args: tuple[str, ...]) -> None:
+    node = NodeProcess(scene, *ros_args)
+    assert node.wait() == 2
+    assert "ROS 2 could not start the node" in node.err
+    assert "Traceback" not in node.err
+
+
+def test_a_scene_with_an_odd_name_is_found(tmp_path: Path) -> None:
+    scene = tmp_path / "it's #1.yaml"
+    scene.write_text("body: {mass: 1, inertia: {diagonal: [1, 1, 1]}}\nduration: 0.1\n")
+    node = NodeProcess(scene, real_time_factor=0)
+    assert node.wait() == 0, node.err

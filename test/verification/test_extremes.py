@@ -336,6 +336,14 @@ class TestSteps:
         with pytest.raises(ConvergenceError):
             simulate(scene(forced().body, start, Solver(method, step=0.1), 1.0))
 
+    @each_method
+    def test_an_energy_that_is_not_finite_is_an_error(self, method: str) -> None:
+        """The velocity is a number, its square is none."""
+        start = State(linear_velocity_world=(1e160, 0.0, 0.0))
+
+        with pytest.raises(ConvergenceError, match="no longer finite"):
+            simulate(scene(forced().body, start, Solver(method, step=0.1), 1.0))
+
     @each_stepped
     def test_of_a_nanosecond_add_up(self, method: str) -> None:
         case = forced()

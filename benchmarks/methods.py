@@ -1,0 +1,154 @@
+"""Speed against accuracy of every method that steps, on three workloads: python benchmarks/methods.py [name ...]
+
+Prints for each method and step the error of the attitude at the end and the time it took, and marks the front: what no
+other method and step beats in both. The reference is a much finer run, and a second one of another family tells how
+good it is. Times are of this machine, in plain Python; errors are not.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from dataclasses import dataclass
+
+from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.errors import ConvergenceError
+from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.motion import METHODS, Inertia, Method
+from rb_dynamics.motion.exact import EXACT
+from rb_dynamics.motion.free import FreeRotation
+from rb_dynamics.rotation import Quaternion, angle_between, normalize
+from rb_dynamics.vector import ZERO, Vector
+
+START: Quaternion = normalize((0.5, -0.1, 0.7, 0.5))
+VELOCITY: Vector = (0.3, -0.1, 0.2)
+STEPS = [4.0 / 2 ** (k / 2) for k in range(24)]
+REPEATS = 3
+
+
+@dataclass(frozen=True)
+class Workload:
+    name: str
+    inertia: Inertia
+    held: HeldWrench
+    spin: Vector
+    duration: float
+    # Methods and numbers of steps of the reference and of its check.
+    references: tuple[tuple[str, int], tuple[str, int]]
+
+
+@dataclass(frozen=True)
+class Point:
+    method: str
+    step: float
+    error: float
+    per_step: float
+    total: float
+
+
+def _triaxial() -> Inertia:
+    body = RigidBody.from_matrix(3.7, ((2.1, 0.13, -0.27), (0.13, 1.7, 0.31), (-0.27, 0.31, 2.9)))
+    return Inertia(body.mass, body.principal_moments)
+
+
+WORKLOADS = (
+    Workload(
+        "free: Dzhanibekov, 20 s",
+        Inertia(1.0, (1.0, 2.0, 3.0)),
+        HeldWrench(),
+        (0.1, 2.0, 0.1),
+        20.0,
+        (("exact", 1), ("midpoint6", 4000)),
+    ),
+    Workload(
+        "driven: torque and force in body axes, 10 s",
+        _triaxial(),
+        HeldWrench(force_body=(0.9, -0.4, 0.6), torque_body=(0.3, -0.2, 0.25)),
+        (0.7, -1.1, 0.9),
+        10.0,
+        (("strang6", 4000), ("midpoint6", 4000)),
+    ),
+    Workload(
+        "weak: torque of 1e-3 in body and world axes, 20 s",
+        _triaxial(),
+        HeldWrench(torque_body=(3e-4, -2e-4, 2.5e-4), torque_world=(2e-4, 3.5e-4, -3e-4)),
+        (0.7, -1.1, 0.9),
+        20.0,
+        (("aba104", 400), ("midpoint6", 5000)),
+    ),
+)
+
+
+def run(method: Method, workload: Workload, count: int) -> Quaternion:
+    """Return the attitude after `count` equal steps."""
+    velocity, q, omega = VELOCITY, START, workload.spin
+    h = workload.duration / count
+    for _ in range(count):
+        step = method.step(workload.inertia, workload.held, h, velocity, q, omega)
+        q, omega = step.orientation, step.angular_velocity
+    return q
+
+
+def measure(method: Method, workload: Workload, count: int, reference: Quaternion) -> Point | None:
+    """Return one point of the table, the best of some repeats; None where the step is too long for the method."""
+    best = float("inf")
+    for _ in range(REPEATS):
+        FreeRotation.__init__.__globals__["_tumble"].cache_clear()
+        begin = time.perf_counter()
+        try:
+            q = run(method, workload, count)
+        except ConvergenceError:
+            return None
+        best = min(best, time.perf_counter() - begin)
+        if best > 0.2:
+            break
+    return Point(method.name, workload.duration / count, angle_between(q, reference), best / count, best)
+
+
+def front(points: list[Point]) -> set[Point]:
+    """Return the points that no other one beats in error and total time."""
+    return {
+        p
+        for p in points
+        if not any(o.error <= p.error and o.total <= p.total and o is not p for o in points) and p.error < 0.1
+    }
+
+
+def main(names: list[str]) -> None:
+    methods = [m for m in METHODS.values() if m.order is not None and (not names or m.name in names)]
+    by_name = {**METHODS, "exact": EXACT}
+    on_front: dict[str, list[str]] = {m.name: [] for m in methods}
+    for workload in WORKLOADS:
+        reference, check = (run(by_name[name], workload, count) for name, count in workload.references)
+        floor = angle_between(reference, check)
+        print(f"\n{workload.name}; reference good to {floor:.1e} rad")
+        print(f"{'method':10} {'step s':>9} {'error rad':>10} {'us/step':>8} {'total ms':>9}")
+        points = []
+        for method in methods:
+            for h in STEPS:
+                point = measure(method, workload, max(1, round(workload.duration / h)), reference)
+                if point is not None:
+                    points.append(point)
+                    if point.error < max(floor, 1e-14) or point.total > 1.0:
+                        break
+        best = front(points)
+        for p in points:
+            mark = " front" if p in best else ""
+            print(f"{p.method:10} {p.step:9.2e} {p.error:10.1e} {p.per_step * 1e6:8.1f} {p.total * 1e3:9.2f}{mark}")
+        for p in best:
+            on_front[p.method].append(workload.name.split(":")[0])
+        print(f"\n{'ms for error':12}" + "".join(f"{e:>10.0e}" for e in (1e-3, 1e-5, 1e-7, 1e-9, 1e-11)))
+        for method in methods:
+            mine = [p for p in points if p.method == method.name]
+            times = [
+                min((p.total * 1e3 for p in mine if p.error <= e), default=float("nan"))
+                for e in (1e-3, 1e-5, 1e-7, 1e-9, 1e-11)
+            ]
+            print(f"{method.name:12}" + "".join(f"{t:10.2f}" for t in times))
+    print("\npoints on the front")
+    for name, where in on_front.items():
+        print(f"{name:10} " + (", ".join(f"{w} {where.count(w)}" for w in dict.fromkeys(where)) or "none: dominated"))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,309 @@
+"""Bodies from meshes: against closed forms, turned and moved, with holes, and every way a surface can be bad."""
+
+from __future__ import annotations
+
+import math
+import struct
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial import ConvexHull
+
+from rb_dynamics import rotation
+from rb_dynamics.body import mesh, shapes
+from rb_dynamics.errors import BodyError, MissingExtraError
+
+CORNERS = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
+CUBE = np.array(
+    [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4],
+     [1, 5, 7], [1, 7, 3]]
+)  # fmt: skip
+TETRAHEDRON = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+
+lengths = st.floats(0.1, 10.0)
+turns = st.tuples(*(st.floats(-3.0, 3.0),) * 3)
+
+
+def box(size: Any, at: Any = (0.0, 0.0, 0.0)) -> tuple[Any, Any]:
+    """Return a box with its centre `at`."""
+    return (CORNERS - 0.5) * np.array(size) + np.array(at), CUBE
+
+
+def joined(*parts: tuple[Any, Any]) -> tuple[Any, Any]:
+    """Return several meshes as one."""
+    starts = np.cumsum([0, *(len(vertices) for vertices, _ in parts)])
+    faces = [faces + start for (_, faces), start in zip(parts, starts, strict=False)]
+    return np.concatenate([vertices for vertices, _ in parts]), np.concatenate(faces)
+
+
+def inverted(part: tuple[Any, Any]) -> tuple[Any, Any]:
+    return part[0], part[1][:, ::-1]
+
+
+def hull(points: Any) -> tuple[Any, Any]:
+    """Return the convex hull as a mesh that is oriented outwards."""
+    found = ConvexHull(points)
+    faces = found.simplices.copy()
+    a, b, c = (found.points[faces[:, i]] for i in range(3))
+    inwards = np.einsum("ij,ij->i", np.cross(b - a, c - a), found.equations[:, :3]) < 0.0
+    faces[inwards] = faces[inwards][:, ::-1]
+    return found.points, faces
+
+
+@given(st.tuples(lengths, lengths, lengths), st.sampled_from([0.0, 1.0, 1e3]))
+def test_a_box_is_the_box(size: Any, offset: float) -> None:
+    """To 1e-14, also far from the origin: corners are then rounded, and the box is that of the rounded corners."""
+    vertices, faces = box(size, (offset, -offset, 2.0 * offset))
+    edges = vertices.max(axis=0) - vertices.min(axis=0)
+    shape = shapes.box(edges.tolist())
+
+    solid = mesh.solid(vertices, faces)
+
+    assert solid.volume == pytest.approx(shape.volume, rel=1e-14)
+    assert [solid.squared_gyration[i][i] for i in range(3)] == pytest.approx(shape.squared_gyration, rel=1e-14)
+    products = [solid.squared_gyration[i][j] for i, j in ((0, 1), (0, 2), (1, 2))]
+    assert products == pytest.approx([0.0] * 3, abs=1e-14 * max(shape.squared_gyration))
+    center = 0.5 * (vertices.max(axis=0) + vertices.min(axis=0))
+    assert solid.center_of_mass == pytest.approx(center, rel=1e-15, abs=1e-15 * max(size))
+    assert solid.reach == pytest.approx(0.5 * math.hypot(*edges), rel=1e-14)
+    assert not solid.inside_out
+
+
+@given(st.lists(st.tuples(*(st.floats(-1.0, 1.0),) * 3), min_size=4, max_size=4))
+def test_a_tetrahedron_has_the_second_moments_of_its_corners(corners: Any) -> None:
+    """A uniform simplex has the covariance of its corners, each with 1/20 of the mass, about the centre.
+
+    Independent of the code: int (x - X)(x - X)^T dV = V / 20 sum (v_k - X)(v_k - X)^T.
+    """
+    vertices = np.array(corners)
+    volume = np.linalg.det(vertices[1:] - vertices[0]) / 6.0
+    if abs(volume) < 1e-3:
+        return
+    arms = vertices - vertices.mean(axis=0)
+    second = arms.T @ arms / 20.0
+    expected = np.trace(second) * np.eye(3) - second
+
+    solid = mesh.solid(vertices, TETRAHEDRON)
+
+    assert solid.inside_out == (volume < 0.0)
+    assert solid.volume == pytest.approx(abs(volume), rel=1e-11)
+    np.testing.assert_allclose(solid.center_of_mass, vertices.mean(axis=0), atol=1e-12)
+    np.testing.assert_allclose(solid.squared_gyration, expected, atol=1e-11)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 10**6), turns, st.tuples(*(st.floats(-100.0, 100.0),) * 3))
+def test_a_turned_and_moved_body_has_the_turned_inertia(seed: int, turn: Any, offset: Any) -> None:
+    vertices, faces = hull(np.random.default_rng(seed).normal(size=(20, 3)))
+    a = np.array(rotation.matrix(rotation.exp(turn)))
+    here = mesh.solid(vertices, faces)
+
+    there = mesh.solid(vertices @ a.T + np.array(offset), faces)
+
+    assert there.volume == pytest.approx(here.volume, rel=1e-12)
+    np.testing.assert_allclose(there.center_of_mass, a @ here.center_of_mass + offset, atol=1e-12)
+    np.testing.assert_allclose(there.squared_gyration, a @ np.array(here.squared_gyration) @ a.T, atol=1e-12)
+
+
+@pytest.mark.parametrize("size", [1e-60, 1e-9, 1e9, 1e60])
+def test_any_unit_will_do(size: float) -> None:
+    solid = mesh.solid(*box((size, 2.0 * size, 3.0 * size)))
+
+    assert solid.volume == pytest.approx(6.0 * size**3, rel=1e-13)
+    assert solid.squared_gyration[0][0] == pytest.approx(13.0 / 12.0 * size**2, rel=1e-13)
+
+
+def test_a_plate_and_a_needle_keep_their_digits() -> None:
+    for size in ((1.0, 1.0, 1e-6), (1e-6, 1e-6, 1.0)):
+        solid, shape = mesh.solid(*box(size)), shapes.box(size)
+        assert [solid.squared_gyration[i][i] for i in range(3)] == pytest.approx(shape.squared_gyration, rel=1e-14)
+
+
+def test_a_ball_of_triangles_converges_like_the_square_of_its_edges() -> None:
+    ball = shapes.sphere(1.0)
+    errors = []
+    for level in range(2, 6):
+        ico = trimesh.creation.icosphere(subdivisions=level)
+        solid = mesh.solid(np.asarray(ico.vertices), np.asarray(ico.faces))
+        errors.append((1.0 - solid.volume / ball.volume, 1.0 - solid.squared_gyration[2][2] / ball.squared_gyration[2]))
+
+    for coarse, fine in zip(errors, errors[1:], strict=False):
+        assert coarse[0] / fine[0] == pytest.approx(4.0, rel=0.05)
+        assert coarse[1] / fine[1] == pytest.approx(4.0, rel=0.05)
+    assert max(errors[-1]) < 3e-3
+
+
+def test_an_inside_out_surface_is_turned_and_says_so() -> None:
+    right, wrong = mesh.solid(*box((1.0, 2.0, 3.0))), mesh.solid(*inverted(box((1.0, 2.0, 3.0))))
+
+    assert wrong.inside_out
+    assert wrong.volume == right.volume
+    assert wrong.center_of_mass == right.center_of_mass
+    np.testing.assert_allclose(wrong.squared_gyration, right.squared_gyration, atol=1e-15)
+
+
+@pytest.mark.parametrize("turn", [lambda part: part, inverted], ids=["outwards", "inwards"])
+def test_a_hole_is_taken_out(turn: Any) -> None:
+    """Both of the surface's parts may be inside out together."""
+    solid = mesh.solid(*turn(joined(box((2.0, 2.0, 2.0)), inverted(box((1.0, 1.0, 1.0))))))
+
+    assert solid.volume == pytest.approx(7.0, rel=1e-14)
+    assert solid.squared_gyration[0][0] == pytest.approx((8.0 * 8.0 - 2.0) / 12.0 / 7.0, rel=1e-14)
+
+
+def test_parts_beside_each_other_add_up() -> None:
+    solid = mesh.solid(*joined(box((1.0, 1.0, 1.0), (3.0, 0.0, 0.0)), box((1.0, 1.0, 1.0), (-3.0, 0.0, 0.0))))
+
+    assert solid.volume == pytest.approx(2.0, rel=1e-15)
+    assert solid.squared_gyration[2][2] == pytest.approx(1.0 / 6.0 + 9.0, rel=1e-14)
+
+
+def test_a_body_in_a_hole_in_a_body_counts() -> None:
+    parts = (box((3.0, 3.0, 3.0)), inverted(box((2.0, 2.0, 2.0))), box((1.0, 1.0, 1.0)))
+
+    assert mesh.solid(*joined(*parts)).volume == pytest.approx(27.0 - 8.0 + 1.0, rel=1e-14)
+
+
+def test_repeated_and_unused_vertices_and_triangles_without_area_do_not_matter() -> None:
+    vertices, faces = box((1.0, 2.0, 3.0))
+    soup = vertices[faces].reshape(-1, 3)
+    soup[soup == 0.0] = -0.0
+    triangles = np.arange(36).reshape(12, 3)
+
+    solid = mesh.solid(np.concatenate([soup, [[9.0, 9.0, 9.0]]]), np.concatenate([triangles, [[0, 1, 0]]]))
+
+    assert solid.volume == pytest.approx(6.0, rel=1e-15)
+    assert solid.reach == pytest.approx(0.5 * math.sqrt(14.0))
+
+
+BAD = {
+    "open": (box((1, 1, 1))[0], CUBE[1:], r"found 3 open edges, .*near \[-0.5, -0.5, 0.0\].* close the holes"),
+    "cracked": (
+        *joined((box((1, 1, 1))[0], CUBE[:6]), (box((1, 1, 1))[0] + 1e-9, CUBE[6:])),
+        r"open edges.*merge vertices that nearly meet",
+    ),
+    "one turned": (box((1, 1, 1))[0], np.concatenate([CUBE[1:], CUBE[:1, ::-1]]), "3 edges along which two triangles"),
+    "with a fin": (
+        np.concatenate([box((1, 1, 1))[0], [[0.0, 0.0, 3.0]]]),
+        np.concatenate([CUBE, [[1, 7, 8]]]),
+        "open edges",
+    ),
+    "doubled": (box((1, 1, 1))[0], np.concatenate([CUBE, CUBE]), "18 edges with more than two triangles"),
+    "inner wall": (
+        *joined(box((1, 1, 1)), box((1, 1, 1), (1.0, 0.0, 0.0))),
+        "5 edges with more than two triangles",
+    ),
+    "part in a part": (*joined(box((2, 2, 2)), box((1, 1, 1))), "lies inside another part"),
+    "part turned": (*joined(box((2, 2, 2)), inverted(box((1, 1, 1), (5.0, 0.0, 0.0)))), "is oriented inwards"),
+    "sheet": (CORNERS[:4], np.array([[0, 1, 2], [0, 2, 1], [1, 3, 2], [1, 2, 3]]), "more than two|no volume"),
+    "flat": (CORNERS * [1, 1, 0], CUBE, "no volume|more than two"),
+    "two triangles": (CORNERS, CUBE[:2], "2 triangles with an area"),
+    "no triangle": (CORNERS, np.zeros((0, 3), dtype=int), "expected triangles"),
+    "squares": (CORNERS, np.zeros((6, 4), dtype=int), "expected triangles"),
+    "index too large": (CORNERS, CUBE + 1, "the vertex 8 of 8"),
+    "index negative": (CORNERS, CUBE - 1, "expected indices"),
+    "NaN": (np.where(CORNERS == 1.0, math.nan, 0.0), CUBE, "not finite"),
+    "infinite": (np.where(CORNERS == 1.0, math.inf, 0.0), CUBE, "not finite"),
+}
+
+
+@pytest.mark.parametrize(("vertices", "faces", "says"), BAD.values(), ids=BAD)
+def test_what_is_no_closed_surface(vertices: Any, faces: Any, says: str) -> None:
+    with pytest.raises(BodyError, match=says):
+        mesh.solid(vertices, faces)
+
+
+class TestFiles:
+    @pytest.mark.parametrize("suffix", ["stl", "STL", "obj", "ply"])
+    def test_formats(self, tmp_path: Path, suffix: str) -> None:
+        vertices, faces = box((1.0, 2.0, 4.0), (8.0, 0.0, 0.0))
+        path = tmp_path / f"part.{suffix}"
+        trimesh.Trimesh(vertices, faces, process=False).export(path, file_type=suffix.lower())
+
+        solid = mesh.read_solid(path, 0.5)
+
+        assert solid.volume == pytest.approx(1.0, rel=1e-7)
+        assert solid.center_of_mass == pytest.approx((4.0, 0.0, 0.0), abs=1e-7)
+
+    def test_ascii_stl_keeps_its_digits(self, scene_dir: Path) -> None:
+        solid = mesh.read_solid(scene_dir / "meshes" / "wedge.stl")
+
+        assert solid.volume == pytest.approx(72_000.0, rel=1e-15)
+        assert solid.center_of_mass == pytest.approx((80.0, 20.0, 10.0), rel=1e-15)
+        assert solid.squared_gyration[0][2] == pytest.approx(-100.0, rel=1e-14)
+
+    def test_what_an_obj_names_is_not_read(self, tmp_path: Path) -> None:
+        path = tmp_path / "part.obj"
+        corners = [f"v {x:g} {y:g} {z:g}" for x, y, z in CORNERS]
+        faces = ["f " + " ".join(str(i + 1) for i in face) for face in CUBE]
+        path.write_text("\n".join(["mtllib ../../secret.mtl", *corners, "usemtl secret", *faces, ""]))
+
+        assert mesh.read_solid(path).volume == pytest.approx(1.0)
+
+    def test_squares_are_taken_as_triangles(self, tmp_path: Path) -> None:
+        path = tmp_path / "part.obj"
+        squares = ["1 2 4 3", "5 7 8 6", "1 5 6 2", "3 4 8 7", "1 3 7 5", "2 6 8 4"]
+        path.write_text(
+            "\n".join(["v {:g} {:g} {:g}".format(*v) for v in CORNERS] + ["f " + s for s in squares] + [""])
+        )
+
+        assert mesh.read_solid(path).volume == pytest.approx(1.0)
+
+    @pytest.mark.parametrize("suffix", ["stl", "obj", "ply"])
+    @pytest.mark.parametrize(
+        "content",
+        [
+            b"",
+            b"\x00" * 200,
+            b"solid x\nfacet\n",
+            b"ply\nformat ascii 1.0\nelement vertex 99999999999\nend_header\n",
+            b"f 1 2 3\n",
+            b"\xff" * 84,
+            b"\x00" * 80 + struct.pack("<I", 2**32 - 1) + b"\x00" * 50,
+        ],
+    )
+    def test_broken_files_are_answered(self, tmp_path: Path, suffix: str, content: bytes) -> None:
+        path = tmp_path / f"part.{suffix}"
+        path.write_bytes(content)
+
+        with pytest.raises(BodyError, match=r"part\."):
+            mesh.read_solid(path)
+
+    def test_other_formats_pipes_folders_and_urls_are_refused(self, tmp_path: Path) -> None:
+        (tmp_path / "a.stl").mkdir()
+        cases = {
+            "part.step": "ends in .stl, .obj, .ply",
+            str(tmp_path / "a.stl"): "no plain file",
+            str(tmp_path / "none.stl"): "No such file",
+            "https://example.org/part.stl": "URLs",
+            "package://robot/part.stl": "URLs",
+            "a\0.stl": "cannot be read",
+        }
+        for path, says in cases.items():
+            with pytest.raises(BodyError, match=says):
+                mesh.read_solid(path)
+
+    def test_size_is_bounded(self, tmp_path: Path) -> None:
+        path = tmp_path / "part.stl"
+        with path.open("wb") as file:
+            file.truncate(mesh.MAX_BYTES + 1)
+
+        with pytest.raises(BodyError, match="more than 64 MiB"):
+            mesh.read_solid(path)
+
+    @pytest.mark.parametrize("factor", [0.0, -1.0, math.nan, math.inf])
+    def test_scale_is_positive(self, scene_dir: Path, factor: float) -> None:
+        with pytest.raises(BodyError, match="scale is"):
+            mesh.read_solid(scene_dir / "meshes" / "wedge.stl", factor)
+
+    def test_without_trimesh_the_error_names_the_extra(self, scene_dir: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setitem(sys.modules, "trimesh", None)
+
+        with pytest.raises(MissingExtraError, match=r"'mesh'|\[mesh\]"):
+            mesh.read_solid(scene_dir / "meshes" / "wedge.stl")
