@@ -1,4 +1,6 @@
-"""Speed against accuracy of every method that steps, on three workloads: python benchmarks/methods.py [name ...]
+"""Speed against accuracy of every method that steps, on three workloads.
+
+Usage: python benchmarks/methods.py [name ...]
 
 Prints for each method and step the error of the attitude at the end and the time it took, and marks the front: what no
 other method and step beats in both. The reference is a much finer run, and a second one of another family tells how
@@ -18,7 +20,7 @@ from rb_dynamics.motion import METHODS, Inertia, Method
 from rb_dynamics.motion.exact import EXACT
 from rb_dynamics.motion.free import FreeRotation
 from rb_dynamics.rotation import Quaternion, angle_between, normalize
-from rb_dynamics.vector import ZERO, Vector
+from rb_dynamics.vector import Vector
 
 START: Quaternion = normalize((0.5, -0.1, 0.7, 0.5))
 VELOCITY: Vector = (0.3, -0.1, 0.2)

@@ -29,8 +29,8 @@ LEVERAGE = 0.7
 """The inertia is suspected to be about the origin where m c^T S^-1 c is from this to 1, S = int x x^T dm.
 
 Up to 1 the inertia less the parallel-axis term of c is that of a body. Had it been taken about the origin, a uniform
-body with the origin at its end, in a face or at a corner would have 0.75 or more. If it was not, the origin lies between
-0.84 and 1 standard deviations of the mass from its centre, where few bodies have it.
+body with the origin at its end, in a face or at a corner would have 0.75 or more. If it was not, the origin lies
+between 0.84 and 1 standard deviations of the mass from its centre, where few bodies have it.
 """
 
 DENSITIES = (5.0, 23_000.0)

@@ -27,6 +27,7 @@ from rb_dynamics.rotation import Matrix
 from rb_dynamics.vector import Vector, scale
 
 MAX_BYTES = 64 << 20
+MAX_PARTS = 10_000
 FORMATS = (".stl", ".obj", ".ply")
 
 Points = NDArray[np.float64]
@@ -198,19 +199,24 @@ def _check_parts(points: Points, triangles: Faces) -> None:
     pairs = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]]])
     graph = coo_array((np.ones(len(pairs), dtype=np.int8), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
     count, part_of_point = connected_components(graph, directed=False)
-    part_of_triangle = part_of_point[triangles[:, 0]]
     if count == 1:
         return
-    lows, highs = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
-    np.minimum.at(lows, part_of_point, points)
-    np.maximum.at(highs, part_of_point, points)
-    for part in range(count):
-        own = part_of_triangle == part
-        at = points[triangles[own][0, 0]]
+    if count > MAX_PARTS:
+        raise BodyError(
+            f"found a mesh of {count} separate parts, expected at most {MAX_PARTS}; merge vertices that nearly meet, "
+            "or leave out small parts"
+        )
+    part_of_triangle = part_of_point[triangles[:, 0]]
+    order = np.argsort(part_of_triangle, kind="stable")
+    parts = np.split(triangles[order], np.flatnonzero(np.diff(part_of_triangle[order])) + 1)
+    corners = [points[part.reshape(-1)] for part in parts]
+    lows, highs = (np.array([function(c, axis=0) for c in corners]) for function in (np.min, np.max))
+    for part, own in enumerate(parts):
+        at = corners[part][0]
         around = (lows <= at).all(axis=1) & (at <= highs).all(axis=1)
         around[part] = False
-        inside = _winding(at, points, triangles[around[part_of_triangle]])
-        volume = _volume(points, triangles[own])
+        inside = math.fsum(_winding(at, points, parts[other]) for other in np.flatnonzero(around))
+        volume = _volume(points, own)
         # A fraction belongs to a point on another part's surface, where parts touch: neither in nor out.
         if abs(inside - round(inside)) < 1e-3 and round(inside) != (0 if volume > 0.0 else 1):
             what = "lies inside another part, oriented as it is" if volume > 0.0 else "is oriented inwards"

@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass
 
 from rb_dynamics.body.doctor import Finding, examine, symmetry
 from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.errors import BodyError
 from rb_dynamics.moments import unit
 from rb_dynamics.rotation import Matrix, matrix, rotate_inverse
 from rb_dynamics.vector import Vector, cross, dot, norm, subtract
@@ -26,12 +27,14 @@ def scalar_inertia(body: RigidBody, axis: Vector, through: Vector | None = None)
     m d^2 is added, with d its distance from the centre of mass.
 
     Raises:
-        BodyError: the axis has no direction.
+        BodyError: the axis has no direction, or the point is not finite.
     """
     n = unit(axis)
     inertia = dot(n, (dot(body.inertia[0], n), dot(body.inertia[1], n), dot(body.inertia[2], n)))
     if through is None:
         return inertia
+    if not all(map(math.isfinite, through)):
+        raise BodyError(f"through is {list(through)}, expected a point of the axis: three finite numbers (m)")
     return inertia + body.mass * norm(cross(subtract(body.center_of_mass, through), n)) ** 2
 
 

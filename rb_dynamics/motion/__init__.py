@@ -8,11 +8,25 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
+from rb_dynamics.motion.cf import CF4
+from rb_dynamics.motion.composition import MIDPOINT4, MIDPOINT6
+from rb_dynamics.motion.dlm import DLM2, DLM4, DLM6
+from rb_dynamics.motion.exact import EXACT
 from rb_dynamics.motion.method import Increment, Inertia, Method
 from rb_dynamics.motion.midpoint import MIDPOINT
 from rb_dynamics.motion.rk4 import RK4
 from rb_dynamics.motion.rkmk import RKMK4
+from rb_dynamics.motion.splitting import ABA82, ABA84, ABA104, ABA864, STRANG2, STRANG4, STRANG6
+from rb_dynamics.motion.taylor import TAYLOR
 
-METHODS: Mapping[str, Method] = MappingProxyType({m.name: m for m in (RKMK4, MIDPOINT, RK4)})
+_ALL = (
+    *(EXACT, TAYLOR),
+    *(STRANG2, STRANG4, STRANG6, ABA82, ABA84, ABA104, ABA864),
+    *(DLM2, DLM4, DLM6),
+    *(MIDPOINT, MIDPOINT4, MIDPOINT6),
+    *(RKMK4, CF4, RK4),
+)
+
+METHODS: Mapping[str, Method] = MappingProxyType({m.name: m for m in _ALL})
 
 __all__ = ["METHODS", "Increment", "Inertia", "Method"]

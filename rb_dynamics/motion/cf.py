@@ -1,4 +1,4 @@
-"""Commutator-free Lie-group Runge-Kutta methods: each stage is a product of exponentials, with no dexpinv and no bracket.
+"""Commutator-free Lie-group Runge-Kutta methods: each stage is a product of exponentials, without dexpinv or bracket.
 
 A method is a table: for each stage, and for the step, the exponentials with their weights of the slopes before.
 """
@@ -31,11 +31,6 @@ class Table(NamedTuple):
 CF4_TABLE = Table(
     stages=(((0.5,),), ((0.0, 0.5),), ((0.5,), (-0.5, 0.0, 1.0))),
     end=((1.0 / 4.0, 1.0 / 6.0, 1.0 / 6.0, -1.0 / 12.0), (-1.0 / 12.0, 1.0 / 6.0, 1.0 / 6.0, 1.0 / 4.0)),
-)
-
-CG3_TABLE = Table(
-    stages=(((3.0 / 4.0,),), ((119.0 / 216.0,), (0.0, 17.0 / 108.0))),
-    end=((13.0 / 51.0,), (0.0, -2.0 / 3.0), (0.0, 0.0, 24.0 / 17.0)),
 )
 
 
@@ -91,7 +86,8 @@ def advance(
     work = 0.0
     end = weights(table.end)
     for stage, weight in enumerate(end):
-        row, turn = (), IDENTITY
+        row: tuple[float, ...] = ()
+        turn = IDENTITY
         if stage > 0:
             product = table.stages[stage - 1]
             row, turn = weights(product), _turned(h, product, turns)
@@ -126,7 +122,12 @@ def advance(
 
 def _method(name: str, order: int, table: Table, source: str) -> Method:
     def step(
-        inertia: Inertia, held: HeldWrench, h: float, velocity: Vector, orientation: Quaternion, angular_velocity: Vector
+        inertia: Inertia,
+        held: HeldWrench,
+        h: float,
+        velocity: Vector,
+        orientation: Quaternion,
+        angular_velocity: Vector,
     ) -> Increment:
         return advance(name, table, inertia, held, h, velocity, orientation, angular_velocity)
 
@@ -140,5 +141,6 @@ def _method(name: str, order: int, table: Table, source: str) -> Method:
     return Method(name, order, frozenset({"angular_momentum", "unit_quaternion"}), step)
 
 
-CF4 = _method("cf4", 4, CF4_TABLE, "Celledoni, Marthinsen & Owren, Future Gener. Comput. Syst. 19 (2003) 341; cf. HLW IV.8")
-CG3 = _method("cg3", 3, CG3_TABLE, "Crouch & Grossman, J. Nonlinear Sci. 3 (1993) 1; HLW IV.8.1")
+CF4 = _method(
+    "cf4", 4, CF4_TABLE, "Celledoni, Marthinsen & Owren, Future Gener. Comput. Syst. 19 (2003) 341; cf. HLW IV.8"
+)

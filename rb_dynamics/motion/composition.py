@@ -40,7 +40,12 @@ def compose(name: str, order: int, base: Method, coefficients: tuple[float, ...]
     """
 
     def step(
-        inertia: Inertia, held: HeldWrench, h: float, velocity: Vector, orientation: Quaternion, angular_velocity: Vector
+        inertia: Inertia,
+        held: HeldWrench,
+        h: float,
+        velocity: Vector,
+        orientation: Quaternion,
+        angular_velocity: Vector,
     ) -> Increment:
         # From the axes of R0 and an observer who moves with `velocity`: small numbers, to which rounding does little.
         here = HeldWrench(

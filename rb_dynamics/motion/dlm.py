@@ -25,7 +25,10 @@ def flow(moments: Vector, orientation: Quaternion, angular_velocity: Vector, t: 
     middle = moments[b]
     m = [i * w for i, w in zip(moments, angular_velocity, strict=True)]
     q = list(multiply(orientation, exp(scale(t / middle, (m[0], m[1], m[2])))))
-    half_a, whole_c = (0.5 * t * (middle - moments[a]) / moments[a] / middle, t * (middle - moments[c]) / moments[c] / middle)
+    half_a, whole_c = (
+        0.5 * t * (middle - moments[a]) / moments[a] / middle,
+        t * (middle - moments[c]) / moments[c] / middle,
+    )
     _turn(q, m, a, half_a * m[a])
     _turn(q, m, c, whole_c * m[c])
     _turn(q, m, a, half_a * m[a])
@@ -49,14 +52,20 @@ def _turn(q: list[float], m: list[float], axis: int, angle: float) -> None:
 
 def _method(name: str, order: int, stages: Stages, scheme: str) -> Method:
     def step(
-        inertia: Inertia, held: HeldWrench, h: float, velocity: Vector, orientation: Quaternion, angular_velocity: Vector
+        inertia: Inertia,
+        held: HeldWrench,
+        h: float,
+        velocity: Vector,
+        orientation: Quaternion,
+        angular_velocity: Vector,
     ) -> Increment:
         return advance(name, flow, stages, inertia, held, h, velocity, orientation, angular_velocity)
 
     step.__doc__ = f"""Advance by kicks and turns about the principal axes: {scheme}.
 
-    Order {order}, symmetric. World-frame angular momentum changes by the booked torque impulse, to round-off. Dullweber,
-    Leimkuhler & McLachlan, J. Chem. Phys. 107 (1997) 5840; HLW VII.5.4.
+    Order {order}, symmetric. World-frame angular momentum changes by the booked torque impulse, to round-off.
+    Dullweber, Leimkuhler & McLachlan, J. Chem. Phys. 107 (1997) 5840; HLW VII.5.3. The part that all axes share is
+    taken out: compare Fasso, J. Comput. Phys. 189 (2003) 527.
 
     Raises:
         ConvergenceError: the body turns too far between two kicks.

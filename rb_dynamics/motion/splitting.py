@@ -1,4 +1,4 @@
-"""Splitting into kick and free motion: the wrench changes the momenta only, in between the body moves freely and exactly.
+"""Splitting into kicks and free motion: the wrench changes the momenta only, in between the body moves exactly.
 
 All of the error comes from the wrench: none without torque and, with the near-integrable schemes, one proportional to a
 small torque even at large steps. Energy and angular momentum change in the kicks only, by exactly what is booked.
@@ -108,14 +108,21 @@ def _check_turn(name: str, h: float, free: float, rate: float, largest: float = 
         )
 
 
-def _exact_flow(moments: Vector, orientation: Quaternion, angular_velocity: Vector, t: float) -> tuple[Quaternion, Vector]:
+def _exact_flow(
+    moments: Vector, orientation: Quaternion, angular_velocity: Vector, t: float
+) -> tuple[Quaternion, Vector]:
     turn, omega = FreeRotation(moments, angular_velocity).at(t)
     return multiply(orientation, turn), omega
 
 
 def _method(name: str, order: int, stages: Stages, scheme: str) -> Method:
     def step(
-        inertia: Inertia, held: HeldWrench, h: float, velocity: Vector, orientation: Quaternion, angular_velocity: Vector
+        inertia: Inertia,
+        held: HeldWrench,
+        h: float,
+        velocity: Vector,
+        orientation: Quaternion,
+        angular_velocity: Vector,
     ) -> Increment:
         if exact.is_free(held):
             _check_turn(name, h, 1.0, norm(angular_velocity), _LARGEST_FREE_TURN)

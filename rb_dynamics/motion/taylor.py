@@ -11,6 +11,7 @@ from functools import lru_cache
 from operator import mul
 from typing import NamedTuple
 
+from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Method
 from rb_dynamics.rotation import Quaternion, normalize, rotate, rotate_inverse
@@ -20,6 +21,9 @@ from rb_dynamics.vector import ZERO, Vector, add_scaled, norm, positive_zeros, s
 # Work for a given time goes with order^2 / step; it is flat from 12 to 20 for errors of 1e-11 to 1e-15, and short steps
 # between commands want it low.
 _ORDER = 12
+
+# The last term against the first, per order: beyond it a step has no correct digit.
+_LARGEST_RATIO = 0.85
 
 _Series = list[float]
 _EPSILON = 2.0**-52
@@ -46,12 +50,21 @@ class _Expansion(NamedTuple):
 def step(
     inertia: Inertia, held: HeldWrench, h: float, velocity: Vector, orientation: Quaternion, angular_velocity: Vector
 ) -> Increment:
-    """Advance by the Taylor series of order 12 (Jorba & Zou, Exp. Math. 14 (2005) 99; HNW I.8).
+    """Advance by the Taylor series (Jorba & Zou, Exp. Math. 14 (2005) 99; Hairer, Norsett & Wanner I, section I.8).
 
     With R = R0 r: r' = r w / 2, I w' = I w x w + tau_body + y, y' = y x w with y = R^T tau_world, and the body-fixed
     force and torque as r f r*. Order 12; keeps no invariant but what its accuracy keeps.
+
+    Raises:
+        ConvergenceError: the last terms of the series are not small: the step is beyond its reach.
     """
     series = _series(inertia, held, velocity, orientation, angular_velocity)
+    last = math.hypot(*(c[_ORDER] for c in series.turn)) ** (1.0 / _ORDER)
+    if not last * abs(h) < _LARGEST_RATIO:
+        raise ConvergenceError(
+            f"taylor: a step of {h:g} s is beyond the reach of the series at {norm(angular_velocity):.3g} rad/s; use a "
+            f"step below {0.5 / last if last > 0.0 else 0.0:.3g} s, or accuracy instead of step"
+        )
     x, y, z, w = (_value(c, h) for c in series.turn)
     omega = (_value(series.omega[0], h), _value(series.omega[1], h), _value(series.omega[2], h))
     force_impulse, force_moment, torque_impulse = ZERO, ZERO, ZERO
@@ -82,19 +95,23 @@ def longest_step(
 ) -> float:
     """Return the longest step (s) that adds at most accuracy * step / horizon to the attitude error at the end.
 
-    The last two terms of attitude and rate bound what the series leaves out; an error of the rate grows for the whole
+    The last two terms of attitude and rate tell the first that is left out; an error of the rate grows for the whole
     horizon. Rounding alone is no reason to step shorter.
     """
     series = _series(inertia, held, velocity, orientation, angular_velocity)
     floor = _EPSILON * (1.0 + norm(angular_velocity) * horizon)
-    longest = math.inf
-    for k in (_ORDER - 1, _ORDER):
-        term = 2.0 * math.hypot(*(c[k] for c in series.turn)) + horizon * math.hypot(*(c[k] for c in series.omega))
-        if term > 0.0:
-            by_accuracy = (accuracy / horizon / term) ** (1.0 / (k - 1))
-            by_rounding = (floor / term) ** (1.0 / k)
-            longest = min(longest, max(by_accuracy, by_rounding))
-    return 0.8 * longest
+    terms = [
+        2.0 * math.hypot(*(c[k] for c in series.turn)) + horizon * math.hypot(*(c[k] for c in series.omega))
+        for k in (0, _ORDER - 1, _ORDER)
+    ]
+    if terms[1] == terms[2] == 0.0:
+        return math.inf
+    # The radius of convergence as the last terms show it (Jorba & Zou, eq. 11), and with it the first term left out.
+    radius = min((terms[0] / t) ** (1.0 / k) for k, t in ((_ORDER - 1, terms[1]), (_ORDER, terms[2])) if t > 0.0)
+    first_left_out = max(terms[1] / radius**2, terms[2] / radius)
+    by_accuracy = (accuracy / horizon / first_left_out) ** (1.0 / _ORDER)
+    by_rounding = (floor / first_left_out) ** (1.0 / (_ORDER + 1))
+    return min(0.5 * radius, 0.9 * max(by_accuracy, by_rounding))
 
 
 def _series(

@@ -13,7 +13,7 @@ from rb_dynamics.motion.phase import inertia_of
 from rb_dynamics.motion.step_control import AccuracyControl, FixedStep, OwnControl, StepControl, WholeArc
 from rb_dynamics.scene.model import Scene
 
-DRIVEN = "rkmk4"
+DRIVEN = "taylor"
 """What `method: auto` takes where something turns the body; where nothing does it takes the exact free motion."""
 
 OPEN_END_HORIZON = 3600.0

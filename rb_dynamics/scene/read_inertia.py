@@ -249,7 +249,7 @@ def _mass_or_density(section: Section, values: Section) -> tuple[float, float]:
     mass, density = section.get("mass"), values.get("density")
     if mass is not None and density is not None:
         density.reject("one of body.mass and density", "remove one of them", "a density beside body.mass")
-    elif mass is None and density is None:
+    elif mass is None and density is None and isinstance(values.field.node.value, dict):
         section.missing("mass", f"{MASS.expected}, or a density in {values.field.key}", "add one of them")
     return (
         mass.number(MASS, 1.0) if mass else 0.0,

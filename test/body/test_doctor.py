@@ -66,7 +66,7 @@ class TestSymmetry:
 class TestSoundBodies:
     @given(st.tuples(lengths, lengths, lengths), turns, st.tuples(*(st.floats(-0.5, 0.5),) * 3))
     def test_nothing_is_found_in_a_box_with_its_origin_near_its_centre(self, size: Any, turn: Any, at: Any) -> None:
-        """Near: within half of its standard deviation along each edge, which are edge / sqrt(12) and at most 1/4 of it."""
+        """Near: within an eighth of each edge, less than half of the standard deviation edge / sqrt(12) along it."""
         q = rotation.exp(turn)
         along = tuple(0.25 * a * b for a, b in zip(size, at, strict=True))
         body = box(size).body(10.0, rotation.rotate(q, along), q)

@@ -73,6 +73,20 @@ def test_a_point_mass_at_the_radius_of_gyration_has_the_same_inertia() -> None:
     assert radius_of_gyration(RigidBody.from_diagonal(3.0, (0.06, 0.06, 0.12)), (0.0, 0.0, 1.0)) == pytest.approx(0.2)
 
 
+@pytest.mark.parametrize("through", [(0.0, 0.0, 0.0), (1.0, -2.0, 0.5), (1e3, 0.0, 0.0)])
+def test_an_axis_may_pass_through_any_point(through: Vector) -> None:
+    body, _ = point_masses()
+    along = np.array(SLANT) / np.linalg.norm(SLANT)
+    distances = np.linalg.norm(np.cross(POINTS - through, along), axis=1)
+
+    assert scalar_inertia(body, SLANT, through) == pytest.approx(MASSES @ distances**2, rel=1e-13)
+    assert radius_of_gyration(body, SLANT, through) == pytest.approx(
+        math.sqrt(MASSES @ distances**2 / MASSES.sum()), rel=1e-13
+    )
+    with pytest.raises(BodyError, match="expected a point of the axis"):
+        scalar_inertia(body, SLANT, (0.0, math.nan, 0.0))
+
+
 def test_the_ellipsoid_reaches_as_far_along_each_axis_as_its_inertia_lets_it() -> None:
     body = RigidBody.from_principal(4.0, (1.0, 4.0, 4.5), rotation.exp(SLANT))
     half = np.array(inertia_ellipsoid(body))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from typing import Any
@@ -30,7 +31,7 @@ def revolved(radial: Callable[[float, int], float], low: float, high: float, cut
 
     def integral(function: Callable[[float], float]) -> float:
         points = [low, *cuts, high]
-        pieces = [(0.5 * (a + b), 0.5 * (b - a)) for a, b in zip(points, points[1:], strict=False)]
+        pieces = [(0.5 * (a + b), 0.5 * (b - a)) for a, b in itertools.pairwise(points)]
         return math.fsum(
             w * half * function(mid + half * x) for mid, half in pieces for x, w in zip(nodes, weights, strict=True)
         )

@@ -138,12 +138,13 @@ def test_extras_bring_what_they_promise(metadata: Message) -> None:
         assert name
         brought.setdefault(extra[1] if extra else "", set()).add(name[0])
 
-    assert brought.keys() == {"", "dev", "fast", "log", "plot", "ros", "test"}
+    assert brought.keys() == {"", "dev", "fast", "log", "mesh", "plot", "ros", "test"}
     assert brought[""] == {"numpy", "scipy", "PyYAML"}
     assert brought["fast"] == {"numba"}
     assert brought["log"] == {"mcap", "rerun-sdk", "zstandard"}
     assert brought["ros"] == ROS
     assert brought["plot"] == {"jinja2", "matplotlib", "tqdm"}
+    assert brought["mesh"] == {"trimesh"}
     assert brought["dev"] >= {"mypy", "ruff"}
 
 

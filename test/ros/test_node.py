@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+import re
 import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -316,3 +319,14 @@ def test_a_scene_with_an_odd_name_is_found(tmp_path: Path) -> None:
     scene.write_text("body: {mass: 1, inertia: {diagonal: [1, 1, 1]}}\nduration: 0.1\n")
     node = NodeProcess(scene, real_time_factor=0)
     assert node.wait() == 0, node.err
+
+
+def test_the_example_commander_turns_the_body(peer: Peer) -> None:
+    with running(ROOT / "config" / "free_flyer.yaml") as node:
+        commander = subprocess.run(
+            [sys.executable, ROOT / "examples" / "command.py"], capture_output=True, text=True, timeout=60, check=False
+        )
+        assert commander.returncode == 0, commander.stderr
+        assert node.stop() == 0
+    time, rate = map(float, re.findall(r"[\d.]+\d", commander.stdout))
+    assert rate == pytest.approx(time * 0.01 / 0.31, rel=0.2)

@@ -152,7 +152,7 @@ class TestFiles:
         full = read_scene(CONFIG / "mesh.yaml").body
 
         assert light.mass == pytest.approx(full.mass / 2.0, rel=1e-15)
-        with pytest.raises(SceneError, match="a density beside body.mass"):
+        with pytest.raises(SceneError, match=r"a density beside body\.mass"):
             read_scene(CONFIG / "mesh.yaml", {"body.mass": 1.0})
 
 
@@ -176,8 +176,11 @@ values = st.one_of(
     st.just({"x": 0, "y": 0, "z": 0, "w": 1}),
 )
 keys = st.sampled_from(
-    ["type", "file", "link", "density", "scale", "orientation", "mass", "position"]
-    + sorted({name for form in SHAPES.values() for name in form.dimensions})
+    sorted(
+        {"type", "file", "link", "density", "scale", "orientation", "mass", "position"}.union(
+            *(form.dimensions for form in SHAPES.values())
+        )
+    )
 )
 entries = st.dictionaries(keys, values, max_size=6)
 

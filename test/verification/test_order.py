@@ -6,12 +6,14 @@ states to 30 digits.
 
 from __future__ import annotations
 
+import math
 from functools import cache
 
 import pytest
 from motions import EPS, STEPPED, errors, forced, move, slope
 
 from rb_dynamics.diagnostics import Baseline, observe
+from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.motion.phase import Phase
 from rb_dynamics.vector import norm
 
@@ -26,53 +28,70 @@ QUANTITIES = [
 ]
 BALANCES = ["energy_defect", "angular_momentum_defect_world", "linear_momentum_defect_world"]
 
-TIME = 1
-STEPS = [TIME / 2**k for k in range(4, 11)]
-# Errors below are round-off: 1000 steps of a state of size 1 to 10.
-FLOOR = 1e-13
+TIME = 2
+COUNTS = [1, 2, 3, 4, 5, 6, 8, 12, 18, 27, 40, 60, 90, 135, 200, 300, 450, 675, 1000]
+STEPS = [TIME / count for count in COUNTS]
+# Below FLOOR it is round-off: 1000 steps of a state of size 1 to 10. Above COARSE a method need not show its order.
+FLOOR = 2e-13
+COARSE = 1e-2
+NEEDED = 4
+AT_MOST = 6
 
 each_method = pytest.mark.parametrize("method", STEPPED)
 
 
 @cache
 def measured(method: str) -> dict[str, list[float]]:
-    """Return for each quantity its error, and for each balance its defect, at STEPS."""
+    """Return the error of each quantity and the defect of each balance at STEPS, down to round-off; inf if refused."""
     case = forced()
     start = Baseline.of(case.body, Phase.of(case.body, case.initial))
     found: dict[str, list[float]] = {name: [] for name in (*QUANTITIES, *BALANCES)}
     for h in STEPS:
-        phase = move(case, STEPPED[method], h, TIME)
+        try:
+            phase = move(case, STEPPED[method], h, TIME)
+        except ConvergenceError:
+            for values in found.values():
+                values.append(math.inf)
+            continue
         sample = observe(case.body, phase, 0, start)
         for name, error in errors(case, TIME, phase).items():
             found[name].append(error)
         found["energy_defect"].append(abs(sample.energy_defect))
         for name in BALANCES[1:]:
             found[name].append(norm(getattr(sample, name)))
+        if all(values[-1] < FLOOR for values in found.values()):
+            break
     return found
 
 
-def above_the_floor(values: list[float]) -> tuple[list[float], list[float]]:
-    """Return steps and errors down to the first error that rounding may have touched."""
+def resolved(values: list[float]) -> tuple[list[float], list[float]]:
+    """Return the finest steps, and their errors, before the first error that rounding may have touched."""
     count = next((k for k, value in enumerate(values) if value < FLOOR), len(values))
-    return STEPS[:count], values[:count]
+    window = [(h, value) for h, value in zip(STEPS, values[:count], strict=False) if value < COARSE][-AT_MOST:]
+    return [h for h, _ in window], [value for _, value in window]
 
 
 @each_method
 @pytest.mark.parametrize("quantity", QUANTITIES)
 def test_error_falls_as_the_declared_order(method: str, quantity: str) -> None:
-    sizes, values = above_the_floor(measured(method)[quantity])
+    sizes, values = resolved(measured(method)[quantity])
 
-    assert len(sizes) >= 4, f"only {len(sizes)} steps above round-off: {measured(method)[quantity]}"
-    assert abs(slope(sizes, values) - STEPPED[method].order) <= 0.2, values
+    assert len(sizes) >= NEEDED, f"only {len(sizes)} steps above round-off: {measured(method)[quantity]}"
+    found, order = slope(sizes, values), STEPPED[method].order
+    if order <= 8:
+        assert abs(found - order) <= 0.2, values
+    else:
+        # From 1 s steps to round-off there are but six, and the leading term does not rule all of them.
+        assert found >= order - 0.5, values
 
 
 @each_method
 @pytest.mark.parametrize("balance", BALANCES)
 def test_balances_close_as_fast_or_exactly(method: str, balance: str) -> None:
     """T - T0 - W, L - L0 - int N dt and p - p0 - int F dt: no larger than the method allows, at round-off if it can."""
-    sizes, values = above_the_floor(measured(method)[balance])
+    sizes, values = resolved(measured(method)[balance])
 
-    if len(sizes) >= 2:
+    if len(sizes) >= 3:
         assert slope(sizes, values) >= STEPPED[method].order - 0.2, values
 
 
@@ -89,13 +108,13 @@ def test_balances_close_as_fast_or_exactly(method: str, balance: str) -> None:
 )
 def test_balances_that_close_exactly(method: str, balance: str) -> None:
     """What the books take is what the step does, at any step: under torque and force of both kinds."""
-    assert max(measured(method)[balance]) <= 300.0 * EPS
+    assert max(v for v in measured(method)[balance] if v < math.inf) <= 1000.0 * EPS
 
 
 @pytest.mark.parametrize(("method", "balance"), [("rkmk4", "energy_defect"), ("rk4", "angular_momentum_defect_world")])
 def test_balances_that_do_not_close_show(method: str, balance: str) -> None:
     """The defects are no identity: they see the error of a method that does not keep the balance."""
-    assert measured(method)[balance][0] > 1e-9
+    assert max(measured(method)[balance]) > 1e-9
 
 
 @each_method

@@ -14,13 +14,13 @@ FREE = ["dzhanibekov", "boxes_rotation"]
 
 
 @pytest.mark.parametrize("method", [name for name, m in STEPPED.items() if m.order >= 4])
-@pytest.mark.parametrize("time", [1, 2, 5])
+@pytest.mark.parametrize("time", [1, 2, pytest.param(5, marks=pytest.mark.slow)])
 def test_forced_body_to_twelve_digits(method: str, time: float) -> None:
-    """Halved once more, nothing would be gained: this is what rounding leaves."""
-    found = errors(forced(), time, move(forced(), STEPPED[method], 0.0005 if time == 1 else 0.001, time))
+    """With h^p = 1e-12: what is left is mostly rounding, and what the motion makes of it."""
+    found = errors(forced(), time, move(forced(), STEPPED[method], 1e-12 ** (1.0 / STEPPED[method].order), time))
 
     for name, error in found.items():
-        assert error <= {1: 2e-14, 2: 1e-12, 5: 1e-10}[time], name
+        assert error <= {1: 4e-13, 2: 4e-12, 5: 1e-9}[time], name
 
 
 @pytest.mark.parametrize("method", STEPPED)
@@ -31,13 +31,15 @@ def test_free_body_as_the_order_says(name: str, method: str) -> None:
     time = min(case.states)
     rate = max(map(abs, case.initial.angular_velocity_body))
     order = STEPPED[method].order
+    h = 0.01 if order < 6 else 0.05
 
-    coarse, fine = (errors(case, time, move(case, STEPPED[method], h / rate, time)) for h in (0.02, 0.01))
+    coarse, fine = (errors(case, time, move(case, STEPPED[method], step / rate, time)) for step in (2.0 * h, h))
 
     for quantity in ("attitude", "angular_velocity_body"):
-        assert fine[quantity] <= 2e5 * 0.01**order
-        # Near the middle axis a drift of the energy, of higher order, may still outweigh: then it falls faster.
-        assert coarse[quantity] / fine[quantity] >= 0.8 * 2.0**order
+        if fine[quantity] > 1e-11:
+            assert fine[quantity] <= 2e5 * h**order
+            # Near the middle axis a drift of the energy, of higher order, may still outweigh: then it falls faster.
+            assert coarse[quantity] / fine[quantity] >= 0.8 * 2.0**order
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -1,0 +1,38 @@
+"""Command the node from rclpy: a torque about the body's z axis for one second, and watch the rate grow.
+
+Start the node first, in the same environment:
+
+    rb-dynamics node config/free_flyer.yaml
+"""
+
+import rclpy
+from geometry_msgs.msg import WrenchStamped
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+
+
+def main() -> None:
+    rclpy.init()
+    node = Node("commander")
+    commands = node.create_publisher(WrenchStamped, "wrench", 10)
+    newest: list[Odometry] = []
+    node.create_subscription(Odometry, "odom", lambda odom: newest.__setitem__(slice(None), [odom]), 10)
+    # A command published before the node has been discovered is lost.
+    while not (commands.get_subscription_count() and newest):
+        rclpy.spin_once(node, timeout_sec=0.1)
+
+    command = WrenchStamped()
+    command.header.frame_id = "body"  # the header decides the axes, not the name of the topic
+    command.wrench.torque.z = 0.01
+    commands.publish(command)  # held until the next command
+    begun = newest[0].header.stamp.sec + newest[0].header.stamp.nanosec * 1e-9
+    while (now := newest[0].header.stamp.sec + newest[0].header.stamp.nanosec * 1e-9) < begun + 1.0:
+        rclpy.spin_once(node, timeout_sec=0.1)
+    commands.publish(WrenchStamped())
+    rate = newest[0].twist.twist.angular.z
+    print(f"after {now - begun:.2f} s the body turns at {rate:.4f} rad/s")
+    rclpy.try_shutdown()
+
+
+if __name__ == "__main__":
+    main()
