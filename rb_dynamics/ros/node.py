@@ -178,8 +178,8 @@ class RigidBodyNode(Node):
     def _on_wrenches(self, topic: str, message: WrenchStamped) -> None:
         """Take a command and all that wait, on every channel.
 
-        To wait anew for each would cost more than to simulate it; and time must not advance on the commands of one channel
-        while earlier ones of another lie there unread.
+        To wait anew for each would cost more than to simulate it; and time must not advance on the commands of one
+        channel while earlier ones of another lie there unread.
         """
         self._on_wrench(topic, message)
         for waiting, subscription in self._wrench_subscriptions.items():
