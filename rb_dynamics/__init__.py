@@ -30,6 +30,7 @@ from rb_dynamics.errors import (
 from rb_dynamics.loads.channels import AppliedWrench, Channel
 from rb_dynamics.loads.wrench import FixedFrame, Wrench, WrenchFrames
 from rb_dynamics.motion import METHODS
+from rb_dynamics.motion.free_motion import FreeMotion, free_motion
 from rb_dynamics.recording.memory import MemorySink
 from rb_dynamics.recording.sink import Sink
 from rb_dynamics.recording.state_hash import HashSink
@@ -44,6 +45,7 @@ __all__ = [
     "Channel",
     "ConvergenceError",
     "FixedFrame",
+    "FreeMotion",
     "HashSink",
     "LogError",
     "MemorySink",
@@ -61,6 +63,7 @@ __all__ = [
     "Wrench",
     "WrenchError",
     "WrenchFrames",
+    "free_motion",
     "inertia_ellipsoid",
     "parse_scene",
     "radius_of_gyration",

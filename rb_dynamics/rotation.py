@@ -143,7 +143,9 @@ def dexpinv(v: Vector, u: Vector) -> Vector:
 
 def cayley(v: Vector) -> Quaternion:
     """Return cay(hat(v)) = (1 - hat(v)/2)^-1 (1 + hat(v)/2) as a quaternion: a turn by 2 atan(|v|/2) (HLW IV.8.3)."""
-    return normalize((0.5 * v[0], 0.5 * v[1], 0.5 * v[2], 1.0))
+    x, y, z = 0.5 * v[0], 0.5 * v[1], 0.5 * v[2]
+    n = math.hypot(x, y, z, 1.0)
+    return (x / n, y / n, z / n, 1.0 / n)
 
 
 def _third(square: float) -> float:

@@ -89,7 +89,9 @@ def _tumble(moments: Vector, w: Vector) -> _Tumble | None:
     low, middle, high = sorted(range(3), key=lambda i: moments[i])
     # L^2 - 2 T I_b, the distance from the separatrix: a difference of two positive terms that may all but cancel.
     d = _separation(moments[high], moments[middle], moments[low], w[high], w[low])
-    a, b, c = (low, middle, high) if d >= 0.0 else (high, middle, low)
+    # At zero, which may be an underflow, the body goes round the axis that no other moment equals.
+    about_high = d > 0.0 or (d == 0.0 and moments[high] > moments[middle])
+    a, b, c = (low, middle, high) if about_high else (high, middle, low)
     ia, ib, ic = moments[a], moments[b], moments[c]
     sign_a, sign_c = math.copysign(1.0, w[a]), math.copysign(1.0, w[c])
     parity = 1.0 if (b - a) % 3 == 1 else -1.0

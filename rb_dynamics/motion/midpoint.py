@@ -96,7 +96,10 @@ def _solve_jacobian(moments: Vector, w: Vector, lever: Vector, half: float, b: V
     c2 = (half * (r - z * i2), i2, half * (x * i2 - p))
     c3 = (half * (y * i3 - q), half * (p - x * i3), i3)
     c23, c31, c12 = cross(c2, c3), cross(c3, c1), cross(c1, c2)
-    return scale(1.0 / dot(c1, c23), (dot(b, c23), dot(b, c31), dot(b, c12)))
+    determinant = dot(c1, c23)
+    # Singular: no correction is right, and none will be found.
+    inverse = 1.0 / determinant if determinant else math.inf
+    return scale(inverse, (dot(b, c23), dot(b, c31), dot(b, c12)))
 
 
 MIDPOINT = Method(

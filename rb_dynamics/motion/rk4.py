@@ -47,7 +47,8 @@ def step(
             omega = add_scaled(angular_velocity, ahead, omega_dot)
             v = add_scaled(velocity, ahead / mass, force)
     q_end = _add_scaled(orientation, 1.0, q_sum)
-    square = q_end[0] ** 2 + q_end[1] ** 2 + q_end[2] ** 2 + q_end[3] ** 2
+    # Products, as a power that overflows is an error in Python and no infinity.
+    square = q_end[0] * q_end[0] + q_end[1] * q_end[1] + q_end[2] * q_end[2] + q_end[3] * q_end[3]
     if not 0.5 < square < 2.0:
         raise ConvergenceError(
             f"rk4: after a step of {h:g} s the quaternion has norm {square**0.5:.3g}, expected about 1; "

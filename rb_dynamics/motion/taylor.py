@@ -106,11 +106,15 @@ def longest_step(
     ]
     if terms[1] == terms[2] == 0.0:
         return math.inf
+    if not all(map(math.isfinite, terms)):
+        return 0.0
     # The radius of convergence as the last terms show it (Jorba & Zou, eq. 11), and with it the first term left out.
     radius = min(
         math.pow(terms[0] / term, 1.0 / k) for k, term in ((_ORDER - 1, terms[1]), (_ORDER, terms[2])) if term > 0.0
     )
     first_left_out = max(terms[1] / radius / radius, terms[2] / radius)
+    if first_left_out == 0.0:
+        return 0.5 * radius
     by_accuracy = math.pow(accuracy / horizon / first_left_out, 1.0 / _ORDER)
     by_rounding = math.pow(floor / first_left_out, 1.0 / (_ORDER + 1))
     return min(0.5 * radius, 0.9 * max(by_accuracy, by_rounding))
