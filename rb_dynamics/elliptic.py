@@ -15,6 +15,7 @@ import math
 _CLOSE = 1e-8
 # Truncation of the series is of sixth order in the relative spread; at this spread it is below round-off.
 _SPREAD = 1.5e-3
+# The loops below end unless something is still too far apart: a NaN passes through and does not keep them running.
 
 
 def agm(a: float, b: float) -> float:
@@ -45,7 +46,7 @@ def sncndn(u: float, m1: float) -> tuple[float, float, float]:
         e = math.sqrt(e)
         means.append((a, e))
         c = 0.5 * (a + e)
-        if abs(a - e) <= _CLOSE * a:
+        if not abs(a - e) > _CLOSE * a:
             break
         e *= a
         a = c
@@ -71,7 +72,7 @@ def rf(x: float, y: float, z: float) -> float:
         mean = (x + y + z) / 3.0
         dx, dy = (mean - x) / mean, (mean - y) / mean
         dz = -(dx + dy)
-        if max(abs(dx), abs(dy), abs(dz)) < _SPREAD:
+        if not max(abs(dx), abs(dy), abs(dz)) >= _SPREAD:
             break
         rx, ry, rz = math.sqrt(x), math.sqrt(y), math.sqrt(z)
         lam = rx * ry + ry * rz + rz * rx
@@ -87,7 +88,7 @@ def rj(x: float, y: float, z: float, p: float) -> float:
         mean = (x + y + z + 2.0 * p) / 5.0
         dx, dy, dz = (mean - x) / mean, (mean - y) / mean, (mean - z) / mean
         dp = -0.5 * (dx + dy + dz)
-        if max(abs(dx), abs(dy), abs(dz), abs(dp)) < _SPREAD:
+        if not max(abs(dx), abs(dy), abs(dz), abs(dp)) >= _SPREAD:
             break
         rx, ry, rz, rp = math.sqrt(x), math.sqrt(y), math.sqrt(z), math.sqrt(p)
         lam = rx * ry + ry * rz + rz * rx

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 
-from rb_dynamics.vector import Vector, add_scaled, cross, dot
+from rb_dynamics.vector import Vector, add_scaled, cross, dot, norm
 
 Quaternion = tuple[float, float, float, float]
 Matrix = tuple[Vector, Vector, Vector]
@@ -101,7 +101,7 @@ def from_matrix(m: Matrix) -> Quaternion:
 
 def exp(v: Vector) -> Quaternion:
     """Return the rotation by |v| rad about v as a quaternion: exp(hat(v)) (IMNZ eq. B.10)."""
-    angle = math.sqrt(dot(v, v))
+    angle = norm(v)
     # sin(a/2)/a does not cancel; only 0/0 has to be avoided.
     s = math.sin(0.5 * angle) / angle if angle > 0.0 else 0.5
     return (s * v[0], s * v[1], s * v[2], math.cos(0.5 * angle))

@@ -16,6 +16,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from rb_dynamics.elliptic import complete_k, rf, rj, sncndn
+from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.rotation import Quaternion, exp, multiply, normalize
 from rb_dynamics.vector import Vector, norm, positive_zeros, scale
 from rb_dynamics.vector import multiply as times
@@ -70,7 +71,15 @@ class FreeRotation:
         """Return the rotation r of the first t s, q(t) = q(0) r, and the angular velocity after them.
 
         The error of the attitude is below 100 eps (1 + |w| t), those of energy and |L| are below 20 eps.
+
+        Raises:
+            ConvergenceError: the angle turned is no finite number.
         """
+        if not math.isfinite(norm(self._spin) * t):
+            raise ConvergenceError(
+                f"exact: {norm(self._spin):.3g} rad/s for {t:.3g} s is an angle beyond the range of double precision; "
+                "check the angular velocity, the torque and the moments of inertia, or use a smaller step"
+            )
         if self._tumble is None:
             return exp(scale(t, self._spin)), self._spin
         return _tumble_at(self._tumble, t)

@@ -253,10 +253,12 @@ class RigidBodyNode(Node):
             except (ConvergenceError, OverflowError) as error:
                 self._fail(f"paused, because the motion cannot be continued: {error}; ~/reset starts again")
                 return
+            whole_slice = until - self._reached_ns == self._slice_ns
             self._reached_ns = max(self._reached_ns, until)
             before, now = now, time.monotonic_ns()
-            if now - before < _LONGEST_BURST_NS // 8:
-                self._slice_ns *= 2
+            # Only a whole slice tells what a slice costs: that nothing costs nothing is no reason to take more.
+            if whole_slice and now - before < _LONGEST_BURST_NS // 8:
+                self._slice_ns = min(2 * self._slice_ns, _NANOSECONDS)
             elif now - before > _LONGEST_BURST_NS // 2:
                 self._slice_ns = max(1, self._slice_ns // 2)
             if not self._behind() or now - begun > _LONGEST_BURST_NS:
