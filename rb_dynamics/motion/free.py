@@ -116,6 +116,8 @@ def _tumble(moments: Vector, w: Vector) -> _Tumble | None:
         return None
     m1 = min(1.0, abs(d) / amplitude_c / amplitude_c / (ic * cb))
     sn, cn, dn = (wb / amplitude_b, wa / amplitude_a, wc / amplitude_c) if amplitude_a > 0.0 else (0.0, 1.0, 1.0)
+    if cn + dn == 0.0:
+        return None
     momentum = norm((ia * wa, ib * wb, ic * wc))
     beta = ib / ia * (ca / cb)
     return _Tumble(
@@ -125,12 +127,17 @@ def _tumble(moments: Vector, w: Vector) -> _Tumble | None:
         rate=rate,
         m1=m1,
         quarter=complete_k(m1),
-        u0=sn * rf(cn * cn, dn * dn, 1.0),
+        u0=sn * _first_kind(cn, dn),
         beta=beta,
         g=ic / ia * (ba / cb) * max(0.0, 1.0 - m1 / beta),
         momentum=momentum,
         gain=momentum * (ib - ia) / (ia * ib * rate),
     )
+
+
+def _first_kind(cn: float, dn: float) -> float:
+    """Return R_F(cn^2, dn^2, 1); close to the middle axis, where the squares underflow, by its limit (DLMF 19.27.2)."""
+    return rf(cn * cn, dn * dn, 1.0) if cn + dn > 1e-9 else math.log(4.0 / (cn + dn))
 
 
 def _tumble_at(body: _Tumble, t: float) -> tuple[Quaternion, Vector]:

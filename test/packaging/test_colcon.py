@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from rb_dynamics.recording.mcap_reader import read_bag
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -48,9 +50,13 @@ def test_import_comes_from_the_workspace(workspace: Path, bare_environment: dict
 
 @pytest.mark.ros
 def test_node_starts(workspace: Path, bare_environment: dict[str, str]) -> None:
-    printed = _sourced(workspace, "install/rb_dynamics/lib/rb_dynamics/rigid_body --help", bare_environment)
+    node = "install/rb_dynamics/lib/rb_dynamics/rigid_body"
+    assert "scene" in _sourced(workspace, f"{node} --help", bare_environment)
 
-    assert "scene" in printed
+    scene = "install/rb_dynamics/share/rb_dynamics/config/dzhanibekov.yaml"
+    parameters = "-p real_time_factor:=0 -p duration:=2.0 -p mcap:=flown.mcap"
+    _sourced(workspace, f"{node} --ros-args -p scene:={scene} {parameters}", bare_environment)
+    assert int(read_bag(workspace / "flown.mcap").metadata["rb_dynamics.result"]["end_time_ns"]) == 2_000_000_000
 
 
 def test_workspace_shares_scenes_launch_file_and_index(workspace: Path, source: Path) -> None:
