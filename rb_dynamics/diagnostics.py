@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.phase import Phase
-from rb_dynamics.rotation import Quaternion
-from rb_dynamics.vector import Vector, dot, multiply, scale, subtract
+from rb_dynamics.rotation import Quaternion, rotate, rotate_inverse
+from rb_dynamics.vector import Vector, add, cross, divide, dot, multiply, scale, subtract
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,3 +89,18 @@ def observe(body: RigidBody, phase: Phase, time_ns: int, baseline: Baseline) -> 
         ),
         linear_momentum_defect_world=subtract(subtract(momentum, baseline.linear_momentum_world), phase.impulse_world),
     )
+
+
+def acceleration(body: RigidBody, phase: Phase, held: HeldWrench) -> tuple[Vector, Vector]:
+    """Return the linear acceleration of the body origin (m/s^2) and the angular one (rad/s^2), both in body axes.
+
+    Euler's equations (lecture 24, eqs. 18 and 19) and F = m dv/dt under `held` (body parts in principal axes): the true
+    acceleration, not a difference of velocities.
+    """
+    omega, moments, axes = phase.angular_velocity, body.principal_moments, body.principal_orientation_xyzw
+    torque = add(held.torque_body, rotate_inverse(phase.orientation, held.torque_world))
+    omega_dot = rotate(axes, divide(subtract(torque, cross(omega, multiply(moments, omega))), moments))
+    force = rotate(axes, add(held.force_body, rotate_inverse(phase.orientation, held.force_world)))
+    spin, arm = rotate(axes, omega), body.center_of_mass
+    turning = add(cross(omega_dot, arm), cross(spin, cross(spin, arm)))
+    return subtract(scale(1.0 / body.mass, force), turning), omega_dot

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from rb_dynamics.body.rigid_body import RigidBody
-from rb_dynamics.diagnostics import Baseline, Sample, kinetic_energy, observe
+from rb_dynamics.diagnostics import Baseline, Sample, acceleration, kinetic_energy, observe
 from rb_dynamics.errors import ConvergenceError, SceneError, WrenchError
 from rb_dynamics.loads.channels import AppliedWrench, WrenchChannels
 from rb_dynamics.loads.wrench import Wrench
@@ -24,6 +24,7 @@ from rb_dynamics.recording.provenance import InputHash, run_metadata
 from rb_dynamics.recording.sink import Event, RunInfo, Sink
 from rb_dynamics.scene.compile import compile_scene
 from rb_dynamics.scene.model import Scene
+from rb_dynamics.vector import Vector
 
 
 class Simulation:
@@ -59,6 +60,11 @@ class Simulation:
     def sample(self) -> Sample:
         """State and bookkeeping at `time_ns`."""
         return observe(self.scene.body, self._phase, self.time_ns, self._baseline)
+
+    @property
+    def acceleration(self) -> tuple[Vector, Vector]:
+        """Acceleration of the body origin (m/s^2) and angular acceleration (rad/s^2) at `time_ns`, body axes."""
+        return acceleration(self.scene.body, self._phase, self._held)
 
     @property
     def steps(self) -> int:
@@ -170,7 +176,7 @@ class Simulation:
             self._arc = self._new_arc()
 
     def _new_arc(self) -> Arc:
-        held = in_principal_axes(self.scene.body, self._channels.total())
+        self._held = held = in_principal_axes(self.scene.body, self._channels.total())
         method, control = self.plan.choose(held)
         return Arc(method, self._inertia, held, control, self.time_ns, self._phase)
 

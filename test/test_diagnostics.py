@@ -14,6 +14,8 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.diagnostics import Baseline, Sample, kinetic_energy, observe
 from rb_dynamics.motion.phase import Phase
+from rb_dynamics.scene.model import Solver
+from rb_dynamics.simulate import Simulation
 from rb_dynamics.vector import add, subtract
 
 Point = tuple[Fraction, Fraction, Fraction]
@@ -184,3 +186,23 @@ class TestDefects:
         assert found.energy_defect == found.kinetic_energy - 1.0
         assert found.angular_momentum_defect_world == subtract(found.angular_momentum_world, (1.0, 2.0, 3.0))
         assert add(found.linear_momentum_defect_world, (4.0, 5.0, 6.0)) == pytest.approx(found.linear_momentum_world)
+
+
+def test_acceleration_is_the_slope_of_the_velocities() -> None:
+    """Of the body origin, away from the centre of mass, under torque and force of both kinds."""
+    case, h = forced(), 1e-4
+    run = Simulation(case.scene(Solver("taylor", step=0.01), 1.0, 1.0 / h))
+    for topic, wrench in case.commands:
+        run.post(topic, wrench)
+    samples = []
+    for k in (3999, 4000, 4001):
+        run.advance(round(k * h * 1e9))
+        samples.append(run.sample)
+        if k == 4000:
+            linear, angular = run.acceleration
+    before, now, after = samples
+
+    slope = [(b - a) / (2 * h) for a, b in zip(before.linear_velocity_world, after.linear_velocity_world, strict=True)]
+    assert rotation.rotate(now.orientation_xyzw, linear) == pytest.approx(slope, rel=1e-6, abs=1e-7)
+    slope = [(b - a) / (2 * h) for a, b in zip(before.angular_velocity_body, after.angular_velocity_body, strict=True)]
+    assert angular == pytest.approx(slope, rel=1e-6, abs=1e-7)

@@ -24,6 +24,10 @@ from rb_dynamics.vector import multiply as times
 _Axes = tuple[tuple[int, float], tuple[int, float], tuple[int, float]]
 
 
+# A change of the angular velocity slower than this (rad/s) is none in any run, and its inverse would overflow.
+_SLOWEST = 1e-250
+
+
 class _Tumble(NamedTuple):
     """A free rotation that is no spin about a fixed axis, in axes a, b, c.
 
@@ -112,7 +116,7 @@ def _tumble(moments: Vector, w: Vector) -> _Tumble | None:
     amplitude_a, amplitude_b = math.hypot(wa, wb * ratio), math.hypot(wb, wa / ratio)
     amplitude_c = math.hypot(wc, wb * math.sqrt(ib * ba / (ic * ca)))
     rate = math.copysign(amplitude_c * math.sqrt(cb / ia * (ca / ib)), ic - ia)
-    if rate == 0.0:
+    if abs(rate) < _SLOWEST:
         return None
     m1 = min(1.0, abs(d) / amplitude_c / amplitude_c / (ic * cb))
     sn, cn, dn = (wb / amplitude_b, wa / amplitude_a, wc / amplitude_c) if amplitude_a > 0.0 else (0.0, 1.0, 1.0)
@@ -131,13 +135,13 @@ def _tumble(moments: Vector, w: Vector) -> _Tumble | None:
         beta=beta,
         g=ic / ia * (ba / cb) * max(0.0, 1.0 - m1 / beta),
         momentum=momentum,
-        gain=momentum * (ib - ia) / (ia * ib * rate),
+        gain=(ib - ia) / ia * (momentum / ib) / rate,
     )
 
 
 def _first_kind(cn: float, dn: float) -> float:
     """Return R_F(cn^2, dn^2, 1); close to the middle axis, where the squares underflow, by its limit (DLMF 19.27.2)."""
-    return rf(cn * cn, dn * dn, 1.0) if cn + dn > 1e-9 else math.log(4.0 / (cn + dn))
+    return rf(cn * cn, dn * dn, 1.0) if cn + dn > 1e-9 else math.log(4.0) - math.log(cn + dn)
 
 
 def _tumble_at(body: _Tumble, t: float) -> tuple[Quaternion, Vector]:
@@ -151,6 +155,11 @@ def _tumble_at(body: _Tumble, t: float) -> tuple[Quaternion, Vector]:
     if half_periods:
         azimuth += 2.0 * half_periods * body.m1 / (3.0 * body.beta) * rj(0.0, body.m1, 1.0, body.m1 / body.beta)
     phi = body.momentum / body.moments[1] * t + body.gain * azimuth
+    if not math.isfinite(phi):
+        raise ConvergenceError(
+            f"exact: after {t:.3g} s the precession angle is no finite number: the spin is closer to the middle axis "
+            "than double precision resolves; use a method with a step"
+        )
     # chi grows by pi in half a period; reduced in whole turns of the quaternion, nothing is rounded.
     chi = now.chi + (half_periods % 4) * math.pi
     turn = multiply(

@@ -9,6 +9,7 @@ from __future__ import annotations
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import (
+    AccelStamped,
     InertiaStamped,
     Pose,
     PoseStamped,
@@ -86,6 +87,16 @@ def odometry(sample: Sample, frames: WrenchFrames) -> Odometry:
     message.child_frame_id = frames.body_frame
     _fill_pose(message.pose.pose, sample)
     _fill_twist(message.twist.twist, sample)
+    return message
+
+
+def accel(linear_body: Vector, angular_body: Vector, time_ns: int, frames: WrenchFrames) -> AccelStamped:
+    """Return the acceleration of the body origin and the angular acceleration, both in body axes."""
+    message = AccelStamped()
+    message.header.stamp = to_stamp(time_ns)
+    message.header.frame_id = frames.body_frame
+    message.accel.linear = Vector3(x=linear_body[0], y=linear_body[1], z=linear_body[2])
+    message.accel.angular = Vector3(x=angular_body[0], y=angular_body[1], z=angular_body[2])
     return message
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import InertiaStamped, PoseStamped, TwistStamped, Vector3Stamped
+from geometry_msgs.msg import AccelStamped, InertiaStamped, PoseStamped, TwistStamped, Vector3Stamped
 from nav_msgs.msg import Odometry
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks
@@ -21,6 +21,7 @@ from rb_dynamics.diagnostics import Sample
 from rb_dynamics.loads.wrench import WrenchFrames
 from rb_dynamics.recording.sink import Event, RunInfo, Status
 from rb_dynamics.ros import conversions
+from rb_dynamics.vector import Vector
 
 _DEPTH = 10
 
@@ -59,6 +60,10 @@ class TopicSink:
         self._add(Float64, "energy/kinetic", lambda s: Float64(data=s.kinetic_energy))
         self._add(Float64, "energy/work", lambda s: Float64(data=s.work))
         self._add(Float64, "energy/defect", lambda s: Float64(data=s.energy_defect))
+
+    def add_acceleration(self, acceleration: Callable[[], tuple[Vector, Vector]]) -> None:
+        """Publish `accel` too; `acceleration` tells it for the time of the sample that is being written."""
+        self._add(AccelStamped, "accel", lambda s: conversions.accel(*acceleration(), s.time_ns, self._frames))
 
     def open(self, run: RunInfo) -> None:
         """Publish what is simulated; late subscribers get it too (transient local)."""

@@ -19,6 +19,7 @@ _PARAMETERS: dict[str, tuple[object, str]] = {
     "lockstep": (False, "time stands still until every channel's newest stamp allows it to advance"),
     "start_paused": (False, "begin paused; ~/pause and ~/step move time"),
     "publish_clock": (False, "publish simulation time on /clock"),
+    "publish_accel": (False, "publish the acceleration of the body origin on accel"),
     "apply_at": ("arrival", "when a command takes effect: at its arrival, or at its header.stamp in simulation time"),
     "mcap": ("", "write an MCAP log to this file"),
     "rerun": ("", "write a Rerun recording to this file"),
@@ -36,6 +37,7 @@ class Settings:
     lockstep: bool
     start_paused: bool
     publish_clock: bool
+    publish_accel: bool
     apply_at: str
     mcap: str
     rerun: str
@@ -76,6 +78,7 @@ def read_settings(node: Node) -> Settings:
         _flag("lockstep", values["lockstep"]),
         _flag("start_paused", values["start_paused"]),
         _flag("publish_clock", values["publish_clock"]),
+        _flag("publish_accel", values["publish_accel"]),
         apply_at,
         _text("mcap", values["mcap"]),
         _text("rerun", values["rerun"]),

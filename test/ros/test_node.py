@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from geometry_msgs.msg import InertiaStamped, PoseStamped, TwistStamped, Vector3Stamped
+from geometry_msgs.msg import AccelStamped, InertiaStamped, PoseStamped, TwistStamped, Vector3Stamped
 from nav_msgs.msg import Odometry
 from ros_harness import ROOT, TRANSIENT, NodeProcess, Peer, running
 from rosgraph_msgs.msg import Clock
@@ -330,3 +330,18 @@ def test_the_example_commander_turns_the_body(peer: Peer) -> None:
         assert node.stop() == 0
     time, rate = map(float, re.findall(r"[\d.]+\d", commander.stdout))
     assert rate == pytest.approx(time * 0.01 / 0.31, rel=0.2)
+
+
+def test_acceleration_where_asked(scene: Path, peer: Peer) -> None:
+    with running(scene, start_paused=True, publish_accel=True) as node:
+        accelerations, diagnostics = peer.listen(AccelStamped, "accel"), peer.diagnostics()
+        peer.wrench(force=(3.0, 0.0, 0.0), torque=(0.0, 0.0, 0.5))
+        peer.until(lambda: diagnostics and values(diagnostics[-1])["wrench: accepted"] == "1", "the command counted")
+        peer.call("rigid_body/step", Trigger.Request())
+        peer.until(lambda: bool(accelerations) and stamp(accelerations[-1]) > 0, "an acceleration after a step")
+        assert node.stop() == 0
+    accel = accelerations[-1]
+    assert accel.header.frame_id == "body"
+    assert accel.accel.linear.x == 1.5
+    # I3 w3' = N3 + (I1 - I2) w1 w2, and w1 w2 has not changed much in 10 ms.
+    assert accel.accel.angular.z == pytest.approx((0.5 + (1 - 2) * 0.3 * -0.2) / 2.5, rel=2e-3)
