@@ -137,6 +137,7 @@ class TestGroup:
 
 class TestAction:
     @given(turns, vectors)
+    @settings(max_examples=50)
     def test_rotate_is_the_matrix_exponential(self, v: Vector, u: Vector) -> None:
         with mp.workdps(DIGITS):
             exact = exact_exp(v) * column(u)

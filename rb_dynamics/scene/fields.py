@@ -19,9 +19,9 @@ from rb_dynamics.vector import ZERO, Vector
 
 NORM_TOLERANCE = 1e-3
 
-# Times are int64 nanoseconds, in ROS messages and in the log; half of that range leaves room for sums. In seconds:
+# Times are whole nanoseconds, and the seconds of a stamp end at 2^31, in ROS messages and in the log. In seconds:
 SHORTEST = 1e-9
-LONGEST = 2**62 * 1e-9
+LONGEST = 2.0**31 - 1.0
 
 
 @dataclass(frozen=True, slots=True)
