@@ -10,10 +10,13 @@ Conventions, kept everywhere:
 
 The way of the data: a scene is read (`scene`), compiled to a method and a step control (`scene.compile`), advanced by
 one loop (`simulate`), and what happens goes to sinks (`recording`). Each part imports only those before it: `vector`,
-`rotation`, `body`, `loads`, `motion`, `scene`, `diagnostics`, `recording`, `simulate`, `report`, `ros`, `cli`.
+`rotation`, `body`, `loads`, `motion`, `scene`, `diagnostics`, `recording`, `simulate`, `explain`, `report`,
+`ros`, `cli`.
 Optional libraries are imported where they are used, never by `import rb_dynamics`.
 """
 
+from rb_dynamics.body.doctor import Finding, Symmetry, examine, symmetry
+from rb_dynamics.body.particles import body_of_particles
 from rb_dynamics.body.properties import inertia_ellipsoid, radius_of_gyration, scalar_inertia
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
@@ -27,7 +30,14 @@ from rb_dynamics.errors import (
     SceneError,
     WrenchError,
 )
+from rb_dynamics.explain import Explanation, explain
+from rb_dynamics.loads.central_gravity import CentralGravity
 from rb_dynamics.loads.channels import AppliedWrench, Channel
+from rb_dynamics.loads.drag import LinearDrag, QuadraticDrag
+from rb_dynamics.loads.effect import Effect
+from rb_dynamics.loads.rotor import Rotor
+from rb_dynamics.loads.scheduled_wrench import ScheduledWrench
+from rb_dynamics.loads.uniform_gravity import UniformGravity
 from rb_dynamics.loads.wrench import FixedFrame, Wrench, WrenchFrames
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.free_motion import FreeMotion, free_motion
@@ -42,27 +52,40 @@ __all__ = [
     "METHODS",
     "AppliedWrench",
     "BodyError",
+    "CentralGravity",
     "Channel",
     "ConvergenceError",
+    "Effect",
+    "Explanation",
+    "Finding",
     "FixedFrame",
     "FreeMotion",
     "HashSink",
+    "LinearDrag",
     "LogError",
     "MemorySink",
     "MissingExtraError",
+    "QuadraticDrag",
     "RigidBody",
     "RigidBodyError",
+    "Rotor",
     "Run",
     "Sample",
     "Scene",
     "SceneError",
+    "ScheduledWrench",
     "Simulation",
     "Sink",
     "Solver",
     "State",
+    "Symmetry",
+    "UniformGravity",
     "Wrench",
     "WrenchError",
     "WrenchFrames",
+    "body_of_particles",
+    "examine",
+    "explain",
     "free_motion",
     "inertia_ellipsoid",
     "parse_scene",
@@ -70,4 +93,5 @@ __all__ = [
     "read_scene",
     "scalar_inertia",
     "simulate",
+    "symmetry",
 ]

@@ -9,20 +9,21 @@ import contextlib
 import math
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 from rb_dynamics.body.rigid_body import RigidBody
-from rb_dynamics.diagnostics import Baseline, Sample, acceleration, kinetic_energy, observe
+from rb_dynamics.diagnostics import Observer, Sample, acceleration, kinetic_energy
 from rb_dynamics.errors import ConvergenceError, SceneError, WrenchError
-from rb_dynamics.loads.channels import AppliedWrench, WrenchChannels
+from rb_dynamics.loads.acting import ActingEffects
+from rb_dynamics.loads.channels import AppliedWrench, Channel, WrenchChannels
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion.arc import Arc
-from rb_dynamics.motion.phase import Phase, in_principal_axes, inertia_of
+from rb_dynamics.motion.phase import Phase, in_principal_axes
 from rb_dynamics.motion.step_control import NANOSECONDS
 from rb_dynamics.recording.provenance import InputHash, run_metadata
 from rb_dynamics.recording.sink import Event, RunInfo, Sink
-from rb_dynamics.scene.compile import compile_scene
+from rb_dynamics.scene.compile import Plan
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.vector import Vector
 
@@ -37,20 +38,21 @@ class Simulation:
     def __init__(self, scene: Scene, sinks: Sequence[Sink] = ()) -> None:
         """Prepare a run; `start` begins it."""
         self.scene = scene
-        self.plan = compile_scene(scene)
+        self.plan = Plan(scene)
         self.time_ns = 0
         self._computed_ns = 0
         self._finished = False
-        self.end_ns = None if scene.duration is None else round(Fraction(repr(float(scene.duration))) * NANOSECONDS)
+        self.end_ns = None if scene.duration is None else _nanoseconds(scene.duration)
         self._sinks = tuple(sinks)
-        self._inertia = inertia_of(scene.body)
-        self._channels = WrenchChannels(scene.channels, scene.frames)
+        self._effects = scene.acting
+        self._channels = _channels(scene, self._effects)
+        self._knots = [_nanoseconds(knot) for knot in self._effects.knots()]
         self._inputs = InputHash(scene.text)
         self._steps_before = 0
         self._used: dict[str, None] = {}
         phase = Phase.of(scene.body, scene.initial)
         _require_finite(scene.body, phase, 0)
-        self._baseline = Baseline.of(scene.body, phase)
+        self._observer = Observer(self._effects, phase)
         self._phase = phase
         self._arc = self._new_arc()
         self._period_ns = 0 if scene.output_rate == 0 else NANOSECONDS / Fraction(repr(float(scene.output_rate)))
@@ -59,12 +61,13 @@ class Simulation:
     @property
     def sample(self) -> Sample:
         """State and bookkeeping at `time_ns`."""
-        return observe(self.scene.body, self._phase, self.time_ns, self._baseline)
+        return self._observer.sample(self._phase, self.time_ns)
 
     @property
     def acceleration(self) -> tuple[Vector, Vector]:
         """Acceleration of the body origin (m/s^2) and angular acceleration (rad/s^2) at `time_ns`, body axes."""
-        return acceleration(self.scene.body, self._phase, self._held)
+        load = self._load_from(self._phase) if self._load_from else None
+        return acceleration(self.scene.body, self._phase, self._held, load)
 
     @property
     def steps(self) -> int:
@@ -118,7 +121,7 @@ class Simulation:
         """
         output = self.next_output_ns()
         while True:
-            change = self._channels.next_change_ns()
+            change = self._next_change_ns()
             if change is not None and change <= self.time_ns:
                 self._apply_changes()
                 output = self.next_output_ns()
@@ -163,22 +166,46 @@ class Simulation:
             for sink in self._sinks:
                 stack.callback(sink.close, result)
 
+    def _next_change_ns(self) -> int | None:
+        """Return when what acts changes next: a command, a timeout or a kink of an effect."""
+        change = self._channels.next_change_ns()
+        return min((time for time in (change, *self._knots[:1]) if time is not None), default=None)
+
     def _apply_changes(self) -> None:
         steps = self.steps
+        kink = self._knots[:1] == [self.time_ns]
+        self._knots = self._knots[kink:]
         changes = self._channels.apply(self.time_ns)
         for change in changes:
             if isinstance(change, AppliedWrench):
                 self._inputs.update(change)
             self.write(change)
         # What was rejected leaves no trace in the motion: no edge either.
-        if any(isinstance(change, AppliedWrench) for change in changes):
+        if kink or any(isinstance(change, AppliedWrench) for change in changes):
             self._steps_before = steps
             self._arc = self._new_arc()
 
     def _new_arc(self) -> Arc:
         self._held = held = in_principal_axes(self.scene.body, self._channels.total())
-        method, control = self.plan.choose(held)
-        return Arc(method, self._inertia, held, control, self.time_ns, self._phase)
+        body, load_from = self.scene.body, self._effects.load_from(self.time_ns / NANOSECONDS)
+        self._load_from = None if load_from is None else lambda phase: load_from(phase.point(body))
+        return self.plan.arc(held, self.time_ns, self._phase, self._load_from)
+
+
+def _nanoseconds(seconds: float) -> int:
+    """Return seconds, as the decimal number that the user wrote, in whole nanoseconds."""
+    return round(Fraction(repr(float(seconds))) * NANOSECONDS)
+
+
+def _channels(scene: Scene, effects: ActingEffects) -> WrenchChannels:
+    """Return the channels of the scene and, behind them, one for each effect that holds wrenches."""
+    schedules = effects.schedules()
+    channels = WrenchChannels((*scene.channels, *(Channel(name) for name, _ in schedules)), scene.frames)
+    for name, entries in schedules:
+        for seconds, wrench in entries:
+            time_ns = _nanoseconds(seconds)
+            channels.post(name, replace(wrench, stamp_ns=time_ns), time_ns)
+    return channels
 
 
 def _require_finite(body: RigidBody, phase: Phase, time_ns: int) -> None:

@@ -44,16 +44,22 @@ FAR, CLOSE = 0.3, 0.1
 
 
 class Symmetry(str, Enum):
-    """What the principal moments say: all equal, the two smaller equal (a disc), the two larger (a rod), or none."""
+    """What the principal moments say: all equal, the two smaller equal (a disc), the two larger (a rod), or none.
+
+    A particle has none.
+    """
 
     SPHERE = "sphere"
     OBLATE = "oblate"
     PROLATE = "prolate"
     TRIAXIAL = "triaxial"
+    PARTICLE = "particle"
 
 
 def symmetry(body: RigidBody) -> Symmetry:
     """Return the symmetry class of `body`, with moments equal within `SAME_MOMENT`."""
+    if body.is_particle:
+        return Symmetry.PARTICLE
     low, middle, high = sorted(body.principal_moments)
     same = SAME_MOMENT * high
     if high - low <= same:
@@ -78,7 +84,9 @@ class Finding:
 
 
 def examine(body: RigidBody) -> tuple[Finding, ...]:
-    """Return what is suspicious about `body`, from its mass properties alone."""
+    """Return what is suspicious about `body`, from its mass properties alone; a particle never is."""
+    if body.is_particle:
+        return ()
     found = (_flat(body), _about_origin(body))
     return tuple(finding for finding in found if finding)
 

@@ -14,10 +14,13 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import BodyError
 from rb_dynamics.moments import unit
 from rb_dynamics.rotation import Matrix, matrix, rotate_inverse
-from rb_dynamics.vector import Vector, cross, dot, norm, subtract
+from rb_dynamics.vector import ZERO, Vector, cross, dot, norm, subtract
 
 # A spin within this angle of the middle axis is warned of; it leaves the axis within a few growth times.
 NEAR_AXIS = 0.2
+
+# kg/m^3, to give a particle a size to be drawn with.
+_WATER = 1000.0
 
 
 def scalar_inertia(body: RigidBody, axis: Vector, through: Vector | None = None) -> float:
@@ -48,6 +51,8 @@ def inertia_ellipsoid(body: RigidBody) -> Vector:
 
     Eqs. 14 to 16: r = sqrt(a / I_n), long where the inertia is small.
     """
+    if body.is_particle:
+        return ZERO
     i1, i2, i3 = body.principal_moments
     a = max(i1, i2, i3)
     return (math.sqrt(a / i1), math.sqrt(a / i2), math.sqrt(a / i3))
@@ -57,8 +62,12 @@ def equivalent_box(body: RigidBody) -> tuple[Vector, float]:
     """Return (half sizes, half diagonal) in m of the uniform box with the mass and principal moments of `body`.
 
     Eqs. 6 and 7 give I2 + I3 - I1 = 2 int x1^2 dm, which is 2/3 m h1^2 for a uniform box; so h1^2 = 3 (I2 + I3 - I1) /
-    2m, and cyclically. A flat or thin body gets 1 % of its half diagonal there, to be seen.
+    2m, and cyclically. A flat or thin body gets 1 % of its half diagonal there, to be seen; a particle is a cube of
+    water.
     """
+    if body.is_particle:
+        edge = 0.5 * (body.mass / _WATER) ** (1.0 / 3.0)
+        return (edge, edge, edge), math.sqrt(3.0) * edge
     i1, i2, i3 = body.principal_moments
     squares = [1.5 * (pair - own) / body.mass for pair, own in ((i2 + i3, i1), (i3 + i1, i2), (i1 + i2, i3))]
     half = [math.sqrt(max(square, 0.0)) for square in squares]
@@ -73,6 +82,8 @@ def middle_axis_growth_time(body: RigidBody, angular_velocity_body: Vector) -> f
     From eqs. 20 to 22 linearised about the middle axis: 1 / (|w| sqrt((I2 - I1)(I3 - I2) / (I1 I3))). None where the
     spin is not within `NEAR_AXIS` rad of the middle axis or the body has no middle axis.
     """
+    if body.is_particle:
+        return None
     spin = rotate_inverse(body.principal_orientation_xyzw, angular_velocity_body)
     rate = norm(spin)
     low, middle, high = sorted(range(3), key=lambda i: body.principal_moments[i])
@@ -172,6 +183,8 @@ class MassProperties:
 
     def as_text(self) -> str:
         """Return the properties for a person."""
+        if self.symmetry == "particle":
+            return f"mass             {self.mass:.9g} kg\nsymmetry         particle ({_SYMMETRY_WORDS['particle']})"
         columns = list(zip(*self.principal_axes, strict=True))
         lines = [
             f"mass             {self.mass:.9g} kg",
@@ -194,6 +207,7 @@ _SYMMETRY_WORDS = {
     "oblate": "two equal moments and a larger one, like a disc",
     "prolate": "two equal moments and a smaller one, like a rod",
     "triaxial": "three different moments",
+    "particle": "no inertia: three degrees of freedom, no attitude",
 }
 
 

@@ -23,7 +23,7 @@ TRIANGLE_TOLERANCE = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class RigidBody:
-    """Mass properties of one rigid body; build it with one of the `from_*` functions, which check them.
+    """Mass properties of one rigid body; build it with `particle` or one of the `from_*` functions, which check them.
 
     Attributes:
         mass: kg.
@@ -38,6 +38,23 @@ class RigidBody:
     center_of_mass: Vector
     principal_moments: Vector
     principal_orientation_xyzw: Quaternion
+
+    @property
+    def is_particle(self) -> bool:
+        """Whether it has no inertia: a particle has three degrees of freedom and no attitude of its own."""
+        return self.principal_moments == ZERO
+
+    @classmethod
+    def particle(cls, mass: float) -> RigidBody:
+        """Return a body of this mass (kg) without extent: it moves as F = m a says and never turns.
+
+        Lecture 24, pages 6 to 8.
+
+        Raises:
+            BodyError: the mass is not a finite number greater than 0.
+        """
+        _check_mass(mass)
+        return cls(float(mass), (ZERO, ZERO, ZERO), ZERO, ZERO, IDENTITY)
 
     @classmethod
     def from_matrix(
@@ -124,9 +141,13 @@ def _symmetric(inertia: Sequence[Sequence[float]]) -> Matrix:
     return (_vector(rows[0]), _vector(rows[1]), _vector(rows[2]))
 
 
-def _check(mass: float, moments: Vector, center_of_mass: Sequence[float], rows: Matrix | None) -> None:
+def _check_mass(mass: float) -> None:
     if not (math.isfinite(mass) and mass > 0.0):
         raise BodyError(f"mass is {mass!r}, expected a finite number greater than 0 (kg)")
+
+
+def _check(mass: float, moments: Vector, center_of_mass: Sequence[float], rows: Matrix | None) -> None:
+    _check_mass(mass)
     if not all(map(math.isfinite, center_of_mass)):
         raise BodyError(f"center_of_mass is {list(center_of_mass)}, expected three finite numbers (m)")
     if problem := _moments_problem(moments):

@@ -12,13 +12,14 @@ import os
 import sys
 from collections.abc import Sequence
 
-from rb_dynamics.errors import ConvergenceError, RigidBodyError
+from rb_dynamics.errors import RigidBodyError
+from rb_dynamics.recording.provenance import version
 
-COMMANDS = ("simulate", "node", "inspect", "body", "demo")
+COMMANDS = ("simulate", "node", "inspect", "explain", "body", "demo")
 
 _EPILOG = """\
 examples:
-  rb-dynamics body config/slew.yaml
+  rb-dynamics explain config/slew.yaml --wrench examples/slew.mcap
   rb-dynamics simulate config/slew.yaml --wrench examples/slew.mcap --mcap run.mcap
   rb-dynamics inspect run.mcap --html run.html
   rb-dynamics node config/slew.yaml --ros-args -p real_time_factor:=1.0
@@ -35,6 +36,7 @@ def parser() -> argparse.ArgumentParser:
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    top.add_argument("--version", action="version", version=f"%(prog)s {version()}")
     commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name in COMMANDS:
         module = importlib.import_module(f"rb_dynamics.cli.{name}")
@@ -61,9 +63,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     args.ros_args = arguments[split:]
     try:
         code: int = args.run(args)
-    except ConvergenceError as error:
-        print(f"rb-dynamics: {error}", file=sys.stderr)
-        return 1
     except RigidBodyError as error:
         print(f"rb-dynamics: {error}", file=sys.stderr)
         return 2

@@ -7,7 +7,7 @@ import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from rb_dynamics.loads.wrench import Wrench
@@ -23,6 +23,7 @@ _UNITS = {
     "linear_momentum_world": "kg m/s",
     "kinetic_energy": "J",
     "work": "J",
+    "potential_energy": "J",
     "energy_defect": "J",
     "angular_momentum_defect_world": "kg m^2/s",
     "linear_momentum_defect_world": "kg m/s",
@@ -31,20 +32,25 @@ _UNITS = {
 
 def as_json(run: Run) -> str:
     """Return one JSON object; floats in full precision, so that they read back to the same bits."""
-    sample = asdict(run.sample)
+    sample = _known(run)
     facts = {**sample, "method": run.method, "steps": run.steps, "wall_time_s": run.wall_time_s}
     return json.dumps(facts, allow_nan=False)
 
 
 def as_text(run: Run) -> str:
     """Return the final state and the books for a person."""
-    sample = asdict(run.sample)
+    sample = _known(run)
     seconds = sample.pop("time_ns") / 1e9
     lines = [f"after {seconds:.9g} s: {run.steps} steps of {run.method} in {run.wall_time_s:.3g} s of computing"]
     for name, value in sample.items():
         numbers = value if isinstance(value, tuple) else (value,)
         lines.append(f"  {name:30}{''.join(f'{number:>18.9g}' for number in numbers)}  {_UNITS[name]}".rstrip())
     return "\n".join(lines)
+
+
+def _known(run: Run) -> dict[str, Any]:
+    """Return the fields of the sample; a potential energy only where something has one."""
+    return {name: value for name, value in asdict(run.sample).items() if value is not None}
 
 
 def warn_outside(commands: Sequence[tuple[str, Wrench]], scene: Scene) -> None:

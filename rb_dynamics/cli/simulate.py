@@ -20,6 +20,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     steps = parser.add_mutually_exclusive_group()
     steps.add_argument("--step", type=float, metavar="S", help="fixed step in s")
     steps.add_argument("--accuracy", type=float, metavar="A", help="accepted error at the end, in rad; sets the steps")
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="KEY=VALUE",
+        help="another value for any key of the scene, such as body.mass=2 or effects=[]; may be given again",
+    )  # fmt: skip
     parser.add_argument("--mcap", metavar="F", help="write the run as an MCAP log (extra: log)")
     parser.add_argument("--rerun", metavar="F", help="write the run as a Rerun recording (extra: log)")
     parser.add_argument("--html", metavar="F", help="write a report (extras: log, plot)")
@@ -38,6 +42,7 @@ def run(args: argparse.Namespace) -> int:
     from rb_dynamics.simulate import simulate
 
     given = {
+        **dict(map(_override, args.set)),
         "duration": args.duration,
         "solver.method": args.method,
         "solver.step": args.step,
@@ -75,3 +80,18 @@ def run(args: argparse.Namespace) -> int:
         if written and not args.json:
             print(f"wrote {written}")
     return 0
+
+
+def _override(text: str) -> tuple[str, object]:
+    """Return key and value of KEY=VALUE, the value read as in a scene file.
+
+    Raises:
+        SceneError: there is no key, or the value cannot be read.
+    """
+    from rb_dynamics.errors import SceneError
+    from rb_dynamics.scene.document import value_of
+
+    key, equals, value = text.partition("=")
+    if not (key and equals):
+        raise SceneError(f"--set: found {text!r}, expected KEY=VALUE such as body.mass=2")
+    return key, value_of(value, f"--set {key}")

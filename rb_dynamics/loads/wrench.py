@@ -72,12 +72,14 @@ class WrenchFrames:
         body_frame: name of the body frame.
         fixed: further frames fixed to the body, by name.
         center_of_mass: in body axes from the body origin, m.
+        turns: whether a torque can act: not on a particle.
     """
 
     world_frame: str = "world"
     body_frame: str = "body"
     fixed: Mapping[str, FixedFrame] | None = None
     center_of_mass: Vector = ZERO
+    turns: bool = True
 
     def hold(self, wrench: Wrench) -> HeldWrench:
         """Return what `wrench` does about the centre of mass: tau_com = R tau + (p - c) x (R f) for a fixed frame.
@@ -85,8 +87,18 @@ class WrenchFrames:
         Body and world wrenches act through the centre of mass. Moment of a force about a point: lecture 24, page 9.
 
         Raises:
-            WrenchError: a component is not finite, or `frame_id` is not a known frame.
+            WrenchError: a component is not finite, `frame_id` is not a known frame, or a torque acts on a particle.
         """
+        held = self._hold(wrench)
+        if not self.turns and (held.torque_body, held.torque_world) != (ZERO, ZERO):
+            torque = [b or w for b, w in zip(held.torque_body, held.torque_world, strict=True)]
+            raise WrenchError(
+                f"wrench torque about the centre of mass is {torque}, expected none: the body has no inertia, it is a "
+                "particle; add body.inertia to the scene or command a force alone"
+            )
+        return held
+
+    def _hold(self, wrench: Wrench) -> HeldWrench:
         for name, vector in (("force", wrench.force), ("torque", wrench.torque)):
             if not all(map(math.isfinite, vector)):
                 raise WrenchError(

@@ -11,11 +11,14 @@ from types import MappingProxyType
 from rb_dynamics.motion.cf import CF4
 from rb_dynamics.motion.composition import MIDPOINT4, MIDPOINT6
 from rb_dynamics.motion.dlm import DLM2, DLM4, DLM6
+from rb_dynamics.motion.dop853 import DOP853
+from rb_dynamics.motion.euler import EULER
 from rb_dynamics.motion.exact import EXACT
 from rb_dynamics.motion.method import Increment, Inertia, Method
 from rb_dynamics.motion.midpoint import MIDPOINT
+from rb_dynamics.motion.radau import RADAU
 from rb_dynamics.motion.rk4 import RK4
-from rb_dynamics.motion.rkmk import RKMK4
+from rb_dynamics.motion.rkmk import RKMK4, RKMK54
 from rb_dynamics.motion.splitting import ABA82, ABA84, ABA104, ABA864, STRANG2, STRANG4, STRANG6
 from rb_dynamics.motion.taylor import TAYLOR
 
@@ -24,7 +27,8 @@ _ALL = (
     *(STRANG2, STRANG4, STRANG6, ABA82, ABA84, ABA104, ABA864),
     *(DLM2, DLM4, DLM6),
     *(MIDPOINT, MIDPOINT4, MIDPOINT6),
-    *(RKMK4, CF4, RK4),
+    *(RKMK4, RKMK54, CF4),
+    *(RK4, DOP853, RADAU, EULER),
 )
 
 METHODS: Mapping[str, Method] = MappingProxyType({m.name: m for m in _ALL})

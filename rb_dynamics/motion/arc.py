@@ -7,23 +7,36 @@ small pieces gives the same bits as in one.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion.method import Inertia, Method
+from rb_dynamics.motion.method import Inertia, Load, Method
 from rb_dynamics.motion.phase import Phase
 from rb_dynamics.motion.step_control import NANOSECONDS, StepControl
+from rb_dynamics.rotation import Quaternion
 from rb_dynamics.vector import Vector, scale
+
+LoadFrom = Callable[[Phase], Load]
+"""What acts beside the held wrench during a step that starts in a phase."""
 
 
 class Arc:
     """The motion from `start_ns` on under one held wrench (body parts in principal axes); times may only grow."""
 
     def __init__(
-        self, method: Method, inertia: Inertia, held: HeldWrench, control: StepControl, start_ns: int, phase: Phase
+        self,
+        method: Method,
+        inertia: Inertia,
+        held: HeldWrench,
+        control: StepControl,
+        start_ns: int,
+        phase: Phase,
+        load_from: LoadFrom | None = None,
     ) -> None:
-        """Start in `phase` at `start_ns`."""
+        """Start in `phase` at `start_ns`; `load_from` gives what acts beside `held`, if anything does."""
         self.method = method.name
         self._control = control
-        self._advance = _Stepper(method, inertia, held)
+        self._advance = Stepper(method, inertia, held, load_from)
         self._start_ns = start_ns
         self._phase = phase
         # In units of 1/denominator ns since the start: the grid point reached and the stride that follows it. The
@@ -80,20 +93,25 @@ class Arc:
         self._strides += 1
 
 
-class _Stepper:
-    """A method with the body and the wrench that it moves it under."""
+class Stepper:
+    """A method with the body and what it moves it under."""
 
-    def __init__(self, method: Method, inertia: Inertia, held: HeldWrench) -> None:
-        self._method, self._inertia, self._held = method, inertia, held
+    def __init__(self, method: Method, inertia: Inertia, held: HeldWrench, load_from: LoadFrom | None) -> None:
+        self._method, self._inertia, self._held, self._load_from = method, inertia, held, load_from
 
     def __call__(self, phase: Phase, h: float) -> Phase:
-        return phase.after(
-            self._method.step(
-                self._inertia, self._held, h, self._velocity(phase), phase.orientation, phase.angular_velocity
-            )
-        )
+        """Return the phase after a step of h s."""
+        return phase.after(self._method.step(*self._arguments(phase, h)), h)
+
+    def pair(self, phase: Phase, h: float) -> tuple[Phase, Phase]:
+        """Return the phase after a step of h s, and the same of one order less."""
+        if self._method.pair is None:
+            raise TypeError(f"{self._method.name} is no embedded pair")
+        step, comparison = self._method.pair(*self._arguments(phase, h))
+        return phase.after(step, h), phase.after(comparison, h)
 
     def longest_step(self, phase: Phase, accuracy: float, horizon: float) -> float:
+        """Return the longest step (s) that adds at most accuracy * step / horizon to the error at the end."""
         if self._method.longest_step is None:
             raise TypeError(f"{self._method.name} does not know its own error")
         return self._method.longest_step(
@@ -105,6 +123,13 @@ class _Stepper:
             accuracy,
             horizon,
         )
+
+    def _arguments(
+        self, phase: Phase, h: float
+    ) -> tuple[Inertia, HeldWrench, float, Vector, Quaternion, Vector, Load | None]:
+        load = None if self._load_from is None else self._load_from(phase)
+        velocity, omega = self._velocity(phase), phase.angular_velocity
+        return self._inertia, self._held, h, velocity, phase.orientation, omega, load
 
     def _velocity(self, phase: Phase) -> Vector:
         return scale(1.0 / self._inertia.mass, phase.linear_momentum_world)

@@ -7,18 +7,15 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion.method import Increment, Inertia, Method
+from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
+from rb_dynamics.motion.refusal import require_finite, require_small_turn
 from rb_dynamics.rotation import IDENTITY, Quaternion, exp, normalize, rotate, rotate_inverse
 from rb_dynamics.rotation import multiply as compose
 from rb_dynamics.vector import ZERO, Vector, add, add_scaled, divide, dot, multiply, norm, scale
 
 # The exponentials of one product, each by the weights of the slopes of the stages before, in units of the step.
 Product = tuple[tuple[float, ...], ...]
-
-# A body that turns further than this in a step is not resolved by any of its stages.
-_LARGEST_TURN = 3.0
 
 
 class Table(NamedTuple):
@@ -62,6 +59,7 @@ def advance(
     velocity: Vector,
     orientation: Quaternion,
     angular_velocity: Vector,
+    load: Load | None = None,
 ) -> Increment:
     """Advance R' = R hat(omega) by products of exponentials, everything else by the Runge-Kutta method below them.
 
@@ -69,7 +67,7 @@ def advance(
     world-frame angular momentum changes by the quadrature of the torque and by nothing else.
 
     Raises:
-        ConvergenceError: the step turns the body too far.
+        ConvergenceError: the step turns the body too far, or diverges.
     """
     mass, moments = inertia
     momentum = multiply(moments, angular_velocity)
@@ -95,22 +93,23 @@ def advance(
         gain = scale(1.0 / mass, add_scaled(_combined(h, row, pushes), ahead, force_0))
         lever = add(momentum, add_scaled(_combined(h, row, twists), ahead, torque_0))
         omega = divide(rotate_inverse(turn, lever), moments)
-        if not norm(omega) * abs(h) < _LARGEST_TURN:
-            raise ConvergenceError(
-                f"{name}: a step of {h:g} s turns the body by {norm(omega) * abs(h):.3g} rad, expected less than "
-                f"{_LARGEST_TURN:g} rad; use a step below {_LARGEST_TURN / norm(omega):.3g} s"
-            )
-        push, twist = rotate(turn, held.force_body), rotate(turn, held.torque_body)
+        require_small_turn(name, h, norm(omega))
+        push, torque = rotate(turn, held.force_body), held.torque_body
+        if load is not None:
+            place = add_scaled(rotate(orientation, _combined(h, row, gains)), ahead, velocity)
+            v = add(velocity, rotate(orientation, gain))
+            force, more = load(ahead, place, v, compose(orientation, turn), omega)
+            push, torque = add(push, rotate_inverse(orientation, force)), add(torque, more)
         turns.append(omega)
         pushes.append(push)
-        twists.append(twist)
+        twists.append(rotate(turn, torque))
         gains.append(gain)
-        power = dot(add(push, force_0), add(velocity_0, gain)) + dot(held.torque_body, omega)
+        power = dot(add(push, force_0), add(velocity_0, gain)) + dot(torque, omega)
         work += weight * h * (power + dot(torque_0, rotate(turn, omega)))
 
     turn = _turned(h, table.end, turns)
     torque_impulse = _combined(h, end, twists)
-    return Increment(
+    step = Increment(
         add_scaled(rotate(orientation, _combined(h, end, gains)), h, velocity),
         normalize(compose(orientation, turn)),
         divide(rotate_inverse(turn, add(momentum, add_scaled(torque_impulse, h, torque_0))), moments),
@@ -118,6 +117,7 @@ def advance(
         add_scaled(rotate(orientation, torque_impulse), h, held.torque_world),
         work,
     )
+    return require_finite(name, h, step)
 
 
 def _method(name: str, order: int, table: Table, source: str) -> Method:
@@ -128,17 +128,18 @@ def _method(name: str, order: int, table: Table, source: str) -> Method:
         velocity: Vector,
         orientation: Quaternion,
         angular_velocity: Vector,
+        load: Load | None = None,
     ) -> Increment:
-        return advance(name, table, inertia, held, h, velocity, orientation, angular_velocity)
+        return advance(name, table, inertia, held, h, velocity, orientation, angular_velocity, load)
 
     step.__doc__ = f"""Advance by products of exponentials, without commutators and without dexpinv: {source}.
 
-    Order {order}; keeps the angular momentum and the unit quaternion.
+    Order {order}, under any load too; keeps the angular momentum and the unit quaternion.
 
     Raises:
-        ConvergenceError: the step turns the body too far.
+        ConvergenceError: the step turns the body too far, or diverges.
     """
-    return Method(name, order, frozenset({"angular_momentum", "unit_quaternion"}), step)
+    return Method(name, order, frozenset({"angular_momentum", "unit_quaternion"}), step, takes=Takes.ANY)
 
 
 CF4 = _method(

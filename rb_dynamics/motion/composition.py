@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion.method import Increment, Inertia, Method
+from rb_dynamics.motion.method import Increment, Inertia, Load, Method
 from rb_dynamics.motion.midpoint import MIDPOINT
 from rb_dynamics.rotation import IDENTITY, Quaternion, multiply, normalize, rotate, rotate_inverse
 from rb_dynamics.vector import ZERO, Vector, add, add_scaled, dot, scale
@@ -46,6 +46,7 @@ def compose(name: str, order: int, base: Method, coefficients: tuple[float, ...]
         velocity: Vector,
         orientation: Quaternion,
         angular_velocity: Vector,
+        load: Load | None = None,
     ) -> Increment:
         # From the axes of R0 and an observer who moves with `velocity`: small numbers, to which rounding does little.
         here = HeldWrench(
@@ -55,11 +56,12 @@ def compose(name: str, order: int, base: Method, coefficients: tuple[float, ...]
             rotate_inverse(orientation, held.torque_world),
         )
         turn, omega = IDENTITY, angular_velocity
-        displacement, impulse, torque_impulse, work = ZERO, ZERO, ZERO, 0.0
+        displacement, impulse, torque_impulse, work, elapsed = ZERO, ZERO, ZERO, 0.0, 0.0
         for coefficient in coefficients:
             gain = scale(1.0 / inertia.mass, impulse)
+            seen = None if load is None else _seen_from(load, elapsed, displacement, velocity, orientation)
             try:
-                stage = base.step(inertia, here, coefficient * h, gain, turn, omega)
+                stage = base.step(inertia, here, coefficient * h, gain, turn, omega, seen)
             except ConvergenceError as error:
                 raise ConvergenceError(f"{name}: a stage of {coefficient:.3g} steps failed: {error}") from error
             turn, omega = stage.orientation, stage.angular_velocity
@@ -67,6 +69,7 @@ def compose(name: str, order: int, base: Method, coefficients: tuple[float, ...]
             impulse = add(impulse, stage.impulse)
             torque_impulse = add(torque_impulse, stage.torque_impulse)
             work += stage.work
+            elapsed += coefficient * h
         impulse = rotate(orientation, impulse)
         return Increment(
             add_scaled(rotate(orientation, displacement), h, velocity),
@@ -79,12 +82,39 @@ def compose(name: str, order: int, base: Method, coefficients: tuple[float, ...]
 
     step.__doc__ = f"""Advance by {len(coefficients)} steps of `{base.name}` ({source}).
 
-    Order {order}, symmetric; keeps what `{base.name}` keeps.
+    Order {order}, symmetric; keeps what `{base.name}` keeps and takes the loads that it takes.
 
     Raises:
         ConvergenceError: a step of `{base.name}` cannot be solved.
     """
-    return Method(name, order, base.invariants, step)
+    return Method(name, order, base.invariants, step, takes=base.takes)
+
+
+def _seen_from(load: Load, start: float, moved: Vector, drift: Vector, axes: Quaternion) -> Load:
+    """Return `load` for a stage: in the axes of R0 and for an observer who moves with the velocity before the step.
+
+    Args:
+        load: of the whole step.
+        start: of the stage, s since the start of the step.
+        moved: displacement before the stage as the observer sees it, axes of R0.
+        drift: velocity of the observer, world axes.
+        axes: R0, principal to world axes at the start of the step.
+    """
+
+    def seen(
+        t: float, displacement: Vector, velocity: Vector, orientation: Quaternion, angular_velocity: Vector
+    ) -> tuple[Vector, Vector]:
+        time = start + t
+        force, torque = load(
+            time,
+            add_scaled(rotate(axes, add(moved, displacement)), time, drift),
+            add(drift, rotate(axes, velocity)),
+            normalize(multiply(axes, orientation)),
+            angular_velocity,
+        )
+        return rotate_inverse(axes, force), torque
+
+    return seen
 
 
 MIDPOINT4 = compose("midpoint4", 4, MIDPOINT, SUZUKI4, "Suzuki, Phys. Lett. A 146 (1990) 319; HLW II.4")

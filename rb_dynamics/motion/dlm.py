@@ -9,7 +9,7 @@ import math
 
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.composition import KAHAN_LI6, SUZUKI4
-from rb_dynamics.motion.method import Increment, Inertia, Method
+from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
 from rb_dynamics.motion.splitting import Stages, advance, kick_free_kick
 from rb_dynamics.rotation import Quaternion, exp, multiply
 from rb_dynamics.vector import Vector, scale
@@ -58,19 +58,21 @@ def _method(name: str, order: int, stages: Stages, scheme: str) -> Method:
         velocity: Vector,
         orientation: Quaternion,
         angular_velocity: Vector,
+        load: Load | None = None,
     ) -> Increment:
-        return advance(name, flow, stages, inertia, held, h, velocity, orientation, angular_velocity)
+        return advance(name, flow, stages, inertia, held, h, velocity, orientation, angular_velocity, load)
 
     step.__doc__ = f"""Advance by kicks and turns about the principal axes: {scheme}.
 
-    Order {order}, symmetric. World-frame angular momentum changes by the booked torque impulse, to round-off.
+    Order {order}, symmetric. World-frame angular momentum changes by the booked torque impulse, to round-off. Takes
+    loads that depend on time, place and attitude; symplectic if they have a potential.
     Dullweber, Leimkuhler & McLachlan, J. Chem. Phys. 107 (1997) 5840; HLW VII.5.3. The part that all axes share is
     taken out: compare Fasso, J. Comput. Phys. 189 (2003) 527.
 
     Raises:
         ConvergenceError: the body turns too far between two kicks.
     """
-    return Method(name, order, frozenset({"angular_momentum", "unit_quaternion"}), step)
+    return Method(name, order, frozenset({"angular_momentum", "unit_quaternion"}), step, takes=Takes.FIELD)
 
 
 DLM2 = _method("dlm2", 2, kick_free_kick((1.0,)), "one symmetric step")

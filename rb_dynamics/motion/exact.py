@@ -1,11 +1,16 @@
-"""The exact free motion as a method: one step of any length, where no torque and no force in body axes acts."""
+"""The motions that have a closed form as a method: one step of any length.
+
+Free motion, where no torque and no force in body axes acts, and motion that stays planar (`planar.py`).
+"""
 
 from __future__ import annotations
 
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.motion import planar
 from rb_dynamics.motion.free import FreeRotation
-from rb_dynamics.motion.method import Increment, Inertia, Method
+from rb_dynamics.motion.method import Increment, Inertia, Load, Method
+from rb_dynamics.motion.planar import fixed_axis
 from rb_dynamics.rotation import Quaternion, normalize
 from rb_dynamics.rotation import multiply as compose
 from rb_dynamics.vector import ZERO, Vector, add_scaled, dot, scale
@@ -16,22 +21,43 @@ def is_free(held: HeldWrench) -> bool:
     return held.torque_body == held.torque_world == held.force_body == ZERO
 
 
+def has_closed_form(held: HeldWrench, orientation: Quaternion, angular_velocity: Vector) -> bool:
+    """Return whether the motion under `held` is free, or turns about one fixed axis."""
+    return is_free(held) or fixed_axis(held, orientation, angular_velocity) is not None
+
+
 def step(
-    inertia: Inertia, held: HeldWrench, h: float, velocity: Vector, orientation: Quaternion, angular_velocity: Vector
+    inertia: Inertia,
+    held: HeldWrench,
+    h: float,
+    velocity: Vector,
+    orientation: Quaternion,
+    angular_velocity: Vector,
+    load: Load | None = None,
 ) -> Increment:
-    """Advance by the closed form of the free rotation (`FreeRotation`) and of the motion under a constant force.
+    """Advance by the closed form of the free rotation (`FreeRotation`), or of the turn about a fixed axis (`planar`).
 
     No order: the error does not depend on h. Keeps energy and angular momentum to round-off at any h. Celledoni, Fasso,
     Safstrom & Zanna, SIAM J. Sci. Comput. 30 (2008) 2084.
 
     Raises:
-        ConvergenceError: a torque or a force in body axes acts.
+        ConvergenceError: there is no closed form: a torque or a force in body axes tilts the axis, or a load acts that
+            changes inside the step.
     """
-    if not is_free(held):
+    if load is not None:
         raise ConvergenceError(
-            "exact: a torque or a force in body axes acts, expected free motion or a force in world axes alone; use "
-            "method auto, which is exact wherever nothing turns the body, or one of the methods with a step"
+            "exact: a load that changes inside the step acts, expected free motion or a constant force in world axes; "
+            "use method auto, or one of the methods with a step that take such a load"
         )
+    if not is_free(held):
+        axis = fixed_axis(held, orientation, angular_velocity)
+        if axis is None:
+            raise ConvergenceError(
+                "exact: a torque or a force in body axes acts that tilts the axis of rotation, expected free motion, a "
+                "force in world axes, or a torque along the principal axis about which the body turns; use method "
+                "auto, which is exact wherever there is a closed form, or one of the methods with a step"
+            )
+        return planar.advance(inertia, held, h, velocity, orientation, angular_velocity, axis)
     turn, omega = FreeRotation(inertia.moments, angular_velocity).at(h)
     displacement = add_scaled(scale(h, velocity), 0.5 * h * h / inertia.mass, held.force_world)
     return Increment(

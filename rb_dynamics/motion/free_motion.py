@@ -61,7 +61,7 @@ def free_motion(body: RigidBody, state: State, t: npt.ArrayLike) -> FreeMotion:
     rows = []
     for time in times.ravel().tolist():
         increment = step(inertia, HeldWrench(), time, velocity, start.orientation, start.angular_velocity)
-        moved = start.after(increment).state(body, state.time_ns)
+        moved = start.after(increment, time).state(body, state.time_ns)
         rows.append(
             (
                 *moved.position_world,

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
+from rb_dynamics.loads.load import Load, Takes
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.rotation import Quaternion
 from rb_dynamics.vector import Vector
@@ -42,8 +43,49 @@ class Increment(NamedTuple):
     work: float
 
 
-# step(inertia, held wrench in principal and world axes, h, velocity_world, orientation, angular_velocity_principal)
-Step = Callable[[Inertia, HeldWrench, float, Vector, Quaternion, Vector], Increment]
+class Step(Protocol):
+    """One step of a method."""
+
+    def __call__(
+        self,
+        inertia: Inertia,
+        held: HeldWrench,
+        h: float,
+        velocity: Vector,
+        orientation: Quaternion,
+        angular_velocity: Vector,
+        load: Load | None = None,
+    ) -> Increment:
+        """Return what a step of h s does.
+
+        Args:
+            inertia: of the body.
+            held: constant during the step; `*_body` in principal axes.
+            h: s.
+            velocity: of the centre of mass, world axes, m/s.
+            orientation: principal to world axes.
+            angular_velocity: principal axes, rad/s.
+            load: what acts beside `held`, if anything does; of a kind that the method takes (`Method.takes`).
+
+        Raises:
+            ConvergenceError: the step cannot be solved, or is beyond the reach of the method.
+        """
+
+
+class Pair(Protocol):
+    """One step of an embedded pair."""
+
+    def __call__(
+        self,
+        inertia: Inertia,
+        held: HeldWrench,
+        h: float,
+        velocity: Vector,
+        orientation: Quaternion,
+        angular_velocity: Vector,
+        load: Load | None = None,
+    ) -> tuple[Increment, Increment]:
+        """Return what `step` returns, and the same of one order less: their difference estimates the error."""
 
 
 # longest_step(inertia, held, velocity_world, orientation, angular_velocity_principal, accuracy, horizon)
@@ -62,6 +104,8 @@ class Method:
         step: the method itself; its docstring names the source.
         longest_step: for a method that knows its own error: the longest step (s) that adds at most accuracy * step /
             horizon to the error at the end; None where steps have to be compared for it.
+        takes: the loads it can integrate.
+        pair: for an embedded pair, the step with its comparison; None where steps have to be compared.
     """
 
     name: str
@@ -69,3 +113,8 @@ class Method:
     invariants: frozenset[str]
     step: Step
     longest_step: LongestStep | None = None
+    takes: Takes = Takes.HELD
+    pair: Pair | None = None
+
+
+__all__ = ["Increment", "Inertia", "Load", "LongestStep", "Method", "Pair", "Step", "Takes"]

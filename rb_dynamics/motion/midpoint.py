@@ -1,4 +1,7 @@
-"""The implicit midpoint rule with the Cayley attitude update: keeps energy and angular momentum to round-off."""
+"""The implicit midpoint rule with the Cayley attitude update: keeps energy and angular momentum to round-off.
+
+Takes any load, at the midpoint of the step. Never needs its derivatives.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +9,15 @@ import math
 
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion.method import Increment, Inertia, Method
+from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
 from rb_dynamics.rotation import Quaternion, cayley, multiply, normalize, rotate, rotate_inverse
 from rb_dynamics.vector import Vector, add, add_scaled, cross, divide, dot, norm, scale, subtract
 from rb_dynamics.vector import multiply as times
 
 _ITERATIONS = 50
+# A load converges by a factor per iteration; where it is above 1/2, the step does not resolve the motion.
+_LOAD_ITERATIONS = 60
+_UNKNOWN: Vector = (math.inf, math.inf, math.inf)
 # Newton has converged when it changes the angular velocity by a few units in the last place.
 _CONVERGED = 4.0 * 2.0**-52
 # Below the normal range a unit in the last place is no longer relative.
@@ -19,18 +25,70 @@ _SMALLEST = 8.0 * math.ulp(0.0)
 
 
 def step(
-    inertia: Inertia, held: HeldWrench, h: float, velocity: Vector, orientation: Quaternion, angular_velocity: Vector
+    inertia: Inertia,
+    held: HeldWrench,
+    h: float,
+    velocity: Vector,
+    orientation: Quaternion,
+    angular_velocity: Vector,
+    load: Load | None = None,
 ) -> Increment:
     """Advance by the implicit midpoint rule with attitude R1 = R0 cay(h w) (HLW IV.8.3 and VII.5.3).
 
     w is the angular velocity of the mean momentum, I w = (m0 + m1)/2, and m1 = cay(h w)^T (m0 + lambda), lambda the
     torque impulse in the axes of R0. For constant torque in body axes lambda = (1 - hat(h w)/2)^-1 h tau, in world
     axes lambda = h R0^T tau. The energy then changes by w . lambda exactly and the world-frame angular momentum by
-    lambda exactly; both are what is booked. Order 2, symmetric.
+    lambda exactly; both are what is booked. A load acts like a wrench in world axes, with the value that it has at the
+    midpoint: at h/2, half the displacement and half the turn, with the mean velocities. Order 2, symmetric.
 
     Raises:
-        ConvergenceError: Newton's method finds no w for this step.
+        ConvergenceError: no w is found for this step, or no load that agrees with the motion that it causes.
     """
+    if load is None:
+        return _step(inertia, held, h, velocity, orientation, angular_velocity)
+    mass, moments = inertia
+    momentum = norm(times(moments, angular_velocity))
+    both, force_0, torque_0, size = held, _UNKNOWN, _UNKNOWN, math.inf
+    for _ in range(_LOAD_ITERATIONS):
+        try:
+            found = _step(inertia, both, h, velocity, orientation, angular_velocity)
+        except ConvergenceError as error:
+            if both is held:
+                raise
+            raise _disagreement(h, size) from error
+        mean_velocity = add_scaled(velocity, 0.5 / mass, found.impulse)
+        w = scale(0.5, add(angular_velocity, found.angular_velocity))
+        attitude = normalize(multiply(orientation, _half(cayley(scale(h, w)))))
+        force, torque = load(0.5 * h, scale(0.5 * h, mean_velocity), mean_velocity, attitude, w)
+        if not math.isfinite(norm(force) + norm(torque)):
+            raise ConvergenceError(
+                f"midpoint: in the middle of a step of {h:g} s the load is {force} N and {torque} N m, expected finite "
+                "numbers; check the load, or use a shorter step"
+            )
+        torque = rotate(attitude, torque)
+        # What the momenta still change by, relative to what they are made of.
+        push, twist = abs(h) * norm(subtract(force, force_0)), abs(h) * norm(subtract(torque, torque_0))
+        before = size
+        size = push / (abs(h) * norm(force) + mass * norm(mean_velocity) + _SMALLEST)
+        size += twist / (abs(h) * norm(torque) + momentum + _SMALLEST)
+        # Converged, or at the round-off floor, where changes no longer shrink.
+        if size <= _CONVERGED or 0.5 * before <= size <= 1e-12:
+            return found
+        both, force_0, torque_0 = held + HeldWrench(force_world=force, torque_world=torque), force, torque
+    raise _disagreement(h, size)
+
+
+def _disagreement(h: float, size: float) -> ConvergenceError:
+    return ConvergenceError(
+        f"midpoint: the load and the motion that it causes do not come to agree in a step of {h:g} s (the last "
+        f"iteration changed the momenta by a part of {size:.3g}, expected less than 1e-12); use a step below "
+        f"{0.25 * abs(h):.3g} s"
+    )
+
+
+def _step(
+    inertia: Inertia, held: HeldWrench, h: float, velocity: Vector, orientation: Quaternion, angular_velocity: Vector
+) -> Increment:
     mass, moments = inertia
     momentum = times(moments, angular_velocity)
     torque_impulse_world = scale(h, rotate_inverse(orientation, held.torque_world))
@@ -51,6 +109,12 @@ def step(
         add_scaled(rotate(orientation, torque_impulse_body), h, held.torque_world),
         dot(mean_velocity, impulse) + dot(w, torque_impulse),
     )
+
+
+def _half(turn: Quaternion) -> Quaternion:
+    """Return the turn by half the angle, for turns below pi."""
+    x, y, z, w = turn
+    return normalize((x, y, z, 1.0 + w))
 
 
 def _half_cayley(a: Vector, u: Vector) -> Vector:
@@ -103,5 +167,9 @@ def _solve_jacobian(moments: Vector, w: Vector, lever: Vector, half: float, b: V
 
 
 MIDPOINT = Method(
-    "midpoint", order=2, invariants=frozenset({"energy", "angular_momentum", "unit_quaternion"}), step=step
+    "midpoint",
+    order=2,
+    invariants=frozenset({"energy", "angular_momentum", "unit_quaternion"}),
+    step=step,
+    takes=Takes.ANY,
 )

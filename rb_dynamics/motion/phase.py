@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
+from rb_dynamics.loads.effect import Point
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia
 from rb_dynamics.rotation import Quaternion, conjugate, multiply, rotate, rotate_inverse
@@ -16,8 +17,8 @@ from rb_dynamics.vector import ZERO, Vector, add, cross, scale, subtract
 from rb_dynamics.vector import multiply as times
 
 # Sums carried with compensation: position of the centre of mass, linear momentum, impulse, torque impulse (world axes,
-# three each) and work.
-_SUMS = 13
+# three each), work, and the time since the start.
+_SUMS = 14
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,17 +48,17 @@ class Phase:
         return cls(
             multiply(state.orientation_xyzw, body.principal_orientation_xyzw),
             omega,
-            (*position, *momentum, *ZERO, *ZERO, 0.0),
+            (*position, *momentum, *ZERO, *ZERO, 0.0, 0.0),
             (0.0,) * _SUMS,
         )
 
-    def after(self, step: Increment) -> Phase:
-        """Return the phase after a step.
+    def after(self, step: Increment, h: float) -> Phase:
+        """Return the phase after a step of h s.
 
         The sums grow by two-sum (Knuth, TAOCP 2, 4.2.2 theorem B): the error of 1e9 additions stays at one rounding.
         """
         high, low = [], []
-        increments = (*step.displacement, *step.impulse, *step.impulse, *step.torque_impulse, step.work)
+        increments = (*step.displacement, *step.impulse, *step.impulse, *step.torque_impulse, step.work, h)
         for a, b, c in zip(self.high, increments, self.low, strict=True):
             total = a + b
             part = total - a
@@ -94,8 +95,18 @@ class Phase:
         """Work of all loads since the start, J."""
         return self.high[12] + self.low[12]
 
+    @property
+    def time(self) -> float:
+        """Time since the start of the run, s."""
+        return self.high[13] + self.low[13]
+
+    def point(self, body: RigidBody) -> Point:
+        """Return what effects may depend on."""
+        velocity = scale(1.0 / body.mass, self.linear_momentum_world)
+        return Point(self.time, self.center_of_mass_world, velocity, self.orientation, self.angular_velocity)
+
     def angular_momentum_world(self, body: RigidBody) -> Vector:
-        """Return L = I w about the centre of mass, kg m^2/s (lecture 24, page 22)."""
+        """Return L = I w about the centre of mass, kg m^2/s (lecture 24, page 22), without what moves inside."""
         return rotate(self.orientation, times(body.principal_moments, self.angular_velocity))
 
     def state(self, body: RigidBody, time_ns: int) -> State:
@@ -114,8 +125,8 @@ class Phase:
 
 
 def inertia_of(body: RigidBody) -> Inertia:
-    """Return what a step needs to know of `body`."""
-    return Inertia(body.mass, body.principal_moments)
+    """Return what a step needs to know of `body`. A particle never turns; its moments only must not divide by zero."""
+    return Inertia(body.mass, (1.0, 1.0, 1.0) if body.is_particle else body.principal_moments)
 
 
 def in_principal_axes(body: RigidBody, held: HeldWrench) -> HeldWrench:

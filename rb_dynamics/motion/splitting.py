@@ -2,6 +2,8 @@
 
 All of the error comes from the wrench: none without torque and, with the near-integrable schemes, one proportional to a
 small torque even at large steps. Energy and angular momentum change in the kicks only, by exactly what is booked.
+A load acts in the kicks too: symplectic if it has a potential. Never integrates one that depends on the velocities,
+which change in a kick.
 """
 
 from __future__ import annotations
@@ -14,7 +16,8 @@ from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import exact
 from rb_dynamics.motion.composition import KAHAN_LI6, SUZUKI4
 from rb_dynamics.motion.free import FreeRotation
-from rb_dynamics.motion.method import Increment, Inertia, Method
+from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
+from rb_dynamics.motion.refusal import require_finite
 from rb_dynamics.rotation import IDENTITY, Quaternion, multiply, normalize, rotate, rotate_inverse
 from rb_dynamics.vector import ZERO, Vector, add, add_scaled, divide, dot, norm, scale
 
@@ -56,13 +59,17 @@ def advance(
     velocity: Vector,
     orientation: Quaternion,
     angular_velocity: Vector,
+    load: Load | None = None,
 ) -> Increment:
     """Advance by kicks I w += t (tau_body + R^T tau_world), p += t F, and by free motion with `flow`.
 
-    A kick does the work (mean of w) . impulse of torque + (mean of v) . impulse of force: what T grows by.
+    A kick does the work (mean of w) . impulse of torque + (mean of v) . impulse of force: what T grows by. The load is
+    asked at the time, place and attitude of a kick, which the kick leaves as they are, and must not use the velocities
+    it is given: those before the kick.
 
     Raises:
-        ConvergenceError: the body turns so far between two kicks that they miss what the wrench does.
+        ConvergenceError: the body turns so far between two kicks that they miss what the wrench does, or the load leads
+            to numbers that are not finite.
     """
     mass, moments = inertia
     force_0 = rotate_inverse(orientation, held.force_world)
@@ -73,10 +80,23 @@ def advance(
     # pushes like a constant, as the kicks add up to 1 and lie symmetrically.
     turn, omega = IDENTITY, angular_velocity
     pushed, moved, twisted, kicked, work = ZERO, ZERO, ZERO, 0.0, 0.0
+    elapsed, moment = 0.0, 0.0
     for kick, free in stages:
         t = kick * h
         if t != 0.0:
             push, twist = scale(t, rotate(turn, held.force_body)), scale(t, held.torque_body)
+            if load is not None:
+                gained = add_scaled(rotate(orientation, pushed), kicked, held.force_world)
+                gone = add_scaled(rotate(orientation, moved), moment, held.force_world)
+                force, torque = load(
+                    elapsed,
+                    add_scaled(scale(elapsed, velocity), 1.0 / mass, gone),
+                    add_scaled(velocity, 1.0 / mass, gained),
+                    normalize(multiply(orientation, turn)),
+                    omega,
+                )
+                push = add_scaled(push, t, rotate_inverse(orientation, force))
+                twist = add_scaled(twist, t, torque)
             twist_all = add_scaled(twist, t, rotate_inverse(turn, torque_0))
             gain = divide(twist_all, moments)
             before = add_scaled(add_scaled(pushed, 0.5, push), kicked + 0.5 * t, force_0)
@@ -87,10 +107,10 @@ def advance(
         t = free * h
         if t != 0.0:
             _check_turn(name, h, abs(free), norm(omega))
-            moved = add_scaled(moved, t, pushed)
+            moved, moment, elapsed = add_scaled(moved, t, pushed), moment + t * kicked, elapsed + t
             turn, omega = flow(moments, turn, omega, t)
     displacement = add_scaled(rotate(orientation, scale(1.0 / mass, moved)), 0.5 * h * h / mass, held.force_world)
-    return Increment(
+    step = Increment(
         add_scaled(displacement, h, velocity),
         normalize(multiply(orientation, turn)),
         omega,
@@ -98,6 +118,7 @@ def advance(
         add_scaled(rotate(orientation, twisted), h, held.torque_world),
         work,
     )
+    return step if load is None else require_finite(name, h, step)
 
 
 def _check_turn(name: str, h: float, free: float, rate: float, largest: float = _LARGEST_TURN) -> None:
@@ -115,7 +136,25 @@ def _exact_flow(
     return multiply(orientation, turn), omega
 
 
-def _method(name: str, order: int, stages: Stages, scheme: str) -> Method:
+def method(
+    name: str,
+    order: int,
+    stages: Stages,
+    scheme: str,
+    flow: Flow = _exact_flow,
+    free_motion: str = "exact free motion",
+) -> Method:
+    """Return the splitting with these stages and, between the kicks, a `flow` that keeps energy and angular momentum.
+
+    Args:
+        name: of the method.
+        order: under any wrench.
+        stages: kicks and free motions.
+        scheme: what the stages are and where they stand.
+        flow: of the free body.
+        free_motion: what the flow is and where it stands.
+    """
+
     def step(
         inertia: Inertia,
         held: HeldWrench,
@@ -123,21 +162,23 @@ def _method(name: str, order: int, stages: Stages, scheme: str) -> Method:
         velocity: Vector,
         orientation: Quaternion,
         angular_velocity: Vector,
+        load: Load | None = None,
     ) -> Increment:
-        if exact.is_free(held):
+        if load is None and exact.is_free(held):
             _check_turn(name, h, 1.0, norm(angular_velocity), _LARGEST_FREE_TURN)
             return exact.step(inertia, held, h, velocity, orientation, angular_velocity)
-        return advance(name, _exact_flow, stages, inertia, held, h, velocity, orientation, angular_velocity)
+        return advance(name, flow, stages, inertia, held, h, velocity, orientation, angular_velocity, load)
 
-    step.__doc__ = f"""Advance by kicks and exact free motion: {scheme}.
+    step.__doc__ = f"""Advance by kicks and {free_motion}: {scheme}.
 
     Order {order}, symmetric; splittings: HLW II.5. Exact where no torque and no force in body axes acts. Energy and
-    world-frame angular momentum change by the booked work and torque impulse, to round-off.
+    world-frame angular momentum change by the booked work and torque impulse, to round-off. Takes loads that depend on
+    time, place and attitude; symplectic if they have a potential (HLW VI.3).
 
     Raises:
         ConvergenceError: the body turns so far between two kicks that they miss what the wrench does.
     """
-    return Method(name, order, exact.EXACT.invariants, step)
+    return Method(name, order, exact.EXACT.invariants, step, takes=Takes.FIELD)
 
 
 _GAUSS = (math.sqrt(525.0 - 70.0 * math.sqrt(30.0)) / 70.0, math.sqrt(525.0 + 70.0 * math.sqrt(30.0)) / 70.0)
@@ -188,30 +229,28 @@ ABA864_STAGES = free_kick_free(
 
 _BLANES = "Blanes, Casas, Farres, Laskar, Makazaga & Murua, Appl. Numer. Math. 68 (2013) 58"
 
-STRANG2 = _method("strang2", 2, kick_free_kick((1.0,)), "Strang, SIAM J. Numer. Anal. 5 (1968) 506")
-STRANG4 = _method(
+STRANG2 = method("strang2", 2, kick_free_kick((1.0,)), "Strang, SIAM J. Numer. Anal. 5 (1968) 506")
+STRANG4 = method(
     "strang4", 4, kick_free_kick(SUZUKI4), "Strang's splitting composed after Suzuki, Phys. Lett. A 146 (1990) 319"
 )
-STRANG6 = _method(
+STRANG6 = method(
     "strang6", 6, kick_free_kick(KAHAN_LI6), "Strang's splitting composed after Kahan & Li, Math. Comp. 66 (1997) 1089"
 )
-ABA82 = _method(
+ABA82 = method(
     "aba82",
     2,
     ABA82_STAGES,
     "for a torque of size eps the error is O(eps h^8 + eps^2 h^2); SABA4 of Laskar & Robutel, Celest. Mech. Dyn. "
     "Astron. 80 (2001) 39: Gauss's nodes and weights",
 )
-ABA84 = _method(
+ABA84 = method(
     "aba84",
     4,
     ABA84_STAGES,
     "for a torque of size eps the error is O(eps h^8 + eps^2 h^4); McLachlan, BIT 35 (1995) 258; " + _BLANES,
 )
-ABA104 = _method(
-    "aba104", 4, ABA104_STAGES, "for a torque of size eps the error is O(eps h^10 + eps^2 h^4); " + _BLANES
-)
-ABA864 = _method(
+ABA104 = method("aba104", 4, ABA104_STAGES, "for a torque of size eps the error is O(eps h^10 + eps^2 h^4); " + _BLANES)
+ABA864 = method(
     "aba864",
     4,
     ABA864_STAGES,

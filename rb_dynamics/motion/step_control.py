@@ -22,6 +22,9 @@ class Advance(Protocol):
     def __call__(self, phase: Phase, h: float) -> Phase:
         """Return the phase after a step of h s."""
 
+    def pair(self, phase: Phase, h: float) -> tuple[Phase, Phase]:
+        """Return the phase after a step of h s, and the same of one order less."""
+
     def longest_step(self, phase: Phase, accuracy: float, horizon: float) -> float:
         """Return the longest step in s that adds at most accuracy * step / horizon to the error at the end."""
 
@@ -117,19 +120,28 @@ class OwnControl:
 
 
 class AccuracyControl:
-    """Steps as long as `accuracy` allows, by step doubling (Hairer, Norsett & Wanner I, section II.4).
+    """Steps as long as `accuracy` allows, by step doubling or an embedded pair (Hairer, Norsett & Wanner I, II.4).
 
-    Each stride is taken once whole and once in two halves; their difference, over 2^p - 1, estimates the error of the
-    halves, which are kept. The error is what the stride adds to attitude (rad) and, relative to the distance
-    travelled, to position at the end of the `horizon`: errors of rate and velocity count with the time they have to
-    grow. A stride h may add accuracy * h / horizon, so that all of them together stay within the accuracy.
+    Doubling takes each stride once whole and once in two halves; their difference, over 2^p - 1, estimates the error
+    of the halves, which are kept. An embedded pair takes it once: the difference of its two results estimates the
+    error of the lower order, and the result of the higher order is kept.
+
+    The error is what the stride adds to attitude (rad) and, relative to the distance travelled, to position at the end
+    of the `horizon`: errors of rate and velocity count with the time they have to grow. A stride h may add
+    accuracy * h / horizon, so that all of them together stay within the accuracy.
     """
 
     denominator = 1
 
-    def __init__(self, accuracy: float, horizon: float, order: int, inertia: Inertia) -> None:
-        """Take the accepted error, the length of the run in s, and the order of the method."""
-        self._accuracy, self._horizon, self._order, self._inertia = accuracy, horizon, order, inertia
+    def __init__(
+        self, accuracy: float, horizon: float, order: int, inertia: Inertia, *, embedded: bool = False
+    ) -> None:
+        """Take the accepted error, the length of the run in s, the order of the method, and whether it is a pair."""
+        self._accuracy, self._horizon, self._inertia = accuracy, horizon, inertia
+        self._embedded = embedded
+        # The order of the result whose error is estimated, and how many of its errors make up the difference.
+        self._order = order - 1 if embedded else order
+        self._errors = 1.0 if embedded else 2.0**order - 1.0
         # What the stride chosen last suggests for the next one, and what the last one entered did: a stride is also
         # chosen to see where an output falls, and a new arc may begin before it does.
         self._next = self._learnt = 0.0
@@ -171,28 +183,31 @@ class AccuracyControl:
         self._learnt = self._next
 
     def refine(self, phase: Phase, advance: Advance, h: float) -> Phase:
-        """Return the phase after two steps of h/2, as the stride itself is taken."""
-        return advance(advance(phase, 0.5 * h), 0.5 * h)
+        """Return the phase after one step of a pair, or after two steps of h/2: as the stride itself is taken."""
+        return advance(phase, h) if self._embedded else advance(advance(phase, 0.5 * h), 0.5 * h)
 
     def _first(self, phase: Phase) -> float:
         rate = norm(phase.angular_velocity)
         return min(0.01 * self._horizon, 0.1 / rate if rate > 0.0 else math.inf)
 
     def _attempt(self, phase: Phase, advance: Advance, h: float) -> tuple[Phase, float]:
-        whole, halves = advance(phase, h), self.refine(phase, advance, h)
+        if self._embedded:
+            kept, other = advance.pair(phase, h)
+        else:
+            kept, other = self.refine(phase, advance, h), advance(phase, h)
         mass, horizon = self._inertia.mass, self._horizon
-        rate = norm(halves.angular_velocity)
-        rate_error = norm(subtract(whole.angular_velocity, halves.angular_velocity))
-        attitude = angle_between(whole.orientation, halves.orientation) + rate_error * horizon
-        momentum_error = subtract(whole.linear_momentum_world, halves.linear_momentum_world)
-        drift = norm(subtract(whole.center_of_mass_world, halves.center_of_mass_world))
+        rate = norm(kept.angular_velocity)
+        rate_error = norm(subtract(other.angular_velocity, kept.angular_velocity))
+        attitude = angle_between(other.orientation, kept.orientation) + rate_error * horizon
+        momentum_error = subtract(other.linear_momentum_world, kept.linear_momentum_world)
+        drift = norm(subtract(other.center_of_mass_world, kept.center_of_mass_world))
         drift += norm(scale(1.0 / mass, momentum_error)) * horizon
-        speed = norm(scale(1.0 / mass, halves.linear_momentum_world))
+        speed = norm(scale(1.0 / mass, kept.linear_momentum_world))
         position = drift / (speed * horizon) if speed > 0.0 else 0.0
         # What rounding alone makes of the difference is no reason to step shorter.
         floor = _EPSILON * (1.0 + rate * horizon)
         error = max(attitude, position)
-        return halves, (0.0 if error <= floor else error - floor) / (2.0**self._order - 1.0)
+        return kept, (0.0 if error <= floor else error - floor) / self._errors
 
 
 def _require_reachable(accuracy: float, horizon: float, h: float, rate: float) -> None:

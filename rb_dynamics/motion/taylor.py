@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion.method import Increment, Inertia, Method
+from rb_dynamics.motion.method import Increment, Inertia, Load, Method
 from rb_dynamics.rotation import Quaternion, normalize, rotate, rotate_inverse
 from rb_dynamics.rotation import multiply as compose
 from rb_dynamics.vector import ZERO, Vector, add_scaled, norm, positive_zeros, scale
@@ -48,7 +48,13 @@ class _Expansion(NamedTuple):
 
 
 def step(
-    inertia: Inertia, held: HeldWrench, h: float, velocity: Vector, orientation: Quaternion, angular_velocity: Vector
+    inertia: Inertia,
+    held: HeldWrench,
+    h: float,
+    velocity: Vector,
+    orientation: Quaternion,
+    angular_velocity: Vector,
+    load: Load | None = None,
 ) -> Increment:
     """Advance by the Taylor series (Jorba & Zou, Exp. Math. 14 (2005) 99; Hairer, Norsett & Wanner I, section I.8).
 
@@ -56,8 +62,14 @@ def step(
     force and torque as r f r*. Order 12; keeps no invariant but what its accuracy keeps.
 
     Raises:
-        ConvergenceError: the last terms of the series are not small: the step is beyond its reach.
+        ConvergenceError: the last terms of the series are not small: the step is beyond its reach; or a load that
+            changes inside the step acts, for which there are no recurrences.
     """
+    if load is not None:
+        raise ConvergenceError(
+            "taylor: a load that changes inside the step acts, expected a held wrench alone; use midpoint6 or rk4, or "
+            "strang6 if the load does not depend on the velocities"
+        )
     series = _series(inertia, held, velocity, orientation, angular_velocity)
     last = math.hypot(*(c[_ORDER] for c in series.turn)) ** (1.0 / _ORDER)
     if not last * abs(h) < _LARGEST_RATIO:

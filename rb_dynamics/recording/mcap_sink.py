@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, cast
 
@@ -52,6 +52,9 @@ SAMPLE_TOPICS = (
     ("energy/work", SCALAR),
     ("energy/defect", SCALAR),
 )
+
+POTENTIAL = ("energy/potential", SCALAR)
+"""Where an effect has a potential energy."""
 
 _APPLIED = "/applied"
 _FOREVER = "\n    sec: 9223372036\n    nsec: 854775807\n"
@@ -100,14 +103,17 @@ class McapSink:
             LogError: the file cannot be written, or two channels have one name.
             MissingExtraError: the package mcap is not installed.
         """
-        topics = self._topics([channel.topic for channel in run.scene.channels])
+        acting = run.scene.acting
+        samples = SAMPLE_TOPICS if acting.potential() is None else (*SAMPLE_TOPICS, POTENTIAL)
+        held = [name for name, _ in acting.schedules()]
+        topics = self._topics(samples, [channel.topic for channel in run.scene.channels], held)
         self._file, self._writer = _start(self._path)
         self._add = self._writer.add_message
         self._writer.add_metadata("rb_dynamics", _as_utf8({"method": run.method, **run.metadata}))
         self._writer.add_attachment(0, 0, "scene.yaml", "application/yaml", run.scene.text.encode("utf-8", "replace"))
         self._register(topics)
         self._body_frame = run.scene.frames.body_frame
-        self._sample_ids = [self._ids[name] for name, _ in SAMPLE_TOPICS]
+        self._sample_ids = [self._ids[name] for name, _ in samples]
         self._encode_sample = _sample_encoder(run.scene.frames.world_frame, self._body_frame)
         self._write_inertia(run.scene.body, run.scene.initial.time_ns)
         self.flush()
@@ -151,16 +157,17 @@ class McapSink:
         self._writer.finish()  # type: ignore[no-untyped-call]
         self._file.close()
 
-    def _topics(self, wrenches: list[str]) -> list[_Topic]:
-        """Return all topics, those of a sample first.
+    def _topics(self, samples: Sequence[tuple[str, str]], wrenches: list[str], held: list[str]) -> list[_Topic]:
+        """Return all topics: those of a sample first, commanded wrenches, and those that effects hold.
 
         Raises:
             LogError: two of them have one absolute name.
         """
         usual = qos_profile()
         topics = [
-            *((name, type_name, usual) for name, type_name in SAMPLE_TOPICS),
+            *((name, type_name, usual) for name, type_name in samples),
             *((name, WRENCH, usual) for wrench in wrenches for name in (wrench, wrench + _APPLIED)),
+            *((name + _APPLIED, WRENCH, usual) for name in held),
             ("inertia", INERTIA, qos_profile(1, "transient_local")),
             ("/diagnostics", DIAGNOSTICS, qos_profile(1)),
         ]
@@ -196,7 +203,7 @@ class McapSink:
 
     def _write_received(self, event: AppliedWrench | RejectedWrench) -> None:
         command = event.received
-        if command is not None:
+        if command is not None and event.topic in self._ids:
             # The stamp may be of any clock; the times of the record are simulation time.
             pack = cdr.stamped_packer(WRENCH, command.frame_id)
             message = pack(*cdr.split_stamp(command.stamp_ns), *command.force, *command.torque)
@@ -239,6 +246,7 @@ def _sample_encoder(world: str, body: str) -> Callable[[Sample], tuple[bytes, ..
             pack_scalar(sample.kinetic_energy),
             pack_scalar(sample.work),
             pack_scalar(sample.energy_defect),
+            *(() if sample.potential_energy is None else (pack_scalar(sample.potential_energy),)),
         )
 
     return encode

@@ -32,6 +32,8 @@ def run_metadata(scene: Scene, method: str, solver: str) -> dict[str, str]:
         "method": method,
         "solver": solver,
         "seed": "",
+        "effects": ", ".join(effect.kind for effect in scene.effects),
+        "effects_not_logged_as_wrench": ", ".join(scene.acting.varying),
         "platform": platform.platform(),
         "machine": platform.machine(),
         "python": platform.python_version(),

@@ -53,6 +53,9 @@ SERIES = (
     Series("linear_momentum/defect", "linear_momentum_defect_world"),
 )
 
+POTENTIAL = Series("energy/potential", "potential_energy", ("potential energy",), (YELLOW,))
+"""Where an effect has one."""
+
 
 @dataclass(frozen=True)
 class Arrow:
@@ -239,7 +242,7 @@ def _plots(peaks: Mapping[str, float]) -> rrb.Grid:
     return rrb.Grid(
         _plot("Angular velocity, body axes [rad/s]", "angular_velocity"),
         _plot("Angular momentum, world [kg m²/s]", "angular_momentum"),
-        _plot("Energy and work [J]", "energy/kinetic", "energy/work"),
+        _plot("Energy and work [J]", "energy/kinetic", "energy/work", "energy/potential"),
         rrb.Tabs(
             _plot("Linear momentum [kg m/s]", "linear_momentum"),
             _plot("Position [m]", "position"),

@@ -110,7 +110,8 @@ class _Recorder:
         self.paths = {"center_of_mass": Polyline(PATH_POINTS)}
         if any(scene.body.center_of_mass):
             self.paths["body_origin"] = Polyline(PATH_POINTS)
-        self.peaks = {series.entity: 0.0 for series in layout.SERIES}
+        self.series = layout.SERIES if scene.acting.potential() is None else (*layout.SERIES, layout.POTENTIAL)
+        self.peaks = {series.entity: 0.0 for series in self.series}
         self.arrow_peaks = dict.fromkeys(layout.ARROWS, 0.0)
         self.notes: list[tuple[int, int, Status]] = []
         self.note_count = 0
@@ -192,7 +193,7 @@ class _Recorder:
     def _send_samples(self, rows: list[Row]) -> None:
         samples = [row.sample for row in rows]
         times = _times([sample.time_ns for sample in samples], [row.index for row in rows])
-        for series in layout.SERIES:
+        for series in self.series:
             values = np.array([getattr(sample, series.attribute) for sample in samples], dtype=np.float64)
             self._send_scalars(series.entity, times, values.reshape(len(samples), -1))
             self.peaks[series.entity] = max(self.peaks[series.entity], float(np.abs(values).max()))

@@ -75,6 +75,13 @@ class _Finder:
         twist_in_world = twist is not None and twist.frame == world
         frames = self._frames(world, "" if twist is None or twist_in_world else twist.frame)
         wrenches, acted = self._wrenches(frames, own)
+        facts = self.bag.metadata.get("rb_dynamics", {})
+        if unlogged := facts.get("effects_not_logged_as_wrench", ""):
+            acted = False
+            self.notes.append(
+                f"Effects acted whose force and torque are not in the log ({unlogged}): momentum is not judged; energy "
+                "is, as the run booked their work."
+            )
         if pose is None and twist is None and not wrenches:
             found = ", ".join(f"{t.name} ({t.type_name})" for t in self.bag.topics.values()) or "no topics"
             raise LogError(
@@ -213,6 +220,8 @@ class _Finder:
         self.used.add(topic.name)
         mass, x, y, z, xx, xy, xz, yy, yz, zz = topic.decoded()[-1][2]
         try:
+            if xx == yy == zz == 0.0:
+                return RigidBody.particle(mass), topic.name
             body = RigidBody.from_matrix(mass, ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)), (x, y, z))
         except BodyError as error:
             self.notes.append(f"{topic.name}: {error}; these mass properties are not used.")

@@ -71,6 +71,8 @@ class RigidBodyNode(Node):
             # A log that cannot even be opened is a mistake of whoever asked for it; later it only stops the log.
             if log.error:
                 raise log.error
+        if self._scene.acting.potential() is not None:
+            self._publishers_sink.add_potential()
         if settings.publish_accel:
             self._publishers_sink.add_acceleration(lambda: self._simulation.acceleration)
         self._wrench_subscriptions = {topic: self._subscribe(topic) for topic in self._topics}

@@ -61,6 +61,10 @@ class TopicSink:
         self._add(Float64, "energy/work", lambda s: Float64(data=s.work))
         self._add(Float64, "energy/defect", lambda s: Float64(data=s.energy_defect))
 
+    def add_potential(self) -> None:
+        """Publish `energy/potential` too."""
+        self._add(Float64, "energy/potential", lambda s: Float64(data=s.potential_energy))
+
     def add_acceleration(self, acceleration: Callable[[], tuple[Vector, Vector]]) -> None:
         """Publish `accel` too; `acceleration` tells it for the time of the sample that is being written."""
         self._add(AccelStamped, "accel", lambda s: conversions.accel(*acceleration(), s.time_ns, self._frames))

@@ -3,64 +3,132 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from rb_dynamics.errors import SceneError
+from rb_dynamics.loads.effect import Effect
+from rb_dynamics.loads.load import Takes
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Method
-from rb_dynamics.motion.exact import EXACT, is_free
-from rb_dynamics.motion.phase import inertia_of
+from rb_dynamics.motion.arc import Arc, LoadFrom, Stepper
+from rb_dynamics.motion.automatic import CANDIDATES, cheapest
+from rb_dynamics.motion.exact import EXACT, has_closed_form, is_free
+from rb_dynamics.motion.phase import Phase, inertia_of
 from rb_dynamics.motion.step_control import AccuracyControl, FixedStep, OwnControl, StepControl, WholeArc
 from rb_dynamics.scene.model import Scene
-
-DRIVEN = "taylor"
-"""What `method: auto` takes where something turns the body; where nothing does it takes the exact free motion."""
 
 OPEN_END_HORIZON = 3600.0
 """The time (s) over which `accuracy` is kept where a scene has no duration."""
 
 
-@dataclass(frozen=True)
 class Plan:
-    """What a scene is run with.
+    """What a scene is run with; it remembers the steps it has found, so each run needs a plan of its own.
 
     Attributes:
         name: of the method; "auto" where it varies along the run.
-        method: what moves the body while it is driven.
-        control: the control of its step; remembers the step it has found, so each run needs a plan of its own.
-        free: what moves the body while it is free.
-        free_control: the control of its step.
         description: for a person.
     """
 
-    name: str
-    method: Method
-    control: StepControl
-    free: Method
-    free_control: StepControl
-    description: str
+    def __init__(self, scene: Scene) -> None:
+        """Find the least that `scene.solver` asks for.
 
-    def choose(self, held: HeldWrench) -> tuple[Method, StepControl]:
-        """Return the method and the step control for an arc under `held`."""
-        return (self.free, self.free_control) if is_free(held) else (self.method, self.control)
+        Raises:
+            SceneError: the solver, the duration or the output rate makes no sense, or the method cannot take the
+                effects of the scene.
+        """
+        _check(scene)
+        self._scene = scene
+        self._inertia = inertia_of(scene.body)
+        self.takes = scene.acting.takes
+        self._method = None if scene.solver.method == "auto" else METHODS[scene.solver.method]
+        if self._method is not None and self._method.takes < self.takes:
+            raise SceneError(_cannot_take(scene, self._method, self.takes))
+        self.name = scene.solver.method
+        self._chosen: tuple[Method, StepControl] | None = None
+        self._driven = False
+        self._driven_arcs = self._start_ns = self._length_ns = 0
+        if self._method is not None:
+            self._chosen = self._method, self._control(self._method)
+            self.description = f"{self.name}, {self._steps(self._method)}"
+        elif not scene.channels and all(_turns_nothing(scene, effect) for effect in scene.effects):
+            self.description = "auto: exact, as nothing turns the body"
+        else:
+            names = ", ".join(CANDIDATES[self.takes])
+            closed = "exact where the motion has a closed form; elsewhere " if self.takes == Takes.HELD else ""
+            self.description = f"auto: {closed}the cheapest of {names}, {self._steps(None)}"
+
+    def arc(self, held: HeldWrench, start_ns: int, phase: Phase, load_from: LoadFrom | None) -> Arc:
+        """Return the motion from `start_ns` on, under `held` (body parts in principal axes) and what `load_from` gives.
+
+        Raises:
+            ConvergenceError: no method keeps the accuracy here.
+        """
+        method, control = self._choose(held, start_ns, phase, load_from)
+        return Arc(method, self._inertia, held, control, start_ns, phase, load_from)
+
+    def _choose(
+        self, held: HeldWrench, start_ns: int, phase: Phase, load_from: LoadFrom | None
+    ) -> tuple[Method, StepControl]:
+        if self._method is None:
+            # An arc that time has not gone into leaves no trace, so that commands of one time may come one by one.
+            if start_ns > self._start_ns:
+                self._length_ns, self._start_ns = start_ns - self._start_ns, start_ns
+                self._driven_arcs += self._driven
+            self._driven = load_from is not None or not has_closed_form(held, phase.orientation, phase.angular_velocity)
+            if not self._driven:
+                return EXACT, WholeArc()
+            # Chosen anew after 0, 1, 2, 4, 8 ... driven arcs: the choice follows the scene and costs little.
+            if self._driven_arcs & (self._driven_arcs - 1) == 0:
+                self._chosen = self._cheapest(held, phase, load_from)
+        if self._chosen is None:
+            raise TypeError("a method with a name has been chosen at the start")
+        return self._chosen
+
+    def _cheapest(self, held: HeldWrench, phase: Phase, load_from: LoadFrom | None) -> tuple[Method, StepControl]:
+        # How long an arc will be is not known; the last one is the best guess, without one the whole run.
+        arc = self._length_ns * 1e-9 or self._scene.duration or OPEN_END_HORIZON
+        methods = tuple(METHODS[name] for name in CANDIDATES[self.takes])
+        return cheapest(
+            methods, self._control, lambda method: Stepper(method, self._inertia, held, load_from), phase, arc
+        )
+
+    def _control(self, method: Method) -> StepControl:
+        solver = self._scene.solver
+        if method.order is None:
+            return WholeArc()
+        if solver.step is not None:
+            return FixedStep(solver.step)
+        accuracy, horizon = self._accuracy()
+        if method.longest_step is not None:
+            return OwnControl(accuracy, horizon)
+        return AccuracyControl(accuracy, horizon, method.order, self._inertia)
+
+    def _accuracy(self) -> tuple[float, float]:
+        accuracy = self._scene.solver.accuracy
+        return 1e-9 if accuracy is None else accuracy, self._scene.duration or OPEN_END_HORIZON
+
+    def _steps(self, method: Method | None) -> str:
+        solver = self._scene.solver
+        if method is not None and method.order is None:
+            return "in closed form"
+        if solver.step is not None:
+            return f"step {solver.step!r} s"
+        accuracy, horizon = self._accuracy()
+        return f"steps for an accuracy of {accuracy!r} after {horizon!r} s"
 
 
-def compile_scene(scene: Scene) -> Plan:
-    """Return the least that `scene.solver` asks for: with `auto`, no step at all where the motion is free.
+def _turns_nothing(scene: Scene, effect: Effect) -> bool:
+    """Return whether `effect` is but a force that is constant in the world."""
+    held = [scene.frames.hold(wrench) for _, wrench in effect.schedule(scene.body)]
+    return effect.takes == Takes.HELD and all(map(is_free, held))
 
-    Raises:
-        SceneError: the solver, the duration or the output rate makes no sense.
-    """
-    _check(scene)
-    auto = scene.solver.method == "auto"
-    method = METHODS[DRIVEN if auto else scene.solver.method]
-    control, steps = _control(scene, method)
-    if not auto:
-        return Plan(method.name, method, control, method, control, f"{method.name}, {steps}")
-    if not scene.channels:
-        return Plan("exact", EXACT, WholeArc(), EXACT, WholeArc(), "auto: exact, as nothing acts on the body")
-    description = f"auto: exact where the motion is free; where a wrench turns the body {method.name}, {steps}"
-    return Plan("auto", method, control, EXACT, WholeArc(), description)
+
+def _cannot_take(scene: Scene, method: Method, takes: Takes) -> str:
+    able = sorted(name for name, other in METHODS.items() if other.takes >= takes)
+    acting = ", ".join(scene.acting.varying)
+    return (
+        f"{scene.source}: solver.method: found {method.name}, expected a method that can take {acting}: auto or one of "
+        f"{', '.join(able)}; write one of these, or remove the effect"
+    )
 
 
 def _check(scene: Scene) -> None:
@@ -78,18 +146,3 @@ def _check(scene: Scene) -> None:
     for name, value in (("duration", scene.duration), ("output_rate", scene.output_rate)):
         if value is not None and not (math.isfinite(value) and value >= 0.0):
             raise SceneError(f"{name} is {value!r}, expected a finite number of 0 or more")
-
-
-def _control(scene: Scene, method: Method) -> tuple[StepControl, str]:
-    solver = scene.solver
-    if method.order is None:
-        return WholeArc(), "in closed form"
-    if solver.step is not None:
-        return FixedStep(solver.step), f"step {solver.step!r} s"
-    accuracy = 1e-9 if solver.accuracy is None else solver.accuracy
-    horizon = scene.duration or OPEN_END_HORIZON
-    description = f"steps for an accuracy of {accuracy!r} after {horizon!r} s"
-    if method.longest_step is not None:
-        return OwnControl(accuracy, horizon), description
-    control = AccuracyControl(accuracy, horizon, method.order, inertia_of(scene.body))
-    return control, description

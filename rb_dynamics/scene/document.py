@@ -72,6 +72,22 @@ def parse(text: str, problems: Problems) -> Node:
     return document
 
 
+def value_of(text: str, source: str) -> object:
+    """Return what `text` would be as the value of a key of a document.
+
+    Raises:
+        SceneError: it is not YAML.
+    """
+    document = parse(f"value: {text}", Problems(source)).value
+    return _plain(document["value"]) if isinstance(document, dict) else None
+
+
+def _plain(node: Node) -> object:
+    if isinstance(node.value, dict):
+        return {key: _plain(value) for key, value in node.value.items()}
+    return [_plain(item) for item in node.value] if isinstance(node.value, list) else node.value
+
+
 def from_python(value: object) -> Node:
     """Return `value` (scalar, sequence, mapping or array) as a node that came from an override."""
     tolist = getattr(value, "tolist", None)  # numpy and array.array, without importing either

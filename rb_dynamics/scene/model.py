@@ -7,7 +7,9 @@ from dataclasses import dataclass, field
 from rb_dynamics.body.doctor import Finding
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
+from rb_dynamics.loads.acting import ActingEffects
 from rb_dynamics.loads.channels import Channel
+from rb_dynamics.loads.effect import Effect
 from rb_dynamics.loads.wrench import WrenchFrames
 
 
@@ -35,6 +37,7 @@ class Scene:
         text: the scene as YAML, as read; where values were overridden, with those in it; where a file says what the
             body is (mesh, URDF), with what it says. It alone makes this scene.
         source: file name, for messages.
+        effects: what acts beside the wrenches, in the order of the scene.
         findings: what was suspicious about the body as it was read; not part of what the scene is.
     """
 
@@ -47,7 +50,13 @@ class Scene:
     output_rate: float = 100.0
     text: str = ""
     source: str = "<scene>"
+    effects: tuple[Effect, ...] = ()
     findings: tuple[Finding, ...] = field(default=(), compare=False)
+
+    @property
+    def acting(self) -> ActingEffects:
+        """What the effects do to the body."""
+        return ActingEffects(self.body, self.effects)
 
 
 __all__ = ["Channel", "Scene", "Solver"]

@@ -10,6 +10,7 @@ import os
 from collections.abc import Mapping
 from types import MappingProxyType
 
+from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import SceneError
 from rb_dynamics.scene import document
@@ -19,6 +20,8 @@ from rb_dynamics.scene.overrides import apply_overrides
 from rb_dynamics.scene.problems import Problems, printable
 from rb_dynamics.scene.read_body import body_and_frames
 from rb_dynamics.scene.read_channels import channels
+from rb_dynamics.scene.read_effects import effects
+from rb_dynamics.vector import ZERO
 
 _NO_OVERRIDES: Mapping[str, object] = MappingProxyType({})
 
@@ -95,9 +98,9 @@ def parse_scene(text: str, source: str = "<scene>", overrides: Mapping[str, obje
     apply_overrides(tree, overrides, problems)
     root = Field(tree, "", problems).section(_ROOT_KEYS)
     reading, frames = body_and_frames(root)
-    initial = _initial(root.section("initial", _INITIAL_KEYS))
+    initial = _initial(root.section("initial", _INITIAL_KEYS), reading.body)
     wrenches = channels(root.get("wrenches"))
-    _check_effects(root.get("effects"))
+    acting = effects(root.get("effects"), reading.body, frames)
     solver = _solver(root.section("solver", ("method", "accuracy", "step")))
     duration = root.get("duration")
     seconds = None if duration is None else duration.number(_DURATION, 1.0)
@@ -108,25 +111,33 @@ def parse_scene(text: str, source: str = "<scene>", overrides: Mapping[str, obje
     changes += [f"the body that {reading.file} says"] if reading.file else []
     if changes:
         text = document.to_text(tree, f"{source} with {' and '.join(changes)}")
-    found = reading.findings
-    return Scene(reading.body, frames, initial, wrenches, solver, seconds, output_rate, text, source, found)
+    return Scene(
+        reading.body,
+        frames,
+        initial,
+        wrenches,
+        solver,
+        seconds,
+        output_rate,
+        text,
+        source,
+        effects=acting,
+        findings=reading.findings,
+    )
 
 
-def _initial(section: Section) -> State:
+def _initial(section: Section, body: RigidBody | None) -> State:
+    omega = section.vector("angular_velocity_body", _ANGULAR_VELOCITY)
+    turning = section.get("angular_velocity_body")
+    if turning is not None and omega != ZERO and body is not None and body.is_particle:
+        turning.reject("no angular velocity, as a body without inertia is a particle", "add body.inertia or remove it")
     return State(
         time_ns=0,
         position_world=section.vector("position_world", _POSITION),
         orientation_xyzw=section.quaternion("orientation"),
         linear_velocity_world=section.vector("linear_velocity_world", _VELOCITY),
-        angular_velocity_body=section.vector("angular_velocity_body", _ANGULAR_VELOCITY),
+        angular_velocity_body=omega,
     )
-
-
-def _check_effects(field: Field | None) -> None:
-    if field is None:
-        return
-    for effect in field.items("a list", "write [] for no effects"):
-        effect.reject("no entries: no type of effect is known to this version yet", "remove it")
 
 
 def _solver(section: Section) -> Solver:

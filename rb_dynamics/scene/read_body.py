@@ -24,8 +24,9 @@ def body_and_frames(root: Section) -> tuple[BodyReading, WrenchFrames]:
         named.reject("different names for world_frame and body.frame", "rename one of them")
     fixed = _fixed_frames(section.get("frames"), (world, frame))
     reading = read_inertia(section)
-    center_of_mass = reading.body.center_of_mass if reading.body else ZERO
-    return reading, WrenchFrames(world, frame, fixed, center_of_mass)
+    body = reading.body
+    center_of_mass, turns = (body.center_of_mass, not body.is_particle) if body else (ZERO, True)
+    return reading, WrenchFrames(world, frame, fixed, center_of_mass, turns)
 
 
 def _frame_name(field: Field | None, default: str) -> str:

@@ -11,7 +11,7 @@ from rb_dynamics.scene.model import Channel
 PUBLISHED_TOPICS = frozenset(
     {
         "pose", "twist", "odom", "accel", "angular_momentum", "linear_momentum", "energy/kinetic", "energy/work",
-        "energy/defect", "inertia", "diagnostics", "tf", "clock",
+        "energy/defect", "energy/potential", "inertia", "diagnostics", "tf", "clock",
     }
 )  # fmt: skip
 

@@ -18,7 +18,7 @@ from rb_dynamics.errors import BodyError
 from rb_dynamics.scene.document import Node, from_python
 from rb_dynamics.scene.fields import Field, Rule, Section
 from rb_dynamics.scene.problems import printable
-from rb_dynamics.vector import Vector
+from rb_dynamics.vector import ZERO, Vector
 
 INERTIA_FORMS = ("matrix", "diagonal", "principal", "particles", "shape", "mesh", "urdf")
 FORMS = ", ".join(INERTIA_FORMS)
@@ -50,13 +50,7 @@ def read_inertia(section: Section) -> BodyReading:
     """Return the body in the section `body`; problems are noted, and a form that names a file is replaced."""
     inertia = section.get("inertia")
     if inertia is None:
-        _mass(section)
-        section.missing(
-            "inertia",
-            f"one of {FORMS} (a body without inertia, a particle, is not supported by this version)",
-            "add inertia: {diagonal: [Ixx, Iyy, Izz]} (kg m^2)",
-        )
-        return BodyReading(None)
+        return _particle(section)
     name, form = _form(inertia)
     if form is None:
         _mass(section)
@@ -67,6 +61,15 @@ def read_inertia(section: Section) -> BodyReading:
         # The text may quote a file; it stays one line.
         form.reject("the inertia of a real body", printable(str(error), 2000))
         return BodyReading(None)
+
+
+def _particle(section: Section) -> BodyReading:
+    """Read a body without inertia: a particle, unless `inertia` was meant and misspelt."""
+    mass = _mass(section)
+    center = section.get("center_of_mass")
+    if center is not None and center.vector(LENGTH) != ZERO:
+        center.reject("none, as a body without inertia is a particle: it is where its origin is", "add body.inertia")
+    return BodyReading(RigidBody.particle(mass))
 
 
 def _form(field: Field) -> tuple[str, Field | None]:

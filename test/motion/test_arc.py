@@ -15,6 +15,7 @@ from rb_dynamics.body.state import State
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Increment, Inertia, Method
 from rb_dynamics.motion.arc import Arc
+from rb_dynamics.motion.method import Load
 from rb_dynamics.motion.phase import Phase, in_principal_axes, inertia_of
 from rb_dynamics.motion.step_control import AccuracyControl, FixedStep, StepControl
 from rb_dynamics.rotation import Quaternion
@@ -24,7 +25,13 @@ SECOND = 1_000_000_000
 
 
 def drift(
-    inertia: Inertia, held: HeldWrench, h: float, velocity: Vector, orientation: Quaternion, angular_velocity: Vector
+    inertia: Inertia,
+    held: HeldWrench,
+    h: float,
+    velocity: Vector,
+    orientation: Quaternion,
+    angular_velocity: Vector,
+    load: Load | None = None,
 ) -> Increment:
     """Advance a particle that nothing acts on: a method that costs nothing and whose displacement tells the time."""
     return Increment(scale(h, velocity), orientation, angular_velocity, ZERO, ZERO, h)
@@ -162,20 +169,20 @@ class TestLooking:
 class TestSums:
     def test_small_increments_to_a_large_sum_lose_nothing(self) -> None:
         """At 1e12 m one unit in the last place is 1.2e-4 m; each step moves by a tenth of it."""
-        phase = Phase((0.0, 0.0, 0.0, 1.0), ZERO, (1e12,) + (0.0,) * 12, (0.0,) * 13)
+        phase = Phase((0.0, 0.0, 0.0, 1.0), ZERO, (1e12,) + (0.0,) * 13, (0.0,) * 14)
         step = Increment((1e-5, 0.0, 0.0), phase.orientation, ZERO, ZERO, ZERO, 0.1)
         n = 100_000
         for _ in range(n):
-            phase = phase.after(step)
+            phase = phase.after(step, 0.0)
 
         assert phase.center_of_mass_world[0] == float(Fraction(1e12) + n * Fraction(1e-5))
         assert phase.work == pytest.approx(n * 0.1, rel=EPS)
 
     @given(st.lists(st.floats(-1e16, 1e16), min_size=1, max_size=60))
     def test_a_sum_is_rounded_once(self, terms: list[float]) -> None:
-        phase = Phase((0.0, 0.0, 0.0, 1.0), ZERO, (0.0,) * 13, (0.0,) * 13)
+        phase = Phase((0.0, 0.0, 0.0, 1.0), ZERO, (0.0,) * 14, (0.0,) * 14)
         for term in terms:
-            phase = phase.after(Increment(ZERO, phase.orientation, ZERO, (0.0, term, 0.0), ZERO, term))
+            phase = phase.after(Increment(ZERO, phase.orientation, ZERO, (0.0, term, 0.0), ZERO, term), 0.0)
 
         exact = sum(map(Fraction, terms))
         largest = max(abs(t) for t in terms)

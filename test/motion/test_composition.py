@@ -8,8 +8,9 @@ import pytest
 from motions import EPS, Case, forced, move
 from word_series import measured_orders, worst
 
-from rb_dynamics.diagnostics import Baseline, observe
+from rb_dynamics.diagnostics import Observer
 from rb_dynamics.errors import ConvergenceError
+from rb_dynamics.loads.acting import ActingEffects
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Inertia
 from rb_dynamics.motion.composition import KAHAN_LI6, SUZUKI4, compose
@@ -60,8 +61,8 @@ class TestComposedMidpoint:
     @pytest.mark.parametrize("name", ["midpoint4", "midpoint6"])
     def test_closes_every_balance_under_every_wrench(self, name: str) -> None:
         case = forced()
-        start = Baseline.of(case.body, Phase.of(case.body, case.initial))
-        sample = observe(case.body, move(case, METHODS[name], 0.05, 5.0), 0, start)
+        start = Observer(ActingEffects(case.body), Phase.of(case.body, case.initial))
+        sample = start.sample(move(case, METHODS[name], 0.05, 5.0), 0)
 
         assert abs(sample.energy_defect) <= 300.0 * EPS
         assert norm(sample.angular_momentum_defect_world) <= 300.0 * EPS

@@ -8,8 +8,9 @@ import pytest
 from motions import EPS, forced, move
 from word_series import measured_orders
 
-from rb_dynamics.diagnostics import Baseline, observe
+from rb_dynamics.diagnostics import Observer
 from rb_dynamics.errors import ConvergenceError
+from rb_dynamics.loads.acting import ActingEffects
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Inertia, dlm
 from rb_dynamics.motion.composition import SUZUKI4
@@ -74,8 +75,8 @@ def test_order_drops_with_a_changed_coefficient() -> None:
 @each
 def test_momentum_balances_close_to_round_off(name: str) -> None:
     case = forced()
-    start = Baseline.of(case.body, Phase.of(case.body, case.initial))
-    sample = observe(case.body, move(case, METHODS[name], 0.25, 5.0), 0, start)
+    start = Observer(ActingEffects(case.body), Phase.of(case.body, case.initial))
+    sample = start.sample(move(case, METHODS[name], 0.25, 5.0), 0)
 
     assert norm(sample.angular_momentum_defect_world) <= 300.0 * EPS
     assert norm(sample.linear_momentum_defect_world) <= 100.0 * EPS

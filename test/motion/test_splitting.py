@@ -10,8 +10,9 @@ import pytest
 from motions import EPS, Case, attitude_error, forced, free, move, slope
 from word_series import measured_orders, worst
 
-from rb_dynamics.diagnostics import Baseline, observe
+from rb_dynamics.diagnostics import Observer
 from rb_dynamics.errors import ConvergenceError
+from rb_dynamics.loads.acting import ActingEffects
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Inertia, splitting
 from rb_dynamics.motion.exact import EXACT
@@ -74,7 +75,7 @@ class TestOrder:
         middle = 1 if stage != 1 else 0
         for k in (middle, len(stages) - 1 - middle):
             stages[k] = (stages[k][0], stages[k][1] - (0.01 if stage != 2 else -0.01))
-        wrong = splitting._method("wrong", 4, tuple(stages), "")
+        wrong = splitting.method("wrong", 4, tuple(stages), "")
 
         assert measured_orders(forced(), wrong)["attitude"] == pytest.approx(2.0, abs=0.3)
 
@@ -122,8 +123,8 @@ class TestBalances:
     @pytest.mark.parametrize("step", [0.05, 0.5])
     def test_close_to_round_off_at_any_step(self, name: str, step: float) -> None:
         case = forced()
-        start = Baseline.of(case.body, Phase.of(case.body, case.initial))
-        sample = observe(case.body, move(case, METHODS[name], step, 5.0), 0, start)
+        start = Observer(ActingEffects(case.body), Phase.of(case.body, case.initial))
+        sample = start.sample(move(case, METHODS[name], step, 5.0), 0)
 
         assert abs(sample.energy_defect) <= 1000.0 * EPS
         assert norm(sample.angular_momentum_defect_world) <= 500.0 * EPS

@@ -1,15 +1,21 @@
-"""Makes data/forced_motion.json: a held wrench in both frames on a triaxial body, to 30 digits.
+"""Makes data/forced_motion.json and data/ten_thousand_wrenches.json: driven triaxial bodies, to 30 digits.
 
-    python test/verification/make_reference.py
+    python test/verification/make_reference.py [forced_motion] [ten_thousand_wrenches]
 
-A Taylor series in mpmath at 60 digits: quaternion, angular velocity about the body axes with the full inertia matrix,
-motion of the centre of mass, and the integrals of force, torque and power as further unknowns. It shares nothing with
-the package, neither code nor equations: the package works in principal axes and with angular momentum.
+The first is one wrench held in both frames for 10 s; it takes a minute. In the second both wrenches change every 0.01 s
+for 100 s; it takes some minutes.
+
+A Taylor series in mpmath: quaternion, angular velocity about the body axes with the full inertia matrix, motion of the
+centre of mass, and the integrals of force, torque and power as further unknowns. It shares nothing with the package,
+neither code nor equations: the package works in principal axes and with angular momentum. Each is made twice, with
+another order, another step or another precision, and energy and momentum have to balance.
 """
 
 from __future__ import annotations
 
 import json
+import math
+import sys
 from pathlib import Path
 
 from mpmath import matrix, mp, mpf, nstr
@@ -18,7 +24,7 @@ ORDER = 45
 STEP = "0.0625"
 TIMES = (1, 2, 5, 10)
 DIGITS = 30
-TARGET = Path(__file__).parent / "data" / "forced_motion.json"
+DATA = Path(__file__).parent / "data"
 
 CASE = {
     "mass": 3.7,
@@ -33,6 +39,55 @@ CASE = {
     "force_world": [-0.5, 0.8, 0.3],
     "torque_world": [0.2, 0.35, -0.3],
 }
+
+CONVENTIONS = (
+    "SI; quaternions (x, y, z, w), body to world; the initial one is normalised exactly; every input is the IEEE double "
+    "nearest the decimal shown; {held}, forces through the centre of mass; position and velocity are those of the body "
+    f"origin; states to {DIGITS} digits"
+)
+
+COUNT = 10_000
+PERIOD = "0.01"
+MARKS = (100, 1000, 2500, 5000, 10_000)
+WRENCHES = ("force_body", "torque_body", "force_world", "torque_world")
+
+COMMANDED = {
+    "mass": 2.6,
+    "center_of_mass": [-0.13, 0.21, 0.08],
+    "inertia": [[1.9, -0.21, 0.17], [-0.21, 2.6, 0.29], [0.17, 0.29, 1.4]],
+    "position_world": [-0.75, 0.5, 2.0],
+    "orientation_xyzw": [-0.3, 0.6, 0.2, 0.7],
+    "linear_velocity_world": [-0.2, 0.15, 0.1],
+    "angular_velocity_body": [0.4, -0.7, 0.6],
+}
+
+# Amplitude (N or N m), frequency (rad per command) and phase of each component of each wrench. Neighbouring commands
+# differ by up to a third of the amplitude, and no two components share a frequency.
+SINES = {
+    "force_body": ((0.9, 0.23, 0.1), (0.7, 0.31, 1.3), (0.8, 0.17, 2.2)),
+    "torque_body": ((0.5, 0.29, 0.7), (0.4, 0.19, 2.9), (0.6, 0.37, 1.9)),
+    "force_world": ((0.6, 0.13, 2.5), (0.9, 0.27, 0.4), (0.7, 0.33, 1.1)),
+    "torque_world": ((0.4, 0.21, 1.7), (0.6, 0.35, 0.2), (0.5, 0.15, 2.6)),
+}
+UNIT = 1024
+
+
+def commanded(k):
+    """Return the four vectors held from k * 0.01 s on: sines rounded to 1/1024, the same doubles on every machine."""
+    return {
+        name: tuple(round(UNIT * a * math.sin(b * k + c)) / UNIT for a, b, c in components)
+        for name, components in SINES.items()
+    }
+
+
+def distance_from_a_tie():
+    """Return how far (in 1/1024) the rounding of any command is from turning over: rounding of `sin` is no danger."""
+    return min(
+        abs(abs(UNIT * a * math.sin(b * k + c)) % 1.0 - 0.5)
+        for k in range(COUNT)
+        for components in SINES.values()
+        for a, b, c in components
+    )
 
 
 def numbers(values):
@@ -83,8 +138,7 @@ class Motion:
         inverse = inertia**-1
         self.inverse = [[inverse[i, j] for j in range(3)] for i in range(3)]
         self.mass = mpf(case["mass"])
-        self.force_body, self.torque_body = numbers(case["force_body"]), numbers(case["torque_body"])
-        self.force_world, self.torque_world = numbers(case["force_world"]), numbers(case["torque_world"])
+        self.hold({name: case.get(name, (0.0, 0.0, 0.0)) for name in WRENCHES})
         self.arm = numbers(case["center_of_mass"])
         q = numbers(case["orientation_xyzw"])
         length = mp.sqrt(sum(c * c for c in q))
@@ -95,6 +149,11 @@ class Motion:
         spin = times(turn, cross(w, self.arm))
         v = [a + b for a, b in zip(numbers(case["linear_velocity_world"]), spin, strict=True)]
         self.start = [*q, *w, *x, *v, *([mpf(0)] * 7)]
+
+    def hold(self, wrenches):
+        """Let these four vectors act from now on."""
+        self.force_body, self.torque_body = numbers(wrenches["force_body"]), numbers(wrenches["torque_body"])
+        self.force_world, self.torque_world = numbers(wrenches["force_world"]), numbers(wrenches["torque_world"])
 
     def coefficients(self, y, order):
         """Return the Taylor coefficients of all unknowns at the point y, by recurrence."""
@@ -157,6 +216,16 @@ class Motion:
                 found.append(list(y))
         return found
 
+    def commanded_states(self, order):
+        """Return the unknowns at MARKS, one step for each command."""
+        y, h, found = list(self.start), mpf(PERIOD), []
+        for k in range(COUNT):
+            self.hold(commanded(k))
+            y = [value(series, h) for series in self.coefficients(y, order)]
+            if k + 1 in MARKS:
+                found.append(list(y))
+        return found
+
     def outputs(self, time, y):
         """Return what is compared: everything of the body origin, as the package gives it."""
         q, w = y[0:4], y[4:7]
@@ -179,25 +248,66 @@ class Motion:
         return (sum(a * b for a, b in zip(w, times(self.inertia, w), strict=True)) + self.mass * mp.fdot(v, v)) / 2
 
 
-def main():
+def largest_difference(first, second):
+    return max(abs(a - b) for f, s in zip(first, second, strict=True) for a, b in zip(f, s, strict=True))
+
+
+def imbalance(motion, states):
+    """Return the largest |T - T0 - W|, J: both sides come from the unknowns, by different ones of them."""
+    return max(abs(motion.energy(y) - motion.energy(motion.start) - y[19]) for y in states)
+
+
+def write(name, document):
+    (DATA / f"{name}.json").write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+
+
+def forced_motion():
     mp.dps = 60
     motion = Motion(CASE)
     coarse, fine = motion.states(STEP, ORDER), motion.states(mpf(STEP) / 2, ORDER + 5)
-    agreement = max(abs(a - b) for c, f in zip(coarse, fine, strict=True) for a, b in zip(c, f, strict=True))
-    balance = max(abs(motion.energy(y) - motion.energy(motion.start) - y[19]) for y in fine)
+    agreement, balance = largest_difference(coarse, fine), imbalance(motion, fine)
     assert agreement < mpf(10) ** -40, nstr(agreement, 3)
     assert balance < mpf(10) ** -40, nstr(balance, 3)
     document = {
-        "conventions": "SI; quaternions (x, y, z, w), body to world; the initial one is normalised exactly; each input "
-        "is the IEEE double nearest the decimal shown; body and world wrench are held from 0 on, forces through the "
-        f"centre of mass; position and velocity are those of the body origin; states to {DIGITS} digits",
+        "conventions": CONVENTIONS.format(held="body and world wrench are held from 0 on"),
         "how": f"Taylor order {ORDER + 5}, step {STEP}/2 s, 60 digits (make_reference.py); order {ORDER} with twice "
         f"the step agrees to {nstr(agreement, 1)}, kinetic energy less work is constant to {nstr(balance, 1)} J",
         "case": CASE,
         "states": [motion.outputs(t, y) for t, y in zip(TIMES, fine, strict=True)],
     }
-    TARGET.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    write("forced_motion", document)
+
+
+def ten_thousand_wrenches():
+    margin = distance_from_a_tie()
+    assert margin > 1e-9, margin
+    mp.dps = 42
+    check = Motion(COMMANDED).commanded_states(18)
+    mp.dps = 50
+    motion = Motion(COMMANDED)
+    states = motion.commanded_states(22)
+    agreement, balance = largest_difference(check, states), imbalance(motion, states)
+    assert agreement < mpf(10) ** -33, nstr(agreement, 3)
+    assert balance < mpf(10) ** -33, nstr(balance, 3)
+    document = {
+        "conventions": CONVENTIONS.format(
+            held="body and world wrench change every 0.01 s, as commanded() of the generator says"
+        ),
+        "how": "Taylor order 22, step 0.01 s, 50 digits (make_reference.py); order 18 in 42 digits agrees to "
+        f"{nstr(agreement, 1)}, kinetic energy less work is constant to {nstr(balance, 1)} J",
+        "case": COMMANDED,
+        "states": [motion.outputs(k // 100, y) for k, y in zip(MARKS, states, strict=True)],
+    }
+    write("ten_thousand_wrenches", document)
+
+
+MADE = {"forced_motion": forced_motion, "ten_thousand_wrenches": ten_thousand_wrenches}
+
+
+def main(names):
+    for name in names or MADE:
+        MADE[name]()
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])

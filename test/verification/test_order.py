@@ -12,8 +12,9 @@ from functools import cache
 import pytest
 from motions import EPS, STEPPED, errors, forced, move, slope
 
-from rb_dynamics.diagnostics import Baseline, observe
+from rb_dynamics.diagnostics import Observer
 from rb_dynamics.errors import ConvergenceError
+from rb_dynamics.loads.acting import ActingEffects
 from rb_dynamics.motion.phase import Phase
 from rb_dynamics.vector import norm
 
@@ -44,7 +45,7 @@ each_method = pytest.mark.parametrize("method", STEPPED)
 def measured(method: str) -> dict[str, list[float]]:
     """Return the error of each quantity and the defect of each balance at STEPS, down to round-off; inf if refused."""
     case = forced()
-    start = Baseline.of(case.body, Phase.of(case.body, case.initial))
+    start = Observer(ActingEffects(case.body), Phase.of(case.body, case.initial))
     found: dict[str, list[float]] = {name: [] for name in (*QUANTITIES, *BALANCES)}
     for h in STEPS:
         try:
@@ -53,7 +54,7 @@ def measured(method: str) -> dict[str, list[float]]:
             for values in found.values():
                 values.append(math.inf)
             continue
-        sample = observe(case.body, phase, 0, start)
+        sample = start.sample(phase, 0)
         for name, error in errors(case, TIME, phase).items():
             found[name].append(error)
         found["energy_defect"].append(abs(sample.energy_defect))

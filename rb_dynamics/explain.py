@@ -1,0 +1,239 @@
+"""`explain`: what a scene models and what it leaves out, which solver runs it, what that costs and how wrong it is.
+
+The decisions are those of `scene/compile.py` and the loads; cost and error are measured on the scene itself, by running
+it, and a second time more finely, for a bounded time. Never changes anything.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+
+from rb_dynamics.body.doctor import Symmetry, symmetry
+from rb_dynamics.errors import ConvergenceError
+from rb_dynamics.loads.load import Takes
+from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.motion import METHODS
+from rb_dynamics.motion.exact import EXACT
+from rb_dynamics.motion.step_control import NANOSECONDS
+from rb_dynamics.rotation import angle_between
+from rb_dynamics.scene.compile import OPEN_END_HORIZON
+from rb_dynamics.scene.model import Scene, Solver
+from rb_dynamics.scene.read_effects import EFFECT_TYPES
+from rb_dynamics.simulate import Simulation
+from rb_dynamics.vector import norm, scale, subtract
+
+_EPSILON = 2.0**-52
+
+# The trial is over long before.
+_PROBES = 1000
+
+_FREE_ROTATION = {
+    Symmetry.SPHERE: "uniform rotation, as the three moments are equal",
+    Symmetry.OBLATE: "trigonometric functions, as two moments are equal",
+    Symmetry.PROLATE: "trigonometric functions, as two moments are equal",
+    Symmetry.TRIAXIAL: "Jacobi's elliptic functions",
+}
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """What there is to say about a scene before it is run.
+
+    Attributes:
+        modelled: each thing that is modelled, and how.
+        left_out: each thing that is not, and why.
+        solver: what runs it, with its setting.
+        methods: names of the methods that moved the body in the trial.
+        trial_s: simulated seconds of the trial.
+        steps_per_s: steps for each simulated second.
+        cost_per_s: seconds of computing for each simulated second, on this machine.
+        attitude_error: at the end of the trial, rad; against a finer run, or the bound of the closed form.
+        position_error: likewise, m.
+        error_basis: what the errors were found by.
+        remarks: what else a user should know.
+    """
+
+    modelled: tuple[str, ...]
+    left_out: tuple[str, ...]
+    solver: str
+    methods: str
+    trial_s: float
+    steps_per_s: float
+    cost_per_s: float
+    attitude_error: float
+    position_error: float
+    error_basis: str
+    remarks: tuple[str, ...]
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the fields by name."""
+        return asdict(self)
+
+    def as_text(self) -> str:
+        """Return it for a person."""
+        real_time = math.inf if self.cost_per_s == 0.0 else 1.0 / self.cost_per_s
+        lines = [
+            "modelled",
+            *(f"  {item}" for item in self.modelled),
+            "left out",
+            *(f"  {item}" for item in self.left_out),
+            "solver",
+            f"  {self.solver}",
+            f"cost and error, measured over {self.trial_s:g} s of this scene",
+            f"  moved by            {self.methods}",
+            f"  steps               {self.steps_per_s:.4g} per simulated s",
+            f"  computing           {self.cost_per_s:.3g} s per simulated s: {real_time:.3g} times real time",
+            f"  attitude error      {self.attitude_error:.2g} rad",
+            f"  position error      {self.position_error:.2g} m",
+            f"  ({self.error_basis})",
+            *(f"note: {remark}" for remark in self.remarks),
+        ]
+        return "\n".join(lines)
+
+
+def explain(scene: Scene, commands: Sequence[tuple[str, Wrench]] = (), budget: float = 2.0) -> Explanation:
+    """Return what `scene` models, leaves out and costs.
+
+    Args:
+        scene: is not changed.
+        commands: wrench commands of the scene's channels; without any, the channels are tried with a probe.
+        budget: about how long the trial may compute, s.
+
+    Raises:
+        SceneError: the solver makes no sense for the scene.
+        ConvergenceError: the scene cannot be run as it asks to be.
+    """
+    remarks = []
+    if scene.channels and not commands:
+        commands = _probe(scene, scene.duration or OPEN_END_HORIZON)
+        remarks.append(
+            "the channels were tried with a probe: a force of the body's weight and a torque that turns it at about "
+            "1 rad/s after 1 s, reversed every second; with --wrench BAG the commands of a bag are tried instead"
+        )
+    length = scene.duration or OPEN_END_HORIZON
+    run, wall = _timed(scene, commands, length, budget)
+    reached = run.time_ns / NANOSECONDS
+    attitude, position, basis = _errors(scene, commands, run)
+    if reached < length:
+        remarks.append(f"the trial ended after {reached:g} s of {length:g} s, when its time was up")
+    return Explanation(
+        _modelled(scene),
+        _left_out(scene),
+        run.plan.description,
+        run.methods,
+        reached,
+        run.steps / reached,
+        wall / reached,
+        attitude,
+        position,
+        basis,
+        tuple(remarks),
+    )
+
+
+def _modelled(scene: Scene) -> tuple[str, ...]:
+    body = scene.body
+    kind = symmetry(body)
+    if body.is_particle:
+        items = ["body: a particle, three degrees of freedom"]
+    else:
+        items = [f"body: rigid ({kind.value}), six degrees of freedom"]
+        items.append(f"free rotation: in closed form, {_FREE_ROTATION[kind]}")
+    items += [f"wrench channel {channel.topic}: held until its next command" for channel in scene.channels]
+    held = {effect.kind for effect in scene.effects if effect.takes == Takes.HELD}
+    items += [
+        f"effect {effect.kind}: "
+        + ("held like a wrench" if effect.kind in held else "evaluated inside every step")
+        + (", with its potential energy" if effect.potential(body) is not None else "")
+        for effect in scene.effects
+    ]
+    return tuple(items)
+
+
+def _left_out(scene: Scene) -> tuple[str, ...]:
+    body = scene.body
+    items = []
+    if body.is_particle:
+        items.append("attitude and rotation: the body has no inertia")
+    if not scene.channels:
+        items.append("wrench commands: the scene has no channels")
+    listed = {effect.kind for effect in scene.effects}
+    items += [f"{kind}: not listed in effects" for kind in EFFECT_TYPES if kind not in listed]
+    if scene.solver.method == "auto" and scene.acting.takes == Takes.HELD:
+        items.append(
+            "steps: none wherever the motion is free or turns about one principal axis (one angle, in closed form)"
+        )
+    return tuple(items)
+
+
+def _probe(scene: Scene, length: float) -> list[tuple[str, Wrench]]:
+    topic, body = scene.channels[0].topic, scene.body
+    moment, weight = max(body.principal_moments), 9.80665 * body.mass
+    commands = []
+    for k in range(min(math.ceil(length), _PROBES)):
+        size = (0.5 if k == 0 else 1.0) * (-1.0) ** k
+        force, torque = scale(size * weight, (0.6, 0.0, 0.8)), scale(size * moment, (0.36, 0.48, 0.8))
+        commands.append((topic, Wrench(force, torque, stamp_ns=k * NANOSECONDS)))
+    return commands
+
+
+def _timed(
+    scene: Scene, commands: Sequence[tuple[str, Wrench]], length: float, budget: float
+) -> tuple[Simulation, float]:
+    """Return a run that has gone on for `length` s or for as long as the budget lasted, and how long it took."""
+    end = round(length * NANOSECONDS)
+    begin = time.perf_counter()
+    run = _start(scene, commands)
+    part = max(1, end >> 12)
+    while True:
+        run.advance(min(part, end))
+        wall = time.perf_counter() - begin
+        if part >= end or (wall > 0.5 * budget and run.time_ns > 0):
+            return run, wall
+        part *= 2
+
+
+def _start(scene: Scene, commands: Sequence[tuple[str, Wrench]]) -> Simulation:
+    run = Simulation(scene)
+    for topic, wrench in commands:
+        run.post(topic, wrench, wrench.stamp_ns)
+    run.start()
+    return run
+
+
+def _errors(scene: Scene, commands: Sequence[tuple[str, Wrench]], run: Simulation) -> tuple[float, float, str]:
+    """Return the errors of attitude and position at the end of `run`, and what they were found by."""
+    rate = norm(run.sample.angular_velocity_body)
+    seconds = run.time_ns / NANOSECONDS
+    if run.methods == EXACT.name:
+        bound = 100.0 * _EPSILON * (1.0 + rate * seconds)
+        size = norm(run.sample.position_world) + norm(run.sample.linear_velocity_world) * seconds
+        return bound, 4.0 * _EPSILON * size, "bounds of the closed form: round-off"
+    for factor in (100.0, 10.0):
+        finer = _finer(scene.solver, factor)
+        try:
+            check = _start(replace(scene, solver=finer, duration=scene.duration), commands)
+            check.advance(run.time_ns)
+        except ConvergenceError:
+            continue
+        attitude = angle_between(run.sample.orientation_xyzw, check.sample.orientation_xyzw)
+        position = norm(subtract(run.sample.position_world, check.sample.position_world))
+        return attitude, position, f"difference from a run with {_setting(finer)}"
+    accuracy = scene.solver.accuracy or 0.0
+    return accuracy, math.nan, "the accuracy asked for: no finer run could be made"
+
+
+def _finer(solver: Solver, factor: float) -> Solver:
+    if solver.step is not None:
+        order = METHODS[solver.method].order if solver.method in METHODS else None
+        return Solver(solver.method, step=solver.step / factor ** (1.0 / (order or 4)))
+    return Solver(solver.method, accuracy=(solver.accuracy or 1e-9) / factor)
+
+
+def _setting(solver: Solver) -> str:
+    if solver.step is not None:
+        return f"step {solver.step:.3g} s"
+    return f"accuracy {solver.accuracy:.3g}"

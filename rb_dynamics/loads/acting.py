@@ -1,0 +1,92 @@
+"""`ActingEffects`: the effects of a scene on its body, added up.
+
+What no effect has is None, and no code runs for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.loads.effect import Effect, Point, Stored
+from rb_dynamics.loads.load import Load, Takes
+from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.rotation import Quaternion
+from rb_dynamics.vector import ZERO, Vector, add
+
+
+@dataclass(frozen=True)
+class ActingEffects:
+    """What the `effects` of a scene do to `body`, in the order of the scene."""
+
+    body: RigidBody
+    effects: tuple[Effect, ...] = ()
+
+    @property
+    def takes(self) -> Takes:
+        """What a method has to take."""
+        return max((effect.takes for effect in self.effects), default=Takes.HELD)
+
+    @property
+    def varying(self) -> tuple[str, ...]:
+        """Kinds of the effects whose load changes inside a step."""
+        return tuple(effect.kind for effect in self.effects if effect.takes > Takes.HELD)
+
+    def schedules(self) -> list[tuple[str, tuple[tuple[float, Wrench], ...]]]:
+        """Return a channel name and the wrenches of each effect that holds some."""
+        found: dict[str, tuple[tuple[float, Wrench], ...]] = {}
+        for effect in self.effects:
+            if schedule := effect.schedule(self.body):
+                same = sum(name.startswith(f"effects/{effect.kind}") for name in found)
+                found[f"effects/{effect.kind}{f'_{same + 1}' if same else ''}"] = schedule
+        return list(found.items())
+
+    def knots(self) -> list[float]:
+        """Return the times (s) at which steps have to end, in order."""
+        return sorted({time for effect in self.effects for time in effect.knots()})
+
+    def load_from(self, start: float) -> Callable[[Point], Load] | None:
+        """Return what gives the load of a step from its first point, from `start` (s) to the next knot."""
+        parts = [part for effect in self.effects if (part := effect.wrenching(self.body, start)) is not None]
+        if not parts:
+            return None
+
+        def at(point: Point) -> Load:
+            def load(
+                t: float,
+                displacement: Vector,
+                velocity: Vector,
+                orientation: Quaternion,
+                angular_velocity: Vector,
+            ) -> tuple[Vector, Vector]:
+                here = Point(point.time + t, add(point.position, displacement), velocity, orientation, angular_velocity)
+                force, torque = parts[0](here)
+                for part in parts[1:]:
+                    more_force, more_torque = part(here)
+                    force, torque = add(force, more_force), add(torque, more_torque)
+                return force, torque
+
+            return load
+
+        return at
+
+    def potential(self) -> Callable[[Point], float] | None:
+        """Return the potential energy (J) of all; None where none has one."""
+        parts = [part for effect in self.effects if (part := effect.potential(self.body)) is not None]
+        return (lambda point: sum(part(point) for part in parts)) if parts else None
+
+    def storing(self) -> Callable[[Point], Stored] | None:
+        """Return what moves inside the body, of all; None where nothing does."""
+        parts = [part for effect in self.effects if (part := effect.storing(self.body)) is not None]
+        if not parts:
+            return None
+
+        def stored(point: Point) -> Stored:
+            momentum, energy = ZERO, 0.0
+            for part in parts:
+                more = part(point)
+                momentum, energy = add(momentum, more.momentum), energy + more.energy
+            return Stored(momentum, energy)
+
+        return stored

@@ -1,0 +1,79 @@
+"""Central gravity: Newton's attraction by a distant centre and, where asked, its gradient over the body."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.errors import ConvergenceError
+from rb_dynamics.loads.effect import Effect, Point, Potential, Wrenching
+from rb_dynamics.loads.load import Takes
+from rb_dynamics.rotation import rotate, rotate_inverse
+from rb_dynamics.vector import ZERO, Vector, add, add_scaled, cross, dot, multiply, norm, scale, subtract
+
+
+@dataclass(frozen=True)
+class CentralGravity(Effect):
+    """Attraction by a centre with gravitational parameter mu (m^3/s^2) at `center_world` (m).
+
+    Without `gravity_gradient` F = -mu m n / r^2 through the centre of mass, U = -mu m / r, with r n from the centre to
+    the centre of mass. With it the next term of MacCullagh's expansion, U2 = -mu (tr I - 3 n . I n) / (2 r^3): the
+    torque 3 mu / r^3 n x I n and the force that belongs to it, so that energy and the angular momentum about the centre
+    are kept (Hughes, Spacecraft Attitude Dynamics, section 8.1; Wertz, eq. 17-31).
+    """
+
+    kind: ClassVar[str] = "central_gravity"
+    takes: ClassVar[Takes] = Takes.FIELD
+
+    gravitational_parameter: float
+    center_world: Vector = ZERO
+    gravity_gradient: bool = False
+
+    def wrenching(self, body: RigidBody, start: float) -> Wrenching:
+        """Return force and torque at a point.
+
+        Raises:
+            ConvergenceError: the body reaches the centre.
+        """
+        mu, mass, moments = self.gravitational_parameter, body.mass, body.principal_moments
+        trace = moments[0] + moments[1] + moments[2]
+
+        def attraction(point: Point) -> tuple[Vector, Vector]:
+            distance, direction = self._to(point)
+            pull = scale(-mu * mass / distance / distance, direction)
+            if not self.gravity_gradient:
+                return pull, ZERO
+            n = rotate_inverse(point.orientation, direction)
+            i_n = multiply(moments, n)
+            cubed = mu / distance / distance / distance
+            tide = add_scaled(scale(trace - 5.0 * dot(n, i_n), n), 2.0, i_n)
+            force = rotate(point.orientation, scale(-1.5 * cubed / distance, tide))
+            return add(pull, force), scale(3.0 * cubed, cross(n, i_n))
+
+        return attraction
+
+    def potential(self, body: RigidBody) -> Potential:
+        """Return U (J), zero at infinity."""
+        mu, mass, moments = self.gravitational_parameter, body.mass, body.principal_moments
+        trace = moments[0] + moments[1] + moments[2]
+
+        def at(point: Point) -> float:
+            distance, direction = self._to(point)
+            energy = -mu * mass / distance
+            if not self.gravity_gradient:
+                return energy
+            n = rotate_inverse(point.orientation, direction)
+            return energy - 0.5 * mu * (trace - 3.0 * dot(n, multiply(moments, n))) / distance / distance / distance
+
+        return at
+
+    def _to(self, point: Point) -> tuple[float, Vector]:
+        away = subtract(point.position, self.center_world)
+        distance = norm(away)
+        if distance == 0.0:
+            raise ConvergenceError(
+                f"central_gravity: the body has reached the centre at {list(self.center_world)}, where the attraction "
+                "is infinite; start it further away, with more angular momentum about the centre, or end the run before"
+            )
+        return distance, scale(1.0 / distance, away)

@@ -1,0 +1,83 @@
+"""`Effect`: something that acts on the body of its own accord, beside commanded wrenches. One small file for each kind.
+
+An effect is data from the scene. What it does is asked for once, for a body; a part that it does not have is not asked
+for again and costs nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import ClassVar, NamedTuple
+
+from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.loads.load import Takes
+from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.rotation import Quaternion
+from rb_dynamics.vector import Vector
+
+
+class Point(NamedTuple):
+    """What an effect may depend on.
+
+    Attributes:
+        time: s since the start of the run.
+        position: of the centre of mass, world axes, m.
+        velocity: of the centre of mass, world axes, m/s.
+        orientation: principal to world axes.
+        angular_velocity: principal axes, rad/s.
+    """
+
+    time: float
+    position: Vector
+    velocity: Vector
+    orientation: Quaternion
+    angular_velocity: Vector
+
+
+class Stored(NamedTuple):
+    """What a part that moves inside the body has: angular momentum (kg m^2/s, principal axes) and energy (J)."""
+
+    momentum: Vector
+    energy: float
+
+
+Wrenching = Callable[[Point], tuple[Vector, Vector]]
+"""Force (N, world axes) and torque about the centre of mass (N m, principal axes) at a point."""
+
+Potential = Callable[[Point], float]
+"""Potential energy (J) at a point."""
+
+Storing = Callable[[Point], Stored]
+"""What moves inside the body at a point."""
+
+
+class Effect:
+    """What acts of its own accord; each kind overrides what it has.
+
+    Attributes:
+        kind: `type` in the scene's list of effects.
+        takes: what its load depends on.
+    """
+
+    kind: ClassVar[str]
+    takes: ClassVar[Takes] = Takes.HELD
+
+    def schedule(self, body: RigidBody) -> tuple[tuple[float, Wrench], ...]:
+        """Return the wrenches that it holds, each with the time (s) at which it begins."""
+        return ()
+
+    def knots(self) -> tuple[float, ...]:
+        """Return the times (s) at which its load has a kink: steps end there."""
+        return ()
+
+    def wrenching(self, body: RigidBody, start: float) -> Wrenching | None:
+        """Return its load for the time from `start` (s) to the next knot; None where it has none that varies."""
+        return None
+
+    def potential(self, body: RigidBody) -> Potential | None:
+        """Return its potential energy; None where it has none."""
+        return None
+
+    def storing(self, body: RigidBody) -> Storing | None:
+        """Return what moves inside the body by it; None where nothing does."""
+        return None

@@ -1,0 +1,40 @@
+"""`Load`: what acts on the body beside held wrenches and changes inside a step, and what a method must take.
+
+Never knows an effect or a method: effects provide loads, methods evaluate them.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import Protocol
+
+from rb_dynamics.rotation import Quaternion
+from rb_dynamics.vector import Vector
+
+
+class Load(Protocol):
+    """A force and a torque that change inside a step, such as drag or central gravity."""
+
+    def __call__(
+        self, t: float, displacement: Vector, velocity: Vector, orientation: Quaternion, angular_velocity: Vector
+    ) -> tuple[Vector, Vector]:
+        """Return the force (N, world axes) and the torque about the centre of mass (N m, principal axes) at a state.
+
+        Args:
+            t: s since the start of the step.
+            displacement: of the centre of mass since the start of the step, m, world axes.
+            velocity: of the centre of mass, m/s, world axes.
+            orientation: principal to world axes.
+            angular_velocity: principal axes, rad/s.
+        """
+
+
+class Takes(IntEnum):
+    """What a load depends on, and so what a method has to take; each kind includes the ones before it."""
+
+    HELD = 0
+    """Nothing: held wrenches only."""
+    FIELD = 1
+    """Time, place and attitude."""
+    ANY = 2
+    """The velocities too."""

@@ -1,0 +1,34 @@
+"""Uniform gravity: a constant force m g through the centre of mass, which a scene holds like a wrench in world axes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.loads.effect import Effect, Point, Potential
+from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.vector import Vector, dot, scale
+
+
+@dataclass(frozen=True)
+class UniformGravity(Effect):
+    """The same acceleration everywhere (m/s^2, world axes). Energy: U = -m g . x, x the centre of mass."""
+
+    kind: ClassVar[str] = "uniform_gravity"
+
+    acceleration_world: Vector
+    world_frame: str = "world"
+
+    def schedule(self, body: RigidBody) -> tuple[tuple[float, Wrench], ...]:
+        """Return the weight, held from the start."""
+        return ((0.0, Wrench(force=scale(body.mass, self.acceleration_world), frame_id=self.world_frame)),)
+
+    def potential(self, body: RigidBody) -> Potential:
+        """Return U = -m g . x (J), zero at the origin."""
+        weight = scale(body.mass, self.acceleration_world)
+
+        def at(point: Point) -> float:
+            return -dot(weight, point.position)
+
+        return at

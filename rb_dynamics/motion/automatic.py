@@ -1,0 +1,93 @@
+"""`method: auto`: the cheapest method that keeps the accuracy, by what each costs and how long its steps may be here.
+
+How long they may be is asked of each method's own step control, at the state and under the load that it would be used
+for; nothing is tabulated but the cost of a step. It never reads a clock, so that the same scene and commands always
+lead to the same choice, and it never looks ahead at commands.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+
+from rb_dynamics.errors import ConvergenceError
+from rb_dynamics.loads.load import Takes
+from rb_dynamics.motion.method import Method
+from rb_dynamics.motion.phase import Phase
+from rb_dynamics.motion.step_control import NANOSECONDS, Advance, StepControl
+
+COST_OF_A_STEP: Mapping[str, float] = MappingProxyType(
+    {
+        "taylor": 1.0,
+        "rkmk4": 0.3,
+        "rkmk54": 0.4,
+        "dlm6": 1.0,
+        "aba864": 3.0,
+        "dop853": 1.5,
+        "radau": 10.0,
+    }
+)
+"""Time of an accepted step with its control, in units of one of `taylor`, as `benchmarks/methods.py` measures it."""
+
+CANDIDATES: Mapping[Takes, tuple[str, ...]] = MappingProxyType(
+    {
+        Takes.HELD: ("taylor", "rkmk54", "dlm6", "rkmk4"),
+        Takes.FIELD: ("dop853", "rkmk54", "aba864", "dlm6"),
+        Takes.ANY: ("dop853", "rkmk54", "radau"),
+    }
+)
+"""The methods that are on the front of speed against accuracy for each kind of load."""
+
+# Attempts to find how long a stride may be; each can lengthen it fivefold.
+_TRIALS = 12
+
+
+def cheapest(
+    candidates: tuple[Method, ...],
+    control_for: Callable[[Method], StepControl],
+    advance_with: Callable[[Method], Advance],
+    phase: Phase,
+    arc: float,
+) -> tuple[Method, StepControl]:
+    """Return the candidate that costs least for an arc of `arc` s from `phase` on, with a control that knows its step.
+
+    The candidates come in the order in which they are tried; each has to be worth its trial.
+
+    Raises:
+        ConvergenceError: none of them keeps the accuracy; says what the first of them says.
+    """
+    best: tuple[float, Method, StepControl] | None = None
+    failure: ConvergenceError | None = None
+    for method in candidates:
+        price = COST_OF_A_STEP[method.name]
+        if best is not None and _TRIALS * price > best[0] * arc:
+            continue  # to try it would cost more than the whole arc with the best so far
+        control = control_for(method)
+        try:
+            stride = longest_stride(control, advance_with(method), phase)
+        except ConvergenceError as error:
+            failure = failure or error
+            continue
+        cost = price / min(stride, arc)
+        if best is None or cost < best[0]:
+            best = (cost, method, control)
+    if best is None:
+        raise failure or ConvergenceError("auto: found no method to choose from, expected at least one")
+    return best[1], best[2]
+
+
+def longest_stride(control: StepControl, advance: Advance, phase: Phase) -> float:
+    """Return how long (s) a stride from `phase` on may be; the control has learnt it when this returns.
+
+    Raises:
+        ConvergenceError: no stride keeps the accuracy.
+    """
+    longest = 0.0
+    for _ in range(_TRIALS):
+        stride = control.stride(phase, advance)[0] / (control.denominator * NANOSECONDS)
+        control.begin()
+        if stride < 1.2 * longest:
+            break
+        longest = stride
+    return longest if math.isfinite(longest) else math.inf

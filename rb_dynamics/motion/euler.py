@@ -1,0 +1,52 @@
+"""Semi-implicit Euler as physics engines step a rigid body: the baseline that shows what an order is worth."""
+
+from __future__ import annotations
+
+from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
+from rb_dynamics.motion.refusal import require_finite, require_small_turn
+from rb_dynamics.rotation import Quaternion, exp, normalize, rotate, rotate_inverse
+from rb_dynamics.rotation import multiply as compose
+from rb_dynamics.vector import ZERO, Vector, add, add_scaled, cross, divide, dot, multiply, norm, scale, subtract
+
+
+def step(
+    inertia: Inertia,
+    held: HeldWrench,
+    h: float,
+    velocity: Vector,
+    orientation: Quaternion,
+    angular_velocity: Vector,
+    load: Load | None = None,
+) -> Increment:
+    """Advance by semi-implicit Euler with an explicit gyroscopic term (symplectic Euler, HLW eq. I.1.9).
+
+    All loads at the start; v1 = v0 + h F / m, x1 = x0 + h v1, w1 = w0 + h I^-1 (tau - w0 x I w0), q1 = q0 exp(h w1).
+    The work is that of the impulses at the mean of the velocities before and after, so that what is missing from the
+    energy is the error of attitude and gyroscopic term. Order 1, under any load too; keeps no invariant.
+
+    Raises:
+        ConvergenceError: the step turns the body too far, or diverges.
+    """
+    force = add(rotate(orientation, held.force_body), held.force_world)
+    torque = add(held.torque_body, rotate_inverse(orientation, held.torque_world))
+    if load is not None:
+        push, twist = load(0.0, ZERO, velocity, orientation, angular_velocity)
+        force, torque = add(force, push), add(torque, twist)
+    gyroscopic = cross(angular_velocity, multiply(inertia.moments, angular_velocity))
+    omega = add_scaled(angular_velocity, h, divide(subtract(torque, gyroscopic), inertia.moments))
+    gain = scale(h / inertia.mass, force)
+    require_small_turn("euler", h, norm(omega))
+    power = dot(force, add_scaled(velocity, 0.5, gain)) + 0.5 * dot(torque, add(angular_velocity, omega))
+    end = Increment(
+        scale(h, add(velocity, gain)),
+        normalize(compose(orientation, exp(scale(h, omega)))),
+        omega,
+        scale(h, force),
+        scale(h, rotate(orientation, torque)),
+        h * power,
+    )
+    return require_finite("euler", h, end)
+
+
+EULER = Method("euler", order=1, invariants=frozenset({"unit_quaternion"}), step=step, takes=Takes.ANY)

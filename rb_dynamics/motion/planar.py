@@ -1,0 +1,63 @@
+"""Motion that provably stays planar: the body turns about one principal axis that nothing tilts, I theta'' = N.
+
+One angle tells the attitude, in closed form for a constant torque; so does a body that does not turn at all.
+"""
+
+from __future__ import annotations
+
+from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.motion.method import Increment, Inertia
+from rb_dynamics.rotation import Quaternion, exp, multiply, normalize, rotate, rotate_inverse
+from rb_dynamics.vector import ZERO, Vector, add, add_scaled, dot, scale
+
+_AXES: tuple[Vector, Vector, Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+def fixed_axis(held: HeldWrench, orientation: Quaternion, angular_velocity: Vector) -> int | None:
+    """Return the principal axis (0, 1 or 2) about which alone the body turns under `held`; None where there is none.
+
+    To the bit: angular velocity and torque have that component alone, and so has a force in body axes, which would
+    otherwise turn with the body. Where nothing turns at all any axis will do.
+    """
+    torque = _torque(held, orientation)
+    turning = [k for k in range(3) if angular_velocity[k] != 0.0 or torque[k] != 0.0]
+    if not turning:
+        return 2
+    if len(turning) > 1:
+        return None
+    across = [k for k in range(3) if k != turning[0]]
+    return turning[0] if all(held.force_body[k] == 0.0 for k in across) else None
+
+
+def advance(
+    inertia: Inertia,
+    held: HeldWrench,
+    h: float,
+    velocity: Vector,
+    orientation: Quaternion,
+    angular_velocity: Vector,
+    axis: int,
+) -> Increment:
+    """Advance by theta = w h + N h^2 / 2 I about `axis` (lecture 24, page 12) and the parabola of a constant force."""
+    mass, moments = inertia
+    torque = _torque(held, orientation)[axis]
+    slope = torque / moments[axis]
+    angle = h * (angular_velocity[axis] + 0.5 * h * slope)
+    unit = _AXES[axis]
+    force = add(rotate(orientation, held.force_body), held.force_world)
+    displacement = add_scaled(scale(h, velocity), 0.5 * h * h / mass, force)
+    torque_world = add(rotate(orientation, held.torque_body), held.torque_world) if torque != 0.0 else ZERO
+    return Increment(
+        displacement,
+        normalize(multiply(orientation, exp(scale(angle, unit)))),
+        add_scaled(angular_velocity, h * slope, unit),
+        scale(h, force),
+        scale(h, torque_world),
+        dot(force, displacement) + torque * angle,
+    )
+
+
+def _torque(held: HeldWrench, orientation: Quaternion) -> Vector:
+    if held.torque_world == ZERO:
+        return held.torque_body
+    return add(held.torque_body, rotate_inverse(orientation, held.torque_world))

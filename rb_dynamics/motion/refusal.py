@@ -1,0 +1,67 @@
+"""What no step may return and how it is refused: numbers that are not finite, turns that no stage resolves.
+
+Never decides how long a step should be: step control does.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import chain
+
+from rb_dynamics.errors import ConvergenceError
+from rb_dynamics.motion.method import Increment
+
+LARGEST_TURN = 3.0
+"""Largest turn (rad) in a step. exp and dexpinv are regular below 2 pi; half of that leaves the stages room."""
+
+
+def require_finite(name: str, h: float, step: Increment) -> Increment:
+    """Return `step`, which the method `name` made in h s.
+
+    Raises:
+        ConvergenceError: a number in it is not finite.
+    """
+    (a, b, c), (d, e, f, g), (i, j, k), (m, n, o), (p, q, r), work = step
+    # What is not finite makes the sum so, and one look is cheaper than seventeen.
+    total = a + b + c + d + e + f + g + i + j + k + m + n + o + p + q + r + work
+    if not math.isfinite(total) and not all(map(math.isfinite, (*chain.from_iterable(step[:5]), work))):
+        raise _without_numbers(name, h)
+    return step
+
+
+def require_small_turn(name: str, h: float, rate: float) -> None:
+    """Let pass a stage of h s at `rate` (rad/s) that turns the body by less than `LARGEST_TURN`.
+
+    Raises:
+        ConvergenceError: it turns further.
+    """
+    turn = rate * abs(h)
+    if turn < LARGEST_TURN:
+        return
+    if not math.isfinite(turn):
+        raise _without_numbers(name, h)
+    raise ConvergenceError(
+        f"{name}: a step of {h:g} s turns the body by {turn:.3g} rad, expected less than {LARGEST_TURN:g} rad; "
+        f"use a step below {LARGEST_TURN / rate:.3g} s"
+    )
+
+
+def require_quaternion(name: str, h: float, square: float, rate: float) -> None:
+    """Let pass a quaternion of norm `square`^(1/2), reached in h s from `rate` (rad/s), that is still near a rotation.
+
+    Raises:
+        ConvergenceError: its norm is not about 1.
+    """
+    if 0.5 < square < 2.0:
+        return
+    raise ConvergenceError(
+        f"{name}: after a step of {h:g} s the quaternion has norm {square**0.5:.3g}, expected about 1; "
+        f"the body turns too far in one step at {rate:.3g} rad/s: use a shorter step"
+    )
+
+
+def _without_numbers(name: str, h: float) -> ConvergenceError:
+    return ConvergenceError(
+        f"{name}: a step of {h:g} s leads to numbers that are no longer finite, expected a motion that it resolves; "
+        f"use a step below {0.5 * abs(h):.3g} s or check the size of the wrench and of the effects"
+    )

@@ -1,0 +1,94 @@
+"""`explain`: what it says of a scene is true of the run."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from rb_dynamics.cli import main
+from rb_dynamics.explain import explain
+from rb_dynamics.recording.mcap_reader import read_wrenches
+from rb_dynamics.rotation import angle_between
+from rb_dynamics.scene.read import parse_scene, read_scene
+from rb_dynamics.scene.read_effects import EFFECT_TYPES
+from rb_dynamics.simulate import simulate
+
+ROOT = Path(__file__).parents[1]
+RIGID = "body: {mass: 2, inertia: {diagonal: [1, 2, 2.5]}}\ninitial: {angular_velocity_body: [0.3, 1, 0.2]}\n"
+
+
+def said(text: str) -> str:
+    return explain(parse_scene(text)).as_text()
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "config").glob("*.yaml")), ids=lambda path: path.stem)
+def test_every_shipped_scene_can_be_explained(path: Path) -> None:
+    scene = read_scene(path)
+    found = explain(scene, budget=0.3)
+    listed = {effect.kind for effect in scene.effects}
+    for kind in EFFECT_TYPES:
+        assert any(f"effect {kind}:" in item for item in found.modelled) == (kind in listed)
+        assert any(item.startswith(f"{kind}:") for item in found.left_out) == (kind not in listed)
+    assert found.trial_s > 0.0
+    assert found.attitude_error >= 0.0
+
+
+def test_a_free_body_is_in_closed_form() -> None:
+    text = said(RIGID + "wrenches: []\nduration: 10")
+    assert "auto: exact, as nothing turns the body" in text
+    assert "moved by            exact" in text
+    assert "Jacobi's elliptic functions" in text
+    assert "bounds of the closed form" in text
+
+
+@pytest.mark.parametrize(
+    ("moments", "words"), [("[1, 1, 1]", "uniform rotation"), ("[1, 1, 2]", "trigonometric functions")]
+)
+def test_the_class_of_the_body_says_how_it_turns(moments: str, words: str) -> None:
+    assert words in said(f"body: {{mass: 1, inertia: {{diagonal: {moments}}}}}\nduration: 1\nwrenches: []")
+
+
+def test_a_particle_has_three_degrees_of_freedom() -> None:
+    found = explain(parse_scene("body: {mass: 1}\nduration: 1\nwrenches: []"))
+    assert found.modelled == ("body: a particle, three degrees of freedom",)
+    assert "attitude and rotation: the body has no inertia" in found.left_out
+
+
+def test_the_error_it_names_is_the_error_there_is() -> None:
+    """rk4 at a coarse step: against a run that is a million times better."""
+    scene = read_scene(ROOT / "config" / "dzhanibekov.yaml", {"solver.method": "rk4", "solver.step": 0.02})
+    exact = simulate(read_scene(ROOT / "config" / "dzhanibekov.yaml")).sample
+    true = angle_between(simulate(scene).sample.orientation_xyzw, exact.orientation_xyzw)
+
+    found = explain(scene, budget=60.0)
+
+    assert found.trial_s == 100.0
+    assert found.steps_per_s == pytest.approx(50.0)
+    assert found.attitude_error == pytest.approx(true, rel=0.05)
+
+
+def test_channels_are_tried_with_the_commands_of_a_bag_or_a_probe() -> None:
+    scene = read_scene(ROOT / "config" / "slew.yaml")
+    commands = read_wrenches(str(ROOT / "examples" / "slew.mcap"), [channel.topic for channel in scene.channels])
+
+    probed, flown = explain(scene, budget=0.5), explain(scene, commands, budget=0.5)
+
+    assert any("probe" in remark for remark in probed.remarks)
+    assert not any("probe" in remark for remark in flown.remarks)
+    assert flown.attitude_error < 1e-10 < probed.attitude_error
+
+
+def test_a_scene_without_end_is_tried_for_the_budget() -> None:
+    found = explain(parse_scene(RIGID + "effects: [{type: linear_drag, rotation: 0.1}]\nwrenches: []"), budget=0.2)
+    assert 0.0 < found.trial_s < 3600.0
+    assert any("its time was up" in remark for remark in found.remarks)
+
+
+def test_json_has_all_of_it(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["explain", str(ROOT / "config" / "boxes.yaml"), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["methods"] == "exact"
+    assert found["cost_per_s"] > 0.0
+    assert {"modelled", "left_out", "solver", "attitude_error", "position_error"} <= found.keys()
