@@ -1,4 +1,4 @@
-# make demo | test | test-slow | lint | pictures | clean    PYTHON=/path/to/python3.12 chooses the interpreter of .venv
+# make demo | test | test-slow | lint | pictures | pages | clean    PYTHON=/path/to/python3.12 chooses the interpreter of .venv
 #
 # Needs Python 3.10 or newer with venv, and make. Everything else is installed into .venv, ROS 2 included.
 
@@ -19,7 +19,7 @@ elsewhere build with colcon in a sourced ROS 2 Jazzy.
 
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: demo pictures test test-slow lint clean
+.PHONY: demo pictures pages test test-slow lint clean
 
 demo: $(VENV)/installed-demo
 	$(BIN)/rb-dynamics demo
@@ -27,6 +27,11 @@ demo: $(VENV)/installed-demo
 # The demo is flown only if it has not been; after a change: make demo pictures
 pictures: out/demo.rrd | $(VENV)/installed-demo
 	$(BIN)/python docs/make_pictures.py
+
+# The pages of docs/ whose numbers and figures are made by a script.
+pages: $(VENV)/installed-test
+	$(BIN)/python docs/make_lecture.py
+	$(BIN)/python docs/make_verification.py
 
 out/demo.rrd: | $(VENV)/installed-demo
 	$(BIN)/rb-dynamics demo

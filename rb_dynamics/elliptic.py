@@ -39,6 +39,9 @@ def sncndn(u: float, m1: float) -> tuple[float, float, float]:
         # Beyond this cosh overflows and its inverse is nothing.
         sech = 1.0 / math.cosh(u) if abs(u) < 700.0 else 0.0
         return math.tanh(u), sech, sech
+    # To round-off; below, products of 1/sn would overflow.
+    if abs(u) < 1e-8:
+        return u, 1.0, 1.0
     a, c, dn = 1.0, 1.0, 1.0
     e = m1
     means: list[tuple[float, float]] = []

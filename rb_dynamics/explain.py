@@ -108,7 +108,7 @@ def explain(scene: Scene, commands: Sequence[tuple[str, Wrench]] = (), budget: f
     """
     remarks = []
     if scene.channels and not commands:
-        commands = _probe(scene, scene.duration or OPEN_END_HORIZON)
+        commands = probe_commands(scene, scene.duration or OPEN_END_HORIZON)
         remarks.append(
             "the channels were tried with a probe: a force of the body's weight and a torque that turns it at about "
             "1 rad/s after 1 s, reversed every second; with --wrench BAG the commands of a bag are tried instead"
@@ -169,7 +169,11 @@ def _left_out(scene: Scene) -> tuple[str, ...]:
     return tuple(items)
 
 
-def _probe(scene: Scene, length: float) -> list[tuple[str, Wrench]]:
+def probe_commands(scene: Scene, length: float) -> list[tuple[str, Wrench]]:
+    """Return wrench commands that try the first channel of `scene` for `length` s, or for the first thousand of them.
+
+    A force of the body's weight and a torque that turns it at about 1 rad/s after 1 s, reversed every second.
+    """
     topic, body = scene.channels[0].topic, scene.body
     moment, weight = max(body.principal_moments), 9.80665 * body.mass
     commands = []

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from rb_dynamics.errors import RigidBodyError
 from rb_dynamics.recording.provenance import version
 
-COMMANDS = ("simulate", "node", "inspect", "explain", "body", "demo")
+COMMANDS = ("simulate", "node", "inspect", "explain", "trade", "body", "demo")
 
 _EPILOG = """\
 examples:

@@ -16,6 +16,7 @@ from rb_dynamics.motion.euler import EULER
 from rb_dynamics.motion.exact import EXACT
 from rb_dynamics.motion.method import Increment, Inertia, Method
 from rb_dynamics.motion.midpoint import MIDPOINT
+from rb_dynamics.motion.moser_veselov import DMV82, DMV104, DMV864
 from rb_dynamics.motion.radau import RADAU
 from rb_dynamics.motion.rk4 import RK4
 from rb_dynamics.motion.rkmk import RKMK4, RKMK54
@@ -25,6 +26,7 @@ from rb_dynamics.motion.taylor import TAYLOR
 _ALL = (
     *(EXACT, TAYLOR),
     *(STRANG2, STRANG4, STRANG6, ABA82, ABA84, ABA104, ABA864),
+    *(DMV82, DMV864, DMV104),
     *(DLM2, DLM4, DLM6),
     *(MIDPOINT, MIDPOINT4, MIDPOINT6),
     *(RKMK4, RKMK54, CF4),

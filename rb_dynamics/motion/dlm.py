@@ -24,14 +24,12 @@ def flow(moments: Vector, orientation: Quaternion, angular_velocity: Vector, t: 
     a, b, c = sorted(range(3), key=lambda i: moments[i])
     middle = moments[b]
     m = [i * w for i, w in zip(moments, angular_velocity, strict=True)]
-    q = list(multiply(orientation, exp(scale(t / middle, (m[0], m[1], m[2])))))
-    half_a, whole_c = (
-        0.5 * t * (middle - moments[a]) / moments[a] / middle,
-        t * (middle - moments[c]) / moments[c] / middle,
-    )
-    _turn(q, m, a, half_a * m[a])
-    _turn(q, m, c, whole_c * m[c])
-    _turn(q, m, a, half_a * m[a])
+    q = list(multiply(orientation, exp(scale(t, (m[0] / middle, m[1] / middle, m[2] / middle)))))
+    # Relative first: the inverse of a small moment may be no number where the rate is one.
+    half_a, whole_c = 0.5 * t * ((middle - moments[a]) / middle), t * ((middle - moments[c]) / middle)
+    _turn(q, m, a, half_a * (m[a] / moments[a]))
+    _turn(q, m, c, whole_c * (m[c] / moments[c]))
+    _turn(q, m, a, half_a * (m[a] / moments[a]))
     return (q[0], q[1], q[2], q[3]), (m[0] / moments[0], m[1] / moments[1], m[2] / moments[2])
 
 

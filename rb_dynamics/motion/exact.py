@@ -11,9 +11,10 @@ from rb_dynamics.motion import planar
 from rb_dynamics.motion.free import FreeRotation
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method
 from rb_dynamics.motion.planar import fixed_axis
+from rb_dynamics.motion.refusal import require_known_attitude
 from rb_dynamics.rotation import Quaternion, normalize
 from rb_dynamics.rotation import multiply as compose
-from rb_dynamics.vector import ZERO, Vector, add_scaled, dot, scale
+from rb_dynamics.vector import ZERO, Vector, add_scaled, dot, norm, scale
 
 
 def is_free(held: HeldWrench) -> bool:
@@ -58,6 +59,7 @@ def step(
                 "auto, which is exact wherever there is a closed form, or one of the methods with a step"
             )
         return planar.advance(inertia, held, h, velocity, orientation, angular_velocity, axis)
+    require_known_attitude("exact", h, norm(angular_velocity))
     turn, omega = FreeRotation(inertia.moments, angular_velocity).at(h)
     displacement = add_scaled(scale(h, velocity), 0.5 * h * h / inertia.mass, held.force_world)
     return Increment(

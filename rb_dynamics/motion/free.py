@@ -15,10 +15,10 @@ import math
 from functools import lru_cache
 from typing import NamedTuple
 
-from rb_dynamics.elliptic import complete_k, rf, rj, sncndn
+from rb_dynamics.elliptic import agm, rf, rj, sncndn
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.rotation import Quaternion, exp, multiply, normalize
-from rb_dynamics.vector import Vector, norm, positive_zeros, scale
+from rb_dynamics.vector import Vector, add, add_scaled, dot, norm, positive_zeros, scale
 from rb_dynamics.vector import multiply as times
 
 _Axes = tuple[tuple[int, float], tuple[int, float], tuple[int, float]]
@@ -44,6 +44,7 @@ class _Tumble(NamedTuple):
         m1: complementary parameter, 1 - k^2.
         quarter: K; infinite on the separatrix.
         u0: u at time 0, |u0| <= K.
+        start: sn, cn, dn at u0, each to full relative accuracy.
         beta: (I_b B / I_a A)^2 >= 1.
         g: (beta - 1)(beta - m1)/beta.
         momentum: |L|.
@@ -57,6 +58,7 @@ class _Tumble(NamedTuple):
     m1: float
     quarter: float
     u0: float
+    start: Vector
     beta: float
     g: float
     momentum: float
@@ -69,6 +71,12 @@ class FreeRotation:
     def __init__(self, moments: Vector, angular_velocity: Vector) -> None:
         """Prepare everything that does not depend on time; moments in kg m^2."""
         self._spin = w = positive_zeros(angular_velocity)
+        # In units near the largest moment and the largest rate, powers of two: products neither under- nor overflow.
+        self._unit = math.frexp(max(map(abs, w)))[1]
+        self._start, self._moments = w, moments = (
+            _in_units(w, self._unit),
+            _in_units(moments, math.frexp(max(moments))[1]),
+        )
         self._tumble = None if _spins_steadily(moments, w) else _tumble(moments, w)
 
     def at(self, t: float) -> tuple[Quaternion, Vector]:
@@ -84,9 +92,35 @@ class FreeRotation:
                 f"exact: {norm(self._spin):.3g} rad/s for {t:.3g} s is an angle beyond the range of double precision; "
                 "check the angular velocity, the torque and the moments of inertia, or use a smaller step"
             )
-        if self._tumble is None:
+        if self._tumble is None or _stays(self._tumble, math.ldexp(t, self._unit)):
             return exp(scale(t, self._spin)), self._spin
-        return _tumble_at(self._tumble, t)
+        turn, omega = _tumble_at(self._tumble, math.ldexp(t, self._unit))
+        return turn, _in_units(_balanced(self._moments, self._start, omega), -self._unit)
+
+
+def _in_units(v: Vector, exponent: int) -> Vector:
+    """Return v / 2^exponent."""
+    return (math.ldexp(v[0], -exponent), math.ldexp(v[1], -exponent), math.ldexp(v[2], -exponent))
+
+
+def _balanced(moments: Vector, start: Vector, w: Vector) -> Vector:
+    """Return w without what rounding did to 2T = w . I w and L^2 = |I w|^2 since `start`.
+
+    Rounding of the closed form favours one side by some hundredths of a unit in the last place; in a million steps that
+    adds up like n, not like its root. The correction is the shortest, across the polhode; one that is larger than
+    round-off is none, and is left to be seen.
+    """
+    gained = [i * (b - a) * (b + a) for i, a, b in zip(moments, start, w, strict=True)]
+    energy, square = gained[0] + gained[1] + gained[2], dot(moments, (gained[0], gained[1], gained[2]))
+    a = times(moments, w)
+    b = times(moments, a)
+    aa, ab, bb = dot(a, a), dot(a, b), dot(b, b)
+    determinant = aa * bb - ab * ab
+    if not determinant > 1e-8 * aa * bb:
+        return w
+    x, y = (square * ab - energy * bb) / (2.0 * determinant), (energy * ab - square * aa) / (2.0 * determinant)
+    change = add_scaled(scale(x, a), y, b)
+    return add(w, change) if norm(change) <= 1e-14 * norm(w) else w
 
 
 def _spins_steadily(moments: Vector, w: Vector) -> bool:
@@ -96,12 +130,18 @@ def _spins_steadily(moments: Vector, w: Vector) -> bool:
     )
 
 
+def _stays(body: _Tumble, t: float) -> bool:
+    """Return whether w is so close to the middle axis that it cannot leave it by a rounding in t s; it grows by exp."""
+    _, cn, dn = body.start
+    return math.hypot(cn, dn) < 1e-130 and abs(body.rate * t) < 200.0
+
+
 # An arc is looked at many times from one start.
 @lru_cache(maxsize=8)
 def _tumble(moments: Vector, w: Vector) -> _Tumble | None:
     low, middle, high = sorted(range(3), key=lambda i: moments[i])
     # L^2 - 2 T I_b, the distance from the separatrix: a difference of two positive terms that may all but cancel.
-    d = _separation(moments[high], moments[middle], moments[low], w[high], w[low])
+    unit, d = _separation(moments[high], moments[middle], moments[low], w[high], w[low])
     # At zero, which may be an underflow, the body goes round the axis that no other moment equals.
     about_high = d > 0.0 or (d == 0.0 and moments[high] > moments[middle])
     a, b, c = (low, middle, high) if about_high else (high, middle, low)
@@ -118,7 +158,8 @@ def _tumble(moments: Vector, w: Vector) -> _Tumble | None:
     rate = math.copysign(amplitude_c * math.sqrt(cb / ia * (ca / ib)), ic - ia)
     if abs(rate) < _SLOWEST:
         return None
-    m1 = min(1.0, abs(d) / amplitude_c / amplitude_c / (ic * cb))
+    k1 = min(1.0, math.sqrt(abs(d) / (ic * cb)) * (unit / amplitude_c))
+    m1 = k1 * k1
     sn, cn, dn = (wb / amplitude_b, wa / amplitude_a, wc / amplitude_c) if amplitude_a > 0.0 else (0.0, 1.0, 1.0)
     if cn + dn == 0.0:
         return None
@@ -130,8 +171,9 @@ def _tumble(moments: Vector, w: Vector) -> _Tumble | None:
         amplitudes=(amplitude_a, amplitude_b, amplitude_c),
         rate=rate,
         m1=m1,
-        quarter=complete_k(m1),
+        quarter=0.5 * math.pi / agm(1.0, k1) if k1 > 0.0 else math.inf,
         u0=sn * _first_kind(cn, dn),
+        start=(sn, cn, dn),
         beta=beta,
         g=ic / ia * (ba / cb) * max(0.0, 1.0 - m1 / beta),
         momentum=momentum,
@@ -146,10 +188,19 @@ def _first_kind(cn: float, dn: float) -> float:
 
 def _tumble_at(body: _Tumble, t: float) -> tuple[Quaternion, Vector]:
     u = body.u0 + body.rate * t
-    half_periods = round(u / (2.0 * body.quarter))
-    rest = u - 2.0 * half_periods * body.quarter if half_periods else u
-    start = _angles(body, body.u0)
-    now = _angles(body, rest)
+    if body.m1 < 1e-290 and abs(u) > body.quarter:
+        raise ConvergenceError(
+            f"exact: after {t:.3g} s the precession angle is no finite number: the spin is closer to the middle axis "
+            "than double precision resolves; use a method with a step"
+        )
+    start = _angles(body, *body.start)
+    if abs(body.rate * t) < 1.0:
+        # u0 + rate t would round a slow motion away.
+        half_periods, functions = _sum(body, body.rate * t)
+    else:
+        half_periods = round(u / (2.0 * body.quarter))
+        functions = sncndn(u - 2.0 * half_periods * body.quarter if half_periods else u, body.m1)
+    now = _angles(body, *functions)
 
     azimuth = now.integral - start.integral
     if half_periods:
@@ -183,8 +234,22 @@ class _Angles(NamedTuple):
     integral: float
 
 
-def _angles(body: _Tumble, u: float) -> _Angles:
-    sn, cn, dn = sncndn(u, body.m1)
+def _sum(body: _Tumble, v: float) -> tuple[int, Vector]:
+    """Return sn, cn, dn at u0 + v, |v| <= 1, less the half periods before, by the addition theorem (DLMF 22.8)."""
+    (s, c, d), (sv, cv, dv) = body.start, sncndn(v, body.m1)
+    m = 1.0 - body.m1
+    under = cv * cv + sv * sv * d * d
+    sn, cn, dn = (
+        (s * cv * dv + sv * c * d) / under,
+        (c * cv - s * d * sv * dv) / under,
+        (d * dv - m * s * c * sv * cv) / under,
+    )
+    if cn >= 0.0:
+        return 0, (sn, cn, dn)
+    return (1 if v > 0.0 else -1), (-sn, -cn, dn)
+
+
+def _angles(body: _Tumble, sn: float, cn: float, dn: float) -> _Angles:
     ma, mb, mc = times(body.moments, times(body.amplitudes, (cn, sn, dn)))
     theta = math.atan2(math.hypot(ma, mb), mc)
     chi = math.atan2(math.sqrt(body.beta) * sn, cn)
@@ -224,15 +289,21 @@ def _in_principal_axes(axes: _Axes, vector: Vector) -> Vector:
     return (out[0], out[1], out[2])
 
 
-def _separation(high: float, middle: float, low: float, w_high: float, w_low: float) -> float:
-    """Return high (high - middle) w_high^2 - low (middle - low) w_low^2, correct to the last digit even if it cancels.
+def _separation(high: float, middle: float, low: float, w_high: float, w_low: float) -> tuple[float, float]:
+    """Return a unit of rate and high (high - middle) w_high^2 - low (middle - low) w_low^2 in it, to the last digit.
 
-    In doubled precision (Dekker, Numer. Math. 18 (1971) 224).
+    In doubled precision (Dekker, Numer. Math. 18 (1971) 224), which the cancellation asks for. The unit is a power of
+    two near the larger term, so that no square that counts underflows.
     """
-    p = _product(_product(_product(_two_difference(high, middle), high), w_high), w_high)
-    q = _product(_product(_product(_two_difference(middle, low), low), w_low), w_low)
+    p, q = _product(_two_difference(high, middle), high), _product(_two_difference(middle, low), low)
+    # A term without weight has no say: its rate may be out of all proportion to the other one.
+    w_high, w_low = w_high if p[0] > 0.0 else 0.0, w_low if q[0] > 0.0 else 0.0
+    largest = max(math.sqrt(p[0]) * abs(w_high), math.sqrt(q[0]) * abs(w_low))
+    exponent = math.frexp(largest / math.sqrt(max(p[0], q[0])))[1] if largest > 0.0 else 0
+    w_high, w_low = math.ldexp(w_high, -exponent), math.ldexp(w_low, -exponent)
+    p, q = _product(_product(p, w_high), w_high), _product(_product(q, w_low), w_low)
     difference, rest = _two_difference(p[0], q[0])
-    return difference + (rest + (p[1] - q[1]))
+    return math.ldexp(1.0, exponent), difference + (rest + (p[1] - q[1]))
 
 
 def _two_difference(a: float, b: float) -> tuple[float, float]:

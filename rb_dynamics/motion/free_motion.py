@@ -11,14 +11,12 @@ from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.exact import step
 from rb_dynamics.motion.phase import Phase, inertia_of
+from rb_dynamics.motion.refusal import LARGEST_FREE_TURN
 from rb_dynamics.vector import norm, scale
 
 if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
-
-# Beyond this turn the phase has no correct digit left.
-_LARGEST_TURN = 1e15
 
 
 @dataclass(frozen=True)
@@ -51,10 +49,10 @@ def free_motion(body: RigidBody, state: State, t: npt.ArrayLike) -> FreeMotion:
 
     times = np.asarray(t, dtype=np.float64)
     rate = norm(state.angular_velocity_body)
-    if times.size and not (np.isfinite(times).all() and float(np.abs(times).max()) * rate < _LARGEST_TURN):
+    if times.size and not (np.isfinite(times).all() and float(np.abs(times).max()) * rate < LARGEST_FREE_TURN):
         raise ConvergenceError(
             f"t reaches {np.abs(times).max():g} s at {rate:g} rad/s, expected finite times and less than "
-            f"{_LARGEST_TURN:g} rad of turn; beyond that no digit of the attitude is known"
+            f"{LARGEST_FREE_TURN:g} rad of turn; beyond that no digit of the attitude is known"
         )
     inertia, start = inertia_of(body), Phase.of(body, state)
     velocity = scale(1.0 / body.mass, start.linear_momentum_world)

@@ -10,6 +10,7 @@ import math
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
+from rb_dynamics.motion.refusal import require_small_turn
 from rb_dynamics.rotation import Quaternion, cayley, multiply, normalize, rotate, rotate_inverse
 from rb_dynamics.vector import Vector, add, add_scaled, cross, divide, dot, norm, scale, subtract
 from rb_dynamics.vector import multiply as times
@@ -93,6 +94,7 @@ def _step(
     momentum = times(moments, angular_velocity)
     torque_impulse_world = scale(h, rotate_inverse(orientation, held.torque_world))
     w = _mean_angular_velocity(moments, momentum, torque_impulse_world, scale(h, held.torque_body), h)
+    require_small_turn("midpoint", h, norm(w))
     half_turn = scale(0.5 * h, w)
     torque_impulse_body = _half_cayley(half_turn, scale(h, held.torque_body))
     force_impulse_body = _half_cayley(half_turn, scale(h, held.force_body))

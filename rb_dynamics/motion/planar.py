@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia
+from rb_dynamics.motion.refusal import require_known_attitude
 from rb_dynamics.rotation import Quaternion, exp, multiply, normalize, rotate, rotate_inverse
 from rb_dynamics.vector import ZERO, Vector, add, add_scaled, dot, scale
 
@@ -43,6 +44,7 @@ def advance(
     torque = _torque(held, orientation)[axis]
     slope = torque / moments[axis]
     angle = h * (angular_velocity[axis] + 0.5 * h * slope)
+    require_known_attitude("exact", 1.0, abs(angle))
     unit = _AXES[axis]
     force = add(rotate(orientation, held.force_body), held.force_world)
     displacement = add_scaled(scale(h, velocity), 0.5 * h * h / mass, force)

@@ -14,6 +14,22 @@ from rb_dynamics.motion.method import Increment
 LARGEST_TURN = 3.0
 """Largest turn (rad) in a step. exp and dexpinv are regular below 2 pi; half of that leaves the stages room."""
 
+LARGEST_FREE_TURN = 1e15
+"""Turn (rad) beyond which double precision knows no digit of the attitude, however exact the motion."""
+
+
+def require_known_attitude(name: str, h: float, rate: float) -> None:
+    """Let pass a motion of h s at `rate` (rad/s) in closed form that leaves digits of the attitude.
+
+    Raises:
+        ConvergenceError: it turns further than `LARGEST_FREE_TURN`.
+    """
+    if not rate * abs(h) < LARGEST_FREE_TURN:
+        raise ConvergenceError(
+            f"{name}: {h:g} s at {rate:.3g} rad/s are {rate * abs(h):.3g} rad, expected less than "
+            f"{LARGEST_FREE_TURN:g} rad: beyond that no digit of the attitude is known; use a shorter duration"
+        )
+
 
 def require_finite(name: str, h: float, step: Increment) -> Increment:
     """Return `step`, which the method `name` made in h s.

@@ -32,6 +32,10 @@ class Advance(Protocol):
 NANOSECONDS = 1_000_000_000
 _EPSILON = 2.0**-52
 
+# What doubling may use up of the accuracy: errors grow faster than linearly while a body turns over its middle
+# axis. A pair keeps the better one of its results, and has that in hand.
+_SHARE = 0.2
+
 
 class StepControl(Protocol):
     """Chooses the grid of an arc. Lengths of strides are integers in units of 1/`denominator` ns."""
@@ -127,8 +131,8 @@ class AccuracyControl:
     error of the lower order, and the result of the higher order is kept.
 
     The error is what the stride adds to attitude (rad) and, relative to the distance travelled, to position at the end
-    of the `horizon`: errors of rate and velocity count with the time they have to grow. A stride h may add
-    accuracy * h / horizon, so that all of them together stay within the accuracy.
+    of the `horizon`: errors of rate and velocity count with the time they have to grow. A stride h may add a fraction
+    of accuracy * h / horizon, so that all of them together stay within the accuracy where the motion amplifies them.
     """
 
     denominator = 1
@@ -142,6 +146,7 @@ class AccuracyControl:
         # The order of the result whose error is estimated, and how many of its errors make up the difference.
         self._order = order - 1 if embedded else order
         self._errors = 1.0 if embedded else 2.0**order - 1.0
+        self._share = 1.0 if embedded else _SHARE
         # What the stride chosen last suggests for the next one, and what the last one entered did: a stride is also
         # chosen to see where an output falls, and a new arc may begin before it does.
         self._next = self._learnt = 0.0
@@ -160,7 +165,7 @@ class AccuracyControl:
                 after, error = self._attempt(phase, advance, h)
             except ConvergenceError:
                 after, error = phase, math.inf
-            allowed = self._accuracy * h / self._horizon
+            allowed = self._share * self._accuracy * h / self._horizon
             if not math.isfinite(error):
                 error = math.inf
             if error > 0.0:

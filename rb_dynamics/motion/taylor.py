@@ -70,12 +70,14 @@ def step(
             "taylor: a load that changes inside the step acts, expected a held wrench alone; use midpoint6 or rk4, or "
             "strang6 if the load does not depend on the velocities"
         )
-    series = _series(inertia, held, velocity, orientation, angular_velocity)
+    unit = _clock(inertia, held, angular_velocity)
+    held, h, velocity = _slowed(held, unit), h * unit, scale(1.0 / unit, velocity)
+    series = _series(inertia, held, velocity, orientation, scale(1.0 / unit, angular_velocity))
     last = math.hypot(*(c[_ORDER] for c in series.turn)) ** (1.0 / _ORDER)
     if not last * abs(h) < _LARGEST_RATIO:
         raise ConvergenceError(
-            f"taylor: a step of {h:g} s is beyond the reach of the series at {norm(angular_velocity):.3g} rad/s; use a "
-            f"step below {0.5 / last if last > 0.0 else 0.0:.3g} s, or accuracy instead of step"
+            f"taylor: a step of {h / unit:g} s is beyond the reach of the series at {norm(angular_velocity):.3g} rad/s"
+            f"; use a step below {0.5 / last / unit if last > 0.0 else 0.0:.3g} s, or accuracy instead of step"
         )
     x, y, z, w = (_value(c, h) for c in series.turn)
     omega = (_value(series.omega[0], h), _value(series.omega[1], h), _value(series.omega[2], h))
@@ -89,10 +91,10 @@ def step(
     return Increment(
         add_scaled(uniform, 1.0 / inertia.mass, force_moment),
         normalize(compose(orientation, normalize((x, y, z, w)))),
-        omega,
-        add_scaled(force_impulse, h, held.force_world),
-        add_scaled(torque_impulse, h, held.torque_world),
-        _integral(series.power, h),
+        scale(unit, omega),
+        scale(unit, add_scaled(force_impulse, h, held.force_world)),
+        scale(unit, add_scaled(torque_impulse, h, held.torque_world)),
+        unit * unit * _integral(series.power, h),
     )
 
 
@@ -110,6 +112,9 @@ def longest_step(
     The last two terms of attitude and rate tell the first that is left out; an error of the rate grows for the whole
     horizon. Rounding alone is no reason to step shorter.
     """
+    unit = _clock(inertia, held, angular_velocity)
+    held, horizon, velocity = _slowed(held, unit), horizon * unit, scale(1.0 / unit, velocity)
+    angular_velocity = scale(1.0 / unit, angular_velocity)
     series = _series(inertia, held, velocity, orientation, angular_velocity)
     floor = _EPSILON * (1.0 + norm(angular_velocity) * horizon)
     terms = [
@@ -126,10 +131,24 @@ def longest_step(
     )
     first_left_out = max(terms[1] / radius / radius, terms[2] / radius)
     if first_left_out == 0.0:
-        return 0.5 * radius
+        return 0.5 * radius / unit
     by_accuracy = math.pow(accuracy / horizon / first_left_out, 1.0 / _ORDER)
     by_rounding = math.pow(floor / first_left_out, 1.0 / (_ORDER + 1))
-    return min(0.5 * radius, 0.9 * max(by_accuracy, by_rounding))
+    return min(0.5 * radius, 0.9 * max(by_accuracy, by_rounding)) / unit
+
+
+def _clock(inertia: Inertia, held: HeldWrench, angular_velocity: Vector) -> float:
+    """Return a power of two near the rate (1/s) of the motion: in its units the powers of the rate are numbers."""
+    torque = max(norm(held.torque_body), norm(held.torque_world))
+    rate = max(norm(angular_velocity), math.sqrt(torque / min(inertia.moments)))
+    return math.ldexp(1.0, min(max(math.frexp(rate)[1], -480), 480)) if 0.0 < rate < math.inf else 1.0
+
+
+def _slowed(held: HeldWrench, unit: float) -> HeldWrench:
+    s = 1.0 / unit / unit
+    return HeldWrench(
+        scale(s, held.force_body), scale(s, held.torque_body), scale(s, held.force_world), scale(s, held.torque_world)
+    )
 
 
 def _series(

@@ -38,6 +38,8 @@ class Plan:
         _check(scene)
         self._scene = scene
         self._inertia = inertia_of(scene.body)
+        self._accuracy = scene.solver.accuracy or 1e-9
+        self._horizon = scene.duration or OPEN_END_HORIZON
         self.takes = scene.acting.takes
         self._method = None if scene.solver.method == "auto" else METHODS[scene.solver.method]
         if self._method is not None and self._method.takes < self.takes:
@@ -85,10 +87,11 @@ class Plan:
 
     def _cheapest(self, held: HeldWrench, phase: Phase, load_from: LoadFrom | None) -> tuple[Method, StepControl]:
         # How long an arc will be is not known; the last one is the best guess, without one the whole run.
-        arc = self._length_ns * 1e-9 or self._scene.duration or OPEN_END_HORIZON
+        rest = max(self._horizon - self._start_ns * 1e-9, 0.0)
+        arc = self._length_ns * 1e-9 or rest
         methods = tuple(METHODS[name] for name in CANDIDATES[self.takes])
         return cheapest(
-            methods, self._control, lambda method: Stepper(method, self._inertia, held, load_from), phase, arc
+            methods, self._control, lambda method: Stepper(method, self._inertia, held, load_from), phase, arc, rest
         )
 
     def _control(self, method: Method) -> StepControl:
@@ -97,14 +100,10 @@ class Plan:
             return WholeArc()
         if solver.step is not None:
             return FixedStep(solver.step)
-        accuracy, horizon = self._accuracy()
+        accuracy, horizon = self._accuracy, self._horizon
         if method.longest_step is not None:
             return OwnControl(accuracy, horizon)
-        return AccuracyControl(accuracy, horizon, method.order, self._inertia)
-
-    def _accuracy(self) -> tuple[float, float]:
-        accuracy = self._scene.solver.accuracy
-        return 1e-9 if accuracy is None else accuracy, self._scene.duration or OPEN_END_HORIZON
+        return AccuracyControl(accuracy, horizon, method.order, self._inertia, embedded=method.pair is not None)
 
     def _steps(self, method: Method | None) -> str:
         solver = self._scene.solver
@@ -112,8 +111,7 @@ class Plan:
             return "in closed form"
         if solver.step is not None:
             return f"step {solver.step!r} s"
-        accuracy, horizon = self._accuracy()
-        return f"steps for an accuracy of {accuracy!r} after {horizon!r} s"
+        return f"steps for an accuracy of {self._accuracy!r} after {self._horizon!r} s"
 
 
 def _turns_nothing(scene: Scene, effect: Effect) -> bool:

@@ -91,7 +91,7 @@ class TestChoice:
         case = forced()
         start, held = Phase.of(case.body, case.initial), in_principal_axes(case.body, case.held)
         inertia = inertia_of(case.body)
-        methods = (METHODS["taylor"], METHODS["rkmk4"])
+        methods = (METHODS["taylor"], METHODS["rk4"])
 
         def control_for(method: object) -> StepControl:
             return Plan(case.scene(Solver(method.name, accuracy=1e-6), 10.0)).arc(held, 0, start, None)._control
@@ -99,16 +99,16 @@ class TestChoice:
         def advance_with(method: object) -> Stepper:
             return Stepper(method, inertia, held, None)
 
-        long, _ = cheapest(methods, control_for, advance_with, start, 1e9)
-        short, control = cheapest(methods, control_for, advance_with, start, 1e-6)
+        long, _ = cheapest(methods, control_for, advance_with, start, 10.0, 10.0)
+        short, control = cheapest(methods, control_for, advance_with, start, 1e-6, 10.0)
         assert long.name == "taylor"
-        assert short.name == min(("taylor", "rkmk4"), key=COST_OF_A_STEP.__getitem__)
+        assert short.name == min(("taylor", "rk4"), key=COST_OF_A_STEP.__getitem__)
         assert longest_stride(control, advance_with(short), start) > 1e-6
 
     def test_a_candidate_that_cannot_keep_the_accuracy_is_left_out(self) -> None:
         """1e-12 is beyond what rkmk4 can do in any number of steps; taylor can."""
         run = simulate(parse_scene(f"{DRIVEN}{EFFECTS[Takes.HELD]}\nsolver: {{method: auto, accuracy: 1.0e-12}}"))
-        assert run.method in ("taylor", "exact+taylor", "dlm6")
+        assert set(run.method.split("+")) <= {"exact", "taylor", "dop853", "dlm6"}
 
     def test_none_that_can_is_an_error_that_says_what_can_be_had(self) -> None:
         with pytest.raises(ConvergenceError, match="cannot be kept"):
@@ -139,7 +139,7 @@ def test_a_control_it_returns_knows_its_stride() -> None:
     case = forced()
     start, held = Phase.of(case.body, case.initial), in_principal_axes(case.body, case.held)
     control = AccuracyControl(1e-9, 10.0, 4, inertia_of(case.body))
-    stepper = Stepper(METHODS["rkmk4"], inertia_of(case.body), held, None)
+    stepper = Stepper(METHODS["rk4"], inertia_of(case.body), held, None)
     found = longest_stride(control, stepper, start)
     first, _ = control.stride(start, stepper)
     assert first / NANOSECONDS == pytest.approx(found, rel=0.5)

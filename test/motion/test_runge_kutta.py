@@ -206,7 +206,7 @@ class TestUnderALoad:
     @each_method
     def test_is_declared(self, method: Method) -> None:
         assert method.takes is Takes.ANY
-        assert (method.pair is None) == (method.name != "rkmk54")
+        assert (method.pair is None) == (method.name not in ("rkmk54", "dop853"))
 
 
 class TestTableaus:
@@ -246,8 +246,9 @@ class TestTableaus:
 
 
 class TestPair:
-    def test_first_is_the_step(self) -> None:
-        method, start = METHODS["rkmk54"], Motion()
+    @pytest.mark.parametrize("name", [name for name, method in METHODS.items() if method.pair is not None])
+    def test_first_is_the_step(self, name: str) -> None:
+        method, start = METHODS[name], Motion()
         arguments = (INERTIA, HELD, 0.2, start.velocity, start.orientation, start.angular_velocity, start.load)
         assert method.pair is not None
 
@@ -260,6 +261,28 @@ class TestPair:
         found = orders(lambda *arguments: pair(*arguments)[1], 1.0, (32, 48, 64, 96))
 
         assert found == {quantity: pytest.approx(4.0, abs=0.2) for quantity in found}
+
+    def test_the_estimate_of_dop853_falls_as_an_error_of_order_seven(self) -> None:
+        """And it is no smaller than the error of the step, against steps of half the length."""
+        method, start = METHODS["dop853"], Motion()
+        assert method.pair is not None
+        estimates = []
+        for h in (0.4, 0.2, 0.1):
+            step, other = method.pair(
+                INERTIA, HELD, h, start.velocity, start.orientation, start.angular_velocity, start.load
+            )
+            estimates.append(math.dist(step.angular_velocity, other.angular_velocity))
+            half = start.after(
+                method.step(
+                    INERTIA, HELD, 0.5 * h, start.velocity, start.orientation, start.angular_velocity, start.load
+                ),
+                0.5 * h,
+            )
+            end = method.step(INERTIA, HELD, 0.5 * h, half.velocity, half.orientation, half.angular_velocity, half.load)
+            assert math.dist(step.angular_velocity, end.angular_velocity) <= estimates[-1] + 4.0 * EPS
+        assert [math.log2(a / b) for a, b in zip(estimates, estimates[1:], strict=False)] == pytest.approx(
+            [8.0, 8.0], abs=0.7
+        )
 
 
 class TestStiffDrag:

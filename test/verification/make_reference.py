@@ -41,9 +41,9 @@ CASE = {
 }
 
 CONVENTIONS = (
-    "SI; quaternions (x, y, z, w), body to world; the initial one is normalised exactly; every input is the IEEE double "
-    "nearest the decimal shown; {held}, forces through the centre of mass; position and velocity are those of the body "
-    f"origin; states to {DIGITS} digits"
+    "SI; quaternions (x, y, z, w), body to world; the initial one is normalised exactly; every input is the IEEE "
+    "double nearest the decimal shown; {held}, forces through the centre of mass; position and velocity are those of "
+    f"the body origin; states to {DIGITS} digits"
 )
 
 COUNT = 10_000
@@ -56,7 +56,7 @@ COMMANDED = {
     "center_of_mass": [-0.13, 0.21, 0.08],
     "inertia": [[1.9, -0.21, 0.17], [-0.21, 2.6, 0.29], [0.17, 0.29, 1.4]],
     "position_world": [-0.75, 0.5, 2.0],
-    "orientation_xyzw": [-0.3, 0.6, 0.2, 0.7],
+    "orientation_xyzw": [-0.5, 0.1, 0.5, 0.7],
     "linear_velocity_world": [-0.2, 0.15, 0.1],
     "angular_velocity_body": [0.4, -0.7, 0.6],
 }

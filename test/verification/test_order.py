@@ -33,7 +33,7 @@ TIME = 2
 COUNTS = [1, 2, 3, 4, 5, 6, 8, 12, 18, 27, 40, 60, 90, 135, 200, 300, 450, 675, 1000]
 STEPS = [TIME / count for count in COUNTS]
 # Below FLOOR it is round-off: 1000 steps of a state of size 1 to 10. Above COARSE a method need not show its order.
-FLOOR = 2e-13
+FLOOR = 1e-13
 COARSE = 1e-2
 NEEDED = 4
 AT_MOST = 6
@@ -80,7 +80,9 @@ def test_error_falls_as_the_declared_order(method: str, quantity: str) -> None:
     assert len(sizes) >= NEEDED, f"only {len(sizes)} steps above round-off: {measured(method)[quantity]}"
     found, order = slope(sizes, values), STEPPED[method].order
     if order <= 8:
-        assert abs(found - order) <= 0.2, values
+        assert found >= order - 0.2, values
+        # The leading term of a single number may vanish by chance; then its error falls faster.
+        assert quantity == "work" or found <= order + 0.2, values
     else:
         # From 1 s steps to round-off there are but six, and the leading term does not rule all of them.
         assert found >= order - 0.5, values

@@ -1,0 +1,85 @@
+"""What an accepted stride costs with its control, for every method that steps: the prices that `auto` reckons with.
+
+Usage: python benchmarks/strides.py
+
+Prints for each kind of load and each accuracy the methods in the order of the time they take for two seconds of motion,
+with strides and time for each; and at the end the price of a stride in units of one of rk4, as it stands in
+`rb_dynamics/motion/automatic.py`.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+
+from rb_dynamics.errors import ConvergenceError
+from rb_dynamics.loads.load import Takes
+from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.motion import METHODS
+from rb_dynamics.motion.automatic import COST_OF_A_STEP
+from rb_dynamics.motion.phase import Phase, in_principal_axes
+from rb_dynamics.scene.compile import Plan
+from rb_dynamics.scene.read import parse_scene
+
+SCENE = """
+body:
+  mass: 2.5
+  center_of_mass: [0.1, -0.2, 0.3]
+  inertia: {matrix: [[2.1, 0.1, -0.2], [0.1, 1.7, 0.3], [-0.2, 0.3, 2.9]]}
+initial:
+  position_world: [5, 0, 0]
+  linear_velocity_world: [0, 1, 0]
+  angular_velocity_body: [0.4, -0.2, 0.7]
+duration: 20
+"""
+EFFECTS = {
+    Takes.HELD: "",
+    Takes.FIELD: "effects: [{type: central_gravity, gravitational_parameter: 2, gravity_gradient: true}]",
+    Takes.ANY: "effects: [{type: linear_drag, translation: 0.2, rotation: 0.03}, "
+    "{type: rotor, axis_body: [0, 1, 1], axial_inertia: 0.1, spin_rate: 10}]",
+}
+HELD = HeldWrench((0.9, -0.4, 0.6), (0.3, -0.2, 0.25))
+ACCURACIES = (1e-4, 1e-6, 1e-9, 1e-11)
+SECONDS = 2
+# The lower the order, the longer it takes to show what a stride costs.
+FINEST = {1: 1e-3, 2: 1e-5}
+
+
+def measure(name: str, takes: Takes, accuracy: float, turn: int) -> tuple[float, int]:
+    """Return the time (s) for two seconds of motion, and the strides taken; each turn from a start of its own."""
+    solver = {"solver.method": name, "solver.accuracy": accuracy, "initial.angular_velocity_body[0]": 0.4 + 1e-3 * turn}
+    scene = parse_scene(SCENE + EFFECTS[takes], overrides=solver)
+    load_from = scene.acting.load_from(0.0)
+    load = None if load_from is None else (lambda phase: load_from(phase.point(scene.body)))
+    arc = Plan(scene).arc(in_principal_axes(scene.body, HELD), 0, Phase.of(scene.body, scene.initial), load)
+    begin = time.perf_counter()
+    arc.advance(SECONDS * 1_000_000_000)
+    return time.perf_counter() - begin, arc.steps_to(SECONDS * 1_000_000_000)
+
+
+def main() -> None:
+    prices: dict[str, list[float]] = {name: [] for name in COST_OF_A_STEP}
+    for takes in Takes:
+        for accuracy in ACCURACIES:
+            rows: list[tuple[float, int, str]] = []
+            for name, method in METHODS.items():
+                if method.order is None or method.takes < takes or accuracy < FINEST.get(method.order, 0.0):
+                    continue
+                try:
+                    rows.append((*min(measure(name, takes, accuracy, turn) for turn in range(3)), name))
+                except ConvergenceError:
+                    continue
+            print(f"\n{takes.name}, accuracy {accuracy:g}")
+            for seconds, strides, name in sorted(rows):
+                print(f"  {name:10} {seconds * 1e3:9.2f} ms  {strides:6d} strides of {seconds / strides * 1e6:7.0f} us")
+            unit = next(seconds / strides for seconds, strides, name in rows if name == "rk4")
+            for seconds, strides, name in rows:
+                if name in prices:
+                    prices[name].append(seconds / strides / unit)
+    print("\nprice of a stride, in units of one of rk4 (median), and as auto has it")
+    for name, found in prices.items():
+        print(f"  {name:10} {statistics.median(found):6.2f} {COST_OF_A_STEP[name]:6.2f}")
+
+
+if __name__ == "__main__":
+    main()
