@@ -21,34 +21,34 @@ from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 
 import mpmath
 from matplotlib import colormaps, style
 from matplotlib.figure import Figure
 
+import rb_dynamics as rb
+from rb_dynamics.errors import ConvergenceError
+from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.motion import METHODS, Inertia
+from rb_dynamics.motion.free import FreeRotation
+from rb_dynamics.rotation import IDENTITY, rotate
+from rb_dynamics.scene.model import Solver
+from rb_dynamics.vector import ZERO, Vector, dot, multiply, norm, scale, subtract
+
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs" / "verification.md"
 IMAGES = ROOT / "docs" / "images"
 sys.path[:0] = [str(ROOT / "test"), str(ROOT / "test" / "verification"), str(ROOT / "test" / "motion")]
-
-import test_extremes  # noqa: E402
-import test_free  # noqa: E402
-import test_invariants  # noqa: E402
-import test_order  # noqa: E402
-import test_second_simulator  # noqa: E402
-import test_ten_thousand_wrenches as wrenches  # noqa: E402
-from free_reference import angle, free_rotation  # noqa: E402
-from motions import DATA, EPS, METHODS, STEPPED, errors, forced, free, move, slope  # noqa: E402
-
-import rb_dynamics as rb  # noqa: E402
-from rb_dynamics.errors import ConvergenceError  # noqa: E402
-from rb_dynamics.loads.wrench import HeldWrench  # noqa: E402
-from rb_dynamics.motion import Inertia  # noqa: E402
-from rb_dynamics.motion.free import FreeRotation  # noqa: E402
-from rb_dynamics.rotation import IDENTITY, rotate  # noqa: E402
-from rb_dynamics.scene.model import Solver  # noqa: E402
-from rb_dynamics.vector import ZERO, Vector, dot, multiply, norm, scale, subtract  # noqa: E402
+free_reference, motions, test_extremes, test_free, test_invariants, test_order, test_second_simulator, wrenches = map(
+    import_module,
+    (
+        *("free_reference", "motions", "test_extremes", "test_free", "test_invariants", "test_order"),
+        *("test_second_simulator", "test_ten_thousand_wrenches"),
+    ),
+)
+EPS, STEPPED = motions.EPS, motions.STEPPED
 
 GREY, DARK = "#8a949e", "#24292f"
 STEPS = 1_000_000
@@ -69,7 +69,9 @@ def table(head: Sequence[str], rows: Rows) -> str:
 
 def digit(value: float) -> str:
     """Return a number to one digit; 0 for what is exactly zero."""
-    return "0" if value == 0.0 else f"{value:.0e}".replace("e-0", "e-").replace("e+0", "e")
+    if value == 0.0 or 0.1 <= value < 1e3:
+        return f"{float(f'{value:.0e}'):g}"
+    return f"{value:.0e}".replace("e-0", "e-").replace("e+0", "e")
 
 
 def named(method: str) -> str:
@@ -87,33 +89,30 @@ def order_rows(methods: Iterable[str] = STEPPED) -> list[list[str]]:
         slopes = []
         for quantity in test_order.QUANTITIES:
             sizes, values = test_order.resolved(found[quantity])
-            slopes.append(f"{slope(sizes, values):.1f}" if len(sizes) >= test_order.NEEDED else "-")
+            slopes.append(f"{motions.slope(sizes, values):.1f}" if len(sizes) >= test_order.NEEDED else "-")
         rows.append([named(name), str(STEPPED[name].order), *slopes])
     return rows
 
 
 def order_figure() -> Figure:
-    """Draw the error of the attitude over the step, one panel for each range of orders, one colour for each family."""
+    """Draw the error of the attitude over the step, one panel for each range of orders."""
     groups: dict[str, list[str]] = {}
     for name, method in STEPPED.items():
-        bounds = next(b for b in ((1, 2), (3, 4), (5, 6), (7, 99)) if b[0] <= method.order <= b[1])
-        orders = sorted({m.order for m in STEPPED.values() if bounds[0] <= m.order <= bounds[1]})
+        low, high = next(b for b in ((1, 2), (3, 4), (5, 6), (7, 99)) if b[0] <= method.order <= b[1])
+        orders = sorted({m.order for m in STEPPED.values() if low <= m.order <= high})
         groups.setdefault("order " + " and ".join(map(str, orders)), []).append(name)
-    families = list(dict.fromkeys(m.step.__module__ for m in STEPPED.values()))
-    colors = dict(zip(families, colormaps["tab20" if len(families) > 10 else "tab10"].colors, strict=False))
+    colors, dashes = colormaps["Dark2"].colors, ("-", "--", ":")
     figure = Figure(figsize=(8.4, 6.2), layout="constrained")
     panels = figure.subplots(2, 2, sharex=True, sharey=True).ravel()
-    for axes, title in zip(panels, sorted(groups, key=lambda t: int(t.split()[1])), strict=False):
-        used: dict[str, int] = {}
-        for name in groups[title]:
-            family = STEPPED[name].step.__module__
-            dash = ("-", "--", ":", "-.")[used.setdefault(family, 0) % 4]
-            used[family] += 1
+    for axes, title in zip(panels, sorted(groups, key=lambda t: int(t.split()[1])), strict=True):
+        for k, name in enumerate(groups[title]):
             values = test_order.measured(name)["attitude"]
             points = [(h, e) for h, e in zip(test_order.STEPS, values, strict=False) if 0.0 < e < 1.0]
-            axes.plot(*zip(*points, strict=True), dash, color=colors[family], linewidth=1.2, label=name)
+            dash, color = dashes[k // len(colors)], colors[k % len(colors)]
+            axes.plot(*zip(*points, strict=True), dash, color=color, linewidth=1.2, label=name)
         axes.set_title(title, color=DARK)
-        axes.legend(fontsize=7, ncols=2 if len(groups[title]) > 6 else 1, frameon=False, loc="lower right")
+        columns = 2 if len(groups[title]) > 6 else 1
+        axes.legend(fontsize=7, ncols=columns, frameon=False, loc="lower right", handlelength=1.5, columnspacing=1.0)
         axes.axhspan(1e-17, test_order.FLOOR, color=GREY, alpha=0.15, linewidth=0.0)
     for axes in panels:
         axes.set(xscale="log", yscale="log", ylim=(1e-16, 1.0), xlim=(1.6e-3, 2.5))
@@ -179,12 +178,8 @@ def keepers() -> list[str]:
 
 
 def long_runners() -> list[str]:
-    """Return one of each family of `keepers`: the first of order 4 at most, as each more stage costs as much again."""
-    first: dict[str, str] = {}
-    for name in keepers():
-        if (METHODS[name].order or 0) <= 4:
-            first.setdefault(METHODS[name].step.__module__, name)
-    return list(first.values())
+    """Return what all others of `keepers` are composed of or compete with: those of order 2 and the closed form."""
+    return [name for name in keepers() if (METHODS[name].order or 0) <= 2]
 
 
 def exponent(walks: Sequence[Walk], invariant: str) -> float:
@@ -192,7 +187,7 @@ def exponent(walks: Sequence[Walk], invariant: str) -> float:
     marks = [n for n in walks[0].marks if n >= 30]
     values = [getattr(w, invariant)[-len(marks) :] for w in walks]
     means = [math.sqrt(math.fsum(v * v for v in column) / len(walks)) for column in zip(*values, strict=True)]
-    return slope([float(n) for n in marks], [max(m, 1e-3 * EPS) for m in means])
+    return motions.slope([float(n) for n in marks], [max(m, 1e-3 * EPS) for m in means])
 
 
 def walks(jobs: Sequence[tuple[str, int, int]]) -> list[Walk]:
@@ -255,9 +250,9 @@ class Exactness:
 
 def exactness(moments: Sequence[float], spin: Sequence[float], t: float, digits: int = 80) -> Exactness:
     turn, omega = FreeRotation((*moments,), (*spin,)).at(t)
-    expected, _ = free_rotation(moments, spin, t, digits)
+    expected, _ = free_reference.free_rotation(moments, spin, t, digits)
     rate = math.hypot(*spin)
-    error, changes = angle(expected, turn), []
+    error, changes = free_reference.angle(expected, turn), []
     with mpmath.workdps(50):
         for power in (1, 2):
             now, was = (
@@ -312,7 +307,7 @@ def underflow_rows() -> list[list[str]]:
     rows = []
     for name, (moments, spin, time) in test_extremes.UNDERFLOWS.items():
         found = exactness(moments, spin, time, 450)
-        numbers = [", ".join(f"{c:.3g}" for c in v) for v in (moments, spin)]
+        numbers = [", ".join(repr(c).removesuffix(".0") for c in v) for v in (moments, spin)]
         rows.append([name, *numbers, f"{time:g}", digit(found.attitude)])
     return rows
 
@@ -327,7 +322,7 @@ def reference_rows(methods: Iterable[str] = STEPPED) -> list[list[str]]:
     rows = []
     for name in methods:
         step = max(1e-3, float(f"{1e-12 ** (1.0 / STEPPED[name].order):.1g}"))
-        found = errors(forced(), 1, move(forced(), STEPPED[name], step, 1.0))
+        found = motions.errors(motions.forced(), 1, motions.move(motions.forced(), STEPPED[name], step, 1.0))
         rows.append([named(name), f"{step:g}", *(digit(found[quantity]) for quantity in (*STATE, "work"))])
     return rows
 
@@ -337,9 +332,9 @@ def closed_form_rows() -> list[list[str]]:
     rows = []
     for name in (name for name, m in METHODS.items() if m.order is None):
         for case in ("dzhanibekov", "boxes_rotation"):
-            turning = free(case)
+            turning = motions.free(case)
             for time in turning.states:
-                found = errors(turning, time, move(turning, METHODS[name], 1e6, time))
+                found = motions.errors(turning, time, motions.move(turning, METHODS[name], 1e6, time))
                 rows.append([f"{named(name)}, {case}", f"{time:g}", *(digit(found[quantity]) for quantity in STATE)])
     return rows
 
@@ -382,8 +377,8 @@ def several_turns_rows() -> list[list[str]]:
             except ConvergenceError:
                 cells.append("refused")
                 continue
-            expected, _ = free_rotation(moments, spin, 10.0 * step)
-            cells.append(digit(angle(expected, sample.orientation_xyzw)))
+            expected, _ = free_reference.free_rotation(moments, spin, 10.0 * step)
+            cells.append(digit(free_reference.angle(expected, sample.orientation_xyzw)))
         rows.append([named(name), *cells])
     return rows
 
@@ -391,6 +386,7 @@ def several_turns_rows() -> list[list[str]]:
 # What shows it --------------------------------------------------------------------------------------------------------
 
 VERIFICATION = "test/verification"
+EXTREMES = f"{VERIFICATION}/test_extremes.py"
 
 CLAIMS = [
     (
@@ -427,12 +423,11 @@ CLAIMS = [
     ),
     (
         "also where its products underflow or overflow",
-        f"{VERIFICATION}/test_extremes.py::TestFreeRotation::test_is_right_where_products_underflow",
+        f"{EXTREMES}::TestFreeRotation::test_is_right_where_products_underflow",
     ),
     (
         "and beside the middle axis, down to 1e-190 of the spin",
-        f"{VERIFICATION}/test_extremes.py::TestFreeRotation"
-        "::test_flips_late_beside_the_middle_axis_or_says_that_it_cannot_tell",
+        f"{EXTREMES}::TestFreeRotation::test_flips_late_beside_the_middle_axis_or_says_that_it_cannot_tell",
     ),
     (
         "A driven body is where 30 digits say, with every method of order 4 and more",
@@ -468,64 +463,63 @@ CLAIMS = [
     ),
     (
         "Masses and inertias from 1e-20 to 1e20: other units of length and mass change no bit",
-        f"{VERIFICATION}/test_extremes.py::TestUnits::test_of_length_and_mass_do_not_matter",
+        f"{EXTREMES}::TestUnits::test_of_length_and_mass_do_not_matter",
     ),
     (
         "Rates and wrenches from 1e-100 to 1e100 and beyond: nor do other units of time",
-        f"{VERIFICATION}/test_extremes.py::TestUnits::test_of_time_do_not_matter",
+        f"{EXTREMES}::TestUnits::test_of_time_do_not_matter",
     ),
     (
         "At 1e12 m a slow body arrives within a unit in the last place",
-        f"{VERIFICATION}/test_extremes.py::TestFarAway::test_a_slow_body_at_1e12_m_arrives",
+        f"{EXTREMES}::TestFarAway::test_a_slow_body_at_1e12_m_arrives",
     ),
     (
         "and turns as it does here, to the bit",
-        f"{VERIFICATION}/test_extremes.py::TestFarAway::test_a_tumbling_body_turns_there_as_it_does_here",
+        f"{EXTREMES}::TestFarAway::test_a_tumbling_body_turns_there_as_it_does_here",
     ),
     (
         "At rest, and on each principal axis, a body stays there to the bit",
-        f"{VERIFICATION}/test_extremes.py::TestRest::test_spin_on_a_principal_axis_stays_there_to_the_bit",
+        f"{EXTREMES}::TestRest::test_spin_on_a_principal_axis_stays_there_to_the_bit",
     ),
     (
         "Needles down to a ratio of 1e-12 are right, refused, or wrong by what the energy defect shows",
-        f"{VERIFICATION}/test_extremes.py::TestNeedle::test_is_never_wrong_in_silence_by_more_than_its_energy_says",
+        f"{EXTREMES}::TestNeedle::test_is_never_wrong_in_silence_by_more_than_its_energy_says",
     ),
     (
         "Products that overflow are a clear error",
-        f"{VERIFICATION}/test_extremes.py::TestProducts::test_an_energy_beyond_the_range_is_an_error",
+        f"{EXTREMES}::TestProducts::test_an_energy_beyond_the_range_is_an_error",
     ),
     (
         "A spin that no step resolves is a clear error",
-        f"{VERIFICATION}/test_extremes.py::TestProducts::test_a_spin_that_no_step_resolves_is_an_error",
+        f"{EXTREMES}::TestProducts::test_a_spin_that_no_step_resolves_is_an_error",
     ),
     (
         "1e20 N on 1e-20 kg move it as Newton says, to 1e-13",
-        f"{VERIFICATION}/test_extremes.py::TestProducts::test_a_light_body_under_a_large_force_flies_as_newton_says",
+        f"{EXTREMES}::TestProducts::test_a_light_body_under_a_large_force_flies_as_newton_says",
     ),
     (
         "Inertia matrices at the ends of the range are a body or are refused",
-        f"{VERIFICATION}/test_extremes.py::TestProducts"
-        "::test_an_inertia_at_the_ends_of_the_range_is_a_body_or_is_refused",
+        f"{EXTREMES}::TestProducts::test_an_inertia_at_the_ends_of_the_range_is_a_body_or_is_refused",
     ),
     (
         "Wrenches that reverse every step leave nothing behind",
-        f"{VERIFICATION}/test_extremes.py::TestWrenches::test_that_reverse_each_step_leave_nothing_behind",
+        f"{EXTREMES}::TestWrenches::test_that_reverse_each_step_leave_nothing_behind",
     ),
     (
         "and are followed on a tumbling body",
-        f"{VERIFICATION}/test_extremes.py::TestWrenches::test_that_reverse_each_step_on_a_tumbling_body_are_followed",
+        f"{EXTREMES}::TestWrenches::test_that_reverse_each_step_on_a_tumbling_body_are_followed",
     ),
     (
         "Subnormal wrenches do hardly anything",
-        f"{VERIFICATION}/test_extremes.py::TestWrenches::test_that_are_hardly_there_do_hardly_anything",
+        f"{EXTREMES}::TestWrenches::test_that_are_hardly_there_do_hardly_anything",
     ),
     (
         "Steps of several turns are right, refused, or keep what the method declares",
-        f"{VERIFICATION}/test_extremes.py::TestSteps::test_of_several_turns_are_right_or_an_error",
+        f"{EXTREMES}::TestSteps::test_of_several_turns_are_right_or_an_error",
     ),
     (
         "Whatever the numbers are, a run ends with a finite state or the one error that a run may end with",
-        f"{VERIFICATION}/test_extremes.py::TestAnyNumbers::test_drawn_at_random",
+        f"{EXTREMES}::TestAnyNumbers::test_drawn_at_random",
     ),
 ]
 
@@ -544,9 +538,9 @@ def measured_page(long: bool = False) -> tuple[str, dict[str, Figure]]:
         ensembles.setdefault(one.method, []).append(one)
     found = exact_motions()
     wrench_table, wrench_run = wrench_rows()
-    how = json.loads((DATA / "ten_thousand_wrenches.json").read_text(encoding="utf-8"))["how"]
+    how = json.loads((motions.DATA / "ten_thousand_wrenches.json").read_text(encoding="utf-8"))["how"]
     text = PAGE_TEXT.format(
-        machine=f"Python {platform.python_version()}, {platform.system()} on {platform.machine()}",
+        machine=f"Python {platform.python_version()} on {platform.system()}, {platform.machine()}",
         orders=table(
             ["method", "declared", "attitude", "rate", "position", "velocity", "work", "impulse", "torque impulse"],
             order_rows(),
@@ -584,7 +578,9 @@ def measured_page(long: bool = False) -> tuple[str, dict[str, Figure]]:
             second_simulator_rows(),
         ),
         turns=table(["method", "0.6 turns", "1.4", "3.3", "25"], several_turns_rows()),
-        claims=table(["claim", "test"], [[claim, f"`{path}`"] for claim, path in CLAIMS]).replace("---:", "---"),
+        claims=table(["claim", "test"], [[claim.replace("|", "\\|"), f"`{path}`"] for claim, path in CLAIMS]).replace(
+            "---:", "---"
+        ),
     )
     figures = {"order": order_figure(), "drift": drift_figure(far), "exact": exact_figure(found)}
     return text, figures
@@ -592,7 +588,7 @@ def measured_page(long: bool = False) -> tuple[str, dict[str, Figure]]:
 
 PAGE_TEXT = """# Verification
 
-How right the package is, measured on {machine}. Figures depend on the platform in
+How right the package is, measured with {machine}. Figures depend on the platform in
 their last digits, so that one digit is given. `python docs/make_verification.py` makes this page and its figures, with
 the functions of the tests and for every method of `METHODS`; the tests hold each claim to its bound, see the
 [last table](#which-test-shows-it). ε is 2⁻⁵² = 2.2e-16, T the kinetic energy, L the angular momentum in world axes.
@@ -612,22 +608,24 @@ finest six that rounding does not touch; "-" stands where there are fewer than f
 ## What free motion keeps
 
 Largest relative drift over 2000 steps of 0.02 s of a body that tumbles at 2 rad/s near its middle axis. "kept": the
-method declares it an invariant, and holds it to round-off at any step; what is not kept drifts as the order says. What
-is kept walks at random, a rounding in each step: the drift is to grow as n to the 0.5, not as n. The exponent is that of
-the root mean square over four motions, from 30 to 10 000 steps; with so few motions it is known to about 0.2.
+method declares it an invariant and holds it to round-off at any step; what is not kept drifts as the order says, which
+may be less than rounding. What is kept takes a rounding in each step; were they all by chance, the drift would grow as
+n to the 0.5, were they all to one side, as n. The exponent is that of the root mean square over four motions, from 30
+to 10 000 steps; with so few it is known to about 0.2. The direction of L may grow faster in the end, and then for every
+method alike: the product of quaternions rounds to one side by about a hundredth of ε a step.
 
 {invariants}
 Where nothing acts, these take the very steps of `exact`, to the bit: {exactly}.
 
-After {count} steps (`--long` takes 1e9; hours in plain Python), one method of each family; ε √n is {root}:
+After {count} steps (`--long` takes 1e9; hours in plain Python); ε √n is {root}:
 
 {long_drifts}
 ![Drift of energy and angular momentum over the number of steps](images/verification-drift.svg)
 
 ## Exact motion
 
-The closed form against 80 digits, at random within each kind of body: spins of any direction, on and near each axis, near
-and on the separatrix, from 1e-12 to 1e6 rad/s, for 1e-3 to 1e9 s. The largest error of the attitude in units of
+The closed form against 80 digits, at random within each kind of body: spins of any direction, on and near each axis,
+near and on the separatrix, from 1e-12 to 1e6 rad/s, for 1e-3 to 1e9 s. The largest error of the attitude in units of
 ε (1 + |ω| t), those of T and |L| in units of ε. Promised are 100, 20 and 20.
 
 {exact}
@@ -647,8 +645,8 @@ Free bodies, to 34 digits. At 1e6 s the last digit of the angular velocity alone
 {closed}
 ## Ten thousand wrenches
 
-A body-frame wrench and a world-frame wrench, each with force and torque, both new every 0.01 s for 100 s: {wrench_run},
-`solver: {{method: auto, accuracy: 1e-11}}`. The reference: {how}.
+A body-frame wrench and a world-frame wrench, each with force and torque, both new every 0.01 s for 100 s, with
+`solver: {{method: auto, accuracy: 1e-11}}`: {wrench_run}. The reference is made by {how}.
 
 {wrenches}
 Bounds of the test, in this order: {wrench_bounds}.
@@ -661,10 +659,10 @@ Largest difference over the run; that of DOP853 is its own.
 {simulators}
 ## Extremes
 
-Every answer is right within its bound or a `ConvergenceError` or `BodyError` that says what to do; never a NaN, never an
-exception out of the mathematics. What each method does with ten free steps of more than a turn, error of the attitude
-in rad; the closed form and what is built on it are as right as ever, the others refuse or are as wrong as a step is that
-resolves nothing:
+Every answer is right within its bound or a `ConvergenceError` or `BodyError` that says what to do; never a NaN, never
+an exception out of the mathematics. The bounds stand in the last table. What each method does with ten free steps of
+more than half a turn, error of the attitude in rad: the closed form and what is built on it are as right as ever, the
+others refuse, or are as wrong as a step is that resolves nothing.
 
 {turns}
 ## Which test shows it

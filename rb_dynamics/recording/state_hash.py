@@ -17,7 +17,8 @@ class StateHash:
 
     Each sample enters as 232 bytes, little endian: `time_ns` as int64, then 28 float64 in the order of the fields of
     `Sample`: position, orientation (x, y, z, w), linear velocity, angular velocity, angular momentum, linear momentum,
-    kinetic energy, work, energy defect, angular momentum defect, linear momentum defect.
+    kinetic energy, work, energy defect, angular momentum defect, linear momentum defect; and the potential energy behind
+    them where an effect has one.
     """
 
     def __init__(self) -> None:
@@ -42,6 +43,8 @@ class StateHash:
                 *sample.linear_momentum_defect_world,
             )
         )
+        if sample.potential_energy is not None:
+            self._hash.update(struct.pack("<d", sample.potential_energy))
 
     def hexdigest(self) -> str:
         """Return the hash of all samples so far, 64 hexadecimal digits."""

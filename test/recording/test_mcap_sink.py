@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import errno
 import hashlib
 import math
@@ -24,10 +25,13 @@ from rb_dynamics.errors import LogError, MissingExtraError
 from rb_dynamics.loads.wrench import Wrench, WrenchFrames
 from rb_dynamics.recording.mcap_reader import read_bag
 from rb_dynamics.recording.mcap_sink import CHUNK_BYTES, McapSink
+from rb_dynamics.recording.memory import MemorySink
 from rb_dynamics.recording.ros2msg import TYPE_HASHES
 from rb_dynamics.recording.sink import AppliedWrench, Event, RejectedWrench, RunInfo, Status
 from rb_dynamics.recording.state_hash import StateHash
 from rb_dynamics.scene.model import Channel, Scene
+from rb_dynamics.scene.read import parse_scene
+from rb_dynamics.simulate import simulate
 
 pytest.importorskip("mcap")
 
@@ -250,16 +254,22 @@ def test_container_says_what_ros_expects(tmp_path: Path) -> None:
 
 
 def test_hash_of_the_states_is_over_all_numbers_in_order(tmp_path: Path) -> None:
+    def hashed(samples: list[Sample]) -> tuple[str, str]:
+        states, expected = StateHash(), hashlib.sha256()
+        for sample in samples:
+            states.update(sample)
+            expected.update(struct.pack("<q", sample.time_ns))
+            for name in Sample.__slots__[1:]:
+                if getattr(sample, name) is not None:
+                    expected.update(np.atleast_1d(getattr(sample, name)).astype("<f8").tobytes())
+        return states.hexdigest(), expected.hexdigest()
+
     samples = make_samples(5)
-    states = StateHash()
-    expected = hashlib.sha256()
-    for sample in samples:
-        states.update(sample)
-        expected.update(struct.pack("<q", sample.time_ns))
-        for name in Sample.__slots__[1:]:
-            expected.update(np.atleast_1d(getattr(sample, name)).astype("<f8").tobytes())
+    found, expected = hashed(samples)
     bag = read_bag(write(tmp_path / "run.mcap", samples))
-    assert bag.metadata["rb_dynamics.result"]["states_sha256"] == states.hexdigest() == expected.hexdigest()
+    assert bag.metadata["rb_dynamics.result"]["states_sha256"] == found == expected
+    found, expected = hashed([dataclasses.replace(sample, potential_energy=-3.7) for sample in samples])
+    assert found == expected
 
 
 def test_same_run_gives_the_same_bytes(tmp_path: Path) -> None:
@@ -424,3 +434,21 @@ def test_checksums_hold_and_log_times_never_decrease(tmp_path: Path) -> None:
     times = [each.log_time for each in records if isinstance(each, Message)]
     assert len(times) == 1 + 8 * 300
     assert times == sorted(times)
+
+
+def test_effects_are_in_the_log(tmp_path: Path) -> None:
+    """Potential energy as a topic of its own, what is held as applied wrench, what is not logged by name."""
+    scene = parse_scene(
+        "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\nduration: 1\noutput_rate: 10\neffects: "
+        "[{type: uniform_gravity, acceleration_world: [0, 0, -9]}, {type: linear_drag, translation: 0.1}]"
+    )
+    path, memory = tmp_path / "run.mcap", MemorySink()
+    simulate(scene, sinks=[McapSink(path), memory])
+
+    bag = read_bag(path)
+    assert bag.scalars("/energy/potential")[1].tolist() == memory.potential_energy.tolist()
+    ((_, wrench),) = bag.wrenches("/effects/uniform_gravity/applied")
+    assert (wrench.force, wrench.frame_id) == ((0.0, 0.0, -18.0), "world")
+    assert "/effects/uniform_gravity" not in bag.topics
+    assert bag.metadata["rb_dynamics"]["effects"] == "uniform_gravity, linear_drag"
+    assert bag.metadata["rb_dynamics"]["effects_not_logged_as_wrench"] == "linear_drag"

@@ -1,0 +1,142 @@
+"""The page of the verification: it names every method, each test that it names exists, and its generator measures."""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import re
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+from motions import EPS, METHODS, STEPPED
+
+pytest.importorskip("matplotlib", reason="extra 'plot' is not installed")
+
+
+@pytest.fixture(scope="module")
+def generator(root: Path) -> ModuleType:
+    """The script as a module; the folders that it puts on the path are taken off again."""
+    path = list(sys.path)
+    spec = importlib.util.spec_from_file_location("make_verification", root / "docs" / "make_verification.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["make_verification"] = module
+    try:
+        spec.loader.exec_module(module)
+    finally:
+        sys.path[:] = path
+    return module
+
+
+@pytest.fixture(scope="module")
+def page(root: Path) -> str:
+    return (root / "docs" / "verification.md").read_text(encoding="utf-8")
+
+
+def section(page: str, title: str) -> str:
+    return page.split(f"## {title}\n", 1)[1].split("\n## ", 1)[0]
+
+
+@pytest.mark.parametrize(
+    ("title", "methods"),
+    [
+        ("Order", STEPPED),
+        ("What free motion keeps", METHODS),
+        ("References to 30 digits", METHODS),
+        ("Extremes", METHODS),
+    ],
+)
+def test_every_method_is_on_the_page(page: str, title: str, methods: dict[str, object]) -> None:
+    """Where this fails: python docs/make_verification.py."""
+    named = set(re.findall(r"^\| `(\w+)`", section(page, title), re.MULTILINE))
+
+    assert named == set(methods)
+
+
+def test_every_test_on_the_page_exists(page: str, root: Path) -> None:
+    paths = re.findall(r"`(test/[\w/]+\.py(?:::\w+)*)`", page)
+
+    assert len(paths) > 30
+    for path in paths:
+        file, *names = path.split("::")
+        body = ast.parse((root / file).read_text(encoding="utf-8")).body
+        for name in names:
+            found = [n for n in body if isinstance(n, (ast.ClassDef, ast.FunctionDef)) and n.name == name]
+            assert found, path
+            body = found[0].body
+
+
+def test_the_claims_are_those_of_the_generator(page: str, generator: ModuleType) -> None:
+    shown = section(page, "Which test shows it")
+
+    for claim, path in generator.CLAIMS:
+        assert f"| {claim.replace('|', chr(92) + '|')} | `{path}` |" in shown
+
+
+def test_every_figure_exists(page: str, root: Path) -> None:
+    names = re.findall(r"!\[[^]]+\]\((images/verification-\w+\.svg)\)", page)
+
+    assert len(names) == 3
+    for name in names:
+        assert (root / "docs" / name).read_text(encoding="utf-8").lstrip().startswith("<?xml")
+
+
+def test_tables_have_the_same_number_of_cells_in_every_row(page: str) -> None:
+    """A bar in a formula that is not escaped would begin a cell of its own."""
+    for block in re.findall(r"(?:^\|.*\n)+", page + "\n", re.MULTILINE):
+        assert len({len(re.split(r"(?<!\\)\|", line)) for line in block.splitlines()}) == 1, block
+
+
+def test_no_measured_drift_on_the_page_is_large(page: str) -> None:
+    """Of what is said to be kept: a page that shows a defect is not to be shown."""
+    rows = re.findall(r"^\| `\w+` \|(.*)\|$", section(page, "What free motion keeps"), re.MULTILINE)
+    kept = [float(value) for row in rows for value in re.findall(r"kept \| (\S+)", row)]
+
+    assert len(kept) > 20
+    assert max(kept) < 1e-13
+
+
+class TestMeasures:
+    """A part of the generator that is quick."""
+
+    def test_order(self, generator: ModuleType) -> None:
+        ((name, declared, *slopes),) = generator.order_rows(["rk4"])
+
+        assert (name, declared) == ("`rk4`", "4")
+        assert [float(s) for s in slopes] == pytest.approx([4.0] * 7, abs=0.3)
+
+    def test_walk(self, generator: ModuleType) -> None:
+        found = generator.walk("midpoint", 100, 0)
+
+        assert found.marks[0] == 10
+        assert found.marks[-1] == 100
+        assert 0.0 < max(found.energy) < 100 * EPS
+        assert 0.0 < max(found.angular_momentum) < 100 * EPS
+
+    def test_exponent_of_a_known_growth(self, generator: ModuleType) -> None:
+        marks = generator.marks_up_to(10_000)
+        walks = [generator.Walk("", marks, tuple(EPS * n**0.5 for n in marks), tuple(EPS * n for n in marks))] * 2
+
+        assert generator.exponent(walks, "energy") == pytest.approx(0.5, rel=1e-9)
+        assert generator.exponent(walks, "angular_momentum") == pytest.approx(1.0, rel=1e-9)
+
+    def test_references(self, generator: ModuleType) -> None:
+        ((name, step, *values),) = generator.reference_rows(["dlm6"])
+
+        assert (name, step) == ("`dlm6`", "0.01")
+        assert max(map(float, values)) < 1e-12
+
+    def test_exactness(self, generator: ModuleType) -> None:
+        found = generator.exactness((1.0, 2.0, 3.0), (0.1, 2.0, 0.1), 10.0)
+
+        assert 0.0 < found.attitude < 100.0
+        assert max(found.energy, found.angular_momentum) < 20.0
+
+    @pytest.mark.parametrize(
+        ("value", "shown"), [(0.0, "0"), (1.23e-15, "1e-15"), (0.26, "0.3"), (2.4, "2"), (4.4e7, "4e7")]
+    )
+    def test_one_digit(self, generator: ModuleType, value: float, shown: str) -> None:
+        assert generator.digit(value) == shown
