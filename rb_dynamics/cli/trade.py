@@ -1,0 +1,115 @@
+"""Measure speed against accuracy on a scene, over all methods that can run it, and say which to take.
+
+Every method goes from coarse settings to fine ones, in turns, for --time seconds altogether. Errors are those at the
+end of the run, against a reference on which two methods of different families agree; the first lines say how well.
+Printed are the runs that no other one beats in both speed and accuracy, and the line to write into the scene; all runs
+are in --json and --html. Exit code 1: nothing measured does what is asked for.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rb_dynamics.trade import Trade
+
+HELP = "measure speed against accuracy of all methods on a scene, and recommend one"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `trade`."""
+    parser.add_argument("scene", metavar="SCENE", help="scene file (YAML)")
+    parser.add_argument("--wrench", metavar="BAG", help="MCAP bag with wrench commands; without it channels are probed")
+    wish = parser.add_mutually_exclusive_group()
+    wish.add_argument(
+        "--target", type=_positive, metavar="E",
+        help="find the fastest with at most this error, in rad and relative to the path; default: the scene's accuracy",
+    )  # fmt: skip
+    wish.add_argument(
+        "--budget", type=_positive, metavar="X", help="find the most accurate that runs at X times real time or faster"
+    )
+    parser.add_argument(
+        "--time", type=_positive, default=30.0, metavar="S", help="how long to measure, in s; default: %(default)g"
+    )
+    parser.add_argument("--html", metavar="F", help="write a page with the plot and all runs (extra: plot)")
+    parser.add_argument("--json", action="store_true", help="print one JSON object, floats in full")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure and print; exit code 0, or 1 where nothing can be recommended."""
+    import json
+    import sys
+
+    from rb_dynamics.cli import output
+    from rb_dynamics.scene import read_scene
+    from rb_dynamics.trade import trade
+
+    scene = read_scene(args.scene)
+    commands = []
+    if args.wrench:
+        from rb_dynamics.recording.mcap_reader import read_wrenches
+
+        commands = read_wrenches(args.wrench, [channel.topic for channel in scene.channels])
+        output.warn_outside(commands, scene)
+    with output.progress(args.scene) as progress:
+        found = trade(scene, commands, target=args.target, budget=args.budget, time_s=args.time, progress=progress)
+    if args.html:
+        from rb_dynamics.report.trade_page import write_trade_page
+
+        write_trade_page(found, args.html)
+    print(json.dumps(found.as_dict(), allow_nan=False) if args.json else as_text(found))
+    if args.html and not args.json:
+        print(f"wrote {args.html}")
+    if found.recommended is None:
+        print(f"rb-dynamics: {found.shortfall}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def as_text(found: Trade) -> str:
+    """Return reference, front and recommendation for a person."""
+    trust, measured = found.reference, {row.method for row in found.rows}
+    lines = [
+        f"reference   {trust.method}, over {found.trial_s:g} s and a path of {trust.path:.4g} m",
+        f"trust       {trust.attitude:.1e} rad, {trust.rate:.1e} rad/s, {trust.position:.1e} m, from {trust.check}",
+    ]
+    if found.front:
+        lines.append(f"front       of {len(found.rows)} runs of {len(measured)} methods, from fast to accurate")
+        lines += _table(found)
+    lines += [f"left out    {method}: {why}" for method, why in found.ended.items() if method not in measured]
+    lines += [f"note        {remark}" for remark in found.remarks]
+    if found.recommended is not None:
+        row, least = found.recommended.row, "<=" if found.recommended.row.within_trust else ""
+        lines += [
+            f"take        {found.recommended.solver}",
+            f"            {found.recommended.reason}",
+            f"            error {least}{row.error:.1e}, {row.real_time_factor:.3g} times real time",
+        ]
+    return "\n".join(lines)
+
+
+def _table(found: Trade) -> list[str]:
+    names = ("attitude", "rate", "position", "energy", "ang.mom.", "lin.mom.", "time", "x real", "steps")
+    units = ("rad", "rad/s", "m", "J", "kg m2/s", "kg m/s", "s per s", "time", "")
+    lines = [_line("method", "setting", names), _line("", "", units)]
+    for row in found.front:
+        defects = (row.energy_defect, row.angular_momentum_defect, row.linear_momentum_defect)
+        cells = [*found.reference.errors(row), *(f"{abs(defect):.1e}" for defect in defects)]
+        cells += [f"{row.time_per_s:.2e}", f"{row.real_time_factor:.3g}", f"{row.steps}"]
+        lines.append(_line(row.method, row.setting, cells))
+    return lines
+
+
+def _line(method: str, setting: str, cells: Sequence[str]) -> str:
+    return f"  {method:10}{setting:15}{''.join(f'{cell:>10}' for cell in cells)}".rstrip()
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not (math.isfinite(value) and value > 0.0):
+        raise argparse.ArgumentTypeError(f"found {text}, expected a finite number greater than 0")
+    return value

@@ -1,0 +1,285 @@
+"""The page of `trade`: the plot of work against precision, the runs, and what to take.
+
+Every number comes from a `Trade`; nothing is measured here.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import os
+from collections.abc import Callable, Iterable, Sequence
+from xml.etree.ElementTree import Element, SubElement, tostring
+
+from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, printable, write_html
+from rb_dynamics.report.svg import COLORS
+from rb_dynamics.trade import Row, Trade
+
+# Three more that can be told apart and have 3:1 and better against white and near-black.
+_COLORS = (*COLORS, "#c7508f", "#8a7a1f", "#0e8f9e")
+_DASHES = ("", "6 3", "2 2.5", "8 3 2 3", "1 3")
+
+_WIDTH, _LEFT, _RIGHT, _TOP, _HEIGHT, _BOTTOM = 690.0, 58.0, 14.0, 24.0, 360.0, 42.0
+_LEGEND_COLUMNS, _LEGEND_ROW = 6, 17.0
+
+# What is worse than a whole turn need not be told apart.
+_WORST = 10.0
+
+
+def write_trade_page(found: Trade, path: str | os.PathLike[str]) -> None:
+    """Write the page of `found` to `path`.
+
+    Raises:
+        LogError: the file cannot be written.
+        MissingExtraError: jinja2 is not installed.
+    """
+    write_html(path, trade_report(found))
+
+
+def trade_report(found: Trade) -> Report:
+    """Return the page of `found`."""
+    reference = found.reference
+    methods = len({row.method for row in found.rows})
+    lead = (
+        f"Speed against accuracy, measured over {found.trial_s:g} s of this scene: "
+        f"{len(found.rows)} runs of {methods} methods."
+    )
+    trusted = (
+        f"The reference is {reference.method}; {reference.check}, a method of another family, differs from it by "
+        f"{reference.attitude:.2g} rad in attitude, {reference.rate:.2g} rad/s in rate and {reference.position:.2g} m "
+        f"in position after {found.trial_s:g} s and a path of {reference.path:.4g} m, rounding included. An error "
+        "below that cannot be told; it is shown as <= that bound."
+    )
+    ended = [[method, why] for method, why in found.ended.items()]
+    sections = [
+        Section("What to take", "\n\n".join([*_taken(found), *found.remarks]), tiles=_tiles(found)),
+        Section("Speed against accuracy", figures=[Figure(work_precision(found), _CAPTION)] if found.rows else ()),
+        Section("The front", _COLUMNS, table=_table(found, found.front)),
+        Section("The reference", trusted),
+        Section("All runs", table=_table(found, found.rows)),
+        Section("How far each method went", table=Table(["method", "ended by"], ended, numeric=False)),
+    ]
+    return Report(f"Trade: {found.scene}", lead, sections, "rb_dynamics")
+
+
+_CAPTION = (
+    "Below and to the left is better. Error: of attitude in rad or of position relative to the path, whichever is "
+    "larger, at the end. Rings mark the front, the runs that no other one beats in both; the double ring is the one to "
+    "take. Below the dashed line the reference cannot tell. Times are of this machine."
+)
+
+_COLUMNS = (
+    "From fast to accurate. Attitude, rate and position: errors at the end. Energy, L and p: defects of the balances "
+    "of energy, angular and linear momentum at the end."
+)
+
+
+def _taken(found: Trade) -> list[str]:
+    """Return what to write into the scene."""
+    if found.recommended is None:
+        return [found.shortfall]
+    return [found.recommended.solver, f"This is {found.recommended.reason}."]
+
+
+def _tiles(found: Trade) -> list[Tile]:
+    reference = found.reference
+    verdict = "good" if reference.is_useful else "bad"
+    trust = Tile("Reference good to", f"{reference.error:.1e}", f"{reference.method}; {reference.check}", verdict)
+    if found.recommended is None:
+        return [Tile("Take", "nothing measured", verdict="bad"), trust]
+    row = found.recommended.row
+    error = f"{'<= ' if row.within_trust else ''}{row.error:.1e}"
+    return [
+        Tile("Take", row.method, row.setting, "good"),
+        Tile("Its speed", f"{row.real_time_factor:.3g} x", "real time"),
+        Tile("Its error", error, "rad, or relative to the path"),
+        trust,
+    ]
+
+
+def _table(found: Trade, rows: Iterable[Row]) -> Table:
+    header = ["method", "setting", "attitude [rad]", "rate [rad/s]", "position [m]", "time per s [s]", "x real time"]
+    header += ["energy [J]", "L [kg m²/s]", "p [kg m/s]", "steps", "front"]
+    return Table(header, [_cells(found, row) for row in rows])
+
+
+def _cells(found: Trade, row: Row) -> list[str]:
+    defects = (row.energy_defect, row.angular_momentum_defect, row.linear_momentum_defect)
+    return [
+        row.method,
+        row.setting,
+        *found.reference.errors(row),
+        f"{row.time_per_s:.2e}",
+        f"{row.real_time_factor:.3g}",
+        *(f"{abs(defect):.1e}" for defect in defects),
+        f"{row.steps}",
+        "yes" if row.front else "",
+    ]
+
+
+def work_precision(found: Trade) -> str:
+    """Return error against time per simulated second as an SVG element, both logarithmic, one line for each method."""
+    styles = _styles(list(dict.fromkeys(row.method for row in found.rows)))
+    height = _TOP + _HEIGHT + _BOTTOM + _LEGEND_ROW * math.ceil(len(styles) / _LEGEND_COLUMNS)
+    name = "Error against time of computing, one line for each method"
+    root = Element("svg", {"viewBox": f"0 0 {_WIDTH:g} {height:g}", "role": "img", "aria-label": name})
+    times = [row.time_per_s for row in found.rows] + ([1.0 / found.budget] if found.budget else [])
+    errors = [row.error for row in found.rows] + [found.reference.error] + ([found.target] if found.target else [])
+    across = _Axis(times, _LEFT, _WIDTH - _RIGHT)
+    up = _Axis([min(error, _WORST) for error in errors], _TOP + _HEIGHT, _TOP)
+    _text(root, 2.0, 12.0, "Error [rad, or relative to the path]", "font-size: 11px; font-weight: 600")
+    _grid(root, across, up)
+    _bounds(root, found, across, up)
+    at = {row: (across.place(row.time_per_s), up.place(min(row.error, _WORST))) for row in found.rows}
+    _staircase(root, [at[row] for row in found.front])
+    for method, style in styles.items():
+        rows = [row for row in found.rows if row.method == method]
+        style.line(root, [at[row] for row in rows])
+        for row in rows:
+            mark = style.mark(root, *at[row])
+            SubElement(
+                mark, "title"
+            ).text = f"{row.method}, {row.setting}: error {row.error:.1e}, {row.real_time_factor:.3g} times real time"
+    for row in found.front:
+        _ring(root, *at[row], 5.5)
+    if found.recommended is not None:
+        for row in found.rows:
+            if row == found.recommended.row:
+                _ring(root, *at[row], 8.5)
+    _legend(root, styles)
+    return tostring(root, encoding="unicode")
+
+
+class _Axis:
+    """A logarithmic axis over whole decades, from `start` to `end` in the units of the picture."""
+
+    def __init__(self, values: Sequence[float], start: float, end: float) -> None:
+        positive = [value for value in values if value > 0.0]
+        self.low = math.floor(math.log10(min(positive)))
+        self.high = max(self.low + 1, math.ceil(math.log10(max(positive))))
+        self._start, self._scale = start, (end - start) / (self.high - self.low)
+
+    def place(self, value: float) -> float:
+        """Return where `value` stands."""
+        return self._start + self._scale * (math.log10(value) - self.low)
+
+    def ticks(self) -> list[tuple[float, str]]:
+        """Return where the labelled decades stand, and their labels."""
+        every = math.ceil((self.high - self.low) / 14)
+        decades = range(self.low, self.high + 1, every)
+        return [(self.place(10.0**k), f"1e{k}".replace("-", "\N{MINUS SIGN}")) for k in decades]
+
+
+class _Style:
+    """What the line and the marks of a method look like: a colour and a mark for the family, a dash for the member."""
+
+    def __init__(self, family: int, member: int) -> None:
+        self._color = _COLORS[family % len(_COLORS)]
+        self._shape = _SHAPES[family // len(_COLORS) % len(_SHAPES)]
+        self._dash = _DASHES[member % len(_DASHES)]
+
+    def line(self, parent: Element, points: Sequence[tuple[float, float]]) -> None:
+        """Draw a line through `points`."""
+        path = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
+        look = {"fill": "none", "stroke": self._color, "stroke-width": "1.3", "stroke-linejoin": "round"}
+        if self._dash:
+            look["stroke-dasharray"] = self._dash
+        SubElement(parent, "polyline", {"points": path, **look})
+
+    def mark(self, parent: Element, x: float, y: float) -> Element:
+        """Draw and return a mark."""
+        tag, place = self._shape(x, y)
+        return SubElement(parent, tag, {**place, "fill": self._color})
+
+
+def _styles(methods: Sequence[str]) -> dict[str, _Style]:
+    """Return a style for each method; methods that differ only in the digits at their end are a family."""
+    families: dict[str, int] = {}
+    styles: dict[str, _Style] = {}
+    for method in methods:
+        name = method.rstrip("0123456789")
+        members = [other for other in styles if other.rstrip("0123456789") == name]
+        styles[method] = _Style(families.setdefault(name, len(families)), len(members))
+    return styles
+
+
+_Shape = Callable[[float, float], tuple[str, dict[str, str]]]
+
+
+def _circle(x: float, y: float) -> tuple[str, dict[str, str]]:
+    return "circle", {"cx": f"{x:.1f}", "cy": f"{y:.1f}", "r": "2.4"}
+
+
+def _square(x: float, y: float) -> tuple[str, dict[str, str]]:
+    return "rect", {"x": f"{x - 2.3:.1f}", "y": f"{y - 2.3:.1f}", "width": "4.6", "height": "4.6"}
+
+
+def _triangle(x: float, y: float) -> tuple[str, dict[str, str]]:
+    return "path", {"d": f"M{x - 3.0:.1f},{y + 2.2:.1f}h6l-3,-5.2z"}
+
+
+_SHAPES: tuple[_Shape, ...] = (_circle, _square, _triangle)
+
+
+def _grid(root: Element, across: _Axis, up: _Axis) -> None:
+    bottom, right = _TOP + _HEIGHT, _WIDTH - _RIGHT
+    for x, label in across.ticks():
+        _stroke(root, [(x, _TOP), (x, bottom)], "0.6", "0.25")
+        _text(root, x, bottom + 14.0, label, "font-size: 9.5px; text-anchor: middle")
+    for y, label in up.ticks():
+        _stroke(root, [(_LEFT, y), (right, y)], "0.6", "0.25")
+        _text(root, _LEFT - 6.0, y + 3.0, label, "font-size: 9.5px; text-anchor: end")
+    middle = 0.5 * (_LEFT + right)
+    _text(
+        root, middle, bottom + 29.0, "computing for each simulated second [s]", "font-size: 9.5px; text-anchor: middle"
+    )
+
+
+def _bounds(root: Element, found: Trade, across: _Axis, up: _Axis) -> None:
+    """Draw what the reference can tell and what was asked for."""
+    right = _WIDTH - _RIGHT
+    y = up.place(found.reference.error)
+    _stroke(root, [(_LEFT, y), (right, y)], "1", "0.8", "5 4")
+    _text(root, right, y - 4.0, "the reference is good to here", "font-size: 9px; text-anchor: end")
+    if found.target:
+        y = up.place(min(found.target, _WORST))
+        _stroke(root, [(_LEFT, y), (right, y)], "1", "0.8", "1 3")
+        _text(root, right, y - 4.0, f"asked for: {found.target:g}", "font-size: 9px; text-anchor: end")
+    if found.budget:
+        x = across.place(1.0 / found.budget)
+        _stroke(root, [(x, _TOP), (x, _TOP + _HEIGHT)], "1", "0.8", "1 3")
+        _text(root, x + 4.0, _TOP + 9.0, f"asked for: {found.budget:g} x real time", "font-size: 9px")
+
+
+def _staircase(root: Element, points: Sequence[tuple[float, float]]) -> None:
+    corners = [(b[0], a[1]) for a, b in itertools.pairwise(points)]
+    path = [point for pair in itertools.zip_longest(points, corners) for point in pair if point is not None]
+    _stroke(root, path, "5", "0.2")
+
+
+def _ring(root: Element, x: float, y: float, radius: float) -> None:
+    look = {"fill": "none", "stroke": "currentColor", "stroke-width": "1.2", "class": "front"}
+    SubElement(root, "circle", {"cx": f"{x:.1f}", "cy": f"{y:.1f}", "r": f"{radius:g}", **look})
+
+
+def _legend(root: Element, styles: dict[str, _Style]) -> None:
+    width = (_WIDTH - _LEFT - _RIGHT) / _LEGEND_COLUMNS
+    rows = math.ceil(len(styles) / _LEGEND_COLUMNS)
+    for index, (method, style) in enumerate(styles.items()):
+        x, y = _LEFT + index // rows * width, _TOP + _HEIGHT + _BOTTOM + index % rows * _LEGEND_ROW + 6.0
+        style.line(root, [(x, y), (x + 26.0, y)])
+        style.mark(root, x + 13.0, y)
+        _text(root, x + 32.0, y + 3.2, method, "font-size: 9.5px")
+
+
+def _stroke(root: Element, points: Sequence[tuple[float, float]], width: str, opacity: str, dash: str = "") -> None:
+    path = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
+    look = {"fill": "none", "stroke": "#808080", "stroke-width": width, "stroke-opacity": opacity}
+    if dash:
+        look["stroke-dasharray"] = dash
+    SubElement(root, "polyline", {"points": path, **look})
+
+
+def _text(root: Element, x: float, y: float, text: str, style: str) -> None:
+    place = {"x": f"{x:.1f}", "y": f"{y:.1f}", "fill": "currentColor", "style": style}
+    SubElement(root, "text", place).text = printable(text)

@@ -1,0 +1,136 @@
+"""The page of `trade`: well-formed, self-contained, every run on it once, and figures that anyone can read."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from rb_dynamics.motion import METHODS
+from rb_dynamics.report import trade_page
+from rb_dynamics.report.html import render_html
+from rb_dynamics.report.trade_page import trade_report, work_precision, write_trade_page
+from rb_dynamics.trade import Reference, Row, Trade, recommend, with_front
+
+REFERENCE = Reference("taylor, accuracy 1e-13", "dop853, accuracy 1e-13", 1e-13, 2e-13, 3e-14, 1e-13, 7.0)
+
+
+def row(method: str, step: float, error: float, time: float) -> Row:
+    within = error <= REFERENCE.error
+    return Row(method, step, None, error, error, error, error, within, 1e-9, 2e-9, -3e-9, time, 1.0 / time, 100)
+
+
+def traded(scene: str = "scene.yaml", target: float | None = 1e-6, budget: float | None = None) -> Trade:
+    """Return a trade of all methods, each with four runs; the later ones are slower."""
+    rows = with_front(
+        [
+            row(method, 0.5**k, max(10.0 ** (1 - 4 * k), 1e-13), 1e-6 * (index + 1) * 3.0**k)
+            for index, method in enumerate([*METHODS, "auto"])
+            for k in range(4)
+        ]
+    )
+    recommended = recommend(rows, target, budget)
+    return Trade(scene, 10.0, REFERENCE, rows, recommended, target, budget, {"rk4": "its time was up"}, ("a remark",))
+
+
+def parsed(found: Trade) -> ElementTree.Element:
+    return ElementTree.fromstring(work_precision(found))
+
+
+def texts(root: ElementTree.Element) -> list[str]:
+    return [text.text or "" for text in root.iter("text")]
+
+
+def test_page_is_well_formed_self_contained_and_complete(tmp_path: Path) -> None:
+    found = traded('<script>"x"</script>')
+    write_trade_page(found, tmp_path / "trade.html")
+    page = (tmp_path / "trade.html").read_text(encoding="utf-8")
+
+    root = ElementTree.fromstring(page.removeprefix("<!DOCTYPE html>"))
+    assert not {"script", "link", "img", "iframe"} & {element.tag for element in root.iter()}
+    assert "http" not in page
+    assert not re.search(r"url\((?!#)", page)
+    cells = ["".join(cell.itertext()) for cell in root.iter("td")]
+    assert cells.count("rk4") == 4 + sum(one.method == "rk4" for one in found.front) + 1
+    paragraphs = ["".join(paragraph.itertext()) for paragraph in root.iter("p")]
+    assert found.recommended is not None
+    assert found.recommended.solver in paragraphs
+    assert "a remark" in paragraphs
+    assert any("dop853, accuracy 1e-13" in paragraph for paragraph in paragraphs)
+
+
+def test_plot_has_every_run_once_every_method_in_the_legend_and_the_front_ringed() -> None:
+    found = traded()
+    root = parsed(found)
+    titles = [title.text for title in root.iter("title")]
+    assert len(titles) == len(set(titles)) == len(found.rows)
+    for method in (*METHODS, "auto"):
+        assert texts(root).count(method) == 1
+    rings = [element for element in root.iter("circle") if element.get("class") == "front"]
+    assert len(rings) == len(found.front) + 1
+
+
+def test_lines_run_from_slow_to_accurate_inside_the_axes() -> None:
+    root = parsed(traded())
+    _, _, width, height = map(float, (root.get("viewBox") or "").split())
+    lines = [
+        [tuple(map(float, point.split(","))) for point in (line.get("points") or "").split()]
+        for line in root.iter("polyline")
+    ]
+    for line in lines:
+        assert all(0.0 <= x <= width and 0.0 <= y <= height for x, y in line)
+    curves = [line for line in lines if len(line) == 4]
+    assert len(curves) == len(METHODS) + 1
+    # Ten thousand times less error is lower, three times the time further right.
+    assert all(a[0] < b[0] and a[1] < b[1] for line in curves for a, b in itertools.pairwise(line))
+
+
+def test_a_decade_is_as_long_wherever_it_stands() -> None:
+    root = parsed(traded())
+    places = {
+        text.text: float(text.get("y") or 0.0)
+        for text in root.iter("text")
+        if (text.get("style") or "").endswith("end")
+    }
+    marks = [places[f"1e{k}".replace("-", "\N{MINUS SIGN}")] for k in range(-13, 2)]
+    assert [b - a for a, b in itertools.pairwise(marks)] == pytest.approx(14 * [marks[1] - marks[0]], abs=0.2)
+
+
+def test_what_was_asked_for_is_drawn() -> None:
+    assert "asked for: 1e-06" in texts(parsed(traded()))
+    assert "asked for: 50 x real time" in texts(parsed(traded(target=None, budget=50.0)))
+
+
+def test_looks_of_methods_differ() -> None:
+    styles = trade_page._styles([*METHODS, "auto"])
+    looks = {(style._color, style._shape, style._dash) for style in styles.values()}
+    assert len(looks) == len(styles)
+
+
+def test_colours_can_be_read_on_light_and_on_dark() -> None:
+    def luminance(color: str) -> float:
+        parts = [int(color[i : i + 2], 16) / 255.0 for i in (1, 3, 5)]
+        linear = [c / 12.92 if c <= 0.03928 else ((c + 0.055) / 1.055) ** 2.4 for c in parts]
+        return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+    light, dark = luminance("#ffffff"), luminance("#12161c")
+    for color in trade_page._COLORS:
+        assert (light + 0.05) / (luminance(color) + 0.05) > 3.0
+        assert (luminance(color) + 0.05) / (dark + 0.05) > 3.0
+
+
+def test_a_trade_without_rows_says_why() -> None:
+    bad = replace(REFERENCE, attitude=1.0, error=1.0)
+    page = render_html(trade_report(replace(traded(), rows=(), recommended=None, reference=bad)))
+    assert "nothing tells which is right" in page
+    assert "<svg" not in page
+
+
+def test_one_row_can_be_drawn() -> None:
+    found = traded()
+    alone = replace(found, rows=found.rows[:1], recommended=None, target=1.0)
+    assert len(list(parsed(alone).iter("title"))) == 1
