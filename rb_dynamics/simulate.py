@@ -16,7 +16,7 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.diagnostics import Observer, Sample, acceleration, kinetic_energy
 from rb_dynamics.errors import ConvergenceError, SceneError, WrenchError
 from rb_dynamics.loads.acting import ActingEffects
-from rb_dynamics.loads.channels import AppliedWrench, Channel, WrenchChannels
+from rb_dynamics.loads.channels import AppliedWrench, WrenchChannels
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion.arc import Arc
 from rb_dynamics.motion.phase import Phase, in_principal_axes
@@ -137,7 +137,7 @@ class Simulation:
             _require_finite(self.scene.body, phase, edge)
             self.time_ns, self._phase = edge, phase
             self._computed_ns = max(self._computed_ns, edge)
-            self._used[self._arc.method] = None
+            self._used.update(dict.fromkeys(self._arc.methods))
             if edge == output:
                 self._outputs += 1
                 output = self.next_output_ns()
@@ -173,8 +173,9 @@ class Simulation:
 
     def _apply_changes(self) -> None:
         steps = self.steps
-        kink = self._knots[:1] == [self.time_ns]
-        self._knots = self._knots[kink:]
+        ahead = [knot for knot in self._knots if knot > self.time_ns]
+        kink = len(ahead) < len(self._knots)
+        self._knots = ahead
         changes = self._channels.apply(self.time_ns)
         for change in changes:
             if isinstance(change, AppliedWrench):
@@ -200,11 +201,11 @@ def _nanoseconds(seconds: float) -> int:
 def _channels(scene: Scene, effects: ActingEffects) -> WrenchChannels:
     """Return the channels of the scene and, behind them, one for each effect that holds wrenches."""
     schedules = effects.schedules()
-    channels = WrenchChannels((*scene.channels, *(Channel(name) for name, _ in schedules)), scene.frames)
-    for name, entries in schedules:
+    channels = WrenchChannels(scene.channels, scene.frames, [name for name, _ in schedules])
+    for number, (_, entries) in enumerate(schedules):
         for seconds, wrench in entries:
             time_ns = _nanoseconds(seconds)
-            channels.post(name, replace(wrench, stamp_ns=time_ns), time_ns)
+            channels.schedule(number, replace(wrench, stamp_ns=time_ns), time_ns)
     return channels
 
 

@@ -17,7 +17,7 @@ from rb_dynamics.loads.acting import ActingEffects
 from rb_dynamics.motion.phase import Phase
 from rb_dynamics.scene.model import Solver
 from rb_dynamics.simulate import Simulation
-from rb_dynamics.vector import add, subtract
+from rb_dynamics.vector import ZERO, scale, subtract
 
 Point = tuple[Fraction, Fraction, Fraction]
 

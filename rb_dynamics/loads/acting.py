@@ -23,6 +23,15 @@ class ActingEffects:
     body: RigidBody
     effects: tuple[Effect, ...] = ()
 
+    def __post_init__(self) -> None:
+        """Let each effect look at the body.
+
+        Raises:
+            SceneError: an effect cannot act on it.
+        """
+        for effect in self.effects:
+            effect.check(self.body)
+
     @property
     def takes(self) -> Takes:
         """What a method has to take."""

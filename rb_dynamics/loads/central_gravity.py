@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
 from rb_dynamics.body.rigid_body import RigidBody
-from rb_dynamics.errors import ConvergenceError
+from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.effect import Effect, Point, Potential, Wrenching
 from rb_dynamics.loads.load import Takes
 from rb_dynamics.rotation import rotate, rotate_inverse
@@ -29,6 +30,19 @@ class CentralGravity(Effect):
     gravitational_parameter: float
     center_world: Vector = ZERO
     gravity_gradient: bool = False
+
+    def __post_init__(self) -> None:
+        """Refuse a centre that does not attract.
+
+        Raises:
+            SceneError: a number is not finite, or the gravitational parameter not greater than 0.
+        """
+        numbers = (self.gravitational_parameter, *self.center_world)
+        if not (all(map(math.isfinite, numbers)) and self.gravitational_parameter > 0.0):
+            raise SceneError(
+                f"central_gravity: gravitational_parameter is {self.gravitational_parameter!r}, center_world "
+                f"{self.center_world}; expected finite numbers and mu = G M greater than 0 (m^3/s^2)"
+            )
 
     def wrenching(self, body: RigidBody, start: float) -> Wrenching:
         """Return force and torque at a point.

@@ -92,14 +92,15 @@ class _Pending:
 class WrenchChannels:
     """The channels of one run, in the order of the scene."""
 
-    def __init__(self, channels: Sequence[Channel], frames: WrenchFrames) -> None:
-        """Start with every channel at zero."""
-        self._channels = tuple(channels)
+    def __init__(self, channels: Sequence[Channel], frames: WrenchFrames, effects: Sequence[str] = ()) -> None:
+        """Start with every channel at zero; behind those of the scene comes one for each of `effects`."""
+        self._channels = (*channels, *(Channel(name) for name in effects))
+        self._commanded = len(channels)
         self._index = {c.topic.lstrip("/"): i for i, c in enumerate(channels)}
         # A timeout below 1 ns is short, not the 0 that holds for ever.
-        self._timeout_ns = [max(1, round(c.timeout * 1e9)) if c.timeout else 0 for c in channels]
+        self._timeout_ns = [max(1, round(c.timeout * 1e9)) if c.timeout else 0 for c in self._channels]
         self._frames = frames
-        self._holds = [_Hold() for _ in channels]
+        self._holds = [_Hold() for _ in self._channels]
         self._queue: list[_Pending] = []
         self._number = 0
 
@@ -113,6 +114,17 @@ class WrenchChannels:
         channel = self._index.get(topic.lstrip("/"))
         if channel is None:
             raise WrenchError(f"wrench topic is {topic!r}, expected one of {sorted(self._index)} as in scene.wrenches")
+        self._post(channel, wrench, time_ns)
+
+    def schedule(self, effect: int, wrench: Wrench, time_ns: int) -> None:
+        """Let `wrench` take effect on the channel of an effect, by its number: no command can reach it.
+
+        Raises:
+            WrenchError: a component is not finite, or the frame is unknown.
+        """
+        self._post(self._commanded + effect, wrench, time_ns)
+
+    def _post(self, channel: int, wrench: Wrench, time_ns: int) -> None:
         self._number += 1
         try:
             held = self._frames.hold(wrench)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
 from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.effect import Effect, Point, Wrenching
 from rb_dynamics.loads.load import Takes
 from rb_dynamics.rotation import conjugate, rotate, rotate_inverse
@@ -31,6 +33,22 @@ class LinearDrag(Effect):
     rotation: Vector = ZERO
     medium_velocity_world: Vector = ZERO
 
+    def __post_init__(self) -> None:
+        """Refuse coefficients that are none.
+
+        Raises:
+            SceneError: one is negative, or not finite.
+        """
+        _check_coefficients(self.kind, self.translation, self.rotation, self.medium_velocity_world)
+
+    def check(self, body: RigidBody) -> None:
+        """Refuse to turn a particle.
+
+        Raises:
+            SceneError: the body is one and `rotation` is not zero.
+        """
+        _check_turns(self.kind, self.rotation, body)
+
     def wrenching(self, body: RigidBody, start: float) -> Wrenching:
         """Return force and torque at a point."""
         return _resistance(self.translation, self.rotation, self.medium_velocity_world, body, lambda _: 1.0)
@@ -53,9 +71,42 @@ class QuadraticDrag(Effect):
     rotation: Vector = ZERO
     medium_velocity_world: Vector = ZERO
 
+    def __post_init__(self) -> None:
+        """Refuse coefficients that are none.
+
+        Raises:
+            SceneError: one is negative, or not finite.
+        """
+        _check_coefficients(self.kind, self.translation, self.rotation, self.medium_velocity_world)
+
+    def check(self, body: RigidBody) -> None:
+        """Refuse to turn a particle.
+
+        Raises:
+            SceneError: the body is one and `rotation` is not zero.
+        """
+        _check_turns(self.kind, self.rotation, body)
+
     def wrenching(self, body: RigidBody, start: float) -> Wrenching:
         """Return force and torque at a point."""
         return _resistance(self.translation, self.rotation, self.medium_velocity_world, body, norm)
+
+
+def _check_coefficients(kind: str, translation: Vector, rotation: Vector, medium: Vector) -> None:
+    numbers = (*translation, *rotation)
+    if not (all(map(math.isfinite, (*numbers, *medium))) and min(numbers) >= 0.0):
+        raise SceneError(
+            f"{kind}: translation is {translation}, rotation {rotation}, medium_velocity_world {medium}; expected "
+            "coefficients of 0 or more and finite numbers: drag takes energy out, write it without a sign"
+        )
+
+
+def _check_turns(kind: str, rotation: Vector, body: RigidBody) -> None:
+    if body.is_particle and rotation != ZERO:
+        raise SceneError(
+            f"{kind}: rotation is {rotation}, expected none: a body without inertia is a particle and does not turn; "
+            "remove it, or add body.inertia"
+        )
 
 
 def _resistance(

@@ -7,6 +7,7 @@ for again and costs nothing.
 from __future__ import annotations
 
 from collections.abc import Callable
+from fractions import Fraction
 from typing import ClassVar, NamedTuple
 
 from rb_dynamics.body.rigid_body import RigidBody
@@ -51,6 +52,11 @@ Storing = Callable[[Point], Stored]
 """What moves inside the body at a point."""
 
 
+def on_nanosecond(seconds: float) -> float:
+    """Return a time (s), taken as the decimal number that was written, rounded to whole nanoseconds."""
+    return round(Fraction(repr(float(seconds))) * 1_000_000_000) / 1_000_000_000
+
+
 class Effect:
     """What acts of its own accord; each kind overrides what it has.
 
@@ -61,6 +67,13 @@ class Effect:
 
     kind: ClassVar[str]
     takes: ClassVar[Takes] = Takes.HELD
+
+    def check(self, body: RigidBody) -> None:
+        """Refuse a body that it cannot act on.
+
+        Raises:
+            SceneError: says why, and what to do.
+        """
 
     def schedule(self, body: RigidBody) -> tuple[tuple[float, Wrench], ...]:
         """Return the wrenches that it holds, each with the time (s) at which it begins."""

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from itertools import chain, pairwise
 from typing import ClassVar
 
 from rb_dynamics.body.rigid_body import RigidBody
-from rb_dynamics.loads.effect import Effect, Point, Stored, Storing, Wrenching
+from rb_dynamics.errors import SceneError
+from rb_dynamics.loads.effect import Effect, Point, Stored, Storing, Wrenching, on_nanosecond
 from rb_dynamics.loads.load import Takes
 from rb_dynamics.rotation import rotate_inverse
-from rb_dynamics.vector import ZERO, Vector, cross, dot, norm, scale, subtract
+from rb_dynamics.vector import ZERO, Vector, cross, dot, multiply, norm, scale, subtract
 
 
 @dataclass(frozen=True)
@@ -32,6 +35,41 @@ class Rotor(Effect):
     axis_body: Vector
     axial_inertia: float
     spin_rate: tuple[tuple[float, float], ...]
+
+    def __post_init__(self) -> None:
+        """Put the knots on whole nanoseconds, where steps can end.
+
+        Raises:
+            SceneError: no rotor is like that.
+        """
+        numbers = (*self.axis_body, self.axial_inertia, *chain.from_iterable(self.spin_rate))
+        if not (all(map(math.isfinite, numbers)) and norm(self.axis_body) > 0.0 and self.axial_inertia > 0.0):
+            raise SceneError(
+                f"rotor: axis_body is {self.axis_body}, axial_inertia {self.axial_inertia!r}, spin_rate "
+                f"{self.spin_rate}; expected finite numbers, a direction and an inertia greater than 0 (kg m^2)"
+            )
+        knots = tuple((on_nanosecond(time), rate) for time, rate in self.spin_rate)
+        times = [time for time, _ in knots]
+        if not knots or times[0] < 0.0 or any(later <= earlier for earlier, later in pairwise(times)):
+            raise SceneError(
+                f"rotor: spin_rate has the times {times} s, expected at least one, not negative, each later than the "
+                "one before by a nanosecond or more; sort them"
+            )
+        object.__setattr__(self, "spin_rate", knots)
+
+    def check(self, body: RigidBody) -> None:
+        """Refuse a rotor that is no part of `body`.
+
+        Raises:
+            SceneError: the body is a particle, or its inertia about the axis is smaller than the rotor's.
+        """
+        axis = self._axis(body)
+        whole = dot(axis, multiply(body.principal_moments, axis))
+        if self.axial_inertia > whole * (1.0 + 1e-9):
+            raise SceneError(
+                f"rotor: axial_inertia is {self.axial_inertia!r}, expected at most {whole:.6g} kg m^2, the inertia of "
+                "the body about that axis, in which the rotor is counted; add the rotor to body.inertia"
+            )
 
     def knots(self) -> tuple[float, ...]:
         """Return where the acceleration of the rotor changes."""

@@ -19,9 +19,18 @@ from rb_dynamics.vector import Vector, scale
 LoadFrom = Callable[[Phase], Load]
 """What acts beside the held wrench during a step that starts in a phase."""
 
+Choose = Callable[[Phase, Callable[[Method], "Stepper"]], tuple[Method, StepControl]]
+"""Method and control for what follows a phase; both controls count time in the same units."""
+
+_CHOOSE_AGAIN = 64
+
 
 class Arc:
-    """The motion from `start_ns` on under one held wrench (body parts in principal axes); times may only grow."""
+    """The motion from `start_ns` on under one held wrench (body parts in principal axes); times may only grow.
+
+    Attributes:
+        methods: names of the methods that have moved the body, in order.
+    """
 
     def __init__(
         self,
@@ -32,11 +41,18 @@ class Arc:
         start_ns: int,
         phase: Phase,
         load_from: LoadFrom | None = None,
+        choose_again: Choose | None = None,
     ) -> None:
-        """Start in `phase` at `start_ns`; `load_from` gives what acts beside `held`, if anything does."""
-        self.method = method.name
+        """Start in `phase` at `start_ns`.
+
+        `load_from` gives what acts beside `held`, if anything does; `choose_again` another method, which is asked for
+        after `_CHOOSE_AGAIN` strides and whenever their number has doubled: a transient must not decide for ever.
+        """
+        self.methods = [method.name]
         self._control = control
-        self._advance = Stepper(method, inertia, held, load_from)
+        self._what_acts = inertia, held, load_from
+        self._advance = self._stepper(method)
+        self._choose_again = choose_again
         self._start_ns = start_ns
         self._phase = phase
         # In units of 1/denominator ns since the start: the grid point reached and the stride that follows it. The
@@ -45,6 +61,9 @@ class Arc:
         self._strides = 0
         self._stride: int | None = None
         self._after: Phase | None = None
+
+    def _stepper(self, method: Method) -> Stepper:
+        return Stepper(method, *self._what_acts)
 
     def at(self, time_ns: int) -> Phase:
         """Return the phase at `time_ns`, not before the last time asked for nor the start.
@@ -91,6 +110,11 @@ class Arc:
         self._reached += stride
         self._stride = self._after = None
         self._strides += 1
+        strides = self._strides
+        if self._choose_again is not None and strides >= _CHOOSE_AGAIN and strides & (strides - 1) == 0:
+            method, self._control = self._choose_again(self._phase, self._stepper)
+            self._advance = self._stepper(method)
+            self.methods.append(method.name)
 
 
 class Stepper:

@@ -95,9 +95,9 @@ class OwnControl:
 
     denominator = 1
 
-    def __init__(self, accuracy: float, horizon: float) -> None:
-        """Take the accepted error and the length of the run in s."""
-        self._accuracy, self._horizon = accuracy, horizon
+    def __init__(self, accuracy: float, horizon: float, *, ends: bool = True) -> None:
+        """Take the accepted error and the length of the run in s; see `AccuracyControl` for a run that has no end."""
+        self._accuracy, self._horizon, self._ends = accuracy, horizon, ends
 
     def stride(self, phase: Phase, advance: Advance) -> tuple[int, Phase | None]:
         """Return the longest step there is; it has not been taken.
@@ -105,14 +105,16 @@ class OwnControl:
         Raises:
             ConvergenceError: not even a step of 1 ns keeps the accuracy.
         """
-        rate = norm(phase.angular_velocity)
-        h_ns = int(min(advance.longest_step(phase, self._accuracy, self._horizon) * NANOSECONDS, 2.0**62))
+        rate, rest = norm(phase.angular_velocity), _rest(phase, self._horizon, self._ends)
+        # The same share of the accuracy for each second, errors grow for the rest of the run.
+        share = self._accuracy * rest / self._horizon
+        h_ns = int(min(advance.longest_step(phase, share, rest) * NANOSECONDS, 2.0**62))
         if h_ns < 1:
             raise ConvergenceError(
                 f"accuracy {self._accuracy:g} cannot be kept: a step would have to be shorter than 1 ns; "
                 "accept a larger solver.accuracy or check the size of the wrench"
             )
-        _require_reachable(self._accuracy, self._horizon, h_ns / NANOSECONDS, rate)
+        _require_reachable(self._accuracy, rest, h_ns / NANOSECONDS, rate)
         return h_ns, None
 
     def begin(self) -> None:
@@ -131,17 +133,28 @@ class AccuracyControl:
     error of the lower order, and the result of the higher order is kept.
 
     The error is what the stride adds to attitude (rad) and, relative to the distance travelled, to position at the end
-    of the `horizon`: errors of rate and velocity count with the time they have to grow. A stride h may add a fraction
-    of accuracy * h / horizon, so that all of them together stay within the accuracy where the motion amplifies them.
+    of the run: errors of rate and velocity count with the time they have to grow, linearly. A stride h may add a share
+    of accuracy * h / horizon. Where the motion amplifies errors faster, as near the middle axis or in a chaotic tumble,
+    more than the share comes together: the accuracy is no bound there, and `explain` and `trade` show what is reached.
     """
 
     denominator = 1
 
     def __init__(
-        self, accuracy: float, horizon: float, order: int, inertia: Inertia, *, embedded: bool = False
+        self,
+        accuracy: float,
+        horizon: float,
+        order: int,
+        inertia: Inertia,
+        *,
+        embedded: bool = False,
+        ends: bool = True,
     ) -> None:
-        """Take the accepted error, the length of the run in s, the order of the method, and whether it is a pair."""
-        self._accuracy, self._horizon, self._inertia = accuracy, horizon, inertia
+        """Take the accepted error, the length of the run in s, the order of the method, and whether it is a pair.
+
+        Where the run has no end (`ends`), the horizon is what the accuracy is kept over, counted from any time.
+        """
+        self._accuracy, self._horizon, self._inertia, self._ends = accuracy, horizon, inertia, ends
         self._embedded = embedded
         # The order of the result whose error is estimated, and how many of its errors make up the difference.
         self._order = order - 1 if embedded else order
@@ -150,6 +163,8 @@ class AccuracyControl:
         # What the stride chosen last suggests for the next one, and what the last one entered did: a stride is also
         # chosen to see where an output falls, and a new arc may begin before it does.
         self._next = self._learnt = 0.0
+        # The largest speed, likewise: the distance travelled is not short because a body has come to rest.
+        self._speed = self._fastest = 0.0
 
     def stride(self, phase: Phase, advance: Advance) -> tuple[int, Phase | None]:
         """Return the length of an accepted stride and the phase at its end.
@@ -174,7 +189,8 @@ class AccuracyControl:
             else:
                 self._next = 5.0 * h
             if error <= allowed:
-                _require_reachable(self._accuracy, self._horizon, h, norm(phase.angular_velocity))
+                rest = _rest(phase, self._horizon, self._ends)
+                _require_reachable(self._accuracy, rest, h, norm(phase.angular_velocity))
                 return h_ns, after
             if h_ns == 1:
                 raise ConvergenceError(
@@ -185,7 +201,7 @@ class AccuracyControl:
 
     def begin(self) -> None:
         """Let the next stride be sought near what the last one suggests."""
-        self._learnt = self._next
+        self._learnt, self._fastest = self._next, max(self._fastest, self._speed)
 
     def refine(self, phase: Phase, advance: Advance, h: float) -> Phase:
         """Return the phase after one step of a pair, or after two steps of h/2: as the stride itself is taken."""
@@ -200,19 +216,27 @@ class AccuracyControl:
             kept, other = advance.pair(phase, h)
         else:
             kept, other = self.refine(phase, advance, h), advance(phase, h)
-        mass, horizon = self._inertia.mass, self._horizon
+        mass, rest = self._inertia.mass, _rest(phase, self._horizon, self._ends)
         rate = norm(kept.angular_velocity)
         rate_error = norm(subtract(other.angular_velocity, kept.angular_velocity))
-        attitude = angle_between(other.orientation, kept.orientation) + rate_error * horizon
+        attitude = angle_between(other.orientation, kept.orientation) + rate_error * rest
         momentum_error = subtract(other.linear_momentum_world, kept.linear_momentum_world)
         drift = norm(subtract(other.center_of_mass_world, kept.center_of_mass_world))
-        drift += norm(scale(1.0 / mass, momentum_error)) * horizon
-        speed = norm(scale(1.0 / mass, kept.linear_momentum_world))
-        position = drift / (speed * horizon) if speed > 0.0 else 0.0
+        drift += norm(scale(1.0 / mass, momentum_error)) * rest
+        momentum = kept.linear_momentum_world
+        at_start = norm(scale(1.0 / mass, subtract(momentum, kept.impulse_world)))
+        self._speed = max(norm(scale(1.0 / mass, momentum)), at_start)
+        speed = max(self._speed, self._fastest)
+        position = drift / (speed * self._horizon) if speed > 0.0 else 0.0
         # What rounding alone makes of the difference is no reason to step shorter.
-        floor = _EPSILON * (1.0 + rate * horizon)
+        floor = _EPSILON * (1.0 + rate * rest)
         error = max(attitude, position)
         return kept, (0.0 if error <= floor else error - floor) / self._errors
+
+
+def _rest(phase: Phase, horizon: float, ends: bool) -> float:
+    """Return for how long (s) an error has time to grow."""
+    return max(horizon - phase.time, 1.0 / NANOSECONDS) if ends else horizon
 
 
 def _require_reachable(accuracy: float, horizon: float, h: float, rate: float) -> None:
@@ -225,6 +249,6 @@ def _require_reachable(accuracy: float, horizon: float, h: float, rate: float) -
     if rounding > accuracy:
         raise ConvergenceError(
             f"accuracy {accuracy:g} cannot be kept: at {rate:.3g} rad/s in steps of {h:.3g} s rounding alone adds "
-            f"about {rounding:.1g} rad in {horizon:g} s; accept that much, or use method auto or taylor, which take "
-            "longer steps"
+            f"about {rounding:.1g} rad in {horizon:g} s; accept that much, or use a method that takes longer "
+            "steps, such as taylor or dop853"
         )

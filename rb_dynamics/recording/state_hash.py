@@ -17,8 +17,8 @@ class StateHash:
 
     Each sample enters as 232 bytes, little endian: `time_ns` as int64, then 28 float64 in the order of the fields of
     `Sample`: position, orientation (x, y, z, w), linear velocity, angular velocity, angular momentum, linear momentum,
-    kinetic energy, work, energy defect, angular momentum defect, linear momentum defect; and the potential energy behind
-    them where an effect has one.
+    kinetic energy, work, energy defect, angular momentum defect, linear momentum defect; and behind them the potential
+    energy where an effect has one.
     """
 
     def __init__(self) -> None:

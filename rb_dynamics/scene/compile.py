@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.effect import Effect
@@ -39,6 +40,7 @@ class Plan:
         self._scene = scene
         self._inertia = inertia_of(scene.body)
         self._accuracy = scene.solver.accuracy or 1e-9
+        self._ends = bool(scene.duration)
         self._horizon = scene.duration or OPEN_END_HORIZON
         self.takes = scene.acting.takes
         self._method = None if scene.solver.method == "auto" else METHODS[scene.solver.method]
@@ -64,35 +66,40 @@ class Plan:
         Raises:
             ConvergenceError: no method keeps the accuracy here.
         """
-        method, control = self._choose(held, start_ns, phase, load_from)
-        return Arc(method, self._inertia, held, control, start_ns, phase, load_from)
+
+        def stepper(method: Method) -> Stepper:
+            return Stepper(method, self._inertia, held, load_from)
+
+        method, control = self._choose(held, start_ns, phase, load_from is None, stepper)
+        again = None if self._method is not None or method is EXACT else self._cheapest
+        return Arc(method, self._inertia, held, control, start_ns, phase, load_from, again)
 
     def _choose(
-        self, held: HeldWrench, start_ns: int, phase: Phase, load_from: LoadFrom | None
+        self, held: HeldWrench, start_ns: int, phase: Phase, steady: bool, stepper: Callable[[Method], Stepper]
     ) -> tuple[Method, StepControl]:
         if self._method is None:
             # An arc that time has not gone into leaves no trace, so that commands of one time may come one by one.
             if start_ns > self._start_ns:
                 self._length_ns, self._start_ns = start_ns - self._start_ns, start_ns
                 self._driven_arcs += self._driven
-            self._driven = load_from is not None or not has_closed_form(held, phase.orientation, phase.angular_velocity)
+            self._driven = not (steady and has_closed_form(held, phase.orientation, phase.angular_velocity))
             if not self._driven:
                 return EXACT, WholeArc()
             # Chosen anew after 0, 1, 2, 4, 8 ... driven arcs: the choice follows the scene and costs little.
             if self._driven_arcs & (self._driven_arcs - 1) == 0:
-                self._chosen = self._cheapest(held, phase, load_from)
+                self._chosen = self._cheapest(phase, stepper)
         if self._chosen is None:
             raise TypeError("a method with a name has been chosen at the start")
         return self._chosen
 
-    def _cheapest(self, held: HeldWrench, phase: Phase, load_from: LoadFrom | None) -> tuple[Method, StepControl]:
+    def _cheapest(self, phase: Phase, stepper: Callable[[Method], Stepper]) -> tuple[Method, StepControl]:
         # How long an arc will be is not known; the last one is the best guess, without one the whole run.
-        rest = max(self._horizon - self._start_ns * 1e-9, 0.0)
+        rest = max(self._horizon - phase.time, 1e-9) if self._ends else self._horizon
         arc = self._length_ns * 1e-9 or rest
         methods = tuple(METHODS[name] for name in CANDIDATES[self.takes])
-        return cheapest(
-            methods, self._control, lambda method: Stepper(method, self._inertia, held, load_from), phase, arc, rest
-        )
+        if self._scene.solver.step is not None:  # the most accurate, as steps are not to choose
+            methods = methods[:1]
+        return cheapest(methods, self._control, stepper, phase, arc, rest)
 
     def _control(self, method: Method) -> StepControl:
         solver = self._scene.solver
@@ -102,8 +109,9 @@ class Plan:
             return FixedStep(solver.step)
         accuracy, horizon = self._accuracy, self._horizon
         if method.longest_step is not None:
-            return OwnControl(accuracy, horizon)
-        return AccuracyControl(accuracy, horizon, method.order, self._inertia, embedded=method.pair is not None)
+            return OwnControl(accuracy, horizon, ends=self._ends)
+        pair = method.pair is not None
+        return AccuracyControl(accuracy, horizon, method.order, self._inertia, embedded=pair, ends=self._ends)
 
     def _steps(self, method: Method | None) -> str:
         solver = self._scene.solver

@@ -60,6 +60,8 @@ def _topic(section: Section, taken: dict[str, str]) -> str:
         )
     elif name in PUBLISHED_TOPICS:
         field.reject("a topic that rb_dynamics does not publish itself", "rename the channel, for example to wrench")
+    elif name.startswith("effects/"):
+        field.reject("a topic outside effects/, where the log keeps what effects hold", "rename the channel")
     elif name.endswith("/applied"):
         field.reject("a topic that does not end in /applied, where the log keeps what acted", "rename the channel")
     elif name:

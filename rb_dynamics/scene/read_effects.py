@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from rb_dynamics.body.rigid_body import RigidBody
-from rb_dynamics.errors import WrenchError
+from rb_dynamics.errors import SceneError, WrenchError
 from rb_dynamics.loads.central_gravity import CentralGravity
 from rb_dynamics.loads.drag import LinearDrag, QuadraticDrag
 from rb_dynamics.loads.effect import Effect
@@ -56,7 +56,15 @@ def effects(field: Field | None, body: RigidBody | None, frames: WrenchFrames) -
         kind = _kind(entry)
         if kind is not None:
             keys, read = _READERS[kind]
-            found.append(read(_Entry(entry.section(("type", *keys)), body, frames)))
+            before = entry.problems.count
+            try:
+                effect = read(_Entry(entry.section(("type", *keys)), body, frames))
+                if body is not None:
+                    effect.check(body)
+                found.append(effect)
+            except SceneError as error:
+                if entry.problems.count == before:
+                    entry.reject("an effect that can act on this body", str(error))
     return tuple(found)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from fractions import Fraction
 
 import pytest
@@ -12,8 +13,10 @@ from motions import EPS, Recorder
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import ConvergenceError, SceneError
+from rb_dynamics.loads.acting import ActingEffects
 from rb_dynamics.loads.central_gravity import CentralGravity
-from rb_dynamics.loads.effect import Point
+from rb_dynamics.loads.drag import LinearDrag, QuadraticDrag
+from rb_dynamics.loads.effect import Effect, Point
 from rb_dynamics.loads.load import Takes
 from rb_dynamics.loads.rotor import Rotor
 from rb_dynamics.loads.wrench import Wrench
@@ -368,3 +371,49 @@ def test_time_of_an_effect_is_that_of_the_run() -> None:
     for _ in range(100_000):
         phase = phase.after(Increment(zero, phase.orientation, zero, zero, zero, 0.0), 1e-4)
     assert phase.time == float(100_000 * Fraction(1e-4))
+
+
+class TestFromPython:
+    """Effects made in Python are checked as those of a scene file are."""
+
+    @pytest.mark.parametrize(
+        ("make", "message"),
+        [
+            (lambda: Rotor((0.0, 0.0, 0.0), 0.1, ((0.0, 1.0),)), "expected finite numbers, a direction"),
+            (lambda: Rotor((0.0, 0.0, 1.0), math.nan, ((0.0, 1.0),)), "axial_inertia nan"),
+            (lambda: Rotor((0.0, 0.0, 1.0), 0.1, ()), "expected at least one"),
+            (lambda: Rotor((0.0, 0.0, 1.0), 0.1, ((-1.0, 1.0), (0.5, 3.0))), "not negative"),
+            (lambda: Rotor((0.0, 0.0, 1.0), 0.1, ((1.0, 1.0), (0.5, 3.0))), "each later than the one before"),
+            (lambda: Rotor((0.0, 0.0, 1.0), 0.1, ((1.0, 1.0), (1.0 + 1e-12, 3.0))), "by a nanosecond or more"),
+            (lambda: LinearDrag((-1.0, 0.0, 0.0)), "drag takes energy out"),
+            (lambda: QuadraticDrag(rotation=(0.0, math.inf, 0.0)), "drag takes energy out"),
+            (lambda: CentralGravity(-1.0), "greater than 0"),
+            (lambda: CentralGravity(math.inf), "finite"),
+        ],
+    )
+    def test_nonsense_is_refused(self, make: Callable[[], Effect], message: str) -> None:
+        with pytest.raises(SceneError, match=message):
+            make()
+
+    def test_a_rotor_that_is_no_part_of_the_body_is_refused(self) -> None:
+        rotor = Rotor((1.0, 0.0, 1.0), 3.0, ((0.0, 1.0),))
+        with pytest.raises(SceneError, match=r"axial_inertia is 3.0, expected at most 2 kg m\^2"):
+            ActingEffects(RigidBody.from_diagonal(1.0, (1.0, 2.0, 3.0)), (rotor,))
+
+    def test_so_is_one_in_a_scene_file(self) -> None:
+        with pytest.raises(SceneError, match=r"effects\[0\]: .*expected at most 0.5"):
+            parse_scene(BALL + "\neffects: [{type: rotor, axis_body: [0, 0, 1], axial_inertia: 1, spin_rate: 1}]")
+
+
+class TestNoCommandReachesAnEffect:
+    TEXT = BALL + "\nduration: 1\neffects: [{type: uniform_gravity, acceleration_world: [0, 0, -1]}]\n"
+
+    def test_by_its_name(self) -> None:
+        run = simulate(parse_scene(self.TEXT), [("effects/uniform_gravity", Wrench())])
+        assert run.sample.position_world == (0.0, 0.0, -0.5)
+        assert len(run.rejected) == 1
+        assert "expected one of ['wrench']" in run.rejected[0]
+
+    def test_nor_can_a_channel_take_it(self) -> None:
+        with pytest.raises(SceneError, match="expected a topic outside effects/"):
+            parse_scene(self.TEXT + "wrenches: [{topic: effects/uniform_gravity}]")

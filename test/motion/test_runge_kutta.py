@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from functools import cache
@@ -280,9 +281,7 @@ class TestPair:
             )
             end = method.step(INERTIA, HELD, 0.5 * h, half.velocity, half.orientation, half.angular_velocity, half.load)
             assert math.dist(step.angular_velocity, end.angular_velocity) <= estimates[-1] + 4.0 * EPS
-        assert [math.log2(a / b) for a, b in zip(estimates, estimates[1:], strict=False)] == pytest.approx(
-            [8.0, 8.0], abs=0.7
-        )
+        assert [math.log2(a / b) for a, b in itertools.pairwise(estimates)] == pytest.approx([8.0, 8.0], abs=0.7)
 
 
 class TestStiffDrag:

@@ -90,8 +90,10 @@ class TestParticle:
         ("{type: rotor, axis_body: [0, 0, 1], axial_inertia: 1, spin_rate: fast}", "expected a finite number"),
         ("{type: rotor, axis_body: [0, 0, 1], axial_inertia: 1, spin_rate: []}", "at least one entry"),
         (
-            "{type: rotor, axis_body: [0, 0, 1], axial_inertia: 1, "
-            "spin_rate: [{time: 2, rate: 1}, {time: 1, rate: 1}]}",
+            (
+                "{type: rotor, axis_body: [0, 0, 1], axial_inertia: 1, "
+                "spin_rate: [{time: 2, rate: 1}, {time: 1, rate: 1}]}"
+            ),
             "times that grow from entry to entry",
         ),
         ("{type: scheduled_wrench}", "schedule: found nothing"),
