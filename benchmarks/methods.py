@@ -152,10 +152,10 @@ same on a scene of your own.
 LEFT_OUT_TEXT = """
 ## Left out
 
-A family that nowhere comes near the least of a column is no use to anyone, and is not in the package: {names} (discrete
+A family that is nowhere cheaper than what is here is no use to anyone, and is not in the package: {names} (discrete
 Moser-Veselov, J. Phys. A 39 (2006) 13225, composed to its order, and Crouch-Grossman) stand in the tables above in
-italics. What is good about the Moser-Veselov flow, its cheap step, is in `dmv82`, `dmv864` and `dmv104`, where the
-stages are those of the near-integrable schemes.
+italics. At best one of them shares the least of a column. What is good about the Moser-Veselov flow, its cheap step, is
+in `dmv82`, `dmv864` and `dmv104`, where the stages are those of the near-integrable schemes.
 """
 
 

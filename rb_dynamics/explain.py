@@ -85,7 +85,7 @@ class Explanation:
             f"cost and error, measured over {self.trial_s:g} s of this scene",
             f"  moved by            {self.methods}",
             f"  steps               {self.steps_per_s:.4g} per simulated s",
-            f"  computing           {self.cost_per_s:.3g} s per simulated s: {real_time:.3g} times real time",
+            f"  computing           {self.cost_per_s:.3g} s per simulated s, with outputs: {real_time:.3g} x real time",
             f"  attitude error      {self.attitude_error:.2g} rad",
             f"  position error      {self.position_error:.2g} m",
             f"  ({self.error_basis})",
@@ -107,7 +107,7 @@ def explain(scene: Scene, commands: Sequence[tuple[str, Wrench]] = (), budget: f
         ConvergenceError: the scene cannot be run as it asks to be.
     """
     remarks = []
-    if scene.channels and not commands:
+    if scene.channels and not commands and not scene.effects:
         commands = probe_commands(scene, scene.duration or OPEN_END_HORIZON)
         remarks.append(
             "the channels were tried with a probe: a force of the body's weight and a torque that turns it at about "
@@ -141,7 +141,9 @@ def _modelled(scene: Scene) -> tuple[str, ...]:
         items = ["body: a particle, three degrees of freedom"]
     else:
         items = [f"body: rigid ({kind.value}), six degrees of freedom"]
-        items.append(f"free rotation: in closed form, {_FREE_ROTATION[kind]}")
+        if scene.acting.takes == Takes.HELD and scene.solver.method in ("auto", EXACT.name):
+            items.append(f"rotation without torque: in closed form, {_FREE_ROTATION[kind]}")
+            items.append("rotation about one principal axis: one angle, in closed form")
     items += [f"wrench channel {channel.topic}: held until its next command" for channel in scene.channels]
     held = {effect.kind for effect in scene.effects if effect.takes == Takes.HELD}
     items += [
@@ -161,11 +163,9 @@ def _left_out(scene: Scene) -> tuple[str, ...]:
     if not scene.channels:
         items.append("wrench commands: the scene has no channels")
     listed = {effect.kind for effect in scene.effects}
-    items += [f"{kind}: not listed in effects" for kind in EFFECT_TYPES if kind not in listed]
-    if scene.solver.method == "auto" and scene.acting.takes == Takes.HELD:
-        items.append(
-            "steps: none wherever the motion is free or turns about one principal axis (one angle, in closed form)"
-        )
+    absent = [kind for kind in EFFECT_TYPES if kind not in listed]
+    if absent:
+        items.append(f"{', '.join(absent)}: not listed in effects")
     return tuple(items)
 
 

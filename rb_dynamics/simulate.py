@@ -193,6 +193,10 @@ class Simulation:
         return self.plan.arc(held, self.time_ns, self._phase, self._load_from)
 
 
+# Hz: the first output after the start lies behind the end of time.
+_NEVER = 2.0**-31
+
+
 def _nanoseconds(seconds: float) -> int:
     """Return seconds, as the decimal number that the user wrote, in whole nanoseconds."""
     return round(Fraction(repr(float(seconds))) * NANOSECONDS)
@@ -258,7 +262,8 @@ def simulate(
         ConvergenceError: a step could not be solved; what was logged until then is complete.
     """
     started = time.perf_counter()
-    run = Simulation(scene, sinks)
+    # Outputs that nobody is told are not computed; they change nothing.
+    run = Simulation(scene if sinks or scene.output_rate == 0.0 else replace(scene, output_rate=_NEVER), sinks)
     if run.end_ns is None:
         raise SceneError(
             f"{scene.source}: duration: missing, expected the length of the run in s; add it or give --duration"

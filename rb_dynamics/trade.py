@@ -649,7 +649,11 @@ def _reference(trial: _Trial, end: float, after: Callable[[], None]) -> tuple[Re
     (solver, truth), (other, check) = best
     apart = trial.differences(truth, check)
     turned = trial.rate * trial.seconds
-    floors = (_EPSILON * (1.0 + turned), _EPSILON * trial.rate, 4.0 * _EPSILON * (trial.farthest + trial.path))
+    floors = (
+        4.0 * _EPSILON * (1.0 + turned),
+        4.0 * _EPSILON * trial.rate,
+        4.0 * _EPSILON * (trial.farthest + trial.path),
+    )
     attitude, rate, position = map(max, apart, floors)
     made, checked = (f"{one.method}, {_setting(None, _accuracy(one))}" for one in (solver, other))
     return Reference(made, checked, attitude, rate, position, trial.error(attitude, position), trial.path), truth

@@ -36,6 +36,9 @@ between 0.84 and 1 standard deviations of the mass from its centre, where few bo
 DENSITIES = (5.0, 23_000.0)
 """Mean densities (kg/m^3) that are believed: from a light foam to osmium."""
 
+THINNEST = 1e-5
+"""The least believed mass (kg) for each m^3 of the ball of a body's inertia: booms and sails come to 1e-4."""
+
 LEAST_GYRATION = 0.1
 """The least believed largest radius of gyration, relative to the reach of the geometry; a uniform ball has 0.63."""
 
@@ -87,7 +90,7 @@ def examine(body: RigidBody) -> tuple[Finding, ...]:
     """Return what is suspicious about `body`, from its mass properties alone; a particle never is."""
     if body.is_particle:
         return ()
-    found = (_flat(body), _about_origin(body))
+    found = (_flat(body), _about_origin(body), _size(body))
     return tuple(finding for finding in found if finding)
 
 
@@ -114,6 +117,25 @@ def examine_density(mass: float, volume: float) -> Finding | None:
         f"the mean density is {density:.3g} kg/m^3 ({mass:.6g} kg in {volume:.6g} m^3)",
         f"{'lighter than a foam' if density < least else 'heavier than osmium'}, so a unit is probably another one",
         "lengths in mm count a thousandfold (a mesh then needs scale: 0.001), densities in g/cm^3 a thousandth",
+    )
+
+
+def _size(body: RigidBody) -> Finding | None:
+    """Return a finding where the ball with the mass and the largest moment of `body` is of no material.
+
+    Of all bodies with that moment the ball is the largest, so a body is at least as dense as its ball.
+    """
+    gyration = math.sqrt(max(body.principal_moments) / body.mass)
+    radius = math.sqrt(2.5) * gyration
+    density = body.mass / (4.0 / 3.0 * math.pi * radius**3) if radius > 1e-100 else math.inf
+    if THINNEST <= density <= DENSITIES[1]:
+        return None
+    return Finding(
+        "size",
+        f"the largest radius of gyration is {gyration:.3g} m for {body.mass:.6g} kg",
+        "a ball of that inertia would be "
+        + (f"thinner than any structure ({density:.1g} kg/m^3)" if density < THINNEST else "heavier than osmium"),
+        "moments are in kg m^2: one in kg mm^2 counts a millionfold, one in g cm^2 is a ten-millionth",
     )
 
 

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import argparse
 
+from rb_dynamics.cli.scene import add_scene, read
+
 HELP = "show the mass properties of a scene's body"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `body`."""
-    parser.add_argument("scene", metavar="SCENE", help="scene file (YAML)")
+    add_scene(parser)
     parser.add_argument(
         "--axis", nargs=3, type=float, metavar=("X", "Y", "Z"),
         help="also the scalar inertia and radius of gyration about this direction (body axes)",
@@ -37,11 +39,10 @@ def run(args: argparse.Namespace) -> int:
 
     from rb_dynamics.body.properties import AxisProperties, MassProperties
     from rb_dynamics.errors import BodyError
-    from rb_dynamics.scene import read_scene
 
     if args.through and not args.axis:
         raise BodyError("found --through without --axis, expected the direction of the axis too; add --axis X Y Z")
-    scene = read_scene(args.scene)
+    scene = read(args)
     noticed = [*scene.findings]
     if args.mesh:
         from rb_dynamics.body.doctor import compare

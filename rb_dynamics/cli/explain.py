@@ -7,12 +7,15 @@ from __future__ import annotations
 
 import argparse
 
+from rb_dynamics.cli.scene import add_scene, add_solver, read, read_commands
+
 HELP = "say what a scene models, which solver runs it, its cost and error"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `explain`."""
-    parser.add_argument("scene", metavar="SCENE", help="scene file (YAML)")
+    add_scene(parser)
+    add_solver(parser)
     parser.add_argument("--wrench", metavar="BAG", help="MCAP bag with wrench commands to try the scene with")
     parser.add_argument("--json", action="store_true", help="print one JSON object, floats in full")
 
@@ -22,14 +25,9 @@ def run(args: argparse.Namespace) -> int:
     import json
 
     from rb_dynamics.explain import explain
-    from rb_dynamics.scene import read_scene
 
-    scene = read_scene(args.scene)
-    commands = []
-    if args.wrench:
-        from rb_dynamics.recording.mcap_reader import read_wrenches
-
-        commands = read_wrenches(args.wrench, [channel.topic for channel in scene.channels])
+    scene = read(args)
+    commands = read_commands(args.wrench, scene) if args.wrench else []
     explanation = explain(scene, commands)
     print(json.dumps(explanation.as_dict()) if args.json else explanation.as_text())
     return 0

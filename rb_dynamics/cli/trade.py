@@ -12,6 +12,8 @@ import argparse
 import math
 from typing import TYPE_CHECKING
 
+from rb_dynamics.cli.scene import add_scene, read, read_commands
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -22,7 +24,7 @@ HELP = "measure speed against accuracy of all methods on a scene, and recommend 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `trade`."""
-    parser.add_argument("scene", metavar="SCENE", help="scene file (YAML)")
+    add_scene(parser)
     parser.add_argument("--wrench", metavar="BAG", help="MCAP bag with wrench commands; without it channels are probed")
     wish = parser.add_mutually_exclusive_group()
     wish.add_argument(
@@ -45,16 +47,10 @@ def run(args: argparse.Namespace) -> int:
     import sys
 
     from rb_dynamics.cli import output
-    from rb_dynamics.scene import read_scene
     from rb_dynamics.trade import trade
 
-    scene = read_scene(args.scene)
-    commands = []
-    if args.wrench:
-        from rb_dynamics.recording.mcap_reader import read_wrenches
-
-        commands = read_wrenches(args.wrench, [channel.topic for channel in scene.channels])
-        output.warn_outside(commands, scene)
+    scene = read(args)
+    commands = read_commands(args.wrench, scene) if args.wrench else []
     with output.progress(args.scene) as progress:
         found = trade(scene, commands, target=args.target, budget=args.budget, time_s=args.time, progress=progress)
     if args.html:

@@ -173,13 +173,14 @@ class AccuracyControl:
             ConvergenceError: not even a stride of 1 ns keeps the accuracy.
         """
         h = self._learnt or self._first(phase)
+        failure: ConvergenceError | None = None
         while True:
             h_ns = max(1, min(round(h * NANOSECONDS), 2**62))
             h = h_ns / NANOSECONDS
             try:
                 after, error = self._attempt(phase, advance, h)
-            except ConvergenceError:
-                after, error = phase, math.inf
+            except ConvergenceError as refused:
+                after, error, failure = phase, math.inf, refused
             allowed = self._share * self._accuracy * h / self._horizon
             if not math.isfinite(error):
                 error = math.inf
@@ -192,6 +193,10 @@ class AccuracyControl:
                 rest = _rest(phase, self._horizon, self._ends)
                 _require_reachable(self._accuracy, rest, h, norm(phase.angular_velocity))
                 return h_ns, after
+            if h_ns == 1 and failure is not None:
+                raise ConvergenceError(
+                    f"accuracy {self._accuracy:g} cannot be kept: not even a step of 1 ns can be taken: {failure}"
+                ) from failure
             if h_ns == 1:
                 raise ConvergenceError(
                     f"accuracy {self._accuracy:g} cannot be kept: a step of 1 ns has an error of {error:.3g}; "
@@ -249,6 +254,6 @@ def _require_reachable(accuracy: float, horizon: float, h: float, rate: float) -
     if rounding > accuracy:
         raise ConvergenceError(
             f"accuracy {accuracy:g} cannot be kept: at {rate:.3g} rad/s in steps of {h:.3g} s rounding alone adds "
-            f"about {rounding:.1g} rad in {horizon:g} s; accept that much, or use a method that takes longer "
-            "steps, such as taylor or dop853"
+            f"about {rounding:.1g} rad in {horizon:g} s; accept that much, shorten the run, or use a method "
+            "of higher order, which takes longer steps"
         )

@@ -82,7 +82,7 @@ class TestSoundBodies:
     def test_units_do_not_matter(self, size: float) -> None:
         body = box(SIZE).body(size, (0.05, 0.05, 0.05))
 
-        assert examine(body) == ()
+        assert names(body) == ["size"]  # no box of that size weighs that
 
 
 class TestTriangle:
@@ -249,3 +249,20 @@ class TestComparison:
 
 def test_a_finding_reads_as_a_sentence() -> None:
     assert str(doctor.Finding("a", "this was seen", "that is odd", "do so")) == "this was seen: that is odd; do so"
+
+
+@pytest.mark.parametrize(
+    ("moments", "words"),
+    [((298e3, 293e3, 310e3), "thinner than any structure"), ((2.98e-7, 2.93e-7, 3.1e-7), "heavier than osmium")],
+)
+def test_a_unit_that_cannot_be_meant_is_named(moments: tuple[float, float, float], words: str) -> None:
+    """16.8 kg with moments in kg mm^2, and in units of a thousand kg m^2."""
+    (finding,) = [f for f in examine(RigidBody.from_diagonal(16.8, moments)) if f.name == "size"]
+    assert words in str(finding)
+    assert not [f for f in examine(RigidBody.from_diagonal(16.8, (0.298, 0.293, 0.310))) if f.name == "size"]
+
+
+def test_a_boom_is_believed() -> None:
+    """20 kg on 100 m."""
+    moment = 20.0 * 100.0**2 / 12.0
+    assert not [f for f in examine(RigidBody.from_diagonal(20.0, (moment, moment, 1e-2))) if f.name == "size"]

@@ -147,4 +147,41 @@ def test_help_names_every_command() -> None:
 
 
 def test_a_pipe_gets_no_progress_bar(scene: Path) -> None:
-    assert command("simulate", scene).stderr == ""
+    assert "%" not in command("simulate", scene).stderr
+
+
+class TestSet:
+    """`--set` reaches every key, the ones that have an option of their own too."""
+
+    def test_any_key(self, scene: Path) -> None:
+        result = command(
+            "simulate", scene, "--json", "--set", "duration=0.5", "--set", "solver={method: rk4, step: 0.1}",
+            "--set", "body.mass=2e0",
+        )  # fmt: skip
+        found = json.loads(result.stdout)
+        assert (found["time_ns"], found["method"], found["steps"]) == (500_000_000, "rk4", 5)
+
+    def test_an_option_of_its_own_wins(self, scene: Path) -> None:
+        result = command("simulate", scene, "--json", "--set", "duration=0.5", "--duration", "0.25")
+        assert json.loads(result.stdout)["time_ns"] == 250_000_000
+
+    @pytest.mark.parametrize(
+        ("text", "says"),
+        [("duration", "expected KEY=VALUE"), ("body.mass=", "expected KEY=VALUE"), ("duration=abc", "duration"),
+         ("body.mass=[", "valid YAML"), ("nonsense=1", "nonsense")],
+    )  # fmt: skip
+    def test_nonsense_is_answered(self, scene: Path, text: str, says: str) -> None:
+        result = command("simulate", scene, "--set", text)
+        assert result.returncode == 2
+        assert says in result.stderr
+        assert "Traceback" not in result.stderr
+
+
+def test_a_scene_that_waits_for_commands_says_that_none_came() -> None:
+    root = Path(__file__).parents[2]
+    result = command("simulate", root / "config" / "slew.yaml", "--duration", "0.1")
+    assert "no commands on wrench/body, wrench/world" in result.stderr
+
+
+def test_version_is_said() -> None:
+    assert command("--version").stdout.startswith("rb-dynamics ")
