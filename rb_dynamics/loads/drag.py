@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -17,17 +16,18 @@ from rb_dynamics.vector import ZERO, Vector, multiply, norm, scale, subtract
 
 
 @dataclass(frozen=True)
-class LinearDrag(Effect):
-    """Force -c (v - u) and torque -k w, in the limit of slow flow; it takes energy out at the rate c |v|^2 + k |w|^2.
+class _Drag(Effect):
+    """Force -c |v - u|^power (v - u) and torque -k |w|^power w; it takes energy out at the rate of their powers.
 
     Attributes:
-        translation: c along each body axis, N s/m; acts through the centre of mass.
-        rotation: k about each body axis, N m s/rad.
+        power: of the speed that the resistance grows with, beyond the first.
+        translation: c along each body axis; acts through the centre of mass.
+        rotation: k about each body axis.
         medium_velocity_world: u, m/s.
     """
 
-    kind: ClassVar[str] = "linear_drag"
     takes: ClassVar[Takes] = Takes.ANY
+    power: ClassVar[int]
 
     translation: Vector = ZERO
     rotation: Vector = ZERO
@@ -39,7 +39,13 @@ class LinearDrag(Effect):
         Raises:
             SceneError: one is negative, or not finite.
         """
-        _check_coefficients(self.kind, self.translation, self.rotation, self.medium_velocity_world)
+        coefficients = (*self.translation, *self.rotation)
+        if not (all(map(math.isfinite, (*coefficients, *self.medium_velocity_world))) and min(coefficients) >= 0.0):
+            raise SceneError(
+                f"{self.kind}: translation is {self.translation}, rotation {self.rotation}, medium_velocity_world "
+                f"{self.medium_velocity_world}; expected coefficients of 0 or more and finite numbers: drag takes "
+                "energy out, write it without a sign"
+            )
 
     def check(self, body: RigidBody) -> None:
         """Refuse to turn a particle.
@@ -47,80 +53,45 @@ class LinearDrag(Effect):
         Raises:
             SceneError: the body is one and `rotation` is not zero.
         """
-        _check_turns(self.kind, self.rotation, body)
+        if body.is_particle and self.rotation != ZERO:
+            raise SceneError(
+                f"{self.kind}: rotation is {self.rotation}, expected none: a body without inertia is a particle and does "
+                "not turn; remove it, or add body.inertia"
+            )
 
     def wrenching(self, body: RigidBody, start: float) -> Wrenching:
         """Return force and torque at a point."""
-        return _resistance(self.translation, self.rotation, self.medium_velocity_world, body, lambda _: 1.0)
+        axes = body.principal_orientation_xyzw
+        translation, rotation, medium = self.translation, self.rotation, self.medium_velocity_world
+
+        def size(velocity: Vector) -> float:
+            return norm(velocity) if self.power else 1.0
+
+        def resistance(point: Point) -> tuple[Vector, Vector]:
+            wind = subtract(point.velocity, medium)
+            to_world = compose(point.orientation, conjugate(axes))
+            force = rotate(to_world, scale(-size(wind), multiply(translation, rotate_inverse(to_world, wind))))
+            omega = point.angular_velocity
+            torque = rotate_inverse(axes, scale(-size(omega), multiply(rotation, rotate(axes, omega))))
+            return force, torque
+
+        return resistance
 
 
 @dataclass(frozen=True)
-class QuadraticDrag(Effect):
-    """Force -c |v - u| (v - u) and torque -k |w| w, as in fast flow; it takes out energy like the cube of the speed.
+class LinearDrag(_Drag):
+    """Force -c (v - u) and torque -k w, as in slow flow: c in N s/m and k in N m s/rad, along the body axes."""
 
-    Attributes:
-        translation: c along each body axis, N s^2/m^2 (half of density, area and drag coefficient).
-        rotation: k about each body axis, N m s^2/rad^2.
-        medium_velocity_world: u, m/s.
+    kind: ClassVar[str] = "linear_drag"
+    power: ClassVar[int] = 0
+
+
+@dataclass(frozen=True)
+class QuadraticDrag(_Drag):
+    """Force -c |v - u| (v - u) and torque -k |w| w, as in fast flow: c in N s^2/m^2 and k in N m s^2/rad^2.
+
+    c is half of the density, the area and the drag coefficient along a body axis.
     """
 
     kind: ClassVar[str] = "quadratic_drag"
-    takes: ClassVar[Takes] = Takes.ANY
-
-    translation: Vector = ZERO
-    rotation: Vector = ZERO
-    medium_velocity_world: Vector = ZERO
-
-    def __post_init__(self) -> None:
-        """Refuse coefficients that are none.
-
-        Raises:
-            SceneError: one is negative, or not finite.
-        """
-        _check_coefficients(self.kind, self.translation, self.rotation, self.medium_velocity_world)
-
-    def check(self, body: RigidBody) -> None:
-        """Refuse to turn a particle.
-
-        Raises:
-            SceneError: the body is one and `rotation` is not zero.
-        """
-        _check_turns(self.kind, self.rotation, body)
-
-    def wrenching(self, body: RigidBody, start: float) -> Wrenching:
-        """Return force and torque at a point."""
-        return _resistance(self.translation, self.rotation, self.medium_velocity_world, body, norm)
-
-
-def _check_coefficients(kind: str, translation: Vector, rotation: Vector, medium: Vector) -> None:
-    numbers = (*translation, *rotation)
-    if not (all(map(math.isfinite, (*numbers, *medium))) and min(numbers) >= 0.0):
-        raise SceneError(
-            f"{kind}: translation is {translation}, rotation {rotation}, medium_velocity_world {medium}; expected "
-            "coefficients of 0 or more and finite numbers: drag takes energy out, write it without a sign"
-        )
-
-
-def _check_turns(kind: str, rotation: Vector, body: RigidBody) -> None:
-    if body.is_particle and rotation != ZERO:
-        raise SceneError(
-            f"{kind}: rotation is {rotation}, expected none: a body without inertia is a particle and does not turn; "
-            "remove it, or add body.inertia"
-        )
-
-
-def _resistance(
-    translation: Vector, rotation: Vector, medium: Vector, body: RigidBody, size: Callable[[Vector], float]
-) -> Wrenching:
-    """Return -size(v) c v and -size(w) k w, with the coefficients along the axes of the body."""
-    axes = body.principal_orientation_xyzw
-
-    def resistance(point: Point) -> tuple[Vector, Vector]:
-        wind = subtract(point.velocity, medium)
-        to_world = compose(point.orientation, conjugate(axes))
-        force = rotate(to_world, scale(-size(wind), multiply(translation, rotate_inverse(to_world, wind))))
-        omega = point.angular_velocity
-        torque = rotate_inverse(axes, scale(-size(omega), multiply(rotation, rotate(axes, omega))))
-        return force, torque
-
-    return resistance
+    power: ClassVar[int] = 1
