@@ -55,8 +55,8 @@ class _Drag(Effect):
         """
         if body.is_particle and self.rotation != ZERO:
             raise SceneError(
-                f"{self.kind}: rotation is {self.rotation}, expected none: a body without inertia is a particle and does "
-                "not turn; remove it, or add body.inertia"
+                f"{self.kind}: rotation is {self.rotation}, expected none: a body without inertia is a particle and "
+                "does not turn; remove it, or add body.inertia"
             )
 
     def wrenching(self, body: RigidBody, start: float) -> Wrenching:
