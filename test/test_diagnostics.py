@@ -144,6 +144,7 @@ class TestSample:
             "energy_defect",
             "angular_momentum_defect_world",
             "linear_momentum_defect_world",
+            "potential_energy",  # which the contract leaves open
         ]
 
 

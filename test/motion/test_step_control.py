@@ -224,9 +224,7 @@ class TestStride:
     def test_what_not_even_a_nanosecond_reaches_is_said(self) -> None:
         case = Case(forced().body, State(angular_velocity_body=(7e9, -1e10, 9e9)), HeldWrench(), {})
 
-        with pytest.raises(
-            ConvergenceError, match="not even a step of 1 ns can be taken: rkmk4"
-        ):
+        with pytest.raises(ConvergenceError, match="not even a step of 1 ns can be taken: rkmk4"):
             driven(case, "rkmk4", 1e-6, 1.0).at(NANOSECONDS)
 
     def test_strides_are_whole_nanoseconds(self) -> None:

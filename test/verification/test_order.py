@@ -65,9 +65,9 @@ def measured(method: str) -> dict[str, list[float]]:
     return found
 
 
-def resolved(values: list[float]) -> tuple[list[float], list[float]]:
+def resolved(values: list[float], floor: float = FLOOR) -> tuple[list[float], list[float]]:
     """Return the finest steps, and their errors, before the first error that rounding may have touched."""
-    count = next((k for k, value in enumerate(values) if value < FLOOR), len(values))
+    count = next((k for k, value in enumerate(values) if value < floor), len(values))
     window = [(h, value) for h, value in zip(STEPS, values[:count], strict=False) if value < COARSE][-AT_MOST:]
     return [h for h, _ in window], [value for _, value in window]
 
@@ -92,7 +92,8 @@ def test_error_falls_as_the_declared_order(method: str, quantity: str) -> None:
 @pytest.mark.parametrize("balance", BALANCES)
 def test_balances_close_as_fast_or_exactly(method: str, balance: str) -> None:
     """T - T0 - W, L - L0 - int N dt and p - p0 - int F dt: no larger than the method allows, at round-off if it can."""
-    sizes, values = resolved(measured(method)[balance])
+    # A defect is a difference of sums: rounding shows earlier.
+    sizes, values = resolved(measured(method)[balance], 4.0 * FLOOR)
 
     if len(sizes) >= 3:
         assert slope(sizes, values) >= STEPPED[method].order - 0.2, values
