@@ -11,6 +11,8 @@ from __future__ import annotations
 
 import math
 
+from rb_dynamics.vector import norm
+
 # Quadratic convergence: a relative difference below this squares away at the next step.
 _CLOSE = 1e-8
 # Truncation of the series is of sixth order in the relative spread; at this spread it is below round-off.
@@ -64,7 +66,7 @@ def sncndn(u: float, m1: float) -> tuple[float, float, float]:
         c *= dn
         dn = (e + a) / (b + a)
         a = c / b
-    a = 1.0 / math.hypot(c, 1.0)
+    a = 1.0 / norm((c, 1.0, 0.0))
     sn = math.copysign(a, sn)
     return sn, c * sn, dn
 
@@ -101,8 +103,8 @@ def rj(x: float, y: float, z: float, p: float) -> float:
         power *= 0.25
         x, y, z, p = 0.25 * (x + lam), 0.25 * (y + lam), 0.25 * (z + lam), 0.25 * (p + lam)
     e2 = dx * dy + dx * dz + dy * dz - 3.0 * dp * dp
-    e3 = dx * dy * dz + 2.0 * e2 * dp + 4.0 * dp**3
-    e4 = (2.0 * dx * dy * dz + e2 * dp + 3.0 * dp**3) * dp
+    e3 = dx * dy * dz + 2.0 * e2 * dp + 4.0 * dp * dp * dp
+    e4 = (2.0 * dx * dy * dz + e2 * dp + 3.0 * dp * dp * dp) * dp
     e5 = dx * dy * dz * dp * dp
     series = (
         1.0

@@ -110,7 +110,7 @@ def exp(v: Vector) -> Quaternion:
 def log(q: Quaternion) -> Vector:
     """Return the rotation vector v, |v| <= pi, with R(exp(v)) = R(q); accurate at 0 and at half turns alike."""
     x, y, z, w = q
-    sine = math.hypot(x, y, z)
+    sine = norm((x, y, z))
     if sine == 0.0:
         return (0.0, 0.0, 0.0)
     s = 2.0 * (math.atan2(sine, w) if w >= 0.0 else -math.atan2(sine, -w)) / sine
@@ -120,7 +120,7 @@ def log(q: Quaternion) -> Vector:
 def angle_between(p: Quaternion, q: Quaternion) -> float:
     """Return the angle (rad) of the rotation from attitude p to attitude q, 0 to pi."""
     x, y, z, w = multiply(conjugate(p), q)
-    return 2.0 * math.atan2(math.hypot(x, y, z), abs(w))
+    return 2.0 * math.atan2(norm((x, y, z)), abs(w))
 
 
 def dexp(v: Vector, u: Vector) -> Vector:
@@ -144,7 +144,8 @@ def dexpinv(v: Vector, u: Vector) -> Vector:
 def cayley(v: Vector) -> Quaternion:
     """Return cay(hat(v)) = (1 - hat(v)/2)^-1 (1 + hat(v)/2) as a quaternion: a turn by 2 atan(|v|/2) (HLW IV.8.3)."""
     x, y, z = 0.5 * v[0], 0.5 * v[1], 0.5 * v[2]
-    n = math.hypot(x, y, z, 1.0)
+    square = x * x + y * y + z * z
+    n = math.sqrt(1.0 + square) if square < 1e280 else norm((x, y, z))
     return (x / n, y / n, z / n, 1.0 / n)
 
 

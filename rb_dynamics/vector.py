@@ -40,8 +40,22 @@ def cross(a: Vector, b: Vector) -> Vector:
 
 
 def norm(a: Vector) -> float:
-    """Return |a| without overflow or underflow."""
-    return math.hypot(a[0], a[1], a[2])
+    """Return |a| without overflow or underflow, to 2 units in the last place.
+
+    By square roots alone, whose bits are the same everywhere: those of `math.hypot` depend on the version of Python.
+    """
+    square = a[0] * a[0] + a[1] * a[1] + a[2] * a[2]
+    if square >= 1e280:
+        return math.sqrt(_square(2.0**-600, a)) * 2.0**600
+    if square <= 1e-280:
+        return math.sqrt(_square(2.0**600, a)) * 2.0**-600
+    return math.sqrt(square)
+
+
+def _square(s: float, a: Vector) -> float:
+    """Return |s a|^2."""
+    x, y, z = s * a[0], s * a[1], s * a[2]
+    return x * x + y * y + z * z
 
 
 def multiply(a: Vector, b: Vector) -> Vector:

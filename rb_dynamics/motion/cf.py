@@ -5,6 +5,7 @@ A method is a table: for each stage, and for the step, the exponentials with the
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 from rb_dynamics.loads.wrench import HeldWrench
@@ -33,7 +34,7 @@ CF4_TABLE = Table(
 
 def weights(product: Product) -> tuple[float, ...]:
     """Return what the product comes to where everything commutes: its weights, summed for each slope."""
-    return tuple(sum(row[j] for row in product if j < len(row)) for j in range(max(map(len, product))))
+    return tuple(math.fsum(row[j] for row in product if j < len(row)) for j in range(max(map(len, product))))
 
 
 def _combined(h: float, row: tuple[float, ...], slopes: list[Vector]) -> Vector:
@@ -89,7 +90,7 @@ def advance(
         if stage > 0:
             product = table.stages[stage - 1]
             row, turn = weights(product), _turned(h, product, turns)
-        ahead = h * sum(row)
+        ahead = h * math.fsum(row)
         gain = scale(1.0 / mass, add_scaled(_combined(h, row, pushes), ahead, force_0))
         lever = add(momentum, add_scaled(_combined(h, row, twists), ahead, torque_0))
         omega = divide(rotate_inverse(turn, lever), moments)

@@ -5,6 +5,8 @@ Needs no derivatives and keeps whatever the method keeps. Never looks into the m
 
 from __future__ import annotations
 
+import math
+
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method
@@ -24,7 +26,7 @@ _KAHAN_LI = (
     0.08221359629355080023149045,
 )
 
-KAHAN_LI6 = (*_KAHAN_LI, 1.0 - 2.0 * sum(_KAHAN_LI), *_KAHAN_LI[::-1])
+KAHAN_LI6 = (*_KAHAN_LI, 1.0 - 2.0 * math.fsum(_KAHAN_LI), *_KAHAN_LI[::-1])
 """Order 6 in 9 stages (Kahan & Li, Math. Comp. 66 (1997) 1089; HLW V.3.2)."""
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from functools import cache
 
@@ -91,9 +90,15 @@ def pair(
     return _end(start, ends, twists, powers), comparison
 
 
+def _size(values: Sequence[float]) -> float:
+    """Return the norm of three values or four."""
+    first = norm((values[0], values[1], values[2]))
+    return first if len(values) == 3 else norm((first, values[3], 0.0))
+
+
 def _off(end: Sequence[float], fifth: Sequence[float], third: Sequence[float]) -> tuple[float, ...]:
-    size = math.hypot(*fifth)
-    whole = math.hypot(size, 0.1 * math.hypot(*third))
+    size = _size(fifth)
+    whole = norm((size, 0.1 * _size(third), 0.0))
     factor = size / whole if whole > 0.0 else 0.0
     return tuple(value - factor * error for value, error in zip(end, fifth, strict=True))
 

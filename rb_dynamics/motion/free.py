@@ -133,7 +133,7 @@ def _spins_steadily(moments: Vector, w: Vector) -> bool:
 def _stays(body: _Tumble, t: float) -> bool:
     """Return whether w is so close to the middle axis that it cannot leave it by a rounding in t s; it grows by exp."""
     _, cn, dn = body.start
-    return math.hypot(cn, dn) < 1e-130 and abs(body.rate * t) < 200.0
+    return norm((cn, dn, 0.0)) < 1e-130 and abs(body.rate * t) < 200.0
 
 
 # An arc is looked at many times from one start.
@@ -153,8 +153,8 @@ def _tumble(moments: Vector, w: Vector) -> _Tumble | None:
 
     ca, cb, ba = abs(ic - ia), abs(ic - ib), abs(ib - ia)
     ratio = math.sqrt(ib * cb / (ia * ca))
-    amplitude_a, amplitude_b = math.hypot(wa, wb * ratio), math.hypot(wb, wa / ratio)
-    amplitude_c = math.hypot(wc, wb * math.sqrt(ib * ba / (ic * ca)))
+    amplitude_a, amplitude_b = norm((wa, wb * ratio, 0.0)), norm((wb, wa / ratio, 0.0))
+    amplitude_c = norm((wc, wb * math.sqrt(ib * ba / (ic * ca)), 0.0))
     rate = math.copysign(amplitude_c * math.sqrt(cb / ia * (ca / ib)), ic - ia)
     if abs(rate) < _SLOWEST:
         return None
@@ -251,7 +251,7 @@ def _sum(body: _Tumble, v: float) -> tuple[int, Vector]:
 
 def _angles(body: _Tumble, sn: float, cn: float, dn: float) -> _Angles:
     ma, mb, mc = times(body.moments, times(body.amplitudes, (cn, sn, dn)))
-    theta = math.atan2(math.hypot(ma, mb), mc)
+    theta = math.atan2(norm((ma, mb, 0.0)), mc)
     chi = math.atan2(math.sqrt(body.beta) * sn, cn)
     return _Angles(sn, cn, dn, theta, chi, _azimuth_integral(body, sn, cn, dn))
 

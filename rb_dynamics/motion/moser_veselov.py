@@ -12,7 +12,7 @@ from functools import lru_cache
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.motion.splitting import ABA82_STAGES, ABA104_STAGES, ABA864_STAGES, method
 from rb_dynamics.rotation import Quaternion, multiply
-from rb_dynamics.vector import Vector
+from rb_dynamics.vector import Vector, norm
 
 # Coefficients of C^k, C^(k-1) H, ..., H^k.
 _Row = tuple[float, ...]
@@ -40,7 +40,7 @@ def flow(moments: Vector, orientation: Quaternion, angular_velocity: Vector, t: 
     """
     i1, i2, i3 = moments
     w1, w2, w3 = angular_velocity
-    turn = abs(t) * math.hypot(w1, w2, w3)
+    turn = abs(t) * norm(angular_velocity)
     if not turn < _LARGEST_TURN:
         raise _out_of_reach(t, turn)
     m1, m2, m3 = i1 * w1, i2 * w2, i3 * w3

@@ -196,7 +196,8 @@ ABA82_STAGES = free_kick_free(
 _ABA84_FREE = (0.075346960269892888416527803683474464, 0.517916854688256782300773978496315644)
 _ABA84_KICKS = (0.190225939373676619245230762738453897, 0.846524070443526257055080544646775834)
 ABA84_STAGES = free_kick_free(
-    _mirrored((*_ABA84_FREE, 0.5 - sum(_ABA84_FREE))), _mirrored(_ABA84_KICKS, (1.0 - 2.0 * sum(_ABA84_KICKS),))
+    _mirrored((*_ABA84_FREE, 0.5 - math.fsum(_ABA84_FREE))),
+    _mirrored(_ABA84_KICKS, (1.0 - 2.0 * math.fsum(_ABA84_KICKS),)),
 )
 
 _ABA104_FREE = (
@@ -210,7 +211,8 @@ _ABA104_KICKS = (
     -0.2732866667053238060543113981664559460630,
 )
 ABA104_STAGES = free_kick_free(
-    _mirrored((*_ABA104_FREE, 0.5 - sum(_ABA104_FREE))), _mirrored(_ABA104_KICKS, (1.0 - 2.0 * sum(_ABA104_KICKS),))
+    _mirrored((*_ABA104_FREE, 0.5 - math.fsum(_ABA104_FREE))),
+    _mirrored(_ABA104_KICKS, (1.0 - 2.0 * math.fsum(_ABA104_KICKS),)),
 )
 
 _ABA864_FREE = (
@@ -224,7 +226,8 @@ _ABA864_KICKS = (
     -0.0265646185119588006972121379164987592663,
 )
 ABA864_STAGES = free_kick_free(
-    _mirrored((*_ABA864_FREE, 0.5 - sum(_ABA864_FREE))), _mirrored(_ABA864_KICKS, (1.0 - 2.0 * sum(_ABA864_KICKS),))
+    _mirrored((*_ABA864_FREE, 0.5 - math.fsum(_ABA864_FREE))),
+    _mirrored(_ABA864_KICKS, (1.0 - 2.0 * math.fsum(_ABA864_KICKS),)),
 )
 
 _BLANES = "Blanes, Casas, Farres, Laskar, Makazaga & Murua, Appl. Numer. Math. 68 (2013) 58"

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from functools import lru_cache
-from operator import mul
 from typing import NamedTuple
 
 from rb_dynamics.errors import ConvergenceError
@@ -73,7 +72,7 @@ def step(
     unit = _clock(inertia, held, angular_velocity)
     held, h, velocity = _slowed(held, unit), h * unit, scale(1.0 / unit, velocity)
     series = _series(inertia, held, velocity, orientation, scale(1.0 / unit, angular_velocity))
-    last = math.hypot(*(c[_ORDER] for c in series.turn)) ** (1.0 / _ORDER)
+    last = _size(series.turn, _ORDER) ** (1.0 / _ORDER)
     if not last * abs(h) < _LARGEST_RATIO:
         raise ConvergenceError(
             f"taylor: a step of {h / unit:g} s is beyond the reach of the series at {norm(angular_velocity):.3g} rad/s"
@@ -117,10 +116,7 @@ def longest_step(
     angular_velocity = scale(1.0 / unit, angular_velocity)
     series = _series(inertia, held, velocity, orientation, angular_velocity)
     floor = _EPSILON * (1.0 + norm(angular_velocity) * horizon)
-    terms = [
-        2.0 * math.hypot(*(c[k] for c in series.turn)) + horizon * math.hypot(*(c[k] for c in series.omega))
-        for k in (0, _ORDER - 1, _ORDER)
-    ]
+    terms = [2.0 * _size(series.turn, k) + horizon * _size(series.omega, k) for k in (0, _ORDER - 1, _ORDER)]
     if terms[1] == terms[2] == 0.0:
         return math.inf
     if not all(map(math.isfinite, terms)):
@@ -245,16 +241,27 @@ def _force_power(mass: float, force: Sequence[_Series], force_0: Vector, velocit
 
 def _product(a: _Series, b: _Series) -> float:
     """Return the newest coefficient of the product of two series of equal length (Cauchy)."""
-    total: float = sum(map(mul, a, reversed(b)))
+    total = 0.0
+    for p, q in zip(a, reversed(b), strict=True):
+        total += p * q
     return total
 
 
 def _dot(a: Sequence[_Series], b: Sequence[_Series]) -> _Series:
-    return [sum(_product(p[:k], q[:k]) for p, q in zip(a, b, strict=True)) for k in range(1, _ORDER + 2)]
+    (a1, a2, a3), (b1, b2, b3) = a, b
+    return [
+        _product(a1[:k], b1[:k]) + _product(a2[:k], b2[:k]) + _product(a3[:k], b3[:k]) for k in range(1, _ORDER + 2)
+    ]
 
 
 def _sum(a: _Series, b: _Series) -> _Series:
     return [p + q for p, q in zip(a, b, strict=True)]
+
+
+def _size(components: Sequence[_Series], k: int) -> float:
+    """Return the norm of coefficient k of three series or four."""
+    first = norm((components[0][k], components[1][k], components[2][k]))
+    return first if len(components) == 3 else norm((first, components[3][k], 0.0))
 
 
 def _value(series: _Series, h: float) -> float:

@@ -1,0 +1,37 @@
+"""The bits of a step do not depend on the version of Python.
+
+From 3.12 on `sum` of floats is compensated, and `math.hypot` has been rewritten more than once: what a step computes
+calls neither, but adds up in the open, by `math.fsum`, or takes `vector.norm`.
+"""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+import rb_dynamics
+
+ROOT = Path(rb_dynamics.__file__).parent
+LOADS = ("central_gravity", "drag", "load", "rotor", "scheduled_wrench", "uniform_gravity", "wrench")
+STEP_MODULES = [
+    *(ROOT / f"{name}.py" for name in ("vector", "rotation", "elliptic")),
+    *(ROOT / "loads" / f"{name}.py" for name in LOADS),
+    *sorted((ROOT / "motion").glob("*.py")),
+]
+DEPENDS_ON_THE_VERSION = {"sum", "hypot", "dist", "sumprod"}
+
+
+def found_in(source: str) -> set[str]:
+    nodes = [node for node in ast.walk(ast.parse(source)) if isinstance(node, (ast.Name, ast.Attribute))]
+    return {node.id if isinstance(node, ast.Name) else node.attr for node in nodes} & DEPENDS_ON_THE_VERSION
+
+
+@pytest.mark.parametrize("path", STEP_MODULES, ids=lambda path: path.stem)
+def test_no_step_uses_what_other_versions_of_python_round_differently(path: Path) -> None:
+    assert found_in(path.read_text(encoding="utf-8")) == set()
+
+
+def test_the_search_finds_what_it_looks_for() -> None:
+    assert found_in("a = sum(x) + math.hypot(*y)\nb = list(map(sum, z))") == {"sum", "hypot"}
