@@ -98,7 +98,7 @@ def forced() -> Case:
     document = json.loads((DATA / "forced_motion.json").read_text(encoding="utf-8"))
     case = document["case"]
     initial = State(0, *(tuple(case[name]) for name in State.__slots__[1:]))
-    held = HeldWrench(*(tuple(case[name]) for name in HeldWrench.__slots__))
+    held = HeldWrench(*(tuple(case[name]) for name in HeldWrench._fields))
     body = RigidBody.from_matrix(case["mass"], case["inertia"], case["center_of_mass"])
     return Case(body, initial, held, {state["time"]: state for state in document["states"]})
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from rb_dynamics import rotation
 from rb_dynamics.errors import WrenchError
@@ -41,8 +42,7 @@ class FixedFrame:
     orientation_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0)
 
 
-@dataclass(frozen=True, slots=True)
-class HeldWrench:
+class HeldWrench(NamedTuple):
     """What a command does to the body while it is held: force through and torque about the centre of mass.
 
     `*_body` parts turn with the body inside a step, `*_world` parts do not. N and N m.
@@ -53,7 +53,8 @@ class HeldWrench:
     force_world: Vector = ZERO
     torque_world: Vector = ZERO
 
-    def __add__(self, other: HeldWrench) -> HeldWrench:
+    # Without it + would chain two wrenches to one tuple of eight vectors, and say nothing.
+    def __add__(self, other: HeldWrench) -> HeldWrench:  # type: ignore[override]
         """Return the sum: channels add up."""
         return HeldWrench(
             add(self.force_body, other.force_body),

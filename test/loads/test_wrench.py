@@ -139,4 +139,5 @@ def test_held_wrenches_add_by_part() -> None:
     a = HeldWrench((1.0, 2.0, 3.0), (4.0, 5.0, 6.0), (7.0, 8.0, 9.0), (10.0, 11.0, 12.0))
     b = HeldWrench((0.5, 0.0, 0.0), (0.0, 0.5, 0.0), (0.0, 0.0, 0.5), (-10.0, 0.0, 0.0))
 
+    assert type(a + b) is HeldWrench
     assert a + b == HeldWrench((1.5, 2.0, 3.0), (4.0, 5.5, 6.0), (7.0, 8.0, 9.5), (0.0, 11.0, 12.0))

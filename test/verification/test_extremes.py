@@ -104,7 +104,7 @@ class TestUnits:
         phase = Phase.of(case.body, case.initial)
         velocity = scale(1.0 / case.body.mass, phase.linear_momentum_world)
         inertia = (case.body.mass, case.body.principal_moments)
-        quick = HeldWrench(*(scale(s * s, part) for part in dataclasses.astuple(case.held)))
+        quick = HeldWrench(*(scale(s * s, part) for part in case.held))
         step = STEPPED[method].step
 
         here = step(Inertia(*inertia), case.held, 0.125, velocity, phase.orientation, phase.angular_velocity)
