@@ -104,7 +104,8 @@ def rate_in_fixed_axes(vector: npt.ArrayLike, rate: npt.ArrayLike, angular_veloc
 
     `rate` is dv/dt as seen in the turning axes. Of v = L it gives eq. 3; of v = w nothing is added (page 32).
     """
-    return np.asarray(rate, dtype=np.float64) + np.cross(np.asarray(angular_velocity), np.asarray(vector))
+    turning: Array = np.cross(np.asarray(angular_velocity), np.asarray(vector))
+    return np.asarray(rate, dtype=np.float64) + turning
 
 
 def inertia_rate(inertia: npt.ArrayLike, angular_velocity: npt.ArrayLike) -> Array:

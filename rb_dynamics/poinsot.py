@@ -355,9 +355,12 @@ class _Invariants:
 
     def times(self, n: int) -> Array:
         """Return the times (s) at which the curves are drawn unless others are asked for."""
+        times: Array
         if self.tumble is not None and self.tumble.m1 == 0.0:
-            return np.linspace(-_SEPARATRIX_SPAN, _SEPARATRIX_SPAN, n) / self.tumble.rate
-        return np.linspace(0.0, self.period, n)
+            times = np.linspace(-_SEPARATRIX_SPAN, _SEPARATRIX_SPAN, n, dtype=np.float64) / self.tumble.rate
+        else:
+            times = np.linspace(0.0, self.period, n, dtype=np.float64)
+        return times
 
 
 class _Tumble(NamedTuple):

@@ -103,10 +103,12 @@ def _turning(steps: WrenchSteps, vectors: Array, time_ns: Times, attitude: _Atti
     first = np.searchsorted(steps.time_ns, time_ns[:-1], side="right") - 1
     held = (first >= 0) & (first == np.searchsorted(steps.time_ns, time_ns[1:], side="left") - 1) & steps.known[first]
     b = vectors[first]
-    h = np.diff(time_ns)[:, None] * 1e-9
+    h: Array = np.diff(time_ns)[:, None] * 1e-9
     q, w = attitude.orientation_xyzw, attitude.angular_velocity
     turning[1:] = 0.5 * h * (rotate_all(q[:-1], b) + rotate_all(q[1:], b))
-    turning[1:] += h * h / 12.0 * (rotate_all(q[:-1], np.cross(w[:-1], b)) - rotate_all(q[1:], np.cross(w[1:], b)))
+    before: Array = np.cross(w[:-1], b)
+    after: Array = np.cross(w[1:], b)
+    turning[1:] += h * h / 12.0 * (rotate_all(q[:-1], before) - rotate_all(q[1:], after))
     error[1:] = np.where(held, _remainder(h[:, 0], b, w), np.inf)
     return turning, error
 
