@@ -106,8 +106,8 @@ def _turning(steps: WrenchSteps, vectors: Array, time_ns: Times, attitude: _Atti
     h: Array = np.diff(time_ns)[:, None] * 1e-9
     q, w = attitude.orientation_xyzw, attitude.angular_velocity
     turning[1:] = 0.5 * h * (rotate_all(q[:-1], b) + rotate_all(q[1:], b))
-    before: Array = np.cross(w[:-1], b)
-    after: Array = np.cross(w[1:], b)
+    before = np.cross(w[:-1], b).astype(np.float64)
+    after = np.cross(w[1:], b).astype(np.float64)
     turning[1:] += h * h / 12.0 * (rotate_all(q[:-1], before) - rotate_all(q[1:], after))
     error[1:] = np.where(held, _remainder(h[:, 0], b, w), np.inf)
     return turning, error
