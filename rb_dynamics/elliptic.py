@@ -11,12 +11,15 @@ from __future__ import annotations
 
 import math
 
+from rb_dynamics.compiled import workspace
 from rb_dynamics.vector import norm
 
 # Quadratic convergence: a relative difference below this squares away at the next step.
 _CLOSE = 1e-8
 # Truncation of the series is of sixth order in the relative spread; at this spread it is below round-off.
 _SPREAD = 1.5e-3
+# Each mean doubles the digits; the smallest positive number takes 13.
+_MEANS = 24
 # The loops below end unless something is still too far apart: a NaN passes through and does not keep them running.
 
 
@@ -46,12 +49,13 @@ def sncndn(u: float, m1: float) -> tuple[float, float, float]:
         return u, 1.0, 1.0
     a, c, dn = 1.0, 1.0, 1.0
     e = m1
-    means: list[tuple[float, float]] = []
+    bs, es, n = workspace(_MEANS), workspace(_MEANS), 0
     while True:
         e = math.sqrt(e)
-        means.append((a, e))
+        bs[n], es[n] = a, e
+        n += 1
         c = 0.5 * (a + e)
-        if not abs(a - e) > _CLOSE * a:
+        if not abs(a - e) > _CLOSE * a or n == _MEANS:
             break
         e *= a
         a = c
@@ -61,7 +65,8 @@ def sncndn(u: float, m1: float) -> tuple[float, float, float]:
         return sn, cn, 1.0
     a = cn / sn
     c *= a
-    for b, e in reversed(means):
+    for k in range(n - 1, -1, -1):
+        b, e = bs[k], es[k]
         a *= c
         c *= dn
         dn = (e + a) / (b + a)

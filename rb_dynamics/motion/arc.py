@@ -10,9 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.motion.kernel import LONGEST_STRETCH, kernel
 from rb_dynamics.motion.method import Inertia, Load, Method
 from rb_dynamics.motion.phase import Phase
-from rb_dynamics.motion.step_control import NANOSECONDS, StepControl
+from rb_dynamics.motion.step_control import NANOSECONDS, FixedStep, StepControl
 from rb_dynamics.rotation import Quaternion
 from rb_dynamics.vector import Vector, scale
 
@@ -83,12 +84,25 @@ class Arc:
             ConvergenceError: a step could not be solved.
         """
         target = (time_ns - self._start_ns) * self._control.denominator
+        if isinstance(self._control, FixedStep) and self._choose_again is None:
+            self._take_equal_strides(self._control.length, target)
         while target > self._reached:
             end = self._reached + self._next_stride()
             self._control.begin()
             if end > target:
                 return
             self._take_stride()
+
+    def _take_equal_strides(self, length: int, target: int) -> None:
+        """Take what strides of `length` a kernel can; what is left over is taken one by one."""
+        h = length / (self._control.denominator * NANOSECONDS)
+        while (ahead := (target - self._reached) // length) > 0:
+            count = min(ahead, LONGEST_STRETCH)
+            phase = self._advance.stretch(self._phase, h, count, ahead)
+            if phase is None:
+                return
+            self._phase, self._reached, self._strides = phase, self._reached + count * length, self._strides + count
+            self._stride = None
 
     def steps_to(self, time_ns: int) -> int:
         """Return the number of steps that lead to `time_ns`, the last time asked for."""
@@ -122,10 +136,17 @@ class Stepper:
 
     def __init__(self, method: Method, inertia: Inertia, held: HeldWrench, load_from: LoadFrom | None) -> None:
         self._method, self._inertia, self._held, self._load_from = method, inertia, held, load_from
+        self._kernel = kernel(method) if load_from is None else None
 
     def __call__(self, phase: Phase, h: float) -> Phase:
         """Return the phase after a step of h s."""
         return phase.after(self._method.step(*self._arguments(phase, h)), h)
+
+    def stretch(self, phase: Phase, h: float, count: int, ahead: int) -> Phase | None:
+        """Return the phase after `count` steps of h s, of `ahead` that are to come, by a kernel; None if none can."""
+        if self._kernel is None:
+            return None
+        return self._kernel.after(self._inertia, self._held, h, count, ahead, phase)
 
     def pair(self, phase: Phase, h: float) -> tuple[Phase, Phase]:
         """Return the phase after a step of h s, and the same of one order less."""

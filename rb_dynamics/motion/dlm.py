@@ -12,7 +12,8 @@ from rb_dynamics.motion.composition import KAHAN_LI6, SUZUKI4
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
 from rb_dynamics.motion.splitting import Stages, advance, kick_free_kick
 from rb_dynamics.rotation import Quaternion, exp, multiply
-from rb_dynamics.vector import Vector, scale
+from rb_dynamics.vector import Vector, divide, scale
+from rb_dynamics.vector import multiply as times
 
 
 def flow(moments: Vector, orientation: Quaternion, angular_velocity: Vector, t: float) -> tuple[Quaternion, Vector]:
@@ -21,31 +22,52 @@ def flow(moments: Vector, orientation: Quaternion, angular_velocity: Vector, t: 
     With b the axis of the middle moment, T = L^2/(2 I_b) + m_a^2 (1/I_a - 1/I_b)/2 + m_c^2 (1/I_c - 1/I_b)/2. The
     first term turns the body about L and commutes with the others, each of which turns it about its own axis.
     """
-    a, b, c = sorted(range(3), key=lambda i: moments[i])
-    middle = moments[b]
-    m = [i * w for i, w in zip(moments, angular_velocity, strict=True)]
-    q = list(multiply(orientation, exp(scale(t, (m[0] / middle, m[1] / middle, m[2] / middle)))))
+    m = times(moments, angular_velocity)
+    # Sorted by three exchanges, which are undone below.
+    one, two, three = (moments[0], m[0]), (moments[1], m[1]), (moments[2], m[2])
+    first = one[0] > two[0]
+    one, two = (two, one) if first else (one, two)
+    second = two[0] > three[0]
+    two, three = (three, two) if second else (two, three)
+    third = one[0] > two[0]
+    one, two = (two, one) if third else (one, two)
+    (low, m_a), (middle, m_b), (high, m_c) = one, two, three
+    x, y, z, w = multiply(orientation, exp(scale(t, (m[0] / middle, m[1] / middle, m[2] / middle))))
+    x, y = (y, x) if first else (x, y)
+    y, z = (z, y) if second else (y, z)
+    x, y = (y, x) if third else (x, y)
+    # 1 where (a, b, c) is right-handed: after an even number of exchanges.
+    parity = 1.0 if (first != second) == third else -1.0
     # Relative first: the inverse of a small moment may be no number where the rate is one.
-    half_a, whole_c = 0.5 * t * ((middle - moments[a]) / middle), t * ((middle - moments[c]) / middle)
-    _turn(q, m, a, half_a * (m[a] / moments[a]))
-    _turn(q, m, c, whole_c * (m[c] / moments[c]))
-    _turn(q, m, a, half_a * (m[a] / moments[a]))
-    return (q[0], q[1], q[2], q[3]), (m[0] / moments[0], m[1] / moments[1], m[2] / moments[2])
+    half_a, whole_c = 0.5 * t * ((middle - low) / middle), t * ((middle - high) / middle)
+    x, y, z, w, m_b, m_c = _turn(x, y, z, w, m_b, m_c, half_a * (m_a / low), parity)
+    z, x, y, w, m_a, m_b = _turn(z, x, y, w, m_a, m_b, whole_c * (m_c / high), parity)
+    x, y, z, w, m_b, m_c = _turn(x, y, z, w, m_b, m_c, half_a * (m_a / low), parity)
+    x, y, m_a, m_b = (y, x, m_b, m_a) if third else (x, y, m_a, m_b)
+    y, z, m_b, m_c = (z, y, m_c, m_b) if second else (y, z, m_b, m_c)
+    x, y, m_a, m_b = (y, x, m_b, m_a) if first else (x, y, m_a, m_b)
+    return (x, y, z, w), divide((m_a, m_b, m_c), moments)
 
 
-def _turn(q: list[float], m: list[float], axis: int, angle: float) -> None:
-    """Turn the body by `angle` about a principal axis: q <- q r, and the vector m, fixed in the world, by r^-1."""
-    j, k = (axis + 1) % 3, (axis + 2) % 3
+def _turn(
+    q_a: float, q_b: float, q_c: float, q_w: float, m_b: float, m_c: float, angle: float, parity: float
+) -> tuple[float, float, float, float, float, float]:
+    """Turn the body by `angle` about axis a: q <- q r, and the vector m, fixed in the world, by r^-1.
+
+    `parity` is 1 where (a, b, c) is right-handed, else -1.
+    """
     s, c = math.sin(0.5 * angle), math.cos(0.5 * angle)
-    q[axis], q[j], q[k], q[3] = (
-        c * q[axis] + s * q[3],
-        c * q[j] + s * q[k],
-        c * q[k] - s * q[j],
-        c * q[3] - s * q[axis],
-    )
+    p = parity * s
     # cos(angle) - 1 by the half angle, so that nothing cancels.
-    sine, versine = 2.0 * s * c, 2.0 * s * s
-    m[j], m[k] = m[j] + (sine * m[k] - versine * m[j]), m[k] - (sine * m[j] + versine * m[k])
+    sine, versine = 2.0 * p * c, 2.0 * s * s
+    return (
+        c * q_a + s * q_w,
+        c * q_b + p * q_c,
+        c * q_c - p * q_b,
+        c * q_w - s * q_a,
+        m_b + (sine * m_c - versine * m_b),
+        m_c - (sine * m_b + versine * m_c),
+    )
 
 
 def _method(name: str, order: int, stages: Stages, scheme: str) -> Method:
@@ -70,7 +92,9 @@ def _method(name: str, order: int, stages: Stages, scheme: str) -> Method:
     Raises:
         ConvergenceError: the body turns too far between two kicks.
     """
-    return Method(name, order, frozenset({"angular_momentum", "unit_quaternion"}), step, takes=Takes.FIELD)
+    return Method(
+        name, order, frozenset({"angular_momentum", "unit_quaternion"}), step, takes=Takes.FIELD, compiles=True
+    )
 
 
 DLM2 = _method("dlm2", 2, kick_free_kick((1.0,)), "one symmetric step")

@@ -8,7 +8,7 @@ from __future__ import annotations
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import planar
-from rb_dynamics.motion.free import FreeRotation
+from rb_dynamics.motion.free import free_rotation
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method
 from rb_dynamics.motion.planar import fixed_axis
 from rb_dynamics.motion.refusal import require_known_attitude
@@ -27,6 +27,22 @@ def has_closed_form(held: HeldWrench, orientation: Quaternion, angular_velocity:
     return is_free(held) or fixed_axis(held, orientation, angular_velocity) is not None
 
 
+def free_step(
+    inertia: Inertia, held: HeldWrench, h: float, velocity: Vector, orientation: Quaternion, angular_velocity: Vector
+) -> Increment:
+    """Return what h s of free rotation do, under a force that is constant in the world."""
+    turn, omega = free_rotation(inertia.moments, angular_velocity, h)
+    displacement = add_scaled(scale(h, velocity), 0.5 * h * h / inertia.mass, held.force_world)
+    return Increment(
+        displacement,
+        normalize(compose(orientation, turn)),
+        omega,
+        scale(h, held.force_world),
+        ZERO,
+        dot(held.force_world, displacement),
+    )
+
+
 def step(
     inertia: Inertia,
     held: HeldWrench,
@@ -36,7 +52,7 @@ def step(
     angular_velocity: Vector,
     load: Load | None = None,
 ) -> Increment:
-    """Advance by the closed form of the free rotation (`FreeRotation`), or of the turn about a fixed axis (`planar`).
+    """Advance by the closed form of the free rotation (`free_rotation`), or of the turn about a fixed axis (`planar`).
 
     No order: the error does not depend on h. Keeps energy and angular momentum to round-off at any h. Celledoni, Fasso,
     Safstrom & Zanna, SIAM J. Sci. Comput. 30 (2008) 2084.
@@ -60,16 +76,7 @@ def step(
             )
         return planar.advance(inertia, held, h, velocity, orientation, angular_velocity, axis)
     require_known_attitude("exact", h, norm(angular_velocity))
-    turn, omega = FreeRotation(inertia.moments, angular_velocity).at(h)
-    displacement = add_scaled(scale(h, velocity), 0.5 * h * h / inertia.mass, held.force_world)
-    return Increment(
-        displacement,
-        normalize(compose(orientation, turn)),
-        omega,
-        scale(h, held.force_world),
-        ZERO,
-        dot(held.force_world, displacement),
-    )
+    return free_step(inertia, held, h, velocity, orientation, angular_velocity)
 
 
 EXACT = Method("exact", order=None, invariants=frozenset({"energy", "angular_momentum", "unit_quaternion"}), step=step)

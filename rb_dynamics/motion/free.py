@@ -15,10 +15,11 @@ import math
 from functools import lru_cache
 from typing import NamedTuple
 
+from rb_dynamics.compiled import compiled_as
 from rb_dynamics.elliptic import agm, rf, rj, sncndn
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.rotation import Quaternion, exp, multiply, normalize
-from rb_dynamics.vector import Vector, add, add_scaled, dot, norm, positive_zeros, scale
+from rb_dynamics.vector import ZERO, Vector, add, add_scaled, dot, norm, positive_zeros, scale, subtract
 from rb_dynamics.vector import multiply as times
 
 _Axes = tuple[tuple[int, float], tuple[int, float], tuple[int, float]]
@@ -69,33 +70,56 @@ class FreeRotation:
     """The torque-free rotation that begins with an angular velocity in principal axes (rad/s)."""
 
     def __init__(self, moments: Vector, angular_velocity: Vector) -> None:
-        """Prepare everything that does not depend on time; moments in kg m^2."""
-        self._spin = w = positive_zeros(angular_velocity)
-        # In units near the largest moment and the largest rate, powers of two: products neither under- nor overflow.
-        self._unit = math.frexp(max(map(abs, w)))[1]
-        self._start, self._moments = w, moments = (
-            _in_units(w, self._unit),
-            _in_units(moments, math.frexp(max(moments))[1]),
-        )
-        self._tumble = None if _spins_steadily(moments, w) else _tumble(moments, w)
+        """Take the moments in kg m^2."""
+        self._moments, self._spin = moments, angular_velocity
 
     def at(self, t: float) -> tuple[Quaternion, Vector]:
-        """Return the rotation r of the first t s, q(t) = q(0) r, and the angular velocity after them.
+        """Return what `free_rotation` does."""
+        return free_rotation(self._moments, self._spin, t)
 
-        The error of the attitude is below 100 eps (1 + |w| t), those of energy and |L| are below 20 eps.
 
-        Raises:
-            ConvergenceError: the angle turned is no finite number.
-        """
-        if not math.isfinite(norm(self._spin) * t):
-            raise ConvergenceError(
-                f"exact: {norm(self._spin):.3g} rad/s for {t:.3g} s is an angle beyond the range of double precision; "
-                "check the angular velocity, the torque and the moments of inertia, or use a smaller step"
-            )
-        if self._tumble is None or _stays(self._tumble, math.ldexp(t, self._unit)):
-            return exp(scale(t, self._spin)), self._spin
-        turn, omega = _tumble_at(self._tumble, math.ldexp(t, self._unit))
-        return turn, _in_units(_balanced(self._moments, self._start, omega), -self._unit)
+def free_rotation(moments: Vector, angular_velocity: Vector, t: float) -> tuple[Quaternion, Vector]:
+    """Return the rotation r of the first t s, q(t) = q(0) r, and the angular velocity after them.
+
+    The error of the attitude is below 100 eps (1 + |w| t), those of energy and |L| are below 20 eps.
+
+    Raises:
+        ConvergenceError: the angle turned is no finite number.
+    """
+    spin = positive_zeros(angular_velocity)
+    rate = norm(spin)
+    if not math.isfinite(rate * t):
+        return _beyond_range(rate, t)
+    # In units near the largest moment and the largest rate, powers of two: products neither under- nor overflow.
+    unit = math.frexp(max(abs(spin[0]), abs(spin[1]), abs(spin[2])))[1]
+    w = _in_units(spin, unit)
+    moments = _in_units(moments, math.frexp(max(moments[0], moments[1], moments[2]))[1])
+    if _spins_steadily(moments, w):
+        return exp(scale(t, spin)), spin
+    body, time = _tumble(moments, w), math.ldexp(t, unit)
+    if body.rate == 0.0 or _stays(body, time):
+        return exp(scale(t, spin)), spin
+    turn, omega = _tumble_at(body, time)
+    return turn, _in_units(_balanced(moments, w, omega), -unit)
+
+
+_NOWHERE = ((math.nan, math.nan, math.nan, math.nan), (math.nan, math.nan, math.nan))
+
+
+@compiled_as(_NOWHERE)
+def _beyond_range(rate: float, t: float) -> tuple[Quaternion, Vector]:
+    raise ConvergenceError(
+        f"exact: {rate:.3g} rad/s for {t:.3g} s is an angle beyond the range of double precision; "
+        "check the angular velocity, the torque and the moments of inertia, or use a smaller step"
+    )
+
+
+@compiled_as(_NOWHERE)
+def _unresolved(t: float) -> tuple[Quaternion, Vector]:
+    raise ConvergenceError(
+        f"exact: after {t:.3g} s the precession angle is no finite number: the spin is closer to the middle axis "
+        "than double precision resolves; use a method with a step"
+    )
 
 
 def _in_units(v: Vector, exponent: int) -> Vector:
@@ -110,8 +134,8 @@ def _balanced(moments: Vector, start: Vector, w: Vector) -> Vector:
     adds up like n, not like its root. The correction is the shortest, across the polhode; one that is larger than
     round-off is none, and is left to be seen.
     """
-    gained = [i * (b - a) * (b + a) for i, a, b in zip(moments, start, w, strict=True)]
-    energy, square = gained[0] + gained[1] + gained[2], dot(moments, (gained[0], gained[1], gained[2]))
+    gained = times(times(moments, subtract(w, start)), add(w, start))
+    energy, square = gained[0] + gained[1] + gained[2], dot(moments, gained)
     a = times(moments, w)
     b = times(moments, a)
     aa, ab, bb = dot(a, a), dot(a, b), dot(b, b)
@@ -136,10 +160,20 @@ def _stays(body: _Tumble, t: float) -> bool:
     return norm((cn, dn, 0.0)) < 1e-130 and abs(body.rate * t) < 200.0
 
 
+# No change of the angular velocity that counts.
+_STEADY = _Tumble(((0, 1.0), (1, 1.0), (2, 1.0)), ZERO, ZERO, 0.0, 0.0, 0.0, 0.0, ZERO, 0.0, 0.0, 0.0, 0.0)
+
+
 # An arc is looked at many times from one start.
 @lru_cache(maxsize=8)
-def _tumble(moments: Vector, w: Vector) -> _Tumble | None:
-    low, middle, high = sorted(range(3), key=lambda i: moments[i])
+def _tumble(moments: Vector, w: Vector) -> _Tumble:
+    low, middle, high = 0, 1, 2
+    if moments[low] > moments[middle]:
+        low, middle = middle, low
+    if moments[middle] > moments[high]:
+        middle, high = high, middle
+    if moments[low] > moments[middle]:
+        low, middle = middle, low
     # L^2 - 2 T I_b, the distance from the separatrix: a difference of two positive terms that may all but cancel.
     unit, d = _separation(moments[high], moments[middle], moments[low], w[high], w[low])
     # At zero, which may be an underflow, the body goes round the axis that no other moment equals.
@@ -157,12 +191,12 @@ def _tumble(moments: Vector, w: Vector) -> _Tumble | None:
     amplitude_c = norm((wc, wb * math.sqrt(ib * ba / (ic * ca)), 0.0))
     rate = math.copysign(amplitude_c * math.sqrt(cb / ia * (ca / ib)), ic - ia)
     if abs(rate) < _SLOWEST:
-        return None
+        return _STEADY
     k1 = min(1.0, math.sqrt(abs(d) / (ic * cb)) * (unit / amplitude_c))
     m1 = k1 * k1
     sn, cn, dn = (wb / amplitude_b, wa / amplitude_a, wc / amplitude_c) if amplitude_a > 0.0 else (0.0, 1.0, 1.0)
     if cn + dn == 0.0:
-        return None
+        return _STEADY
     momentum = norm((ia * wa, ib * wb, ic * wc))
     beta = ib / ia * (ca / cb)
     return _Tumble(
@@ -189,28 +223,22 @@ def _first_kind(cn: float, dn: float) -> float:
 def _tumble_at(body: _Tumble, t: float) -> tuple[Quaternion, Vector]:
     u = body.u0 + body.rate * t
     if body.m1 < 1e-290 and abs(u) > body.quarter:
-        raise ConvergenceError(
-            f"exact: after {t:.3g} s the precession angle is no finite number: the spin is closer to the middle axis "
-            "than double precision resolves; use a method with a step"
-        )
-    start = _angles(body, *body.start)
+        return _unresolved(t)
+    start = _angles(body, body.start)
     if abs(body.rate * t) < 1.0:
         # u0 + rate t would round a slow motion away.
         half_periods, functions = _sum(body, body.rate * t)
     else:
         half_periods = round(u / (2.0 * body.quarter))
         functions = sncndn(u - 2.0 * half_periods * body.quarter if half_periods else u, body.m1)
-    now = _angles(body, *functions)
+    now = _angles(body, functions)
 
     azimuth = now.integral - start.integral
     if half_periods:
         azimuth += 2.0 * half_periods * body.m1 / (3.0 * body.beta) * rj(0.0, body.m1, 1.0, body.m1 / body.beta)
     phi = body.momentum / body.moments[1] * t + body.gain * azimuth
     if not math.isfinite(phi):
-        raise ConvergenceError(
-            f"exact: after {t:.3g} s the precession angle is no finite number: the spin is closer to the middle axis "
-            "than double precision resolves; use a method with a step"
-        )
+        return _unresolved(t)
     # chi grows by pi in half a period; reduced in whole turns of the quaternion, nothing is rounded.
     chi = now.chi + (half_periods % 4) * math.pi
     turn = multiply(
@@ -249,7 +277,8 @@ def _sum(body: _Tumble, v: float) -> tuple[int, Vector]:
     return (1 if v > 0.0 else -1), (-sn, -cn, dn)
 
 
-def _angles(body: _Tumble, sn: float, cn: float, dn: float) -> _Angles:
+def _angles(body: _Tumble, functions: Vector) -> _Angles:
+    sn, cn, dn = functions
     ma, mb, mc = times(body.moments, times(body.amplitudes, (cn, sn, dn)))
     theta = math.atan2(norm((ma, mb, 0.0)), mc)
     chi = math.atan2(math.sqrt(body.beta) * sn, cn)
@@ -283,10 +312,13 @@ def _about_b(angle: float) -> Quaternion:
 
 def _in_principal_axes(axes: _Axes, vector: Vector) -> Vector:
     """Return a vector of axes a, b, c in principal axes: a permutation with signs, exact."""
-    out = [0.0, 0.0, 0.0]
-    for (index, sign), value in zip(axes, vector, strict=True):
-        out[index] = sign * value
-    return (out[0], out[1], out[2])
+    (a, sign_a), (b, sign_b), (_, sign_c) = axes
+    x, y, z = sign_a * vector[0], sign_b * vector[1], sign_c * vector[2]
+    return (
+        x if a == 0 else (y if b == 0 else z),
+        x if a == 1 else (y if b == 1 else z),
+        x if a == 2 else (y if b == 2 else z),
+    )
 
 
 def _separation(high: float, middle: float, low: float, w_high: float, w_low: float) -> tuple[float, float]:

@@ -106,6 +106,8 @@ class Method:
             horizon to the error at the end; None where steps have to be compared for it.
         takes: the loads it can integrate.
         pair: for an embedded pair, the step with its comparison; None where steps have to be compared.
+        compiles: whether numba can compile the step under a held wrench (`kernel.py`); its cache
+            knows a step by the name of the method.
     """
 
     name: str
@@ -115,6 +117,7 @@ class Method:
     longest_step: LongestStep | None = None
     takes: Takes = Takes.HELD
     pair: Pair | None = None
+    compiles: bool = False
 
 
 __all__ = ["Increment", "Inertia", "Load", "LongestStep", "Method", "Pair", "Step", "Takes"]

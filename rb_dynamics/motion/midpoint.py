@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import math
 
+from rb_dynamics.compiled import compiled_as
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
-from rb_dynamics.motion.refusal import require_small_turn
+from rb_dynamics.motion.refusal import LARGEST_TURN, NO_INCREMENT, NOWHERE, turns_too_far
 from rb_dynamics.rotation import Quaternion, cayley, multiply, normalize, rotate, rotate_inverse
 from rb_dynamics.vector import Vector, add, add_scaled, cross, divide, dot, norm, scale, subtract
 from rb_dynamics.vector import multiply as times
@@ -22,7 +23,7 @@ _UNKNOWN: Vector = (math.inf, math.inf, math.inf)
 # Newton has converged when it changes the angular velocity by a few units in the last place.
 _CONVERGED = 4.0 * 2.0**-52
 # Below the normal range a unit in the last place is no longer relative.
-_SMALLEST = 8.0 * math.ulp(0.0)
+_SMALLEST = 2.0**-1071
 
 
 def step(
@@ -47,6 +48,19 @@ def step(
     """
     if load is None:
         return _step(inertia, held, h, velocity, orientation, angular_velocity)
+    return _under_load(inertia, held, h, velocity, orientation, angular_velocity, load)
+
+
+@compiled_as(NO_INCREMENT)
+def _under_load(
+    inertia: Inertia,
+    held: HeldWrench,
+    h: float,
+    velocity: Vector,
+    orientation: Quaternion,
+    angular_velocity: Vector,
+    load: Load,
+) -> Increment:
     mass, moments = inertia
     momentum = norm(times(moments, angular_velocity))
     both, force_0, torque_0, size = held, _UNKNOWN, _UNKNOWN, math.inf
@@ -94,7 +108,9 @@ def _step(
     momentum = times(moments, angular_velocity)
     torque_impulse_world = scale(h, rotate_inverse(orientation, held.torque_world))
     w = _mean_angular_velocity(moments, momentum, torque_impulse_world, scale(h, held.torque_body), h)
-    require_small_turn("midpoint", h, norm(w))
+    rate = norm(w)
+    if not rate * abs(h) < LARGEST_TURN:
+        return turns_too_far("midpoint", h, rate)
     half_turn = scale(0.5 * h, w)
     torque_impulse_body = _half_cayley(half_turn, scale(h, held.torque_body))
     force_impulse_body = _half_cayley(half_turn, scale(h, held.force_body))
@@ -132,8 +148,8 @@ def _mean_angular_velocity(moments: Vector, m0: Vector, world: Vector, body: Vec
     half_world = scale(0.5, world)
     target = add_scaled(add(m0, half_world), 0.5, body)
     w = divide(target, moments)
-    least = _SMALLEST + _SMALLEST / min(moments)
-    previous = float("inf")
+    least = _SMALLEST + _SMALLEST / min(moments[0], moments[1], moments[2])
+    previous = math.inf
     for _ in range(_ITERATIONS):
         lever = add(times(moments, w), half_world)
         residual = subtract(add_scaled(times(moments, w), 0.5 * h, cross(w, lever)), target)
@@ -144,28 +160,33 @@ def _mean_angular_velocity(moments: Vector, m0: Vector, world: Vector, body: Vec
         if size <= _CONVERGED * norm(w) + least or (size >= 0.5 * previous and size <= 1e-12 * norm(w)):
             return w
         previous = size
+    return _not_converged(h, norm(w), norm(divide(m0, moments)), previous)
+
+
+@compiled_as(NOWHERE)
+def _not_converged(h: float, rate: float, before: float, last: float) -> Vector:
     raise ConvergenceError(
-        f"midpoint: Newton's method did not converge for a step of {h:g} s (last correction {previous:.3g} rad/s at "
-        f"{norm(w):.3g} rad/s); use a step below {0.5 / max(norm(divide(m0, moments)), 1e-300):.3g} s"
+        f"midpoint: Newton's method did not converge for a step of {h:g} s (last correction {last:.3g} rad/s at "
+        f"{rate:.3g} rad/s); use a step below {0.5 / max(before, 1e-300):.3g} s"
     )
 
 
 def _solve_jacobian(moments: Vector, w: Vector, lever: Vector, half: float, b: Vector) -> Vector:
     """Return J^-1 b, J = diag(moments) + half (hat(w) diag(moments) - hat(lever)), by Cramer's rule."""
     # In units of the largest moment, so that the determinant neither underflows nor overflows.
-    unit = 1.0 / max(moments)
+    unit = 1.0 / max(moments[0], moments[1], moments[2])
     i1, i2, i3 = scale(unit, moments)
     x, y, z = w
     p, q, r = scale(unit, lever)
-    b = scale(unit, b)
+    d = scale(unit, b)
     c1 = (i1, half * (z * i1 - r), half * (q - y * i1))
     c2 = (half * (r - z * i2), i2, half * (x * i2 - p))
     c3 = (half * (y * i3 - q), half * (p - x * i3), i3)
     c23, c31, c12 = cross(c2, c3), cross(c3, c1), cross(c1, c2)
     determinant = dot(c1, c23)
     # Singular: no correction is right, and none will be found.
-    inverse = 1.0 / determinant if determinant else math.inf
-    return scale(inverse, (dot(b, c23), dot(b, c31), dot(b, c12)))
+    inverse = 1.0 / determinant if determinant != 0.0 else math.inf
+    return scale(inverse, (dot(d, c23), dot(d, c31), dot(d, c12)))
 
 
 MIDPOINT = Method(
@@ -174,4 +195,5 @@ MIDPOINT = Method(
     invariants=frozenset({"energy", "angular_momentum", "unit_quaternion"}),
     step=step,
     takes=Takes.ANY,
+    compiles=True,
 )

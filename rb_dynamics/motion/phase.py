@@ -19,6 +19,7 @@ from rb_dynamics.vector import multiply as times
 # Sums carried with compensation: position of the centre of mass, linear momentum, impulse, torque impulse (world axes,
 # three each), work, and the time since the start.
 _SUMS = 14
+Sums = tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,8 +35,8 @@ class Phase:
 
     orientation: Quaternion
     angular_velocity: Vector
-    high: tuple[float, ...]
-    low: tuple[float, ...]
+    high: Sums
+    low: Sums
 
     @classmethod
     def of(cls, body: RigidBody, state: State) -> Phase:
@@ -53,18 +54,9 @@ class Phase:
         )
 
     def after(self, step: Increment, h: float) -> Phase:
-        """Return the phase after a step of h s.
-
-        The sums grow by two-sum (Knuth, TAOCP 2, 4.2.2 theorem B): the error of 1e9 additions stays at one rounding.
-        """
-        high, low = [], []
-        increments = (*step.displacement, *step.impulse, *step.impulse, *step.torque_impulse, step.work, h)
-        for a, b, c in zip(self.high, increments, self.low, strict=True):
-            total = a + b
-            part = total - a
-            high.append(total)
-            low.append(c + ((a - (total - part)) + (b - part)))
-        return Phase(step.orientation, step.angular_velocity, tuple(high), tuple(low))
+        """Return the phase after a step of h s; the sums lose nothing, see `grown`."""
+        high, low = grown(self.high, self.low, step, h)
+        return Phase(step.orientation, step.angular_velocity, high, low)
 
     def _sum(self, first: int) -> Vector:
         h, low, i = self.high, self.low, first
@@ -122,6 +114,38 @@ class Phase:
             subtract(velocity, rotate(orientation, cross(omega, body.center_of_mass))),
             omega,
         )
+
+
+def grown(high: Sums, low: Sums, step: Increment, h: float) -> tuple[Sums, Sums]:
+    """Return the sums after a step of h s, and what rounding has taken from them.
+
+    By two-sum (Knuth, TAOCP 2, 4.2.2 theorem B): the error of 1e9 additions stays at one rounding.
+    """
+    x, p, t = step.displacement, step.impulse, step.torque_impulse
+    a0, b0 = _add(high[0], x[0], low[0])
+    a1, b1 = _add(high[1], x[1], low[1])
+    a2, b2 = _add(high[2], x[2], low[2])
+    a3, b3 = _add(high[3], p[0], low[3])
+    a4, b4 = _add(high[4], p[1], low[4])
+    a5, b5 = _add(high[5], p[2], low[5])
+    a6, b6 = _add(high[6], p[0], low[6])
+    a7, b7 = _add(high[7], p[1], low[7])
+    a8, b8 = _add(high[8], p[2], low[8])
+    a9, b9 = _add(high[9], t[0], low[9])
+    a10, b10 = _add(high[10], t[1], low[10])
+    a11, b11 = _add(high[11], t[2], low[11])
+    a12, b12 = _add(high[12], step.work, low[12])
+    a13, b13 = _add(high[13], h, low[13])
+    return (
+        (a0, a1, a2, a3, a4, a5, a6, a7, a8, a9, a10, a11, a12, a13),
+        (b0, b1, b2, b3, b4, b5, b6, b7, b8, b9, b10, b11, b12, b13),
+    )
+
+
+def _add(a: float, b: float, rest: float) -> tuple[float, float]:
+    total = a + b
+    part = total - a
+    return total, rest + ((a - (total - part)) + (b - part))
 
 
 def inertia_of(body: RigidBody) -> Inertia:

@@ -8,8 +8,16 @@ from __future__ import annotations
 import math
 from itertools import chain
 
+from rb_dynamics.compiled import compiled_as
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.motion.method import Increment
+from rb_dynamics.rotation import Quaternion
+from rb_dynamics.vector import Vector
+
+NOWHERE: Vector = (math.nan, math.nan, math.nan)
+NO_ATTITUDE: Quaternion = (math.nan, math.nan, math.nan, math.nan)
+NO_INCREMENT = Increment(NOWHERE, NO_ATTITUDE, NOWHERE, NOWHERE, NOWHERE, math.nan)
+"""What a step that is refused comes to where it is compiled: it spreads to everything after."""
 
 LARGEST_TURN = 3.0
 """Largest turn (rad) in a step. exp and dexpinv are regular below 2 pi; half of that leaves the stages room."""
@@ -31,8 +39,9 @@ def require_known_attitude(name: str, h: float, rate: float) -> None:
         )
 
 
+@compiled_as()
 def require_finite(name: str, h: float, step: Increment) -> Increment:
-    """Return `step`, which the method `name` made in h s.
+    """Return `step`, which the method `name` made in h s. Compiled, any: what is not finite spreads by itself.
 
     Raises:
         ConvergenceError: a number in it is not finite.
@@ -51,9 +60,18 @@ def require_small_turn(name: str, h: float, rate: float) -> None:
     Raises:
         ConvergenceError: it turns further.
     """
+    if not rate * abs(h) < LARGEST_TURN:
+        turns_too_far(name, h, rate)
+
+
+@compiled_as(NO_INCREMENT)
+def turns_too_far(name: str, h: float, rate: float) -> Increment:
+    """Refuse a stage of h s at `rate` (rad/s).
+
+    Raises:
+        ConvergenceError: always.
+    """
     turn = rate * abs(h)
-    if turn < LARGEST_TURN:
-        return
     if not math.isfinite(turn):
         raise _without_numbers(name, h)
     raise ConvergenceError(
@@ -68,8 +86,17 @@ def require_quaternion(name: str, h: float, square: float, rate: float) -> None:
     Raises:
         ConvergenceError: its norm is not about 1.
     """
-    if 0.5 < square < 2.0:
-        return
+    if not 0.5 < square < 2.0:
+        no_rotation(name, h, square, rate)
+
+
+@compiled_as(NO_INCREMENT)
+def no_rotation(name: str, h: float, square: float, rate: float) -> Increment:
+    """Refuse a quaternion of norm `square`^(1/2), reached in h s from `rate` (rad/s).
+
+    Raises:
+        ConvergenceError: always.
+    """
     raise ConvergenceError(
         f"{name}: after a step of {h:g} s the quaternion has norm {square**0.5:.3g}, expected about 1; "
         f"the body turns too far in one step at {rate:.3g} rad/s: use a shorter step"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
-from rb_dynamics.motion.refusal import require_finite, require_quaternion
+from rb_dynamics.motion.refusal import no_rotation, require_finite
 from rb_dynamics.rotation import Quaternion, normalize, rotate, rotate_inverse
 from rb_dynamics.vector import ZERO, Vector, add, add_scaled, cross, divide, dot, multiply, norm, scale, subtract
 
@@ -59,7 +59,8 @@ def step(
     q_end = _add_scaled(orientation, 1.0, q_sum)
     # Products, as a power that overflows is an error in Python and no infinity.
     square = q_end[0] * q_end[0] + q_end[1] * q_end[1] + q_end[2] * q_end[2] + q_end[3] * q_end[3]
-    require_quaternion("rk4", h, square, norm(angular_velocity))
+    if not 0.5 < square < 2.0:
+        return no_rotation("rk4", h, square, norm(angular_velocity))
     end = Increment(displacement, normalize(q_end), add(angular_velocity, omega_sum), impulse, torque_impulse, work)
     return require_finite("rk4", h, end)
 
@@ -75,4 +76,4 @@ def _add_scaled(p: Quaternion, s: float, q: Quaternion) -> Quaternion:
     return (p[0] + s * q[0], p[1] + s * q[1], p[2] + s * q[2], p[3] + s * q[3])
 
 
-RK4 = Method("rk4", order=4, invariants=frozenset({"unit_quaternion"}), step=step, takes=Takes.ANY)
+RK4 = Method("rk4", order=4, invariants=frozenset({"unit_quaternion"}), step=step, takes=Takes.ANY, compiles=True)

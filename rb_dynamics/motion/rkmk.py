@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
-from rb_dynamics.motion.refusal import require_finite, require_small_turn
+from rb_dynamics.motion.refusal import LARGEST_TURN, require_finite, turns_too_far
 from rb_dynamics.rotation import (
     Quaternion,
     dexpinv,
@@ -19,7 +19,7 @@ from rb_dynamics.rotation import (
     rotate_inverse,
 )
 from rb_dynamics.rotation import multiply as compose
-from rb_dynamics.vector import Vector, add, add_scaled, divide, dot, multiply, norm, scale
+from rb_dynamics.vector import ZERO, Vector, add, add_scaled, divide, dot, multiply, norm, scale
 
 # Weights with the slopes they belong to: the zeros of a tableau cost nothing.
 Terms = tuple[tuple[int, float], ...]
@@ -119,60 +119,161 @@ def advance(
     Raises:
         ConvergenceError: the step turns the body further than exp can be inverted, or diverges.
     """
-    mass, moments = inertia
-    momentum = multiply(moments, angular_velocity)
-    force_0 = rotate_inverse(orientation, held.force_world)
-    torque_0 = rotate_inverse(orientation, held.torque_world)
-    velocity_0 = rotate_inverse(orientation, velocity)
+    frame = _frame(inertia, held, h, velocity, orientation, angular_velocity)
 
-    # The slopes of the stages, all in the axes of R0. Of force and torque only what changes inside the step needs the
-    # quadrature, the world-frame parts of the held wrench are constant there.
+    # The slopes of the stages. Of force and torque only what changes inside the step needs the quadrature, the
+    # world-frame parts of the held wrench are constant there.
     turns: list[Vector] = []
     pushes: list[Vector] = []
     twists: list[Vector] = []
     velocities: list[Vector] = []
     powers: list[float] = []
     for node, terms in ends[-1].stages:
-        ahead = node * h
-        theta = total(h, terms, turns)
-        turn = exp(theta)
-        impulse = add_scaled(total(h, terms, twists), ahead, torque_0)
-        v = velocity_0
+        v = frame.velocity
         for j, weight in terms:
-            v = add_scaled(v, weight * h / mass, add(pushes[j], force_0))
-        omega = divide(rotate_inverse(turn, add(momentum, impulse)), moments)
-
-        push, torque = rotate(turn, held.force_body), held.torque_body
+            v = add_scaled(v, weight * h / inertia.mass, add(pushes[j], frame.force))
+        theta, gained, place = total(h, terms, turns), total(h, terms, twists), ZERO
         if load is not None:
-            place = rotate(orientation, total(h, terms, velocities))
-            force, more = load(ahead, place, rotate(orientation, v), compose(orientation, turn), omega)
-            push, torque = add(push, rotate_inverse(orientation, force)), add(torque, more)
-        theta_dot = dexpinv(scale(-1.0, theta), omega)
-        require_small_turn(name, h, norm(theta_dot))
-        turns.append(theta_dot)
-        pushes.append(push)
-        twists.append(rotate(turn, torque))
+            place = total(h, terms, velocities)
+        k = _slope(name, frame, _Reached(node * h, theta, gained, place, v), load)
+        turns.append(k.turn)
+        pushes.append(k.push)
+        twists.append(k.twist)
         velocities.append(v)
-        powers.append(dot(add(push, force_0), v) + dot(torque, omega) + dot(torque_0, rotate(turn, omega)))
+        powers.append(k.power)
 
     steps = []
     for _, first, second in ends:
-        turn = exp(scale(h, total(1.0, first, turns)))
-        torque_impulse = scale(h, total(1.0, first, twists))
-        displacement = rotate(orientation, scale(h * h / mass, total(1.0, second, pushes)))
         work = 0.0
         for j, weight in first:
             work += weight * h * powers[j]
-        step = Increment(
-            add(scale(h, velocity), add_scaled(displacement, 0.5 * h * h / mass, held.force_world)),
-            normalize(compose(orientation, turn)),
-            divide(rotate_inverse(turn, add(momentum, add_scaled(torque_impulse, h, torque_0))), moments),
-            add_scaled(rotate(orientation, scale(h, total(1.0, first, pushes))), h, held.force_world),
-            add_scaled(rotate(orientation, torque_impulse), h, held.torque_world),
-            work,
-        )
+        sums = _Slope(total(1.0, first, turns), total(1.0, first, pushes), total(1.0, first, twists), ZERO, work)
+        step = _end(frame, velocity, sums, total(1.0, second, pushes))
         steps.append(require_finite(name, h, step))
     return steps
+
+
+class _Frame(NamedTuple):
+    """What the stages of a step share; force, torque and velocity are those of the world in the axes of R0."""
+
+    inertia: Inertia
+    held: HeldWrench
+    h: float
+    orientation: Quaternion
+    momentum: Vector
+    velocity: Vector
+    force: Vector
+    torque: Vector
+
+
+class _Reached(NamedTuple):
+    """Where a stage stands: s into the step, theta, torque impulse and place less what is uniform, and velocity."""
+
+    ahead: float
+    theta: Vector
+    gained: Vector
+    place: Vector
+    velocity: Vector
+
+
+class _Slope(NamedTuple):
+    """What changes with time at a stage, in the axes of R0: theta, momenta less what is uniform, place and work."""
+
+    turn: Vector
+    push: Vector
+    twist: Vector
+    velocity: Vector
+    power: float
+
+
+def _frame(
+    inertia: Inertia, held: HeldWrench, h: float, velocity: Vector, orientation: Quaternion, angular_velocity: Vector
+) -> _Frame:
+    return _Frame(
+        inertia,
+        held,
+        h,
+        orientation,
+        multiply(inertia.moments, angular_velocity),
+        rotate_inverse(orientation, velocity),
+        rotate_inverse(orientation, held.force_world),
+        rotate_inverse(orientation, held.torque_world),
+    )
+
+
+def _slope(name: str, frame: _Frame, at: _Reached, load: Load | None) -> _Slope:
+    turn, v = exp(at.theta), at.velocity
+    impulse = add_scaled(at.gained, at.ahead, frame.torque)
+    omega = divide(rotate_inverse(turn, add(frame.momentum, impulse)), frame.inertia.moments)
+
+    push, torque, axes = rotate(turn, frame.held.force_body), frame.held.torque_body, frame.orientation
+    if load is not None:
+        force, more = load(at.ahead, rotate(axes, at.place), rotate(axes, v), compose(axes, turn), omega)
+        push, torque = add(push, rotate_inverse(axes, force)), add(torque, more)
+    theta_dot = dexpinv(scale(-1.0, at.theta), omega)
+    rate = norm(theta_dot)
+    if not rate * abs(frame.h) < LARGEST_TURN:
+        theta_dot = turns_too_far(name, frame.h, rate).angular_velocity
+    power = dot(add(push, frame.force), v) + dot(torque, omega) + dot(frame.torque, rotate(turn, omega))
+    return _Slope(theta_dot, push, rotate(turn, torque), v, power)
+
+
+def _end(frame: _Frame, velocity: Vector, mean: _Slope, second: Vector) -> Increment:
+    """Return what a step does by the weighted slopes, `second` being the second integral of the push, over h^2."""
+    (mass, moments), held, h, orientation = frame.inertia, frame.held, frame.h, frame.orientation
+    turn, torque_impulse = exp(scale(h, mean.turn)), scale(h, mean.twist)
+    displacement = rotate(orientation, scale(h * h / mass, second))
+    return Increment(
+        add(scale(h, velocity), add_scaled(displacement, 0.5 * h * h / mass, held.force_world)),
+        normalize(compose(orientation, turn)),
+        divide(rotate_inverse(turn, add(frame.momentum, add_scaled(torque_impulse, h, frame.torque))), moments),
+        add_scaled(rotate(orientation, scale(h, mean.push)), h, held.force_world),
+        add_scaled(rotate(orientation, torque_impulse), h, held.torque_world),
+        mean.power,
+    )
+
+
+def _classical(
+    name: str,
+    inertia: Inertia,
+    held: HeldWrench,
+    h: float,
+    velocity: Vector,
+    orientation: Quaternion,
+    angular_velocity: Vector,
+    load: Load | None,
+) -> Increment:
+    """Do what `advance` does with `CLASSICAL`, to the last bit: its stages written out, so that it can be compiled."""
+    frame = _frame(inertia, held, h, velocity, orientation, angular_velocity)
+    k1 = _slope(name, frame, _Reached(0.0, ZERO, ZERO, ZERO, frame.velocity), load)
+    k2 = _slope(name, frame, _reached(frame, 0.5 * h, k1), load)
+    k3 = _slope(name, frame, _reached(frame, 0.5 * h, k2), load)
+    k4 = _slope(name, frame, _reached(frame, h, k3), load)
+    a, b = 1.0 / 6.0, 1.0 / 3.0
+    mean = _Slope(
+        _mean(k1.turn, k2.turn, k3.turn, k4.turn),
+        _mean(k1.push, k2.push, k3.push, k4.push),
+        _mean(k1.twist, k2.twist, k3.twist, k4.twist),
+        ZERO,
+        a * h * k1.power + b * h * k2.power + b * h * k3.power + a * h * k4.power,
+    )
+    second = add_scaled(add_scaled(add_scaled(ZERO, a, k1.push), a, k2.push), a, k3.push)
+    return require_finite(name, h, _end(frame, velocity, mean, second))
+
+
+def _reached(frame: _Frame, ahead: float, k: _Slope) -> _Reached:
+    return _Reached(
+        ahead,
+        add_scaled(ZERO, ahead, k.turn),
+        add_scaled(ZERO, ahead, k.twist),
+        add_scaled(ZERO, ahead, k.velocity),
+        add_scaled(frame.velocity, ahead / frame.inertia.mass, add(k.push, frame.force)),
+    )
+
+
+def _mean(k1: Vector, k2: Vector, k3: Vector, k4: Vector) -> Vector:
+    a, b = 1.0 / 6.0, 1.0 / 3.0
+    return add_scaled(add_scaled(add_scaled(add_scaled(ZERO, a, k1), b, k2), b, k3), a, k4)
 
 
 def _method(name: str, order: int, tableau: Tableau, source: str) -> Method:
@@ -189,6 +290,17 @@ def _method(name: str, order: int, tableau: Tableau, source: str) -> Method:
         load: Load | None = None,
     ) -> Increment:
         return advance(name, (end,), inertia, held, h, velocity, orientation, angular_velocity, load)[0]
+
+    def written_out(
+        inertia: Inertia,
+        held: HeldWrench,
+        h: float,
+        velocity: Vector,
+        orientation: Quaternion,
+        angular_velocity: Vector,
+        load: Load | None = None,
+    ) -> Increment:
+        return _classical(name, inertia, held, h, velocity, orientation, angular_velocity, load)
 
     def pair(
         inertia: Inertia,
@@ -209,7 +321,10 @@ def _method(name: str, order: int, tableau: Tableau, source: str) -> Method:
     Raises:
         ConvergenceError: the step turns the body further than exp can be inverted, or diverges.
     """
+    written_out.__doc__ = step.__doc__
     invariants = frozenset({"angular_momentum", "unit_quaternion"})
+    if tableau is CLASSICAL:
+        return Method(name, order, invariants, written_out, takes=Takes.ANY, compiles=True)
     return Method(name, order, invariants, step, takes=Takes.ANY, pair=pair if tableau.comparison else None)
 
 

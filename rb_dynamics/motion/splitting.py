@@ -11,13 +11,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+from rb_dynamics.compiled import compiled_as
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import exact
 from rb_dynamics.motion.composition import KAHAN_LI6, SUZUKI4
-from rb_dynamics.motion.free import FreeRotation
+from rb_dynamics.motion.free import free_rotation
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
-from rb_dynamics.motion.refusal import require_finite
+from rb_dynamics.motion.refusal import NO_INCREMENT, require_finite
 from rb_dynamics.rotation import IDENTITY, Quaternion, multiply, normalize, rotate, rotate_inverse
 from rb_dynamics.vector import ZERO, Vector, add, add_scaled, divide, dot, norm, scale
 
@@ -106,7 +107,9 @@ def advance(
             pushed, twisted, kicked = add(pushed, push), add(twisted, rotate(turn, twist)), kicked + t
         t = free * h
         if t != 0.0:
-            _check_turn(name, h, abs(free), norm(omega))
+            rate = norm(omega)
+            if not rate * abs(free) * abs(h) < _LARGEST_TURN:
+                return _turns_too_far(name, h, abs(free), rate, _LARGEST_TURN)
             moved, moment, elapsed = add_scaled(moved, t, pushed), moment + t * kicked, elapsed + t
             turn, omega = flow(moments, turn, omega, t)
     displacement = add_scaled(rotate(orientation, scale(1.0 / mass, moved)), 0.5 * h * h / mass, held.force_world)
@@ -121,18 +124,18 @@ def advance(
     return step if load is None else require_finite(name, h, step)
 
 
-def _check_turn(name: str, h: float, free: float, rate: float, largest: float = _LARGEST_TURN) -> None:
-    if not rate * free * abs(h) < largest:
-        raise ConvergenceError(
-            f"{name}: a step of {h:g} s turns the body by {rate * free * abs(h):.3g} rad between two kicks, expected "
-            f"less than {largest:g} rad; use a step below {largest / (rate * free):.3g} s"
-        )
+@compiled_as(NO_INCREMENT)
+def _turns_too_far(name: str, h: float, free: float, rate: float, largest: float) -> Increment:
+    raise ConvergenceError(
+        f"{name}: a step of {h:g} s turns the body by {rate * free * abs(h):.3g} rad between two kicks, expected "
+        f"less than {largest:g} rad; use a step below {largest / (rate * free):.3g} s"
+    )
 
 
 def _exact_flow(
     moments: Vector, orientation: Quaternion, angular_velocity: Vector, t: float
 ) -> tuple[Quaternion, Vector]:
-    turn, omega = FreeRotation(moments, angular_velocity).at(t)
+    turn, omega = free_rotation(moments, angular_velocity, t)
     return multiply(orientation, turn), omega
 
 
@@ -165,8 +168,10 @@ def method(
         load: Load | None = None,
     ) -> Increment:
         if load is None and exact.is_free(held):
-            _check_turn(name, h, 1.0, norm(angular_velocity), _LARGEST_FREE_TURN)
-            return exact.step(inertia, held, h, velocity, orientation, angular_velocity)
+            rate = norm(angular_velocity)
+            if not rate * abs(h) < _LARGEST_FREE_TURN:
+                return _turns_too_far(name, h, 1.0, rate, _LARGEST_FREE_TURN)
+            return exact.free_step(inertia, held, h, velocity, orientation, angular_velocity)
         return advance(name, flow, stages, inertia, held, h, velocity, orientation, angular_velocity, load)
 
     step.__doc__ = f"""Advance by kicks and {free_motion}: {scheme}.
@@ -178,7 +183,7 @@ def method(
     Raises:
         ConvergenceError: the body turns so far between two kicks that they miss what the wrench does.
     """
-    return Method(name, order, exact.EXACT.invariants, step, takes=Takes.FIELD)
+    return Method(name, order, exact.EXACT.invariants, step, takes=Takes.FIELD, compiles=flow is _exact_flow)
 
 
 _GAUSS = (math.sqrt(525.0 - 70.0 * math.sqrt(30.0)) / 70.0, math.sqrt(525.0 + 70.0 * math.sqrt(30.0)) / 70.0)

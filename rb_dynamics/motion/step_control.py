@@ -53,17 +53,21 @@ class StepControl(Protocol):
 
 
 class FixedStep:
-    """A fixed step; where it is no whole number of nanoseconds its remainder is carried exactly."""
+    """A fixed step; where it is no whole number of nanoseconds its remainder is carried exactly.
+
+    Attributes:
+        length: of every stride, in units of 1/`denominator` ns.
+    """
 
     def __init__(self, step: float) -> None:
         """Take the step in s, as the decimal number that the user wrote."""
         exact = Fraction(repr(float(step))) * NANOSECONDS
         self.denominator = exact.denominator
-        self._stride = exact.numerator
+        self.length = exact.numerator
 
     def stride(self, phase: Phase, advance: Advance) -> tuple[int, Phase | None]:
         """Return the step; it has not been taken."""
-        return self._stride, None
+        return self.length, None
 
     def begin(self) -> None:
         """Learn nothing: every step is the same."""

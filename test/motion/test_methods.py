@@ -288,6 +288,11 @@ def failing_part(case: Case, method: Method, time: float, steps: tuple[int, ...]
 class TestMutations:
     """The parts that a careless change would drop are needed: without them these very tests fail."""
 
+    @pytest.fixture(autouse=True)
+    def _plain(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """What has been compiled does not change any more."""
+        monkeypatch.setenv("RB_DYNAMICS_COMPILE", "never")
+
     def test_rkmk4_without_dexpinv_is_of_order_2(self, monkeypatch: pytest.MonkeyPatch) -> None:
         method, steps = METHODS["rkmk4"], (32, 64, 128, 256)
         assert failing_part(forced(), method, 1, steps) == pytest.approx(4.0, abs=0.2)

@@ -1,0 +1,212 @@
+"""Compiled and plain steps give the same bits, books included, and the same errors."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from motions import Recorder, forced
+
+from rb_dynamics import compiled
+from rb_dynamics.errors import ConvergenceError
+from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.motion import METHODS, Inertia, Method, kernel
+from rb_dynamics.motion.arc import Arc, Stepper
+from rb_dynamics.motion.phase import Phase
+from rb_dynamics.motion.step_control import NANOSECONDS, FixedStep
+from rb_dynamics.rotation import normalize
+from rb_dynamics.scene.model import Solver
+from rb_dynamics.simulate import Simulation
+from rb_dynamics.vector import ZERO, Vector, scale
+
+COMPILED = [name for name, method in METHODS.items() if method.compiles]
+needs_numba = pytest.mark.skipif(not compiled.available(), reason="nothing to compare with: numba is not installed")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Keep what is compiled here away from the user's cache."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        compiled.cache_folder.cache_clear()
+        yield
+    compiled.cache_folder.cache_clear()
+
+
+def case(r: random.Random, longest: float = 0.1) -> tuple[Inertia, HeldWrench, float, Phase]:
+    """Return a body, what acts on it, a step and a start; one in ten is symmetric, one in twenty at rest."""
+
+    def vector(size: float) -> Vector:
+        return (r.uniform(-size, size), r.uniform(-size, size), r.uniform(-size, size))
+
+    a, b = sorted((10.0 ** r.uniform(-0.5, 0.5), 10.0 ** r.uniform(-0.5, 0.5)))
+    moments = [a, a if r.random() < 0.1 else b, r.uniform(b, a + b)]
+    r.shuffle(moments)
+    if r.random() < 0.5:
+        held = HeldWrench(*(vector(1.0) if r.random() < 0.8 else ZERO for _ in range(4)))
+    else:
+        held = HeldWrench(force_world=vector(1.0))
+    spin = ZERO if r.random() < 0.05 else scale(10.0 ** r.uniform(-3.0, 0.7), vector(1.0))
+    start = normalize((r.gauss(0.0, 1.0), r.gauss(0.0, 1.0), r.gauss(0.0, 1.0), r.gauss(0.0, 1.0)))
+    high = (*vector(10.0), *vector(10.0), *ZERO, *ZERO, 0.0, 0.0)
+    inertia = Inertia(10.0 ** r.uniform(-3.0, 3.0), (moments[0], moments[1], moments[2]))
+    return inertia, held, 10.0 ** r.uniform(-3.0, 0.0) * longest, Phase(start, spin, high, (0.0,) * 14)
+
+
+def end(method: Method, what: tuple[Inertia, HeldWrench, float, Phase], steps: float = 20.5) -> tuple[object, int]:
+    """Return where an arc ends, or why it does not, and the steps taken."""
+    inertia, held, step, phase = what
+    arc, time_ns = Arc(method, inertia, held, FixedStep(step), 0, phase), int(steps * step * NANOSECONDS)
+    try:
+        # By repr, which shows the sign of a zero too.
+        return repr(arc.at(time_ns)), arc.steps_to(time_ns)
+    except (ConvergenceError, ArithmeticError) as error:
+        return (type(error), str(error)), 0
+
+
+def compare(monkeypatch: pytest.MonkeyPatch, name: str, longest: float, seed: int) -> list[object]:
+    method, ends = METHODS[name], []
+    for k in range(300):
+        found = []
+        for when in ("never", "always"):
+            monkeypatch.setenv("RB_DYNAMICS_COMPILE", when)
+            found.append(end(method, case(random.Random(1000 * seed + k), longest)))
+        assert found[0] == found[1], k
+        ends.append(found[0][0])
+    return ends
+
+
+@needs_numba
+@pytest.mark.parametrize("name", COMPILED)
+class TestCompiled:
+    def test_has_the_bits_of_plain_python(self, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+        ends = compare(monkeypatch, name, 0.1, seed=1)
+
+        assert sum(isinstance(found, str) for found in ends) > 290
+
+    def test_refuses_what_plain_python_refuses_in_its_words(self, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+        ends = compare(monkeypatch, name, 100.0, seed=2)
+
+        assert any(isinstance(found, tuple) for found in ends)
+        assert any(isinstance(found, str) for found in ends)
+
+
+@needs_numba
+@pytest.mark.parametrize("name", ["rk4", "strang2"])
+def test_a_run_has_the_same_bits(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    """With commands, outputs between the steps and books: all that a sink is told."""
+    told = []
+    for when in ("never", "always"):
+        monkeypatch.setenv("RB_DYNAMICS_COMPILE", when)
+        sink, case = Recorder(), forced()
+        run = Simulation(case.scene(Solver(name, step=0.003), 1.0, output_rate=7.0), [sink])
+        run.start()
+        for topic, wrench in case.commands:
+            run.post(topic, wrench, 400_000_000)
+        run.advance(NANOSECONDS)
+        run.finish()
+        told.append((repr(sink.events), sink.result))
+
+    assert told[0] == told[1]
+
+
+@needs_numba
+def test_stretches_meet_without_a_seam(monkeypatch: pytest.MonkeyPatch) -> None:
+    what = case(random.Random(5))
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always")
+    whole = end(METHODS["rk4"], what, 100.5)
+    monkeypatch.setattr("rb_dynamics.motion.arc.LONGEST_STRETCH", 7)
+
+    assert end(METHODS["rk4"], what, 100.5) == whole
+
+
+@needs_numba
+def test_is_compiled_when_the_steps_are_worth_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A short run never waits; many short ones come to be worth it; then every step is compiled."""
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "auto")
+    monkeypatch.setattr(kernel, "WORTH_COMPILING", 1000)
+    monkeypatch.setattr(kernel, "WORTH_LOADING", 1000)
+    inertia, held, step, phase = case(random.Random(5))
+    runs = kernel.Kernel(METHODS["rk4"])
+
+    assert runs.after(inertia, held, step, 400, 400, phase) is None
+    assert runs.after(inertia, held, step, 400, 400, phase) is None
+    assert runs.after(inertia, held, step, 400, 400, phase) is not None
+    assert runs.after(inertia, held, step, 1, 1, phase) is not None
+
+
+@needs_numba
+def test_what_is_in_the_cache_is_worth_less(monkeypatch: pytest.MonkeyPatch) -> None:
+    inertia, held, step, phase = case(random.Random(5))
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always")
+    kernel.Kernel(METHODS["rk4"]).after(inertia, held, step, 1, 1, phase)
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "auto")
+
+    assert kernel.Kernel(METHODS["rk4"]).after(inertia, held, step, 1, kernel.WORTH_LOADING - 1, phase) is None
+    assert kernel.Kernel(METHODS["rk4"]).after(inertia, held, step, 1, kernel.WORTH_LOADING, phase) is not None
+
+
+@needs_numba
+def test_where_nothing_can_be_compiled_the_run_goes_on(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Here by a step that no compiler takes."""
+
+    def step(*arguments: object) -> object:
+        return [lambda: arguments].pop()
+
+    inertia, held, h, phase = case(random.Random(5))
+    runs = kernel.Kernel(replace(METHODS["rk4"], name="hopeless", step=step))
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "auto")
+
+    assert runs.after(inertia, held, h, 1, kernel.WORTH_COMPILING, phase) is None
+    assert "hopeless runs in plain Python" in caplog.text
+
+
+@pytest.mark.parametrize("name", COMPILED)
+def test_the_loop_of_a_kernel_is_the_loop_of_an_arc(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    """In plain Python, so that it is tested where numba is not installed too."""
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "never")
+    inertia, held, _, phase = case(random.Random(7))
+    arc = Arc(METHODS[name], inertia, held, FixedStep(0.001), 0, phase)
+    run = kernel.plain(METHODS[name])
+
+    found = run(inertia, held, 0.001, 20, phase.orientation, phase.angular_velocity, phase.high, phase.low)
+
+    assert repr(Phase(*found)) == repr(arc.at(20_000_000))
+
+
+def test_a_load_that_varies_is_for_plain_python(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always")
+    inertia, held, step, phase = case(random.Random(5))
+    stepper = Stepper(METHODS["rk4"], inertia, held, lambda phase: lambda *point: (ZERO, ZERO))
+
+    assert stepper.stretch(phase, step, 1, 10**9) is None
+
+
+def test_never_means_never(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "never")
+    inertia, held, step, phase = case(random.Random(5))
+
+    assert kernel.Kernel(METHODS["rk4"]).after(inertia, held, step, 1, 10**9, phase) is None
+
+
+def test_an_unknown_word_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "sometimes")
+
+    with pytest.raises(ValueError, match="'sometimes', expected never, auto or always"):
+        end(METHODS["rk4"], case(random.Random(5)))
+
+
+def test_an_edit_of_any_file_is_another_cache(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(compiled.metadata, "version", lambda name: "1")
+    monkeypatch.setattr(compiled, "_PACKAGE", tmp_path)
+    source, folders = tmp_path / "a.py", set()
+    for text in ("x = 1\n", "x = 2\n", "x = 1\n"):
+        source.write_text(text)
+        folders.add(compiled.cache_folder.__wrapped__())
+
+    assert len(folders) == 2
