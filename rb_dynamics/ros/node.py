@@ -7,6 +7,7 @@ time, so that neither messages nor signals wait for the physics. Steady time pac
 from __future__ import annotations
 
 import contextlib
+import os
 import signal
 import sys
 import time
@@ -343,6 +344,8 @@ def spin(args: Sequence[str] | None = None) -> int:
     Raises:
         RigidBodyError: the node could not start.
     """
+    # Compilation takes seconds, in which no tick would be kept.
+    os.environ.setdefault("RB_DYNAMICS_COMPILE", "never")
     with _signals() as stop, contextlib.ExitStack() as stack:
         try:
             # rclpy's own handlers would take the context away before the logs are closed.
