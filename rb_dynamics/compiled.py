@@ -110,9 +110,12 @@ def _numba() -> Any:
 
 
 def _provide_workspace() -> None:
-    from numba.core import cgutils, types
+    from numba import types as numba_types
+    from numba.core import cgutils
     from numba.extending import intrinsic, overload
     from numba.np.arrayobj import make_array, populate_array
+
+    types: Any = numba_types
 
     def on_stack(_context: Any, n: Any) -> Any:
         array = types.Array(types.float64, 1, "C")

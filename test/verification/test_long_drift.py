@@ -1,0 +1,50 @@
+"""1e9 steps: what a method keeps grows like the root of their number, as roundings by chance do."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from motions import EPS
+
+from rb_dynamics import compiled
+from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.motion import METHODS
+from rb_dynamics.motion.arc import Arc
+from rb_dynamics.motion.method import Inertia
+from rb_dynamics.motion.phase import Phase
+from rb_dynamics.motion.step_control import NANOSECONDS, FixedStep
+from rb_dynamics.rotation import IDENTITY
+from rb_dynamics.vector import dot, multiply, norm
+
+MOMENTS, SPIN = (1.0, 2.0, 2.9), (0.1, 2.0, 0.1)
+STEP = 0.02
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+@pytest.mark.skipif(not compiled.available(), reason="takes a day in plain Python; install numba (extra: fast)")
+@pytest.mark.parametrize(
+    ("name", "count"),
+    [("midpoint", 10**6), ("midpoint", 10**9), ("dlm2", 10**9), ("strang2", 10**6), ("strang2", 10**9)],
+)
+def test_invariants_drift_like_roundings_by_chance(name: str, count: int) -> None:
+    """Energy where it is kept, and the size of the angular momentum; a bias of 1 % of a rounding would be 2e-9."""
+    arc = Arc(
+        METHODS[name],
+        Inertia(1.0, MOMENTS),
+        HeldWrench(),
+        FixedStep(STEP),
+        0,
+        Phase(IDENTITY, SPIN, (0.0,) * 14, (0.0,) * 14),
+    )
+
+    omega = arc.at(count * round(STEP * NANOSECONDS)).angular_velocity
+
+    bound = 8.0 * EPS * math.sqrt(count)
+    momentum = norm(multiply(MOMENTS, omega)) / norm(multiply(MOMENTS, SPIN)) - 1.0
+    energy = dot(omega, multiply(MOMENTS, omega)) / dot(SPIN, multiply(MOMENTS, SPIN)) - 1.0
+    print(f"{name}: after {count:g} steps T {energy:.1e}, |L| {momentum:.1e}, bound {bound:.1e}")
+    assert abs(momentum) <= bound
+    if "energy" in METHODS[name].invariants:
+        assert abs(energy) <= bound
