@@ -44,7 +44,6 @@ def test_invariants_drift_like_roundings_by_chance(name: str, count: int) -> Non
     bound = 8.0 * EPS * math.sqrt(count)
     momentum = norm(multiply(MOMENTS, omega)) / norm(multiply(MOMENTS, SPIN)) - 1.0
     energy = dot(omega, multiply(MOMENTS, omega)) / dot(SPIN, multiply(MOMENTS, SPIN)) - 1.0
-    print(f"{name}: after {count:g} steps T {energy:.1e}, |L| {momentum:.1e}, bound {bound:.1e}")
     assert abs(momentum) <= bound
     if "energy" in METHODS[name].invariants:
         assert abs(energy) <= bound
