@@ -1,4 +1,4 @@
-# make demo | test | test-slow | lint | pictures | pages | clean    PYTHON=/path/to/python3.12 chooses the interpreter of .venv
+# make demo | test | test-slow | search | lint | pictures | pages | clean    PYTHON=/path/to/python3.12 chooses the interpreter of .venv
 #
 # Needs Python 3.10 or newer with venv, and make. Everything else is installed into .venv, ROS 2 included.
 
@@ -19,7 +19,7 @@ elsewhere build with colcon in a sourced ROS 2 Jazzy.
 
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: demo pictures pages test test-slow lint clean
+.PHONY: demo pictures pages test test-slow search lint clean
 
 demo: $(VENV)/installed-demo
 	$(BIN)/rb-dynamics demo
@@ -41,6 +41,10 @@ test: $(VENV)/installed-test
 
 test-slow: $(VENV)/installed-test
 	$(BIN)/python -m pytest -m slow $(PYTEST_ARGS)
+
+# The property tests with new examples each time, ten times as many: what it finds becomes a test of its own.
+search: $(VENV)/installed-test
+	$(BIN)/python -m pytest -m 'not slow' --hypothesis-profile search $(PYTEST_ARGS)
 
 lint: $(VENV)/installed-test
 	$(BIN)/ruff check .

@@ -50,8 +50,10 @@ def _claim_domain() -> tuple[int, IO[str]]:
 def pytest_configure(config: pytest.Config) -> None:
     """Set the environment before anything imports rclpy; child processes inherit it."""
     # How long an example takes says how busy the machine is, not whether the code is right.
-    hypothesis.settings.register_profile("unhurried", deadline=None)
-    hypothesis.settings.load_profile("unhurried")
+    hypothesis.settings.register_profile("repeatable", deadline=None, derandomize=True)
+    # New examples every time, and more of them: `make search`.
+    hypothesis.settings.register_profile("search", deadline=None, max_examples=1000)
+    hypothesis.settings.load_profile(config.getoption("--hypothesis-profile") or "repeatable")
     domain, lock = _claim_domain()
     logs = tempfile.mkdtemp(prefix="rb_dynamics_ros_log_")
     os.environ.update(
