@@ -12,86 +12,139 @@ The way of the data: a scene is read (`scene`), compiled to a method and a step 
 one loop (`simulate`), and what happens goes to sinks (`recording`). Each part imports only those before it: `vector`,
 `rotation`, `body`, `loads`, `motion`, `scene`, `diagnostics`, `recording`, `simulate`, `explain`, `report`,
 `ros`, `cli`.
-Optional libraries are imported where they are used, never by `import rb_dynamics`.
+Nothing is imported before it is used: not by `import rb_dynamics` what stands behind a name, nor optional libraries.
 """
 
-from rb_dynamics.body.doctor import Finding, Symmetry, examine, symmetry
-from rb_dynamics.body.particles import body_of_particles
-from rb_dynamics.body.properties import inertia_ellipsoid, radius_of_gyration, scalar_inertia
-from rb_dynamics.body.rigid_body import RigidBody
-from rb_dynamics.body.state import State
-from rb_dynamics.diagnostics import Sample
-from rb_dynamics.errors import (
-    BodyError,
-    ConvergenceError,
-    LogError,
-    MissingExtraError,
-    RigidBodyError,
-    SceneError,
-    WrenchError,
-)
-from rb_dynamics.explain import Explanation, explain
-from rb_dynamics.loads.central_gravity import CentralGravity
-from rb_dynamics.loads.channels import AppliedWrench, Channel
-from rb_dynamics.loads.drag import LinearDrag, QuadraticDrag
-from rb_dynamics.loads.effect import Effect
-from rb_dynamics.loads.rotor import Rotor
-from rb_dynamics.loads.scheduled_wrench import ScheduledWrench
-from rb_dynamics.loads.uniform_gravity import UniformGravity
-from rb_dynamics.loads.wrench import FixedFrame, Wrench, WrenchFrames
-from rb_dynamics.motion import METHODS
-from rb_dynamics.motion.free_motion import FreeMotion, free_motion
-from rb_dynamics.recording.memory import MemorySink
-from rb_dynamics.recording.sink import Sink
-from rb_dynamics.recording.state_hash import HashSink
-from rb_dynamics.scene import parse_scene, read_scene
-from rb_dynamics.scene.model import Scene, Solver
-from rb_dynamics.simulate import Run, Simulation, simulate
+from __future__ import annotations
 
-__all__ = [
-    "METHODS",
-    "AppliedWrench",
-    "BodyError",
-    "CentralGravity",
-    "Channel",
-    "ConvergenceError",
-    "Effect",
-    "Explanation",
-    "Finding",
-    "FixedFrame",
-    "FreeMotion",
-    "HashSink",
-    "LinearDrag",
-    "LogError",
-    "MemorySink",
-    "MissingExtraError",
-    "QuadraticDrag",
-    "RigidBody",
-    "RigidBodyError",
-    "Rotor",
-    "Run",
-    "Sample",
-    "Scene",
-    "SceneError",
-    "ScheduledWrench",
-    "Simulation",
-    "Sink",
-    "Solver",
-    "State",
-    "Symmetry",
-    "UniformGravity",
-    "Wrench",
-    "WrenchError",
-    "WrenchFrames",
-    "body_of_particles",
-    "examine",
-    "explain",
-    "free_motion",
-    "inertia_ellipsoid",
-    "parse_scene",
-    "radius_of_gyration",
-    "read_scene",
-    "scalar_inertia",
-    "simulate",
-    "symmetry",
-]
+import sys
+from importlib import import_module
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rb_dynamics.body.doctor import Finding as Finding
+    from rb_dynamics.body.doctor import Symmetry as Symmetry
+    from rb_dynamics.body.doctor import examine as examine
+    from rb_dynamics.body.doctor import symmetry as symmetry
+    from rb_dynamics.body.particles import body_of_particles as body_of_particles
+    from rb_dynamics.body.properties import inertia_ellipsoid as inertia_ellipsoid
+    from rb_dynamics.body.properties import radius_of_gyration as radius_of_gyration
+    from rb_dynamics.body.properties import scalar_inertia as scalar_inertia
+    from rb_dynamics.body.rigid_body import RigidBody as RigidBody
+    from rb_dynamics.body.state import State as State
+    from rb_dynamics.diagnostics import Sample as Sample
+    from rb_dynamics.errors import BodyError as BodyError
+    from rb_dynamics.errors import ConvergenceError as ConvergenceError
+    from rb_dynamics.errors import LogError as LogError
+    from rb_dynamics.errors import MissingExtraError as MissingExtraError
+    from rb_dynamics.errors import RigidBodyError as RigidBodyError
+    from rb_dynamics.errors import SceneError as SceneError
+    from rb_dynamics.errors import WrenchError as WrenchError
+    from rb_dynamics.explain import Explanation as Explanation
+    from rb_dynamics.explain import explain as explain
+    from rb_dynamics.loads.central_gravity import CentralGravity as CentralGravity
+    from rb_dynamics.loads.channels import AppliedWrench as AppliedWrench
+    from rb_dynamics.loads.channels import Channel as Channel
+    from rb_dynamics.loads.drag import LinearDrag as LinearDrag
+    from rb_dynamics.loads.drag import QuadraticDrag as QuadraticDrag
+    from rb_dynamics.loads.effect import Effect as Effect
+    from rb_dynamics.loads.rotor import Rotor as Rotor
+    from rb_dynamics.loads.scheduled_wrench import ScheduledWrench as ScheduledWrench
+    from rb_dynamics.loads.uniform_gravity import UniformGravity as UniformGravity
+    from rb_dynamics.loads.wrench import FixedFrame as FixedFrame
+    from rb_dynamics.loads.wrench import Wrench as Wrench
+    from rb_dynamics.loads.wrench import WrenchFrames as WrenchFrames
+    from rb_dynamics.motion import METHODS as METHODS
+    from rb_dynamics.motion.free_motion import FreeMotion as FreeMotion
+    from rb_dynamics.motion.free_motion import free_motion as free_motion
+    from rb_dynamics.recording.memory import MemorySink as MemorySink
+    from rb_dynamics.recording.sink import Sink as Sink
+    from rb_dynamics.recording.state_hash import HashSink as HashSink
+    from rb_dynamics.scene import parse_scene as parse_scene
+    from rb_dynamics.scene import read_scene as read_scene
+    from rb_dynamics.scene.model import Scene as Scene
+    from rb_dynamics.scene.model import Solver as Solver
+    from rb_dynamics.simulate import Run as Run
+    from rb_dynamics.simulate import Simulation as Simulation
+    from rb_dynamics.simulate import simulate as simulate
+
+_HOMES = {
+    "Finding": "body.doctor",
+    "Symmetry": "body.doctor",
+    "examine": "body.doctor",
+    "symmetry": "body.doctor",
+    "body_of_particles": "body.particles",
+    "inertia_ellipsoid": "body.properties",
+    "radius_of_gyration": "body.properties",
+    "scalar_inertia": "body.properties",
+    "RigidBody": "body.rigid_body",
+    "State": "body.state",
+    "Sample": "diagnostics",
+    "BodyError": "errors",
+    "ConvergenceError": "errors",
+    "LogError": "errors",
+    "MissingExtraError": "errors",
+    "RigidBodyError": "errors",
+    "SceneError": "errors",
+    "WrenchError": "errors",
+    "Explanation": "explain",
+    "explain": "explain",
+    "CentralGravity": "loads.central_gravity",
+    "AppliedWrench": "loads.channels",
+    "Channel": "loads.channels",
+    "LinearDrag": "loads.drag",
+    "QuadraticDrag": "loads.drag",
+    "Effect": "loads.effect",
+    "Rotor": "loads.rotor",
+    "ScheduledWrench": "loads.scheduled_wrench",
+    "UniformGravity": "loads.uniform_gravity",
+    "FixedFrame": "loads.wrench",
+    "Wrench": "loads.wrench",
+    "WrenchFrames": "loads.wrench",
+    "METHODS": "motion",
+    "FreeMotion": "motion.free_motion",
+    "free_motion": "motion.free_motion",
+    "MemorySink": "recording.memory",
+    "Sink": "recording.sink",
+    "HashSink": "recording.state_hash",
+    "parse_scene": "scene",
+    "read_scene": "scene",
+    "Scene": "scene.model",
+    "Solver": "scene.model",
+    "Run": "simulate",
+    "Simulation": "simulate",
+    "simulate": "simulate",
+}
+
+__all__ = list(_HOMES)
+
+
+def __getattr__(name: str) -> object:
+    """Import what stands behind a public name, or a submodule, when it is first asked for."""
+    home = _HOMES.get(name, name)
+    try:
+        module = import_module(f"{__name__}.{home}")
+    except ModuleNotFoundError as error:
+        if error.name != f"{__name__}.{home}":
+            raise
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}") from None
+    if name not in _HOMES:
+        return module
+    value: object = getattr(module, name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
+
+
+class _Package(ModuleType):
+    def __setattr__(self, name: str, value: object) -> None:
+        # Python binds a submodule to its package; `simulate` and `explain` are the functions of that name.
+        if not (name in _HOMES and isinstance(value, ModuleType)):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package

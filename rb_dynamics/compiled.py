@@ -10,7 +10,6 @@ import hashlib
 import os
 from collections.abc import Callable, Iterator
 from functools import cache
-from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
 from types import FunctionType, ModuleType
@@ -92,6 +91,8 @@ def compile_kernel(function: Callable[..., Any], signature: str) -> Callable[...
 @cache
 def cache_folder() -> Path:
     """Return where compiled kernels are kept: a folder for each state of the sources, so that no edit is missed."""
+    from importlib import metadata
+
     digest = hashlib.sha256(metadata.version("numba").encode())
     for path in sorted(_PACKAGE.rglob("*.py")):
         digest.update(path.relative_to(_PACKAGE).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")

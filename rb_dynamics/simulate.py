@@ -90,12 +90,14 @@ class Simulation:
         Raises:
             LogError: a log cannot be written.
         """
-        run = RunInfo(self.scene, self.plan.name, run_metadata(self.scene, self.plan.name, self.plan.description))
-        with contextlib.ExitStack() as opened:
-            for sink in self._sinks:
-                sink.open(run)
-                opened.callback(sink.close, {})
-            opened.pop_all()
+        if self._sinks:
+            facts = run_metadata(self.scene, self.plan.name, self.plan.description)
+            run = RunInfo(self.scene, self.plan.name, facts)
+            with contextlib.ExitStack() as opened:
+                for sink in self._sinks:
+                    sink.open(run)
+                    opened.callback(sink.close, {})
+                opened.pop_all()
         self._outputs = 1
         self.write(self.sample)
 

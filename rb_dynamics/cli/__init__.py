@@ -13,7 +13,6 @@ import sys
 from collections.abc import Sequence
 
 from rb_dynamics.errors import RigidBodyError
-from rb_dynamics.recording.provenance import version
 
 COMMANDS = ("simulate", "node", "inspect", "explain", "trade", "body", "demo")
 
@@ -36,7 +35,7 @@ def parser() -> argparse.ArgumentParser:
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    top.add_argument("--version", action="version", version=f"%(prog)s {version()}")
+    top.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name in COMMANDS:
         module = importlib.import_module(f"rb_dynamics.cli.{name}")
@@ -49,6 +48,14 @@ def parser() -> argparse.ArgumentParser:
         module.add_arguments(command)
         command.set_defaults(run=module.run)
     return top
+
+
+class _Version(argparse.Action):
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        from rb_dynamics.recording.provenance import version
+
+        print(f"{parser.prog} {version()}")
+        parser.exit()
 
 
 def main(argv: Sequence[str] | None = None) -> int:

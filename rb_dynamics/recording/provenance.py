@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import hashlib
-import platform
-from importlib import metadata
-from pathlib import PurePath
+from typing import TYPE_CHECKING
 
-from rb_dynamics.loads.channels import AppliedWrench
-from rb_dynamics.scene.model import Scene
+if TYPE_CHECKING:
+    from rb_dynamics.loads.channels import AppliedWrench
+    from rb_dynamics.scene.model import Scene
 
 _PACKAGES = ("rb_dynamics", "numpy", "scipy", "PyYAML", "mcap", "rerun-sdk")
 
 
 def version(package: str = "rb_dynamics") -> str:
     """Return the installed version of `package`, or "not installed"."""
+    from importlib import metadata
+
     try:
         return metadata.version(package)
     except metadata.PackageNotFoundError:
@@ -26,6 +27,9 @@ def run_metadata(scene: Scene, method: str, solver: str) -> dict[str, str]:
 
     `seed` is empty: nothing in a run is random.
     """
+    import platform
+    from pathlib import PurePath
+
     return {
         "scene_file": PurePath(scene.source).name,
         "scene_sha256": hashlib.sha256(scene.text.encode()).hexdigest(),

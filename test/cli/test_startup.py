@@ -1,0 +1,49 @@
+"""What the command line imports before it has to: this is what its start costs. No time is measured here."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+OPTIONAL = {"mcap", "numba", "rclpy", "rerun", "tqdm", "matplotlib", "trimesh"}
+SLOW = {"numpy", "scipy", "importlib.metadata", "email", *OPTIONAL}
+
+LOADED_BY = """
+import sys
+before = set(sys.modules)
+from rb_dynamics.cli import main
+try:
+    code = main(sys.argv[1:])
+except SystemExit as end:
+    code = end.code
+assert not code, code
+print("LOADED", *sorted(set(sys.modules) - before))
+"""
+
+
+def loaded(root: Path, *arguments: str) -> set[str]:
+    """Return what a command imports beyond what the interpreter has loaded when it starts."""
+    command = [sys.executable, "-c", LOADED_BY, *arguments]
+    result = subprocess.run(command, cwd=root, capture_output=True, text=True, check=True)
+    return set(result.stdout.rpartition("LOADED")[2].split())
+
+
+def test_help_imports_neither_libraries_nor_the_simulation(root: Path) -> None:
+    found = loaded(root, "--help")
+    assert "rb_dynamics.cli" in found
+    assert not found & {*SLOW, "yaml", "dataclasses"}
+    assert {name for name in found if name.startswith("rb_dynamics.") and ".cli" not in name} == {"rb_dynamics.errors"}
+
+
+def test_simulate_imports_what_it_runs(root: Path) -> None:
+    found = loaded(root, "simulate", "config/slew.yaml", "--duration", "1")
+    assert {"rb_dynamics.simulate", "yaml"} <= found
+    unused = {"rb_dynamics.explain", "rb_dynamics.trade", "rb_dynamics.recording.mcap_sink", "rb_dynamics.report"}
+    assert not found & {*SLOW, *unused}
+
+
+def test_the_library_imports_nothing_before_it_is_used() -> None:
+    code = "import sys, rb_dynamics; print(*(name for name in sys.modules if name.startswith('rb_dynamics')))"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert result.stdout.split() == ["rb_dynamics"]
