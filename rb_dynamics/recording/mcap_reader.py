@@ -21,6 +21,7 @@ from rb_dynamics.errors import LogError
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.recording import cdr
 from rb_dynamics.recording.mcap_records import Channel, McapFile, Message
+from rb_dynamics.recording.provenance import INTERRUPTED
 
 Times = NDArray[np.int64]
 Values = NDArray[np.float64]
@@ -78,7 +79,7 @@ class Bag:
 
     Attributes:
         path: the file.
-        complete: False for a file that was cut off; it holds what was written until then.
+        complete: False for a file that was cut off, recovered or not; it holds what was written until then.
         topics: by name as recorded.
         metadata: key and value of each metadata record, by its name.
         attachments: content by name.
@@ -155,7 +156,7 @@ def read_bag(path: str | os.PathLike[str]) -> Bag:
             topic.messages.append(message.data)
     for channel in file.channels.values():
         _topic_of(bag, channel)
-    bag.complete = file.complete
+    bag.complete = file.complete and INTERRUPTED not in file.metadata
     return bag
 
 

@@ -8,6 +8,7 @@ Format: the MCAP specification, version 0. A record is one byte of opcode, the l
 
 from __future__ import annotations
 
+import enum
 import os
 import struct
 import zlib
@@ -21,20 +22,65 @@ from rb_dynamics.errors import LogError, MissingExtraError
 # One record, and one chunk after decompression, must fit: recorders write chunks of 1 to 4 MB.
 MAX_RECORD_BYTES = 256 * 2**20
 
-_MAGIC = b"\x89MCAP0\r\n"
-_FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _ATTACHMENT, _METADATA = _NEEDED = (2, 3, 4, 5, 6, 9, 12)
+MAGIC = b"\x89MCAP0\r\n"
+
+
+class Opcode(enum.IntEnum):
+    """Kinds of records."""
+
+    HEADER = 1
+    FOOTER = 2
+    SCHEMA = 3
+    CHANNEL = 4
+    MESSAGE = 5
+    CHUNK = 6
+    MESSAGE_INDEX = 7
+    CHUNK_INDEX = 8
+    ATTACHMENT = 9
+    ATTACHMENT_INDEX = 10
+    STATISTICS = 11
+    METADATA = 12
+    METADATA_INDEX = 13
+    SUMMARY_OFFSET = 14
+    DATA_END = 15
+
+
+_NEEDED = frozenset(
+    (
+        Opcode.FOOTER,
+        Opcode.SCHEMA,
+        Opcode.CHANNEL,
+        Opcode.MESSAGE,
+        Opcode.CHUNK,
+        Opcode.ATTACHMENT,
+        Opcode.METADATA,
+    )
+)
 _RECORD = struct.Struct("<BQ")
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
 
 
+class Schema(NamedTuple):
+    """One message type: name, encoding of its definition and the definition, as recorded."""
+
+    name: str = ""
+    encoding: str = ""
+    data: bytes = b""
+
+
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """One channel: topic, name of its message type, encoding of the messages and metadata as recorded."""
+    """One channel: topic, type, encoding of the messages and metadata as recorded."""
 
     topic: str
-    type_name: str
+    schema: Schema
     encoding: str
     metadata: dict[str, str]
+
+    @property
+    def type_name(self) -> str:
+        """Name of the message type, as recorded."""
+        return self.schema.name
 
 
 class Message(NamedTuple):
@@ -52,18 +98,22 @@ class McapFile:
 
     Attributes:
         path: the file.
+        salvage: leave out chunks that are damaged, instead of stopping at the first.
         complete: the file was finished by its writer; False for one that was cut off.
+        damage: what was left out, one line for each piece.
         metadata: key and value of each metadata record, by its name; of two of one name the later.
         attachments: content by name.
         channels: by channel id.
     """
 
     path: Path
+    salvage: bool = False
     complete: bool = False
+    damage: list[str] = field(default_factory=list)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     attachments: dict[str, bytes] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
-    _schemas: dict[int, str] = field(default_factory=dict)
+    _schemas: dict[int, Schema] = field(default_factory=dict)
 
     def messages(self) -> Iterator[Message]:
         """Yield every message; ends quietly where the file was cut off.
@@ -80,15 +130,15 @@ class McapFile:
             raise self._damage("has text that is not UTF-8") from error
 
     def _messages(self, file: BinaryIO) -> Iterator[Message]:
-        if file.read(len(_MAGIC)) != _MAGIC:
+        if file.read(len(MAGIC)) != MAGIC:
             raise LogError(f"{self.path} does not begin like an MCAP file; give an .mcap file, such as rosbag2 writes")
         for opcode, content in self._records(file, os.fstat(file.fileno()).st_size):
-            if opcode == _CHUNK:
-                yield from self._chunk_messages(self._decompressed(content))
-            elif opcode == _MESSAGE:
+            if opcode == Opcode.CHUNK:
+                yield from self._chunk(content)
+            elif opcode == Opcode.MESSAGE:
                 yield self._message(content, 0, len(content))
-            elif opcode == _FOOTER:
-                self.complete = file.read(len(_MAGIC)) == _MAGIC
+            elif opcode == Opcode.FOOTER:
+                self.complete = file.read(len(MAGIC)) == MAGIC
                 return
             else:
                 self._note(opcode, content)
@@ -108,6 +158,14 @@ class McapFile:
             else:
                 file.seek(length, os.SEEK_CUR)
 
+    def _chunk(self, content: bytes) -> Iterator[Message]:
+        try:
+            yield from self._chunk_messages(self._decompressed(content))
+        except (LogError, UnicodeDecodeError) as error:
+            if not self.salvage or isinstance(error, MissingExtraError):
+                raise
+            self.damage.append(str(error))
+
     def _chunk_messages(self, data: bytes) -> Iterator[Message]:
         end = 0
         while end < len(data):
@@ -116,7 +174,7 @@ class McapFile:
             end = start + length
             if opcode == 0 or end > len(data):
                 raise self._damage("has a chunk that ends within a record")
-            if opcode == _MESSAGE:
+            if opcode == Opcode.MESSAGE:
                 yield self._message(data, start, end)
             else:
                 self._note(opcode, data[start:end])
@@ -134,18 +192,20 @@ class McapFile:
     def _note(self, opcode: int, content: bytes) -> None:
         """Keep what a record says that is no message."""
         fields = _Fields(content, self._damage)
-        if opcode == _SCHEMA:
+        if opcode == Opcode.SCHEMA:
             (schema_id,) = fields.take("H")
-            self._schemas[schema_id] = fields.text()
-        elif opcode == _CHANNEL:
+            self._schemas[schema_id] = Schema(fields.text(), fields.text(), fields.block("I"))
+        elif opcode == Opcode.CHANNEL:
             channel_id, schema_id = fields.take("HH")
             topic, encoding = fields.text(), fields.text()
-            self.channels[channel_id] = Channel(topic, self._schemas.get(schema_id, ""), encoding, fields.mapping())
-        elif opcode == _ATTACHMENT:
+            self.channels[channel_id] = Channel(
+                topic, self._schemas.get(schema_id, Schema()), encoding, fields.mapping()
+            )
+        elif opcode == Opcode.ATTACHMENT:
             fields.take("QQ")
             name, _ = fields.text(), fields.text()
             self.attachments[name] = fields.block("Q")
-        elif opcode == _METADATA:
+        elif opcode == Opcode.METADATA:
             name = fields.text()
             self.metadata[name] = fields.mapping()
 
@@ -169,7 +229,9 @@ class McapFile:
         return data
 
     def _damage(self, what: str) -> LogError:
-        return LogError(f"{self.path} is damaged: it {what}; repair it with `mcap recover` or record it again")
+        return LogError(
+            f"{self.path} is damaged: it {what}; save what can be read with `rb-dynamics recover` or record it again"
+        )
 
 
 class _Fields:

@@ -5,33 +5,38 @@ received (`<topic>`), honoured or not, and what acted (`<topic>/applied`). Times
 which a command took effect, whatever clock its stamp is of. The scene is attached as `scene.yaml`; metadata
 `rb_dynamics` says what was run, `rb_dynamics.result` how it ended, with `states_sha256` over all samples.
 
-Never imports ROS, never changes or drops a value, and holds back at most one chunk from the file.
+Never imports ROS, never changes or drops a value, never replaces an earlier file unless told to, and holds nothing back
+from the file for longer than `flush_s` of wall time.
 """
 
 from __future__ import annotations
 
 import contextlib
 import os
+import threading
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 from rb_dynamics.diagnostics import Sample
-from rb_dynamics.errors import LogError, MissingExtraError
+from rb_dynamics.errors import LogError
 from rb_dynamics.recording import cdr
-from rb_dynamics.recording.provenance import version
+from rb_dynamics.recording.log_file import LogFile
+from rb_dynamics.recording.mcap_records import McapFile
+from rb_dynamics.recording.mcap_writer import McapWriter
+from rb_dynamics.recording.provenance import INTERRUPTED, version
 from rb_dynamics.recording.ros2msg import TYPE_HASHES, schema_text
 from rb_dynamics.recording.sink import AppliedWrench, Event, RejectedWrench, RunInfo, Status
 from rb_dynamics.recording.state_hash import StateHash
 from rb_dynamics.rotation import rotate_inverse
 
 if TYPE_CHECKING:
-    from mcap.writer import CompressionType, Writer
-
     from rb_dynamics.body.rigid_body import RigidBody
 
-# What a kill costs at most.
-CHUNK_BYTES = 128 * 1024
+FLUSH_S = 0.5
+"""s of wall time: what a kill costs at most."""
 
 POSE = "geometry_msgs/msg/PoseStamped"
 TWIST = "geometry_msgs/msg/TwistStamped"
@@ -73,14 +78,36 @@ def qos_profile(depth: int = 10, durability: str = "volatile") -> str:
     )
 
 
-class McapSink:
-    """Writes one run to one file; an earlier file of that name is replaced.
+@dataclass(frozen=True, slots=True)
+class LogSettings:
+    """How a log is kept.
 
-    A killed run leaves a file that is readable up to its last whole chunk.
+    Attributes:
+        flush_s: s of wall time after which what was written survives a kill; 0 leaves that to the size of the chunks,
+            and makes the bytes of the file depend on the run alone.
+        verify: read the finished file again and count its messages.
+        overwrite: replace an earlier file of that name.
+    """
+
+    flush_s: float = FLUSH_S
+    verify: bool = False
+    overwrite: bool = False
+
+
+class McapSink:
+    """Writes one run to one file.
+
+    A killed run leaves a file that is readable up to `flush_s` before the kill; on a full disk the file is finished
+    with what has room, and its metadata `rb_dynamics.interrupted` says so.
     """
 
     def __init__(
-        self, path: str | os.PathLike[str], namespace: str = "", remap: Mapping[str, str] | None = None
+        self,
+        path: str | os.PathLike[str],
+        namespace: str = "",
+        remap: Mapping[str, str] | None = None,
+        settings: LogSettings | None = None,
+        states: StateHash | None = None,
     ) -> None:
         """Say where to write; nothing is touched before `open`.
 
@@ -88,35 +115,38 @@ class McapSink:
             path: the file; folders above it are made.
             namespace: put before relative topic names.
             remap: absolute names of single topics, by relative name; they win over `namespace`.
+            settings: how the log is kept.
+            states: goes on with the hash of an earlier file of the same run.
         """
-        self._path = Path(path)
+        self.path = Path(path)
+        self.settings = settings or LogSettings()
         self._namespace = "".join(f"/{part}" for part in namespace.split("/") if part)
         self._remap = dict(remap or {})
         self._ids: dict[str, int] = {}
-        self._states = StateHash()
-        self._file: _File | None = None
+        self._states = states or StateHash()
+        self._file: LogFile | None = None
+        self._failure: LogError | None = None
+        # Held while the writer is at work: the flusher may come at any time.
+        self._lock = threading.Lock()
+        self._stop = threading.Event()
 
     def open(self, run: RunInfo) -> None:
         """Begin the file: metadata, scene, all channels and the inertia are in it when this returns.
 
         Raises:
-            LogError: the file cannot be written, or two channels have one name.
-            MissingExtraError: the package mcap is not installed.
+            LogError: the file cannot be written or is there already, or two channels have one name.
         """
         acting = run.scene.acting
         samples = SAMPLE_TOPICS if acting.potential() is None else (*SAMPLE_TOPICS, POTENTIAL)
         held = [name for name, _ in acting.schedules()]
         topics = self._topics(samples, [channel.topic for channel in run.scene.channels], held)
-        self._file, self._writer = _start(self._path)
-        self._add = self._writer.add_message
-        self._writer.add_metadata("rb_dynamics", _as_utf8({"method": run.method, **run.metadata}))
-        self._writer.add_attachment(0, 0, "scene.yaml", "application/yaml", run.scene.text.encode("utf-8", "replace"))
-        self._register(topics)
-        self._body_frame = run.scene.frames.body_frame
+        self._file = LogFile(self.path, self.settings.overwrite)
+        self._writer = McapWriter(self._file, f"rb_dynamics {version()}")
+        self._guarded(self._begin, run, topics)
         self._sample_ids = [self._ids[name] for name, _ in samples]
-        self._encode_sample = _sample_encoder(run.scene.frames.world_frame, self._body_frame)
-        self._write_inertia(run.scene.body, run.scene.initial.time_ns)
-        self.flush()
+        self._encode_sample = sample_encoder(run.scene.frames.world_frame, self._body_frame)
+        if self.settings.flush_s > 0.0:
+            threading.Thread(target=self._keep_flushing, name=f"flush {self.path.name}", daemon=True).start()
 
     def write(self, event: Event) -> None:
         """Log one event.
@@ -124,9 +154,72 @@ class McapSink:
         Raises:
             LogError: the file cannot be written any more; what was written before stays readable.
         """
+        self._guarded(self._log, event)
+
+    def flush(self) -> None:
+        """End the chunk in progress, so that everything up to now survives a kill.
+
+        Raises:
+            LogError: the file cannot be written any more.
+        """
+        self._guarded(self._writer.end_chunk)
+
+    @property
+    def size(self) -> int:
+        """Bytes in the file."""
+        return 0 if self._file is None else self._file.tell()
+
+    def counts(self) -> dict[str, int]:
+        """Return how many messages are in the file, by the name of the topic."""
+        return {self._absolute(name): self._writer.counts[number] for name, number in self._ids.items()}
+
+    def close(self, result: Mapping[str, str]) -> None:
+        """Write `result` and the index, and close the file; does nothing where nothing is open or writing has failed.
+
+        Raises:
+            LogError: the file cannot be written, or does not read back where that is verified.
+        """
+        self._stop.set()
+        if self._file is None or self._file.closed:
+            return
+        self._guarded(self._finish, result)
+        if self.settings.verify:
+            verify(self.path, self.counts())
+
+    def _guarded(self, action: Callable[..., None], *arguments: object) -> None:
+        """Run what writes; where the disk fails, finish the file with what has room before the error goes on."""
+        with self._lock:
+            if self._failure is not None:
+                raise self._failure
+            try:
+                action(*arguments)
+            except LogError as error:
+                if self._file is not None and self._file.failure is not None:
+                    self._failure = error
+                    self._writer.rescue(INTERRUPTED, {"reason": str(error)})
+                    with contextlib.suppress(LogError):
+                        self._file.close()
+                raise
+
+    def _keep_flushing(self) -> None:
+        """Flush from time to time, however seldom something is written; a failure shows at the next write."""
+        with contextlib.suppress(LogError):
+            while not self._stop.wait(self.settings.flush_s):
+                self.flush()
+
+    def _begin(self, run: RunInfo, topics: list[_Topic]) -> None:
+        self._body_frame = run.scene.frames.body_frame
+        self._writer.begin()
+        self._writer.add_metadata("rb_dynamics", {"method": run.method, **run.metadata})
+        self._writer.add_attachment("scene.yaml", "application/yaml", run.scene.text.encode("utf-8", "replace"))
+        self._register(topics)
+        self._write_inertia(run.scene.body, run.scene.initial.time_ns)
+        self._writer.end_chunk()
+
+    def _log(self, event: Event) -> None:
         if isinstance(event, Sample):
             self._states.update(event)
-            self._write_sample(event)
+            self._writer.add_messages(self._sample_ids, self._encode_sample(event), event.time_ns, event.time_ns)
         elif isinstance(event, AppliedWrench):
             self._write_received(event)
             self._write_applied(event)
@@ -135,27 +228,15 @@ class McapSink:
         else:
             self._write_status(event)
 
-    def flush(self) -> None:
-        """End the chunk in progress, so that everything up to now survives a kill.
-
-        Raises:
-            LogError: the file cannot be written any more.
-        """
-        self._writer.flush()  # type: ignore[no-untyped-call]
-
-    def close(self, result: Mapping[str, str]) -> None:
-        """Write `result` and the index, and close the file; does nothing where nothing is open or writing has failed.
-
-        Raises:
-            LogError: the file cannot be written.
-        """
-        if self._file is None or self._file.closed:
-            return
-        self.flush()
-        facts = {**result, "states_sha256": self._states.hexdigest()}
-        self._writer.add_metadata("rb_dynamics.result", _as_utf8(facts))
-        self._writer.finish()  # type: ignore[no-untyped-call]
+    def _finish(self, result: Mapping[str, str]) -> None:
+        assert self._file is not None
+        self._writer.end_chunk()
+        self._writer.add_metadata("rb_dynamics.result", {**result, "states_sha256": self._states.hexdigest()})
+        self._writer.finish()
         self._file.close()
+
+    def _add(self, name: str, message: bytes, time_ns: int) -> None:
+        self._writer.add_messages((self._ids[name],), (message,), time_ns, time_ns)
 
     def _topics(self, samples: Sequence[tuple[str, str]], wrenches: list[str], held: list[str]) -> list[_Topic]:
         """Return all topics: those of a sample first, commanded wrenches, and those that effects hold.
@@ -192,14 +273,9 @@ class McapSink:
         schemas: dict[str, int] = {}
         for name, type_name, qos in topics:
             if type_name not in schemas:
-                schemas[type_name] = self._writer.register_schema(type_name, "ros2msg", schema_text(type_name).encode())
+                schemas[type_name] = self._writer.add_schema(type_name, "ros2msg", schema_text(type_name).encode())
             metadata = {"offered_qos_profiles": qos, "topic_type_hash": TYPE_HASHES[type_name]}
-            self._ids[name] = self._writer.register_channel(self._absolute(name), "cdr", schemas[type_name], metadata)
-
-    def _write_sample(self, sample: Sample) -> None:
-        time_ns = sample.time_ns
-        for channel, message in zip(self._sample_ids, self._encode_sample(sample), strict=True):
-            self._add(channel, time_ns, message, time_ns)
+            self._ids[name] = self._writer.add_channel(self._absolute(name), "cdr", schemas[type_name], metadata)
 
     def _write_received(self, event: AppliedWrench | RejectedWrench) -> None:
         command = event.received
@@ -207,26 +283,26 @@ class McapSink:
             # The stamp may be of any clock; the times of the record are simulation time.
             pack = cdr.stamped_packer(WRENCH, command.frame_id)
             message = pack(*cdr.split_stamp(command.stamp_ns), *command.force, *command.torque)
-            self._add(self._ids[event.topic], event.time_ns, message, event.time_ns)
+            self._add(event.topic, message, event.time_ns)
 
     def _write_applied(self, event: AppliedWrench) -> None:
         pack = cdr.stamped_packer(WRENCH, event.frame_id)
         message = pack(*cdr.split_stamp(event.time_ns), *event.force, *event.torque)
-        self._add(self._ids[event.topic + _APPLIED], event.time_ns, message, event.time_ns)
+        self._add(event.topic + _APPLIED, message, event.time_ns)
 
     def _write_status(self, event: Status) -> None:
         status = (event.level, event.name, event.message, self._body_frame, list(event.values.items()))
         message = cdr.encode(DIAGNOSTICS, event.time_ns, "", [status])
-        self._add(self._ids["/diagnostics"], event.time_ns, message, event.time_ns)
+        self._add("/diagnostics", message, event.time_ns)
 
     def _write_inertia(self, body: RigidBody, time_ns: int) -> None:
         (xx, xy, xz), (_, yy, yz), (_, _, zz) = body.inertia
         values = (body.mass, *body.center_of_mass, xx, xy, xz, yy, yz, zz)
         message = cdr.encode(INERTIA, time_ns, self._body_frame, values)
-        self._add(self._ids["inertia"], time_ns, message, time_ns)
+        self._add("inertia", message, time_ns)
 
 
-def _sample_encoder(world: str, body: str) -> Callable[[Sample], tuple[bytes, ...]]:
+def sample_encoder(world: str, body: str) -> Callable[[Sample], tuple[bytes, ...]]:
     """Return what makes the messages of a sample, in the order of `SAMPLE_TOPICS`."""
     pack_pose, pack_twist = cdr.stamped_packer(POSE, world), cdr.stamped_packer(TWIST, body)
     pack_odometry, pack_vector = cdr.odometry_packer(world, body), cdr.stamped_packer(VECTOR, world)
@@ -252,85 +328,19 @@ def _sample_encoder(world: str, body: str) -> Callable[[Sample], tuple[bytes, ..
     return encode
 
 
-def _start(path: Path) -> tuple[_File, Writer]:
-    """Return the file and a writer that has begun it; zstd where it is installed."""
-    try:
-        from mcap.writer import CompressionType, Writer
-    except ImportError:
-        raise MissingExtraError("mcap", "log", "an MCAP log") from None
-    file = _File(path)
-    writer = Writer(cast("IO[bytes]", file), CHUNK_BYTES, _compression(CompressionType))
-    writer.start("ros2", f"rb_dynamics {version()}")
-    return file, writer
+def verify(path: Path, counts: Mapping[str, int]) -> None:
+    """Read a finished file front to back, every checksum with it, and count its messages by topic.
 
-
-def _as_utf8(facts: Mapping[str, str]) -> dict[str, str]:
-    """Return texts that can be written: the name of a file need not be UTF-8."""
-    return {key: value.encode("utf-8", "replace").decode() for key, value in facts.items()}
-
-
-def _compression(types: type[CompressionType]) -> CompressionType:
-    try:
-        import zstandard  # noqa: F401
-    except ImportError:
-        return types.NONE
-    return types.ZSTD
-
-
-class _File:
-    """A file that takes each write whole or raises `LogError`; unbuffered, as the writer hands over whole chunks."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._position = 0
-        self._failure: LogError | None = None
-        if path.is_dir():
-            raise LogError(f"cannot write {path}: it is a directory, expected a file name such as {path / 'run.mcap'}")
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = path.open("wb", buffering=0)
-        except OSError as error:
-            raise LogError(f"cannot write {path}: {error.strerror or error}; give a file you may write") from error
-
-    @property
-    def closed(self) -> bool:
-        """Whether nothing can be written any more: closed, or failed."""
-        return self._file.closed
-
-    def write(self, data: bytes) -> int:
-        """Write all of `data`."""
-        if self._failure is not None:
-            raise self._failure
-        rest = memoryview(data)
-        try:
-            while rest:
-                rest = rest[self._file.write(rest) :]
-        except OSError as error:
-            raise self._failed(error) from error
-        self._position += len(data)
-        return len(data)
-
-    def tell(self) -> int:
-        """Return the bytes written; a pipe has no other position."""
-        return self._position
-
-    def flush(self) -> None:
-        """Do nothing: nothing is buffered."""
-
-    def close(self) -> None:
-        """Close; the data is on the disk when this returns."""
-        try:
-            if self._path.is_file():
-                os.fsync(self._file.fileno())
-            self._file.close()
-        except OSError as error:
-            raise self._failed(error) from error
-
-    def _failed(self, error: OSError) -> LogError:
-        self._failure = LogError(
-            f"cannot go on writing {self._path}: {error.strerror or error}; "
-            f"the first {self._position} bytes stand and can be read. Free space or give another file"
+    Raises:
+        LogError: it is damaged, not finished, or holds other than `counts`.
+    """
+    file = McapFile(path)
+    found = Counter(message.channel.topic for message in file.messages())
+    written = Counter(counts)
+    if not file.complete or found != written:
+        differing = sorted(topic for topic in found | written if found[topic] != written[topic])
+        raise LogError(
+            f"{path} does not read back as it was written: "
+            + (", ".join(f"{topic}: {found[topic]} of {written[topic]} messages" for topic in differing) or "no footer")
+            + "; keep the disk from being used and run again"
         )
-        with contextlib.suppress(OSError):
-            self._file.close()
-        return self._failure

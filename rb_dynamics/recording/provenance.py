@@ -9,7 +9,10 @@ if TYPE_CHECKING:
     from rb_dynamics.loads.channels import AppliedWrench
     from rb_dynamics.scene.model import Scene
 
-_PACKAGES = ("rb_dynamics", "numpy", "scipy", "PyYAML", "mcap", "rerun-sdk")
+INTERRUPTED = "rb_dynamics.interrupted"
+"""Name of the metadata that a log has whose run, disk or power ended before the log was finished."""
+
+_PACKAGES = ("rb_dynamics", "numpy", "scipy", "PyYAML", "zstandard", "rerun-sdk")
 
 
 def version(package: str = "rb_dynamics") -> str:

@@ -295,7 +295,7 @@ def test_zeros_after_a_power_loss_end_the_file(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-40] + bytes(5000))
     bag = read_bag(path)
     assert (bag.complete, bag.topics["/pose"].count) == (False, 100)
-    whole = write_log(path, 100).read_bytes()
+    whole = write_log(tmp_path / "whole.mcap", 100).read_bytes()
     path.write_bytes(whole[:8] + bytes(9) + whole[8:])
     assert not read_bag(path).complete
 
