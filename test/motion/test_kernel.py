@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 import random
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from motions import Recorder, forced
 
@@ -92,6 +95,78 @@ class TestCompiled:
 
         assert any(isinstance(found, tuple) for found in ends)
         assert any(isinstance(found, str) for found in ends)
+
+
+def _called(*arguments: object) -> Any:
+    """Stand where what is to be compiled will."""
+    raise NotImplementedError
+
+
+def _pair_on_numbers(c: list[float], h: float, _: int, s: list[float]) -> None:
+    inertia = Inertia(c[0], (c[1], c[2], c[3]))
+    held = HeldWrench((c[4], c[5], c[6]), (c[7], c[8], c[9]), (c[10], c[11], c[12]), (c[13], c[14], c[15]))
+    velocity, orientation, omega = (s[7], s[8], s[9]), (s[0], s[1], s[2], s[3]), (s[4], s[5], s[6])
+    i = 0
+    for found in _called(inertia, held, h, velocity, orientation, omega, None):
+        s[i], s[i + 1], s[i + 2] = found.displacement
+        s[i + 3], s[i + 4], s[i + 5], s[i + 6] = found.orientation
+        s[i + 7], s[i + 8], s[i + 9] = found.angular_velocity
+        s[i + 10], s[i + 11], s[i + 12] = found.impulse
+        s[i + 13], s[i + 14], s[i + 15] = found.torque_impulse
+        s[i + 16] = found.work
+        i += 17
+
+
+def _longest_on_numbers(c: list[float], accuracy: float, horizon: int, s: list[float]) -> None:
+    inertia = Inertia(c[0], (c[1], c[2], c[3]))
+    held = HeldWrench((c[4], c[5], c[6]), (c[7], c[8], c[9]), (c[10], c[11], c[12]), (c[13], c[14], c[15]))
+    velocity, orientation, omega = (s[7], s[8], s[9]), (s[0], s[1], s[2], s[3]), (s[4], s[5], s[6])
+    s[0] = _called(inertia, held, velocity, orientation, omega, accuracy, float(horizon))
+
+
+def compare_beside(
+    template: Callable[..., None], name: str, called: Callable[..., object], second: float, third: int, seed: int
+) -> int:
+    """Compare what stands beside a step; return how many of the cases are not refused."""
+    on_numbers, taken = compiled.specialise(template, f"{template.__name__}_{name}", _called=called), 0
+    fast = compiled.compile_kernel(on_numbers, kernel._SIGNATURE)
+    for k in range(300):
+        inertia, held, h, phase = case(random.Random(1000 * seed + k), second)
+        numbers = [inertia.mass, *inertia.moments, *itertools.chain(*held)]
+        state = [*phase.orientation, *phase.angular_velocity, *phase.high, *phase.low]
+        array = np.array(state)
+        fast(np.array(numbers), h, third, array)
+        found = [repr(array.tolist())]
+        try:
+            on_numbers(numbers, h, third, state)
+            found.append(repr(state))
+        except (ConvergenceError, ArithmeticError):
+            found.append("refused")
+        if found[1] == "refused":
+            assert "nan" in found[0] or "inf" in found[0], k
+        else:
+            assert found[0] == found[1], k
+            taken += 1
+    return taken
+
+
+@needs_numba
+@pytest.mark.parametrize("name", [name for name in COMPILED if METHODS[name].pair is not None])
+@pytest.mark.parametrize(("longest", "taken"), [(0.1, range(290, 301)), (30.0, range(50, 290))])
+def test_a_pair_has_the_bits_of_plain_python(name: str, longest: float, taken: range) -> None:
+    pair = METHODS[name].pair
+    assert pair is not None
+
+    assert compare_beside(_pair_on_numbers, name, pair, longest, 0, seed=3) in taken
+
+
+@needs_numba
+@pytest.mark.parametrize("name", [name for name in COMPILED if METHODS[name].longest_step is not None])
+def test_the_longest_step_has_the_bits_of_plain_python(name: str) -> None:
+    longest_step = METHODS[name].longest_step
+    assert longest_step is not None
+
+    assert compare_beside(_longest_on_numbers, name, longest_step, 1e-6, 10, seed=4) == 300
 
 
 @needs_numba

@@ -11,12 +11,12 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from motions import EPS, slope
-from scipy.integrate import solve_ivp
+from scipy.integrate import DOP853, solve_ivp
 
 from rb_dynamics import rotation
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion import METHODS, Increment, Inertia, Method, radau, rkmk
+from rb_dynamics.motion import METHODS, Increment, Inertia, Method, dop853, radau, rkmk
 from rb_dynamics.motion.method import Load, Takes
 from rb_dynamics.rotation import Quaternion
 from rb_dynamics.vector import ZERO, Vector, add, add_scaled, cross, dot, multiply, norm, scale, subtract
@@ -238,6 +238,14 @@ class TestTableaus:
 
     def test_last_stage_of_dormand_prince_is_its_end(self) -> None:
         assert rkmk.DORMAND_PRINCE.stages[-1] == rkmk.DORMAND_PRINCE.weights
+
+    def test_dop853_has_the_coefficients_of_scipy(self) -> None:
+        """Each row without its zeros; of which slopes they are, the order shows."""
+        rows = [getattr(dop853, f"_ROW_{stage}") for stage in range(2, 13)]
+        found = [dop853._NODES[1:], *rows, dop853._WEIGHTS, dop853._FIFTH, dop853._THIRD]
+        expected = [DOP853.C, *DOP853.A[1:], DOP853.B, DOP853.E5, DOP853.E3]
+
+        assert [list(row) for row in found] == [[a for a in row.tolist() if a] for row in expected]
 
     def test_radau_is_collocation_at_its_nodes(self) -> None:
         for row, node in zip(radau._A, radau._NODES, strict=True):
