@@ -5,32 +5,15 @@ A method is a tableau. Never chooses a step: an embedded pair only gives both re
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
 from rb_dynamics.motion.refusal import LARGEST_TURN, require_finite, turns_too_far
-from rb_dynamics.rotation import (
-    Quaternion,
-    dexpinv,
-    exp,
-    normalize,
-    rotate,
-    rotate_inverse,
-)
+from rb_dynamics.rotation import Quaternion, dexpinv, exp, normalize, rotate, rotate_inverse
 from rb_dynamics.rotation import multiply as compose
 from rb_dynamics.vector import ZERO, Vector, add, add_scaled, divide, dot, multiply, norm, scale
-
-# Weights with the slopes they belong to: the zeros of a tableau cost nothing.
-Terms = tuple[tuple[int, float], ...]
-
-
-class Quadrature(NamedTuple):
-    """How a step is made: of stages (node and weights), of weights, and of those of the second integral, b^T A."""
-
-    stages: tuple[tuple[float, Terms], ...]
-    first: Terms
-    second: Terms
 
 
 class Tableau(NamedTuple):
@@ -48,19 +31,12 @@ class Tableau(NamedTuple):
     weights: tuple[float, ...]
     comparison: tuple[float, ...] = ()
 
-    def quadrature(self, weights: tuple[float, ...]) -> Quadrature:
-        """Return how `weights` make a step."""
-        second = [0.0] * len(weights)
-        for weight, row in zip(weights, self.stages, strict=False):
-            for j, a in enumerate(row):
-                second[j] += weight * a
-        stages = zip(self.nodes[: len(weights)], map(nonzero, self.stages), strict=False)
-        return Quadrature(tuple(stages), nonzero(weights), nonzero(tuple(second)))
-
-
-def nonzero(weights: tuple[float, ...]) -> Terms:
-    """Return the weights that are not zero, each with its place."""
-    return tuple((j, weight) for j, weight in enumerate(weights) if weight)
+    def second(self, weights: tuple[float, ...]) -> tuple[float, ...]:
+        """Return what `weights` make of the slopes in the second integral: b^T A."""
+        return tuple(
+            math.fsum(weight * row[j] for weight, row in zip(weights, self.stages, strict=False) if j < len(row))
+            for j in range(len(weights) - 1)
+        )
 
 
 CLASSICAL = Tableau(
@@ -89,73 +65,15 @@ DORMAND_PRINCE = Tableau(
 )
 """Order 5 with a comparison of order 4 (Hairer, Norsett & Wanner I, table II.5.2)."""
 
-
-def total(h: float, terms: Terms, slopes: list[Vector]) -> Vector:
-    """Return h times the weighted sum of `slopes`."""
-    x = y = z = 0.0
-    for j, weight in terms:
-        s, (a, b, c) = weight * h, slopes[j]
-        x, y, z = x + s * a, y + s * b, z + s * c
-    return (x, y, z)
-
-
-def advance(
-    name: str,
-    ends: tuple[Quadrature, ...],
-    inertia: Inertia,
-    held: HeldWrench,
-    h: float,
-    velocity: Vector,
-    orientation: Quaternion,
-    angular_velocity: Vector,
-    load: Load | None,
-) -> list[Increment]:
-    """Return what each of `ends` makes of the stages of the last, which begin with those of the others.
-
-    With R = R0 exp(theta): theta' = dexpinv_{-theta}(omega), and the angular momentum is carried in the axes of R0,
-    m = exp(-theta) (m0 + lambda) with lambda' = exp(theta) tau. So the world-frame angular momentum changes by the
-    quadrature of the torque and by nothing else.
-
-    Raises:
-        ConvergenceError: the step turns the body further than exp can be inverted, or diverges.
-    """
-    frame = _frame(inertia, held, h, velocity, orientation, angular_velocity)
-
-    # The slopes of the stages. Of force and torque only what changes inside the step needs the quadrature, the
-    # world-frame parts of the held wrench are constant there.
-    turns: list[Vector] = []
-    pushes: list[Vector] = []
-    twists: list[Vector] = []
-    velocities: list[Vector] = []
-    powers: list[float] = []
-    for node, terms in ends[-1].stages:
-        v = frame.velocity
-        for j, weight in terms:
-            v = add_scaled(v, weight * h / inertia.mass, add(pushes[j], frame.force))
-        theta, gained, place = total(h, terms, turns), total(h, terms, twists), ZERO
-        if load is not None:
-            place = total(h, terms, velocities)
-        k = _slope(name, frame, _Reached(node * h, theta, gained, place, v), load)
-        turns.append(k.turn)
-        pushes.append(k.push)
-        twists.append(k.twist)
-        velocities.append(v)
-        powers.append(k.power)
-
-    steps = []
-    for _, first, second in ends:
-        work = 0.0
-        for j, weight in first:
-            work += weight * h * powers[j]
-        sums = _Slope(total(1.0, first, turns), total(1.0, first, pushes), total(1.0, first, twists), ZERO, work)
-        step = _end(frame, velocity, sums, total(1.0, second, pushes))
-        steps.append(require_finite(name, h, step))
-    return steps
+_CLASSICAL_SECOND = CLASSICAL.second(CLASSICAL.weights)
+_SECOND = DORMAND_PRINCE.second(DORMAND_PRINCE.weights)
+_COMPARISON_SECOND = DORMAND_PRINCE.second(DORMAND_PRINCE.comparison)
 
 
 class _Frame(NamedTuple):
     """What the stages of a step share; force, torque and velocity are those of the world in the axes of R0."""
 
+    name: str
     inertia: Inertia
     held: HeldWrench
     h: float
@@ -187,9 +105,16 @@ class _Slope(NamedTuple):
 
 
 def _frame(
-    inertia: Inertia, held: HeldWrench, h: float, velocity: Vector, orientation: Quaternion, angular_velocity: Vector
+    name: str,
+    inertia: Inertia,
+    held: HeldWrench,
+    h: float,
+    velocity: Vector,
+    orientation: Quaternion,
+    angular_velocity: Vector,
 ) -> _Frame:
     return _Frame(
+        name,
         inertia,
         held,
         h,
@@ -201,7 +126,7 @@ def _frame(
     )
 
 
-def _slope(name: str, frame: _Frame, at: _Reached, load: Load | None) -> _Slope:
+def _slope(frame: _Frame, at: _Reached, load: Load | None) -> _Slope:
     turn, v = exp(at.theta), at.velocity
     impulse = add_scaled(at.gained, at.ahead, frame.torque)
     omega = divide(rotate_inverse(turn, add(frame.momentum, impulse)), frame.inertia.moments)
@@ -213,125 +138,137 @@ def _slope(name: str, frame: _Frame, at: _Reached, load: Load | None) -> _Slope:
     theta_dot = dexpinv(scale(-1.0, at.theta), omega)
     rate = norm(theta_dot)
     if not rate * abs(frame.h) < LARGEST_TURN:
-        theta_dot = turns_too_far(name, frame.h, rate).angular_velocity
+        theta_dot = turns_too_far(frame.name, frame.h, rate).angular_velocity
     power = dot(add(push, frame.force), v) + dot(torque, omega) + dot(frame.torque, rotate(turn, omega))
     return _Slope(theta_dot, push, rotate(turn, torque), v, power)
 
 
-def _end(frame: _Frame, velocity: Vector, mean: _Slope, second: Vector) -> Increment:
-    """Return what a step does by the weighted slopes, `second` being the second integral of the push, over h^2."""
+def _reached(frame: _Frame, node: float, row: tuple[float, ...], slopes: tuple[_Slope, ...]) -> _Reached:
+    a = b = c = d = e = f = g = i = j = k = m = n = 0.0
+    for stage, weight in enumerate(row):
+        s = weight * frame.h
+        (a1, b1, c1), (d1, e1, f1), (g1, i1, j1), (k1, m1, n1), _ = slopes[stage]
+        a, b, c = a + s * a1, b + s * b1, c + s * c1
+        d, e, f = d + s * d1, e + s * e1, f + s * f1
+        g, i, j = g + s * g1, i + s * i1, j + s * j1
+        k, m, n = k + s * k1, m + s * m1, n + s * n1
+    ahead = node * frame.h
+    v = add_scaled(frame.velocity, 1.0 / frame.inertia.mass, add_scaled((d, e, f), ahead, frame.force))
+    return _Reached(ahead, (a, b, c), (g, i, j), (k, m, n), v)
+
+
+def _end(
+    frame: _Frame,
+    velocity: Vector,
+    weights: tuple[float, ...],
+    second: tuple[float, ...],
+    slopes: tuple[_Slope, ...],
+) -> Increment:
+    """Return what a step does by the weighted slopes, `second` being the weights of the second integral."""
     (mass, moments), held, h, orientation = frame.inertia, frame.held, frame.h, frame.orientation
-    turn, torque_impulse = exp(scale(h, mean.turn)), scale(h, mean.twist)
-    displacement = rotate(orientation, scale(h * h / mass, second))
-    return Increment(
+    theta, pushed, moved, twisted, work = ZERO, ZERO, ZERO, ZERO, 0.0
+    for stage, weight in enumerate(weights):
+        k = slopes[stage]
+        theta, pushed = add_scaled(theta, weight, k.turn), add_scaled(pushed, weight, k.push)
+        twisted, work = add_scaled(twisted, weight, k.twist), work + weight * h * k.power
+    for stage, weight in enumerate(second):
+        moved = add_scaled(moved, weight, slopes[stage].push)
+    turn, torque_impulse = exp(scale(h, theta)), scale(h, twisted)
+    displacement = rotate(orientation, scale(h * h / mass, moved))
+    end = Increment(
         add(scale(h, velocity), add_scaled(displacement, 0.5 * h * h / mass, held.force_world)),
         normalize(compose(orientation, turn)),
         divide(rotate_inverse(turn, add(frame.momentum, add_scaled(torque_impulse, h, frame.torque))), moments),
-        add_scaled(rotate(orientation, scale(h, mean.push)), h, held.force_world),
+        add_scaled(rotate(orientation, scale(h, pushed)), h, held.force_world),
         add_scaled(rotate(orientation, torque_impulse), h, held.torque_world),
-        mean.power,
+        work,
     )
+    return require_finite(frame.name, h, end)
 
 
-def _classical(
-    name: str,
+def _rkmk4(
     inertia: Inertia,
     held: HeldWrench,
     h: float,
     velocity: Vector,
     orientation: Quaternion,
     angular_velocity: Vector,
-    load: Load | None,
+    load: Load | None = None,
 ) -> Increment:
-    """Do what `advance` does with `CLASSICAL`, to the last bit: its stages written out, so that it can be compiled."""
-    frame = _frame(inertia, held, h, velocity, orientation, angular_velocity)
-    k1 = _slope(name, frame, _Reached(0.0, ZERO, ZERO, ZERO, frame.velocity), load)
-    k2 = _slope(name, frame, _reached(frame, 0.5 * h, k1), load)
-    k3 = _slope(name, frame, _reached(frame, 0.5 * h, k2), load)
-    k4 = _slope(name, frame, _reached(frame, h, k3), load)
-    a, b = 1.0 / 6.0, 1.0 / 3.0
-    mean = _Slope(
-        _mean(k1.turn, k2.turn, k3.turn, k4.turn),
-        _mean(k1.push, k2.push, k3.push, k4.push),
-        _mean(k1.twist, k2.twist, k3.twist, k4.twist),
-        ZERO,
-        a * h * k1.power + b * h * k2.power + b * h * k3.power + a * h * k4.power,
-    )
-    second = add_scaled(add_scaled(add_scaled(ZERO, a, k1.push), a, k2.push), a, k3.push)
-    return require_finite(name, h, _end(frame, velocity, mean, second))
+    """Advance by the classical Runge-Kutta method in the Lie algebra, with dexpinv (Munthe-Kaas, BIT 38 (1998) 92).
 
-
-def _reached(frame: _Frame, ahead: float, k: _Slope) -> _Reached:
-    return _Reached(
-        ahead,
-        add_scaled(ZERO, ahead, k.turn),
-        add_scaled(ZERO, ahead, k.twist),
-        add_scaled(ZERO, ahead, k.velocity),
-        add_scaled(frame.velocity, ahead / frame.inertia.mass, add(k.push, frame.force)),
-    )
-
-
-def _mean(k1: Vector, k2: Vector, k3: Vector, k4: Vector) -> Vector:
-    a, b = 1.0 / 6.0, 1.0 / 3.0
-    return add_scaled(add_scaled(add_scaled(add_scaled(ZERO, a, k1), b, k2), b, k3), a, k4)
-
-
-def _method(name: str, order: int, tableau: Tableau, source: str) -> Method:
-    end = tableau.quadrature(tableau.weights)
-    comparison = tableau.quadrature(tableau.comparison)
-
-    def step(
-        inertia: Inertia,
-        held: HeldWrench,
-        h: float,
-        velocity: Vector,
-        orientation: Quaternion,
-        angular_velocity: Vector,
-        load: Load | None = None,
-    ) -> Increment:
-        return advance(name, (end,), inertia, held, h, velocity, orientation, angular_velocity, load)[0]
-
-    def written_out(
-        inertia: Inertia,
-        held: HeldWrench,
-        h: float,
-        velocity: Vector,
-        orientation: Quaternion,
-        angular_velocity: Vector,
-        load: Load | None = None,
-    ) -> Increment:
-        return _classical(name, inertia, held, h, velocity, orientation, angular_velocity, load)
-
-    def pair(
-        inertia: Inertia,
-        held: HeldWrench,
-        h: float,
-        velocity: Vector,
-        orientation: Quaternion,
-        angular_velocity: Vector,
-        load: Load | None = None,
-    ) -> tuple[Increment, Increment]:
-        both = advance(name, (end, comparison), inertia, held, h, velocity, orientation, angular_velocity, load)
-        return both[0], both[1]
-
-    step.__doc__ = f"""Advance by a Runge-Kutta method in the Lie algebra, with dexpinv: {source}.
-
-    Order {order}, under any load too; keeps the angular momentum and the unit quaternion.
+    With R = R0 exp(theta): theta' = dexpinv_{-theta}(omega) (IMNZ algorithm 4.1), and the angular momentum is carried
+    in the axes of R0, m = exp(-theta) (m0 + lambda) with lambda' = exp(theta) tau. So the world-frame angular momentum
+    changes by the quadrature of the torque and by nothing else. Order 4, under any load too; keeps the angular momentum
+    and the unit quaternion.
 
     Raises:
         ConvergenceError: the step turns the body further than exp can be inverted, or diverges.
     """
-    written_out.__doc__ = step.__doc__
-    invariants = frozenset({"angular_momentum", "unit_quaternion"})
-    if tableau is CLASSICAL:
-        return Method(name, order, invariants, written_out, takes=Takes.ANY, compiles=True)
-    return Method(name, order, invariants, step, takes=Takes.ANY, pair=pair if tableau.comparison else None)
+    f = _frame("rkmk4", inertia, held, h, velocity, orientation, angular_velocity)
+    k1 = _slope(f, _Reached(0.0, ZERO, ZERO, ZERO, f.velocity), load)
+    k2 = _slope(f, _reached(f, CLASSICAL.nodes[1], CLASSICAL.stages[1], (k1,)), load)
+    k3 = _slope(f, _reached(f, CLASSICAL.nodes[2], CLASSICAL.stages[2], (k1, k2)), load)
+    k4 = _slope(f, _reached(f, CLASSICAL.nodes[3], CLASSICAL.stages[3], (k1, k2, k3)), load)
+    return _end(f, velocity, CLASSICAL.weights, _CLASSICAL_SECOND, (k1, k2, k3, k4))
 
 
-_SOURCE = "Munthe-Kaas, BIT 38 (1998) 92; IMNZ algorithm 4.1"
+def _rkmk54(
+    inertia: Inertia,
+    held: HeldWrench,
+    h: float,
+    velocity: Vector,
+    orientation: Quaternion,
+    angular_velocity: Vector,
+    load: Load | None = None,
+) -> Increment:
+    """Advance as `rkmk4` does, with the tableau of Dormand and Prince (Hairer, Norsett & Wanner I, table II.5.2).
 
-RKMK4 = _method("rkmk4", 4, CLASSICAL, _SOURCE)
+    Order 5, under any load too; keeps the angular momentum and the unit quaternion.
 
-RKMK54 = _method(
-    "rkmk54", 5, DORMAND_PRINCE, f"{_SOURCE}, with the tableau of Hairer, Norsett & Wanner I, table II.5.2"
-)
+    Raises:
+        ConvergenceError: the step turns the body further than exp can be inverted, or diverges.
+    """
+    frame = _frame("rkmk54", inertia, held, h, velocity, orientation, angular_velocity)
+    return _end(frame, velocity, DORMAND_PRINCE.weights, _SECOND, _slopes(frame, load))
+
+
+def _pair(
+    inertia: Inertia,
+    held: HeldWrench,
+    h: float,
+    velocity: Vector,
+    orientation: Quaternion,
+    angular_velocity: Vector,
+    load: Load | None = None,
+) -> tuple[Increment, Increment]:
+    """Return the step of order 5 and its comparison of order 4, which needs one slope more: that at the end.
+
+    Raises:
+        ConvergenceError: as for the step.
+    """
+    frame = _frame("rkmk54", inertia, held, h, velocity, orientation, angular_velocity)
+    k1, k2, k3, k4, k5, k6 = _slopes(frame, load)
+    end = DORMAND_PRINCE.nodes[6], DORMAND_PRINCE.stages[6], (k1, k2, k3, k4, k5, k6)
+    k7 = _slope(frame, _reached(frame, *end), load)
+    return (
+        _end(frame, velocity, DORMAND_PRINCE.weights, _SECOND, (k1, k2, k3, k4, k5, k6)),
+        _end(frame, velocity, DORMAND_PRINCE.comparison, _COMPARISON_SECOND, (k1, k2, k3, k4, k5, k6, k7)),
+    )
+
+
+def _slopes(f: _Frame, load: Load | None) -> tuple[_Slope, _Slope, _Slope, _Slope, _Slope, _Slope]:
+    nodes, rows = DORMAND_PRINCE.nodes, DORMAND_PRINCE.stages
+    k1 = _slope(f, _Reached(0.0, ZERO, ZERO, ZERO, f.velocity), load)
+    k2 = _slope(f, _reached(f, nodes[1], rows[1], (k1,)), load)
+    k3 = _slope(f, _reached(f, nodes[2], rows[2], (k1, k2)), load)
+    k4 = _slope(f, _reached(f, nodes[3], rows[3], (k1, k2, k3)), load)
+    k5 = _slope(f, _reached(f, nodes[4], rows[4], (k1, k2, k3, k4)), load)
+    k6 = _slope(f, _reached(f, nodes[5], rows[5], (k1, k2, k3, k4, k5)), load)
+    return k1, k2, k3, k4, k5, k6
+
+
+_INVARIANTS = frozenset({"angular_momentum", "unit_quaternion"})
+
+RKMK4 = Method("rkmk4", 4, _INVARIANTS, _rkmk4, takes=Takes.ANY, compiles=True)
+RKMK54 = Method("rkmk54", 5, _INVARIANTS, _rkmk54, takes=Takes.ANY, pair=_pair, compiles=True)
