@@ -6,6 +6,7 @@ Needs no derivatives and keeps whatever the method keeps. Never looks into the m
 from __future__ import annotations
 
 import math
+from functools import wraps
 
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
@@ -41,6 +42,22 @@ def compose(name: str, order: int, base: Method, coefficients: tuple[float, ...]
         source: where the coefficients stand.
     """
 
+    # Compiled it is the step of `base` itself, which does not raise there.
+    @wraps(base.step)
+    def stage(
+        inertia: Inertia,
+        held: HeldWrench,
+        h: float,
+        velocity: Vector,
+        orientation: Quaternion,
+        angular_velocity: Vector,
+        load: Load | None,
+    ) -> Increment:
+        try:
+            return base.step(inertia, held, h, velocity, orientation, angular_velocity, load)
+        except ConvergenceError as error:
+            raise ConvergenceError(f"{name}: a stage of {h:.3g} s failed: {error}") from error
+
     def step(
         inertia: Inertia,
         held: HeldWrench,
@@ -62,15 +79,12 @@ def compose(name: str, order: int, base: Method, coefficients: tuple[float, ...]
         for coefficient in coefficients:
             gain = scale(1.0 / inertia.mass, impulse)
             seen = None if load is None else _seen_from(load, elapsed, displacement, velocity, orientation)
-            try:
-                stage = base.step(inertia, here, coefficient * h, gain, turn, omega, seen)
-            except ConvergenceError as error:
-                raise ConvergenceError(f"{name}: a stage of {coefficient:.3g} steps failed: {error}") from error
-            turn, omega = stage.orientation, stage.angular_velocity
-            displacement = add(displacement, stage.displacement)
-            impulse = add(impulse, stage.impulse)
-            torque_impulse = add(torque_impulse, stage.torque_impulse)
-            work += stage.work
+            done = stage(inertia, here, coefficient * h, gain, turn, omega, seen)
+            turn, omega = done.orientation, done.angular_velocity
+            displacement = add(displacement, done.displacement)
+            impulse = add(impulse, done.impulse)
+            torque_impulse = add(torque_impulse, done.torque_impulse)
+            work += done.work
             elapsed += coefficient * h
         impulse = rotate(orientation, impulse)
         return Increment(
@@ -89,7 +103,7 @@ def compose(name: str, order: int, base: Method, coefficients: tuple[float, ...]
     Raises:
         ConvergenceError: a step of `{base.name}` cannot be solved.
     """
-    return Method(name, order, base.invariants, step, takes=base.takes)
+    return Method(name, order, base.invariants, step, takes=base.takes, compiles=base.compiles)
 
 
 def _seen_from(load: Load, start: float, moved: Vector, drift: Vector, axes: Quaternion) -> Load:

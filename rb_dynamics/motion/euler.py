@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
-from rb_dynamics.motion.refusal import require_finite, require_small_turn
+from rb_dynamics.motion.refusal import LARGEST_TURN, require_finite, turns_too_far
 from rb_dynamics.rotation import Quaternion, exp, normalize, rotate, rotate_inverse
 from rb_dynamics.rotation import multiply as compose
 from rb_dynamics.vector import ZERO, Vector, add, add_scaled, cross, divide, dot, multiply, norm, scale, subtract
@@ -36,7 +36,9 @@ def step(
     gyroscopic = cross(angular_velocity, multiply(inertia.moments, angular_velocity))
     omega = add_scaled(angular_velocity, h, divide(subtract(torque, gyroscopic), inertia.moments))
     gain = scale(h / inertia.mass, force)
-    require_small_turn("euler", h, norm(omega))
+    rate = norm(omega)
+    if not rate * abs(h) < LARGEST_TURN:
+        return turns_too_far("euler", h, rate)
     power = dot(force, add_scaled(velocity, 0.5, gain)) + 0.5 * dot(torque, add(angular_velocity, omega))
     end = Increment(
         scale(h, add(velocity, gain)),
@@ -49,4 +51,4 @@ def step(
     return require_finite("euler", h, end)
 
 
-EULER = Method("euler", order=1, invariants=frozenset({"unit_quaternion"}), step=step, takes=Takes.ANY)
+EULER = Method("euler", order=1, invariants=frozenset({"unit_quaternion"}), step=step, takes=Takes.ANY, compiles=True)

@@ -9,13 +9,16 @@ from __future__ import annotations
 import math
 from functools import lru_cache
 
+from rb_dynamics.compiled import compiled_as
 from rb_dynamics.errors import ConvergenceError
+from rb_dynamics.motion.refusal import NO_ATTITUDE, NOWHERE
 from rb_dynamics.motion.splitting import ABA82_STAGES, ABA104_STAGES, ABA864_STAGES, method
 from rb_dynamics.rotation import Quaternion, multiply
 from rb_dynamics.vector import Vector, norm
 
 # Coefficients of C^k, C^(k-1) H, ..., H^k.
 _Row = tuple[float, ...]
+_Rows = tuple[tuple[_Row, _Row], tuple[_Row, _Row], tuple[_Row, _Row], tuple[_Row, _Row]]
 
 # Newton converges quadratically: a correction of 1e-8 leaves none.
 _LAST_CORRECTION = 1e-8
@@ -25,6 +28,16 @@ _ITERATIONS = 12
 _LARGEST_TURN = 1.2
 # Of a body more slender than that the coefficients cancel.
 _SMALLEST_RATIO = 1e-3
+
+# Of s_k and d_k.
+_DENOMINATORS = (6.0, 60.0, 2520.0, 45360.0)
+
+_NO_ROWS: _Rows = (
+    ((math.nan,) * 2, (math.nan,) * 2),
+    ((math.nan,) * 3, (math.nan,) * 3),
+    ((math.nan,) * 4, (math.nan,) * 4),
+    ((math.nan,) * 5, (math.nan,) * 5),
+)
 
 
 def flow(moments: Vector, orientation: Quaternion, angular_velocity: Vector, t: float) -> tuple[Quaternion, Vector]:
@@ -42,17 +55,16 @@ def flow(moments: Vector, orientation: Quaternion, angular_velocity: Vector, t: 
     w1, w2, w3 = angular_velocity
     turn = abs(t) * norm(angular_velocity)
     if not turn < _LARGEST_TURN:
-        raise _out_of_reach(t, turn)
+        return _out_of_reach(t, turn)
     m1, m2, m3 = i1 * w1, i2 * w2, i3 * w3
     half = 0.5 * t
     energy, square = half * t * (m1 * w1 + m2 * w2 + m3 * w3), half * t * (m1 * m1 + m2 * m2 + m3 * m3)
-    stretch, shift = 1.0, 0.0
-    powers = [1.0]
-    for s, d in _preprocessing(moments):
-        powers = [square * powers[0], *[energy * p for p in powers]]
-        for of_stretch, of_shift, power in zip(s, d, powers, strict=True):
-            stretch += of_stretch * power
-            shift += of_shift * power
+    (s1, d1), (s2, d2), (s3, d3), (s4, d4) = _preprocessing(moments)
+    n1, n2, n3, n4 = _DENOMINATORS
+    stretch = _form(s1, square, energy) / n1 + _form(s2, square, energy) / n2
+    stretch += 1.0 + (_form(s3, square, energy) / n3 + _form(s4, square, energy) / n4)
+    shift = _form(d1, square, energy) / n1 + _form(d2, square, energy) / n2
+    shift += _form(d3, square, energy) / n3 + _form(d4, square, energy) / n4
     j1, j2, j3 = i1 / (stretch + shift * i1), i2 / (stretch + shift * i2), i3 / (stretch + shift * i3)
 
     a, b, c = half * m1, half * m2, half * m3
@@ -67,7 +79,7 @@ def flow(moments: Vector, orientation: Quaternion, angular_velocity: Vector, t: 
         p31, p32, p33 = k3 * y - c * u, k3 * x - c * v, j3 - c * w
         c1, c2, c3 = p22 * p33 - p23 * p32, p23 * p31 - p21 * p33, p21 * p32 - p22 * p31
         determinant = p11 * c1 + p12 * c2 + p13 * c3
-        inverse = 1.0 / determinant if determinant else math.inf
+        inverse = 1.0 / determinant if determinant != 0.0 else math.inf
         dx = inverse * (c1 * r1 + (p13 * p32 - p12 * p33) * r2 + (p12 * p23 - p13 * p22) * r3)
         dy = inverse * (c2 * r1 + (p11 * p33 - p13 * p31) * r2 + (p13 * p21 - p11 * p23) * r3)
         dz = inverse * (c3 * r1 + (p12 * p31 - p11 * p32) * r2 + (p11 * p22 - p12 * p21) * r3)
@@ -75,7 +87,7 @@ def flow(moments: Vector, orientation: Quaternion, angular_velocity: Vector, t: 
         if abs(dx) + abs(dy) + abs(dz) <= _LAST_CORRECTION * (abs(x) + abs(y) + abs(z)) + _SMALLEST:
             break
     else:
-        raise _out_of_reach(t, turn)
+        return _out_of_reach(t, turn)
     n = 1.0 / math.sqrt(1.0 + x * x + y * y + z * z)
     x, y, z = n * x, n * y, n * z
     # The turn back of m, as in `rotate_inverse`.
@@ -87,16 +99,25 @@ def flow(moments: Vector, orientation: Quaternion, angular_velocity: Vector, t: 
     )
 
 
-def _out_of_reach(t: float, turn: float) -> ConvergenceError:
-    return ConvergenceError(
+def _form(row: _Row, c: float, h: float) -> float:
+    """Return row[0] c^k + row[1] c^(k-1) h + ... + row[k] h^k."""
+    total, power = 0.0, 1.0
+    for a in row:
+        total, power = total * c + a * power, power * h
+    return total
+
+
+@compiled_as((NO_ATTITUDE, NOWHERE))
+def _out_of_reach(t: float, turn: float) -> tuple[Quaternion, Vector]:
+    raise ConvergenceError(
         f"dmv: {t:.3g} s between two kicks turn the body by {turn:.3g} rad, expected less than {_LARGEST_TURN:g} rad; "
         f"use a step shorter by a factor of {2.0 * turn:.3g}, or method aba104, whose flow is exact"
     )
 
 
 @lru_cache(maxsize=8)
-def _preprocessing(moments: Vector) -> tuple[tuple[_Row, _Row], ...]:
-    """Return the coefficients of s_k and d_k for k = 1 to 4.
+def _preprocessing(moments: Vector) -> _Rows:
+    """Return the coefficients of s_k and d_k for k = 1 to 4, times their denominators.
 
     s_k and d_k are homogeneous polynomials of degree k in H = m . I^-1 m / 2 and C = m . m / 2 whose coefficients are
     polynomials in the elementary symmetric functions of 1/I_j. Found by expansion of both motions in t with rational
@@ -105,23 +126,19 @@ def _preprocessing(moments: Vector) -> tuple[tuple[_Row, _Row], ...]:
     Raises:
         ConvergenceError: the body is too slender.
     """
-    if not min(moments) >= _SMALLEST_RATIO * max(moments):
-        raise ConvergenceError(
-            f"dmv: the smallest moment of inertia is {min(moments) / max(moments):.3g} of the largest, expected at "
-            f"least {_SMALLEST_RATIO:g}; use method aba104, whose flow is exact for any body"
-        )
-    x, y, z = (1.0 / i for i in moments)
+    i1, i2, i3 = moments
+    if not min(i1, i2, i3) >= _SMALLEST_RATIO * max(i1, i2, i3):
+        return _too_slender(moments)
+    x, y, z = 1.0 / i1, 1.0 / i2, 1.0 / i3
     p, q, r = x + y + z, x * y + y * z + z * x, x * y * z
     pp, qq, rr = p * p, q * q, r * r
-    rows = (
-        (6.0, (q, -2.0 * p), (-2.0 * r, q)),
+    return (
+        ((q, -2.0 * p), (-2.0 * r, q)),
         (
-            60.0,
             (2.0 * qq - 6.0 * p * r, 8.0 * r - 2.0 * p * q, 2.0 * pp - q),
             (-q * r, 8.0 * p * r - qq, -p * q - 6.0 * r),
         ),
         (
-            2520.0,
             (
                 17.0 * q * qq - 66.0 * p * q * r + 100.0 * rr,
                 -36.0 * p * qq + 132.0 * pp * r - 30.0 * q * r,
@@ -136,7 +153,6 @@ def _preprocessing(moments: Vector) -> tuple[tuple[_Row, _Row], ...]:
             ),
         ),
         (
-            45360.0,
             (
                 62.0 * qq * qq - 342.0 * p * qq * r + 378.0 * pp * rr + 291.0 * q * rr,
                 -154.0 * p * q * qq + 612.0 * pp * q * r + 282.0 * qq * r - 2256.0 * p * rr,
@@ -153,7 +169,14 @@ def _preprocessing(moments: Vector) -> tuple[tuple[_Row, _Row], ...]:
             ),
         ),
     )
-    return tuple((tuple(a / n for a in s), tuple(a / n for a in d)) for n, s, d in rows)
+
+
+@compiled_as(_NO_ROWS)
+def _too_slender(moments: Vector) -> _Rows:
+    raise ConvergenceError(
+        f"dmv: the smallest moment of inertia is {min(moments) / max(moments):.3g} of the largest, expected at "
+        f"least {_SMALLEST_RATIO:g}; use method aba104, whose flow is exact for any body"
+    )
 
 
 _SOURCE = (

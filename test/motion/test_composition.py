@@ -81,7 +81,7 @@ class TestComposedMidpoint:
     def test_names_itself_where_a_stage_fails(self) -> None:
         inertia = Inertia(1.0, (1.0, 2.0, 3.0))
 
-        with pytest.raises(ConvergenceError, match=r"midpoint4: a stage of .* steps failed: midpoint: "):
+        with pytest.raises(ConvergenceError, match=r"midpoint4: a stage of .* s failed: midpoint: "):
             METHODS["midpoint4"].step(
                 inertia, HeldWrench(), 1e100, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), (3.0, -7.0, 5.0)
             )

@@ -464,7 +464,7 @@ class TestLimits:
         pytest.fail(f"still too long: {h} s")
 
     def test_a_stage_that_fails_names_the_method(self) -> None:
-        with pytest.raises(ConvergenceError, match=r"midpoint4: a stage of .* steps failed: midpoint: "):
+        with pytest.raises(ConvergenceError, match=r"midpoint4: a stage of .* s failed: midpoint: "):
             one_step("midpoint4", stiff, 1.0)
 
     @each

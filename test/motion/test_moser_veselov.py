@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -16,7 +17,7 @@ from rb_dynamics.motion import METHODS, Inertia
 from rb_dynamics.motion.exact import EXACT
 from rb_dynamics.motion.free import FreeRotation
 from rb_dynamics.motion.method import Method
-from rb_dynamics.motion.moser_veselov import DMV82, DMV104, DMV864, _preprocessing, flow
+from rb_dynamics.motion.moser_veselov import _DENOMINATORS, DMV82, DMV104, DMV864, _preprocessing, flow
 from rb_dynamics.motion.phase import Phase
 from rb_dynamics.rotation import IDENTITY, angle_between, matrix, rotate
 from rb_dynamics.vector import Vector, dot, multiply, norm, scale, subtract
@@ -72,10 +73,11 @@ def test_each_term_of_the_preprocessing_raises_the_order_by_two(terms: int) -> N
             energy = t * t * mp.fsum(x * x / i for x, i in zip(m, moments, strict=True)) / 2
             square = t * t * mp.fsum(x * x for x in m) / 2
             stretch, shift = mpf(1), mpf(0)
-            for k, (s, d) in enumerate(_preprocessing(tuple(moments))[:terms], 1):
+            rows = zip(_preprocessing(tuple(moments)), _DENOMINATORS, strict=True)
+            for k, ((s, d), denominator) in enumerate(itertools.islice(rows, terms), 1):
                 for a in range(k + 1):
-                    stretch += s[a] * energy**a * square ** (k - a)
-                    shift += d[a] * energy**a * square ** (k - a)
+                    stretch += s[a] * energy**a * square ** (k - a) / denominator
+                    shift += d[a] * energy**a * square ** (k - a) / denominator
             modified = [1 / (stretch / i + shift) for i in moments]
             found, expected = discrete_momentum(modified, m, t), exact_momentum(moments, m, t)
             return mp.norm([x - y for x, y in zip(found, expected, strict=True)])
