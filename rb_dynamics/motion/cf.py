@@ -10,59 +10,116 @@ from typing import NamedTuple
 
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
-from rb_dynamics.motion.refusal import require_finite, require_small_turn
+from rb_dynamics.motion.refusal import LARGEST_TURN, require_finite, turns_too_far
 from rb_dynamics.rotation import IDENTITY, Quaternion, exp, normalize, rotate, rotate_inverse
 from rb_dynamics.rotation import multiply as compose
 from rb_dynamics.vector import ZERO, Vector, add, add_scaled, divide, dot, multiply, norm, scale
 
-# The exponentials of one product, each by the weights of the slopes of the stages before, in units of the step.
+# The exponentials of one product, each by the weights of the slopes of the stages before, in units of the step; rows of
+# equal length.
 Product = tuple[tuple[float, ...], ...]
 
 
 class Table(NamedTuple):
-    """The products of the stages after the first, and that of the step."""
+    """The products of the three stages after the first, and that of the step."""
 
     stages: tuple[Product, ...]
     end: Product
 
 
 CF4_TABLE = Table(
-    stages=(((0.5,),), ((0.0, 0.5),), ((0.5,), (-0.5, 0.0, 1.0))),
+    stages=(((0.5,),), ((0.0, 0.5),), ((0.5, 0.0, 0.0), (-0.5, 0.0, 1.0))),
     end=((1.0 / 4.0, 1.0 / 6.0, 1.0 / 6.0, -1.0 / 12.0), (-1.0 / 12.0, 1.0 / 6.0, 1.0 / 6.0, 1.0 / 4.0)),
 )
 
 
 def weights(product: Product) -> tuple[float, ...]:
     """Return what the product comes to where everything commutes: its weights, summed for each slope."""
-    return tuple(math.fsum(row[j] for row in product if j < len(row)) for j in range(max(map(len, product))))
+    return tuple(map(math.fsum, zip(*product, strict=True)))
 
 
-def _combined(h: float, row: tuple[float, ...], slopes: list[Vector]) -> Vector:
-    out = ZERO
-    for weight, slope in zip(row, slopes, strict=False):
-        out = add_scaled(out, weight * h, slope)
-    return out
+class _Frame(NamedTuple):
+    """What the stages of a step share; momentum, velocity, force and torque of the world in the axes of R0."""
+
+    name: str
+    inertia: Inertia
+    held: HeldWrench
+    h: float
+    drift: Vector
+    orientation: Quaternion
+    momentum: Vector
+    velocity: Vector
+    force: Vector
+    torque: Vector
 
 
-def _turned(h: float, product: Product, slopes: list[Vector]) -> Quaternion:
+class _Slope(NamedTuple):
+    """What changes with time at a stage: turn, momenta less what is uniform, in the axes of R0, place and work."""
+
+    omega: Vector
+    push: Vector
+    twist: Vector
+    gain: Vector
+    power: float
+
+
+class _Reached(NamedTuple):
+    """Where a stage stands: s into the step, turn, and what the slopes of force, torque and place come to."""
+
+    ahead: float
+    turn: Quaternion
+    pushed: Vector
+    twisted: Vector
+    moved: Vector
+
+
+def _reached(h: float, product: Product, row: tuple[float, ...], slopes: tuple[_Slope, ...]) -> _Reached:
     turn = IDENTITY
-    for row in product:
-        turn = compose(turn, exp(_combined(h, row, slopes)))
-    return turn
+    for weights_of_one in product:
+        theta = ZERO
+        for stage, weight in enumerate(weights_of_one):
+            theta = add_scaled(theta, weight * h, slopes[stage].omega)
+        turn = compose(turn, exp(theta))
+    ahead, pushed, twisted, moved = 0.0, ZERO, ZERO, ZERO
+    for stage, weight in enumerate(row):
+        s, k = weight * h, slopes[stage]
+        ahead, pushed = ahead + s, add_scaled(pushed, s, k.push)
+        twisted, moved = add_scaled(twisted, s, k.twist), add_scaled(moved, s, k.gain)
+    return _Reached(ahead, turn, pushed, twisted, moved)
 
 
-def advance(
+def _slope(frame: _Frame, at: _Reached, load: Load | None) -> _Slope:
+    (mass, moments), held, axes = frame.inertia, frame.held, frame.orientation
+    gain = scale(1.0 / mass, add_scaled(at.pushed, at.ahead, frame.force))
+    lever = add(frame.momentum, add_scaled(at.twisted, at.ahead, frame.torque))
+    omega = divide(rotate_inverse(at.turn, lever), moments)
+    rate = norm(omega)
+    if not rate * abs(frame.h) < LARGEST_TURN:
+        omega = turns_too_far(frame.name, frame.h, rate).angular_velocity
+    push, torque = rotate(at.turn, held.force_body), held.torque_body
+    if load is not None:
+        place = add_scaled(rotate(axes, at.moved), at.ahead, frame.drift)
+        v = add(frame.drift, rotate(axes, gain))
+        force, more = load(at.ahead, place, v, compose(axes, at.turn), omega)
+        push, torque = add(push, rotate_inverse(axes, force)), add(torque, more)
+    power = dot(add(push, frame.force), add(frame.velocity, gain)) + dot(torque, omega)
+    power += dot(frame.torque, rotate(at.turn, omega))
+    return _Slope(omega, push, rotate(at.turn, torque), gain, power)
+
+
+def _advance(
     name: str,
     table: Table,
+    rows: tuple[tuple[float, ...], ...],
     inertia: Inertia,
     held: HeldWrench,
     h: float,
     velocity: Vector,
     orientation: Quaternion,
     angular_velocity: Vector,
-    load: Load | None = None,
+    load: Load | None,
 ) -> Increment:
-    """Advance R' = R hat(omega) by products of exponentials, everything else by the Runge-Kutta method below them.
+    """Advance R' = R hat(omega) by products of exponentials, everything else by the Runge-Kutta method `rows`.
 
     The angular momentum is carried in the axes of R0, m = R^T R0 (m0 + lambda) with lambda' = R0^T R tau. So the
     world-frame angular momentum changes by the quadrature of the torque and by nothing else.
@@ -70,58 +127,39 @@ def advance(
     Raises:
         ConvergenceError: the step turns the body too far, or diverges.
     """
-    mass, moments = inertia
-    momentum = multiply(moments, angular_velocity)
-    force_0 = rotate_inverse(orientation, held.force_world)
-    torque_0 = rotate_inverse(orientation, held.torque_world)
-    velocity_0 = rotate_inverse(orientation, velocity)
-
-    # The slopes of the stages; forces, torques and the gain of velocity in the axes of R0. Only what turns with the
-    # body needs the quadrature, the world-frame parts are constant there.
-    turns: list[Vector] = []
-    pushes: list[Vector] = []
-    twists: list[Vector] = []
-    gains: list[Vector] = []
-    work = 0.0
-    end = weights(table.end)
-    for stage, weight in enumerate(end):
-        row: tuple[float, ...] = ()
-        turn = IDENTITY
-        if stage > 0:
-            product = table.stages[stage - 1]
-            row, turn = weights(product), _turned(h, product, turns)
-        ahead = h * math.fsum(row)
-        gain = scale(1.0 / mass, add_scaled(_combined(h, row, pushes), ahead, force_0))
-        lever = add(momentum, add_scaled(_combined(h, row, twists), ahead, torque_0))
-        omega = divide(rotate_inverse(turn, lever), moments)
-        require_small_turn(name, h, norm(omega))
-        push, torque = rotate(turn, held.force_body), held.torque_body
-        if load is not None:
-            place = add_scaled(rotate(orientation, _combined(h, row, gains)), ahead, velocity)
-            v = add(velocity, rotate(orientation, gain))
-            force, more = load(ahead, place, v, compose(orientation, turn), omega)
-            push, torque = add(push, rotate_inverse(orientation, force)), add(torque, more)
-        turns.append(omega)
-        pushes.append(push)
-        twists.append(rotate(turn, torque))
-        gains.append(gain)
-        power = dot(add(push, force_0), add(velocity_0, gain)) + dot(torque, omega)
-        work += weight * h * (power + dot(torque_0, rotate(turn, omega)))
-
-    turn = _turned(h, table.end, turns)
-    torque_impulse = _combined(h, end, twists)
-    step = Increment(
-        add_scaled(rotate(orientation, _combined(h, end, gains)), h, velocity),
-        normalize(compose(orientation, turn)),
-        divide(rotate_inverse(turn, add(momentum, add_scaled(torque_impulse, h, torque_0))), moments),
-        add_scaled(rotate(orientation, _combined(h, end, pushes)), h, held.force_world),
-        add_scaled(rotate(orientation, torque_impulse), h, held.torque_world),
-        work,
+    moments = inertia.moments
+    frame = _Frame(
+        name,
+        inertia,
+        held,
+        h,
+        velocity,
+        orientation,
+        multiply(moments, angular_velocity),
+        rotate_inverse(orientation, velocity),
+        rotate_inverse(orientation, held.force_world),
+        rotate_inverse(orientation, held.torque_world),
     )
-    return require_finite(name, h, step)
+    k1 = _slope(frame, _Reached(0.0, IDENTITY, ZERO, ZERO, ZERO), load)
+    k2 = _slope(frame, _reached(h, table.stages[0], rows[0], (k1,)), load)
+    k3 = _slope(frame, _reached(h, table.stages[1], rows[1], (k1, k2)), load)
+    k4 = _slope(frame, _reached(h, table.stages[2], rows[2], (k1, k2, k3)), load)
+    at = _reached(h, table.end, rows[3], (k1, k2, k3, k4))
+    a, b, c, d = rows[3]
+    end = Increment(
+        add_scaled(rotate(orientation, at.moved), h, velocity),
+        normalize(compose(orientation, at.turn)),
+        divide(rotate_inverse(at.turn, add(frame.momentum, add_scaled(at.twisted, h, frame.torque))), moments),
+        add_scaled(rotate(orientation, at.pushed), h, held.force_world),
+        add_scaled(rotate(orientation, at.twisted), h, held.torque_world),
+        h * (a * k1.power + b * k2.power + c * k3.power + d * k4.power),
+    )
+    return require_finite(name, h, end)
 
 
 def _method(name: str, order: int, table: Table, source: str) -> Method:
+    rows = (*map(weights, table.stages), weights(table.end))
+
     def step(
         inertia: Inertia,
         held: HeldWrench,
@@ -131,7 +169,7 @@ def _method(name: str, order: int, table: Table, source: str) -> Method:
         angular_velocity: Vector,
         load: Load | None = None,
     ) -> Increment:
-        return advance(name, table, inertia, held, h, velocity, orientation, angular_velocity, load)
+        return _advance(name, table, rows, inertia, held, h, velocity, orientation, angular_velocity, load)
 
     step.__doc__ = f"""Advance by products of exponentials, without commutators and without dexpinv: {source}.
 
@@ -140,7 +178,7 @@ def _method(name: str, order: int, table: Table, source: str) -> Method:
     Raises:
         ConvergenceError: the step turns the body too far, or diverges.
     """
-    return Method(name, order, frozenset({"angular_momentum", "unit_quaternion"}), step, takes=Takes.ANY)
+    return Method(name, order, frozenset({"angular_momentum", "unit_quaternion"}), step, takes=Takes.ANY, compiles=True)
 
 
 CF4 = _method(

@@ -80,16 +80,6 @@ def turns_too_far(name: str, h: float, rate: float) -> Increment:
     )
 
 
-def require_quaternion(name: str, h: float, square: float, rate: float) -> None:
-    """Let pass a quaternion of norm `square`^(1/2), reached in h s from `rate` (rad/s), that is still near a rotation.
-
-    Raises:
-        ConvergenceError: its norm is not about 1.
-    """
-    if not 0.5 < square < 2.0:
-        no_rotation(name, h, square, rate)
-
-
 @compiled_as(NO_INCREMENT)
 def no_rotation(name: str, h: float, square: float, rate: float) -> Increment:
     """Refuse a quaternion of norm `square`^(1/2), reached in h s from `rate` (rad/s).
