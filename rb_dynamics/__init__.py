@@ -10,7 +10,7 @@ Conventions, kept everywhere:
 
 The way of the data: a scene is read (`scene`), compiled to a method and a step control (`scene.compile`), advanced by
 one loop (`simulate`), and what happens goes to sinks (`recording`). Each part imports only those before it: `vector`,
-`rotation`, `body`, `loads`, `motion`, `scene`, `diagnostics`, `recording`, `simulate`, `explain`, `report`,
+`rotation`, `body`, `loads`, `motion`, `scene`, `ensemble`, `diagnostics`, `recording`, `simulate`, `explain`, `report`,
 `ros`, `cli`.
 Nothing is imported before it is used: not by `import rb_dynamics` what stands behind a name, nor optional libraries.
 """
@@ -34,6 +34,9 @@ if TYPE_CHECKING:
     from rb_dynamics.body.rigid_body import RigidBody as RigidBody
     from rb_dynamics.body.state import State as State
     from rb_dynamics.diagnostics import Sample as Sample
+    from rb_dynamics.ensemble import Ensemble as Ensemble
+    from rb_dynamics.ensemble import Samples as Samples
+    from rb_dynamics.ensemble import driven_motion as driven_motion
     from rb_dynamics.errors import BodyError as BodyError
     from rb_dynamics.errors import ConvergenceError as ConvergenceError
     from rb_dynamics.errors import LogError as LogError
@@ -81,6 +84,9 @@ _HOMES = {
     "RigidBody": "body.rigid_body",
     "State": "body.state",
     "Sample": "diagnostics",
+    "Ensemble": "ensemble",
+    "Samples": "ensemble",
+    "driven_motion": "ensemble",
     "BodyError": "errors",
     "ConvergenceError": "errors",
     "LogError": "errors",

@@ -44,6 +44,21 @@ def workspace(n: int) -> list[float]:
     return [0.0] * n
 
 
+def block(rows: int, lanes: int) -> Any:
+    """Return a matrix to be overwritten, as numpy has it; compiled, on the stack like `workspace`, and as short-lived.
+
+    Both are constants: the compiler knows that its rows are apart, and can take many lanes at once.
+    """
+    import numpy as np
+
+    return np.empty((rows, lanes))
+
+
+def lane(i: int) -> int:
+    """Return i >= 0; compiled, as an unsigned number, which no array takes to count from its end."""
+    return i
+
+
 def specialise(template: Callable[..., Any], name: str, **names: object) -> Callable[..., Any]:
     """Return a copy of the module-level function `template`, called `name`, with `names` among its globals.
 
@@ -134,11 +149,34 @@ def _provide_workspace() -> None:
 
     zeros_on_stack = intrinsic(prefer_literal=True)(on_stack)
 
-    # Inlined before it is compiled: the memory belongs to the caller. Both lambdas need the same argument.
-    overload(workspace, inline="always", prefer_literal=True)(lambda n: lambda n: zeros_on_stack(n))  # noqa: ARG005, PLW0108
+    def matrix_on_stack(_context: Any, rows: Any, lanes: Any) -> Any:
+        array = types.Array(types.float64, 2, "C")
+
+        def build(context: Any, builder: Any, _signature: Any, _arguments: Any) -> Any:
+            r, n = rows.literal_value, lanes.literal_value
+            data = cgutils.alloca_once(builder, context.get_value_type(types.UniTuple(types.float64, r * n)))
+            value = make_array(array)(context, builder)
+            shape, strides = ([context.get_constant(types.intp, k) for k in pair] for pair in ((r, n), (8 * n, 8)))
+            populate_array(value, builder.bitcast(data, value.data.type), shape, strides, strides[1], None)
+            return value._getvalue()  # noqa: SLF001
+
+        return array(rows, lanes), build
+
+    def unsigned(_context: Any, i: Any) -> Any:
+        return types.uint64(i), lambda _context, _builder, _signature, arguments: arguments[0]
+
+    block_on_stack, as_unsigned = intrinsic(prefer_literal=True)(matrix_on_stack), intrinsic(unsigned)
+
+    # Inlined before it is compiled: the memory belongs to the caller. Both lambdas need the same arguments.
+    # ruff: noqa: ARG005, PLW0108
+    overload(workspace, inline="always", prefer_literal=True)(lambda n: lambda n: zeros_on_stack(n))
+    overload(block, inline="always", prefer_literal=True)(
+        lambda rows, lanes: lambda rows, lanes: block_on_stack(rows, lanes)
+    )
+    overload(lane, inline="always")(lambda i: lambda i: as_unsigned(i))
 
 
-_registered: dict[int, object] = {id(workspace): workspace}
+_registered: dict[int, object] = {id(provided): provided for provided in (workspace, block, lane)}
 
 
 def _register(function: Any) -> None:

@@ -5,14 +5,15 @@ Each axis alone turns the body uniformly. Between half kicks by the wrench, as i
 
 from __future__ import annotations
 
-import math
+from collections.abc import Callable
 
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.composition import KAHAN_LI6, SUZUKI4
-from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
-from rb_dynamics.motion.splitting import Stages, advance, kick_free_kick
-from rb_dynamics.rotation import Quaternion, exp, multiply
-from rb_dynamics.vector import Vector, divide, scale
+from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Step, Takes
+from rb_dynamics.motion.splitting import Stages, Start, Way, advance, arrived, begin, kick_and_free, kick_free_kick
+from rb_dynamics.rotation import Quaternion, multiply
+from rb_dynamics.sincos import sincos
+from rb_dynamics.vector import Vector, divide, norm, scale
 from rb_dynamics.vector import multiply as times
 
 
@@ -32,7 +33,7 @@ def flow(moments: Vector, orientation: Quaternion, angular_velocity: Vector, t: 
     third = one[0] > two[0]
     one, two = (two, one) if third else (one, two)
     (low, m_a), (middle, m_b), (high, m_c) = one, two, three
-    x, y, z, w = multiply(orientation, exp(scale(t, (m[0] / middle, m[1] / middle, m[2] / middle))))
+    x, y, z, w = multiply(orientation, _exp(scale(t, (m[0] / middle, m[1] / middle, m[2] / middle))))
     x, y = (y, x) if first else (x, y)
     y, z = (z, y) if second else (y, z)
     x, y = (y, x) if third else (x, y)
@@ -49,6 +50,14 @@ def flow(moments: Vector, orientation: Quaternion, angular_velocity: Vector, t: 
     return (x, y, z, w), divide((m_a, m_b, m_c), moments)
 
 
+def _exp(v: Vector) -> Quaternion:
+    """Return `rotation.exp`, without a call of the C library."""
+    angle = norm(v)
+    sine, cosine = sincos(0.5 * angle)
+    s = sine / angle if angle > 0.0 else 0.5
+    return (s * v[0], s * v[1], s * v[2], cosine)
+
+
 def _turn(
     q_a: float, q_b: float, q_c: float, q_w: float, m_b: float, m_c: float, angle: float, parity: float
 ) -> tuple[float, float, float, float, float, float]:
@@ -56,7 +65,7 @@ def _turn(
 
     `parity` is 1 where (a, b, c) is right-handed, else -1.
     """
-    s, c = math.sin(0.5 * angle), math.cos(0.5 * angle)
+    s, c = sincos(0.5 * angle)
     p = parity * s
     # cos(angle) - 1 by the half angle, so that nothing cancels.
     sine, versine = 2.0 * p * c, 2.0 * s * s
@@ -97,6 +106,47 @@ def _method(name: str, order: int, stages: Stages, scheme: str) -> Method:
     )
 
 
-DLM2 = _method("dlm2", 2, kick_free_kick((1.0,)), "one symmetric step")
-DLM4 = _method("dlm4", 4, kick_free_kick(SUZUKI4), "composed after Suzuki, Phys. Lett. A 146 (1990) 319")
-DLM6 = _method("dlm6", 6, kick_free_kick(KAHAN_LI6), "composed after Kahan & Li, Math. Comp. 66 (1997) 1089")
+_STAGES = {"dlm2": kick_free_kick((1.0,)), "dlm4": kick_free_kick(SUZUKI4), "dlm6": kick_free_kick(KAHAN_LI6)}
+
+DLM2 = _method("dlm2", 2, _STAGES["dlm2"], "one symmetric step")
+DLM4 = _method("dlm4", 4, _STAGES["dlm4"], "composed after Suzuki, Phys. Lett. A 146 (1990) 319")
+DLM6 = _method("dlm6", 6, _STAGES["dlm6"], "composed after Kahan & Li, Math. Comp. 66 (1997) 1089")
+
+
+_Run = Callable[[Start, float, Way], Way]
+
+
+def _lane_step(name: str) -> Step:
+    run: _Run = _nothing
+    for stage in _STAGES[name]:
+        run = _then(run, name, stage)
+
+    def step(
+        inertia: Inertia,
+        held: HeldWrench,
+        h: float,
+        velocity: Vector,
+        orientation: Quaternion,
+        angular_velocity: Vector,
+        load: Load | None = None,
+    ) -> Increment:
+        start, way = begin(inertia, held, velocity, orientation, angular_velocity)
+        return arrived(name, start, h, run(start, h, way), load)
+
+    step.__doc__ = f"Do what the step of `{name}` does, its stages written out for many bodies at once (`lanes.py`)."
+    return step
+
+
+def _nothing(_start: Start, _h: float, way: Way) -> Way:
+    return way
+
+
+def _then(before: _Run, name: str, stage: tuple[float, float]) -> _Run:
+    def run(start: Start, h: float, way: Way) -> Way:
+        return kick_and_free(name, flow, stage, start, h, before(start, h, way), None)
+
+    return run
+
+
+LANE_STEPS = {name: _lane_step(name) for name in _STAGES}
+"""The same steps under a held wrench, without a loop."""

@@ -93,26 +93,68 @@ def plain(method: Method) -> Callable[..., tuple[Quaternion, Vector, Sums, Sums]
     return specialise(run, f"run_{method.name}", _step=method.step)
 
 
-class Kernel:
-    """The stretches of one method; it counts the steps of this process, to know when compilation is worth it."""
+class OnDemand:
+    """A function that is compiled when it is worth it, which it knows by counting the steps of this process."""
+
+    def __init__(self, name: str, function: Callable[..., Any], signature: str, price: float = 1.0) -> None:
+        """Compile nothing yet.
+
+        Args:
+            name: to find it by in the cache.
+            function: to be compiled, with the name.
+            signature: its types.
+            price: of what it does at a time in plain Python, in steps.
+        """
+        self._name, self._function, self._signature, self._price = name, function, signature, price
+        self._compiled: Callable[..., Any] | None = None
+        self._steps = 0.0
+        self._given_up = False
+        self._is_cached: bool | None = None
+
+    def get(self, ahead: float, missed: float) -> Callable[..., Any] | None:
+        """Return the compiled function; None if it is not worth it, though `ahead` are known to come.
+
+        `missed` of them will then be done without it.
+        """
+        when = _when()
+        if when == "never":
+            return None
+        try:
+            if self._compiled is None and (when == "always" or self._is_worth(ahead * self._price)):
+                self._compiled = compile_kernel(self._function, self._signature)
+        except (ImportError, OSError, RuntimeError) as error:
+            if when == "always":
+                raise
+            self._given_up = True
+            _log.warning("%s runs in plain Python: %s", self._name, error)
+        if self._compiled is None:
+            self._steps += missed * self._price
+        return self._compiled
+
+    def _is_worth(self, ahead: float) -> bool:
+        if self._given_up or not available():
+            return False
+        steps = self._steps + ahead
+        if steps >= WORTH_LOADING and self._is_cached is None:
+            self._is_cached = is_cached(self._name)
+        return steps >= WORTH_COMPILING or bool(self._is_cached)
+
+
+class Kernel(OnDemand):
+    """The stretches of one method."""
 
     def __init__(self, method: Method) -> None:
         """Compile nothing yet."""
-        self._method = method
-        self._name = f"{_run_on_numbers.__name__}_{method.name}"
-        self._compiled: Callable[[Numbers, float, int, Numbers], None] | None = None
-        self._steps = 0
-        self._given_up = False
-        self._is_cached: bool | None = None
+        name = f"{_run_on_numbers.__name__}_{method.name}"
+        super().__init__(name, specialise(_run_on_numbers, name, run=plain(method)), _SIGNATURE)
 
     def after(self, inertia: Inertia, held: HeldWrench, h: float, n: int, ahead: int, phase: Phase) -> Phase | None:
         """Return the phase after n steps of h s, `ahead` being known to come; None if they are to be taken in Python.
 
         So they are if this is not worth compiling, or if a step is refused.
         """
-        compiled = self._get(ahead)
+        compiled = self.get(ahead, ahead)
         if compiled is None:
-            self._steps += ahead
             return None
         import numpy as np
 
@@ -123,29 +165,6 @@ class Kernel:
         if not all(map(math.isfinite, s)):
             return None
         return Phase((s[0], s[1], s[2], s[3]), (s[4], s[5], s[6]), tuple(s[7:21]), tuple(s[21:]))
-
-    def _get(self, ahead: int) -> Callable[[Numbers, float, int, Numbers], None] | None:
-        when = _when()
-        if when == "never":
-            return None
-        try:
-            if self._compiled is None and (when == "always" or self._is_worth(ahead)):
-                on_numbers = specialise(_run_on_numbers, self._name, run=plain(self._method))
-                self._compiled = compile_kernel(on_numbers, _SIGNATURE)
-        except (ImportError, OSError, RuntimeError) as error:
-            if when == "always":
-                raise
-            self._given_up = True
-            _log.warning("%s runs in plain Python: %s", self._method.name, error)
-        return self._compiled
-
-    def _is_worth(self, ahead: int) -> bool:
-        if self._given_up or not available():
-            return False
-        steps = self._steps + ahead
-        if steps >= WORTH_LOADING and self._is_cached is None:
-            self._is_cached = is_cached(self._name)
-        return steps >= WORTH_COMPILING or bool(self._is_cached)
 
 
 @cache

@@ -6,6 +6,7 @@ Takes any load, at the midpoint of the step. Never needs its derivatives.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 from rb_dynamics.compiled import compiled_as
 from rb_dynamics.errors import ConvergenceError
@@ -47,8 +48,24 @@ def step(
         ConvergenceError: no w is found for this step, or no load that agrees with the motion that it causes.
     """
     if load is None:
-        return _step(inertia, held, h, velocity, orientation, angular_velocity)
+        return _step(_iterated, inertia, held, h, velocity, orientation, angular_velocity)
     return _under_load(inertia, held, h, velocity, orientation, angular_velocity, load)
+
+
+def lane_step(
+    inertia: Inertia,
+    held: HeldWrench,
+    h: float,
+    velocity: Vector,
+    orientation: Quaternion,
+    angular_velocity: Vector,
+    load: Load | None = None,  # noqa: ARG001
+) -> Increment:
+    """Return what `step` does where Newton's method is soon done, as at turns below 0.2 rad, else NaN.
+
+    Without a loop, for many bodies at once (`lanes.py`).
+    """
+    return _step(_written_out, inertia, held, h, velocity, orientation, angular_velocity)
 
 
 @compiled_as(NO_INCREMENT)
@@ -66,7 +83,7 @@ def _under_load(
     both, force_0, torque_0, size = held, _UNKNOWN, _UNKNOWN, math.inf
     for _ in range(_LOAD_ITERATIONS):
         try:
-            found = _step(inertia, both, h, velocity, orientation, angular_velocity)
+            found = _step(_iterated, inertia, both, h, velocity, orientation, angular_velocity)
         except ConvergenceError as error:
             if both is held:
                 raise
@@ -101,13 +118,25 @@ def _disagreement(h: float, size: float) -> ConvergenceError:
     )
 
 
+# solve(moments, m0, half_world, target, h): the mean angular velocity, see `_iterated`.
+_Solve = Callable[[Vector, Vector, Vector, Vector, float], Vector]
+
+
 def _step(
-    inertia: Inertia, held: HeldWrench, h: float, velocity: Vector, orientation: Quaternion, angular_velocity: Vector
+    solve: _Solve,
+    inertia: Inertia,
+    held: HeldWrench,
+    h: float,
+    velocity: Vector,
+    orientation: Quaternion,
+    angular_velocity: Vector,
 ) -> Increment:
     mass, moments = inertia
     momentum = times(moments, angular_velocity)
     torque_impulse_world = scale(h, rotate_inverse(orientation, held.torque_world))
-    w = _mean_angular_velocity(moments, momentum, torque_impulse_world, scale(h, held.torque_body), h)
+    half_world = scale(0.5, torque_impulse_world)
+    target = add_scaled(add(momentum, half_world), 0.5 * h, held.torque_body)
+    w = solve(moments, momentum, half_world, target, h)
     rate = norm(w)
     if not rate * abs(h) < LARGEST_TURN:
         return turns_too_far("midpoint", h, rate)
@@ -140,27 +169,51 @@ def _half_cayley(a: Vector, u: Vector) -> Vector:
     return scale(1.0 / (1.0 + dot(a, a)), add(add(u, cross(a, u)), scale(dot(a, u), a)))
 
 
-def _mean_angular_velocity(moments: Vector, m0: Vector, world: Vector, body: Vector, h: float) -> Vector:
-    """Solve I w + (h/2) w x (I w + world/2) = m0 + (world + body)/2 for w by Newton's method.
+def _iterated(moments: Vector, m0: Vector, half_world: Vector, target: Vector, h: float) -> Vector:
+    """Solve I w + (h/2) w x (I w + half_world) = target for w by Newton's method.
 
-    The step's equations with m1 eliminated; `world` and `body` are the torque impulses h R0^T tau_world, h tau_body.
+    The step's equations with m1 eliminated: half_world = h R0^T tau_world / 2, target = m0 + half_world + h tau_body/2.
     """
-    half_world = scale(0.5, world)
-    target = add_scaled(add(m0, half_world), 0.5, body)
-    w = divide(target, moments)
-    least = _SMALLEST + _SMALLEST / min(moments[0], moments[1], moments[2])
-    previous = math.inf
+    w, size = divide(target, moments), math.inf
     for _ in range(_ITERATIONS):
-        lever = add(times(moments, w), half_world)
-        residual = subtract(add_scaled(times(moments, w), 0.5 * h, cross(w, lever)), target)
-        correction = _solve_jacobian(moments, w, lever, 0.5 * h, residual)
-        w = subtract(w, correction)
-        size = norm(correction)
-        # Converged, or at the round-off floor, where corrections no longer shrink.
-        if size <= _CONVERGED * norm(w) + least or (size >= 0.5 * previous and size <= 1e-12 * norm(w)):
+        w, size, done = _improved(moments, half_world, target, h, w, size)
+        if done:
             return w
-        previous = size
-    return _not_converged(h, norm(w), norm(divide(m0, moments)), previous)
+    return _not_converged(h, norm(w), norm(divide(m0, moments)), size)
+
+
+def _written_out(moments: Vector, _m0: Vector, half_world: Vector, target: Vector, h: float) -> Vector:
+    """Return the same after at most four iterations, NaN if that does not do."""
+    w, size, done = _improved(moments, half_world, target, h, divide(target, moments), math.inf)
+    w, size, done = _improved_unless(done, moments, half_world, target, h, w, size)
+    w, size, done = _improved_unless(done, moments, half_world, target, h, w, size)
+    w, size, done = _improved_unless(done, moments, half_world, target, h, w, size)
+    return w if done else NOWHERE
+
+
+def _improved_unless(
+    done: bool, moments: Vector, half_world: Vector, target: Vector, h: float, w: Vector, size: float
+) -> tuple[Vector, float, bool]:
+    better, smaller, now = _improved(moments, half_world, target, h, w, size)
+    # A choice for each number: one between tuples is a branch.
+    kept = (w[0] if done else better[0], w[1] if done else better[1], w[2] if done else better[2])
+    return kept, smaller, done or now
+
+
+def _improved(
+    moments: Vector, half_world: Vector, target: Vector, h: float, w: Vector, previous: float
+) -> tuple[Vector, float, bool]:
+    """Return w after an iteration, by how much it changed, and whether that was the last; `previous` was the change."""
+    momentum = times(moments, w)
+    lever = add(momentum, half_world)
+    residual = subtract(add_scaled(momentum, 0.5 * h, cross(w, lever)), target)
+    correction = _solve_jacobian(moments, w, lever, 0.5 * h, residual)
+    w = subtract(w, correction)
+    size, length = _largest(correction), _largest(w)
+    least = _SMALLEST + _SMALLEST / min(moments[0], moments[1], moments[2])
+    # Converged, or at the round-off floor, where corrections no longer shrink.
+    done = size <= _CONVERGED * length + least or (size >= 0.5 * previous and size <= 1e-12 * length)
+    return w, size, done
 
 
 @compiled_as(NOWHERE)
@@ -169,6 +222,13 @@ def _not_converged(h: float, rate: float, before: float, last: float) -> Vector:
         f"midpoint: Newton's method did not converge for a step of {h:g} s (last correction {last:.3g} rad/s at "
         f"{rate:.3g} rad/s); use a step below {0.5 / max(before, 1e-300):.3g} s"
     )
+
+
+def _largest(v: Vector) -> float:
+    """Return the largest component: as good a measure as the norm, without its roots."""
+    x, y, z = abs(v[0]), abs(v[1]), abs(v[2])
+    larger = x if x > y else y
+    return larger if larger > z else z
 
 
 def _solve_jacobian(moments: Vector, w: Vector, lever: Vector, half: float, b: Vector) -> Vector:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
 from rb_dynamics.motion.refusal import no_rotation, require_finite
-from rb_dynamics.rotation import Quaternion, normalize, rotate, rotate_inverse
-from rb_dynamics.vector import ZERO, Vector, add, add_scaled, cross, divide, dot, multiply, norm, scale, subtract
-
-_WEIGHTS = (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0)
-_NODES = (0.0, 0.5, 0.5, 1.0)
+from rb_dynamics.rotation import Quaternion, normalize
+from rb_dynamics.vector import ZERO, Vector, add, add_scaled, cross, dot, multiply, norm, scale, subtract
 
 
 def step(
@@ -29,51 +28,118 @@ def step(
     Raises:
         ConvergenceError: the step turns the body so far that a stage is no rotation any more, or diverges.
     """
-    mass, moments = inertia
-    q, omega, v, v_before = orientation, angular_velocity, velocity, ZERO
-    q_sum = (0.0, 0.0, 0.0, 0.0)
-    omega_sum, displacement, impulse, torque_impulse, work = ZERO, ZERO, ZERO, ZERO, 0.0
-    for stage in range(4):
-        attitude = normalize(q)
-        force = add(rotate(attitude, held.force_body), held.force_world)
-        torque = add(held.torque_body, rotate_inverse(attitude, held.torque_world))
-        if load is not None:
-            ahead = _NODES[stage] * h
-            push, twist = load(ahead, scale(ahead, v_before), v, attitude, omega)
-            force, torque = add(force, push), add(torque, twist)
-        omega_dot = divide(subtract(torque, cross(omega, multiply(moments, omega))), moments)
-        q_dot = _kinematics(q, omega)
+    inverse_mass, moments = 1.0 / inertia.mass, inertia.moments
+    inverse = (1.0 / moments[0], 1.0 / moments[1], 1.0 / moments[2])
+    half = 0.5 * h
 
-        weight = _WEIGHTS[stage] * h
-        q_sum = _add_scaled(q_sum, weight, q_dot)
-        omega_sum = add_scaled(omega_sum, weight, omega_dot)
-        displacement = add_scaled(displacement, weight, v)
-        impulse = add_scaled(impulse, weight, force)
-        torque_impulse = add_scaled(torque_impulse, weight, rotate(attitude, torque))
-        work += weight * (dot(force, v) + dot(torque, omega))
-        if stage < 3:
-            ahead = _NODES[stage + 1] * h
-            q = _add_scaled(orientation, ahead, q_dot)
-            omega = add_scaled(angular_velocity, ahead, omega_dot)
-            v_before, v = v, add_scaled(velocity, ahead / mass, force)
-    q_end = _add_scaled(orientation, 1.0, q_sum)
+    # The stages are written out: the compiler then takes many bodies at once (`lanes.py`), and Python has less to do.
+    q, w, v = orientation, angular_velocity, velocity
+    one = _slope(moments, inverse, held, 0.0, ZERO, v, q, w, load)
+    ahead = scale(half, v)
+    q, w = _add_scaled(orientation, half, one.spin), add_scaled(angular_velocity, half, one.angular)
+    v = add_scaled(velocity, half * inverse_mass, one.force)
+    two = _slope(moments, inverse, held, half, ahead, v, q, w, load)
+    ahead = scale(half, v)
+    q, w = _add_scaled(orientation, half, two.spin), add_scaled(angular_velocity, half, two.angular)
+    v = add_scaled(velocity, half * inverse_mass, two.force)
+    three = _slope(moments, inverse, held, half, ahead, v, q, w, load)
+    ahead = scale(h, v)
+    q, w = _add_scaled(orientation, h, three.spin), add_scaled(angular_velocity, h, three.angular)
+    v = add_scaled(velocity, h * inverse_mass, three.force)
+    four = _slope(moments, inverse, held, h, ahead, v, q, w, load)
+
+    sixth = h / 6.0
+    a, b, c, d = one.spin, two.spin, three.spin, four.spin
+    middle = (2.0 * (b[0] + c[0]), 2.0 * (b[1] + c[1]), 2.0 * (b[2] + c[2]), 2.0 * (b[3] + c[3]))
+    spin = (a[0] + d[0] + middle[0], a[1] + d[1] + middle[1], a[2] + d[2] + middle[2], a[3] + d[3] + middle[3])
+    q = _add_scaled(orientation, sixth, spin)
     # Products, as a power that overflows is an error in Python and no infinity.
-    square = q_end[0] * q_end[0] + q_end[1] * q_end[1] + q_end[2] * q_end[2] + q_end[3] * q_end[3]
+    square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
     if not 0.5 < square < 2.0:
         return no_rotation("rk4", h, square, norm(angular_velocity))
-    end = Increment(displacement, normalize(q_end), add(angular_velocity, omega_sum), impulse, torque_impulse, work)
+    end = Increment(
+        # What the velocities of the stages come to.
+        add_scaled(scale(h, velocity), h * sixth * inverse_mass, add(one.force, add(two.force, three.force))),
+        normalize(q),
+        add_scaled(angular_velocity, sixth, _sum(one.angular, two.angular, three.angular, four.angular)),
+        scale(sixth, _sum(one.force, two.force, three.force, four.force)),
+        scale(sixth, _sum(one.torque, two.torque, three.torque, four.torque)),
+        sixth * (one.power + four.power + 2.0 * (two.power + three.power)),
+    )
     return require_finite("rk4", h, end)
 
 
-def _kinematics(q: Quaternion, omega: Vector) -> Quaternion:
-    """Return q omega / 2."""
+class _Slope(NamedTuple):
+    """What changes at a stage, and what the books ask for.
+
+    Attributes:
+        spin: of the quaternion, 1/s.
+        angular: acceleration, principal axes, rad/s^2.
+        force: world axes, N.
+        torque: world axes, N m.
+        power: W.
+    """
+
+    spin: Quaternion
+    angular: Vector
+    force: Vector
+    torque: Vector
+    power: float
+
+
+def _slope(
+    moments: Vector,
+    inverse: Vector,
+    held: HeldWrench,
+    t: float,
+    displacement: Vector,
+    velocity: Vector,
+    q: Quaternion,
+    omega: Vector,
+    load: Load | None,
+) -> _Slope:
     x, y, z, w = q
+    # A stage is a unit quaternion to the order of the method only. One division here is cheaper than its norm.
+    twice = 2.0 / (x * x + y * y + z * z + w * w)
+    force = add(_rotate(x, y, z, w, twice, held.force_body), held.force_world)
+    torque = add(held.torque_body, _rotate(-x, -y, -z, w, twice, held.torque_world))
+    if load is not None:
+        push, twist = load(t, displacement, velocity, normalize(q), omega)
+        force, torque = add(force, push), add(torque, twist)
     a, b, c = scale(0.5, omega)
-    return (w * a + y * c - z * b, w * b + z * a - x * c, w * c + x * b - y * a, -x * a - y * b - z * c)
+    return _Slope(
+        # q omega / 2.
+        (w * a + y * c - z * b, w * b + z * a - x * c, w * c + x * b - y * a, -x * a - y * b - z * c),
+        multiply(subtract(torque, cross(omega, multiply(moments, omega))), inverse),
+        force,
+        _rotate(x, y, z, w, twice, torque),
+        dot(force, velocity) + dot(torque, omega),
+    )
+
+
+def _rotate(x: float, y: float, z: float, w: float, twice: float, v: Vector) -> Vector:
+    """Return R(q) v for a quaternion of any length, twice = 2 / |q|^2; see `rotation.rotate`."""
+    tx = twice * (y * v[2] - z * v[1])
+    ty = twice * (z * v[0] - x * v[2])
+    tz = twice * (x * v[1] - y * v[0])
+    return (
+        v[0] + w * tx + (y * tz - z * ty),
+        v[1] + w * ty + (z * tx - x * tz),
+        v[2] + w * tz + (x * ty - y * tx),
+    )
 
 
 def _add_scaled(p: Quaternion, s: float, q: Quaternion) -> Quaternion:
     return (p[0] + s * q[0], p[1] + s * q[1], p[2] + s * q[2], p[3] + s * q[3])
+
+
+def _sum(a: Vector, b: Vector, c: Vector, d: Vector) -> Vector:
+    """Return a + 2 b + 2 c + d."""
+    return (
+        a[0] + d[0] + 2.0 * (b[0] + c[0]),
+        a[1] + d[1] + 2.0 * (b[1] + c[1]),
+        a[2] + d[2] + 2.0 * (b[2] + c[2]),
+    )
 
 
 RK4 = Method("rk4", order=4, invariants=frozenset({"unit_quaternion"}), step=step, takes=Takes.ANY, compiles=True)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import NamedTuple
 
 from rb_dynamics.compiled import compiled_as
 from rb_dynamics.errors import ConvergenceError
@@ -18,7 +19,7 @@ from rb_dynamics.motion import exact
 from rb_dynamics.motion.composition import KAHAN_LI6, SUZUKI4
 from rb_dynamics.motion.free import free_rotation
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
-from rb_dynamics.motion.refusal import NO_INCREMENT, require_finite
+from rb_dynamics.motion.refusal import NO_INCREMENT, NOWHERE, require_finite
 from rb_dynamics.rotation import IDENTITY, Quaternion, multiply, normalize, rotate, rotate_inverse
 from rb_dynamics.vector import ZERO, Vector, add, add_scaled, divide, dot, norm, scale
 
@@ -50,6 +51,47 @@ def free_kick_free(free: tuple[float, ...], kicks: tuple[float, ...]) -> Stages:
     return ((0.0, free[0]), *zip(kicks, free[1:], strict=True))
 
 
+class Start(NamedTuple):
+    """What a step starts from; `*_0` in the axes of R0, in which all of it is reckoned."""
+
+    inertia: Inertia
+    held: HeldWrench
+    velocity: Vector
+    orientation: Quaternion
+    velocity_0: Vector
+    force_0: Vector
+    torque_0: Vector
+
+
+class Way(NamedTuple):
+    """How far a step has come; vectors in the axes of R0.
+
+    Only what turns with the body is summed: the force of the world pushes like a constant, as the kicks add up to 1 and
+    lie symmetrically.
+
+    Attributes:
+        turn: R0^T R.
+        omega: angular velocity, axes of R.
+        pushed: impulse in the kicks.
+        moved: what the pushes have come to, kg m.
+        twisted: torque impulse in the kicks.
+        kicked: length of all kicks, s.
+        work: J.
+        elapsed: length of all free motions, s.
+        moment: of the force of the world, what it has come to, s^2.
+    """
+
+    turn: Quaternion
+    omega: Vector
+    pushed: Vector
+    moved: Vector
+    twisted: Vector
+    kicked: float
+    work: float
+    elapsed: float
+    moment: float
+
+
 def advance(
     name: str,
     flow: Flow,
@@ -72,61 +114,94 @@ def advance(
         ConvergenceError: the body turns so far between two kicks that they miss what the wrench does, or the load leads
             to numbers that are not finite.
     """
-    mass, moments = inertia
-    force_0 = rotate_inverse(orientation, held.force_world)
-    torque_0 = rotate_inverse(orientation, held.torque_world)
-    velocity_0 = rotate_inverse(orientation, velocity)
+    start, way = begin(inertia, held, velocity, orientation, angular_velocity)
+    for stage in stages:
+        way = kick_and_free(name, flow, stage, start, h, way, load)
+    return arrived(name, start, h, way, load)
 
-    # All in the axes of R0, to which `turn` leads. Only what turns with the body needs the sums: the force of the world
-    # pushes like a constant, as the kicks add up to 1 and lie symmetrically.
-    turn, omega = IDENTITY, angular_velocity
-    pushed, moved, twisted, kicked, work = ZERO, ZERO, ZERO, 0.0, 0.0
-    elapsed, moment = 0.0, 0.0
-    for kick, free in stages:
+
+def begin(
+    inertia: Inertia, held: HeldWrench, velocity: Vector, orientation: Quaternion, angular_velocity: Vector
+) -> tuple[Start, Way]:
+    """Return what a step starts from, and the way before its first stage."""
+    start = Start(
+        inertia,
+        held,
+        velocity,
+        orientation,
+        rotate_inverse(orientation, velocity),
+        rotate_inverse(orientation, held.force_world),
+        rotate_inverse(orientation, held.torque_world),
+    )
+    return start, Way(IDENTITY, angular_velocity, ZERO, ZERO, ZERO, 0.0, 0.0, 0.0, 0.0)
+
+
+def kick_and_free(
+    name: str, flow: Flow, stage: tuple[float, float], start: Start, h: float, way: Way, load: Load | None
+) -> Way:
+    """Return the way after the kick and the free motion of one stage; see `advance`."""
+    (mass, moments), held, velocity, orientation, velocity_0, force_0, torque_0 = start
+    turn, omega, pushed, moved, twisted, kicked, work, elapsed, moment = way
+    kick, free = stage
+    if kick != 0.0:
         t = kick * h
-        if t != 0.0:
-            push, twist = scale(t, rotate(turn, held.force_body)), scale(t, held.torque_body)
-            if load is not None:
-                gained = add_scaled(rotate(orientation, pushed), kicked, held.force_world)
-                gone = add_scaled(rotate(orientation, moved), moment, held.force_world)
-                force, torque = load(
-                    elapsed,
-                    add_scaled(scale(elapsed, velocity), 1.0 / mass, gone),
-                    add_scaled(velocity, 1.0 / mass, gained),
-                    normalize(multiply(orientation, turn)),
-                    omega,
-                )
-                push = add_scaled(push, t, rotate_inverse(orientation, force))
-                twist = add_scaled(twist, t, torque)
-            twist_all = add_scaled(twist, t, rotate_inverse(turn, torque_0))
-            gain = divide(twist_all, moments)
-            before = add_scaled(add_scaled(pushed, 0.5, push), kicked + 0.5 * t, force_0)
-            work += dot(add_scaled(velocity_0, 1.0 / mass, before), add_scaled(push, t, force_0))
-            work += dot(add_scaled(omega, 0.5, gain), twist_all)
-            omega = add(omega, gain)
-            pushed, twisted, kicked = add(pushed, push), add(twisted, rotate(turn, twist)), kicked + t
+        push, twist = scale(t, rotate(turn, held.force_body)), scale(t, held.torque_body)
+        if load is not None:
+            gained = add_scaled(rotate(orientation, pushed), kicked, held.force_world)
+            gone = add_scaled(rotate(orientation, moved), moment, held.force_world)
+            force, torque = load(
+                elapsed,
+                add_scaled(scale(elapsed, velocity), 1.0 / mass, gone),
+                add_scaled(velocity, 1.0 / mass, gained),
+                normalize(multiply(orientation, turn)),
+                omega,
+            )
+            push = add_scaled(push, t, rotate_inverse(orientation, force))
+            twist = add_scaled(twist, t, torque)
+        twist_all = add_scaled(twist, t, rotate_inverse(turn, torque_0))
+        gain = divide(twist_all, moments)
+        before = add_scaled(add_scaled(pushed, 0.5, push), kicked + 0.5 * t, force_0)
+        work += dot(add_scaled(velocity_0, 1.0 / mass, before), add_scaled(push, t, force_0))
+        work += dot(add_scaled(omega, 0.5, gain), twist_all)
+        omega = add(omega, gain)
+        pushed, twisted, kicked = add(pushed, push), add(twisted, rotate(turn, twist)), kicked + t
+    if free != 0.0:
         t = free * h
-        if t != 0.0:
-            rate = norm(omega)
-            if not rate * abs(free) * abs(h) < _LARGEST_TURN:
-                return _turns_too_far(name, h, abs(free), rate, _LARGEST_TURN)
-            moved, moment, elapsed = add_scaled(moved, t, pushed), moment + t * kicked, elapsed + t
-            turn, omega = flow(moments, turn, omega, t)
-    displacement = add_scaled(rotate(orientation, scale(1.0 / mass, moved)), 0.5 * h * h / mass, held.force_world)
+        rate = norm(omega)
+        if not rate * abs(free) * abs(h) < _LARGEST_TURN:
+            omega = _kicks_miss(name, h, abs(free), rate)
+        moved, moment, elapsed = add_scaled(moved, t, pushed), moment + t * kicked, elapsed + t
+        turn, omega = flow(moments, turn, omega, t)
+    return Way(turn, omega, pushed, moved, twisted, kicked, work, elapsed, moment)
+
+
+def arrived(name: str, start: Start, h: float, way: Way, load: Load | None) -> Increment:
+    """Return what the step has done, after its last stage."""
+    mass, held, orientation = start.inertia.mass, start.held, start.orientation
+    displacement = add_scaled(rotate(orientation, scale(1.0 / mass, way.moved)), 0.5 * h * h / mass, held.force_world)
     step = Increment(
-        add_scaled(displacement, h, velocity),
-        normalize(multiply(orientation, turn)),
-        omega,
-        add_scaled(rotate(orientation, pushed), h, held.force_world),
-        add_scaled(rotate(orientation, twisted), h, held.torque_world),
-        work,
+        add_scaled(displacement, h, start.velocity),
+        normalize(multiply(orientation, way.turn)),
+        way.omega,
+        add_scaled(rotate(orientation, way.pushed), h, held.force_world),
+        add_scaled(rotate(orientation, way.twisted), h, held.torque_world),
+        way.work,
     )
     return step if load is None else require_finite(name, h, step)
 
 
+@compiled_as(NOWHERE)
+def _kicks_miss(name: str, h: float, free: float, rate: float) -> Vector:
+    raise _turns_too_far(name, h, free, rate, _LARGEST_TURN)
+
+
 @compiled_as(NO_INCREMENT)
-def _turns_too_far(name: str, h: float, free: float, rate: float, largest: float) -> Increment:
-    raise ConvergenceError(
+def _no_kicks(name: str, h: float, rate: float) -> Increment:
+    raise _turns_too_far(name, h, 1.0, rate, _LARGEST_FREE_TURN)
+
+
+def _turns_too_far(name: str, h: float, free: float, rate: float, largest: float) -> ConvergenceError:
+    return ConvergenceError(
         f"{name}: a step of {h:g} s turns the body by {rate * free * abs(h):.3g} rad between two kicks, expected "
         f"less than {largest:g} rad; use a step below {largest / (rate * free):.3g} s"
     )
@@ -170,7 +245,7 @@ def method(
         if load is None and exact.is_free(held):
             rate = norm(angular_velocity)
             if not rate * abs(h) < _LARGEST_FREE_TURN:
-                return _turns_too_far(name, h, 1.0, rate, _LARGEST_FREE_TURN)
+                return _no_kicks(name, h, rate)
             return exact.free_step(inertia, held, h, velocity, orientation, angular_velocity)
         return advance(name, flow, stages, inertia, held, h, velocity, orientation, angular_velocity, load)
 

@@ -16,7 +16,7 @@ import rb_dynamics
 ROOT = Path(rb_dynamics.__file__).parent
 LOADS = ("central_gravity", "drag", "load", "rotor", "scheduled_wrench", "uniform_gravity", "wrench")
 STEP_MODULES = [
-    *(ROOT / f"{name}.py" for name in ("vector", "rotation", "elliptic")),
+    *(ROOT / f"{name}.py" for name in ("vector", "rotation", "sincos", "elliptic")),
     *(ROOT / "loads" / f"{name}.py" for name in LOADS),
     *sorted((ROOT / "motion").glob("*.py")),
 ]

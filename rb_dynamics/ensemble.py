@@ -1,0 +1,465 @@
+"""Many bodies at once, and whole schedules of held wrenches in one call: arrays in, arrays out.
+
+Each body moves as it would alone, to the bit: steps of one length from where a hold began, a shorter one to where the
+motion is looked at (`motion/arc.py`). Bodies never see each other. Compiled where numba is installed (extra `fast`) and
+it is worth it, in threads, and several bodies side by side in one core; without numba the same bits, one body after the
+other in plain Python, some hundred times slower.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.body.state import State
+from rb_dynamics.diagnostics import Observer
+from rb_dynamics.errors import WrenchError
+from rb_dynamics.loads.acting import ActingEffects
+from rb_dynamics.motion import METHODS
+from rb_dynamics.motion.kernel import LONGEST_STRETCH
+from rb_dynamics.motion.lanes import Schedule, mover
+from rb_dynamics.motion.method import Method
+from rb_dynamics.motion.phase import Phase, inertia_of
+from rb_dynamics.motion.step_control import NANOSECONDS, FixedStep
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    Numbers = npt.NDArray[np.float64]
+    Times = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Samples:
+    """State and bookkeeping of many bodies, or at many times: each field of `Sample` with a leading axis.
+
+    Attributes:
+        time_ns: of all bodies, or one for each row; integer nanoseconds.
+        position_world: (..., 3), of the body origin, m.
+        orientation_xyzw: (..., 4), body to world.
+        linear_velocity_world: (..., 3), of the body origin, m/s.
+        angular_velocity_body: (..., 3), rad/s.
+        angular_momentum_world: (..., 3), about the centre of mass, kg m^2/s.
+        linear_momentum_world: (..., 3), kg m/s.
+        kinetic_energy: (...), translation and rotation, J.
+        work: (...), of the wrenches since the start, J.
+        energy_defect: (...), T - T0 - work, J.
+        impulse_world: (..., 3), integral of the force since the start, N s.
+        torque_impulse_world: (..., 3), integral of the torque about the centre of mass since the start, N m s.
+    """
+
+    time_ns: int | Times
+    position_world: Numbers
+    orientation_xyzw: Numbers
+    linear_velocity_world: Numbers
+    angular_velocity_body: Numbers
+    angular_momentum_world: Numbers
+    linear_momentum_world: Numbers
+    kinetic_energy: Numbers
+    work: Numbers
+    energy_defect: Numbers
+    impulse_world: Numbers
+    torque_impulse_world: Numbers
+
+
+class _Hold(NamedTuple):
+    """What is held, and the grid of full steps that began with it.
+
+    Attributes:
+        start_ns: when it began.
+        wrenches: four of (1, N, 3), see `Schedule`.
+        reached: full steps taken since.
+        state: after them.
+    """
+
+    start_ns: int
+    wrenches: tuple[Numbers, ...]
+    reached: int
+    state: Numbers
+
+
+class Ensemble:
+    """Bodies that move side by side, each under wrenches of its own.
+
+    Forces act through the centre of mass, `*_body` parts turn with the body. Until `hold` is called, all of them coast.
+
+    Attributes:
+        time_ns: simulation time, integer nanoseconds.
+    """
+
+    def __init__(
+        self,
+        bodies: RigidBody | Sequence[RigidBody],
+        states: Sequence[State],
+        method: str,
+        step: float | None = None,
+        threads: int | None = None,
+    ) -> None:
+        """Start from `states`, all of one time.
+
+        Args:
+            bodies: one for all, or one for each state.
+            states: of N bodies.
+            method: name of a method with a step, or `exact` for what has a closed form.
+            step: s; every method but `exact` needs it.
+            threads: at most so many, by default one for each core that may be used; the bits do not depend on it.
+
+        Raises:
+            ValueError: numbers of bodies and states, times, method, step or threads do not fit.
+        """
+        many = [bodies] * len(states) if isinstance(bodies, RigidBody) else list(bodies)
+        if not states or len(many) != len(states):
+            raise ValueError(
+                f"there are {len(many)} bodies and {len(states)} states, expected at least one state and one body for "
+                "all or one for each state"
+            )
+        times = sorted({state.time_ns for state in states})
+        if len(times) > 1:
+            raise ValueError(f"states begin between {times[0]} and {times[-1]} ns, expected one time for all of them")
+        self._steps = _Steps(method, step)
+        self._threads = _threads(threads)
+        self._body = _body_of_arrays(many)
+        self._constants = _constants(many)
+        self._particles = _particles(many)
+        self._start = self._state = _initial(self._body, states)
+        self.time_ns = times[0]
+        self._hold = self._new_hold(self.time_ns, self._state, _wrenches(1, len(many), self._particles, 0, 0, 0, 0))
+
+    def __len__(self) -> int:
+        """Return the number of bodies."""
+        return len(self._particles)
+
+    def hold(
+        self,
+        force_body: npt.ArrayLike = 0.0,
+        torque_body: npt.ArrayLike = 0.0,
+        force_world: npt.ArrayLike = 0.0,
+        torque_world: npt.ArrayLike = 0.0,
+    ) -> None:
+        """Hold these from now on, instead of what was held: N and N m, each of a shape that broadcasts to (N, 3).
+
+        Steps begin anew here, as at every command of a run.
+
+        Raises:
+            ValueError: a shape does not fit.
+            WrenchError: a number is not finite, or a torque acts on a particle.
+        """
+        wrenches = _wrenches(1, len(self), self._particles, force_body, torque_body, force_world, torque_world)
+        self._hold = self._new_hold(self.time_ns, self._state, wrenches)
+
+    def advance(self, seconds: float) -> None:
+        """Advance by `seconds`, rounded to whole nanoseconds; see `advance_to`."""
+        if not (math.isfinite(seconds) and seconds >= 0.0):
+            raise ValueError(f"seconds is {seconds!r}, expected a finite number of 0 or more")
+        self.advance_to(self.time_ns + round(seconds * NANOSECONDS))
+
+    def advance_to(self, time_ns: int) -> None:
+        """Advance to `time_ns`; the steps, and so the bits of what follows, do not depend on where one stops to look.
+
+        Raises:
+            ValueError: the time has passed.
+            ConvergenceError: a step of a body cannot be solved; names the body. The ensemble stays where it was.
+        """
+        if time_ns < self.time_ns:
+            raise ValueError(f"time_ns is {time_ns}, expected {self.time_ns} or later: time only grows")
+        self._hold, self._state = self._advanced(self._hold, time_ns)
+        self.time_ns = time_ns
+
+    def follow(
+        self,
+        times_ns: npt.ArrayLike,
+        force_body: npt.ArrayLike = 0.0,
+        torque_body: npt.ArrayLike = 0.0,
+        force_world: npt.ArrayLike = 0.0,
+        torque_world: npt.ArrayLike = 0.0,
+    ) -> None:
+        """Hold each of K wrenches until its time: the same as K calls of `hold` and `advance_to`, without their cost.
+
+        Args:
+            times_ns: (K,), integers, none before the last nor before now; the last wrench stays held.
+            force_body: N, of a shape (3,) for all, (K, 3) for all bodies, or one that broadcasts to (K, N, 3).
+            torque_body: N m, likewise.
+            force_world: likewise.
+            torque_world: likewise.
+
+        Raises:
+            ValueError: a shape does not fit, or times do not grow.
+            WrenchError: a number is not finite, or a torque acts on a particle.
+            ConvergenceError: a step of a body cannot be solved; names the body. The ensemble stays where it was.
+        """
+        times = _times(times_ns, self.time_ns)
+        parts = (force_body, torque_body, force_world, torque_world)
+        wrenches = _wrenches(len(times), len(self), self._particles, *parts)
+        state, mover = self._state, self._steps.mover
+        before = tuple(wrench[:-1] for wrench in wrenches)
+        for schedule in self._steps.schedules(self.time_ns, times[:-1], before):
+            state = mover.move(self._constants, schedule, state, self._threads)
+        start_ns = int(times[-2]) if len(times) > 1 else self.time_ns
+        last = self._new_hold(start_ns, state, tuple(wrench[-1:] for wrench in wrenches))
+        self._hold, self._state = self._advanced(last, int(times[-1]))
+        self.time_ns = int(times[-1])
+
+    def samples(self) -> Samples:
+        """Return state and bookkeeping of all bodies, now."""
+        return _samples(self._body, self._start, self._state, self.time_ns)
+
+    @staticmethod
+    def _new_hold(start_ns: int, state: Numbers, wrenches: tuple[Numbers, ...]) -> _Hold:
+        return _Hold(start_ns, wrenches, 0, state)
+
+    def _advanced(self, hold: _Hold, time_ns: int) -> tuple[_Hold, Numbers]:
+        """Return `hold` with the full steps before `time_ns`, and the state then."""
+        count, rest = self._steps.split(time_ns - hold.start_ns)
+        state, move = hold.state, self._steps.mover.move
+        # In pieces, of which one can be taken again body by body, or be interrupted.
+        for done in range(hold.reached, count, LONGEST_STRETCH):
+            piece = self._steps.schedule([min(LONGEST_STRETCH, count - done)], [0.0], hold.wrenches)
+            state = move(self._constants, piece, state, self._threads)
+        hold = hold._replace(reached=count, state=state)
+        if rest > 0.0:
+            state = move(self._constants, self._steps.schedule([0], [rest], hold.wrenches), state, self._threads)
+        return hold, state
+
+
+def driven_motion(
+    body: RigidBody,
+    state: State,
+    times_ns: npt.ArrayLike,
+    *,
+    method: str,
+    step: float | None = None,
+    force_body: npt.ArrayLike = 0.0,
+    torque_body: npt.ArrayLike = 0.0,
+    force_world: npt.ArrayLike = 0.0,
+    torque_world: npt.ArrayLike = 0.0,
+) -> Samples:
+    """Return the motion of `body` from `state` on under K wrenches, at the K times until which each of them is held.
+
+    The bits are those of `simulate` with the same commands, method and fixed step; a wrench that is held for a shorter
+    time than a step takes one step of its own length.
+
+    Args:
+        body: that moves.
+        state: at the start, where the first wrench is held from.
+        times_ns: (K,), integers, none before the last nor before the start.
+        method: name of a method with a step, or `exact` for what has a closed form.
+        step: s; every method but `exact` needs it.
+        force_body: N, through the centre of mass, of a shape (3,) or (K, 3).
+        torque_body: N m, likewise.
+        force_world: likewise, world axes.
+        torque_world: likewise.
+
+    Raises:
+        ValueError: a shape does not fit, times do not grow, or there is no such method or step.
+        WrenchError: a number is not finite, or a torque acts on a particle.
+        ConvergenceError: a step cannot be solved.
+    """
+    import numpy as np
+
+    steps, times = _Steps(method, step), _times(times_ns, state.time_ns)
+    parts = (force_body, torque_body, force_world, torque_world)
+    wrenches = _wrenches(len(times), 1, _particles([body]), *parts)
+    constants, start = _constants([body]), _initial(body, [state])
+    trace, now, first = np.empty((len(start), len(times))), start, 0
+    for schedule in steps.schedules(state.time_ns, times, wrenches):
+        last = first + len(schedule.counts)
+        steps.mover.trace(constants, schedule, now, trace[:, first:last])
+        now, first = np.ascontiguousarray(trace[:, last - 1 : last]), last
+    return _samples(body, start, trace, times)
+
+
+class _Steps:
+    """Full steps of one length and a shorter one, as `Arc` takes them with `FixedStep`; `exact` has shorter ones only.
+
+    Attributes:
+        mover: takes them.
+    """
+
+    def __init__(self, name: str, step: float | None) -> None:
+        method = METHODS.get(name)
+        if method is None:
+            raise ValueError(f"method is {name!r}, expected one of {', '.join(METHODS)}; steps are fixed here")
+        self._length, self._denominator = _grid(method, step)
+        self._h = self._length / (self._denominator * NANOSECONDS)
+        self.mover = mover(method)
+
+    def split(self, length_ns: int) -> tuple[int, float]:
+        """Return the number of full steps in `length_ns`, and the length of the shorter one after them in s."""
+        count, rest = divmod(length_ns * self._denominator, self._length)
+        return count, rest / (self._denominator * NANOSECONDS)
+
+    def schedule(self, counts: npt.ArrayLike, rests: npt.ArrayLike, wrenches: tuple[Numbers, ...]) -> Schedule:
+        """Return the `Schedule` of these steps."""
+        import numpy as np
+
+        return Schedule(self._h, np.asarray(counts, dtype=np.int64), np.asarray(rests, dtype=np.float64), *wrenches)
+
+    def schedules(self, start_ns: int, times: Times, wrenches: tuple[Numbers, ...]) -> Iterator[Schedule]:
+        """Yield what leads from `start_ns` to each of `times`, in pieces of not many more than `LONGEST_STRETCH` steps.
+
+        Each time is the end of a grid and the beginning of the next one.
+        """
+        import numpy as np
+
+        if len(times) == 0:
+            return
+        lengths = np.diff(times, prepend=start_ns)
+        per_second, largest = self._denominator * NANOSECONDS, int(lengths.max()) * self._denominator
+        # Whole numbers, of any size where 53 bits do not hold them: the quotient is rounded once, as of Python's.
+        if max(per_second, largest, self._length) >= 2**53:
+            lengths = lengths.astype(object)
+        counts = lengths * self._denominator // self._length
+        rests = (lengths * self._denominator - counts * self._length) / per_second
+        whole, total = self.schedule(counts, rests, wrenches), np.cumsum(counts + 1)
+        first = 0
+        while first < len(times):
+            done = int(total[first - 1]) if first else 0
+            last = max(first + 1, int(np.searchsorted(total, done + LONGEST_STRETCH)))
+            yield whole.between(first, last)
+            first = last
+
+
+def _grid(method: Method, step: float | None) -> tuple[int, int]:
+    """Return the length of a full step in units of 1/denominator ns, and the denominator."""
+    if method.order is None:
+        # None of the length of any run: every time is reached from where the hold began.
+        return 2**64, 1
+    if step is None or not (math.isfinite(step) and step > 0.0):
+        raise ValueError(f"step is {step!r}, expected a finite number greater than 0 (s): {method.name} needs one")
+    control = FixedStep(step)
+    return control.length, control.denominator
+
+
+def _threads(threads: int | None) -> int:
+    if threads is None:
+        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if threads < 1:
+        raise ValueError(f"threads is {threads!r}, expected a whole number of at least 1")
+    return threads
+
+
+def _times(times_ns: npt.ArrayLike, start_ns: int) -> Times:
+    import numpy as np
+
+    times = np.asarray(times_ns)
+    if times.ndim != 1 or times.size == 0 or times.dtype.kind not in "iu":
+        raise ValueError(
+            f"times_ns has shape {times.shape} and type {times.dtype}, expected (K,) integers, K > 0: nanoseconds; "
+            "round seconds by np.rint(1e9 * seconds).astype(np.int64)"
+        )
+    times = times.astype(np.int64)
+    if (bad := np.flatnonzero(np.diff(times, prepend=start_ns) < 0)).size:
+        k = int(bad[0])
+        before = int(times[k - 1]) if k else start_ns
+        raise ValueError(f"times_ns[{k}] is {times[k]}, expected {before} or later: time only grows")
+    return times
+
+
+def _wrenches(
+    intervals: int, bodies: int, particles: npt.NDArray[np.bool_], *parts: npt.ArrayLike
+) -> tuple[Numbers, ...]:
+    """Return force_body, torque_body, force_world and torque_world, each as (intervals, bodies, 3)."""
+    import numpy as np
+
+    found = []
+    for name, part in zip(("force_body", "torque_body", "force_world", "torque_world"), parts, strict=True):
+        # 0 for -0, which channels that add up leave no trace of either.
+        given = np.asarray(part, dtype=np.float64) + 0.0
+        array = given
+        if intervals > 1 and array.ndim == 2:
+            array = array[:, np.newaxis]
+        try:
+            array = np.broadcast_to(array, (intervals, bodies, 3))
+        except ValueError:
+            expected = f"({bodies}, 3)" if intervals == 1 else f"({intervals}, 3) or ({intervals}, {bodies}, 3)"
+            raise ValueError(f"{name} has shape {given.shape}, expected one that broadcasts to {expected}") from None
+        if not np.isfinite(given).all():
+            bad = given[~np.isfinite(given)][0]
+            raise WrenchError(f"{name} contains {bad}, expected finite numbers")
+        if name.startswith("torque") and particles.any() and array[:, particles].any():
+            raise WrenchError(
+                f"{name} acts on body {int(np.flatnonzero(particles)[0])}, expected none: it has no inertia, it is a "
+                "particle; give it an inertia, or command a force alone"
+            )
+        found.append(array)
+    return tuple(found)
+
+
+def _particles(bodies: Sequence[RigidBody]) -> npt.NDArray[np.bool_]:
+    import numpy as np
+
+    return np.array([body.is_particle for body in bodies])
+
+
+def _constants(bodies: Sequence[RigidBody]) -> Numbers:
+    """Return what a step needs to know of each body: mass, moments, principal to body axes, as (8, N)."""
+    import numpy as np
+
+    rows = [(body.mass, *inertia_of(body).moments, *body.principal_orientation_xyzw) for body in bodies]
+    return np.array(rows, dtype=np.float64).T.copy()
+
+
+def _body_of_arrays(bodies: Sequence[RigidBody]) -> RigidBody:
+    """Return a body whose numbers are arrays over `bodies`: functions of floats then work on all of them at once."""
+
+    def columns(rows: list[Any]) -> Any:
+        import numpy as np
+
+        # The axis of the bodies last: rows come apart like tuples.
+        return tuple(np.moveaxis(np.array(rows, dtype=np.float64), 0, -1))
+
+    return RigidBody(
+        columns([(body.mass,) for body in bodies])[0],
+        columns([body.inertia for body in bodies]),
+        columns([body.center_of_mass for body in bodies]),
+        columns([body.principal_moments for body in bodies]),
+        columns([body.principal_orientation_xyzw for body in bodies]),
+    )
+
+
+def _initial(body: RigidBody, states: Sequence[State]) -> Numbers:
+    """Return the phases of `states` as (35, N)."""
+    import numpy as np
+
+    fields = State.__slots__[1:]
+    columns: Any = [tuple(np.array([getattr(s, field) for s in states], dtype=np.float64).T) for field in fields]
+    phase = Phase.of(body, State(0, *columns))
+    rows = (*phase.orientation, *phase.angular_velocity, *phase.high, *phase.low)
+    return np.array([np.broadcast_to(row, (len(states),)) for row in rows], dtype=np.float64)
+
+
+def _phase(state: Numbers) -> Phase:
+    rows: Any = tuple(state)
+    return Phase(rows[:4], rows[4:7], rows[7:21], rows[21:])
+
+
+def _samples(body: RigidBody, start: Numbers, state: Numbers, time_ns: Any) -> Samples:
+    import numpy as np
+
+    # An energy beyond the range of numbers is infinite here as everywhere.
+    with np.errstate(all="ignore"):
+        phase = _phase(state)
+        sample = Observer(ActingEffects(body), _phase(start)).sample(phase, time_ns)
+
+    def columns(vector: tuple[Any, ...]) -> Numbers:
+        return np.stack(vector, axis=-1)
+
+    return Samples(
+        time_ns=time_ns,
+        position_world=columns(sample.position_world),
+        orientation_xyzw=columns(sample.orientation_xyzw),
+        linear_velocity_world=columns(sample.linear_velocity_world),
+        angular_velocity_body=columns(sample.angular_velocity_body),
+        angular_momentum_world=columns(sample.angular_momentum_world),
+        linear_momentum_world=columns(sample.linear_momentum_world),
+        kinetic_energy=np.asarray(sample.kinetic_energy),
+        work=np.asarray(sample.work),
+        energy_defect=np.asarray(sample.energy_defect),
+        impulse_world=columns(phase.impulse_world),
+        torque_impulse_world=columns(phase.torque_impulse_world),
+    )

@@ -1,0 +1,369 @@
+"""Kernels for many bodies, each under a schedule of held wrenches: one call for all bodies and the whole schedule.
+
+`lanes` takes a block of bodies through every step side by side, so that the compiler works on several at once: copied
+onto the stack, where it knows that the rows are apart and nothing leaves the first cache. That takes a step without a
+loop or a call that has to be left lane by lane; `one_by_one` takes any. The bits are the same. A lane that is refused
+leaves NaN, as in `kernel.py`.
+
+Never knows axes or times of the user: `ensemble.py` does.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from rb_dynamics.compiled import block, compiled_as, lane, specialise
+from rb_dynamics.errors import ConvergenceError
+from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.motion import dlm, exact, kernel, midpoint, rk4
+from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Step
+from rb_dynamics.motion.phase import Sums
+from rb_dynamics.motion.refusal import LARGEST_FREE_TURN, NO_INCREMENT
+from rb_dynamics.rotation import Quaternion, rotate_inverse
+from rb_dynamics.vector import Vector, norm
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    Numbers = npt.NDArray[np.float64]
+    Counts = npt.NDArray[np.int64]
+
+LANES = 64
+"""Bodies in a block: enough to hide the latency of divisions, few enough for the first cache."""
+
+CONSTANT_ROWS = 8
+"""Of each body: mass, principal moments, principal to body axes."""
+
+STATE_ROWS = 35
+"""Of each body: attitude, angular velocity, high and low sums, as in `Phase`."""
+
+
+FEWEST = 12
+"""Bodies for which a block is worth it: one takes about as long as this many bodies one by one."""
+
+WORTH_A_THREAD = 20_000
+"""Steps that take much longer than to start a thread."""
+
+_WRENCH = "Array(float64, 3, 'A', True)"
+_SHARED = f"float64[:, ::1], float64, int64[::1], float64[::1], {', '.join(4 * (_WRENCH,))}"
+_LANES = f"void({_SHARED}, float64[:, ::1], float64[:, ::1], int64, int64)"
+_ONE_BY_ONE = f"void({_SHARED}, float64[:, ::1], float64[:, ::1], float64[:, :], int64, int64)"
+
+
+class Schedule(NamedTuple):
+    """The steps of some intervals and what is held meanwhile.
+
+    Attributes:
+        h: s, of full steps.
+        counts: (K,), full steps in each interval.
+        rests: (K,), s, of the shorter step at its end; 0 where there is none.
+        force_body: (K, N, 3), N, body axes, through the centre of mass; of each interval and body.
+        torque_body: likewise, N m, about the centre of mass.
+        force_world: likewise, world axes.
+        torque_world: likewise.
+    """
+
+    h: float
+    counts: Counts
+    rests: Numbers
+    force_body: Numbers
+    torque_body: Numbers
+    force_world: Numbers
+    torque_world: Numbers
+
+    def between(self, first: int, last: int) -> Schedule:
+        """Return what is done in the intervals from `first` to `last`."""
+        rows: list[Any] = list(self[1:])
+        return Schedule(self.h, *(row[first:last] for row in rows))
+
+    @property
+    def steps(self) -> int:
+        """Steps of each body."""
+        import numpy as np
+
+        return int(np.add.reduce(self.counts)) + int(np.count_nonzero(self.rests))
+
+
+def run(*_: Any) -> tuple[Quaternion, Vector, Sums, Sums]:
+    """Stand where `kernel.run` of a method will."""
+    raise NotImplementedError
+
+
+def one_by_one(
+    constants: Numbers,
+    h: float,
+    counts: Counts,
+    rests: Numbers,
+    force_body: Numbers,
+    torque_body: Numbers,
+    force_world: Numbers,
+    torque_world: Numbers,
+    state: Numbers,
+    after: Numbers,
+    trace: Numbers,
+    first: int,
+    last: int,
+) -> None:
+    """Take the bodies from `first` to `last` from `state` to `after` by counts[k] steps of h s and one of rests[k] s.
+
+    Wrenches are (interval, body, axis), body parts in body axes. Where `trace` has columns, they are
+    the states after each interval; there is one body then.
+    """
+    for i in range(first, last):
+        inertia = Inertia(constants[0, i], (constants[1, i], constants[2, i], constants[3, i]))
+        axes = (constants[4, i], constants[5, i], constants[6, i], constants[7, i])
+        q, w, high, low = _read(state, i)
+        for k in range(len(counts)):
+            held = HeldWrench(
+                rotate_inverse(axes, (force_body[k, i, 0], force_body[k, i, 1], force_body[k, i, 2])),
+                rotate_inverse(axes, (torque_body[k, i, 0], torque_body[k, i, 1], torque_body[k, i, 2])),
+                (force_world[k, i, 0], force_world[k, i, 1], force_world[k, i, 2]),
+                (torque_world[k, i, 0], torque_world[k, i, 1], torque_world[k, i, 2]),
+            )
+            count, rest = counts[k], rests[k]
+            for j in range(count + (1 if rest > 0.0 else 0)):
+                q, w, high, low = run(inertia, held, h if j < count else rest, 1, q, w, high, low)
+            if trace.shape[1] > 0:
+                _write(trace, k, q, w, high, low)
+        _write(after, i, q, w, high, low)
+
+
+def lanes(
+    constants: Numbers,
+    h: float,
+    counts: Counts,
+    rests: Numbers,
+    force_body: Numbers,
+    torque_body: Numbers,
+    force_world: Numbers,
+    torque_world: Numbers,
+    state: Numbers,
+    after: Numbers,
+    first: int,
+    last: int,
+) -> None:
+    """Do the same, without a trace, `LANES` bodies side by side; in the last block the last body fills what is left."""
+    c = block(16, LANES)
+    s = block(STATE_ROWS, LANES)
+    for start in range(first, last, LANES):
+        bodies = min(LANES, last - start)
+        for i in range(LANES):
+            body = start + min(i, bodies - 1)
+            for r in range(4):
+                c[r, i] = constants[r, body]
+            for r in range(STATE_ROWS):
+                s[r, i] = state[r, body]
+        for k in range(len(counts)):
+            for i in range(LANES):
+                b = start + min(i, bodies - 1)
+                axes = (constants[4, b], constants[5, b], constants[6, b], constants[7, b])
+                force = rotate_inverse(axes, (force_body[k, b, 0], force_body[k, b, 1], force_body[k, b, 2]))
+                torque = rotate_inverse(axes, (torque_body[k, b, 0], torque_body[k, b, 1], torque_body[k, b, 2]))
+                c[4, i], c[5, i], c[6, i] = force
+                c[7, i], c[8, i], c[9, i] = torque
+                c[10, i], c[11, i], c[12, i] = force_world[k, b, 0], force_world[k, b, 1], force_world[k, b, 2]
+                c[13, i], c[14, i], c[15, i] = torque_world[k, b, 0], torque_world[k, b, 1], torque_world[k, b, 2]
+            count, rest = counts[k], rests[k]
+            for j in range(count + (1 if rest > 0.0 else 0)):
+                t = h if j < count else rest
+                for i in range(LANES):
+                    o = lane(i)
+                    inertia = Inertia(c[0, o], (c[1, o], c[2, o], c[3, o]))
+                    held = HeldWrench(
+                        (c[4, o], c[5, o], c[6, o]),
+                        (c[7, o], c[8, o], c[9, o]),
+                        (c[10, o], c[11, o], c[12, o]),
+                        (c[13, o], c[14, o], c[15, o]),
+                    )
+                    q, w, high, low = _read(s, o)
+                    q, w, high, low = run(inertia, held, t, 1, q, w, high, low)
+                    _write(s, o, q, w, high, low)
+        for i in range(bodies):
+            for r in range(STATE_ROWS):
+                after[r, start + i] = s[r, i]
+
+
+class Mover:
+    """One method, for many bodies."""
+
+    def __init__(self, method: Method) -> None:
+        """Compile nothing yet."""
+        self._plain = kernel.plain(method)
+        self._lanes = _on_demand(lanes, _LANES, method.name, _LANE_STEPS.get(method.name))
+        step = method.step if method.compiles else _COMPILED_STEPS.get(method.name)
+        self._one_by_one = _on_demand(one_by_one, _ONE_BY_ONE, method.name, step)
+
+    def move(self, constants: Numbers, schedule: Schedule, state: Numbers, threads: int) -> Numbers:
+        """Return the state of all bodies after `schedule`; that before it is left as it is.
+
+        Args:
+            constants: (`CONSTANT_ROWS`, N).
+            schedule: what is done.
+            state: (`STATE_ROWS`, N).
+            threads: at most so many; the bits do not depend on it.
+
+        Raises:
+            ConvergenceError: a step of a body cannot be solved; names the first such body.
+        """
+        import numpy as np
+
+        after, bodies = np.full_like(state, np.nan), state.shape[1]
+        left, no_trace = np.arange(bodies), np.empty((STATE_ROWS, 0))
+        if self._lanes is not None and bodies >= FEWEST:
+            blocks = self._lanes.get(bodies * schedule.steps, bodies * schedule.steps)
+            if blocks is not None:
+                parts = _parts(bodies, LANES, threads, schedule.steps)
+                _each(lambda part: blocks(constants, *schedule, state, after, *part), parts)
+                left = _not_finite(after)
+        if self._one_by_one is not None and len(left) > 0:
+            single = self._one_by_one.get(len(left) * schedule.steps, len(left) * schedule.steps)
+            if single is not None:
+
+                def some(part: tuple[int, int]) -> None:
+                    for i in left[part[0] : part[1]].tolist():
+                        single(constants, *schedule, state, after, no_trace, i, i + 1)
+
+                _each(some, _parts(len(left), 1, threads, schedule.steps))
+                left = _not_finite(after)
+        for i in left.tolist():
+            try:
+                for numbers in self._in_plain_python(constants, schedule, state[:, i].tolist(), i):
+                    after[:, i] = numbers
+            except ConvergenceError as error:
+                raise ConvergenceError(f"body {i}: {error}") from error
+        return after
+
+    def trace(self, constants: Numbers, schedule: Schedule, state: Numbers, trace: Numbers) -> None:
+        """Write the state of one body after each interval of `schedule` to the columns of `trace`; see `move`."""
+        import numpy as np
+
+        good, intervals = 0, len(schedule.counts)
+        single = None if self._one_by_one is None else self._one_by_one.get(schedule.steps, schedule.steps)
+        if single is not None:
+            single(constants, *schedule, state, np.empty_like(state), trace, 0, 1)
+            finite = np.isfinite(trace).all(axis=0)
+            good = intervals if finite.all() else int(finite.argmin())
+        if good < intervals:
+            before = (trace[:, good - 1] if good else state[:, 0]).tolist()
+            rest = schedule.between(good, intervals)
+            for k, numbers in enumerate(self._in_plain_python(constants, rest, before, 0), start=good):
+                trace[:, k] = numbers
+
+    def _in_plain_python(
+        self, constants: Numbers, schedule: Schedule, state: list[float], i: int
+    ) -> Iterator[tuple[float, ...]]:
+        """Yield the state of body i after each interval."""
+        mass, *rest = constants[:, i].tolist()
+        inertia, axes = Inertia(mass, tuple(rest[:3])), tuple(rest[3:])
+        q, w, high, low = tuple(state[:4]), tuple(state[4:7]), tuple(state[7:21]), tuple(state[21:])
+        h, counts, rests, *wrenches = schedule
+        for k, (count, rest) in enumerate(zip(counts.tolist(), rests.tolist(), strict=True)):
+            force, torque, force_world, torque_world = (tuple(wrench[k, i].tolist()) for wrench in wrenches)
+            held = HeldWrench(rotate_inverse(axes, force), rotate_inverse(axes, torque), force_world, torque_world)
+            try:
+                q, w, high, low = self._plain(inertia, held, h, count, q, w, high, low)
+                if rest > 0.0:
+                    q, w, high, low = self._plain(inertia, held, rest, 1, q, w, high, low)
+            except ArithmeticError as error:
+                raise _out_of_range() from error
+            numbers = (*q, *w, *high, *low)
+            if not all(map(math.isfinite, numbers)):
+                raise _out_of_range()
+            yield numbers
+
+
+@cache
+def mover(method: Method) -> Mover:
+    """Return what moves many bodies by `method`."""
+    return Mover(method)
+
+
+@compiled_as(NO_INCREMENT)
+def _no_free_motion() -> Increment:
+    raise ConvergenceError("exact: expected free motion")
+
+
+def _free_step(
+    inertia: Inertia,
+    held: HeldWrench,
+    h: float,
+    velocity: Vector,
+    orientation: Quaternion,
+    angular_velocity: Vector,
+    load: Load | None = None,  # noqa: ARG001
+) -> Increment:
+    """Do what the step of `exact` does, for free motion alone."""
+    if not (exact.is_free(held) and norm(angular_velocity) * abs(h) < LARGEST_FREE_TURN):
+        return _no_free_motion()
+    return exact.free_step(inertia, held, h, velocity, orientation, angular_velocity)
+
+
+_COMPILED_STEPS: dict[str, Step] = {"exact": _free_step}
+_LANE_STEPS: dict[str, Step] = {"rk4": rk4.step, "midpoint": midpoint.lane_step, **dlm.LANE_STEPS}
+
+
+def _on_demand(template: Callable[..., None], signature: str, name: str, step: Step | None) -> kernel.OnDemand | None:
+    if step is None:
+        return None
+    name = f"{template.__name__}_{name}"
+    one = specialise(kernel.run, f"run_{name}", _step=step)
+    return kernel.OnDemand(name, specialise(template, name, run=one), signature)
+
+
+def _parts(bodies: int, least: int, threads: int, steps: int) -> list[tuple[int, int]]:
+    """Return ranges of bodies, one for each thread that is worth it, their lengths multiples of `least`."""
+    blocks = -(-bodies // least)
+    count = max(1, min(threads, blocks, bodies * steps // WORTH_A_THREAD))
+    ends = [min(bodies, k * blocks // count * least) for k in range(count + 1)]
+    return list(pairwise(ends))
+
+
+def _each(do: Callable[[tuple[int, int]], None], parts: list[tuple[int, int]]) -> None:
+    if len(parts) == 1:
+        do(parts[0])
+        return
+    with ThreadPoolExecutor(len(parts)) as pool:
+        for done in [pool.submit(do, part) for part in parts]:
+            done.result()
+
+
+def _not_finite(state: Numbers) -> Counts:
+    import numpy as np
+
+    return np.flatnonzero(~np.isfinite(state).all(axis=0))
+
+
+def _out_of_range() -> ConvergenceError:
+    return ConvergenceError(
+        "the state is no longer finite: a momentum, a position or an energy has left the range of double precision; "
+        "check the size of wrench, mass and inertia, or use a smaller step"
+    )
+
+
+def _read(s: Numbers, i: int) -> tuple[Quaternion, Vector, Sums, Sums]:
+    return (s[0, i], s[1, i], s[2, i], s[3, i]), (s[4, i], s[5, i], s[6, i]), _sums(s, 7, i), _sums(s, 21, i)
+
+
+def _sums(s: Numbers, r: int, i: int) -> Sums:
+    return (
+        *(s[r, i], s[r + 1, i], s[r + 2, i], s[r + 3, i], s[r + 4, i], s[r + 5, i], s[r + 6, i]),
+        *(s[r + 7, i], s[r + 8, i], s[r + 9, i], s[r + 10, i], s[r + 11, i], s[r + 12, i], s[r + 13, i]),
+    )
+
+
+def _write(s: Numbers, i: int, q: Quaternion, w: Vector, high: Sums, low: Sums) -> None:
+    s[0, i], s[1, i], s[2, i], s[3, i] = q
+    s[4, i], s[5, i], s[6, i] = w
+    _write_sums(s, 7, i, high)
+    _write_sums(s, 21, i, low)
+
+
+def _write_sums(s: Numbers, r: int, i: int, a: Sums) -> None:
+    s[r, i], s[r + 1, i], s[r + 2, i], s[r + 3, i], s[r + 4, i], s[r + 5, i], s[r + 6, i] = a[:7]
+    s[r + 7, i], s[r + 8, i], s[r + 9, i], s[r + 10, i], s[r + 11, i], s[r + 12, i], s[r + 13, i] = a[7:]
