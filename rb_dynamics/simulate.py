@@ -8,7 +8,7 @@ from __future__ import annotations
 import contextlib
 import math
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
@@ -55,7 +55,8 @@ class Simulation:
         self._observer = Observer(self._effects, phase)
         self._phase = phase
         self._arc = self._new_arc()
-        self._period_ns = 0 if scene.output_rate == 0 else NANOSECONDS / Fraction(repr(float(scene.output_rate)))
+        rate = Fraction(repr(float(scene.output_rate)))
+        self._period_ns = (NANOSECONDS / rate).as_integer_ratio() if rate else None
         self._outputs = 0
 
     @property
@@ -104,16 +105,23 @@ class Simulation:
     def post(self, topic: str, wrench: Wrench, time_ns: int = 0) -> None:
         """Let `wrench` take effect on channel `topic` at `time_ns`; a time that has passed means now.
 
+        One that lies behind the end is not kept.
+
         Raises:
             WrenchError: the command cannot be honoured; the run goes on without it.
         """
-        self._channels.post(topic, wrench, max(self._computed_ns, time_ns))
+        time_ns = max(self._computed_ns, time_ns)
+        if self.end_ns is not None and time_ns > self.end_ns:
+            self._channels.check(topic, wrench)
+        else:
+            self._channels.post(topic, wrench, time_ns)
 
     def next_output_ns(self) -> int:
         """Return the next time at which a sample is due."""
-        if self._period_ns == 0:
+        if self._period_ns is None:
             return self._arc.next_grid_ns()
-        return math.floor(self._outputs * self._period_ns + Fraction(1, 2))
+        period, parts = self._period_ns
+        return (2 * self._outputs * period + parts) // (2 * parts)
 
     def advance(self, until_ns: int) -> None:
         """Advance to the last edge at or before `until_ns`, never past the end of the scene.
@@ -128,7 +136,9 @@ class Simulation:
                 self._apply_changes()
                 output = self.next_output_ns()
                 continue
-            edge = min(time for time in (output, change, self.end_ns) if time is not None)
+            edge = output if change is None else min(output, change)
+            if self.end_ns is not None:
+                edge = min(edge, self.end_ns)
             if edge > until_ns or self.ended:
                 # Nothing to tell yet, but what leads there is done: the next call has less to do.
                 if not self.ended:
@@ -144,7 +154,7 @@ class Simulation:
                 self._outputs += 1
                 output = self.next_output_ns()
                 self.write(self.sample)
-            elif edge == self.end_ns or self._period_ns == 0:
+            elif edge == self.end_ns or self._period_ns is None:
                 self.write(self.sample)
 
     def write(self, event: Event) -> None:
@@ -171,7 +181,9 @@ class Simulation:
     def _next_change_ns(self) -> int | None:
         """Return when what acts changes next: a command, a timeout or a kink of an effect."""
         change = self._channels.next_change_ns()
-        return min((time for time in (change, *self._knots[:1]) if time is not None), default=None)
+        if self._knots and (change is None or self._knots[0] < change):
+            return self._knots[0]
+        return change
 
     def _apply_changes(self) -> None:
         steps = self.steps
@@ -254,7 +266,8 @@ def simulate(
     Args:
         scene: what is simulated; its `duration` must be given.
         commands: wrench commands for the scene's channels; those after the end have no effect, those that cannot be
-            honoured are left out and named in the result, as the node does.
+            honoured are left out and named in the result, as the node does. A sequence may be in any order; anything
+            else is read as the run goes on, `LOOK_AHEAD` commands ahead of it, and not kept.
         sinks: told everything that happens.
         progress: called now and then with the fraction done.
 
@@ -262,6 +275,7 @@ def simulate(
         SceneError: the scene has no duration.
         LogError: a log cannot be written.
         ConvergenceError: a step could not be solved; what was logged until then is complete.
+        ValueError: `commands` are no sequence, and one came after the run had gone beyond its stamp.
     """
     started = time.perf_counter()
     # Outputs that nobody is told are not computed; they change nothing.
@@ -270,19 +284,48 @@ def simulate(
         raise SceneError(
             f"{scene.source}: duration: missing, expected the length of the run in s; add it or give --duration"
         )
-    rejected = []
-    for topic, wrench in commands:
-        try:
-            run.post(topic, wrench, wrench.stamp_ns)
-        except WrenchError as error:
-            rejected.append(f"{topic} at {wrench.stamp_ns / NANOSECONDS:.9f} s: {error}")
+    rejected: list[str] = []
     run.start()
     try:
-        # Hundredths of the run: to advance in pieces changes nothing, see `Arc`.
-        for part in range(1, 101):
-            run.advance(run.end_ns * part // 100)
-            if progress is not None:
-                progress(part / 100.0)
+        part = 0
+        # To advance in pieces changes nothing, see `Arc`.
+        for known_ns in _post_ahead(run, commands, rejected):
+            while part < 100 and run.end_ns * (part + 1) // 100 <= known_ns:
+                part += 1
+                run.advance(run.end_ns * part // 100)
+                if progress is not None:
+                    progress(part / 100.0)
+            run.advance(known_ns)
     finally:
         run.finish()
     return Run(run.sample, run.methods, run.steps, time.perf_counter() - started, tuple(rejected))
+
+
+LOOK_AHEAD = 1000
+"""Commands that wait for their time in `simulate`: so many may come in any order, and more take no more memory."""
+
+
+def _post_ahead(run: Simulation, commands: Iterable[tuple[str, Wrench]], rejected: list[str]) -> Iterator[int]:
+    """Post commands, and yield now and then the time (ns) until which all have been posted; at last the end."""
+    if isinstance(commands, Sequence):
+        commands = sorted(commands, key=lambda command: command[1].stamp_ns)
+    known_ns, newest_ns, waiting = -1, 0, 0
+    for topic, wrench in commands:
+        stamp_ns = wrench.stamp_ns
+        if stamp_ns > newest_ns:
+            if waiting >= LOOK_AHEAD and not run.ended:
+                known_ns, waiting = newest_ns, 0
+                yield known_ns
+            newest_ns = stamp_ns
+        elif max(stamp_ns, 0) <= known_ns:
+            raise ValueError(
+                f"commands: found one at {stamp_ns} ns when the run had reached {known_ns} ns, expected them in the "
+                "order of their stamps; give a list, which may be in any order"
+            )
+        try:
+            run.post(topic, wrench, stamp_ns)
+        except WrenchError as error:
+            rejected.append(f"{topic} at {stamp_ns / NANOSECONDS:.9f} s: {error}")
+        waiting += 1
+    if run.end_ns is not None:
+        yield run.end_ns

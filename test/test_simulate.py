@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+import sys
+from collections.abc import Iterator, Mapping
 from fractions import Fraction
 
 import numpy as np
@@ -21,7 +22,7 @@ from rb_dynamics.loads.channels import AppliedWrench, Channel
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.recording.sink import Event, RunInfo
 from rb_dynamics.scene.model import Scene, Solver
-from rb_dynamics.simulate import Simulation, simulate
+from rb_dynamics.simulate import LOOK_AHEAD, Simulation, simulate
 from rb_dynamics.vector import ZERO
 
 SECOND = 1_000_000_000
@@ -49,6 +50,10 @@ each_solver = pytest.mark.parametrize("solver", SOLVERS.values(), ids=list(SOLVE
 
 def driven(solver: Solver, output_rate: float = 100.0, duration: float | None = 2.0) -> Scene:
     return scene(forced().body, forced().initial, solver, duration, output_rate, CHANNELS)
+
+
+def _stamp(command: tuple[str, Wrench]) -> int:
+    return command[1].stamp_ns
 
 
 def record(solver: Solver, output_rate: float) -> tuple[Sample, int, Recorder]:
@@ -235,6 +240,50 @@ class TestCommands:
         late = [*COMMANDS, ("world", Wrench((1e3, 0.0, 0.0), ZERO, "world", END + 1))]
 
         assert simulate(driven(SOLVERS["whole step"]), late).sample == record(SOLVERS["whole step"], 100.0)[0]
+
+    @pytest.mark.parametrize("ahead", [1, 2, 1000])
+    def test_may_come_as_an_iterator_in_order_or_as_a_sequence_in_any(
+        self, ahead: int, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(sys.modules["rb_dynamics.simulate"], "LOOK_AHEAD", ahead)
+        unknown = ("body", Wrench(frame_id="nowhere", stamp_ns=123_456_789))
+        late = ("world", Wrench(frame_id="nowhere", stamp_ns=END + 1))
+        told = []
+        for posted in (sorted([*COMMANDS, unknown, late], key=_stamp), [late, unknown, *reversed(COMMANDS)]):
+            for commands in (posted, iter(sorted(posted, key=_stamp))):
+                recorder = Recorder()
+                run = simulate(driven(SOLVERS["accuracy"]), commands, [recorder])
+                told.append((recorder.events, recorder.result, run.sample, run.steps, run.rejected))
+
+        assert len(told[0][-1]) == 2
+        assert all(each == told[0] for each in told)
+
+    def test_are_read_as_the_run_goes_on(self) -> None:
+        read = [0]
+
+        def endless() -> Iterator[tuple[str, Wrench]]:
+            for k in range(5 * LOOK_AHEAD):
+                read[0] += 1
+                yield "world", Wrench((1.0, 0.0, 0.0), ZERO, "world", k * END // (5 * LOOK_AHEAD))
+
+        waiting: list[int] = []
+
+        class Watch(Recorder):
+            def write(self, event: Event) -> None:
+                super().write(event)
+                if isinstance(event, AppliedWrench):
+                    waiting.append(read[0] - 1 - len(waiting))
+
+        simulate(driven(SOLVERS["whole step"], 1.0), endless(), [Watch()])
+
+        assert read[0] == len(waiting) == 5 * LOOK_AHEAD
+        assert max(waiting) <= LOOK_AHEAD
+
+    def test_out_of_order_and_too_late_are_refused(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(sys.modules["rb_dynamics.simulate"], "LOOK_AHEAD", 1)
+
+        with pytest.raises(ValueError, match="found one at 5 ns when the run had reached 123456789 ns"):
+            simulate(driven(SOLVERS["whole step"]), iter([*COMMANDS[:3], ("world", Wrench(stamp_ns=5))]))
 
     def test_that_cannot_be_honoured_leave_the_run_as_it_is(self) -> None:
         run = Simulation(driven(SOLVERS["whole step"]))

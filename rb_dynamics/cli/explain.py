@@ -27,7 +27,7 @@ def run(args: argparse.Namespace) -> int:
     from rb_dynamics.explain import explain
 
     scene = read(args)
-    commands = read_commands(args.wrench, scene) if args.wrench else []
+    commands = list(read_commands(args.wrench, scene)) if args.wrench else []
     explanation = explain(scene, commands)
     print(json.dumps(explanation.as_dict()) if args.json else explanation.as_text())
     return 0

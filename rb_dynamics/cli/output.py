@@ -5,12 +5,12 @@ from __future__ import annotations
 import contextlib
 import json
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from rb_dynamics.loads.wrench import Wrench
+    from rb_dynamics.recording.mcap_reader import RecordedWrenches
     from rb_dynamics.scene.model import Scene
     from rb_dynamics.simulate import Run
 
@@ -53,16 +53,13 @@ def _known(run: Run) -> dict[str, Any]:
     return {name: value for name, value in asdict(run.sample).items() if value is not None}
 
 
-def warn_outside(commands: Sequence[tuple[str, Wrench]], scene: Scene) -> None:
+def warn_outside(commands: RecordedWrenches, scene: Scene) -> None:
     """Say on stderr how many commands the run will never reach."""
-    if scene.duration is None or not commands:
-        return
-    late = sum(wrench.stamp_ns > scene.duration * 1e9 for _, wrench in commands)
-    if late:
-        first = min(wrench.stamp_ns for _, wrench in commands) / 1e9
+    if commands.late and commands.first_ns is not None:
+        first = commands.first_ns / 1e9
         print(
-            f"warning: {late} of {len(commands)} wrench commands lie after the end of the run at {scene.duration:g} s "
-            f"and have no effect (the first command of the bag is at {first:.9g} s)",
+            f"warning: {commands.late} of {len(commands)} wrench commands lie after the end of the run at "
+            f"{scene.duration:g} s and have no effect (the first command of the bag is at {first:.9g} s)",
             file=sys.stderr,
         )
 

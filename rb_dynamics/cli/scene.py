@@ -6,11 +6,13 @@ Shared by the commands that run a scene; never runs it.
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rb_dynamics.loads.wrench import Wrench
+    from rb_dynamics.recording.mcap_reader import RecordedWrenches
     from rb_dynamics.scene.model import Scene
 
 
@@ -48,8 +50,8 @@ def read(args: argparse.Namespace) -> Scene:
     return read_scene(args.scene, overrides)
 
 
-def read_commands(bag: str | None, scene: Scene) -> list[tuple[str, Wrench]]:
-    """Return the commands in `bag` for the channels of `scene`; says on stderr what has no effect.
+def read_commands(bag: str | None, scene: Scene) -> RecordedWrenches | list[tuple[str, Wrench]]:
+    """Return the commands in `bag` for the channels of `scene`, or none; says on stderr what has no effect.
 
     Raises:
         LogError: the bag cannot be read.
@@ -63,9 +65,9 @@ def read_commands(bag: str | None, scene: Scene) -> list[tuple[str, Wrench]]:
                 f"note: no commands on {', '.join(topics)}: the body coasts; give a bag with --wrench", file=sys.stderr
             )
         return []
-    from rb_dynamics.recording.mcap_reader import read_wrenches
+    from rb_dynamics.recording.mcap_reader import RecordedWrenches
 
-    commands = read_wrenches(bag, topics)
+    commands = RecordedWrenches(bag, topics, math.inf if scene.duration is None else scene.duration * 1e9)
     output.warn_outside(commands, scene)
     return commands
 

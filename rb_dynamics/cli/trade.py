@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
     from rb_dynamics.trade import trade
 
     scene = read(args)
-    commands = read_commands(args.wrench, scene) if args.wrench else []
+    commands = list(read_commands(args.wrench, scene)) if args.wrench else []
     with output.progress(args.scene) as progress:
         found = trade(scene, commands, target=args.target, budget=args.budget, time_s=args.time, progress=progress)
     if args.html:

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import NamedTuple
 
 from rb_dynamics.errors import WrenchError
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, WrenchFrames
@@ -73,20 +74,20 @@ class _Hold:
     expires_ns: int | None = None
 
 
-@dataclass(order=True, slots=True)
-class _Pending:
+class _Pending(NamedTuple):
     """A command that waits for its time.
 
     At equal times the channels come in the order of the scene, however the commands arrived; within a channel the order
-    of arrival is kept, so the last one wins. `held` is None for a rejected command.
+    of arrival is kept, so the last one wins. No two have the same `number`: what stands behind it is never compared.
+    `held` is None for a rejected command.
     """
 
     time_ns: int
     channel: int
     number: int
-    wrench: Wrench = field(compare=False)
-    held: HeldWrench | None = field(compare=False)
-    reason: str = field(compare=False, default="")
+    wrench: Wrench
+    held: HeldWrench | None
+    reason: str = ""
 
 
 class WrenchChannels:
@@ -111,10 +112,12 @@ class WrenchChannels:
             WrenchError: no such channel, a component is not finite, or the frame is unknown. The command has no effect;
                 on a channel of the scene it is reported as rejected when its time comes.
         """
-        channel = self._index.get(topic.lstrip("/"))
-        if channel is None:
-            raise WrenchError(f"wrench topic is {topic!r}, expected one of {sorted(self._index)} as in scene.wrenches")
-        self._post(channel, wrench, time_ns)
+        self._post(self._channel(topic), wrench, time_ns)
+
+    def check(self, topic: str, wrench: Wrench) -> None:
+        """Do nothing but refuse what `post` refuses."""
+        self._channel(topic)
+        self._frames.hold(wrench)
 
     def schedule(self, effect: int, wrench: Wrench, time_ns: int) -> None:
         """Let `wrench` take effect on the channel of an effect, by its number: no command can reach it.
@@ -123,6 +126,12 @@ class WrenchChannels:
             WrenchError: a component is not finite, or the frame is unknown.
         """
         self._post(self._commanded + effect, wrench, time_ns)
+
+    def _channel(self, topic: str) -> int:
+        channel = self._index.get(topic.lstrip("/"))
+        if channel is None:
+            raise WrenchError(f"wrench topic is {topic!r}, expected one of {sorted(self._index)} as in scene.wrenches")
+        return channel
 
     def _post(self, channel: int, wrench: Wrench, time_ns: int) -> None:
         self._number += 1

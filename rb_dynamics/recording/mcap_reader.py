@@ -6,10 +6,12 @@ the file, and keeps only messages of the types in `rb_dynamics.recording.cdr.LAY
 
 from __future__ import annotations
 
+import heapq
 import logging
+import math
 import os
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -160,34 +162,81 @@ def read_bag(path: str | os.PathLike[str]) -> Bag:
     return bag
 
 
-def read_wrenches(path: str | os.PathLike[str], topics: Sequence[str]) -> list[tuple[str, Wrench]]:
-    """Return the commands for the wrench channels `topics` of a scene, by stamp; equal stamps in the order of the file.
+class RecordedWrenches:
+    """The commands in a bag for the wrench channels of a scene, by stamp; equal stamps in the order of the file.
 
-    A leading slash makes no difference between names. A Wrench without header has its log time as stamp and frame "".
+    Read anew each time they are gone through, never kept: a bag of any length takes little memory. One that is written
+    in the order of its stamps takes least; a command that comes late is waited for.
+
+    Attributes:
+        first_ns: the earliest stamp; None where there is none.
+        late: how many lie after `end_ns`.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], topics: Sequence[str], end_ns: float = math.inf) -> None:
+        """Look through the bag for the commands on `topics`; a leading slash makes no difference between names.
+
+        A Wrench without header has its log time as stamp and frame "".
+
+        Raises:
+            LogError: the file cannot be read or is damaged, or none of its wrench topics is one of `topics`.
+        """
+        self._path, self._topics = Path(path), tuple(topics)
+        self._count = self.late = self._delay_ns = 0
+        self.first_ns: int | None = None
+        newest_ns = None
+        file, found = McapFile(self._path), Counter[str]()
+        for _, wrench in _commands(file, self._topics, found):
+            stamp_ns = wrench.stamp_ns
+            self._count += 1
+            self.late += stamp_ns > end_ns
+            self.first_ns = stamp_ns if self.first_ns is None else min(self.first_ns, stamp_ns)
+            newest_ns = stamp_ns if newest_ns is None else max(newest_ns, stamp_ns)
+            self._delay_ns = max(self._delay_ns, newest_ns - stamp_ns)
+        names = {channel.topic for channel in file.channels.values() if _type_name(channel) in _WRENCHES}
+        if not {name.removeprefix("/") for name in names} & {topic.removeprefix("/") for topic in topics}:
+            raise LogError(_no_commands(file, topics, {name: found[name] for name in names}))
+        if not file.complete:
+            _logger.warning("%s was cut off; the %d commands in it are used", file.path, len(self))
+
+    def __len__(self) -> int:
+        """Return how many there are."""
+        return self._count
+
+    def __iter__(self) -> Iterator[tuple[str, Wrench]]:
+        """Yield topic, as the scene writes it, and command."""
+        waiting: list[tuple[int, int, tuple[str, Wrench]]] = []
+        newest_ns = self.first_ns or 0
+        for number, command in enumerate(_commands(McapFile(self._path), self._topics, Counter())):
+            stamp_ns = command[1].stamp_ns
+            newest_ns = max(newest_ns, stamp_ns)
+            heapq.heappush(waiting, (stamp_ns, number, command))
+            # Nothing that is still to come is older than this.
+            while waiting and waiting[0][0] <= newest_ns - self._delay_ns:
+                yield heapq.heappop(waiting)[2]
+        while waiting:
+            yield heapq.heappop(waiting)[2]
+
+
+def read_wrenches(path: str | os.PathLike[str], topics: Sequence[str]) -> list[tuple[str, Wrench]]:
+    """Return all of `RecordedWrenches`.
 
     Raises:
         LogError: the file cannot be read or is damaged, or none of its wrench topics is one of `topics`.
     """
-    file = McapFile(Path(path))
+    return list(RecordedWrenches(path, topics))
+
+
+def _commands(file: McapFile, topics: Sequence[str], found: Counter[str]) -> Iterator[tuple[str, Wrench]]:
+    """Yield the commands in the order of the file, and count in `found` what wrench topics have."""
     wanted = {topic.removeprefix("/"): topic for topic in topics}
-    found: Counter[str] = Counter()
-    commands: list[tuple[str, Wrench]] = []
     for message in file.messages():
         type_name = _type_name(message.channel)
-        if type_name not in _WRENCHES:
-            continue
-        found[message.channel.topic] += 1
-        topic = wanted.get(message.channel.topic.removeprefix("/"))
-        if topic is not None:
-            commands.append((topic, _command(file, type_name, message)))
-    for channel in file.channels.values():
-        if _type_name(channel) in _WRENCHES:
-            found[channel.topic] += 0
-    if not any(name.removeprefix("/") in wanted for name in found):
-        raise LogError(_no_commands(file, topics, found))
-    if not file.complete:
-        _logger.warning("%s was cut off; the %d commands in it are used", file.path, len(commands))
-    return sorted(commands, key=lambda command: command[1].stamp_ns)
+        if type_name in _WRENCHES:
+            found[message.channel.topic] += 1
+            topic = wanted.get(message.channel.topic.removeprefix("/"))
+            if topic is not None:
+                yield topic, _command(file, type_name, message)
 
 
 def _stamped(topic: Topic) -> bool:
@@ -225,7 +274,7 @@ def _width(topic: Topic, place: int) -> int:
     return count if isinstance(count, int) else 0
 
 
-def _no_commands(file: McapFile, topics: Sequence[str], found: Counter[str]) -> str:
+def _no_commands(file: McapFile, topics: Sequence[str], found: Mapping[str, int]) -> str:
     listed = ", ".join(f"{name} ({count} messages)" for name, count in sorted(found.items())) or "none"
     return (
         f"{file.path} has no channel of the scene: its wrench topics are {listed}, the scene expects "

@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
@@ -20,7 +22,7 @@ from rb_dynamics.diagnostics import Sample
 from rb_dynamics.errors import LogError, MissingExtraError
 from rb_dynamics.loads.wrench import Wrench, WrenchFrames
 from rb_dynamics.recording import cdr
-from rb_dynamics.recording.mcap_reader import Bag, read_bag, read_wrenches
+from rb_dynamics.recording.mcap_reader import Bag, RecordedWrenches, read_bag, read_wrenches
 from rb_dynamics.recording.mcap_records import MAX_RECORD_BYTES, McapFile
 from rb_dynamics.recording.mcap_sink import McapSink
 from rb_dynamics.recording.ros2msg import schema_text
@@ -128,6 +130,19 @@ def test_order_is_by_stamp_and_for_equal_stamps_that_of_the_file(tmp_path: Path)
     found = read_wrenches(write_rows(tmp_path / "a.mcap", rows), ["a", "b"])
     assert [int(wrench.force[0]) for _, wrench in found] == [1, 3, 6, 2, 5, 0, 4]
     assert [topic for topic, _ in found] == ["b", "b", "a", "a", "b", "a", "a"]
+
+
+@given(st.lists(st.integers(-3, 30), min_size=1, max_size=40))
+@settings(max_examples=40)
+def test_commands_are_put_in_order_without_being_kept(
+    tmp_path_factory: pytest.TempPathFactory, stamps: list[int]
+) -> None:
+    rows: list[Row] = [(f"/{'ab'[i % 2]}", STAMPED, 100 + i, stamped(at, i)) for i, at in enumerate(stamps)]
+    found = RecordedWrenches(write_rows(tmp_path_factory.mktemp("bag") / "a.mcap", rows), ["a", "b"], end_ns=20)
+    in_order = sorted(range(len(stamps)), key=stamps.__getitem__)
+    for _ in range(2):
+        assert [int(wrench.force[0]) for _, wrench in found] == in_order
+    assert (len(found), found.first_ns, found.late) == (len(stamps), min(stamps), sum(at > 20 for at in stamps))
 
 
 def test_a_wrench_without_header_takes_its_log_time(tmp_path: Path) -> None:

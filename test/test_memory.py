@@ -1,0 +1,80 @@
+"""Memory does not grow with the length of a run: nothing that has been told, nor a command that is done, is kept.
+
+A Rerun recording keeps a bounded path and batch; here they are small, so that the bound is reached at once.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("mcap")
+pytest.importorskip("rerun")
+
+SCENE = """
+body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}
+initial: {angular_velocity_body: [0.1, 2, 0.1]}
+wrenches: [{topic: wrench}]
+solver: {method: euler, step: 0.01}
+"""
+
+# Runs a tenth of it first, so that what is allocated once does not count; prints by how many kB the peak then grows.
+GROWTH = """
+import resource, sys
+from pathlib import Path
+from rb_dynamics import Wrench, parse_scene, simulate
+from rb_dynamics.recording.mcap_reader import RecordedWrenches
+from rb_dynamics.recording.mcap_sink import McapSink
+from rb_dynamics.recording.rerun_sink import RerunSink
+
+def peak_kb():
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+def commands(count, duration):
+    for k in range(count):
+        yield "wrench", Wrench((1e-3, 0.0, 0.0), (0.0, 1e-3, 0.0), "world", k * duration * 10**9 // count)
+"""
+GROWTH_OF = {
+    "MCAP log": """
+def run(name, duration):
+    scene = parse_scene(SCENE, overrides={"duration": duration, "output_rate": 200.0})
+    simulate(scene, (), [McapSink(name + ".mcap")])
+""",
+    "Rerun recording": """
+def run(name, duration):
+    scene = parse_scene(SCENE, overrides={"duration": duration, "output_rate": 200.0})
+    simulate(scene, (), [RerunSink(name + ".rrd", max_rows=500, batch_rows=100)])
+""",
+    "commands": """
+def run(name, duration):
+    simulate(parse_scene(SCENE, overrides={"duration": duration}), commands(200 * duration, duration))
+""",
+    "commands of a bag": """
+def run(name, duration):
+    scene = parse_scene(SCENE, overrides={"duration": duration, "output_rate": 0.1})
+    if not Path(name + ".bag.mcap").exists():
+        simulate(scene, commands(200 * duration, duration), [McapSink(name + ".bag.mcap")])
+    bag = RecordedWrenches(name + ".bag.mcap", ["wrench"])
+    assert len(bag) == 200 * duration
+    simulate(scene, bag)
+""",
+}
+MEASURE = """
+run("short", 10)
+before = peak_kb()
+run("long", 100)
+print("GROWTH", peak_kb() - before)
+"""
+AT_MOST_KB = {"MCAP log": 4000, "Rerun recording": 12000, "commands": 4000, "commands of a bag": 4000}
+
+
+@pytest.mark.parametrize("what", GROWTH_OF)
+def test_ten_times_as_long_takes_no_more_memory(what: str, tmp_path: Path) -> None:
+    """Keeping what is told or commanded would take 10 to 30 MB."""
+    code = f"{GROWTH}\nSCENE = {SCENE!r}\n{GROWTH_OF[what]}\n{MEASURE}"
+    result = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
+    assert int(result.stdout.rpartition("GROWTH")[2]) < AT_MOST_KB[what]
