@@ -1,4 +1,4 @@
-# make demo | test | test-slow | search | lint | pictures | pages | clean    PYTHON=/path/to/python3.12 chooses the interpreter of .venv
+# make demo | test | test-slow | search | lint | pictures | pages | scaling | clean    PYTHON=/path/to/python3.12 chooses the interpreter of .venv
 #
 # Needs Python 3.10 or newer with venv, and make. Everything else is installed into .venv, ROS 2 included.
 
@@ -19,7 +19,7 @@ elsewhere build with colcon in a sourced ROS 2 Jazzy.
 
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: demo pictures pages test test-slow search lint clean
+.PHONY: demo pictures pages scaling test test-slow search lint clean
 
 demo: $(VENV)/installed-demo
 	$(BIN)/rb-dynamics demo
@@ -27,6 +27,10 @@ demo: $(VENV)/installed-demo
 # The demo is flown only if it has not been; after a change: make demo pictures
 pictures: out/demo.rrd | $(VENV)/installed-demo
 	$(BIN)/python docs/make_pictures.py
+
+# What a run costs, and how that grows: docs/scaling.md. Times are of this machine; five minutes.
+scaling: $(VENV)/installed-test
+	$(BIN)/python benchmarks/scaling.py
 
 # The pages of docs/ whose numbers and figures are made by a script.
 pages: $(VENV)/installed-test

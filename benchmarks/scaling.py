@@ -1,0 +1,360 @@
+"""Write docs/scaling.md and its figures: what a run costs in time, memory and bytes, and how that grows.
+
+Usage: python benchmarks/scaling.py     # about five minutes; wants a machine that does nothing else
+
+Best of some repeats, except for starting, where it is the median. Times are of this machine. Never decides whether a
+figure is good enough.
+"""
+
+from __future__ import annotations
+
+import os
+
+# Before numba looks: what is measured as plain Python is.
+os.environ["RB_DYNAMICS_COMPILE"] = "never"
+
+import io
+import platform
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from importlib import metadata
+from pathlib import Path
+
+import startup
+from matplotlib import style
+from matplotlib.figure import Figure
+
+from rb_dynamics.compiled import available
+from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.motion import METHODS
+from rb_dynamics.recording.mcap_sink import McapSink
+from rb_dynamics.recording.rerun_sink import RerunSink
+from rb_dynamics.recording.sink import Sink
+from rb_dynamics.recording.state_hash import HashSink
+from rb_dynamics.scene import parse_scene
+from rb_dynamics.simulate import simulate
+
+ROOT = Path(__file__).resolve().parent.parent
+SCENE = """
+body: {mass: 16.8, inertia: {matrix: [[0.2975, 0.0021, -0.0008], [0.0021, 0.2930, 0.0013], [-0.0008, 0.0013, 0.3104]]}}
+initial: {angular_velocity_body: [0.03, 0.2, 0.03]}
+wrenches: [{topic: wrench}]
+"""
+HELD = [("wrench", Wrench((0.1, 0.0, 0.2), (1e-4, -2e-4, 1e-4), "world"))]
+REPEATS = 3
+LOGS = ("none", "hash", "MCAP", "Rerun")
+RATE = 100.0  # Hz of outputs where nothing else is said
+GREY, DARK = "#8a949e", "#24292f"
+COLORS = ("#0b6e99", "#c2571a", "#5b7f2b", "#7a4fa3")
+
+Series = dict[str, dict[float, float]]
+
+
+class Nowhere:
+    """A sink that drops what it is told."""
+
+    def open(self, run: object) -> None: ...
+
+    def write(self, event: object) -> None: ...
+
+    def close(self, result: object) -> None: ...
+
+
+def sink(log: str, folder: str) -> Sink:
+    paths = {"MCAP": McapSink, "Rerun": RerunSink}
+    return paths[log](file_of(log, folder)) if log in paths else HashSink() if log == "hash" else Nowhere()
+
+
+def file_of(log: str, folder: str) -> Path:
+    return Path(folder, {"MCAP": "run.mcap", "Rerun": "run.rrd"}[log])
+
+
+def best(run: Callable[[], object], repeats: int = REPEATS) -> float:
+    """Return the shortest time (s) of some."""
+    times = []
+    for _ in range(repeats):
+        begin = time.perf_counter()
+        run()
+        times.append(time.perf_counter() - begin)
+    return min(times)
+
+
+def flown(
+    method: str,
+    seconds: float,
+    *,
+    step: float | None = None,
+    rate: float = 0.001,
+    commands: Sequence[tuple[str, Wrench]] = (),
+    sinks: Sequence[Sink] = (),
+) -> int:
+    """Fly the scene; return the steps."""
+    solver = {"solver.step": step} if step else {"solver.accuracy": 1e-9}
+    keys = {"solver.method": method, **solver, "duration": seconds, "output_rate": rate}
+    return simulate(parse_scene(SCENE, overrides=keys), commands, sinks).steps
+
+
+def step_times() -> dict[str, tuple[float, float]]:
+    """Return the time (s) for 1 ms of simulated time in steps of 1 ms: nobody looking, and a sample made of each."""
+    found = {}
+    for name, method in METHODS.items():
+        # A closed form takes free motion only.
+        held = HELD if method.order else []
+        alone = best(lambda name=name, held=held: flown(name, 1.0, step=1e-3, commands=held))
+        seen = best(
+            lambda name=name, held=held: flown(name, 1.0, step=1e-3, rate=1e3, commands=held, sinks=[Nowhere()])
+        )
+        found[name] = alone / 1000, seen / 1000
+    return found
+
+
+def duration_times() -> Series:
+    """Return the time (s) of a run over the simulated time (s)."""
+    found: Series = {
+        "exact, free": {t: best(lambda t=t: flown("exact", t)) for t in (1.0, 10.0, 1e2, 1e3, 1e4, 1e5, 1e6)},
+        "rkmk4, 10 ms": {
+            t: best(lambda t=t: flown("rkmk4", t, step=0.01, commands=HELD)) for t in (1.0, 10.0, 1e2, 1e3)
+        },
+        "auto, 1e-9 rad": {t: best(lambda t=t: flown("auto", t, commands=HELD)) for t in (1.0, 10.0, 1e2, 1e3)},
+    }
+    if available():
+        os.environ["RB_DYNAMICS_COMPILE"] = "always"
+        flown("rkmk4", 1.0, step=0.01, commands=HELD)
+        found["rkmk4, 10 ms, compiled"] = {
+            t: best(lambda t=t: flown("rkmk4", t, step=0.01, commands=HELD)) for t in (1.0, 10.0, 1e2, 1e3, 1e4, 1e5)
+        }
+        os.environ["RB_DYNAMICS_COMPILE"] = "never"
+    return found
+
+
+def streamed(count: int, seconds: int) -> Iterator[tuple[str, Wrench]]:
+    for k in range(count):
+        yield "wrench", Wrench((0.1, 0.0, 0.2), (1e-4, -2e-4 * (k % 3), 1e-4), "world", k * seconds * 10**9 // count)
+
+
+def command_times() -> Series:
+    """Return the time (s) that commands in 100 s cost beside the steps, over their number."""
+    # Every command falls on a step, so that the steps are the same without.
+    steps = {n: max(n, 1000) for n in (100, 1000, 10_000, 100_000)}
+    found = {}
+    for n, count in steps.items():
+        many, step = list(streamed(n, 100)), 100 / count
+        driven, alone = (
+            best(lambda step=step, given=given: flown("euler", 100.0, step=step, commands=given))
+            for given in (many, many[:1])
+        )
+        found[float(n)] = driven - alone
+    return {"held wrenches": found}
+
+
+def output_times() -> tuple[Series, Series]:
+    """Return the time (s) and the bytes of a log over the number of outputs of 10 s of free motion."""
+    times: Series = {log: {} for log in LOGS}
+    sizes: Series = {log: {} for log in LOGS if log in ("MCAP", "Rerun")}
+    with tempfile.TemporaryDirectory() as folder:
+        for log in LOGS:
+            for rate in (1.0, 10.0, 100.0, 1000.0, 4000.0):
+                run = best(lambda log=log, rate=rate: flown("exact", 10.0, rate=rate, sinks=[sink(log, folder)]), 2)
+                times[log][10 * rate] = run
+                if log in sizes:
+                    sizes[log][10 * rate] = float(file_of(log, folder).stat().st_size)
+    return times, sizes
+
+
+def peak(log: str, seconds: str) -> None:
+    """Print the peak of memory (MB) of a run in this process."""
+    with tempfile.TemporaryDirectory() as folder:
+        flown("exact", float(seconds), rate=RATE, sinks=[sink(log, folder)])
+    # Not ru_maxrss, which begins with that of the parent.
+    status = Path("/proc/self/status").read_text(encoding="utf-8")
+    print(int(status.partition("VmHWM:")[2].split()[0]) / 1024)
+
+
+def peaks() -> Series:
+    """Return the peak of memory (MB) over the simulated time (s), each in a process of its own."""
+    found: Series = {}
+    for log in ("none", "MCAP", "Rerun"):
+        found[log] = {}
+        for seconds in (1, 10, 100, 1000):
+            command = [sys.executable, __file__, "--peak", log, str(seconds)]
+            result = subprocess.run(command, capture_output=True, text=True, check=True)
+            found[log][float(seconds)] = float(result.stdout.split()[-1])
+    return found
+
+
+def slope(points: dict[float, float]) -> float:
+    """Return what one more costs, between the last two points."""
+    (a, low), (b, high) = list(points.items())[-2:]
+    return (high - low) / (b - a)
+
+
+# The page -------------------------------------------------------------------------------------------------------------
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    lines = [head, ["---"] + ["---:"] * (len(head) - 1), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
+
+
+def across(title: str, series: Series, unit: Callable[[float], str]) -> str:
+    """Return a table with a row for each line."""
+    places = sorted({x for points in series.values() for x in points})
+    rows = [[name, *(unit(points[x]) if x in points else "" for x in places)] for name, points in series.items()]
+    return table([title, *(f"{x:g}" for x in places)], rows)
+
+
+def seconds(value: float) -> str:
+    return f"{value * 1e6:.0f} us" if value < 1e-3 else f"{value * 1e3:.3g} ms" if value < 1.0 else f"{value:.3g} s"
+
+
+def plot(figure: Figure, place: int, title: str, series: Series, across_: str, up: str, log: str = "both") -> None:
+    axes = figure.add_subplot(2, 2, place)
+    for color, (name, points) in zip(COLORS, series.items(), strict=False):
+        axes.plot(list(points), list(points.values()), "o-", color=color, linewidth=1.2, markersize=3.5, label=name)
+    axes.set(xscale="log", yscale="log" if log == "both" else "linear", xlabel=across_, ylabel=up)
+    if log == "x":
+        axes.set_ylim(bottom=0.0)
+    axes.set_title(title, color=DARK)
+    axes.grid(color=GREY, alpha=0.25, linewidth=0.5)
+    if len(series) > 1:
+        axes.legend(fontsize=7, frameon=False)
+
+
+def svg(figure: Figure) -> bytes:
+    buffer = io.BytesIO()
+    with style.context(["default", {"svg.hashsalt": "scaling", "svg.fonttype": "path"}]):
+        figure.savefig(buffer, format="svg", facecolor="white", metadata={"Date": None, "Creator": None})
+    return buffer.getvalue()
+
+
+TEXT = """# What a run costs, and how that grows
+
+Written by `python benchmarks/scaling.py` (`make scaling`) on {machine}. Times are best of {repeats} on that machine,
+which may have had other work.
+
+![Time over duration, commands and outputs; peak of memory over duration](images/scaling.svg)
+
+## Starting
+
+Medians of processes that take turns, byte code cached; `python benchmarks/startup.py` measures this alone.
+
+{starting}
+`simulate config/slew.yaml` includes its 6000 steps of rkmk4.
+
+## A step in plain Python
+
+Without numba, steps of 1 ms: the time for each millisecond of simulated time, and what that leaves of a core at 1 kHz.
+"Seen" makes a sample (state, momenta, energy, defects) of every step too. The wrench is held; `exact` is free.
+
+{steps}
+{bar}
+
+## Duration
+
+Time of a run over its simulated time in s, nobody looking. A closed form costs the same at any time, a step what it
+costs; `auto` keeps an error at the end, so that a longer run also asks for more accurate steps.
+
+{durations}
+## Commands
+
+Time that so many held wrenches within 100 s add to the steps: each ends a step, begins an arc and enters the hash of
+the inputs. Between the last two columns a command costs {command}.
+
+{commands}
+Commands are read as the run goes on, at most 1000 ahead of it, when they come from a bag or any iterator; a bag is gone
+through twice and not kept, apart from what its publishers stamped out of order.
+
+## Outputs and logs
+
+Time of 10 s of free motion over the number of outputs, by what is told:
+
+{outputs}
+Between the last two columns, an output costs
+
+{each}
+An output is 8 messages in MCAP, compressed with zstd where that is installed. Rerun keeps about 200 000 samples of a
+run at most, evenly thinned, so that its size is bounded.
+
+## Memory
+
+Peak of the resident size in MB over the simulated time in s, at {rate:g} outputs per second, interpreter and libraries
+included:
+
+{memory}
+A run keeps neither what it has told nor commands that are done, but for the reasons of those it rejected. MCAP holds a
+chunk (128 KiB) and, of each chunk written, about 1 kB for the index at the end. Rerun holds a batch of 2048 samples and
+paths of at most 16 384 points. `MemorySink` keeps everything: that is what it is for. `test/test_memory.py` holds runs
+to this.
+"""
+
+
+def page() -> tuple[str, Figure]:
+    starts, steps = startup.medians(), step_times()
+    durations, commands, (outputs, sizes), memory = duration_times(), command_times(), output_times(), peaks()
+    within = [name for name, (alone, _) in steps.items() if alone <= 200e-6]
+    beyond = [name for name in steps if name not in within]
+    bar = f"At 1 kHz {len(within)} of {len(steps)} methods leave at least 80 % of a core" + (
+        f"; those that do not: {', '.join(beyond)}." if beyond else "."
+    )
+    packages = ("numpy", "scipy", "mcap", "rerun-sdk", "numba")
+    versions = ", ".join(f"{name} {metadata.version(name)}" for name in packages if name != "numba" or available())
+    text = TEXT.format(
+        machine=f"Python {platform.python_version()}, {platform.system()} {platform.machine()}, {cpu()}, {versions}",
+        repeats=REPEATS,
+        starting=table(
+            ["command", "time", "import numpy = 1"],
+            [[f"`{n}`", seconds(t), f"{t / starts[startup.YARDSTICK]:.2f}"] for n, t in starts.items()],
+        ),
+        steps=table(
+            ["method", "alone", "left of a core", "seen", "left of a core"],
+            [
+                [name, *(cell for t in both for cell in (f"{t * 1e6:.0f} us", f"{100 * (1 - t / 1e-3):.0f} %"))]
+                for name, both in steps.items()
+            ],
+        ),
+        bar=bar,
+        durations=across("simulated time, s", durations, seconds),
+        command=seconds(slope(commands["held wrenches"])),
+        commands=across("commands", commands, seconds),
+        outputs=across("outputs", outputs, seconds),
+        each=table(
+            ["log", "time", "bytes"],
+            [[n, seconds(slope(t)), f"{slope(sizes[n]):.0f}" if n in sizes else ""] for n, t in outputs.items()],
+        ),
+        rate=RATE,
+        memory=across("simulated time, s", memory, lambda value: f"{value:.0f}"),
+    )
+    figure = Figure(figsize=(8.4, 6.4), layout="constrained")
+    plot(figure, 1, "Duration", durations, "simulated time, s", "time, s")
+    plot(figure, 2, "Commands", commands, "held wrenches in 100 s", "time beside the steps, s")
+    plot(figure, 3, "Outputs, by log", outputs, "outputs of 10 s", "time, s")
+    plot(figure, 4, "Memory, 100 outputs per second", memory, "simulated time, s", "peak resident size, MB", "x")
+    return text, figure
+
+
+def cpu() -> str:
+    """Return the name of the processor."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor()
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return f"{len(names)} x {names[0]}" if names else platform.processor()
+
+
+def main() -> None:
+    with style.context(["default", {"font.size": 9.0}]):
+        text, figure = page()
+        (ROOT / "docs" / "images" / "scaling.svg").write_bytes(svg(figure))
+    (ROOT / "docs" / "scaling.md").write_text(text, encoding="utf-8")
+    print(text)
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] == ["--peak"]:
+        peak(*sys.argv[2:])
+    else:
+        main()
