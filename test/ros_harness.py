@@ -27,6 +27,16 @@ TRANSIENT = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 TIMEOUT = 40.0
 
 
+def values(message: Any) -> dict[str, str]:
+    """Return the values of a diagnostics message."""
+    return {pair.key: pair.value for pair in message.status[0].values}
+
+
+def stamp(message: Any) -> int:
+    """Return the stamp of a message, ns."""
+    return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
+
+
 class NodeProcess:
     """A node that runs `scene`; parameters as keyword arguments, `__` in a name stands for a dot."""
 
@@ -110,9 +120,10 @@ class Peer:
         message.wrench.torque = Vector3(x=torque[0], y=torque[1], z=torque[2])
         self._publishers[topic].publish(message)
 
-    def call(self, service: str, request: Any) -> Any:
-        """Call a service of the node and return the answer."""
-        client = self.node.create_client(SetBool if isinstance(request, SetBool.Request) else Trigger, service)
+    def call(self, service: str, request: Any, kind: type | None = None) -> Any:
+        """Call a service of the node and return the answer; `kind` is its type, if it is not of std_srvs."""
+        kind = kind or (SetBool if isinstance(request, SetBool.Request) else Trigger)
+        client = self.node.create_client(kind, service)
         self.until(client.service_is_ready, f"the service {service}")
         future = client.call_async(request)
         self.until(future.done, f"an answer of {service}")

@@ -6,6 +6,10 @@ angular velocity, both in body axes, as REP-103 and nav_msgs/Odometry have it.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import (
@@ -13,22 +17,28 @@ from geometry_msgs.msg import (
     InertiaStamped,
     Pose,
     PoseStamped,
-    Quaternion,
+    TransformStamped,
     Twist,
     TwistStamped,
     Vector3,
     Vector3Stamped,
     WrenchStamped,
 )
+from geometry_msgs.msg import Quaternion as QuaternionMessage
 from nav_msgs.msg import Odometry
 
 from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.body.state import State
 from rb_dynamics.diagnostics import Sample
-from rb_dynamics.errors import ConvergenceError
+from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.wrench import Wrench, WrenchFrames
 from rb_dynamics.recording.sink import Status
-from rb_dynamics.rotation import rotate_inverse
+from rb_dynamics.rotation import Quaternion, rotate, rotate_inverse
 from rb_dynamics.vector import Vector
+
+if TYPE_CHECKING:
+    from simulation_interfaces.msg import EntityState
+    from tf2_msgs.msg import TFMessage
 
 _NANOSECONDS = 1_000_000_000
 _LAST_NS = 2**31 * _NANOSECONDS
@@ -109,9 +119,10 @@ def vector(value: Vector, time_ns: int, frame_id: str) -> Vector3Stamped:
     return message
 
 
-def inertia(body: RigidBody, body_frame: str) -> InertiaStamped:
+def inertia(body: RigidBody, body_frame: str, time_ns: int) -> InertiaStamped:
     """Return the mass properties: matrix entries about the centre of mass in body axes."""
     message = InertiaStamped()
+    message.header.stamp = to_stamp(time_ns)
     message.header.frame_id = body_frame
     (ixx, ixy, ixz), (_, iyy, iyz), (_, _, izz) = body.inertia
     x, y, z = body.center_of_mass
@@ -119,6 +130,86 @@ def inertia(body: RigidBody, body_frame: str) -> InertiaStamped:
     content.m, content.com = body.mass, Vector3(x=x, y=y, z=z)
     content.ixx, content.ixy, content.ixz, content.iyy, content.iyz, content.izz = ixx, ixy, ixz, iyy, iyz, izz
     return message
+
+
+def transform(sample: Sample, frames: WrenchFrames) -> TFMessage:
+    """Return where the body frame is in the world."""
+    return _transforms(
+        sample.time_ns, frames.world_frame, {frames.body_frame: (sample.position_world, sample.orientation_xyzw)}
+    )
+
+
+def static_transforms(frames: WrenchFrames, time_ns: int) -> TFMessage:
+    """Return where the fixed frames are on the body."""
+    fixed = {name: (frame.position, frame.orientation_xyzw) for name, frame in (frames.fixed or {}).items()}
+    return _transforms(time_ns, frames.body_frame, fixed)
+
+
+def to_state(message: Odometry, frames: WrenchFrames) -> State:
+    """Return the state that pose (world axes) and twist (body axes) of an odometry message are.
+
+    Raises:
+        SceneError: a frame is not ours, or the quaternion is zero; empty frames are.
+    """
+    for name, found, expected in (
+        ("header.frame_id", message.header.frame_id, frames.world_frame),
+        ("child_frame_id", message.child_frame_id, frames.body_frame),
+    ):
+        if found not in ("", expected):
+            raise SceneError(f"{name} is {found!r}, expected {expected!r} or nothing; transform the state before")
+    p, q = message.pose.pose.position, message.pose.pose.orientation
+    linear, angular = message.twist.twist.linear, message.twist.twist.angular
+    orientation = (q.x, q.y, q.z, q.w)
+    return State(
+        0,
+        (p.x, p.y, p.z),
+        orientation,
+        rotate(orientation, (linear.x, linear.y, linear.z)),
+        (angular.x, angular.y, angular.z),
+    )
+
+
+def entity_state(
+    sample: Sample, acceleration: tuple[Vector, Vector], stamp_ns: int, frames: WrenchFrames
+) -> EntityState:
+    """Return the state as simulation_interfaces has it: everything in world axes, also the angular velocity.
+
+    Args:
+        sample: the state.
+        acceleration: of the body origin and angular, body axes.
+        stamp_ns: what the message is stamped.
+        frames: names of the frames.
+    """
+    from simulation_interfaces.msg import EntityState
+
+    message = EntityState()
+    message.header.stamp, message.header.frame_id = to_stamp(stamp_ns), frames.world_frame
+    _fill_pose(message.pose, sample)
+    q = sample.orientation_xyzw
+    message.twist.linear = _vector(sample.linear_velocity_world)
+    message.twist.angular = _vector(rotate(q, sample.angular_velocity_body))
+    message.acceleration.linear, message.acceleration.angular = (_vector(rotate(q, a)) for a in acceleration)
+    return message
+
+
+def with_entity_state(state: State, message: EntityState, pose: bool, twist: bool) -> State:
+    """Return `state` with pose and twist, each where asked, from `message`, in world axes."""
+    if pose:
+        p, q = message.pose.position, message.pose.orientation
+        # The twist stays as it is in the world.
+        angular_world = rotate(state.orientation_xyzw, state.angular_velocity_body)
+        orientation = (q.x, q.y, q.z, q.w)
+        state = replace(
+            state,
+            position_world=(p.x, p.y, p.z),
+            orientation_xyzw=orientation,
+            angular_velocity_body=rotate_inverse(orientation, angular_world),
+        )
+    if twist:
+        v, w = message.twist.linear, message.twist.angular
+        angular = rotate_inverse(state.orientation_xyzw, (w.x, w.y, w.z))
+        state = replace(state, linear_velocity_world=(v.x, v.y, v.z), angular_velocity_body=angular)
+    return state
 
 
 def diagnostics(status: Status, hardware_id: str) -> DiagnosticArray:
@@ -137,11 +228,29 @@ def diagnostics(status: Status, hardware_id: str) -> DiagnosticArray:
     return message
 
 
+def _vector(value: Vector) -> Vector3:
+    x, y, z = value
+    return Vector3(x=x, y=y, z=z)
+
+
+def _transforms(time_ns: int, parent: str, children: Mapping[str, tuple[Vector, Quaternion]]) -> TFMessage:
+    from tf2_msgs.msg import TFMessage
+
+    message = TFMessage()
+    for child, ((x, y, z), (qx, qy, qz, qw)) in children.items():
+        stamped = TransformStamped()
+        stamped.header.stamp, stamped.header.frame_id, stamped.child_frame_id = to_stamp(time_ns), parent, child
+        stamped.transform.translation = Vector3(x=x, y=y, z=z)
+        stamped.transform.rotation = QuaternionMessage(x=qx, y=qy, z=qz, w=qw)
+        message.transforms.append(stamped)
+    return message
+
+
 def _fill_pose(target: Pose, sample: Sample) -> None:
     x, y, z = sample.position_world
     qx, qy, qz, qw = sample.orientation_xyzw
     target.position.x, target.position.y, target.position.z = x, y, z
-    target.orientation = Quaternion(x=qx, y=qy, z=qz, w=qw)
+    target.orientation = QuaternionMessage(x=qx, y=qy, z=qz, w=qw)
 
 
 def _fill_twist(target: Twist, sample: Sample) -> None:

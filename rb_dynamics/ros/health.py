@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
 
 from rb_dynamics.recording.sink import Status
-from rb_dynamics.ros.pacing import Pacer
+from rb_dynamics.ros.arrivals import Arrival
+from rb_dynamics.ros.pacing import ClockFollower, Pacer
 from rb_dynamics.simulate import Simulation
 
 OK, WARN, ERROR = 0, 1, 2
@@ -19,30 +20,44 @@ _PERIOD_NS = 1_000_000_000
 class _Counts:
     accepted: int = 0
     rejected: int = 0
+    early: int = 0
     late: int = 0
+    duplicate: int = 0
+    superseded: int = 0
     lost: int = 0
 
 
 class Health:
     """What `/diagnostics` says. A warning stays for the run: nobody has to be looking when it happens."""
 
-    def __init__(self, name: str, topics: Sequence[str]) -> None:
-        """Begin with no complaints about the node `name` and its wrench `topics`."""
-        self._name = name
-        self._counts = {topic: _Counts() for topic in topics}
-        self._warning = ""
-        self._failure = ""
+    def __init__(self, name: str, topics: Sequence[str], say: Callable[[int, str], None]) -> None:
+        """Begin with no complaints about the node `name` and its wrench `topics`; `say` logs a level and a message."""
+        self._name, self._topics, self._say = name, tuple(topics), say
         self._next_ns = time.monotonic_ns()
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget everything: a run begins anew."""
+        self._counts = {topic: _Counts() for topic in self._topics}
+        self._mismatches: dict[str, int] = {}
+        self._warning = self._failure = ""
 
     @property
     def failure(self) -> str:
         """The newest failure, or ""."""
         return self._failure
 
-    def accepted(self, topic: str, late: bool) -> None:
-        """Count a command, and whether its stamp had passed."""
-        self._counts[topic].accepted += 1
-        self._counts[topic].late += late
+    def accepted(self, topic: str, arrival: Arrival | None) -> None:
+        """Count a command, and how its stamp stood where stamps matter."""
+        counts = self._counts[topic]
+        counts.accepted += 1
+        counts.early += arrival is Arrival.EARLY
+        counts.late += arrival is Arrival.LATE
+        counts.duplicate += arrival is Arrival.DUPLICATE
+
+    def superseded(self, topic: str) -> None:
+        """Count a command that came after a newer one had taken effect."""
+        self._counts[topic].superseded += 1
 
     def rejected(self, topic: str) -> None:
         """Count a command that was not honoured."""
@@ -52,13 +67,20 @@ class Health:
         """Count commands that the middleware lost."""
         self._counts[topic].lost += number
 
+    def mismatched(self, topic: str, number: int, message: str) -> None:
+        """Count peers whose QoS does not fit ours on `topic`: nothing will ever pass between us."""
+        self._mismatches[topic] = self._mismatches.get(topic, 0) + number
+        self.failed(f"{topic}: {message}")
+
     def warn(self, message: str) -> None:
         """Remember the newest warning."""
         self._warning = message
+        self._say(WARN, message)
 
     def failed(self, message: str) -> None:
         """Remember the newest failure."""
         self._failure = message
+        self._say(ERROR, message)
 
     def due(self) -> bool:
         """Return whether a second has passed since this last returned True."""
@@ -68,7 +90,7 @@ class Health:
         self._next_ns = now + _PERIOD_NS
         return True
 
-    def status(self, simulation: Simulation, pacer: Pacer, state: str) -> Status:
+    def status(self, simulation: Simulation, pacer: Pacer | ClockFollower, state: str) -> Status:
         """Return the status of the node."""
         sample = simulation.sample
         values = {
@@ -79,22 +101,14 @@ class Health:
             "energy defect": f"{sample.energy_defect:.3g} J",
             "angular momentum defect": f"{math.hypot(*sample.angular_momentum_defect_world):.3g} kg m^2/s",
             "linear momentum defect": f"{math.hypot(*sample.linear_momentum_defect_world):.3g} kg m/s",
-            "real-time factor": f"{pacer.factor:g}",
-            "overruns": str(pacer.overruns),
-            "time dropped": f"{pacer.dropped_ns / 1e9:.3f} s",
+            **pacer.values(),
         }
         for topic, counts in self._counts.items():
-            values |= {
-                f"{topic}: accepted": str(counts.accepted),
-                f"{topic}: rejected": str(counts.rejected),
-                f"{topic}: late": str(counts.late),
-                f"{topic}: lost": str(counts.lost),
-            }
+            values |= {f"{topic}: {name}": str(count) for name, count in asdict(counts).items()}
+        values |= {f"{topic}: incompatible QoS": str(count) for topic, count in self._mismatches.items()}
+        level, message = OK, state
         if self._failure:
-            return Status(sample.time_ns, ERROR, self._failure, values, self._name)
-        if self._warning:
-            return Status(sample.time_ns, WARN, self._warning, values, self._name)
-        if pacer.overruns:
-            message = f"{pacer.overruns} overruns: the machine is too slow for this"
-            return Status(sample.time_ns, WARN, message, values, self._name)
-        return Status(sample.time_ns, OK, state, values, self._name)
+            level, message = ERROR, self._failure
+        elif warning := self._warning or pacer.warning():
+            level, message = WARN, warning
+        return Status(sample.time_ns, level, message, values, self._name)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -21,83 +22,131 @@ from rb_dynamics.diagnostics import Sample
 from rb_dynamics.loads.wrench import WrenchFrames
 from rb_dynamics.recording.sink import Event, RunInfo, Status
 from rb_dynamics.ros import conversions
+from rb_dynamics.ros.health import Health
 from rb_dynamics.vector import Vector
 
 _DEPTH = 10
 
-
 _Make = Callable[[Sample], object]
+
+
+@dataclass(frozen=True)
+class Topics:
+    """Which topics there are beside those that are always published."""
+
+    clock: bool = False
+    transforms: bool = False
+    acceleration: bool = False
 
 
 class TopicSink:
     """Publishes every sample on the topics of the node; a topic that nobody reads costs nothing.
 
     While time stands still, a reader that joins is greeted with the newest sample, so that it sees where the body is.
+    No stamp is ever zero: to tf2 that means "the newest", and to whoever reads `/clock` "not begun". The initial state,
+    at time 0, is stamped 1 ns.
     """
 
-    def __init__(self, node: Node, frames: WrenchFrames, publish_clock: bool, stands_still: Callable[[], bool]) -> None:
-        """Create the publishers on `node`; `stands_still` says whether readers are to be greeted."""
-        self._node, self._frames, self._stands_still = node, frames, stands_still
+    def __init__(
+        self, node: Node, topics: Topics, health: Health, offset_ns: Callable[[], int | None], still: Callable[[], bool]
+    ) -> None:
+        """Prepare to publish on `node`.
+
+        Args:
+            node: creates the publishers.
+            topics: which ones beside the usual.
+            health: hears of readers whose QoS does not fit.
+            offset_ns: tells how far stamps are ahead of simulation time; None while that is not known and nothing is
+                published.
+            still: tells whether time stands still, so that readers are to be greeted.
+        """
+        self._node, self._health, self._offset_ns, self._still = node, health, offset_ns, still
+        self._asked = topics
         self._newest: Sample | None = None
+        self._frames = WrenchFrames()
         transient = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._inertia = node.create_publisher(InertiaStamped, "inertia", transient)
         self._diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", 1)
         self._samples: list[tuple[Publisher, _Make]] = []
-        if publish_clock:
+        self._has_potential = False
+        if topics.clock:
             self._add(Clock, "/clock", lambda s: Clock(clock=conversions.to_stamp(s.time_ns)))
-        self._add(PoseStamped, "pose", lambda s: conversions.pose(s, frames))
-        self._add(TwistStamped, "twist", lambda s: conversions.twist(s, frames))
-        self._add(Odometry, "odom", lambda s: conversions.odometry(s, frames))
-        world = frames.world_frame
-        self._add(
-            Vector3Stamped,
-            "angular_momentum",
-            lambda s: conversions.vector(s.angular_momentum_world, s.time_ns, world),
-        )
-        self._add(
-            Vector3Stamped, "linear_momentum", lambda s: conversions.vector(s.linear_momentum_world, s.time_ns, world)
-        )
+        self._add(PoseStamped, "pose", lambda s: conversions.pose(s, self._frames))
+        self._add(TwistStamped, "twist", lambda s: conversions.twist(s, self._frames))
+        self._add(Odometry, "odom", lambda s: conversions.odometry(s, self._frames))
+        self._add(Vector3Stamped, "angular_momentum", lambda s: self._vector(s.angular_momentum_world, s.time_ns))
+        self._add(Vector3Stamped, "linear_momentum", lambda s: self._vector(s.linear_momentum_world, s.time_ns))
         self._add(Float64, "energy/kinetic", lambda s: Float64(data=s.kinetic_energy))
         self._add(Float64, "energy/work", lambda s: Float64(data=s.work))
         self._add(Float64, "energy/defect", lambda s: Float64(data=s.energy_defect))
+        if topics.transforms:
+            self._add_transforms()
 
-    def add_potential(self) -> None:
-        """Publish `energy/potential` too."""
-        self._add(Float64, "energy/potential", lambda s: Float64(data=s.potential_energy))
-
-    def add_acceleration(self, acceleration: Callable[[], tuple[Vector, Vector]]) -> None:
-        """Publish `accel` too; `acceleration` tells it for the time of the sample that is being written."""
-        self._add(AccelStamped, "accel", lambda s: conversions.accel(*acceleration(), s.time_ns, self._frames))
+    def watch(self, acceleration: Callable[[], tuple[Vector, Vector]]) -> None:
+        """Publish `accel`, where asked; `acceleration` tells it for the time of the sample that is being written."""
+        if self._asked.acceleration:
+            self._add(AccelStamped, "accel", lambda s: conversions.accel(*acceleration(), s.time_ns, self._frames))
 
     def open(self, run: RunInfo) -> None:
         """Publish what is simulated; late subscribers get it too (transient local)."""
-        self._inertia.publish(conversions.inertia(run.scene.body, self._frames.body_frame))
+        self._frames = run.scene.frames
+        if not self._has_potential and run.scene.acting.potential() is not None:
+            self._add(Float64, "energy/potential", lambda s: Float64(data=s.potential_energy))
+            self._has_potential = True
+        stamp_ns = self._stamp_ns(run.scene.initial.time_ns) or 1
+        self._inertia.publish(conversions.inertia(run.scene.body, self._frames.body_frame, stamp_ns))
+        if self._asked.transforms and self._frames.fixed:
+            self._static.publish(conversions.static_transforms(self._frames, stamp_ns))
 
     def write(self, event: Event) -> None:
         """Publish a sample or a status; wrenches are not echoed."""
         if isinstance(event, Sample):
-            self._newest = event
+            stamp_ns = self._stamp_ns(event.time_ns)
+            if stamp_ns is None:
+                return
+            self._newest = sample = event if stamp_ns == event.time_ns else replace(event, time_ns=stamp_ns)
             for publisher, make in self._samples:
                 if publisher.get_subscription_count():
-                    publisher.publish(make(event))
+                    publisher.publish(make(sample))
         elif isinstance(event, Status):
-            self._diagnostics.publish(conversions.diagnostics(event, self._frames.body_frame))
+            status = replace(event, time_ns=self._stamp_ns(event.time_ns) or 1)
+            self._diagnostics.publish(conversions.diagnostics(status, self._frames.body_frame))
 
     def close(self, result: Mapping[str, str]) -> None:
         """Wait, briefly, until readers have what was published last."""
         for publisher, _ in self._samples:
             publisher.wait_for_all_acked(Duration(seconds=0.2))
 
-    def _add(self, kind: type, topic: str, make: _Make) -> None:
+    def _stamp_ns(self, time_ns: int) -> int | None:
+        offset_ns = self._offset_ns()
+        return None if offset_ns is None else max(1, time_ns + offset_ns)
+
+    def _vector(self, value: Vector, time_ns: int) -> Vector3Stamped:
+        return conversions.vector(value, time_ns, self._frames.world_frame)
+
+    def _add_transforms(self) -> None:
+        # What the broadcaster of tf2_ros sends, on the same topics; but what nobody reads is not made.
+        from tf2_msgs.msg import TFMessage
+
+        self._add(TFMessage, "/tf", lambda s: conversions.transform(s, self._frames), depth=100)
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._static = self._node.create_publisher(TFMessage, "/tf_static", latched)
+
+    def _add(self, kind: type, topic: str, make: _Make, depth: int = _DEPTH) -> None:
         def greet(event: Any) -> None:
-            if event.current_count_change > 0 and self._newest is not None and self._stands_still():
+            if event.current_count_change > 0 and self._newest is not None and self._still():
                 publisher.publish(make(self._newest))
+
+        def mismatched(event: Any) -> None:
+            self._health.mismatched(
+                topic, event.total_count_change, "a reader's QoS does not fit what is offered, RELIABLE and VOLATILE"
+            )
 
         publisher = self._node.create_publisher(
             kind,
             topic,
-            _DEPTH,
-            event_callbacks=PublisherEventCallbacks(matched=greet),
+            depth,
+            event_callbacks=PublisherEventCallbacks(matched=greet, incompatible_qos=mismatched),
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
         self._samples.append((publisher, make))

@@ -1,16 +1,23 @@
-"""The node's parameters: its own, with description and range, and the scene's scalar values as overrides."""
+"""The node's parameters: its own, with description and range, and the scene's values under their dotted keys."""
 
 from __future__ import annotations
 
+import difflib
+import importlib.util
 import math
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 from rb_dynamics.errors import SceneError
-from rb_dynamics.scene import read_scene
+from rb_dynamics.ros.driver import Mode
+from rb_dynamics.ros.publishers import Topics
+from rb_dynamics.scene import document, read_scene
 from rb_dynamics.scene.model import Scene
+from rb_dynamics.scene.problems import Problems
 
 # name: (default, what it does)
 _PARAMETERS: dict[str, tuple[object, str]] = {
@@ -19,13 +26,17 @@ _PARAMETERS: dict[str, tuple[object, str]] = {
     "lockstep": (False, "time stands still until every channel's newest stamp allows it to advance"),
     "start_paused": (False, "begin paused; ~/pause and ~/step move time"),
     "publish_clock": (False, "publish simulation time on /clock"),
+    "publish_tf": (False, "publish the pose on /tf and the scene's fixed frames on /tf_static"),
     "publish_accel": (False, "publish the acceleration of the body origin on accel"),
-    "apply_at": ("arrival", "when a command takes effect: at its arrival, or at its header.stamp in simulation time"),
+    "apply_at": ("arrival", "when a command takes effect: at its arrival, or at its header.stamp"),
     "mcap": ("", "write an MCAP log to this file"),
     "rerun": ("", "write a Rerun recording to this file"),
 }
+# Those that may be set while the node runs.
+_SETTABLE = ("real_time_factor",)
 # Declared by rclpy itself.
 _RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides.")
+_SECTIONS = ("world_frame", "body", "initial", "wrenches", "effects", "solver", "duration", "output_rate")
 
 
 @dataclass(frozen=True)
@@ -33,12 +44,9 @@ class Settings:
     """The node's parameters, validated; see `_PARAMETERS`."""
 
     scene: Scene
-    real_time_factor: float
-    lockstep: bool
-    start_paused: bool
-    publish_clock: bool
-    publish_accel: bool
-    apply_at: str
+    mode: Mode
+    topics: Topics
+    use_sim_time: bool
     mcap: str
     rerun: str
 
@@ -49,45 +57,141 @@ def read_settings(node: Node) -> Settings:
     Raises:
         SceneError: a parameter or the scene is not valid.
     """
-    values = {name: _declare(node, name, default, text) for name, (default, text) in _PARAMETERS.items()}
-    overrides = {}
     # rclpy has no public way to see an override before it is declared.
-    for name, parameter in node._parameter_overrides.items():  # noqa: SLF001
-        if name not in _PARAMETERS and not name.startswith(_RCLPY):
-            overrides[name] = parameter.value
-            # Declared, so that `ros2 param list` shows what the scene was changed by.
-            _declare(node, name, parameter.value, "overrides the scene's value")
+    given = node._parameter_overrides  # noqa: SLF001
+    overrides = {name: given[name].value for name in given if name not in _PARAMETERS and not name.startswith(_RCLPY)}
+    for name in overrides:
+        require_known(name)
+    values = {name: _declare(node, name, default, text) for name, (default, text) in _PARAMETERS.items()}
     path = _text("scene", values["scene"])
     if not path:
         raise SceneError("parameter scene: missing, expected a scene file; start with: --ros-args -p scene:=FILE")
     scene = read_scene(path, overrides)
-    factor = values["real_time_factor"]
-    if isinstance(factor, bool) or not isinstance(factor, (int, float)) or not (math.isfinite(factor) and factor >= 0):
-        raise SceneError(f"parameter real_time_factor: found {factor!r}, expected a number of 0 (no limit) or more")
+    require_paceable(scene)
+    factor = number("real_time_factor", values["real_time_factor"])
     apply_at = _text("apply_at", values["apply_at"])
     if apply_at not in ("arrival", "stamp"):
         raise SceneError(f"parameter apply_at: found {apply_at!r}, expected 'arrival' or 'stamp'")
-    if scene.output_rate == 0 and scene.solver.step is None:
+    flags = {name: _flag(name, values[name]) for name, (default, _) in _PARAMETERS.items() if default is False}
+    use_sim_time = bool(node.get_parameter("use_sim_time").value)
+    if use_sim_time:
+        _require_one_master(flags, factor)
+    if flags["publish_tf"] and importlib.util.find_spec("tf2_msgs") is None:
         raise SceneError(
-            f"{scene.source}: output_rate: found 0 (every step) with steps chosen by accuracy, which a node cannot "
-            "pace; give an output_rate in Hz, or a fixed solver.step"
+            "parameter publish_tf: needs the package tf2_msgs, which is not installed; a sourced ROS 2 has it as "
+            "ros-jazzy-tf2-msgs, PyPI has not"
         )
+    # Declared, so that `ros2 param list` shows what there is to change.
+    for name, value in scene_values(scene).items():
+        _declare(node, name, value, "value of the scene; settable while paused")
     return Settings(
         scene,
-        float(factor),
-        _flag("lockstep", values["lockstep"]),
-        _flag("start_paused", values["start_paused"]),
-        _flag("publish_clock", values["publish_clock"]),
-        _flag("publish_accel", values["publish_accel"]),
-        apply_at,
+        Mode(factor, flags["lockstep"], flags["start_paused"], apply_at),
+        Topics(flags["publish_clock"], flags["publish_tf"], flags["publish_accel"]),
+        use_sim_time,
         _text("mcap", values["mcap"]),
         _text("rerun", values["rerun"]),
     )
 
 
+def scene_values(scene: Scene) -> dict[str, object]:
+    """Return the numbers, texts and lists of numbers that stand in the scene, by their dotted keys."""
+    return dict(_leaves(document.parse(scene.text, Problems(scene.source)), ""))
+
+
+def require_known(name: str) -> None:
+    """Check that a parameter can be one of the node's or a key of a scene.
+
+    Raises:
+        SceneError: neither; names the nearest, and all.
+    """
+    section = name.split(".", maxsplit=1)[0].split("[", maxsplit=1)[0]
+    if name in _PARAMETERS or section in _SECTIONS:
+        return
+    known = (*_PARAMETERS, *_SECTIONS)
+    near = difflib.get_close_matches(name if "." not in name else section, known, n=1)
+    hint = f"did you mean {near[0]}? " if near else ""
+    raise SceneError(
+        f"parameter {name}: unknown; {hint}The node knows {', '.join(_PARAMETERS)}, use_sim_time, and the values of "
+        f"the scene by their dotted keys ({', '.join(_SECTIONS)}), such as body.mass or solver.step"
+    )
+
+
+def require_paceable(scene: Scene) -> None:
+    """Check that the outputs of the scene have times that a node can wait for.
+
+    Raises:
+        SceneError: they have not.
+    """
+    if scene.output_rate == 0 and scene.solver.step is None:
+        raise SceneError(
+            f"{scene.source}: output_rate: found 0 (every step) with steps chosen by accuracy, which a node cannot "
+            "pace; give an output_rate in Hz, or a fixed solver.step"
+        )
+
+
+def scene_overrides(parameters: Iterable[Parameter]) -> dict[str, object]:
+    """Return those of `parameters`, set while the node runs, that change the scene.
+
+    Raises:
+        SceneError: one is unknown, deleted, or cannot be set any more.
+    """
+    overrides = {}
+    for parameter in parameters:
+        name = parameter.name
+        if parameter.type_ == Parameter.Type.NOT_SET:
+            raise SceneError(f"parameter {name}: cannot be deleted; set another value")
+        if name.startswith(_RCLPY):
+            raise SceneError(f"parameter {name}: cannot be changed while the node runs; start it anew")
+        require_known(name)
+        if name not in _SETTABLE:
+            overrides[name] = parameter.value
+    return overrides
+
+
+def number(name: str, value: object) -> float:
+    """Return a parameter that is a finite number, not negative.
+
+    Raises:
+        SceneError: it is not.
+    """
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not (math.isfinite(value) and value >= 0):
+        raise SceneError(f"parameter {name}: found {value!r}, expected a number of 0 (no limit) or more")
+    return float(value)
+
+
+def _require_one_master(flags: dict[str, bool], factor: float) -> None:
+    for name, wrong, reason in (
+        ("publish_clock", flags["publish_clock"], "the node would wait for its own clock"),
+        ("lockstep", flags["lockstep"], "in lockstep the commands move time"),
+        ("real_time_factor", factor != 1.0, "the clock that is followed sets the pace"),
+    ):
+        if wrong:
+            raise SceneError(
+                f"parameter use_sim_time: found true together with {name}, expected one master of time, as {reason}; "
+                f"leave out one of them"
+            )
+
+
+def _leaves(node: document.Node, key: str) -> Iterator[tuple[str, object]]:
+    if isinstance(node.value, dict):
+        for name, child in node.value.items():
+            yield from _leaves(child, document.join(key, name))
+    elif isinstance(node.value, list):
+        numbers = [item.value for item in node.value]
+        if numbers and all(isinstance(item, float) for item in numbers):
+            yield key, numbers
+            return
+        for index, child in enumerate(node.value):
+            yield from _leaves(child, f"{key}[{index}]")
+    elif node.value is not None:
+        yield key, node.value
+
+
 def _declare(node: Node, name: str, default: object, text: str) -> object:
     # Dynamic typing lets `real_time_factor:=1` be a number like any other; what it has to be is checked here.
-    descriptor = ParameterDescriptor(description=text, read_only=True, dynamic_typing=True)
+    read_only = name in _PARAMETERS and name not in _SETTABLE
+    descriptor = ParameterDescriptor(description=text, read_only=read_only, dynamic_typing=True)
     return node.declare_parameter(name, default, descriptor).value
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from geometry_msgs.msg import AccelStamped, InertiaStamped, PoseStamped, TwistStamped, Vector3Stamped
 from nav_msgs.msg import Odometry
-from ros_harness import ROOT, TRANSIENT, NodeProcess, Peer, running
+from ros_harness import ROOT, TRANSIENT, NodeProcess, Peer, running, stamp, values
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
@@ -22,14 +22,6 @@ from rb_dynamics.recording.mcap_reader import read_bag
 from rb_dynamics.rotation import rotate
 
 pytestmark = pytest.mark.ros
-
-
-def values(message) -> dict[str, str]:
-    return {pair.key: pair.value for pair in message.status[0].values}
-
-
-def stamp(message) -> int:
-    return message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
 
 
 def test_topics_types_and_frames(scene: Path, peer: Peer) -> None:
@@ -101,7 +93,7 @@ def test_lockstep_waits_for_a_channel_that_has_not_spoken(tmp_path: Path, peer: 
         poses = peer.listen(PoseStamped, "pose")
         peer.wrench("a", stamp_ns=100_000_000)
         peer.spin(0.5)
-        assert {stamp(m) for m in poses} == {0}, "a reader is greeted with the state, and time stands still"
+        assert {stamp(m) for m in poses} == {1}, "a reader is greeted with the state, never with a zero stamp"
         peer.wrench("b", stamp_ns=20_000_000)
         peer.until(lambda: stamp(poses[-1]) == 20_000_000, "motion")
         peer.spin(0.3)
@@ -128,7 +120,7 @@ def test_bad_wrenches_are_rejected_counted_and_shown(scene: Path, peer: Peer) ->
         assert "camera" in status.message
         assert "expected one of" in status.message
         peer.call("rigid_body/step", Trigger.Request())
-        peer.until(lambda: stamp(poses[-1]) > 0, "a pose after a step")
+        peer.until(lambda: stamp(poses[-1]) > 1, "a pose after a step")
         assert node.stop() == 0
     # The good command acts, F = 4 N on 2 kg for one output period; the others left no trace.
     assert poses[-1].pose.position.x == pytest.approx(0.5 * 2.0 * 0.01**2, rel=1e-12)
@@ -222,9 +214,9 @@ def test_apply_at_stamp_waits_for_the_stamp_and_counts_late_ones(scene: Path, pe
         peer.wrench(force=(2.0, 0.0, 0.0), frame_id="world", stamp_ns=5_000_000)
         peer.until(lambda: diagnostics and values(diagnostics[-1])["wrench: accepted"] == "1", "the command counted")
         peer.call("rigid_body/step", Trigger.Request())
-        peer.until(lambda: stamp(poses[-1]) > 0, "a pose")
+        peer.until(lambda: stamp(poses[-1]) > 1, "a pose")
         assert poses[-1].pose.position.x == pytest.approx(0.5 * 0.005**2, rel=1e-12)
-        peer.wrench(force=(0.0, 0.0, 0.0), frame_id="world", stamp_ns=1)
+        peer.wrench(force=(0.0, 0.0, 0.0), frame_id="world", stamp_ns=7_000_000)
         peer.until(lambda: values(diagnostics[-1])["wrench: late"] == "1", "the late command counted")
         assert node.stop() == 0
 
@@ -338,7 +330,7 @@ def test_acceleration_where_asked(scene: Path, peer: Peer) -> None:
         peer.wrench(force=(3.0, 0.0, 0.0), torque=(0.0, 0.0, 0.5))
         peer.until(lambda: diagnostics and values(diagnostics[-1])["wrench: accepted"] == "1", "the command counted")
         peer.call("rigid_body/step", Trigger.Request())
-        peer.until(lambda: bool(accelerations) and stamp(accelerations[-1]) > 0, "an acceleration after a step")
+        peer.until(lambda: bool(accelerations) and stamp(accelerations[-1]) > 1, "an acceleration after a step")
         assert node.stop() == 0
     accel = accelerations[-1]
     assert accel.header.frame_id == "body"

@@ -1,0 +1,363 @@
+"""`Driver`: decides when the simulation advances, and carries it from one run to the next. Knows no ROS.
+
+A change of the state or of the body from outside begins a new run, with new logs: each log is a run that `replay` can
+repeat, and the books of energy and momentum begin at what the change left. Stamps and held commands go on.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from rb_dynamics.body.state import State
+from rb_dynamics.errors import ConvergenceError, SceneError, WrenchError
+from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.recording.guard import GuardedSink
+from rb_dynamics.recording.sink import Sink
+from rb_dynamics.ros.arrivals import Arrival, Arrivals
+from rb_dynamics.ros.health import Health
+from rb_dynamics.ros.pacing import ClockFollower, Pacer
+from rb_dynamics.scene import parse_scene
+from rb_dynamics.scene.model import Scene
+from rb_dynamics.simulate import Simulation
+
+_NANOSECONDS = 1_000_000_000
+# How long the node may wait without looking at signals, and compute without looking at messages or signals.
+LONGEST_WAIT = 0.05
+_LONGEST_BURST_NS = 5_000_000
+# A command this far ahead was stamped by another clock, most likely.
+_FAR_AHEAD_NS = 10**6 * _NANOSECONDS
+
+
+@dataclass(frozen=True)
+class Mode:
+    """How time passes: see the node's parameters of the same names."""
+
+    real_time_factor: float = 1.0
+    lockstep: bool = False
+    start_paused: bool = False
+    apply_at: str = "arrival"
+
+
+class Driver:
+    """One body, paused or on its way; its times are simulation time, its commands' stamps are the users'."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        mode: Mode,
+        pacer: Pacer | ClockFollower,
+        health: Health,
+        publishers: Sink,
+        open_logs: Callable[[], Sequence[GuardedSink]],
+    ) -> None:
+        """Start the first run; `open_logs` makes the logs of each run.
+
+        Raises:
+            RigidBodyError: a log cannot be opened, or the scene cannot be run.
+        """
+        self.pacer, self.health, self.lockstep = pacer, health, mode.lockstep
+        self._mode, self._publishers, self._open_logs = mode, publishers, open_logs
+        self._free_running = mode.real_time_factor == 0.0
+        self._scene = scene
+        self.paused, self.stopped = mode.start_paused, False
+        self._topics = tuple(channel.topic for channel in scene.channels)
+        logs = open_logs()
+        self.simulation = Simulation(scene, [publishers, *logs])
+        self._begin(0)
+        for log in logs:
+            # A log that cannot even be opened is a mistake of whoever asked for it; later it only stops the log.
+            if log.error:
+                raise log.error
+
+    @property
+    def done(self) -> bool:
+        """Whether the scene's duration is over."""
+        return self.simulation.ended
+
+    @property
+    def stands_still(self) -> bool:
+        """Whether time moves only when it is told to."""
+        return self.paused or self.lockstep
+
+    @property
+    def behind(self) -> bool:
+        """Whether there is something to compute up to where time is to go."""
+        return (self._reached_ns < self._goal_ns or self.steps_left > 0) and not self.done
+
+    @property
+    def scene(self) -> Scene:
+        """The scene, with the state that `reset` leads back to."""
+        return self._scene
+
+    def seconds_until_due(self) -> float:
+        """Return how long there is nothing to do but to wait for messages, s."""
+        if self.stands_still:
+            return 0.0 if self.behind else LONGEST_WAIT
+        if self._free_running or self.behind:
+            return 0.0
+        return min(LONGEST_WAIT, self.pacer.seconds_until(self._next_ns()))
+
+    def tick(self) -> None:
+        """Advance as far as time, pause and lockstep allow, for one burst."""
+        if not self.paused:
+            if self.lockstep:
+                self._goal_ns = self._lockstep_limit()
+            elif self._free_running:
+                self._goal_ns = self._next_ns()
+            else:
+                self._goal_ns = self.pacer.due_ns(self._next_ns())
+        if self.steps_left and self._reached_ns >= self._goal_ns:
+            self.steps_left -= 1
+            self._goal_ns = max(self._goal_ns, self._next_ns())
+        self._burst()
+
+    def report(self) -> None:
+        """Tell every sink how the run is."""
+        state = "stopped" if self.stopped else "paused" if self.paused else "lockstep" if self.lockstep else "running"
+        self.simulation.write(self.health.status(self.simulation, self.pacer, state))
+
+    def pace(self, factor: float) -> None:
+        """Go on at another real-time factor; 0 is as fast as possible."""
+        self._free_running = factor == 0.0
+        if isinstance(self.pacer, Pacer):
+            self.pacer.factor = factor or 1.0
+        self.pacer.restart(self.simulation.time_ns)
+
+    def pause(self, paused: bool) -> None:
+        """Pause or go on."""
+        if self.paused and not paused:
+            self.pacer.restart(self.simulation.time_ns)
+        self.paused, self.stopped = paused, False
+        self._hold_still()
+
+    def step(self, count: int = 1) -> None:
+        """Let time go on by `count` output periods more; only where it stands still."""
+        self.stopped = False
+        self.steps_left += count
+
+    def reset(self) -> str:
+        """Begin again with the initial state at time 0, without commands; return what failed, or ""."""
+        self.paused, self.stopped = self._mode.start_paused, False
+        self.health.clear()
+        self._restart(self._scene, 0, carry=False)
+        return self.health.failure
+
+    def stop(self) -> str:
+        """Reset, and stay at time 0; return what failed, or ""."""
+        failure = self.reset()
+        self.paused = self.stopped = True
+        return failure
+
+    def reset_state(self) -> None:
+        """Begin a new run with the initial state and without commands; stamps go on."""
+        self._restart(self._rest(self._scene), self._passed_ns(), carry=False)
+
+    def reset_time(self) -> None:
+        """Begin a new run from the state as it is; stamps, the scene's duration and schedules begin again."""
+        self._restart(self._from(self.state), 0, carry=True)
+
+    @property
+    def state(self) -> State:
+        """The motion at this moment."""
+        s = self.simulation.sample
+        return State(s.time_ns, s.position_world, s.orientation_xyzw, s.linear_velocity_world, s.angular_velocity_body)
+
+    @property
+    def stamp_ns(self) -> int:
+        """What a message about this moment is stamped; never 0."""
+        return max(1, self.simulation.time_ns + (self.pacer.offset_ns or 0))
+
+    def set_state(self, state: State) -> None:
+        """Begin a new run from `state`; stamps and commands go on.
+
+        Raises:
+            SceneError: the state is not valid, or an effect of the scene runs by time.
+        """
+        self._require_no_schedule(self._scene)
+        self._restart(self._rest(self._from(state)), self._passed_ns(), carry=True)
+
+    def changed(self, overrides: Mapping[str, object]) -> Scene:
+        """Return the scene with `overrides`, checked as a whole; nothing changes yet.
+
+        Raises:
+            SceneError: it is not valid, or it cannot be changed while the node runs.
+        """
+        scene = parse_scene(self._scene.text, self._scene.source, overrides)
+        for name in ("world_frame", "body_frame"):
+            if getattr(scene.frames, name) != getattr(self._scene.frames, name):
+                raise SceneError(f"{name}: cannot be changed while the node runs; start it anew")
+        if tuple(channel.topic for channel in scene.channels) != self._topics:
+            raise SceneError("wrenches: topics cannot be changed while the node runs; start it anew")
+        if not all(name.startswith("initial.") for name in overrides):
+            self._require_no_schedule(scene)
+            # Whether the method can run it at all.
+            Simulation(scene)
+        return scene
+
+    def change(self, scene: Scene, initial_only: bool) -> None:
+        """Take over a scene from `changed`; what `initial` says counts from the next reset on."""
+        self._scene = scene
+        if not initial_only:
+            self._restart(self._rest(self._from(self.state)), self._passed_ns(), carry=True)
+
+    def command(self, topic: str, wrench: Wrench) -> None:
+        """Take a command: at its stamp where stamps count and it has one, otherwise now."""
+        offset_ns = self.pacer.offset_ns
+        by_stamp = self.lockstep or (self._mode.apply_at == "stamp" and wrench.stamp_ns != 0 and offset_ns is not None)
+        stamp_ns = wrench.stamp_ns - (offset_ns or 0)
+        time_ns = stamp_ns if by_stamp else max(self._now_ns(), self._latest_ns[topic])
+        # A rejected command has spoken too: time does not wait for what will never come.
+        self._newest[topic] = max(stamp_ns, self._newest.get(topic) or 0)
+        computed_ns = max(self.simulation.time_ns, self._reached_ns)
+        arrival = self._arrivals[topic].classify(time_ns, computed_ns) if by_stamp else None
+        if arrival is Arrival.SUPERSEDED:
+            self.health.superseded(topic)
+            self.health.warn(
+                f"{topic}: a command was left out, as a newer one had taken effect when it came, "
+                f"{(computed_ns - time_ns) / 1e9:.9g} s after its stamp"
+            )
+            return
+        if not self._post(topic, wrench, time_ns):
+            return
+        self.health.accepted(topic, arrival)
+        if arrival is Arrival.LATE:
+            self.health.warn(
+                f"{topic}: a command came {(computed_ns - time_ns) / 1e9:.9g} s after its stamp and took effect at once"
+            )
+        if time_ns - computed_ns > _FAR_AHEAD_NS:
+            self.health.warn(
+                f"{topic}: a command is stamped {wrench.stamp_ns / 1e9:.9g} s, far ahead of the simulation at "
+                f"{(computed_ns + (offset_ns or 0)) / 1e9:.9g} s, expected the time that its stamps show"
+            )
+
+    def fail(self, message: str) -> None:
+        """Pause, because the motion is no longer what it should be."""
+        self.paused = True
+        self._hold_still()
+        self.health.failed(f"paused, because {message}; ~/reset starts again")
+
+    def _hold_still(self) -> None:
+        self._goal_ns = self._reached_ns
+        self.steps_left = 0
+
+    def _post(self, topic: str, wrench: Wrench, time_ns: int) -> bool:
+        self._latest_ns[topic] = max(self._latest_ns[topic], time_ns)
+        try:
+            self.simulation.post(topic, wrench, time_ns)
+        except WrenchError as error:
+            self.health.rejected(topic)
+            self.health.warn(f"{topic}: rejected: {error}")
+            return False
+        commands = self._commands[topic]
+        # Of those that have acted only the newest is held.
+        while len(commands) > 1 and commands[1][0] <= self.simulation.time_ns:
+            commands.popleft()
+        commands.append((time_ns, wrench))
+        return True
+
+    def _begin(self, before_ns: int) -> None:
+        """Start the simulation, so many ns after the last reset."""
+        # The newest stamp of each channel that holds time back in lockstep, None before it has spoken; and the latest
+        # time at which a command of a channel takes effect: an older command never acts after a newer one.
+        self._newest: dict[str, int | None] = {c.topic: None for c in self._scene.channels if not c.optional}
+        self._latest_ns = dict.fromkeys(self._topics, 0)
+        self._arrivals = {topic: Arrivals() for topic in self._topics}
+        self._commands: dict[str, deque[tuple[int, Wrench]]] = {topic: deque() for topic in self._topics}
+        # Where time is to go, how far that has been computed, and how much to compute before looking at the clock.
+        self._goal_ns = self._reached_ns = 0
+        self.steps_left = 0
+        self._slice_ns = 1_000_000
+        self._before_ns = before_ns
+        self.pacer.begin(before_ns)
+        self.simulation.start()
+
+    def _restart(self, scene: Scene, before_ns: int, carry: bool) -> None:
+        """End the run and begin another, as many ns after the last reset; on failure nothing has changed.
+
+        `carry` lets the commands that are held or wait act on, their timeouts counted anew.
+        """
+        ended_ns, newest, commands = self.simulation.time_ns, self._newest, self._commands
+        timeouts = {c.topic: round(c.timeout * 1e9) for c in self.simulation.scene.channels}
+        simulation = Simulation(scene, [self._publishers, *self._open_logs()])
+        self.simulation.finish()
+        self.simulation = simulation
+        self._begin(before_ns)
+        if not carry:
+            return
+        self._newest = {topic: None if ns is None else ns - ended_ns for topic, ns in newest.items()}
+        for topic, waiting in commands.items():
+            acting = [command for command in waiting if command[0] <= ended_ns][-1:]
+            if acting and timeouts[topic] and acting[0][0] + timeouts[topic] <= ended_ns:
+                acting = []
+            for time_ns, wrench in [*acting, *(command for command in waiting if command[0] > ended_ns)]:
+                self._post(topic, wrench, max(0, time_ns - ended_ns))
+
+    def _from(self, state: State) -> Scene:
+        """Return the scene with `state` as its initial one."""
+        initial: dict[str, object] = {
+            "initial.position_world": state.position_world,
+            "initial.orientation": dict(zip("xyzw", state.orientation_xyzw, strict=True)),
+            "initial.linear_velocity_world": state.linear_velocity_world,
+            "initial.angular_velocity_body": state.angular_velocity_body,
+        }
+        return parse_scene(self._scene.text, self._scene.source, initial)
+
+    def _rest(self, scene: Scene) -> Scene:
+        """Return the scene with what is left of its duration."""
+        if scene.duration is None:
+            return scene
+        left = max(1, round(scene.duration * _NANOSECONDS) - self._passed_ns()) / _NANOSECONDS
+        return parse_scene(scene.text, scene.source, {"duration": left})
+
+    def _passed_ns(self) -> int:
+        """Return how long ago the last reset was, in simulation time."""
+        return self._before_ns + self.simulation.time_ns
+
+    def _require_no_schedule(self, scene: Scene) -> None:
+        acting = scene.acting
+        if any(acting.knots()) or any(time for _, entries in acting.schedules() for time, _ in entries):
+            raise SceneError(
+                "effects: one of them runs by a schedule, whose time would begin again; state and body can only be "
+                "changed without it, or in the scene file"
+            )
+
+    def _now_ns(self) -> int:
+        """Return the simulation time of this moment, which may lie between two outputs."""
+        if self.stands_still or self._free_running:
+            return self.simulation.time_ns
+        # A lag that is given up is given up before a command gets its time from it.
+        return max(self.simulation.time_ns, self.pacer.due_ns(self._next_ns()))
+
+    def _next_ns(self) -> int:
+        """Return when there is something to do next: an output or the end of the scene."""
+        output = self.simulation.next_output_ns()
+        return output if self.simulation.end_ns is None else min(output, self.simulation.end_ns)
+
+    def _lockstep_limit(self) -> int:
+        """Return the smallest of the channels' newest stamps; no further may time advance."""
+        stamps = (-1 if stamp is None else stamp for stamp in self._newest.values())
+        return max(self._goal_ns, min(stamps, default=-1))
+
+    def _burst(self) -> None:
+        """Advance towards the goal until a few milliseconds have passed; how it is cut up changes nothing."""
+        begun = now = time.monotonic_ns()
+        while True:
+            until = min(self._goal_ns, self._reached_ns + self._slice_ns)
+            try:
+                self.simulation.advance(until)
+            except (ConvergenceError, OverflowError) as error:
+                self.fail(f"the motion cannot be continued: {error}")
+                return
+            whole_slice = until - self._reached_ns == self._slice_ns
+            self._reached_ns = max(self._reached_ns, until)
+            before, now = now, time.monotonic_ns()
+            # Only a whole slice tells what a slice costs: that nothing costs nothing is no reason to take more.
+            if whole_slice and now - before < _LONGEST_BURST_NS // 8:
+                self._slice_ns = min(2 * self._slice_ns, _NANOSECONDS)
+            elif now - before > _LONGEST_BURST_NS // 2:
+                self._slice_ns = max(1, self._slice_ns // 2)
+            if not self.behind or now - begun > _LONGEST_BURST_NS:
+                return

@@ -1,0 +1,42 @@
+"""How stamped commands are told apart, held against the definition by brute force."""
+
+from __future__ import annotations
+
+import pytest
+
+pytest.importorskip("rclpy", reason="rclpy is not installed: pip install '.[ros]'")
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rb_dynamics.ros.arrivals import Arrival, Arrivals
+
+
+def test_each_kind() -> None:
+    arrivals = Arrivals()
+    assert arrivals.classify(0, 0) is Arrival.ON_TIME
+    assert arrivals.classify(50, 10) is Arrival.EARLY
+    assert arrivals.classify(30, 10) is Arrival.EARLY
+    assert arrivals.classify(30, 10) is Arrival.DUPLICATE
+    assert arrivals.classify(20, 29) is Arrival.LATE
+    assert arrivals.classify(25, 31) is Arrival.SUPERSEDED
+    assert arrivals.classify(40, 45) is Arrival.LATE
+    assert arrivals.classify(40, 46) is Arrival.DUPLICATE
+    assert arrivals.classify(50, 60) is Arrival.DUPLICATE
+
+
+@given(st.lists(st.tuples(st.integers(0, 20), st.integers(0, 5)), max_size=40))
+def test_the_kinds_are_what_they_say(commands: list[tuple[int, int]]) -> None:
+    arrivals, taken, now = Arrivals(), set(), 0
+    for stamp, passed in commands:
+        now += passed
+        acted = max((s for s in taken if s <= now), default=-1)
+        kind = arrivals.classify(stamp, now)
+        if kind is Arrival.SUPERSEDED:
+            assert stamp < acted
+            continue
+        assert stamp >= acted
+        assert (kind is Arrival.DUPLICATE) == (stamp in taken)
+        if kind is not Arrival.DUPLICATE:
+            assert kind is (Arrival.EARLY if stamp > now else Arrival.LATE if stamp < now else Arrival.ON_TIME)
+        taken.add(stamp)

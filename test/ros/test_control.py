@@ -1,0 +1,143 @@
+"""Control over DDS: state and mass properties from outside, parameters as a whole, QoS that does not fit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from geometry_msgs.msg import InertiaStamped, PoseStamped, WrenchStamped
+from nav_msgs.msg import Odometry
+from rcl_interfaces.srv import GetParameters, SetParametersAtomically
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from ros_harness import TRANSIENT, NodeProcess, Peer, running, stamp, values
+from std_srvs.srv import SetBool, Trigger
+
+from rb_dynamics.recording.mcap_reader import read_bag
+
+pytestmark = pytest.mark.ros
+
+
+def set_together(peer: Peer, **parameters: Any) -> tuple[bool, str]:
+    """Set parameters of the node as one change; `__` in a name stands for a dot."""
+    request = SetParametersAtomically.Request(
+        parameters=[
+            Parameter(name.replace("__", "."), value=value).to_parameter_msg() for name, value in parameters.items()
+        ]
+    )
+    result = peer.call("rigid_body/set_parameters_atomically", request, SetParametersAtomically).result
+    return result.successful, result.reason
+
+
+def test_mass_properties_change_together_and_only_while_paused(scene: Path, peer: Peer, tmp_path: Path) -> None:
+    log = tmp_path / "run.mcap"
+    with running(scene, mcap=log) as node:
+        inertia, poses = peer.listen(InertiaStamped, "inertia", TRANSIENT), peer.listen(PoseStamped, "pose")
+        peer.until(lambda: inertia and len(poses) > 3, "motion")
+        done, reason = set_together(peer, body__mass=3.0)
+        assert (done, "only be changed while paused" in reason) == (False, True), reason
+        peer.call("rigid_body/pause", SetBool.Request(data=True))
+        # One of the two is bad, so none is taken.
+        done, reason = set_together(peer, body__mass=3.0, body__inertia__diagonal=[1.0, 1.0, 3.0])
+        assert (done, "inertia" in reason) == (False, True), reason
+        answer = peer.call("rigid_body/get_parameters", GetParameters.Request(names=["body.mass"]), GetParameters)
+        assert answer.values[0].double_value == 2.0
+        assert len(inertia) == 1
+        paused_at = stamp(poses[-1])
+        assert set_together(peer, body__mass=3, body__inertia__diagonal=[2.0, 3.0, 4.0]) == (True, "")
+        peer.until(lambda: len(inertia) == 2, "the new inertia")
+        assert (inertia[1].inertia.m, inertia[1].inertia.izz) == (3.0, 4.0)
+        assert stamp(inertia[1]) >= paused_at, "stamps go on"
+        peer.call("rigid_body/pause", SetBool.Request(data=False))
+        peer.until(lambda: stamp(poses[-1]) > paused_at + 50_000_000, "motion again")
+        assert node.stop() == 0
+    again = read_bag(log.with_stem("run_1"))
+    assert again.complete
+    assert read_bag(log).complete
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "expected"),
+    [
+        ("real_time_facto", 2.0, "did you mean real_time_factor?"),
+        ("body.mas", 2.0, "mass"),
+        ("lockstep", True, "read-only"),
+        ("use_sim_time", True, "start it anew"),
+        ("real_time_factor", -1.0, "0 (no limit) or more"),
+        ("output_rate", 0.0, "pace"),
+    ],
+)
+def test_a_parameter_that_cannot_be_set_is_answered_with_what_can(
+    scene: Path, peer: Peer, name: str, value: object, expected: str
+) -> None:
+    with running(scene, start_paused=True) as node:
+        # solver.step instead of an accuracy would make every output a step, which can be paced.
+        together = {"solver__accuracy": 1e-6, "output_rate": 0.0} if name == "output_rate" else {name: value}
+        done, reason = set_together(peer, **together)
+        assert not done
+        assert expected in reason
+        assert node.stop() == 0
+
+
+@pytest.mark.parametrize(
+    ("parameter", "expected"),
+    [
+        ("real_time_facto", "did you mean real_time_factor?"),
+        ("lockstp", "did you mean lockstep?"),
+        ("bdy.mass", "body"),
+    ],
+)
+def test_a_misspelt_parameter_at_the_start_is_answered_with_what_is_known(
+    scene: Path, parameter: str, expected: str
+) -> None:
+    node = NodeProcess(scene, "-p", f"{parameter}:=2.0")
+    assert node.wait() == 2
+    assert expected in node.err
+    assert "use_sim_time" in node.err
+    assert "Traceback" not in node.err
+
+
+def test_a_state_from_outside(scene: Path, peer: Peer) -> None:
+    with running(scene, start_paused=True) as node:
+        odometry, diagnostics = peer.listen(Odometry, "odom"), peer.diagnostics()
+        peer.until(lambda: bool(odometry), "the greeting")
+        publisher = peer.node.create_publisher(Odometry, "rigid_body/set_state", 10)
+        peer.until(lambda: publisher.get_subscription_count() > 0, "a reader of set_state")
+        wanted = Odometry()
+        wanted.header.frame_id, wanted.child_frame_id = "world", "body"
+        wanted.pose.pose.position.y = 7.0
+        wanted.pose.pose.orientation.z = wanted.pose.pose.orientation.w = 0.5**0.5
+        wanted.twist.twist.linear.x, wanted.twist.twist.angular.z = 3.0, -0.25
+        publisher.publish(wanted)
+        peer.until(lambda: odometry[-1].pose.pose.position.y == 7.0, "the new state")
+        assert odometry[-1].twist.twist.linear.x == pytest.approx(3.0, rel=1e-15)
+        assert odometry[-1].twist.twist.angular.z == -0.25
+        peer.call("rigid_body/step", Trigger.Request())
+        peer.until(lambda: odometry[-1].pose.pose.position.y > 7.0, "motion")
+        # The body's x axis points along the world's y axis.
+        assert odometry[-1].pose.pose.position.y == pytest.approx(7.03, rel=1e-12)
+        wanted.header.frame_id = "map"
+        publisher.publish(wanted)
+        peer.until(lambda: "'map'" in diagnostics[-1].status[0].message if diagnostics else False, "the refusal")
+        assert node.stop() == 0
+
+
+def test_a_commander_whose_qos_does_not_fit_is_an_error_that_is_counted(scene: Path, peer: Peer) -> None:
+    with running(scene) as node:
+        diagnostics = peer.diagnostics()
+        peer.node.create_publisher(
+            WrenchStamped, "wrench", QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+        )
+        peer.until(
+            lambda: diagnostics and values(diagnostics[-1]).get("wrench: incompatible QoS") == "1",
+            "the mismatch counted",
+        )
+        status = diagnostics[-1].status[0]
+        assert int.from_bytes(status.level, "little") == 2
+        assert "RELIABLE" in status.message
+        peer.node.create_subscription(PoseStamped, "pose", lambda _: None, TRANSIENT)
+        peer.until(
+            lambda: values(diagnostics[-1]).get("pose: incompatible QoS") == "1", "the reader's mismatch counted"
+        )
+        assert node.stop() == 0

@@ -1,0 +1,232 @@
+"""`Driver` without DDS: changes from outside, against what the laws say of the motion after them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy", reason="rclpy is not installed: pip install '.[ros]'")
+
+from rb_dynamics import MemorySink, Simulation, Wrench, parse_scene
+from rb_dynamics.errors import SceneError
+from rb_dynamics.ros.driver import Driver, Mode
+from rb_dynamics.ros.health import Health
+from rb_dynamics.ros.pacing import Pacer
+
+SCENE = """\
+body: {mass: 2.0, inertia: {diagonal: [1, 2, 2.5]}}
+initial: {angular_velocity_body: [0.3, -0.2, 0.1], linear_velocity_world: [1, 0, 0]}
+wrenches: [{topic: wrench}, {topic: push, timeout: 0.5}]
+solver: {method: rkmk4, step: 0.005}
+duration: 1.0
+"""
+
+
+def driver(text: str = SCENE, mode: Mode | None = None) -> Driver:
+    scene = parse_scene(text)
+    health = Health("/body", [channel.topic for channel in scene.channels], lambda level, message: None)
+    return Driver(scene, mode or Mode(start_paused=True), Pacer(1.0), health, MemorySink(), list)
+
+
+def run_steps(body: Driver, count: int) -> None:
+    body.step(count)
+    while body.behind:
+        body.tick()
+
+
+def count(body: Driver, name: str) -> int:
+    return int(body.health.status(body.simulation, body.pacer, "").values[f"wrench: {name}"])
+
+
+def test_steps_are_output_periods_however_they_are_asked_for() -> None:
+    one, many = driver(), driver()
+    for _ in range(7):
+        run_steps(one, 1)
+    run_steps(many, 7)
+    assert one.simulation.time_ns == many.simulation.time_ns == 70_000_000
+    assert one.simulation.sample == many.simulation.sample
+    many.step(3)
+    many.pause(True)
+    assert not many.behind
+
+
+def test_a_new_mass_keeps_the_velocities_the_stamps_and_what_is_held() -> None:
+    body = driver()
+    body.command("wrench", Wrench(force=(4.0, 0.0, 0.0), frame_id="world"))
+    run_steps(body, 10)
+    before, stamp = body.simulation.sample, body.stamp_ns
+    body.change(body.changed({"body.mass": 8.0, "body.inertia.diagonal": [2.0, 4.0, 5.0]}), initial_only=False)
+    after = body.simulation.sample
+    assert after.time_ns == 0
+    assert body.stamp_ns == stamp == 100_000_000
+    assert after.linear_velocity_world == before.linear_velocity_world
+    assert after.angular_velocity_body == before.angular_velocity_body
+    assert after.linear_momentum_world[0] == 4 * before.linear_momentum_world[0]
+    run_steps(body, 10)
+    # 4 N on 8 kg for 0.1 s.
+    gained = body.simulation.sample.linear_velocity_world[0] - before.linear_velocity_world[0]
+    assert gained == pytest.approx(0.05, rel=1e-12)
+    # What was left of the second is left.
+    run_steps(body, 1000)
+    assert body.stamp_ns == 1_000_000_000
+    assert body.done
+
+
+def test_a_change_that_changes_nothing_changes_no_digit_of_the_motion() -> None:
+    whole, cut = driver(), driver()
+    for body in (whole, cut):
+        body.command("wrench", Wrench(torque=(0.0, 0.1, 0.0)))
+        run_steps(body, 20)
+    cut.change(cut.changed({"body.mass": 2.0}), initial_only=False)
+    for body in (whole, cut):
+        run_steps(body, 20)
+    a, b = whole.simulation.sample, cut.simulation.sample
+    assert b.angular_velocity_body == pytest.approx(a.angular_velocity_body, rel=1e-14)
+    assert b.position_world == pytest.approx(a.position_world, rel=1e-14, abs=1e-15)
+
+
+def test_the_new_run_is_one_that_simulate_repeats() -> None:
+    body = driver()
+    run_steps(body, 10)
+    body.set_state(replace(body.state, angular_velocity_body=(0.0, 1.0, 0.01)))
+    text = body.simulation.scene.text
+    run_steps(body, 20)
+    again = Simulation(parse_scene(text))
+    again.start()
+    again.advance(200_000_000)
+    assert again.sample == body.simulation.sample
+
+
+def test_commands_that_wait_and_timeouts_go_on_over_a_change() -> None:
+    body = driver(mode=Mode(start_paused=True, apply_at="stamp"))
+    body.command("wrench", Wrench(force=(2.0, 0.0, 0.0), frame_id="world", stamp_ns=150_000_000))
+    body.command("push", Wrench(force=(6.0, 0.0, 0.0), frame_id="world"))
+    run_steps(body, 10)
+    body.set_state(replace(body.state, linear_velocity_world=(0.0, 0.0, 0.0)))
+    run_steps(body, 10)
+    # push for 0.1 s from the change on, and wrench for the half of it: 3 m/s^2 * 0.1 s + 1 m/s^2 * 0.05 s
+    assert body.simulation.sample.linear_velocity_world[0] == pytest.approx(0.35, rel=1e-12)
+
+
+def test_reset_leads_back_to_the_initial_state_and_its_parts_do_their_part() -> None:
+    body = driver()
+    body.command("wrench", Wrench(force=(4.0, 0.0, 0.0), frame_id="world"))
+    run_steps(body, 10)
+    first = body.simulation.sample
+    body.reset_time()
+    assert body.stamp_ns == 1
+    assert body.state.position_world == first.position_world
+    run_steps(body, 10)
+    assert body.simulation.sample.linear_velocity_world[0] == pytest.approx(1.4, rel=1e-12), "the force is held"
+    body.reset_state()
+    assert body.stamp_ns == 100_000_000
+    assert body.state.linear_velocity_world == (1.0, 0.0, 0.0)
+    run_steps(body, 10)
+    assert body.simulation.sample.linear_velocity_world == (1.0, 0.0, 0.0)
+    assert body.reset() == ""
+    assert body.stamp_ns == 1
+    body.change(body.changed({"initial.linear_velocity_world": [5.0, 0.0, 0.0]}), initial_only=True)
+    assert body.state.linear_velocity_world == (1.0, 0.0, 0.0), "from the next reset on"
+    body.reset()
+    assert body.state.linear_velocity_world == (5.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "expected"),
+    [
+        ({"body.mass": -1.0}, "body.mass"),
+        ({"body.inertia.diagonal": [1.0, 1.0, 3.0]}, "inertia"),
+        ({"body.mass": 3.0, "body.inertia.diagonal": [1.0, -1.0, 3.0]}, "inertia"),
+        ({"body.frame": "other"}, "body_frame: cannot be changed"),
+        ({"wrenches[0].topic": "other"}, "topics cannot be changed"),
+        ({"effects": [{"type": "scheduled_wrench", "schedule": [{"time": 0.5, "force": [1, 0, 0]}]}]}, "schedule"),
+    ],
+)
+def test_a_change_is_checked_as_a_whole_and_a_bad_one_changes_nothing(
+    overrides: dict[str, object], expected: str
+) -> None:
+    body = driver()
+    run_steps(body, 3)
+    before = body.simulation
+    with pytest.raises(SceneError, match=expected):
+        body.changed(overrides)
+    assert body.simulation is before
+    assert body.scene.body.mass == 2.0
+
+
+def test_a_state_that_is_none_is_refused_and_the_run_goes_on() -> None:
+    body = driver()
+    run_steps(body, 3)
+    before = body.simulation
+    for bad in (
+        replace(body.state, position_world=(float("nan"), 0.0, 0.0)),
+        replace(body.state, orientation_xyzw=(0.0, 0.0, 0.0, 2.0)),
+    ):
+        with pytest.raises(SceneError, match="initial"):
+            body.set_state(bad)
+    assert body.simulation is before
+    run_steps(body, 1)
+
+
+def test_stamped_commands_late_early_twice_and_out_of_order() -> None:
+    body = driver(mode=Mode(start_paused=True, apply_at="stamp"))
+    ms = 1_000_000
+    run_steps(body, 2)
+
+    def push(force: float, stamp_ns: int) -> None:
+        body.command("wrench", Wrench(force=(force, 0.0, 0.0), frame_id="world", stamp_ns=stamp_ns))
+
+    push(2.0, 60 * ms)  # early
+    push(4.0, 40 * ms)  # early, and before the one that came first
+    push(6.0, 40 * ms)  # the same stamp: the last one counts
+    push(8.0, 10 * ms)  # late: acts from now, 20 ms, to 40 ms
+    run_steps(body, 6)
+    push(100.0, 50 * ms)  # late, and 60 ms has acted: left out
+    run_steps(body, 2)
+    assert [count(body, name) for name in ("accepted", "early", "late", "duplicate", "superseded")] == [4, 2, 1, 1, 1]
+    # dv = F dt / 2 kg
+    expected = 1.0 + (8 * 0.02 + 6 * 0.02 + 2 * 0.04) / 2
+    assert body.simulation.sample.linear_velocity_world[0] == pytest.approx(expected, rel=1e-12)
+    push(0.0, 0)  # without a stamp: at once
+    assert count(body, "late") == 1
+    run_steps(body, 1)
+    assert body.simulation.sample.linear_velocity_world[0] == pytest.approx(expected, rel=1e-12)
+
+
+def test_another_factor_while_it_runs() -> None:
+    body = driver(mode=Mode())
+    body.pace(0.0)
+    while not body.done:
+        body.tick()
+    assert body.simulation.time_ns == 1_000_000_000
+
+
+def test_stop_stands_at_time_0_until_told() -> None:
+    body = driver(mode=Mode())
+    body.pause(True)
+    run_steps(body, 2)
+    assert body.stop() == ""
+    assert (body.stopped, body.paused, body.simulation.time_ns) == (True, True, 0)
+    body.pause(False)
+    assert (body.stopped, body.paused) == (False, False)
+
+
+def test_each_run_has_logs_of_its_own(tmp_path: Path) -> None:
+    from rb_dynamics.recording.guard import GuardedSink
+
+    runs: list[GuardedSink] = []
+
+    def open_logs() -> list[GuardedSink]:
+        runs.append(GuardedSink(MemorySink(), lambda error: None))
+        return runs[-1:]
+
+    scene = parse_scene(SCENE)
+    health = Health("/body", ["wrench", "push"], lambda level, message: None)
+    body = Driver(scene, Mode(start_paused=True), Pacer(1.0), health, MemorySink(), open_logs)
+    run_steps(body, 2)
+    body.set_state(body.state)
+    run_steps(body, 3)
+    assert len(runs) == 2
+    assert [len(run._sink.time_ns) for run in runs] == [3, 4]
