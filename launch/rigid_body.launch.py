@@ -1,36 +1,72 @@
-"""Launches the rigid body node. Holds no defaults of its own but those of the node; decides nothing."""
+"""Launches the rigid body node, and RViz where asked. Holds no defaults of its own but those of the node."""
 
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
-from launch.substitutions import LaunchConfiguration
+import yaml
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
+from launch_ros.substitutions import FindPackageShare
 
-# Name, default, type, meaning.
+# Name, default, type, meaning. An empty text leaves the parameter out.
 PARAMETERS = (
     ("scene", None, str, "scene file (YAML)"),
     ("mcap", "", str, "MCAP log to write; empty: none"),
     ("rerun", "", str, "Rerun recording to write; empty: none"),
+    ("output_rate", "", float, "Hz of published and logged states; empty: the scene's"),
     ("real_time_factor", "1.0", float, "simulated seconds per second; 0: as fast as possible"),
     ("lockstep", "false", bool, "let time stand still until the commands or ~/step move it"),
-    ("use_sim_time", "false", bool, "take time from /clock"),
+    ("start_paused", "false", bool, "begin paused"),
+    ("apply_at", "arrival", str, "when a command takes effect: arrival or stamp"),
+    ("use_sim_time", "false", bool, "follow /clock"),
+    ("publish_clock", "false", bool, "be the publisher of /clock"),
+    ("publish_tf", "false", bool, "publish /tf and /tf_static"),
 )
+OTHERS = (
+    ("namespace", "", "namespace of the node and its topics"),
+    ("overrides", "{}", "further values of the scene, as in '{body.mass: 17.0, solver.step: 0.01}'"),
+    ("rviz", "false", "open RViz on the default topics"),
+)
+
+
+def value_of(text: str, kind: type) -> object:
+    """Return the parameter that an argument's text means."""
+    if kind is bool:
+        if text.lower() not in ("true", "false"):
+            raise ValueError(f"found {text!r}, expected true or false")
+        return text.lower() == "true"
+    return kind(text)
+
+
+def start(context: LaunchContext) -> list[Node]:
+    """Return the nodes that the arguments ask for."""
+    given = {name: LaunchConfiguration(name).perform(context) for name, *_ in (*PARAMETERS, *OTHERS)}
+    parameters = {name: value_of(given[name], kind) for name, _, kind, _ in PARAMETERS if given[name]}
+    namespace = given["namespace"]
+    body = Node(
+        package="rb_dynamics",
+        executable="rigid_body",
+        namespace=namespace,
+        parameters=[parameters | yaml.safe_load(given["overrides"])],
+        output="screen",
+    )
+    if not value_of(given["rviz"], bool):
+        return [body]
+    layout = PathJoinSubstitution([FindPackageShare("rb_dynamics"), "config", "rigid_body.rviz"])
+    return [body, Node(package="rviz2", executable="rviz2", arguments=["-d", layout])]
 
 
 def generate_launch_description() -> LaunchDescription:
     """Return the description `ros2 launch rb_dynamics rigid_body.launch.py scene:=FILE` runs."""
     arguments = [
-        DeclareLaunchArgument(name, default_value=default, description=meaning)
-        for name, default, _, meaning in PARAMETERS
+        *((name, default, meaning) for name, default, _, meaning in PARAMETERS),
+        *OTHERS,
     ]
-    namespace = DeclareLaunchArgument("namespace", default_value="", description="namespace of the node and its topics")
-    node = Node(
-        package="rb_dynamics",
-        executable="rigid_body",
-        namespace=LaunchConfiguration("namespace"),
-        parameters=[
-            {name: ParameterValue(LaunchConfiguration(name), value_type=kind) for name, _, kind, _ in PARAMETERS}
-        ],
-        output="screen",
+    return LaunchDescription(
+        [
+            *(
+                DeclareLaunchArgument(name, default_value=default, description=text)
+                for name, default, text in arguments
+            ),
+            OpaqueFunction(function=start),
+        ]
     )
-    return LaunchDescription([*arguments, namespace, node])
