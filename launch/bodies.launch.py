@@ -12,6 +12,7 @@ from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration
 
 ARGUMENTS = (
+    ("scene", None, "scene file (YAML)"),
     ("count", "2", "how many bodies"),
     ("prefix", "body_", "the namespaces are prefix1, prefix2, ..."),
     ("spacing", "1.0", "m between the bodies, along y of the world"),
@@ -39,7 +40,10 @@ def start(context: LaunchContext) -> list[IncludeLaunchDescription]:
     return [
         IncludeLaunchDescription(
             PythonLaunchDescriptionSource(str(RIGID_BODY)),
-            launch_arguments=body_arguments(index, prefix, float(spacing), configurations).items(),
+            # What has no default has to be handed on; the rest is inherited.
+            launch_arguments=(
+                {"scene": configurations["scene"]} | body_arguments(index, prefix, float(spacing), configurations)
+            ).items(),
         )
         for index in range(1, count + 1)
     ]

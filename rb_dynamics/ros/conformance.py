@@ -1,0 +1,330 @@
+"""Checks what wrench commands do, on the topics of any node: frames, lever arm, hold, timeout, channels, impulse.
+
+Needs WrenchStamped in and Odometry out, with stamps that pass while it looks; nothing else may act on the body. The
+laws judge, not a model: between two messages the momentum changes by the integral of force and torque. Where the force
+does not turn with the body that integral is exact, and so is the check. Never asks the node how it works.
+
+    python -m rb_dynamics.ros.conformance --frame thruster:0,0.5,0.2 --second push --timed burst:0.2
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+import rclpy
+from geometry_msgs.msg import InertiaStamped, WrenchStamped
+from nav_msgs.msg import Odometry
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile
+
+from rb_dynamics.errors import RigidBodyError
+from rb_dynamics.ros.conversions import to_nanoseconds
+
+Array = npt.NDArray[np.float64]
+
+# Relative error accepted where the integral is exact, and where the wrench turns with the body between two samples.
+EXACT, TURNING = 1e-9, 2e-3
+# s of simulation that a command is watched for, and of patience for a message.
+_WINDOW, _PATIENCE = 0.25, 20.0
+_FORCE, _TORQUE = np.array([0.8, -0.4, 0.6]), np.array([0.02, 0.03, -0.01])
+_NONE = np.zeros(3)
+
+
+@dataclass(frozen=True)
+class Subject:
+    """The node under test: mass properties about the centre of mass (SI, body axes), names of topics and frames.
+
+    Attributes:
+        mass: kg.
+        inertia: 3 × 3, kg m^2.
+        center_of_mass: from the body origin, m.
+        topic: a channel that holds its command.
+        second: another one, or "".
+        timed: a channel with a timeout, or "".
+        timeout: of `timed`, s of simulation.
+        frame: a frame fixed to the body with the body's axes, or "".
+        position: of its origin from the body origin, m.
+    """
+
+    mass: float
+    inertia: Array
+    center_of_mass: Array
+    topic: str = "wrench"
+    second: str = ""
+    timed: str = ""
+    timeout: float = 0.0
+    frame: str = ""
+    position: Array = field(default_factory=lambda: np.zeros(3))
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What one check found; `error` is relative to the change of momentum that was expected."""
+
+    name: str
+    passed: bool
+    error: float
+    accepted: float
+
+
+@dataclass(frozen=True)
+class Moment:
+    """The momenta at one stamp (s): linear, and angular about the centre of mass, in world axes."""
+
+    time_ns: int
+    rotation: Array
+    linear: Array
+    angular: Array
+
+
+class Conformance(Node):
+    """Commands a node and watches the momenta."""
+
+    def __init__(self, wrench_topics: Sequence[str]) -> None:
+        """Prepare to publish on `wrench_topics` and to read `odom` and `inertia`."""
+        super().__init__("wrench_conformance")
+        self._odometry: list[Odometry] = []
+        self._inertia: list[InertiaStamped] = []
+        self.create_subscription(Odometry, "odom", self._odometry.append, 1000)
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self.create_subscription(InertiaStamped, "inertia", self._inertia.append, latched)
+        self._wrenches = {topic: self.create_publisher(WrenchStamped, topic, 10) for topic in wrench_topics if topic}
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self)
+
+    def mass_properties(self) -> tuple[float, Array, Array]:
+        """Return mass, inertia and centre of mass as the node publishes them.
+
+        Raises:
+            RigidBodyError: it does not.
+        """
+        self._until(lambda: bool(self._inertia), "no message on inertia; give --mass, --inertia and --center")
+        i = self._inertia[-1].inertia
+        matrix = np.array([[i.ixx, i.ixy, i.ixz], [i.ixy, i.iyy, i.iyz], [i.ixz, i.iyz, i.izz]])
+        return i.m, matrix, np.array([i.com.x, i.com.y, i.com.z])
+
+    def run(self, subject: Subject) -> Iterator[Finding]:
+        """Yield what each check finds, in turn.
+
+        Raises:
+            RigidBodyError: the node does not listen, or does not move.
+        """
+        self._subject = subject
+        for topic, publisher in self._wrenches.items():
+            self._until(partial(_is_heard, publisher), f"nobody listens on {topic}")
+        self._moments(0.0)
+        world, body = self._odometry[-1].header.frame_id, self._odometry[-1].child_frame_id
+        zero = (world, _NONE, _NONE)
+        main = subject.topic
+        yield self._held("free motion keeps its momenta", {main: zero}, EXACT)
+        yield self._held("world axes: neither part turns with the body", {main: (world, _FORCE, _TORQUE)}, EXACT)
+        yield self._watched(
+            "hold: the command acts until the next one", EXACT, self._wrench_of({main: (world, _FORCE, _TORQUE)})
+        )
+        yield self._held("body axes: both parts turn with the body", {main: (body, _FORCE, _TORQUE)}, TURNING)
+        yield self._held("an empty frame_id means body axes", {main: ("", _TORQUE * 10, _NONE)}, TURNING)
+        yield self._refused("an unknown frame_id is not honoured", main, ("no_such_frame", _FORCE, _NONE), zero)
+        yield self._refused("a NaN is not honoured", main, (world, np.array([np.nan, 0, 0]), _NONE), zero)
+        if subject.frame:
+            lever = {main: (subject.frame, _FORCE * 0.1, _NONE)}
+            yield self._held("lever arm: a force at a fixed frame turns the body", lever, TURNING)
+        if subject.second:
+            both = {main: (world, _FORCE, _NONE), subject.second: (world, -0.25 * _FORCE, _TORQUE)}
+            yield self._held("channels add up", both, EXACT)
+            yield self._held(
+                "a channel goes on while another ends", {main: zero, subject.second: both[subject.second]}, EXACT
+            )
+            self._send({subject.second: zero})
+        self._settle({main: zero})
+        if subject.timed:
+            yield self._burst(subject.timed, world)
+
+    def _held(self, name: str, commands: dict[str, tuple[str, Array, Array]], accepted: float) -> Finding:
+        """Command, and compare once the commands act."""
+        self._settle(commands)
+        return self._watched(name, accepted, self._wrench_of(commands))
+
+    def _refused(self, name: str, topic: str, bad: tuple[str, Array, Array], good: tuple[str, Array, Array]) -> Finding:
+        self._settle({topic: good})
+        self._settle({topic: bad})
+        return self._watched(name, EXACT, self._wrench_of({topic: good}))
+
+    def _watched(self, name: str, accepted: float, wrench: Callable[[Array], tuple[Array, Array]]) -> Finding:
+        """Compare the change of the momenta over a window with the integral (trapezoidal) of `wrench`."""
+        moments = self._moments(_WINDOW)
+        expected = [np.zeros(3), np.zeros(3)]
+        for a, b in pairwise(moments):
+            step = (b.time_ns - a.time_ns) / 1e9
+            for part in (0, 1):
+                expected[part] = expected[part] + 0.5 * step * (wrench(a.rotation)[part] + wrench(b.rotation)[part])
+        return self._finding(name, accepted, moments[0], moments[-1], expected[0], expected[1])
+
+    def _burst(self, topic: str, frame: str) -> Finding:
+        """Command once and stay silent: the whole impulse is force times timeout, whenever it began."""
+        before = self._moments(0.0)[-1]
+        self._send({topic: (frame, _FORCE, _TORQUE)})
+        duration = self._subject.timeout
+        after = self._moments(duration + 3 * _WINDOW)[-1]
+        name = "watchdog: after its timeout a silent channel has given force times duration"
+        return self._finding(name, EXACT, before, after, _FORCE * duration, _TORQUE * duration)
+
+    def _finding(self, name: str, accepted: float, a: Moment, b: Moment, linear: Array, angular: Array) -> Finding:
+        # Relative to the impulse, or to the momenta where none is expected; linear and angular each in their measure.
+        errors = [
+            float(np.linalg.norm(change - wanted) / max(np.linalg.norm(wanted), np.linalg.norm(scale) * 1e-3, 1e-6))
+            for change, wanted, scale in (
+                (b.linear - a.linear, linear, b.linear),
+                (b.angular - a.angular, angular, b.angular),
+            )
+        ]
+        return Finding(name, max(errors) <= accepted, max(errors), accepted)
+
+    def _wrench_of(self, commands: dict[str, tuple[str, Array, Array]]) -> Callable[[Array], tuple[Array, Array]]:
+        """Return force and torque about the centre of mass, world axes, as the rule has them, by the rotation."""
+        subject, world = self._subject, self._odometry[-1].header.frame_id
+
+        def wrench(rotation: Array) -> tuple[Array, Array]:
+            total = [np.zeros(3), np.zeros(3)]
+            for frame, force, torque in commands.values():
+                arm = subject.position - subject.center_of_mass if frame and frame == subject.frame else _NONE
+                turn = np.eye(3) if frame == world else rotation
+                total[0] = total[0] + turn @ force
+                total[1] = total[1] + turn @ (torque + np.cross(arm, force))
+            return total[0], total[1]
+
+        return wrench
+
+    def _settle(self, commands: dict[str, tuple[str, Array, Array]]) -> None:
+        """Command and wait until they must have arrived."""
+        self._send(commands)
+        self._moments(_WINDOW)
+
+    def _send(self, commands: dict[str, tuple[str, Array, Array]]) -> None:
+        for topic, (frame, force, torque) in commands.items():
+            message = WrenchStamped()
+            message.header.stamp, message.header.frame_id = self._odometry[-1].header.stamp, frame
+            f, t = message.wrench.force, message.wrench.torque
+            f.x, f.y, f.z = force.tolist()
+            t.x, t.y, t.z = torque.tolist()
+            self._wrenches[topic].publish(message)
+
+    def _moments(self, seconds: float) -> list[Moment]:
+        """Return what comes from now on for so long, in the node's time."""
+        self._odometry.clear()
+
+        def passed() -> bool:
+            if len(self._odometry) < 2:
+                return False
+            first, last = (to_nanoseconds(self._odometry[i].header.stamp) for i in (0, -1))
+            return last - first >= seconds * 1e9
+
+        self._until(passed, "odom does not come, or its stamps do not move")
+        return [self._moment(message) for message in self._odometry]
+
+    def _moment(self, message: Odometry) -> Moment:
+        subject = self._subject
+        q = message.pose.pose.orientation
+        x, y, z, w = q.x, q.y, q.z, q.w
+        rotation = np.array(
+            [
+                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+            ]
+        )
+        v, o = message.twist.twist.linear, message.twist.twist.angular
+        omega = np.array([o.x, o.y, o.z])
+        velocity = np.array([v.x, v.y, v.z]) + np.cross(omega, subject.center_of_mass)
+        return Moment(
+            to_nanoseconds(message.header.stamp),
+            rotation,
+            rotation @ (subject.mass * velocity),
+            rotation @ (subject.inertia @ omega),
+        )
+
+    def _until(self, condition: Callable[[], bool], problem: str) -> None:
+        give_up = time.monotonic() + _PATIENCE
+        while not condition():
+            if time.monotonic() > give_up:
+                raise RigidBodyError(f"{problem}, within {_PATIENCE:g} s")
+            self._executor.spin_once(timeout_sec=0.05)
+
+
+def _is_heard(publisher: Publisher) -> bool:
+    return bool(publisher.get_subscription_count())
+
+
+def _numbers(text: str) -> Array:
+    return np.array([float(part) for part in text.split(",")])
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m rb_dynamics.ros.conformance", description=__doc__)
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.add_argument("--topic", default="wrench", help="a channel that holds its command (default: wrench)")
+    parser.add_argument("--second", default="", metavar="TOPIC", help="another one, to add up with")
+    parser.add_argument("--timed", default="", metavar="TOPIC:SECONDS", help="a channel with a timeout")
+    parser.add_argument(
+        "--frame", default="", metavar="NAME:X,Y,Z", help="a fixed frame with the body's axes, and where"
+    )
+    parser.add_argument("--mass", type=float, help="kg; left out: from the topic inertia, as the next two")
+    parser.add_argument(
+        "--inertia", type=_numbers, metavar="XX,XY,XZ,YY,YZ,ZZ", help="kg m^2, about the centre of mass"
+    )
+    parser.add_argument("--center", type=_numbers, metavar="X,Y,Z", help="centre of mass, m from the body origin")
+    return parser
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run all checks and print them; exit code 0 if all hold, 1 if one does not, 2 if the node cannot be tested."""
+    parser = _parser()
+    known, ros = parser.parse_known_args(args)
+    if (known.mass is None) != (known.inertia is None) or (known.inertia is not None and known.inertia.size != 6):
+        parser.error("--mass and --inertia (six numbers) come together, or not at all")
+    frame, _, position = known.frame.partition(":")
+    timed, _, timeout = known.timed.partition(":")
+    rclpy.init(args=ros)
+    node = Conformance([known.topic, known.second, timed])
+    try:
+        if known.mass is None:
+            mass, inertia, center = node.mass_properties()
+        else:
+            xx, xy, xz, yy, yz, zz = known.inertia
+            mass, inertia, center = known.mass, np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]), _NONE
+        subject = Subject(
+            mass,
+            inertia,
+            center if known.center is None else known.center,
+            known.topic,
+            known.second,
+            timed,
+            float(timeout or 0.0),
+            frame,
+            _numbers(position) if position else _NONE,
+        )
+        passed = True
+        for finding in node.run(subject):
+            passed &= finding.passed
+            verdict = "holds" if finding.passed else "FAILS"
+            print(f"{verdict}  {finding.name}: error {finding.error:.1e}, accepted {finding.accepted:.0e}", flush=True)
+    except RigidBodyError as error:
+        print(f"conformance: {error}", file=sys.stderr)
+        return 2
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+    return 0 if passed else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,40 @@
+"""The conformance command against our node over DDS: it holds, and a wrong description of the node is found out."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+from ros_harness import ROOT, running
+
+pytestmark = pytest.mark.ros
+
+
+def conformance(*arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "rb_dynamics.ros.conformance", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=100, check=False, cwd=ROOT)
+
+
+def test_the_node_conforms() -> None:
+    with running(ROOT / "config" / "conformance.yaml") as node:
+        done = conformance("--frame", "thruster:0,0.5,0.2", "--second", "push", "--timed", "burst:0.2")
+        assert node.stop() == 0
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.count("holds") == 11
+
+
+def test_a_lever_and_a_timeout_that_are_not_there_are_found_out() -> None:
+    with running(ROOT / "config" / "conformance.yaml") as node:
+        done = conformance("--frame", "thruster:0,0.4,0.2", "--timed", "burst:0.3")
+        assert node.stop() == 0
+    assert done.returncode == 1, done.stdout + done.stderr
+    failed = [line for line in done.stdout.splitlines() if line.startswith("FAILS")]
+    assert ["lever arm" in failed[0], "watchdog" in failed[1], len(failed)] == [True, True, 2]
+
+
+def test_mass_properties_half_given_are_refused() -> None:
+    done = conformance("--mass", "2.0")
+    assert done.returncode == 2
+    assert "--inertia" in done.stderr
+    assert "Traceback" not in done.stderr
