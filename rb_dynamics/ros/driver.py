@@ -1,18 +1,19 @@
 """`Driver`: decides when the simulation advances, and carries it from one run to the next. Knows no ROS.
 
-A change of the state or of the body from outside begins a new run, with new logs: each log is a run that `replay` can
-repeat, and the books of energy and momentum begin at what the change left. Stamps and held commands go on.
+A change of the state or of the body from outside begins a new run, with new logs: each log is a run that can be
+repeated from it alone, and the books of energy and momentum begin at what the change left. Stamps and held commands go
+on.
 """
 
 from __future__ import annotations
 
 import time
-from collections import deque
+from bisect import bisect_right, insort
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from rb_dynamics.body.state import State
-from rb_dynamics.errors import ConvergenceError, SceneError, WrenchError
+from rb_dynamics.errors import ConvergenceError, RigidBodyError, SceneError, WrenchError
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.recording.guard import GuardedSink
 from rb_dynamics.recording.sink import Sink
@@ -198,10 +199,19 @@ class Driver:
         return scene
 
     def change(self, scene: Scene, initial_only: bool) -> None:
-        """Take over a scene from `changed`; what `initial` says counts from the next reset on."""
-        self._scene = scene
-        if not initial_only:
+        """Take over a scene from `changed`; what `initial` says counts from the next reset on.
+
+        Raises:
+            RigidBodyError: it cannot run from the state as it is; nothing has changed.
+        """
+        before, self._scene = self._scene, scene
+        if initial_only:
+            return
+        try:
             self._restart(self._rest(self._from(self.state)), self._passed_ns(), carry=True)
+        except RigidBodyError:
+            self._scene = before
+            raise
 
     def command(self, topic: str, wrench: Wrench) -> None:
         """Take a command: at its stamp where stamps count and it has one, otherwise now."""
@@ -252,10 +262,9 @@ class Driver:
             self.health.warn(f"{topic}: rejected: {error}")
             return False
         commands = self._commands[topic]
+        insort(commands, (time_ns, wrench), key=_time_of)
         # Of those that have acted only the newest is held.
-        while len(commands) > 1 and commands[1][0] <= self.simulation.time_ns:
-            commands.popleft()
-        commands.append((time_ns, wrench))
+        del commands[: max(0, bisect_right(commands, self.simulation.time_ns, key=_time_of) - 1)]
         return True
 
     def _begin(self, before_ns: int) -> None:
@@ -265,7 +274,8 @@ class Driver:
         self._newest: dict[str, int | None] = {c.topic: None for c in self._scene.channels if not c.optional}
         self._latest_ns = dict.fromkeys(self._topics, 0)
         self._arrivals = {topic: Arrivals() for topic in self._topics}
-        self._commands: dict[str, deque[tuple[int, Wrench]]] = {topic: deque() for topic in self._topics}
+        # What is held and what waits, in the order of time.
+        self._commands: dict[str, list[tuple[int, Wrench]]] = {topic: [] for topic in self._topics}
         # Where time is to go, how far that has been computed, and how much to compute before looking at the clock.
         self._goal_ns = self._reached_ns = 0
         self.steps_left = 0
@@ -289,10 +299,10 @@ class Driver:
             return
         self._newest = {topic: None if ns is None else ns - ended_ns for topic, ns in newest.items()}
         for topic, waiting in commands.items():
-            acting = [command for command in waiting if command[0] <= ended_ns][-1:]
-            if acting and timeouts[topic] and acting[0][0] + timeouts[topic] <= ended_ns:
-                acting = []
-            for time_ns, wrench in [*acting, *(command for command in waiting if command[0] > ended_ns)]:
+            held = bisect_right(waiting, ended_ns, key=_time_of) - 1
+            if held >= 0 and timeouts[topic] and waiting[held][0] + timeouts[topic] <= ended_ns:
+                held += 1
+            for time_ns, wrench in waiting[max(0, held) :]:
                 self._post(topic, wrench, max(0, time_ns - ended_ns))
 
     def _from(self, state: State) -> Scene:
@@ -361,3 +371,7 @@ class Driver:
                 self._slice_ns = max(1, self._slice_ns // 2)
             if not self.behind or now - begun > _LONGEST_BURST_NS:
                 return
+
+
+def _time_of(command: tuple[int, Wrench]) -> int:
+    return command[0]

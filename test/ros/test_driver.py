@@ -110,6 +110,20 @@ def test_commands_that_wait_and_timeouts_go_on_over_a_change() -> None:
     assert body.simulation.sample.linear_velocity_world[0] == pytest.approx(0.35, rel=1e-12)
 
 
+def test_commands_that_came_out_of_order_go_on_in_the_order_of_their_stamps() -> None:
+    body = driver(mode=Mode(start_paused=True, apply_at="stamp"))
+    for force, stamp_ms in ((6.0, 150), (4.0, 50), (2.0, 20), (8.0, 250)):
+        body.command("wrench", Wrench(force=(force, 0.0, 0.0), frame_id="world", stamp_ns=stamp_ms * 1_000_000))
+    run_steps(body, 10)
+    body.command("wrench", Wrench(force=(9.0, 0.0, 0.0), frame_id="world", stamp_ns=300_000_000))
+    body.set_state(replace(body.state, linear_velocity_world=(0.0, 0.0, 0.0)))
+    run_steps(body, 15)
+    # From 100 ms on: 4 N until 150 ms, 6 N until 250 ms, on 2 kg.
+    assert body.simulation.sample.linear_velocity_world[0] == pytest.approx(2 * 0.05 + 3 * 0.1, rel=1e-12)
+    run_steps(body, 10)
+    assert body.simulation.sample.linear_velocity_world[0] == pytest.approx(0.4 + 4 * 0.05 + 4.5 * 0.05, rel=1e-12)
+
+
 def test_reset_leads_back_to_the_initial_state_and_its_parts_do_their_part() -> None:
     body = driver()
     body.command("wrench", Wrench(force=(4.0, 0.0, 0.0), frame_id="world"))
