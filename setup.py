@@ -24,7 +24,7 @@ ROS_PACKAGES = (
 
 EXTRAS = {
     "fast": ["numba>=0.59"],
-    "log": ["mcap>=1.6", "rerun-sdk>=0.39,<0.42", "zstandard>=0.22"],
+    "log": ["mcap>=1.6", "rerun-sdk>=0.39,<0.42", "rosbags>=0.10", "zstandard>=0.22"],
     "ros": [f"ros-jazzy-{name}" for name in ROS_PACKAGES],
     "mesh": ["trimesh>=4"],
     "plot": ["jinja2>=3.1", "matplotlib>=3.8", "tqdm>=4.66"],

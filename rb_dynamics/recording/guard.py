@@ -11,14 +11,20 @@ from rb_dynamics.recording.sink import Event, RunInfo, Sink
 class GuardedSink:
     """Passes everything on until the sink behind it raises a `LogError`; keeps that as `error` and tells once."""
 
-    def __init__(self, sink: Sink, on_error: Callable[[LogError], None]) -> None:
-        """Guard `sink`; `on_error` hears of the failure that stops it."""
-        self._sink, self._on_error = sink, on_error
+    def __init__(self, sink: Sink, on_error: Callable[[LogError], None], guard_open: bool = True) -> None:
+        """Guard `sink`; `on_error` hears of the failure that stops it.
+
+        `guard_open=False` lets a sink that cannot even be opened stop the run, which has not begun.
+        """
+        self._sink, self._on_error, self._guard_open = sink, on_error, guard_open
         self.error: LogError | None = None
 
     def open(self, run: RunInfo) -> None:
         """Open the sink."""
-        self._try(lambda: self._sink.open(run))
+        if self._guard_open:
+            self._try(lambda: self._sink.open(run))
+        else:
+            self._sink.open(run)
 
     def write(self, event: Event) -> None:
         """Pass one event on."""

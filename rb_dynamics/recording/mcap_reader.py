@@ -1,4 +1,4 @@
-"""What a ROS 2 MCAP file says: wrench commands for a run, and poses, twists and scalars as arrays.
+"""What a ROS 2 bag says: wrench commands for a run, and poses, twists and scalars as arrays.
 
 Any writer will do (rosbag2, this package, others), and so will a file that was cut off. Never needs ROS or the index of
 the file, and keeps only messages of the types in `rb_dynamics.recording.cdr.LAYOUTS`.
@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 from rb_dynamics.errors import LogError
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.recording import cdr
-from rb_dynamics.recording.mcap_records import Channel, McapFile, Message
+from rb_dynamics.recording.bag_source import Source, open_source
+from rb_dynamics.recording.mcap_records import Channel, Message
 from rb_dynamics.recording.provenance import INTERRUPTED
 
 Times = NDArray[np.int64]
@@ -77,10 +78,10 @@ class Topic:
 
 @dataclass
 class Bag:
-    """An MCAP file in memory.
+    """A bag in memory.
 
     Attributes:
-        path: the file.
+        path: the file or folder.
         complete: False for a file that was cut off, recovered or not; it holds what was written until then.
         topics: by name as recorded.
         metadata: key and value of each metadata record, by its name.
@@ -143,12 +144,12 @@ class Bag:
 
 
 def read_bag(path: str | os.PathLike[str]) -> Bag:
-    """Return what is in an MCAP file.
+    """Return what is in a bag: an MCAP file, or whatever `open_source` reads.
 
     Raises:
-        LogError: the file cannot be read, is no MCAP file or is damaged.
+        LogError: the bag cannot be read or is damaged.
     """
-    file = McapFile(Path(path))
+    file = open_source(Path(path))
     bag = Bag(file.path, False, {}, file.metadata, file.attachments)
     for message in file.messages():
         topic = _topic_of(bag, message.channel)
@@ -163,7 +164,7 @@ def read_bag(path: str | os.PathLike[str]) -> Bag:
 
 
 class RecordedWrenches:
-    """The commands in a bag for the wrench channels of a scene, by stamp; equal stamps in the order of the file.
+    """The commands in a bag for the wrench channels of a scene, by stamp; equal stamps in the order of the bag.
 
     Read anew each time they are gone through, never kept: a bag of any length takes little memory. One that is written
     in the order of its stamps takes least; a command that comes late is waited for.
@@ -173,31 +174,51 @@ class RecordedWrenches:
         late: how many lie after `end_ns`.
     """
 
-    def __init__(self, path: str | os.PathLike[str], topics: Sequence[str], end_ns: float = math.inf) -> None:
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        topics: Sequence[str],
+        end_ns: float = math.inf,
+        mapping: Mapping[str, str] | None = None,
+    ) -> None:
         """Look through the bag for the commands on `topics`; a leading slash makes no difference between names.
 
         A Wrench without header has its log time as stamp and frame "".
 
+        Args:
+            path: a bag, see `open_source`.
+            topics: names of the scene's channels.
+            end_ns: of the run.
+            mapping: the channel that each topic of the bag drives, where their names differ.
+
         Raises:
-            LogError: the file cannot be read or is damaged, or none of its wrench topics is one of `topics`.
+            LogError: the bag cannot be read or is damaged, `mapping` names what is not there, or none of its wrench
+                topics is one of `topics`.
         """
-        self._path, self._topics = Path(path), tuple(topics)
+        self._path, self._wanted = Path(path), _wanted(topics, mapping or {})
         self._count = self.late = self._delay_ns = 0
         self.first_ns: int | None = None
         newest_ns = None
-        file, found = McapFile(self._path), Counter[str]()
-        for _, wrench in _commands(file, self._topics, found):
+        source, found = open_source(self._path), Counter[str]()
+        for _, wrench in _commands(source, self._wanted, found):
             stamp_ns = wrench.stamp_ns
             self._count += 1
             self.late += stamp_ns > end_ns
             self.first_ns = stamp_ns if self.first_ns is None else min(self.first_ns, stamp_ns)
             newest_ns = stamp_ns if newest_ns is None else max(newest_ns, stamp_ns)
             self._delay_ns = max(self._delay_ns, newest_ns - stamp_ns)
-        names = {channel.topic for channel in file.channels.values() if _type_name(channel) in _WRENCHES}
-        if not {name.removeprefix("/") for name in names} & {topic.removeprefix("/") for topic in topics}:
-            raise LogError(_no_commands(file, topics, {name: found[name] for name in names}))
-        if not file.complete:
-            _logger.warning("%s was cut off; the %d commands in it are used", file.path, len(self))
+        for channel in source.channels.values():
+            if _type_name(channel) in _WRENCHES:
+                found[channel.topic] += 0
+        missing = {name.removeprefix("/") for name in mapping or {}} - {name.removeprefix("/") for name in found}
+        if missing:
+            raise LogError(
+                f"{source.path}: mapped are {sorted(missing)}, expected wrench topics of the bag: {_listed(found)}"
+            )
+        if not any(name.removeprefix("/") in self._wanted for name in found):
+            raise LogError(_no_commands(source, topics, found))
+        if not source.complete:
+            _logger.warning("%s was cut off; the %d commands in it are used", source.path, len(self))
 
     def __len__(self) -> int:
         """Return how many there are."""
@@ -207,7 +228,7 @@ class RecordedWrenches:
         """Yield topic, as the scene writes it, and command."""
         waiting: list[tuple[int, int, tuple[str, Wrench]]] = []
         newest_ns = self.first_ns or 0
-        for number, command in enumerate(_commands(McapFile(self._path), self._topics, Counter())):
+        for number, command in enumerate(_commands(open_source(self._path), self._wanted, Counter())):
             stamp_ns = command[1].stamp_ns
             newest_ns = max(newest_ns, stamp_ns)
             heapq.heappush(waiting, (stamp_ns, number, command))
@@ -221,22 +242,27 @@ class RecordedWrenches:
 def read_wrenches(path: str | os.PathLike[str], topics: Sequence[str]) -> list[tuple[str, Wrench]]:
     """Return all of `RecordedWrenches`.
 
+    Args:
+        path: a bag, see `open_source`.
+        topics: names of the scene's channels.
+        mapping: the channel that each topic of the bag drives, where their names differ.
+
     Raises:
-        LogError: the file cannot be read or is damaged, or none of its wrench topics is one of `topics`.
+        LogError: the bag cannot be read or is damaged, `mapping` names what is not there, or none of its wrench topics
+            is one of `topics`.
     """
-    return list(RecordedWrenches(path, topics))
+    return list(RecordedWrenches(path, topics, mapping=mapping))
 
 
-def _commands(file: McapFile, topics: Sequence[str], found: Counter[str]) -> Iterator[tuple[str, Wrench]]:
-    """Yield the commands in the order of the file, and count in `found` what wrench topics have."""
-    wanted = {topic.removeprefix("/"): topic for topic in topics}
-    for message in file.messages():
+def _commands(source: Source, wanted: Mapping[str, str], found: Counter[str]) -> Iterator[tuple[str, Wrench]]:
+    """Yield the commands in the order of the bag, and count in `found` what wrench topics have."""
+    for message in source.messages():
         type_name = _type_name(message.channel)
         if type_name in _WRENCHES:
             found[message.channel.topic] += 1
             topic = wanted.get(message.channel.topic.removeprefix("/"))
             if topic is not None:
-                yield topic, _command(file, type_name, message)
+                yield topic, _command(source, type_name, message)
 
 
 def _stamped(topic: Topic) -> bool:
@@ -274,15 +300,34 @@ def _width(topic: Topic, place: int) -> int:
     return count if isinstance(count, int) else 0
 
 
-def _no_commands(file: McapFile, topics: Sequence[str], found: Mapping[str, int]) -> str:
-    listed = ", ".join(f"{name} ({count} messages)" for name, count in sorted(found.items())) or "none"
+def _wanted(topics: Sequence[str], mapping: Mapping[str, str]) -> dict[str, str]:
+    """Return the channel of each topic of the bag, without leading slash; a channel that is mapped has that topic only.
+
+    Raises:
+        LogError: a topic is mapped to what is no channel.
+    """
+    channels = {topic.removeprefix("/"): topic for topic in topics}
+    mapped = {source.removeprefix("/"): channel.removeprefix("/") for source, channel in mapping.items()}
+    for source, channel in mapped.items():
+        if channel not in channels:
+            raise LogError(f"topic {source} is mapped to {channel!r}, expected a channel of the scene: {list(topics)}")
+    by_name = {name: topic for name, topic in channels.items() if name not in mapped.values()}
+    return by_name | {source: channels[channel] for source, channel in mapped.items()}
+
+
+def _no_commands(file: Source, topics: Sequence[str], found: Counter[str]) -> str:
     return (
-        f"{file.path} has no channel of the scene: its wrench topics are {listed}, the scene expects "
-        f"{', '.join(topics) or 'none'}; name the channel under `wrenches` in the scene like the topic in the file"
+        f"{file.path} has no channel of the scene: its wrench topics are {_listed(found)}, the scene expects "
+        f"{', '.join(topics) or 'none'}; name the channel under `wrenches` in the scene like the topic in the file, or "
+        "map the topic with --topic TOPIC=CHANNEL"
     )
 
 
-def _command(file: McapFile, type_name: str, message: Message) -> Wrench:
+def _listed(found: Counter[str]) -> str:
+    return ", ".join(f"{name} ({count} messages)" for name, count in sorted(found.items())) or "none"
+
+
+def _command(file: Source, type_name: str, message: Message) -> Wrench:
     try:
         return _wrench(type_name, message.log_time, message.data)
     except LogError as error:

@@ -125,7 +125,7 @@ class McapFile:
             with self.path.open("rb") as file:
                 yield from self._messages(file)
         except OSError as error:
-            raise LogError(f"cannot read {self.path}: {error.strerror or error}{_hint(self.path)}") from error
+            raise LogError(f"cannot read {self.path}: {error.strerror or error}") from error
         except UnicodeDecodeError as error:
             raise self._damage("has text that is not UTF-8") from error
 
@@ -275,11 +275,6 @@ class _Fields:
         taken = self._data[self._position : end]
         self._position = end
         return taken
-
-
-def _hint(path: Path) -> str:
-    inside = sorted(path.glob("*.mcap")) if path.is_dir() else []
-    return f"; give the file in it: {', '.join(map(str, inside))}" if inside else ""
 
 
 # One byte more than is due is asked for, so that a chunk that holds more than it says shows itself.

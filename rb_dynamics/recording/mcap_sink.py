@@ -24,7 +24,7 @@ from rb_dynamics.diagnostics import Sample
 from rb_dynamics.errors import LogError
 from rb_dynamics.recording import cdr
 from rb_dynamics.recording.log_file import LogFile
-from rb_dynamics.recording.mcap_records import McapFile
+from rb_dynamics.recording.mcap_records import Channel, McapFile, Schema
 from rb_dynamics.recording.mcap_writer import McapWriter
 from rb_dynamics.recording.provenance import INTERRUPTED, version
 from rb_dynamics.recording.ros2msg import TYPE_HASHES, schema_text
@@ -108,6 +108,7 @@ class McapSink:
         remap: Mapping[str, str] | None = None,
         settings: LogSettings | None = None,
         states: StateHash | None = None,
+        start_ns: int = 0,
     ) -> None:
         """Say where to write; nothing is touched before `open`.
 
@@ -117,13 +118,16 @@ class McapSink:
             remap: absolute names of single topics, by relative name; they win over `namespace`.
             settings: how the log is kept.
             states: goes on with the hash of an earlier file of the same run.
+            start_ns: when this file of the run begins.
         """
         self.path = Path(path)
         self.settings = settings or LogSettings()
         self._namespace = "".join(f"/{part}" for part in namespace.split("/") if part)
         self._remap = dict(remap or {})
         self._ids: dict[str, int] = {}
+        self._channels: list[Channel] = []
         self._states = states or StateHash()
+        self._start_ns = start_ns
         self._file: LogFile | None = None
         self._failure: LogError | None = None
         # Held while the writer is at work: the flusher may come at any time.
@@ -173,6 +177,10 @@ class McapSink:
         """Return how many messages are in the file, by the name of the topic."""
         return {self._absolute(name): self._writer.counts[number] for name, number in self._ids.items()}
 
+    def channels(self) -> list[Channel]:
+        """Return the channels of the file."""
+        return list(self._channels)
+
     def close(self, result: Mapping[str, str]) -> None:
         """Write `result` and the index, and close the file; does nothing where nothing is open or writing has failed.
 
@@ -213,7 +221,7 @@ class McapSink:
         self._writer.add_metadata("rb_dynamics", {"method": run.method, **run.metadata})
         self._writer.add_attachment("scene.yaml", "application/yaml", run.scene.text.encode("utf-8", "replace"))
         self._register(topics)
-        self._write_inertia(run.scene.body, run.scene.initial.time_ns)
+        self._write_inertia(run.scene.body, self._start_ns)
         self._writer.end_chunk()
 
     def _log(self, event: Event) -> None:
@@ -276,6 +284,7 @@ class McapSink:
                 schemas[type_name] = self._writer.add_schema(type_name, "ros2msg", schema_text(type_name).encode())
             metadata = {"offered_qos_profiles": qos, "topic_type_hash": TYPE_HASHES[type_name]}
             self._ids[name] = self._writer.add_channel(self._absolute(name), "cdr", schemas[type_name], metadata)
+            self._channels.append(Channel(self._absolute(name), Schema(type_name), "cdr", metadata))
 
     def _write_received(self, event: AppliedWrench | RejectedWrench) -> None:
         command = event.received

@@ -1,0 +1,127 @@
+"""`BagSink`: a run as a rosbag2 folder: MCAP files of bounded size and length, and the `metadata.yaml` of `ros2 bag`.
+
+Every file is a log of its own, with scene, metadata and all channels; `states_sha256` of each goes on from the one
+before, so the last one's is that of the run. Never imports ROS.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+
+from rb_dynamics.errors import LogError
+from rb_dynamics.recording.bag_metadata import METADATA_FILE, BagFile, write_metadata
+from rb_dynamics.recording.mcap_sink import LogSettings, McapSink
+from rb_dynamics.recording.sink import Event, RunInfo, Sample
+from rb_dynamics.recording.state_hash import StateHash
+
+
+class BagSink:
+    """Writes one run to one folder; a full file is closed and the next one begun before a sample."""
+
+    def __init__(
+        self,
+        folder: str | os.PathLike[str],
+        max_bytes: int = 0,
+        max_duration_s: float = 0.0,
+        namespace: str = "",
+        remap: Mapping[str, str] | None = None,
+        settings: LogSettings | None = None,
+    ) -> None:
+        """Say where to write; nothing is touched before `open`.
+
+        Args:
+            folder: made where it is missing.
+            max_bytes: size at which the next file is begun; what waits for its chunk comes on top. 0: no bound.
+            max_duration_s: s of simulation time in one file; 0: no bound.
+            namespace: put before relative topic names.
+            remap: absolute names of single topics, by relative name.
+            settings: how the log is kept; `overwrite` replaces the bag that is in the folder.
+        """
+        self.folder = Path(folder)
+        self._max_bytes, self._max_ns = max_bytes, round(max_duration_s * 1e9)
+        self._namespace, self._remap, self._settings = namespace, remap, settings or LogSettings()
+        self._sink: McapSink | None = None
+        self._files: list[BagFile] = []
+
+    def open(self, run: RunInfo) -> None:
+        """Begin the first file.
+
+        Raises:
+            LogError: the folder holds something already, or cannot be written.
+        """
+        self._clear()
+        self._run, self._states = run, StateHash()
+        self._files = []
+        self._begin_file(0)
+
+    def write(self, event: Event) -> None:
+        """Log one event.
+
+        Raises:
+            LogError: the file cannot be written any more; what was written before stays readable.
+        """
+        assert self._sink is not None, "open comes first"
+        if isinstance(event, Sample) and self._full(event.time_ns):
+            self._end_file({"continues_in": self._name(len(self._files))})
+            self._begin_file(event.time_ns)
+        self._sink.write(event)
+        self._files[-1].end_ns = event.time_ns
+
+    def close(self, result: Mapping[str, str]) -> None:
+        """Finish the last file and write `metadata.yaml`.
+
+        Raises:
+            LogError: a file cannot be written, or does not read back where that is verified.
+        """
+        if self._sink is None:
+            return
+        self._end_file(result)
+        try:
+            write_metadata(self.folder, self._sink.channels(), self._files)
+        except OSError as error:
+            raise LogError(f"cannot write {self.folder / METADATA_FILE}: {error.strerror or error}") from error
+
+    def _begin_file(self, time_ns: int) -> None:
+        name = self._name(len(self._files))
+        sink = McapSink(self.folder / name, self._namespace, self._remap, self._settings, self._states, time_ns)
+        sink.open(self._run)
+        self._sink = sink
+        self._files.append(BagFile(name, time_ns, time_ns))
+
+    def _end_file(self, result: Mapping[str, str]) -> None:
+        assert self._sink is not None
+        try:
+            self._sink.close(result)
+        finally:
+            self._files[-1].counts = +Counter(self._sink.counts())
+
+    def _full(self, time_ns: int) -> bool:
+        assert self._sink is not None
+        too_long = self._max_ns and time_ns - self._files[-1].start_ns >= self._max_ns
+        return bool(too_long or (self._max_bytes and self._sink.size >= self._max_bytes))
+
+    def _name(self, number: int) -> str:
+        return f"{self.folder.name}_{number}.mcap"
+
+    def _clear(self) -> None:
+        """Refuse a folder with something in it; take the earlier bag away where that is to be overwritten.
+
+        Raises:
+            LogError: names what is there and the remedy.
+        """
+        if not self.folder.exists():
+            return
+        if not self.folder.is_dir():
+            raise LogError(f"cannot write {self.folder}: it is a file, expected a folder for a bag; give another name")
+        earlier = [self.folder / METADATA_FILE, *self.folder.glob(f"{self.folder.name}_*.mcap")]
+        if self._settings.overwrite:
+            for file in earlier:
+                file.unlink(missing_ok=True)
+        elif any(self.folder.iterdir()):
+            raise LogError(
+                f"{self.folder} has files in it already, expected a new or empty folder for a bag; give another name, "
+                "or say --overwrite where the command takes it"
+            )

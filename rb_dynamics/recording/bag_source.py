@@ -1,0 +1,138 @@
+"""`open_source`: the messages of any ROS 2 bag: an MCAP file, a rosbag2 folder, split or compressed, MCAP or SQLite.
+
+MCAP is read here; the rest, and what rosbag2 has compressed as a whole, through the package rosbags. Never looks inside
+a message.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import yaml
+
+from rb_dynamics.errors import LogError, MissingExtraError
+from rb_dynamics.recording.bag_metadata import METADATA_FILE
+from rb_dynamics.recording.mcap_records import Channel, McapFile, Message, Schema
+
+
+class Source(Protocol):
+    """A bag, as `McapFile` is one: what stands below `path` fills while `messages` runs."""
+
+    path: Path
+    complete: bool
+    metadata: dict[str, dict[str, str]]
+    attachments: dict[str, bytes]
+
+    @property
+    def channels(self) -> Mapping[Any, Channel]:
+        """Channels, by whatever tells them apart."""
+
+    def messages(self) -> Iterator[Message]:
+        """Yield every message in the order of the bag."""
+
+
+def open_source(path: str | Path) -> Source:
+    """Return the bag at `path`: a file, or a folder as rosbag2 writes it.
+
+    Raises:
+        LogError: a folder holds no bag.
+        MissingExtraError: it takes rosbags to read it, which is not installed.
+    """
+    path = Path(path)
+    if not path.is_dir():
+        return RosbagsSource(path) if path.suffix == ".db3" else McapFile(path)
+    files = _files(path)
+    if files and all(file.suffix == ".mcap" for file in files):
+        return SplitMcap(path, files)
+    if (path / METADATA_FILE).is_file():
+        return RosbagsSource(path)
+    raise LogError(
+        f"{path} holds no bag: expected {METADATA_FILE} or .mcap files in it, as `ros2 bag record` leaves them"
+    )
+
+
+@dataclass
+class SplitMcap:
+    """Several MCAP files that are one bag, read one after the other; of facts of one name the later stands."""
+
+    path: Path
+    files: list[Path]
+    complete: bool = False
+    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    attachments: dict[str, bytes] = field(default_factory=dict)
+    channels: dict[str, Channel] = field(default_factory=dict)
+
+    def messages(self) -> Iterator[Message]:
+        """Yield every message of every file.
+
+        Raises:
+            LogError: as `McapFile.messages`.
+        """
+        complete = True
+        for path in self.files:
+            file = McapFile(path)
+            yield from file.messages()
+            complete = complete and file.complete
+            self.metadata.update(file.metadata)
+            self.attachments.update(file.attachments)
+            self.channels.update({channel.topic: channel for channel in file.channels.values()})
+        self.complete = complete
+
+
+@dataclass
+class RosbagsSource:
+    """A bag in any format that rosbags reads."""
+
+    path: Path
+    complete: bool = False
+    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    attachments: dict[str, bytes] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+
+    def messages(self) -> Iterator[Message]:
+        """Yield every message; its publish time is its log time.
+
+        Raises:
+            LogError: the bag cannot be read.
+        """
+        try:
+            from rosbags.rosbag2 import Reader, ReaderError
+        except ImportError:
+            raise MissingExtraError("rosbags", "log", f"reading {self.path}") from None
+        try:
+            with Reader(self.path) as reader:
+                self.channels = {
+                    each.id: Channel(each.topic, Schema(each.msgtype), "cdr", {}) for each in reader.connections
+                }
+                for connection, time_ns, data in reader.messages():
+                    yield Message(self.channels[connection.id], time_ns, time_ns, bytes(data))
+        except (ReaderError, OSError, ValueError) as error:
+            raise LogError(f"cannot read {self.path}: {error}; give a bag as `ros2 bag record` leaves it") from error
+        self.complete = True
+
+
+def in_order(folder: Path) -> list[Path]:
+    """Return the MCAP files of a folder by the numbers in their names, as recorders number them."""
+    return sorted(folder.glob("*.mcap"), key=lambda file: ([int(part) for part in re.findall(r"\d+", file.stem)], file))
+
+
+def _files(folder: Path) -> list[Path]:
+    """Return the files of a bag in their order; those that a recorder left without metadata by number.
+
+    Empty where they are compressed as a whole or message by message.
+    """
+    try:
+        facts = yaml.safe_load((folder / METADATA_FILE).read_text(encoding="utf-8"))["rosbag2_bagfile_information"]
+        compressed = str(facts.get("compression_mode") or "none").lower() != "none"
+        return [] if compressed else [folder / Path(name).name for name in facts["relative_file_paths"]]
+    except FileNotFoundError:
+        return in_order(folder)
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
+        raise LogError(
+            f"{folder / METADATA_FILE} is not what rosbag2 writes ({error!r}); remove it, and the .mcap files are read "
+            "in the order of their numbers"
+        ) from error

@@ -1,0 +1,114 @@
+"""`recover`: a whole MCAP file, with index and statistics, from one that was cut off or damaged.
+
+Copies what can be read, byte for byte, and says what could not. Never changes the file it reads, never makes anything
+up.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from pathlib import Path
+
+from rb_dynamics.errors import LogError
+from rb_dynamics.recording.bag_metadata import BagFile, write_metadata
+from rb_dynamics.recording.bag_source import in_order
+from rb_dynamics.recording.log_file import LogFile
+from rb_dynamics.recording.mcap_records import Channel, McapFile, Message, Schema
+from rb_dynamics.recording.mcap_writer import McapWriter
+from rb_dynamics.recording.provenance import INTERRUPTED, version
+
+
+@dataclass
+class Recovered:
+    """What was saved of one file.
+
+    Attributes:
+        file: name, times and messages of the new file.
+        complete: the old one was whole: nothing was lost.
+        channels: of the new file.
+        damage: what could not be read, one line for each piece.
+    """
+
+    file: BagFile
+    complete: bool
+    channels: list[Channel]
+    damage: list[str]
+
+
+def recover(source: Path, target: Path, overwrite: bool = False) -> list[Recovered]:
+    """Copy what can be read of the MCAP file `source` to `target`, or of all in a folder to a rosbag2 folder.
+
+    Where something was lost, the copy has metadata `rb_dynamics.interrupted` with the time of the last message.
+
+    Raises:
+        LogError: `source` is no MCAP file, or `target` cannot be written or is there already.
+    """
+    if target.exists() and source.samefile(target):
+        raise LogError(f"{source} is what is to be recovered, and is never changed; give another name for the copy")
+    if not source.is_dir():
+        return [_recover_file(source, target, overwrite)]
+    files = in_order(source)
+    if not files:
+        raise LogError(f"{source} has no .mcap files in it; give a log, or a folder of them")
+    saved = [_recover_file(file, target / file.name, overwrite) for file in files]
+    channels = {channel.topic: channel for each in saved for channel in each.channels}
+    write_metadata(target, list(channels.values()), [each.file for each in saved])
+    return saved
+
+
+def _recover_file(source: Path, target: Path, overwrite: bool) -> Recovered:
+    old = McapFile(source, salvage=True)
+    messages = old.messages()
+    # What is no MCAP file at all is found out before the new one is begun.
+    first = list(itertools.islice(messages, 1))
+    file = LogFile(target, overwrite)
+    copy = _Copy(McapWriter(file, f"rb_dynamics {version()}"))
+    facts = BagFile(target.name, 2**63)
+    for message in itertools.chain(first, messages):
+        copy.add(message)
+        facts.counts[message.channel.topic] += 1
+        facts.start_ns = min(facts.start_ns, message.log_time)
+        facts.end_ns = max(facts.end_ns, message.log_time)
+    facts.start_ns = min(facts.start_ns, facts.end_ns)
+    if not old.complete or old.damage:
+        old.metadata.setdefault(INTERRUPTED, {"reason": "cut off or damaged", "last_message_ns": str(facts.end_ns)})
+    copy.finish(old)
+    file.close()
+    return Recovered(facts, INTERRUPTED not in old.metadata, list(old.channels.values()), old.damage)
+
+
+class _Copy:
+    """Writes what a file says to another, in the same order."""
+
+    def __init__(self, writer: McapWriter) -> None:
+        self._writer = writer
+        self._schemas: dict[Schema, int] = {}
+        self._channels: dict[tuple[str, Schema], int] = {}
+        writer.begin()
+
+    def add(self, message: Message) -> None:
+        """Copy one message."""
+        channel = self._declared(message.channel)
+        self._writer.add_messages((channel,), (message.data,), message.log_time, message.publish_time)
+
+    def finish(self, old: McapFile) -> None:
+        """Copy what is no message, and write the index."""
+        for channel in old.channels.values():
+            self._declared(channel)
+        for name, data in old.attachments.items():
+            self._writer.add_attachment(name, "application/yaml" if name.endswith(".yaml") else "", data)
+        for name, facts in old.metadata.items():
+            self._writer.add_metadata(name, facts)
+        self._writer.finish()
+
+    def _declared(self, channel: Channel) -> int:
+        """Return the number of a channel in the new file; a topic with several publishers has one."""
+        key = (channel.topic, channel.schema)
+        if key not in self._channels:
+            if channel.schema not in self._schemas:
+                self._schemas[channel.schema] = self._writer.add_schema(*channel.schema)
+            schema = self._schemas[channel.schema]
+            number = self._writer.add_channel(channel.topic, channel.encoding, schema, channel.metadata)
+            self._channels[key] = number
+        return self._channels[key]

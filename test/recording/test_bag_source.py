@@ -1,0 +1,104 @@
+"""Wrench commands out of bags that others wrote: MCAP and SQLite, split, compressed, under other names."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from rb_dynamics.errors import LogError
+from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.recording.mcap_reader import read_bag, read_wrenches
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+COMMANDS = [Wrench((float(i), 0.0, 0.5), (0.0, -float(i), 0.0), "body", i * 1000) for i in range(20)]
+
+
+def record(
+    path: Path,
+    storage: StoragePlugin,
+    mode: CompressionMode = CompressionMode.NONE,
+    topic: str = "/wrench",
+    commands: list[Wrench] = COMMANDS,
+) -> Path:
+    kinds = STORE.types
+    vector, stamp = kinds["geometry_msgs/msg/Vector3"], kinds["builtin_interfaces/msg/Time"]
+    writer = Writer(path, version=9, storage_plugin=storage)
+    if mode is not CompressionMode.NONE:
+        writer.set_compression(mode, CompressionFormat.ZSTD)
+    with writer:
+        connection = writer.add_connection(topic, "geometry_msgs/msg/WrenchStamped", typestore=STORE)
+        for wrench in commands:
+            header = kinds["std_msgs/msg/Header"](stamp(0, wrench.stamp_ns), wrench.frame_id)
+            content = kinds["geometry_msgs/msg/Wrench"](vector(*wrench.force), vector(*wrench.torque))
+            message = kinds["geometry_msgs/msg/WrenchStamped"](header, content)
+            data = STORE.serialize_cdr(message, "geometry_msgs/msg/WrenchStamped")
+            writer.write(connection, 10**18 + wrench.stamp_ns, data)
+    return path
+
+
+@pytest.mark.parametrize("storage", list(StoragePlugin))
+@pytest.mark.parametrize("mode", [CompressionMode.NONE, CompressionMode.FILE, CompressionMode.MESSAGE])
+def test_bags_of_rosbag2(tmp_path: Path, storage: StoragePlugin, mode: CompressionMode) -> None:
+    if storage is StoragePlugin.MCAP and mode is CompressionMode.MESSAGE:
+        mode = CompressionMode.STORAGE
+    bag = record(tmp_path / "bag", storage, mode)
+    assert read_wrenches(bag, ["wrench"]) == [("wrench", wrench) for wrench in COMMANDS]
+    topic = read_bag(bag).topics["/wrench"]
+    assert (topic.count, topic.log_times[0]) == (20, 10**18)
+
+
+def test_a_database_without_its_folder(tmp_path: Path) -> None:
+    (file,) = record(tmp_path / "bag", StoragePlugin.SQLITE3).glob("*.db3")
+    assert [wrench for _, wrench in read_wrenches(file, ["/wrench"])] == COMMANDS
+
+
+def test_split_files_without_metadata_come_in_the_order_of_their_numbers(tmp_path: Path) -> None:
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    # Equal stamps keep the order of the bag: file 10 comes after file 9.
+    for number in (9, 10):
+        part = [Wrench((float(number), 0.0, 0.0), (0.0, 0.0, 0.0), "body", 5)]
+        (file,) = record(tmp_path / f"part_{number}", StoragePlugin.MCAP, commands=part).glob("*.mcap")
+        file.rename(folder / f"bag_{number}.mcap")
+    assert [wrench.force[0] for _, wrench in read_wrenches(folder, ["wrench"])] == [9.0, 10.0]
+
+
+def test_a_topic_of_another_name_is_mapped(tmp_path: Path) -> None:
+    bag = record(tmp_path / "bag", StoragePlugin.MCAP, topic="/robot/cmd")
+    with pytest.raises(LogError, match=r"/robot/cmd \(20 messages\).*--topic TOPIC=CHANNEL"):
+        read_wrenches(bag, ["wrench"])
+    for mapping in ({"/robot/cmd": "wrench"}, {"robot/cmd": "/wrench"}):
+        assert read_wrenches(bag, ["wrench", "other"], mapping) == [("wrench", wrench) for wrench in COMMANDS]
+    with pytest.raises(LogError, match=r"mapped are \['cmd'\], expected wrench topics of the bag: /robot/cmd"):
+        read_wrenches(bag, ["wrench"], {"cmd": "wrench"})
+    with pytest.raises(LogError, match=r"mapped to 'push', expected a channel of the scene: \['wrench'\]"):
+        read_wrenches(bag, ["wrench"], {"/robot/cmd": "push"})
+
+
+def test_a_mapped_channel_hears_that_topic_only(tmp_path: Path) -> None:
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    for number, topic in enumerate(("/wrench", "/cmd")):
+        part = [Wrench((float(number), 0.0, 0.0), (0.0, 0.0, 0.0), "body", 5)]
+        (file,) = record(tmp_path / f"part_{number}", StoragePlugin.MCAP, topic=topic, commands=part).glob("*.mcap")
+        file.rename(folder / f"bag_{number}.mcap")
+    assert [wrench.force[0] for _, wrench in read_wrenches(folder, ["wrench"], {"/cmd": "wrench"})] == [1.0]
+
+
+@pytest.mark.parametrize("text", ["", "rosbag2_bagfile_information: 3\n", "}{"])
+def test_a_damaged_metadata_file_is_named(tmp_path: Path, text: str) -> None:
+    bag = record(tmp_path / "bag", StoragePlugin.MCAP)
+    (bag / "metadata.yaml").write_text(text)
+    with pytest.raises(LogError, match=r"metadata\.yaml is not what rosbag2 writes"):
+        read_bag(bag)
+
+
+def test_a_folder_without_a_bag_and_a_damaged_database_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match=r"holds no bag: expected metadata\.yaml"):
+        read_bag(tmp_path)
+    (tmp_path / "bag.db3").write_text("not a database")
+    with pytest.raises(LogError, match=r"cannot read .*bag\.db3"):
+        read_bag(tmp_path / "bag.db3")
