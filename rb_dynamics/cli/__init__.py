@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 from rb_dynamics.errors import RigidBodyError
 
-COMMANDS = ("simulate", "node", "inspect", "explain", "trade", "body", "demo")
+COMMANDS = ("simulate", "node", "inspect", "recover", "explain", "trade", "body", "demo")
 
 _EPILOG = """\
 examples:

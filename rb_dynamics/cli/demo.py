@@ -45,6 +45,7 @@ def run(args: argparse.Namespace) -> int:
     out = Path(args.out)
     out.mkdir(parents=True, exist_ok=True)
     mcap = out / "demo.mcap"
+    mcap.unlink(missing_ok=True)
     print(
         f"flying {bag_file.name} ({len(commands)} wrench commands) through the node in lockstep, over DDS", flush=True
     )

@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import math
 import sys
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -50,8 +51,12 @@ def read(args: argparse.Namespace) -> Scene:
     return read_scene(args.scene, overrides)
 
 
-def read_commands(bag: str | None, scene: Scene) -> RecordedWrenches | list[tuple[str, Wrench]]:
+def read_commands(
+    bag: str | None, scene: Scene, mapping: Mapping[str, str] | None = None
+) -> RecordedWrenches | list[tuple[str, Wrench]]:
     """Return the commands in `bag` for the channels of `scene`, or none; says on stderr what has no effect.
+
+    `mapping` is the channel that each topic of the bag drives, where their names differ.
 
     Raises:
         LogError: the bag cannot be read.
@@ -67,7 +72,8 @@ def read_commands(bag: str | None, scene: Scene) -> RecordedWrenches | list[tupl
         return []
     from rb_dynamics.recording.mcap_reader import RecordedWrenches
 
-    commands = RecordedWrenches(bag, topics, math.inf if scene.duration is None else scene.duration * 1e9)
+    end_ns = math.inf if scene.duration is None else scene.duration * 1e9
+    commands = RecordedWrenches(bag, topics, end_ns, mapping)
     output.warn_outside(commands, scene)
     return commands
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 
+from rb_dynamics.cli.logs import add_log, add_mapping, log_sinks, mapping
 from rb_dynamics.cli.scene import add_scene, add_solver, read, read_commands
 
 HELP = "run a scene offline and print its final state"
@@ -16,39 +17,35 @@ HELP = "run a scene offline and print its final state"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `simulate`."""
     add_scene(parser)
-    parser.add_argument("--wrench", metavar="BAG", help="MCAP bag with wrench commands; each takes effect at its stamp")
+    parser.add_argument(
+        "--wrench",
+        metavar="BAG",
+        help="bag with wrench commands, MCAP or a rosbag2 folder; each takes effect at its stamp",
+    )
+    add_mapping(parser)
     add_solver(parser)
-    parser.add_argument("--mcap", metavar="F", help="write the run as an MCAP log (extra: log)")
+    add_log(parser)
     parser.add_argument("--rerun", metavar="F", help="write the run as a Rerun recording (extra: log)")
     parser.add_argument("--html", metavar="F", help="write a report (extras: log, plot)")
     parser.add_argument("--json", action="store_true", help="print the result as one JSON object, floats in full")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Simulate and print; exit code 0."""
+    """Simulate and print; exit code 0, or 1 where a log had to stop."""
     import contextlib
     import tempfile
     from pathlib import Path
 
     from rb_dynamics.cli import output
-    from rb_dynamics.recording.sink import Sink
     from rb_dynamics.simulate import simulate
 
     scene = read(args)
-    commands = read_commands(args.wrench, scene)
+    commands = read_commands(args.wrench, scene, mapping(args))
     with contextlib.ExitStack() as stack:
-        mcap = args.mcap
+        mcap, outputs = args.mcap or args.bag, (args.mcap, args.bag, args.rerun, args.html)
         if args.html and not mcap:
-            mcap = str(Path(stack.enter_context(tempfile.TemporaryDirectory())) / "run.mcap")
-        sinks: list[Sink] = []
-        if mcap:
-            from rb_dynamics.recording.mcap_sink import McapSink
-
-            sinks.append(McapSink(mcap))
-        if args.rerun:
-            from rb_dynamics.recording.rerun_sink import RerunSink
-
-            sinks.append(RerunSink(args.rerun))
+            mcap = args.mcap = str(Path(stack.enter_context(tempfile.TemporaryDirectory())) / "run.mcap")
+        sinks = log_sinks(args)
         with output.progress(args.scene) as progress:
             result = simulate(scene, commands, sinks, progress)
         output.warn_rejected(result, len(commands))
@@ -57,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
 
             write_run_report(mcap, args.html)
     print(output.as_json(result) if args.json else output.as_text(result))
-    for written in (args.mcap, args.rerun, args.html):
+    for written in outputs:
         if written and not args.json:
             print(f"wrote {written}")
-    return 0
+    return 1 if any(sink.error for sink in sinks) else 0

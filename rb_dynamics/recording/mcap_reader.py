@@ -239,7 +239,9 @@ class RecordedWrenches:
             yield heapq.heappop(waiting)[2]
 
 
-def read_wrenches(path: str | os.PathLike[str], topics: Sequence[str]) -> list[tuple[str, Wrench]]:
+def read_wrenches(
+    path: str | os.PathLike[str], topics: Sequence[str], mapping: Mapping[str, str] | None = None
+) -> list[tuple[str, Wrench]]:
     """Return all of `RecordedWrenches`.
 
     Args:

@@ -1,0 +1,102 @@
+"""The log of a command that runs a scene: where it goes, how it is kept, and what becomes of one that fails.
+
+A log that fails stops itself and not the run; never writes anything itself.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rb_dynamics.recording.guard import GuardedSink
+
+
+def add_log(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of a log."""
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument("--mcap", metavar="F", help="write the run as an MCAP log")
+    where.add_argument("--bag", metavar="DIR", help="write it as a rosbag2 folder: MCAP files and metadata.yaml")
+    parser.add_argument(
+        "--max-bag-size", type=_count, default=0, metavar="BYTES", help="size at which --bag begins the next file"
+    )
+    parser.add_argument(
+        "--max-bag-duration", type=_seconds, default=0.0, metavar="S", help="simulated time in one file of --bag"
+    )
+    parser.add_argument(
+        "--flush", type=_seconds, default=None, metavar="S",
+        help="wall time after which what was logged survives a kill (default 0.5); 0: whole chunks only",
+    )  # fmt: skip
+    parser.add_argument("--verify", action="store_true", help="read the finished log again and count its messages")
+    parser.add_argument("--overwrite", action="store_true", help="replace an earlier log of that name")
+
+
+def add_mapping(parser: argparse.ArgumentParser) -> None:
+    """Add the argument that says which topic of a bag drives which channel."""
+    parser.add_argument(
+        "--topic", action="append", default=[], metavar="TOPIC=CHANNEL",
+        help="topic of the bag that drives a channel of the scene, where their names differ; may be given again",
+    )  # fmt: skip
+
+
+def mapping(args: argparse.Namespace) -> dict[str, str]:
+    """Return the channel of each topic that `--topic` names.
+
+    Raises:
+        LogError: it is not TOPIC=CHANNEL.
+    """
+    from rb_dynamics.errors import LogError
+
+    pairs = [text.partition("=") for text in args.topic]
+    for topic, equals, channel in pairs:
+        if not (topic and equals and channel):
+            raise LogError(f"--topic: found {topic + equals + channel!r}, expected TOPIC=CHANNEL such as /cmd=wrench")
+    return {topic: channel for topic, _, channel in pairs}
+
+
+def log_sinks(args: argparse.Namespace) -> list[GuardedSink]:
+    """Return the logs that are asked for; one that fails says so on stderr, and the run goes on without it.
+
+    Raises:
+        LogError: the arguments do not go together.
+    """
+    from rb_dynamics.errors import LogError
+    from rb_dynamics.recording.guard import GuardedSink
+    from rb_dynamics.recording.mcap_sink import FLUSH_S, LogSettings, McapSink
+    from rb_dynamics.recording.sink import Sink
+
+    settings = LogSettings(FLUSH_S if args.flush is None else args.flush, args.verify, args.overwrite)
+    logs: list[Sink] = []
+    if args.mcap:
+        if args.max_bag_size or args.max_bag_duration:
+            raise LogError("--max-bag-size and --max-bag-duration split a folder: give --bag DIR instead of --mcap")
+        logs.append(McapSink(args.mcap, settings=settings))
+    if args.bag:
+        from rb_dynamics.recording.bag_sink import BagSink
+
+        logs.append(BagSink(args.bag, args.max_bag_size, args.max_bag_duration, settings=settings))
+    if args.rerun:
+        from rb_dynamics.recording.rerun_sink import RerunSink
+
+        logs.append(RerunSink(args.rerun))
+    return [GuardedSink(log, _warn, guard_open=False) for log in logs]
+
+
+def _warn(error: Exception) -> None:
+    print(f"warning: a log has stopped, the run goes on without it: {error}", file=sys.stderr)
+
+
+def _seconds(text: str) -> float:
+    value = float(text)
+    if not (math.isfinite(value) and value >= 0.0):
+        raise argparse.ArgumentTypeError(f"found {text!r}, expected seconds, 0 or more")
+    return value
+
+
+def _count(text: str) -> int:
+    value = int(text)
+    if value < 0:
+        raise argparse.ArgumentTypeError(f"found {text!r}, expected bytes, 0 or more")
+    return value

@@ -1,0 +1,106 @@
+"""Logs as a user keeps them: not replaced, split, stopped by a full disk, recovered, flown again under other names."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from rb_dynamics.recording.mcap_reader import read_bag
+
+SCENE = (
+    "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\ninitial: {angular_velocity_body: [0.1, 2, 0.1]}\n"
+    "wrenches: [{topic: wrench}]\nduration: 10\noutput_rate: 200\n"
+)
+
+
+def command(*arguments: object, prefix: str = "exec") -> subprocess.CompletedProcess[str]:
+    words = " ".join(f"'{each}'" for each in (sys.executable, "-m", "rb_dynamics", *arguments))
+    return subprocess.run(
+        ["sh", "-c", f"{prefix} {words}"], capture_output=True, text=True, env=os.environ, check=False
+    )
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    path = tmp_path / "scene.yaml"
+    path.write_text(SCENE)
+    return path
+
+
+def test_an_earlier_log_is_not_replaced_silently(scene: Path, tmp_path: Path) -> None:
+    log = tmp_path / "run.mcap"
+    assert command("simulate", scene, "--mcap", log, "--verify").returncode == 0
+    before = log.read_bytes()
+    again = command("simulate", scene, "--mcap", log, "--duration", "1")
+    assert again.returncode == 2
+    assert "run.mcap is there already and is not replaced" in again.stderr
+    assert "--overwrite" in again.stderr
+    assert log.read_bytes() == before
+    assert command("simulate", scene, "--mcap", log, "--duration", "1", "--overwrite").returncode == 0
+    assert read_bag(log).poses("/pose")[0][-1] == 10**9
+
+
+def test_a_full_disk_stops_the_log_and_not_the_run(scene: Path, tmp_path: Path) -> None:
+    log = tmp_path / "run.mcap"
+    limited = command("simulate", scene, "--mcap", log, "--json", prefix="ulimit -f 200; exec")
+    assert limited.returncode == 1, limited.stderr
+    assert "warning: a log has stopped, the run goes on without it" in limited.stderr
+    assert "Traceback" not in limited.stderr
+    assert json.loads(limited.stdout)["time_ns"] == 10**10
+    bag = read_bag(log)
+    assert not bag.complete
+    assert 0 < bag.topics["/pose"].count < 2001
+    inspected = command("inspect", log)
+    assert inspected.returncode == 1
+    assert "cut off" in inspected.stdout
+
+
+def test_a_log_that_cannot_be_begun_is_bad_input(scene: Path, tmp_path: Path) -> None:
+    result = command("simulate", scene, "--mcap", tmp_path / "scene.yaml" / "run.mcap")
+    assert result.returncode == 2
+    assert "cannot write" in result.stderr
+    assert result.stdout == ""
+
+
+def test_a_bag_drives_a_channel_of_another_name(scene: Path, tmp_path: Path, example_dir: Path) -> None:
+    split = ("--bag", tmp_path / "flown", "--max-bag-duration", "4", "--max-bag-size", "1000000")
+    drive = ("--wrench", example_dir / "slew.mcap", "--topic", "/wrench/body=wrench")
+    first = command("simulate", scene, *drive, *split, "--json")
+    assert first.returncode == 0, first.stderr
+    assert len(list((tmp_path / "flown").glob("*.mcap"))) == 3
+    again = command("simulate", scene, "--wrench", tmp_path / "flown", "--json")
+    one, two = json.loads(first.stdout), json.loads(again.stdout)
+    assert one["orientation_xyzw"] == two["orientation_xyzw"]
+    assert one["work"] == two["work"] != 0.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--max-bag-size", "9", "--mcap", "run.mcap"], "give --bag DIR"),
+        (["--mcap", "run.mcap", "--bag", "run"], "not allowed with"),
+        (["--flush", "-1"], "0 or more"),
+        (["--wrench", "BAG", "--topic", "a"], "expected TOPIC=CHANNEL"),
+    ],
+)
+def test_nonsense_is_answered(scene: Path, example_dir: Path, arguments: list[str], says: str) -> None:
+    result = command("simulate", scene, *[str(example_dir / "slew.mcap") if a == "BAG" else a for a in arguments])
+    assert result.returncode == 2
+    assert says in result.stderr
+    assert "Traceback" not in result.stderr
+
+
+def test_recover_gives_a_whole_file(scene: Path, tmp_path: Path) -> None:
+    log = tmp_path / "run.mcap"
+    command("simulate", scene, "--mcap", log)
+    log.write_bytes(log.read_bytes()[:-3000])
+    result = command("recover", log, tmp_path / "whole.mcap")
+    assert result.returncode == 0, result.stderr
+    assert "the file was cut off" in result.stdout
+    assert command("recover", log, tmp_path / "whole.mcap").returncode == 2
+    assert read_bag(tmp_path / "whole.mcap").topics == read_bag(log).topics
