@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 from rb_dynamics.errors import RigidBodyError
 
-COMMANDS = ("simulate", "node", "inspect", "recover", "explain", "trade", "body", "demo")
+COMMANDS = ("simulate", "node", "replay", "inspect", "recover", "explain", "trade", "body", "demo")
 
 _EPILOG = """\
 examples:
@@ -65,8 +65,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     split = arguments.index("--ros-args") if "--ros-args" in arguments else len(arguments)
     top = parser()
     args = top.parse_args(arguments[:split])
-    if arguments[split:] and args.command != "node":
-        top.error(f"--ros-args belongs to the command node, not to {args.command}")
+    if arguments[split:] and args.command not in ("node", "replay"):
+        top.error(f"--ros-args belongs to the commands node and replay, not to {args.command}")
     args.ros_args = arguments[split:]
     try:
         code: int = args.run(args)

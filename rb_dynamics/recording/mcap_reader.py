@@ -119,7 +119,7 @@ class Bag:
         """Return log time (ns) and command for each message, in the order of the file; of WrenchStamped or Wrench."""
         source = self._topic(topic, _WRENCHES)
         pairs = zip(source.log_times, source.messages, strict=True)
-        return [(time_ns, _wrench(source.type_name, time_ns, message)) for time_ns, message in pairs]
+        return [(time_ns, decode_wrench(source.type_name, time_ns, message)) for time_ns, message in pairs]
 
     def frame_ids(self, topic: str) -> set[str]:
         """Return every `header.frame_id` on a topic of a stamped type."""
@@ -331,14 +331,19 @@ def _listed(found: Counter[str]) -> str:
 
 def _command(file: Source, type_name: str, message: Message) -> Wrench:
     try:
-        return _wrench(type_name, message.log_time, message.data)
+        return decode_wrench(type_name, message.log_time, message.data)
     except LogError as error:
         raise LogError(
             f"{file.path}: topic {message.channel.topic}, log time {message.log_time} ns: {error}"
         ) from error
 
 
-def _wrench(type_name: str, log_time: int, data: bytes) -> Wrench:
+def decode_wrench(type_name: str, log_time: int, data: bytes) -> Wrench:
+    """Return the command in a message; one without header has `log_time` (ns) as stamp and frame "".
+
+    Raises:
+        LogError: the message is cut short or not CDR.
+    """
     values = cdr.decode(type_name, data)
     stamp, frame, numbers = values if type_name == WRENCH_STAMPED else (log_time, "", *values)
     return Wrench(numbers[:3], numbers[3:], frame, stamp)

@@ -3,7 +3,8 @@
 Profile `ros2`, CDR, one channel for each topic of the node with the node's QoS, and for each wrench channel what was
 received (`<topic>`), honoured or not, and what acted (`<topic>/applied`). Times are simulation nanoseconds: those at
 which a command took effect, whatever clock its stamp is of. The scene is attached as `scene.yaml`; metadata
-`rb_dynamics` says what was run, `rb_dynamics.result` how it ended, with `states_sha256` over all samples.
+`rb_dynamics` says what was run, `rb_dynamics.topics` what each topic is called in the file, `rb_dynamics.result` how it
+ended, with `states_sha256` over all samples.
 
 Never imports ROS, never changes or drops a value, never replaces an earlier file unless told to, and holds nothing back
 from the file for longer than `flush_s` of wall time.
@@ -26,7 +27,7 @@ from rb_dynamics.recording import cdr
 from rb_dynamics.recording.log_file import LogFile
 from rb_dynamics.recording.mcap_records import Channel, McapFile, Schema
 from rb_dynamics.recording.mcap_writer import McapWriter
-from rb_dynamics.recording.provenance import INTERRUPTED, version
+from rb_dynamics.recording.provenance import INTERRUPTED, TOPICS, version
 from rb_dynamics.recording.ros2msg import TYPE_HASHES, schema_text
 from rb_dynamics.recording.sink import AppliedWrench, Event, RejectedWrench, RunInfo, Status
 from rb_dynamics.recording.state_hash import StateHash
@@ -219,6 +220,7 @@ class McapSink:
         self._body_frame = run.scene.frames.body_frame
         self._writer.begin()
         self._writer.add_metadata("rb_dynamics", {"method": run.method, **run.metadata})
+        self._writer.add_metadata(TOPICS, {name: self._absolute(name) for name, _, _ in topics})
         self._writer.add_attachment("scene.yaml", "application/yaml", run.scene.text.encode("utf-8", "replace"))
         self._register(topics)
         self._write_inertia(run.scene.body, self._start_ns)
@@ -295,9 +297,7 @@ class McapSink:
             self._add(event.topic, message, event.time_ns)
 
     def _write_applied(self, event: AppliedWrench) -> None:
-        pack = cdr.stamped_packer(WRENCH, event.frame_id)
-        message = pack(*cdr.split_stamp(event.time_ns), *event.force, *event.torque)
-        self._add(event.topic + _APPLIED, message, event.time_ns)
+        self._add(event.topic + _APPLIED, encode_applied(event), event.time_ns)
 
     def _write_status(self, event: Status) -> None:
         status = (event.level, event.name, event.message, self._body_frame, list(event.values.items()))
@@ -309,6 +309,12 @@ class McapSink:
         values = (body.mass, *body.center_of_mass, xx, xy, xz, yy, yz, zz)
         message = cdr.encode(INERTIA, time_ns, self._body_frame, values)
         self._add("inertia", message, time_ns)
+
+
+def encode_applied(event: AppliedWrench) -> bytes:
+    """Return the message of a wrench as it acts."""
+    pack = cdr.stamped_packer(WRENCH, event.frame_id)
+    return pack(*cdr.split_stamp(event.time_ns), *event.force, *event.torque)
 
 
 def sample_encoder(world: str, body: str) -> Callable[[Sample], tuple[bytes, ...]]:

@@ -12,6 +12,9 @@ if TYPE_CHECKING:
 INTERRUPTED = "rb_dynamics.interrupted"
 """Name of the metadata that a log has whose run, disk or power ended before the log was finished."""
 
+TOPICS = "rb_dynamics.topics"
+"""Name of the metadata of a log that gives each topic's name in the log by its name in the scene."""
+
 _PACKAGES = ("rb_dynamics", "numpy", "scipy", "PyYAML", "zstandard", "rerun-sdk")
 
 

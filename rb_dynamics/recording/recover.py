@@ -6,6 +6,7 @@ up.
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 from dataclasses import dataclass
 from pathlib import Path
@@ -62,19 +63,18 @@ def _recover_file(source: Path, target: Path, overwrite: bool) -> Recovered:
     messages = old.messages()
     # What is no MCAP file at all is found out before the new one is begun.
     first = list(itertools.islice(messages, 1))
-    file = LogFile(target, overwrite)
-    copy = _Copy(McapWriter(file, f"rb_dynamics {version()}"))
     facts = BagFile(target.name, 2**63)
-    for message in itertools.chain(first, messages):
-        copy.add(message)
-        facts.counts[message.channel.topic] += 1
-        facts.start_ns = min(facts.start_ns, message.log_time)
-        facts.end_ns = max(facts.end_ns, message.log_time)
-    facts.start_ns = min(facts.start_ns, facts.end_ns)
-    if not old.complete or old.damage:
-        old.metadata.setdefault(INTERRUPTED, {"reason": "cut off or damaged", "last_message_ns": str(facts.end_ns)})
-    copy.finish(old)
-    file.close()
+    with contextlib.closing(LogFile(target, overwrite)) as file:
+        copy = _Copy(McapWriter(file, f"rb_dynamics {version()}"))
+        for message in itertools.chain(first, messages):
+            copy.add(message)
+            facts.counts[message.channel.topic] += 1
+            facts.start_ns = min(facts.start_ns, message.log_time)
+            facts.end_ns = max(facts.end_ns, message.log_time)
+        facts.start_ns = min(facts.start_ns, facts.end_ns)
+        if not old.complete or old.damage:
+            old.metadata.setdefault(INTERRUPTED, {"reason": "cut off or damaged", "last_message_ns": str(facts.end_ns)})
+        copy.finish(old)
     return Recovered(facts, INTERRUPTED not in old.metadata, list(old.channels.values()), old.damage)
 
 

@@ -108,7 +108,7 @@ def test_text_says_state_and_defects(scene: Path) -> None:
         (["SCENE", "--duration", "-1"], "duration"),
         (["SCENE", "--wrench", "SCENE"], "MCAP"),
         (["SCENE", "--step", "0.1", "--accuracy", "1e-3"], "not allowed with"),
-        (["SCENE", "--ros-args", "-p", "a:=1"], "belongs to the command node"),
+        (["SCENE", "--ros-args", "-p", "a:=1"], "belongs to the commands node"),
     ],
 )
 def test_bad_input_is_one_message_and_exit_code_2(scene: Path, arguments: list[str], says: str) -> None:

@@ -104,3 +104,24 @@ def test_recover_gives_a_whole_file(scene: Path, tmp_path: Path) -> None:
     assert "the file was cut off" in result.stdout
     assert command("recover", log, tmp_path / "whole.mcap").returncode == 2
     assert read_bag(tmp_path / "whole.mcap").topics == read_bag(log).topics
+
+
+def test_replay_is_the_same_to_the_last_bit_or_fails(scene: Path, tmp_path: Path) -> None:
+    log = tmp_path / "run.mcap"
+    command("simulate", scene, "--bag", tmp_path / "run", "--duration", "1")
+    result = command("replay", tmp_path / "run")
+    assert result.returncode == 0, result.stderr
+    assert "replayed 201 samples" in result.stdout
+    assert "the same to the last bit" in result.stdout
+
+    # The log of another body with the scene of this one: an attachment of the same length.
+    other = tmp_path / "other.yaml"
+    other.write_text(SCENE.replace("mass: 2", "mass: 3").replace("[1, 2, 3]", "[1, 2, 2]"))
+    command("simulate", other, "--mcap", log)
+    data = log.read_bytes()
+    log.write_bytes(data.replace(b"diagonal: [1, 2, 2]", b"diagonal: [1, 2, 3]"))
+    assert log.read_bytes() != data
+    result = command("replay", log)
+    assert result.returncode == 1
+    assert "first difference at" in result.stdout
+    assert "NOT the same bits" in result.stdout

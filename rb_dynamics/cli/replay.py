@@ -1,0 +1,98 @@
+"""Run a log again from what is in it and compare every logged number to the last bit.
+
+Scene, initial state and commands come from the log alone. On the version and platform that wrote it the bits are the
+same; elsewhere the largest difference is shown and held against --bound. With --into ros the log is not run again: its
+messages are published, with their stamps, at the pace of the run; --ros-args remaps them.
+
+Exit codes: 0 the same bits, or on another version or platform within --bound; 1 different; 2 the log cannot be read.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rb_dynamics.replay import Replay
+
+HELP = "run a log again and compare bit for bit, or publish it"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `replay`."""
+    parser.add_argument("log", metavar="RUN.mcap", help="log of a run: a file, or a rosbag2 folder")
+    parser.add_argument(
+        "--bound", type=_number, default=1e-9, metavar="REL",
+        help="largest relative difference accepted on another version or platform (default 1e-9)",
+    )  # fmt: skip
+    parser.add_argument("--into", choices=["ros"], help="publish the log's topics instead (extra: ros)")
+    parser.add_argument(
+        "--rate",
+        type=_number,
+        default=1.0,
+        metavar="R",
+        help="with --into ros: times real time; 0 = as fast as possible",
+    )
+    parser.add_argument("--clock", action="store_true", help="with --into ros: publish /clock")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Replay; exit code 0, or 1 where the log and the replay differ."""
+    from rb_dynamics.cli import output
+
+    if args.into == "ros":
+        return _publish(args)
+    from rb_dynamics.replay import replay
+
+    with output.progress(args.log) as progress:
+        found = replay(args.log, progress)
+    print("\n".join(_report(found)))
+    if found.identical:
+        return 0
+    within = not found.missing and all(each.relative <= args.bound for each in found.differences.values())
+    if found.software and within:
+        print(f"within {args.bound:g}, as another version or platform may be")
+        return 0
+    return 1
+
+
+def _publish(args: argparse.Namespace) -> int:
+    try:
+        import rclpy  # noqa: F401 - only to say what is missing
+    except ImportError as error:
+        from rb_dynamics.errors import MissingExtraError
+
+        raise MissingExtraError("rclpy", "ros", "replay --into ros") from error
+    from rb_dynamics.ros.log_publisher import publish
+
+    count = publish(args.log, args.rate, args.clock, args.ros_args)
+    print(f"published {count} messages of {args.log}")
+    return 0
+
+
+def _report(found: Replay) -> list[str]:
+    """Return what a replay has found, for a person."""
+    lines = [f"replayed {found.samples} samples under {found.commands} wrench commands"]
+    if not found.complete:
+        lines.append("the log was cut off: what it has is compared")
+    lines += [f"  {name} was {was or 'not said'}, here {here}" for name, (was, here) in found.software.items()]
+    if found.first is not None:
+        time_ns, topic = found.first
+        lines.append(f"first difference at {time_ns / 1e9:.9f} s, on {topic}; largest of each topic:")
+        for name, each in found.differences.items():
+            lines.append(
+                f"  {name:24} {each.largest:<12.3g} at {each.largest_ns / 1e9:.9f} s, relative {each.relative:.3g}"
+            )
+    lines += found.missing
+    for name, (logged, here) in found.hashes.items():
+        lines.append(f"{name}: {logged} {'agrees' if logged == here else f'in the log, {here} here'}")
+    lines.append("the same to the last bit" if found.identical else "NOT the same bits")
+    return lines
+
+
+def _number(text: str) -> float:
+    value = float(text)
+    if not (math.isfinite(value) and value >= 0.0):
+        raise argparse.ArgumentTypeError(f"found {text!r}, expected a number, 0 or more")
+    return value

@@ -1,0 +1,105 @@
+"""`publish`: the messages of a log on their topics, byte for byte and with their stamps, at the pace of the run.
+
+Never simulates and never changes a message.
+"""
+
+from __future__ import annotations
+
+import importlib
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import rclpy
+import yaml
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.signals import SignalHandlerOptions
+from rosgraph_msgs.msg import Clock
+
+from rb_dynamics.recording.bag_source import open_source
+from rb_dynamics.recording.mcap_records import Channel
+from rb_dynamics.ros.conversions import to_stamp
+from rb_dynamics.ros.pacing import Pacer
+
+# A reader that is slow for a moment loses nothing.
+_DEPTH = 1000
+# s: how long nobody may be there, and how long the next reader may take after the last.
+_PATIENCE, _NEXT = 2.0, 0.5
+
+
+def publish(log: str | Path, rate: float = 1.0, clock: bool = False, ros_args: Sequence[str] = ()) -> int:
+    """Publish every message of `log`; return how many.
+
+    Begins when no further reader has come for half a second, or after two seconds without any.
+
+    Args:
+        log: a bag, see `open_source`.
+        rate: times real time; 0 = as fast as possible.
+        clock: publish `/clock` too, where the log has none.
+        ros_args: remappings and the like, from `--ros-args` on.
+
+    Raises:
+        LogError: the log cannot be read.
+    """
+    # A first look at the whole log: all topics are there before the first message, and what is damaged is found.
+    source = open_source(log)
+    for _ in source.messages():
+        pass
+    rclpy.init(args=list(ros_args), signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        node = Node("log_publisher")
+        try:
+            publishers = {channel.topic: _publisher(node, channel) for channel in source.channels.values()}
+            ticks = node.create_publisher(Clock, "/clock", 1) if clock and "/clock" not in publishers else None
+            known = {topic: each for topic, each in publishers.items() if each is not None}
+            _wait_for_readers(list(known.values()))
+            return _play(log, rate, known, ticks)
+        finally:
+            node.destroy_node()
+    finally:
+        rclpy.try_shutdown()
+
+
+def _play(log: str | Path, rate: float, publishers: dict[str, Publisher], ticks: Publisher | None) -> int:
+    count, last_ns = 0, None
+    pacer = Pacer(rate or 1.0)
+    for message in open_source(log).messages():
+        if last_ns is None:
+            pacer.restart(message.log_time)
+        if message.log_time != last_ns:
+            last_ns = message.log_time
+            if rate > 0.0:
+                time.sleep(pacer.seconds_until(last_ns))
+            if ticks is not None:
+                ticks.publish(Clock(clock=to_stamp(last_ns)))
+        if message.channel.topic in publishers:
+            publishers[message.channel.topic].publish(message.data)
+            count += 1
+    return count
+
+
+def _publisher(node: Node, channel: Channel) -> Publisher | None:
+    """Return a publisher for a channel; None, with a warning, where its type is not installed."""
+    package, _, name = channel.type_name.partition("/")
+    try:
+        type_: Any = getattr(importlib.import_module(f"{package}.msg"), name.rpartition("/")[2])
+    except (ImportError, AttributeError, ValueError):
+        node.get_logger().warning(f"{channel.topic}: left out, its type {channel.type_name!r} is not installed")
+        return None
+    (offered, *_) = yaml.safe_load(channel.metadata.get("offered_qos_profiles", "")) or [{}]
+    # Before version 9 of the metadata the policies were numbers.
+    kept = offered.get("durability") in ("transient_local", 1)
+    durability = DurabilityPolicy.TRANSIENT_LOCAL if kept else DurabilityPolicy.VOLATILE
+    return node.create_publisher(type_, channel.topic, QoSProfile(depth=_DEPTH, durability=durability))
+
+
+def _wait_for_readers(publishers: Sequence[Publisher]) -> None:
+    readers, give_up = 0, time.monotonic() + _PATIENCE
+    while time.monotonic() < give_up:
+        found = sum(each.get_subscription_count() for each in publishers)
+        if found > readers:
+            readers, give_up = found, time.monotonic() + _NEXT
+        time.sleep(0.02)

@@ -1,0 +1,63 @@
+"""`replay --into ros`: what a log holds comes out on its topics, unchanged and in order."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy", reason="rclpy is not installed: pip install '.[ros]'")
+
+from geometry_msgs.msg import InertiaStamped, PoseStamped, WrenchStamped
+from ros_harness import KEEP_ALL, TRANSIENT, Peer
+from rosgraph_msgs.msg import Clock
+
+from rb_dynamics import Wrench, parse_scene, simulate
+from rb_dynamics.recording.mcap_reader import read_bag
+from rb_dynamics.recording.mcap_sink import McapSink
+
+pytestmark = pytest.mark.ros
+
+SCENE = parse_scene(
+    "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\ninitial: {angular_velocity_body: [0.1, 2, 0.1]}\n"
+    "wrenches: [{topic: wrench}]\nduration: 1\noutput_rate: 50\n"
+)
+
+
+def test_a_log_is_published_with_its_stamps(tmp_path: Path, peer: Peer) -> None:
+    log = tmp_path / "run.mcap"
+    command = Wrench((1.0, 0.0, 0.0), (0.0, 0.5, 0.0), "body", 300_000_000)
+    simulate(SCENE, [("wrench", command)], [McapSink(log)])
+    kinds = {"/truth": PoseStamped, "/wrench": WrenchStamped, "/clock": Clock, "/inertia": InertiaStamped}
+    for topic, kind in kinds.items():
+        peer.heard[topic] = []
+        # The readers are there before the log is played.
+        peer.node.create_subscription(
+            kind, topic, peer.heard[topic].append, TRANSIENT if topic == "/inertia" else KEEP_ALL
+        )
+    arguments = [sys.executable, "-m", "rb_dynamics", "replay", str(log), "--into", "ros", "--rate", "4", "--clock"]
+    process = subprocess.Popen(
+        [*arguments, "--ros-args", "-r", "/pose:=/truth"], stdout=subprocess.PIPE, text=True, env=os.environ
+    )
+    try:
+        peer.until(lambda: len(peer.heard["/truth"]) == 51 and len(peer.heard["/wrench"]) == 1, "the whole log")
+        said, _ = process.communicate(timeout=40.0)
+    finally:
+        process.kill()
+        process.wait()
+    assert process.returncode == 0
+    bag = read_bag(log)
+    assert f"published {sum(topic.count for topic in bag.topics.values())} messages" in said
+    times, rows = bag.poses("/pose")
+    for message, time_ns, row in zip(peer.heard["/truth"], times, rows, strict=True):
+        stamp, pose = message.header.stamp, message.pose
+        assert stamp.sec * 10**9 + stamp.nanosec == time_ns
+        assert [pose.position.x, pose.orientation.y, pose.orientation.w] == [row[0], row[4], row[6]]
+    (wrench,) = peer.heard["/wrench"]
+    assert (wrench.header.stamp.nanosec, wrench.wrench.torque.y) == (300_000_000, 0.5)
+    assert peer.heard["/inertia"][0].inertia.m == 2.0
+    ticks = [each.clock.sec * 10**9 + each.clock.nanosec for each in peer.heard["/clock"]]
+    assert ticks == sorted(set(ticks))
