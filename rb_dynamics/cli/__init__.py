@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 from rb_dynamics.errors import RigidBodyError
 
-COMMANDS = ("simulate", "node", "replay", "inspect", "recover", "explain", "trade", "body", "demo")
+COMMANDS = ("simulate", "node", "replay", "inspect", "recover", "convert", "explain", "trade", "body", "demo")
 
 _EPILOG = """\
 examples:

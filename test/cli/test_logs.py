@@ -125,3 +125,14 @@ def test_replay_is_the_same_to_the_last_bit_or_fails(scene: Path, tmp_path: Path
     assert result.returncode == 1
     assert "first difference at" in result.stdout
     assert "NOT the same bits" in result.stdout
+
+
+def test_convert_goes_by_the_endings(scene: Path, tmp_path: Path) -> None:
+    log = tmp_path / "run.mcap"
+    command("simulate", scene, "--mcap", log)
+    result = command("convert", log, tmp_path / "run.csv")
+    assert result.returncode == 0, result.stderr
+    assert "run.csv: 2001 samples" in result.stdout
+    refused = command("convert", log, tmp_path / "run.xlsx")
+    assert refused.returncode == 2
+    assert "expected a log to .rrd, .csv or .parquet" in refused.stderr

@@ -1,0 +1,44 @@
+"""Write a log in another format, chosen by the name of OUT: a Rerun recording, a CSV or a Parquet table.
+
+A table has one line for each logged sample, numbers with all their digits; the wrench commands go to OUT's name with
+.wrenches before its ending. A CSV of wrenches (time_ns or time_s, force_x ... torque_z, and topic and frame_id if need
+be) becomes an MCAP bag for simulate --wrench.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+HELP = "write a log as .rrd, .csv or .parquet, or a .csv of wrenches as .mcap"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `convert`."""
+    parser.add_argument("source", metavar="IN", help="log of a run (file or rosbag2 folder), or .csv of wrenches")
+    parser.add_argument("target", metavar="OUT", help="a name that ends in .rrd, .csv, .parquet or .mcap")
+    parser.add_argument("--overwrite", action="store_true", help="replace earlier files of that name")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Convert; exit code 0."""
+    from pathlib import Path
+
+    from rb_dynamics.errors import LogError
+    from rb_dynamics.recording import convert
+
+    source, target = Path(args.source), Path(args.target)
+    way = ("table" if source.suffix == ".csv" else "log", target.suffix)
+    if way in (("log", ".csv"), ("log", ".parquet")):
+        written = convert.log_to_table(source, target, args.overwrite)
+    elif way == ("log", ".rrd"):
+        written = [(target, convert.log_to_rerun(source, target, args.overwrite))]
+    elif way == ("table", ".mcap"):
+        written = [(target, convert.table_to_bag(source, target, args.overwrite))]
+    else:
+        raise LogError(
+            f"cannot convert {source.name} to {target.name}, expected a log to .rrd, .csv or .parquet, or a .csv of "
+            "wrenches to .mcap; give OUT such an ending"
+        )
+    for path, count in written:
+        print(f"wrote {path}: {count} {'commands' if path != target or way[0] == 'table' else 'samples'}")
+    return 0

@@ -1,0 +1,261 @@
+"""`convert`: a log as a table (CSV, Parquet) or a Rerun recording, and a table of wrenches as an MCAP bag.
+
+Numbers are those of the log, with all their digits. What a log does not hold (the defects of the momenta) is not made
+up: it is left out of a table and is not a number in a recording.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import itertools
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+from rb_dynamics.errors import LogError, MissingExtraError
+from rb_dynamics.loads.channels import AppliedWrench
+from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.recording import cdr
+from rb_dynamics.recording.bag_source import open_source
+from rb_dynamics.recording.log_file import LogFile, require_free
+from rb_dynamics.recording.mcap_reader import decode_wrench
+from rb_dynamics.recording.mcap_records import Message
+from rb_dynamics.recording.mcap_sink import WRENCH, qos_profile
+from rb_dynamics.recording.mcap_writer import McapWriter
+from rb_dynamics.recording.own_log import Row, received_commands, row_columns, rows, scene_and_names
+from rb_dynamics.recording.provenance import version
+from rb_dynamics.recording.ros2msg import TYPE_HASHES, schema_text
+from rb_dynamics.recording.sink import RunInfo, Sample
+from rb_dynamics.rotation import rotate
+from rb_dynamics.scene.model import Scene
+
+_NUMBERS = ("force_x", "force_y", "force_z", "torque_x", "torque_y", "torque_z")
+WRENCH_COLUMNS = ("time_ns", "topic", "frame_id", *_NUMBERS)
+_BATCH = 10_000
+
+Table = Callable[[Path, Sequence[str], Iterable[Sequence[Any]]], int]
+
+
+def log_to_table(log: str | Path, target: Path, overwrite: bool = False) -> list[tuple[Path, int]]:
+    """Write the samples of a log to `target`, .csv or .parquet, and its commands, if any, to `*.wrenches.*` beside it.
+
+    Returns the files with their rows.
+
+    Raises:
+        LogError: `log` is no log of this package, or a file cannot be written or is there already.
+        MissingExtraError: a .parquet file without pyarrow.
+    """
+    write: Table = _write_parquet if target.suffix == ".parquet" else _write_csv
+    beside = target.with_name(f"{target.stem}.wrenches{target.suffix}")
+    for path in (target, beside):
+        require_free(path, overwrite)
+    source = open_source(log)
+    received = [message for message in source.messages() if message.channel.type_name == WRENCH]
+    scene, names = scene_and_names(source)
+    samples = ((row.time_ns, *row.numbers) for row in rows(scene, names, open_source(log).messages()))
+    written = [(target, write(target, ("time_ns", *row_columns(scene)), samples))]
+    commands = [
+        (time_ns, topic, wrench.frame_id, *wrench.force, *wrench.torque)
+        for topic, wrench, time_ns in received_commands(scene, names, received)
+    ]
+    if commands:
+        written.append((beside, write(beside, WRENCH_COLUMNS, commands)))
+    return written
+
+
+def log_to_rerun(log: str | Path, target: Path, overwrite: bool = False) -> int:
+    """Write a log as a Rerun recording; returns the samples.
+
+    Raises:
+        LogError: `log` is no log of this package, or `target` cannot be written or is there already.
+        MissingExtraError: rerun-sdk is not installed.
+    """
+    from rb_dynamics.recording.rerun_sink import RerunSink
+
+    require_free(target, overwrite)
+    source = open_source(log)
+    for _ in source.messages():
+        pass
+    scene, names = scene_and_names(source)
+    facts = source.metadata["rb_dynamics"]
+    applied = {names[f"{each.topic}/applied"]: each.topic for each in scene.channels}
+    applied |= {names[f"{name}/applied"]: name for name, _ in scene.acting.schedules()}
+    sink, count = RerunSink(target), 0
+    sink.open(RunInfo(scene, facts.get("method", ""), facts))
+    try:
+        columns = row_columns(scene)
+        for item in _events(scene, names, applied, open_source(log).messages()):
+            if isinstance(item, Row):
+                sink.write(_sample(dict(zip(columns, item.numbers, strict=True)), item.time_ns))
+                count += 1
+            else:
+                sink.write(item)
+    finally:
+        sink.close(source.metadata.get("rb_dynamics.result", {}))
+    return count
+
+
+def table_to_bag(table: Path, target: Path, overwrite: bool = False) -> int:
+    """Write a CSV of wrenches as an MCAP bag of WrenchStamped; returns the rows.
+
+    Columns: `time_ns` (integer) or `time_s`; `force_x` ... `torque_z` (N, N m); and, where they are given, `topic`
+    (default "wrench") and `frame_id` (default "": body axes).
+
+    Raises:
+        LogError: the table cannot be read, naming line and column, or `target` cannot be written or is there already.
+    """
+    commands = list(_read_wrenches(table))
+    qos, kind = qos_profile(), (WRENCH, "ros2msg", schema_text(WRENCH).encode())
+    with contextlib.closing(LogFile(target, overwrite)) as file:
+        writer = McapWriter(file, f"rb_dynamics {version()}")
+        writer.begin()
+        schema = writer.add_schema(*kind)
+        metadata = {"offered_qos_profiles": qos, "topic_type_hash": TYPE_HASHES[WRENCH]}
+        channels = {
+            topic: writer.add_channel(topic, "cdr", schema, metadata)
+            for topic in dict.fromkeys(topic for topic, _ in commands)
+        }
+        for topic, wrench in commands:
+            values = (*wrench.force, *wrench.torque)
+            message = cdr.encode(WRENCH, wrench.stamp_ns, wrench.frame_id, values)
+            writer.add_messages((channels[topic],), (message,), wrench.stamp_ns, wrench.stamp_ns)
+        writer.finish()
+    return len(commands)
+
+
+def _read_wrenches(table: Path) -> Iterator[tuple[str, Wrench]]:
+    try:
+        with table.open(newline="", encoding="utf-8-sig") as file:
+            reader = csv.DictReader(file)
+            found = reader.fieldnames or []
+            missing = [name for name in _NUMBERS if name not in found]
+            if missing or not {"time_ns", "time_s"} & set(found):
+                wanted = ", ".join(("time_ns or time_s", *_NUMBERS))
+                raise LogError(
+                    f"{table}: the columns are {list(found)}, expected {wanted}, and topic, frame_id if need be"
+                )
+            for row in reader:
+                where = f"{table}, line {reader.line_num}"
+                time_ns = _time_ns(row, where)
+                six = [_number(row[name], f"{where}, {name}") for name in _NUMBERS]
+                topic = "/" + (row.get("topic") or "wrench").lstrip("/")
+                force, torque = (six[0], six[1], six[2]), (six[3], six[4], six[5])
+                yield topic, Wrench(force, torque, row.get("frame_id") or "", time_ns)
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise LogError(f"cannot read {table}: {error}; give a CSV file in UTF-8") from error
+
+
+def _time_ns(row: dict[str, str], where: str) -> int:
+    name, unit = ("time_ns", 1) if "time_ns" in row else ("time_s", 10**9)
+    try:
+        # As the decimal number that was written: a float would lose nanoseconds of a long run.
+        time_ns = Fraction(row[name].strip()) * unit
+    except (ValueError, AttributeError, ZeroDivisionError):
+        raise LogError(f"{where}, {name}: found {row[name]!r}, expected a number") from None
+    if time_ns < 0:
+        raise LogError(f"{where}, {name}: found {row[name]!r}, expected a time of 0 or more")
+    return round(time_ns)
+
+
+def _number(text: str | None, where: str) -> float:
+    try:
+        return float(text or "")
+    except ValueError:
+        raise LogError(f"{where}: found {text!r}, expected a number") from None
+
+
+def _events(
+    scene: Scene, names: dict[str, str], applied: dict[str, str], messages: Iterator[Message]
+) -> Iterator[Row | AppliedWrench]:
+    """Yield rows and changes of wrench in the order of the log."""
+    changes: list[AppliedWrench] = []
+
+    def noted() -> Iterator[Message]:
+        for message in messages:
+            topic = applied.get(message.channel.topic)
+            if topic is not None:
+                wrench = decode_wrench(WRENCH, message.log_time, message.data)
+                changes.append(
+                    AppliedWrench(message.log_time, topic, None, wrench.frame_id, wrench.force, wrench.torque)
+                )
+            yield message
+
+    for row in rows(scene, names, noted()):
+        # A change at the time of a sample comes behind it.
+        before = [change for change in changes if change.time_ns < row.time_ns]
+        yield from before
+        del changes[: len(before)]
+        yield row
+    yield from changes
+
+
+def _sample(numbers: dict[str, float], time_ns: int) -> Sample:
+    def vector(name: str) -> tuple[float, float, float]:
+        return numbers[f"{name}_x"], numbers[f"{name}_y"], numbers[f"{name}_z"]
+
+    attitude = (*vector("orientation"), numbers["orientation_w"])
+    unknown = (math.nan, math.nan, math.nan)
+    return Sample(
+        time_ns,
+        vector("position_world"),
+        attitude,
+        rotate(attitude, vector("linear_velocity_body")),
+        vector("angular_velocity_body"),
+        vector("angular_momentum_world"),
+        vector("linear_momentum_world"),
+        numbers["kinetic_energy"],
+        numbers["work"],
+        numbers["energy_defect"],
+        unknown,
+        unknown,
+        numbers.get("potential_energy"),
+    )
+
+
+def _write_csv(path: Path, columns: Sequence[str], lines: Iterable[Sequence[Any]]) -> int:
+    count = 0
+    with contextlib.closing(LogFile(path, overwrite=True)) as file:
+        file.write((",".join(columns) + "\n").encode())
+        for batch in _batches(lines):
+            text = "".join(",".join(map(_cell, line)) + "\n" for line in batch)
+            file.write(text.encode("utf-8", "replace"))
+            count += len(batch)
+    return count
+
+
+def _cell(value: object) -> str:
+    if isinstance(value, str):
+        quoted = value.replace('"', '""')
+        return f'"{quoted}"' if set(value) & set('",\r\n') else value
+    return repr(value)
+
+
+def _write_parquet(path: Path, columns: Sequence[str], lines: Iterable[Sequence[Any]]) -> int:
+    try:
+        import pyarrow as pa  # type: ignore[import-untyped,import-not-found,unused-ignore]
+        from pyarrow import parquet
+    except ImportError:
+        raise MissingExtraError("pyarrow", "log", "writing a .parquet file") from None
+    types = {"time_ns": pa.int64(), "topic": pa.string(), "frame_id": pa.string()}
+    schema = pa.schema([(name, types.get(name, pa.float64())) for name in columns])
+    count = 0
+    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        with parquet.ParquetWriter(path, schema) as writer:
+            for batch in _batches(lines):
+                columns_of = zip(*batch, strict=True)
+                arrays = [pa.array(column, field.type) for column, field in zip(columns_of, schema, strict=True)]
+                writer.write_table(pa.Table.from_arrays(arrays, schema=schema))
+                count += len(batch)
+    except OSError as error:
+        raise LogError(f"cannot write {path}: {error}; give a file you may write") from error
+    return count
+
+
+def _batches(lines: Iterable[Sequence[Any]]) -> Iterator[list[Sequence[Any]]]:
+    lines = iter(lines)
+    while batch := list(itertools.islice(lines, _BATCH)):
+        yield batch

@@ -1,0 +1,122 @@
+"""Logs as tables and recordings, and tables of wrenches as bags: no digit is lost on the way."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import pytest
+
+from rb_dynamics import Wrench, parse_scene, simulate
+from rb_dynamics.errors import LogError
+from rb_dynamics.recording.convert import log_to_rerun, log_to_table, table_to_bag
+from rb_dynamics.recording.mcap_reader import read_bag, read_wrenches
+from rb_dynamics.recording.mcap_sink import McapSink
+from rb_dynamics.recording.memory import MemorySink
+from rb_dynamics.recording.state_hash import HashSink
+
+SCENE = parse_scene(
+    "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}, center_of_mass: [0.1, 0, 0.2]}\n"
+    "initial: {angular_velocity_body: [0.1, 2, 0.1], linear_velocity_world: [1, 2, 3]}\n"
+    "wrenches: [{topic: push}, {topic: a/turn}]\n"
+    "effects: [{type: uniform_gravity, acceleration_world: [0, 0, -9.8]}]\nduration: 2\noutput_rate: 30\n"
+)
+COMMANDS = [
+    ("push", Wrench((1.0, 2.0, 1 / 3), (0.1, 0.0, -0.1), "world", 0)),
+    ("a/turn", Wrench((0.0, -0.0, 1e-300), (0.3, 0.2, 0.1), "", 333_333_333)),
+    ("push", Wrench((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "body", 1_999_999_999)),
+]
+HEAD = "time_s,force_x,force_y,force_z,torque_x,torque_y,torque_z"
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    simulate(SCENE, COMMANDS, [McapSink(tmp_path / "run.mcap")])
+    return tmp_path / "run.mcap"
+
+
+def check(columns: dict[str, list[float]]) -> None:
+    """Hold the columns of a table against the run itself."""
+    memory = MemorySink()
+    simulate(SCENE, COMMANDS, [memory])
+    assert columns["time_ns"] == memory.time_ns.tolist()
+    for name in ("position_world", "angular_velocity_body", "angular_momentum_world", "linear_momentum_world"):
+        rows = list(zip(*(columns[f"{name}_{axis}"] for axis in "xyz"), strict=True))
+        assert rows == [tuple(row) for row in getattr(memory, name).tolist()]
+    for name in ("kinetic_energy", "work", "energy_defect", "potential_energy"):
+        assert columns[name] == getattr(memory, name).tolist()
+
+
+def test_csv_has_every_digit(tmp_path: Path, log: Path) -> None:
+    written = log_to_table(log, tmp_path / "run.csv")
+    assert written == [(tmp_path / "run.csv", 61), (tmp_path / "run.wrenches.csv", 3)]
+    with (tmp_path / "run.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    check({name: [int(row[name]) if name == "time_ns" else float(row[name]) for row in rows] for name in rows[0]})
+
+
+def test_parquet_has_the_same_numbers(tmp_path: Path, log: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    written = log_to_table(log, tmp_path / "run.parquet")
+    assert [count for _, count in written] == [61, 3]
+    check(parquet.read_table(tmp_path / "run.parquet").to_pydict())
+    commands = parquet.read_table(tmp_path / "run.wrenches.parquet").to_pydict()
+    assert commands["topic"] == ["push", "a/turn", "push"]
+    assert commands["force_z"] == [1 / 3, 1e-300, 0.0]
+
+
+def test_wrenches_go_to_csv_and_back_to_the_same_run(tmp_path: Path, log: Path) -> None:
+    log_to_table(log, tmp_path / "run.csv")
+    assert table_to_bag(tmp_path / "run.wrenches.csv", tmp_path / "back.mcap") == 3
+    commands = read_wrenches(tmp_path / "back.mcap", ["push", "a/turn"])
+    assert commands == COMMANDS
+    once, again = HashSink(), HashSink()
+    simulate(SCENE, COMMANDS, [once])
+    simulate(SCENE, commands, [again])
+    assert once.hexdigest() == again.hexdigest()
+    bag = read_bag(tmp_path / "back.mcap")
+    assert bag.complete
+    assert "reliable" in bag.topics["/push"].qos
+
+
+def test_a_table_of_others_in_seconds(tmp_path: Path) -> None:
+    table = tmp_path / "thrust.csv"
+    table.write_text(HEAD + "\n100000000.000000001,1,2,3,4,5,6e-1\n0.5,0,0,0,0,0,0\n", encoding="utf-8-sig")
+    table_to_bag(table, tmp_path / "thrust.mcap")
+    first, second = (wrench for _, wrench in read_wrenches(tmp_path / "thrust.mcap", ["wrench"]))
+    assert (first.stamp_ns, second.stamp_ns) == (500_000_000, 100_000_000_000_000_001)
+    assert second.torque == (4.0, 5.0, 0.6)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", r"the columns are \[\], expected time_ns or time_s, force_x"),
+        ("time_s,force_x\n", "expected time_ns or time_s"),
+        (HEAD + "\n1,0,0,0,0,0,0\n2,0,0,x,0,0,0\n", "line 3, force_z: found 'x', expected a number"),
+        (HEAD + "\nsoon,0,0,0,0,0,0\n", "line 2, time_s: found 'soon'"),
+        (HEAD + "\n-1,0,0,0,0,0,0\n", "expected a time of 0 or more"),
+        (HEAD + "\n1,0,0\n", "line 2, force_z: found None"),
+    ],
+)
+def test_a_table_that_cannot_be_read_names_line_and_column(tmp_path: Path, text: str, says: str) -> None:
+    (tmp_path / "table.csv").write_text(text)
+    with pytest.raises(LogError, match=says):
+        table_to_bag(tmp_path / "table.csv", tmp_path / "bag.mcap")
+    assert not (tmp_path / "bag.mcap").exists()
+
+
+def test_rerun_gets_every_sample(tmp_path: Path, log: Path) -> None:
+    pytest.importorskip("rerun")
+    assert log_to_rerun(log, tmp_path / "run.rrd") == 61
+    assert (tmp_path / "run.rrd").stat().st_size > 10_000
+
+
+def test_earlier_files_stay(tmp_path: Path, log: Path, example_dir: Path) -> None:
+    (tmp_path / "run.wrenches.csv").write_text("mine")
+    with pytest.raises(LogError, match="already"):
+        log_to_table(log, tmp_path / "run.csv")
+    assert not (tmp_path / "run.csv").exists()
+    log_to_table(log, tmp_path / "run.csv", overwrite=True)
+    with pytest.raises(LogError, match="no log of this package"):
+        log_to_table(example_dir / "slew.mcap", tmp_path / "other.csv")
