@@ -1,6 +1,6 @@
 """`McapWriter`: the MCAP container, written front to back with index and statistics; the twin of `mcap_records`.
 
-Never looks inside a message, and holds in memory one chunk and the index (about 0.2 % of the file).
+Never looks inside a message, and holds in memory one chunk and the index (less than 1 % of the file).
 
 Format: the MCAP specification, version 0: a record is one byte of opcode, the length of its content, the content.
 """
@@ -17,7 +17,7 @@ from rb_dynamics.errors import LogError
 from rb_dynamics.recording.log_file import LogFile
 from rb_dynamics.recording.mcap_records import MAGIC, Opcode
 
-CHUNK_BYTES = 256 * 1024
+CHUNK_BYTES = 128 * 1024
 
 # How many of the last chunks may be given up to make room for the index on a full disk.
 _SPARE_CHUNKS = 4

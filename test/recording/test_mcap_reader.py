@@ -428,5 +428,5 @@ def test_the_container_alone(tmp_path: Path) -> None:
     assert not file.complete
     assert len(list(file.messages())) == 1 + 3 * 8 + 2
     assert file.complete
-    assert set(file.metadata) == {"rb_dynamics", "rb_dynamics.result"}
+    assert set(file.metadata) == {"rb_dynamics", "rb_dynamics.topics", "rb_dynamics.result"}
     assert file.attachments == {"scene.yaml": b"body: {}\n"}
