@@ -46,6 +46,10 @@ class ClockHand:
             self.peer.spin(0.002)
 
 
+def times(clock: list[Clock]) -> list[int]:
+    return [m.clock.sec * SECOND + m.clock.nanosec for m in clock]
+
+
 def test_no_stamp_is_ever_zero(scene: Path, peer: Peer) -> None:
     with running(scene, start_paused=True, publish_clock=True) as node:
         poses, odometry, diagnostics = (
@@ -68,10 +72,11 @@ def test_the_clock_is_that_of_the_steps(scene: Path, peer: Peer) -> None:
         peer.until(lambda: clock and poses, "the greeting")
         for _ in range(3):
             peer.call("rigid_body/step", Trigger.Request())
-        peer.until(lambda: len(clock) > 3 and len(poses) > 3, "three steps")
+        peer.until(lambda: times(clock)[-1] == 30 * MS and stamp(poses[-1]) == 30 * MS, "three steps")
         assert node.stop() == 0
-    assert [m.clock.sec * SECOND + m.clock.nanosec for m in clock] == [1, 10 * MS, 20 * MS, 30 * MS]
-    assert [stamp(m) for m in poses] == [1, 10 * MS, 20 * MS, 30 * MS]
+    # A reader that joins at the very beginning may be told the first time twice.
+    assert sorted(set(times(clock))) == times(clock)[-4:] == [1, 10 * MS, 20 * MS, 30 * MS]
+    assert [stamp(m) for m in poses][-4:] == [1, 10 * MS, 20 * MS, 30 * MS]
 
 
 def test_two_clocks_are_one_too_many(scene: Path, peer: Peer) -> None:
