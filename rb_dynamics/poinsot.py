@@ -30,6 +30,7 @@ from rb_dynamics.moments import unit
 from rb_dynamics.motion.free import FreeRotation
 from rb_dynamics.motion.free_motion import free_motion
 from rb_dynamics.rotation import Quaternion, matrix, rotate, rotate_inverse
+from rb_dynamics.rotations import rotate_all
 from rb_dynamics.vector import Vector, cross, norm, scale
 
 Array = npt.NDArray[np.float64]
@@ -174,7 +175,7 @@ def herpolhode(body: RigidBody, state: State, n: int = 361, times: npt.ArrayLike
     invariants, plane = _Invariants(body, state), invariable_plane(body, state)
     instants = invariants.times(n) if times is None else np.asarray(times, dtype=np.float64)
     motion = free_motion(body, state, instants)
-    omega = _to_world(motion.orientation_xyzw, motion.angular_velocity_body)
+    omega = rotate_all(motion.orientation_xyzw, motion.angular_velocity_body)
     inner, outer = invariants.radii
     return Herpolhode(
         invariants.kind,
@@ -217,9 +218,9 @@ def rolling(body: RigidBody, state: State, times: npt.ArrayLike) -> Rolling:
     """
     plane, motion = invariable_plane(body, state), free_motion(body, state, times)
     attitude, omega = motion.orientation_xyzw, motion.angular_velocity_body
-    gradient = _to_world(attitude, angular_momentum(body, omega / np.linalg.norm(omega, axis=-1, keepdims=True)))
+    gradient = rotate_all(attitude, angular_momentum(body, omega / np.linalg.norm(omega, axis=-1, keepdims=True)))
     gradient /= np.linalg.norm(gradient, axis=-1, keepdims=True)
-    height = _to_world(attitude, omega) @ plane.normal_world
+    height = rotate_all(attitude, omega) @ plane.normal_world
     slip = [
         _slip(body, (qx, qy, qz, qw), (wx, wy, wz))
         for (qx, qy, qz, qw), (wx, wy, wz) in zip(
@@ -406,15 +407,7 @@ def _slip(body: RigidBody, orientation: Quaternion, omega: Vector) -> float:
         State(orientation_xyzw=orientation, angular_velocity_body=omega),
         np.multiply.outer((1.0, -1.0), steps * _STENCIL_STEP / rate),
     )
-    after, before = _to_world(motion.orientation_xyzw, motion.angular_velocity_body / rate)
+    after, before = rotate_all(motion.orientation_xyzw, motion.angular_velocity_body / rate)
     in_world = np.array([weight for _, weight in _STENCIL]) @ (after - before) / _STENCIL_STEP
     in_body = euler_equations(body, np.array(omega) / rate)
-    return float(np.linalg.norm(in_world - _to_world(np.array(orientation), in_body)))
-
-
-def _to_world(orientation_xyzw: Array, vector: Array) -> Array:
-    """Return R(q) v for arrays (..., 4) and (..., 3): v + 2 w u x v + 2 u x (u x v)."""
-    u, w = orientation_xyzw[..., :3], orientation_xyzw[..., 3:]
-    turned = 2.0 * np.cross(u, vector)
-    rotated: Array = vector + w * turned + np.cross(u, turned)
-    return rotated
+    return float(np.linalg.norm(in_world - rotate_all(np.array(orientation), in_body)))

@@ -1,4 +1,4 @@
-"""What the Rerun viewer shows of a run: views, plots, where the eye stands, colours, names and the text beside them.
+"""What things look like in the Rerun viewer: colours, names, lines, and the text beside them.
 
 Makes Rerun's objects and never logs one: entities and their columns are the business of `recording/rerun_sink.py`.
 Imports `rerun` only inside its functions.
@@ -17,8 +17,8 @@ from rb_dynamics.vector import ZERO, Vector
 
 if TYPE_CHECKING:
     import rerun as rr
-    import rerun.blueprint as rrb
 
+    from rb_dynamics.body.rigid_body import RigidBody
     from rb_dynamics.scene.model import Scene
 
 Array = NDArray[np.float64]
@@ -73,6 +73,10 @@ FORCE = Arrow("world/center_of_mass/force", "F", MAGENTA, 2.4)
 TORQUE = Arrow("world/center_of_mass/torque", "τ", YELLOW, 1.6)
 ARROWS = (MOMENTUM, RATE, FORCE, TORQUE)
 
+COMMANDS_ON_PATH = "world/path/commands"
+MARKS = 24
+"""So many commands are marked each; of more, every second, then every fourth: they would hide what they mark."""
+
 # ---- looks of the entities
 
 
@@ -80,25 +84,53 @@ def fixed_looks(scene: Scene, half_sizes: Vector, size: float) -> Iterator[tuple
     """Give entity and components of all that looks the same throughout a run, before anything of it is known."""
     import rerun as rr
 
-    box = rr.Boxes3D(
-        half_sizes=[half_sizes],
-        centers=[scene.body.center_of_mass],
-        quaternions=[rr.Quaternion(xyzw=scene.body.principal_orientation_xyzw)],
-        colors=[GREY],
-        fill_mode=rr.components.FillMode.TransparentFillMajorWireframe,
-    )
     yield "world", [rr.ViewCoordinates.RIGHT_HAND_Z_UP]
     yield "world/body", [rr.TransformAxes3D(1.6 * size)]
-    yield "world/body/box", [box]
+    if scene.surface is not None:
+        yield "world/body/mesh", [_mesh(*scene.surface)]
+    else:
+        yield "world/body/box", [_box(scene.body, half_sizes)]
     # Of constant size on the screen: shows where the body is when the whole path is in view.
     yield "world/center_of_mass", [rr.Points3D([ZERO], radii=[-3.0], colors=[GREY])]
     for arrow in ARROWS:
         shaft = rr.Arrows3D.from_fields(colors=[arrow.color], radii=[-4.0])
         letter = rr.Points3D.from_fields(colors=[arrow.color], radii=[-0.5], labels=[arrow.label], show_labels=True)
         yield arrow.entity, [shaft, letter]
+    yield COMMANDS_ON_PATH, [rr.Points3D.from_fields(colors=[MAGENTA], radii=[-2.0])]
+    points = rr.SeriesPoints(names=["command"], colors=[MAGENTA], markers=["diamond"], marker_sizes=[2.0])
+    yield "energy/commands", [points]
     for series in SERIES:
         yield series.entity, [rr.SeriesLines(names=series.names, colors=series.colors[: len(series.names)])]
     yield "scene", [rr.TextDocument(f"```yaml\n{scene.text}\n```", media_type=rr.MediaType.MARKDOWN)]
+
+
+def _mesh(path: str, scale_to_m: float) -> rr.Mesh3D:
+    import rerun as rr
+
+    from rb_dynamics.body.mesh import read_mesh
+
+    points, faces = read_mesh(path)
+    # Every triangle with corners of its own: edges look sharp.
+    corners = (points * scale_to_m)[faces]
+    normals = np.repeat(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), 3, axis=0)
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    return rr.Mesh3D(
+        vertex_positions=corners.reshape(-1, 3),
+        vertex_normals=normals / np.where(lengths > 0.0, lengths, 1.0),
+        albedo_factor=GREY,
+    )
+
+
+def _box(body: RigidBody, half_sizes: Vector) -> rr.Boxes3D:
+    import rerun as rr
+
+    return rr.Boxes3D(
+        half_sizes=[half_sizes],
+        centers=[body.center_of_mass],
+        quaternions=[rr.Quaternion(xyzw=body.principal_orientation_xyzw)],
+        colors=[GREY],
+        fill_mode=rr.components.FillMode.TransparentFillMajorWireframe,
+    )
 
 
 def wrench_lines(topic: str, frame_id: str, shade: int) -> rr.SeriesLines:
@@ -130,18 +162,27 @@ def path_line(name: str, points: Sequence[Vector]) -> rr.LineStrips3D:
 # ---- text
 
 _ABOUT = """\
-The **box** has the mass and inertia of the body ({size:.3g} m from corner to corner); its red, green and blue lines are
+{shape} ({size:.3g} m across); its red, green and blue lines are
 the body axes. **Orange L**: angular momentum; only a torque turns it. **Cyan ω**: angular velocity. **Magenta F**:
 force. **Yellow τ**: torque. Arrows grow with the square root, each kind on its own scale. **Grey line**: path of the
-centre of mass. {where}
-
+centre of mass; **magenta dots** on it: where a command took effect. {where}
+{rolling}
 | run | |
 |---|---|
 {table}
 """
 
 
-def about(facts: Mapping[str, str], size: float, offset: Vector) -> rr.TextDocument:
+_ROLLING = """
+**Poinsot's construction**: as long as no torque acts, the ellipsoid of inertia (blue, turning with the body) rolls
+without slipping on the invariable plane (grey disc), which stands still at right angles to **L**. They touch at the tip
+of **ω**, which draws the **green** polhode on the ellipsoid and the **yellow** herpolhode on the plane. {spin}The grey
+lines on the ellipsoid cross at the middle axis: a tip that starts near a crossing follows a line to the opposite one,
+and the body turns over.
+"""
+
+
+def about(facts: Mapping[str, str], size: float, offset: Vector, scene: Scene) -> rr.TextDocument:
     """Return what there is to see, and the facts; `offset` (m, world) was subtracted in the 3D views."""
     import rerun as rr
 
@@ -152,127 +193,21 @@ def about(facts: Mapping[str, str], size: float, offset: Vector) -> rr.TextDocum
             "because they compute in single precision; the plots show true values in double precision."
         )
     table = "\n".join(f"| {key} | {value} |" for key, value in facts.items() if value)
-    text = _ABOUT.format(where=where, size=2.0 * size, table=table)
+    shape = "The **grey body** is its mesh" if scene.surface else "The **box** has the mass and inertia of the body"
+    rolling = "" if scene.body.is_particle else _ROLLING.format(spin=_spin(scene))
+    text = _ABOUT.format(shape=shape, where=where, size=2.0 * size, rolling=rolling, table=table)
     return rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)
 
 
-# ---- views
+def _spin(scene: Scene) -> str:
+    """Return what becomes of the spin with which the run starts, if nothing acts; "" for a body at rest."""
+    if not any(scene.initial.angular_velocity_body):
+        return ""
+    from rb_dynamics.poinsot import PolhodeKind, polhode
 
-
-def blueprint(path: Sequence[Vector], size: float, peaks: Mapping[str, float], duration: float | None) -> rrb.Blueprint:
-    """Return the layout with which the file opens: 3D and text at the left, plots at the right.
-
-    Args:
-        path: of the centre of mass so far, m.
-        size: half diagonal of the box, m.
-        peaks: largest absolute value of each of `SERIES` so far, 0 before there are any.
-        duration: of the run, s; None where it has no end yet.
-    """
-    import rerun.blueprint as rrb
-
-    left = rrb.Vertical(
-        rrb.Tabs(_close_up(size), _overview(path, size), active_tab=0),
-        rrb.Tabs(
-            rrb.TextDocumentView(origin="/about", name="What you see"),
-            rrb.TextDocumentView(origin="/scene", name="Scene"),
-            rrb.TextLogView(origin="/log", name="Warnings"),
-            active_tab=0,
-        ),
-        row_shares=[5, 2],
-    )
-    panel = rrb.TimePanel(
-        timeline="sim_time",
-        state="collapsed",
-        playback_speed=_playback_speed(duration),
-        loop_mode="all",
-        play_state="playing",
-    )
-    return rrb.Blueprint(rrb.Horizontal(left, _plots(peaks), column_shares=[5, 6]), panel, collapse_panels=True)
-
-
-def _close_up(size: float) -> rrb.Spatial3DView:
-    import rerun.blueprint as rrb
-
-    # The frame of the centre of mass, not the world's: the body stays in view and exact however far it goes.
-    return rrb.Spatial3DView(
-        origin="/world/center_of_mass",
-        contents="/world/**",
-        name="Body, followed",
-        eye_controls=_eye(np.zeros(3), size),
-        line_grid=False,
-    )
-
-
-def _overview(path: Sequence[Vector], size: float) -> rrb.Spatial3DView:
-    import rerun.blueprint as rrb
-
-    points = np.array(path or [ZERO])
-    low, high = points.min(axis=0), points.max(axis=0)
-    eye = _eye(0.5 * (low + high), max(0.25 * float(np.linalg.norm(high - low)), size))
-    return rrb.Spatial3DView(origin="/world", name="Whole path, fixed in the world", eye_controls=eye)
-
-
-def _eye(center: Array, size: float) -> rrb.EyeControls3D:
-    """Return an eye that sees what lies within some 3 `size` of `center`, all axes about equally foreshortened."""
-    import rerun.blueprint as rrb
-
-    return rrb.EyeControls3D(
-        kind=rrb.Eye3DKind.Orbital,
-        position=(center + np.array([3.6, -4.0, 2.8]) * size).tolist(),
-        look_target=center.tolist(),
-        eye_up=[0.0, 0.0, 1.0],
-    )
-
-
-def _playback_speed(duration: float | None) -> float:
-    """Return real time for runs that can be watched, else what shows the run in 30 s."""
-    if duration is None or duration <= 0.0 or 2.0 <= duration <= 120.0:
-        return 1.0
-    return duration / 30.0
-
-
-def _plots(peaks: Mapping[str, float]) -> rrb.Grid:
-    import rerun.blueprint as rrb
-
-    def defect(name: str, entity: str, *of: str) -> rrb.TimeSeriesView:
-        # Round-off shall look like zero, not like a signal that fills the plot; labels end at about 1e-15.
-        whole = max(peaks[other] for other in of)
-        return _plot(name, entity, half_range=max(1.2 * peaks[entity], 1e-12 * whole, 1e-14) if whole else None)
-
-    return rrb.Grid(
-        _plot("Angular velocity, body axes [rad/s]", "angular_velocity"),
-        _plot("Angular momentum, world [kg m²/s]", "angular_momentum"),
-        _plot("Energy and work [J]", "energy/kinetic", "energy/work", "energy/potential"),
-        rrb.Tabs(
-            _plot("Linear momentum [kg m/s]", "linear_momentum"),
-            _plot("Position [m]", "position"),
-            _plot("Velocity [m/s]", "linear_velocity"),
-            _plot("Attitude", "attitude"),
-            active_tab=0,
-        ),
-        defect("Energy defect [J]", "energy/defect", "energy/kinetic", "energy/work"),
-        rrb.Tabs(
-            defect("Angular momentum defect [kg m²/s]", "angular_momentum/defect", "angular_momentum"),
-            defect("Linear [kg m/s]", "linear_momentum/defect", "linear_momentum"),
-            active_tab=0,
-        ),
-        _plot("Applied force [N]", "force/**"),
-        _plot("Applied torque [N m]", "torque/**"),
-        grid_columns=2,
-    )
-
-
-def _plot(name: str, *entities: str, half_range: float | None = None) -> rrb.TimeSeriesView:
-    import rerun.blueprint as rrb
-    from rerun import TimeRange, TimeRangeBoundary
-
-    # Said, or a long run would show only what lies near the time cursor.
-    whole_run = TimeRange(start=TimeRangeBoundary.infinite(), end=TimeRangeBoundary.infinite())
-    return rrb.TimeSeriesView(
-        origin="/",
-        contents=[f"/{entity}" for entity in entities],
-        name=name,
-        axis_x=rrb.TimeAxis(view_range=whole_run),
-        axis_y=rrb.ScalarAxis(range=(-half_range, half_range)) if half_range else None,
-        plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.RightTop),
-    )
+    curve = polhode(scene.body, scene.initial, 1)
+    if curve.kind in (PolhodeKind.FIXED_AXIS, PolhodeKind.SPHERE):
+        return "This run starts with a spin that keeps its axis: both curves are points. "
+    if curve.kind is PolhodeKind.SEPARATRIX:
+        return "This run starts on a line that only ends at the middle axis: the body turns over once. "
+    return f"This run starts with a polhode {curve.kind.value}, once round in {curve.period:.4g} s. "

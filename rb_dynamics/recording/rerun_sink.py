@@ -2,11 +2,12 @@
 
 A picture of the run, not its archive: rows are thinned beyond a limit and 3D poses are float32 (the scalars are
 float64). The MCAP log keeps everything. Never changes a value of the run and never imports `rerun` before `open`.
-Here are entities, batches and columns; what they look like is said in `recording/rerun_layout.py`, and which rows are
-kept in `recording/thinning.py`.
+Here are entities, batches and columns; `recording/rerun_layout.py` says what they look like,
+`recording/rerun_blueprint.py` what the viewer opens with, and `recording/thinning.py` which rows are kept.
 
-Entities: `world/body` (pose and equivalent box), `world/center_of_mass` (arrows of angular momentum, angular velocity,
-force, torque), `world/path`, and one scalar entity for each field of `Sample`. Timelines: `sim_time`, `sample`.
+Entities: `world/body` (pose and mesh or equivalent box), `world/center_of_mass` (arrows of angular momentum, angular
+velocity, force, torque), `world/path`, `poinsot` (ellipsoid, plane and curves), one scalar entity for each field of
+`Sample`, and `log` (commands and warnings). Timelines: `sim_time`, `sample`.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import os
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,19 +27,43 @@ from rb_dynamics.body.properties import equivalent_box
 from rb_dynamics.diagnostics import Sample
 from rb_dynamics.errors import LogError, MissingExtraError
 from rb_dynamics.recording import rerun_layout as layout
-from rb_dynamics.recording.sink import AppliedWrench, Event, RunInfo, Status
-from rb_dynamics.recording.thinning import Polyline, Row, Rows, Thinner, WrenchPart, WrenchSteps
-from rb_dynamics.vector import ZERO, Vector
+from rb_dynamics.recording import rerun_poinsot as poinsot
+from rb_dynamics.recording.rerun_blueprint import CLOSE_UP, OVERVIEW, blueprint
+from rb_dynamics.recording.rerun_columns import Columns, gather
+from rb_dynamics.recording.sink import AppliedWrench, Event, RejectedWrench, RunInfo, Status
+from rb_dynamics.recording.thinning import Piece, Polyline, Rows, Thinner, WrenchPart, WrenchSteps
+from rb_dynamics.rotation import rotate
+from rb_dynamics.rotations import rotate_all
+from rb_dynamics.vector import ZERO, Vector, add, subtract
 
 if TYPE_CHECKING:
     import rerun as rr
     import rerun.blueprint as rrb
 
 Array = NDArray[np.float64]
+Times = NDArray[np.int64]
 
 MAX_ROWS = 200_000
 BATCH_ROWS = 2048
 PATH_POINTS = 8192
+
+
+class Note(NamedTuple):
+    """A line of text for the reader: when, the newest sample then, INFO, WARN or ERROR, and what."""
+
+    time_ns: int
+    sample: int
+    level: str
+    text: str
+
+
+class Mark(NamedTuple):
+    """A command in the pictures: when, the newest sample then, where the centre of mass was, and the energy (J)."""
+
+    time_ns: int
+    sample: int
+    place: Vector
+    kinetic_energy: float
 
 
 class RerunSink:
@@ -55,7 +80,7 @@ class RerunSink:
         self.path = Path(path)
         self._max_rows = max_rows
         self._batch_rows = batch_rows
-        self._recorder: _Recorder | None = None
+        self._recorder: Recorder | None = None
 
     def open(self, run: RunInfo) -> None:
         """Create the file, its layout and everything that does not change.
@@ -68,7 +93,7 @@ class RerunSink:
             import rerun  # noqa: F401
         except ImportError as error:
             raise MissingExtraError("rerun-sdk", "log", "writing a .rrd file") from error
-        recorder = _Recorder(self.path, run, self._max_rows, self._batch_rows)
+        recorder = Recorder(self.path, run, self._max_rows, self._batch_rows)
         with recorder.writing():
             recorder.begin()
         self._recorder = recorder
@@ -96,7 +121,7 @@ class RerunSink:
                 recorder.end(result)
 
 
-class _Recorder:
+class Recorder:
     """An open .rrd: buffers rows and sends them in columns."""
 
     def __init__(self, path: Path, run: RunInfo, max_rows: int, batch_rows: int) -> None:
@@ -113,15 +138,22 @@ class _Recorder:
         self.series = layout.SERIES if scene.acting.potential() is None else (*layout.SERIES, layout.POTENTIAL)
         self.peaks = {series.entity: 0.0 for series in self.series}
         self.arrow_peaks = dict.fromkeys(layout.ARROWS, 0.0)
-        self.notes: list[tuple[int, int, Status]] = []
+        self.notes: list[Note] = []
         self.note_count = 0
+        self.commands: list[Mark] = []
+        self.command_count = 0
+        self.marked = Thinner(layout.MARKS)
+        self.newest: Sample | None = None
         self.start_ns = self.time_ns = scene.initial.time_ns
         thinner = Thinner.of_run(scene.duration, scene.output_rate, max_rows)
+        rows = round(scene.duration * scene.output_rate / thinner.stride) if scene.duration else None
+        self.curves = None if scene.body.is_particle else poinsot.Curves(scene.body, rows)
         self.rows = Rows(thinner, WrenchSteps(scene.frames.world_frame, self.start_ns, max_rows))
 
     # ---- life of the file
 
     def begin(self) -> None:
+        """Create the file, with all that does not change."""
         import rerun as rr
 
         self.path.parent.mkdir(parents=True, exist_ok=True)
@@ -134,30 +166,58 @@ class _Recorder:
         self.stream.send_recording_name(Path(self.run.scene.source).name)
         for entity, looks in layout.fixed_looks(self.run.scene, self.half_sizes, self.size):
             self.stream.log(entity, *looks, static=True)
+        if self.curves is not None:
+            for entity, looks in poinsot.fixed_looks(self.run.scene.body):
+                self.stream.log(entity, *looks, static=True)
+        self.stream.log(CLOSE_UP, rr.Transform3D(scale=self.size), static=True)
+        self._send_overview()
         self._send_facts({})
         self.stream.flush()
 
     def take(self, event: Event) -> None:
+        """Take one event."""
         self.time_ns = event.time_ns
         if isinstance(event, Sample):
+            self.newest = event
             self.rows.take_sample(event)
         elif isinstance(event, AppliedWrench):
             for part in self.rows.take_wrench(event):
                 self._send_wrench_looks(part)
-        elif isinstance(event, Status) and event.level > 0 and self.note_count < self.max_rows:
-            self.notes.append((event.time_ns, self.rows.newest, event))
-            self.note_count += 1
+            self._mark(event)
+            self._note("INFO", _told(event))
+        elif isinstance(event, RejectedWrench):
+            self._note("WARN", f"{event.topic}: rejected: {event.reason}")
+        elif event.level > 0:
+            self._note("WARN" if event.level == 1 else "ERROR", _sentence(event))
         if self.rows.unsent() + len(self.notes) >= self.batch_rows:
             self._flush()
 
+    def _note(self, level: str, text: str) -> None:
+        if self.note_count < self.max_rows:
+            self.notes.append(Note(self.time_ns, self.rows.newest, level, text))
+            self.note_count += 1
+
+    def _mark(self, event: AppliedWrench) -> None:
+        """Remember where the body was, and its energy, by the newest sample: it marks the command in the pictures."""
+        sample, count = self.newest, self.command_count
+        self.command_count += 1
+        if sample is not None and self.marked.keeps(count):
+            arm = rotate(sample.orientation_xyzw, self.run.scene.body.center_of_mass)
+            place = subtract(add(sample.position_world, arm), self.offset)
+            self.commands.append(Mark(event.time_ns, self.rows.newest, place, sample.kinetic_energy))
+
     def end(self, result: Mapping[str, str]) -> None:
+        """Write what is left, with what is known only now."""
         self.rows.finish(self.time_ns)
         for kind in ("force", "torque"):
             if not any(part.kind == kind for part in self.rows.wrenches.parts):
                 self._send_no_wrench(kind)
         self._flush()
+        if self.curves is not None:
+            self._send_curves(self.curves.finish())
         for name in self.paths:
             self._send_path(name)
+        self._send_overview()
         self._send_facts(result)
         # The same layout again, now that the extent of the path and the duration are known; the last one counts.
         self.stream.send_blueprint(self._blueprint(self.time_ns * 1e-9), make_active=False, make_default=True)
@@ -175,43 +235,48 @@ class _Recorder:
             ) from error
 
     def _blueprint(self, duration: float | None) -> rrb.Blueprint:
-        return layout.blueprint(self.paths["center_of_mass"].line(), self.size, self.peaks, duration)
+        eye = None if self.curves is None else poinsot.eye(self.curves.normal)
+        return blueprint(eye, self.peaks, duration)
 
     # ---- events to columns
 
     def _flush(self) -> None:
         if rows := self.rows.fetch():
-            self._send_samples(rows)
+            self.send_columns(gather(rows, self.series))
         notes, self.notes = self.notes, []
         if notes:
             self._send_notes(notes)
+        marks, self.commands = self.commands, []
+        if marks:
+            self._send_marks(marks)
         for part, edges in self.rows.wrenches.fetch():
             times = _times([edge.time_ns for edge in edges], [edge.sample for edge in edges])
             self._send_scalars(_wrench_entity(part), times, np.array([edge.value for edge in edges]))
         self.stream.flush()
 
-    def _send_samples(self, rows: list[Row]) -> None:
-        samples = [row.sample for row in rows]
-        times = _times([sample.time_ns for sample in samples], [row.index for row in rows])
-        for series in self.series:
-            values = np.array([getattr(sample, series.attribute) for sample in samples], dtype=np.float64)
-            self._send_scalars(series.entity, times, values.reshape(len(samples), -1))
-            self.peaks[series.entity] = max(self.peaks[series.entity], float(np.abs(values).max()))
-        attitude = np.array([sample.orientation_xyzw for sample in samples])
-        self._send_poses(times, np.array([sample.position_world for sample in samples]), attitude)
-        rates = np.array([sample.angular_velocity_body for sample in samples])
-        self._send_arrow(layout.MOMENTUM, times, np.array([sample.angular_momentum_world for sample in samples]))
-        self._send_arrow(layout.RATE, times, _rotate(attitude, rates))
-        force = _rotate(attitude, np.array([row.held.force_body for row in rows]))
-        torque = _rotate(attitude, np.array([row.held.torque_body for row in rows]))
-        self._send_arrow(layout.FORCE, times, force + np.array([row.held.force_world for row in rows]))
-        self._send_arrow(layout.TORQUE, times, torque + np.array([row.held.torque_world for row in rows]))
+    def send_columns(self, columns: Columns) -> None:
+        """Send rows to every entity that moves or is plotted."""
+        times = _times(columns.stamps[:, 0], columns.stamps[:, 1])
+        for entity, values in columns.values.items():
+            self._send_scalars(entity, times, values)
+            self.peaks[entity] = max(self.peaks[entity], float(np.abs(values).max()))
+        attitude, rates = columns.values["attitude"], columns.values["angular_velocity"]
+        self._send_poses(times, columns.values["position"], attitude)
+        if self.curves is not None:
+            touch = poinsot.contact(self.run.scene.body, attitude, rates)
+            for entity, moving in poinsot.columns(attitude, touch):
+                self._send(entity, times, moving)
+            self._send_curves(self.curves.take(columns.stamps, touch, rates))
+        self._send_arrow(layout.MOMENTUM, times, columns.values["angular_momentum"])
+        self._send_arrow(layout.RATE, times, rotate_all(attitude, rates))
+        self._send_arrow(layout.FORCE, times, columns.force_world)
+        self._send_arrow(layout.TORQUE, times, columns.torque_world)
 
     def _send_poses(self, times: list[rr.TimeColumn], position_world: Array, attitude: Array) -> None:
         import rerun as rr
 
         position = position_world - np.array(self.offset)
-        center = position + _rotate(attitude, np.array(self.run.scene.body.center_of_mass))
+        center = position + rotate_all(attitude, np.array(self.run.scene.body.center_of_mass))
         self._send("world/body", times, rr.Transform3D.columns(translation=position, quaternion=attitude))
         self._send("world/center_of_mass", times, rr.Transform3D.columns(translation=center))
         for name, points in (("center_of_mass", center), ("body_origin", position)):
@@ -219,6 +284,21 @@ class _Recorder:
                 self.paths[name].extend((x, y, z) for x, y, z in points.tolist())
                 if self.paths[name].due():
                     self._send_path(name)
+
+    def _send_curves(self, pieces: list[Piece]) -> None:
+        if pieces:
+            times = _times([piece.time_ns for piece in pieces], [piece.sample for piece in pieces])
+            for entity, columns in poinsot.curves(pieces):
+                self._send(entity, times, columns)
+
+    def _send_overview(self) -> None:
+        """Put the frame of the overview into the middle of the path so far; its unit is a quarter of the extent."""
+        import rerun as rr
+
+        points = np.array(self.paths["center_of_mass"].line() or [ZERO])
+        low, high = points.min(axis=0), points.max(axis=0)
+        unit = max(0.25 * float(np.linalg.norm(high - low)), self.size)
+        self.stream.log(OVERVIEW, rr.Transform3D(translation=0.5 * (low + high), scale=unit), static=True)
 
     def _send_arrow(self, arrow: layout.Arrow, times: list[rr.TimeColumn], vectors: Array) -> None:
         """Send arrows as long as the root of their vector, so that small ones are seen beside the largest.
@@ -256,13 +336,20 @@ class _Recorder:
         times = _times([self.start_ns, self.time_ns], [0, self.rows.newest])
         self._send_scalars(f"{kind}/none", times, np.zeros((2, 1)))
 
-    def _send_notes(self, notes: list[tuple[int, int, Status]]) -> None:
+    def _send_notes(self, notes: list[Note]) -> None:
         import rerun as rr
 
-        times = _times([note[0] for note in notes], [note[1] for note in notes])
-        levels = [rr.TextLogLevel.WARN if status.level == 1 else rr.TextLogLevel.ERROR for _, _, status in notes]
-        text = [_sentence(status) for _, _, status in notes]
+        times = _times([note.time_ns for note in notes], [note.sample for note in notes])
+        text, levels = [note.text for note in notes], [note.level for note in notes]
         self._send("log", times, rr.TextLog.columns(text=text, level=levels))
+
+    def _send_marks(self, marks: list[Mark]) -> None:
+        import rerun as rr
+
+        times = _times([mark.time_ns for mark in marks], [mark.sample for mark in marks])
+        places = np.array([mark.place for mark in marks])
+        self._send(layout.COMMANDS_ON_PATH, times, rr.Points3D.columns(positions=places))
+        self._send_scalars("energy/commands", times, np.array([[mark.kinetic_energy] for mark in marks]))
 
     def _send_facts(self, result: Mapping[str, str]) -> None:
         """Send what is known about the run, as text to read and as properties to query."""
@@ -272,12 +359,12 @@ class _Recorder:
         if (stride := self.rows.thinner.stride) > 1:
             facts["thinned"] = f"to one sample in {stride} towards the end; the MCAP log has all"
         self.stream.send_property("run", rr.AnyValues(drop_untyped_nones=True, **facts))
-        self.stream.log("about", layout.about(facts, self.size, self.offset), static=True)
+        self.stream.log("about", layout.about(facts, self.size, self.offset, self.run.scene), static=True)
 
     def _send_scalars(self, entity: str, times: list[rr.TimeColumn], values: Array) -> None:
         import rerun as rr
 
-        columns = rr.Scalars.columns(scalars=values.ravel()).partition([values.shape[1]] * len(values))
+        columns = rr.Scalars.columns(scalars=values.ravel()).partition(np.full(len(values), values.shape[1]))
         self._send(entity, times, columns)
 
     def _send(self, entity: str, times: list[rr.TimeColumn], columns: rr.ComponentColumnList) -> None:
@@ -290,25 +377,25 @@ def _recentre(start: Vector, size: float) -> Vector:
     return start if coarse > 1e-4 * size else ZERO
 
 
-def _times(time_ns: Sequence[int], sample: Sequence[int]) -> list[rr.TimeColumn]:
+def _times(time_ns: Sequence[int] | Times, sample: Sequence[int] | Times) -> list[rr.TimeColumn]:
     import rerun as rr
 
     nanoseconds = np.array(time_ns, dtype=np.int64).astype("timedelta64[ns]")
-    return [rr.TimeColumn("sim_time", duration=nanoseconds), rr.TimeColumn("sample", sequence=sample)]
-
-
-def _rotate(xyzw: Array, v: Array) -> Array:
-    """Return v turned by each unit quaternion: v + w t + u x t with t = 2 u x v."""
-    u, w = xyzw[:, :3], xyzw[:, 3:]
-    t = 2.0 * np.cross(u, v)
-    turned: Array = v + w * t + np.cross(u, t)
-    return turned
+    indices = np.array(sample, dtype=np.int64)
+    return [rr.TimeColumn("sim_time", duration=nanoseconds), rr.TimeColumn("sample", sequence=indices)]
 
 
 def _wrench_entity(part: WrenchPart) -> str:
     import rerun as rr
 
     return rr.new_entity_path([part.kind, *filter(None, part.topic.split("/")), part.frame_id])
+
+
+def _told(event: AppliedWrench) -> str:
+    if event.received is None:
+        return f"{event.topic}: timed out, drops to zero"
+    force, torque = (", ".join(f"{value:.6g}" for value in vector) for vector in (event.force, event.torque))
+    return f"{event.topic}: force ({force}) N, torque ({torque}) N m, in {event.frame_id} axes"
 
 
 def _sentence(status: Status) -> str:

@@ -1,4 +1,4 @@
-"""What a picture of a run keeps of it: which samples, which edges of the wrenches, which points of the path.
+"""What a picture of a run keeps of it: samples, edges of the wrenches, points of the path, pieces of growing curves.
 
 Chooses among what happened and never makes a value up; knows no file format. Of a long run few are kept.
 """
@@ -10,10 +10,15 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rb_dynamics.diagnostics import Sample
 from rb_dynamics.loads.channels import AppliedWrench
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.vector import ZERO, Vector
+
+Array = NDArray[np.float64]
 
 
 @dataclass
@@ -235,3 +240,56 @@ class Rows:
         row, self._pending = self._pending, None
         if row is not None and self._pending_kept:
             self._ready.append(row)
+
+
+class Piece(NamedTuple):
+    """A part of a curve, complete at `time_ns`: polylines (m, k), a single point where the next one is not joined."""
+
+    time_ns: int
+    sample: int
+    strips: list[Array]
+
+
+class Trail:
+    """A curve as it arises, in pieces of `stride` rows; each begins with the last point of the one before.
+
+    `stride` doubles after each `max_pieces`, so that a run without end grows with its logarithm only; all points stay.
+    """
+
+    def __init__(self, width: int, max_pieces: int, rows: int | None = None) -> None:
+        """Start a curve of points with `width` numbers; `rows` is how many will come, None where nobody knows."""
+        self._max_pieces, self._pieces = max_pieces, 0
+        self.stride = max(1, math.ceil((rows or 0) / max_pieces))
+        self._times: NDArray[np.int64] = np.zeros((0, 2), dtype=np.int64)
+        self._points: Array = np.zeros((0, width))
+        self._joined: NDArray[np.bool_] = np.zeros(0, dtype=bool)
+
+    def take(self, times: NDArray[np.int64], points: Array, joined: NDArray[np.bool_]) -> list[Piece]:
+        """Take the next points and return the pieces that they complete.
+
+        Args:
+            times: (n, 2), time in ns and index of the sample.
+            points: (n, width).
+            joined: (n,), whether a line leads to each point from the one before.
+        """
+        self._times = np.concatenate([self._times, times])
+        self._points = np.concatenate([self._points, points])
+        self._joined = np.concatenate([self._joined, joined])
+        pieces, start = [], 0
+        while len(self._points) - start > self.stride:
+            pieces.append(self._piece(start, start + self.stride))
+            start += self.stride
+            self._pieces += 1
+            if self._pieces % self._max_pieces == 0:
+                self.stride *= 2
+        self._times, self._points, self._joined = self._times[start:], self._points[start:], self._joined[start:]
+        return pieces
+
+    def finish(self) -> list[Piece]:
+        """Return what is left, as the last piece."""
+        return [self._piece(0, len(self._points) - 1)] if len(self._points) else []
+
+    def _piece(self, start: int, stop: int) -> Piece:
+        breaks = 1 + np.flatnonzero(~self._joined[start + 1 : stop + 1])
+        time_ns, sample = self._times[stop].tolist()
+        return Piece(time_ns, sample, np.split(self._points[start : stop + 1], breaks))

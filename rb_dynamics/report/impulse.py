@@ -13,7 +13,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rb_dynamics.report.track import Array, Times, Track, WrenchSteps, rotate_all, unit_rows
+from rb_dynamics.report.track import Array, Times, Track, WrenchSteps, unit_rows
+from rb_dynamics.rotations import rotate_all, rotate_all_inverse
 
 Rates = TypeVar("Rates", Array, Times)
 
@@ -138,5 +139,5 @@ def _attitude(track: Track, time_ns: Times) -> _Attitude | None:
     orientation = unit_rows(pose.values[rows[0], 3:])
     omega = twist.values[rows[1], 3:]
     if track.twist_in_world:
-        omega = rotate_all(orientation * np.array([-1.0, -1.0, -1.0, 1.0]), omega)
+        omega = rotate_all_inverse(orientation, omega)
     return _Attitude(orientation, omega)

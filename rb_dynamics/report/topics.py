@@ -15,7 +15,8 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import BodyError, LogError, WrenchError
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, WrenchFrames
 from rb_dynamics.recording.mcap_reader import Bag
-from rb_dynamics.report.track import APPLIED, LARGEST, Array, Series, Times, Track, WrenchSteps, rotate_all, unit_rows
+from rb_dynamics.report.track import APPLIED, LARGEST, Array, Series, Times, Track, WrenchSteps, unit_rows
+from rb_dynamics.rotations import rotate_all, rotate_all_inverse
 from rb_dynamics.scene.model import Scene
 
 POSE, TWIST, ODOMETRY = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/TwistStamped", "nav_msgs/msg/Odometry"
@@ -49,8 +50,7 @@ def momenta(pose: Series, twist: Series, twist_in_world: bool, body: RigidBody) 
     attitude = unit_rows(pose.values[at_pose, 3:])
     velocity, omega = twist.values[at_twist, :3], twist.values[at_twist, 3:]
     if twist_in_world:
-        inverse = attitude * np.array([-1.0, -1.0, -1.0, 1.0])
-        velocity, omega = rotate_all(inverse, velocity), rotate_all(inverse, omega)
+        velocity, omega = rotate_all_inverse(attitude, velocity), rotate_all_inverse(attitude, omega)
     velocity = velocity + np.cross(omega, np.array(body.center_of_mass))
     spin = omega @ np.array(body.inertia)
     kinetic: Array = np.sum(0.5 * (body.mass * velocity**2 + omega * spin), axis=1)

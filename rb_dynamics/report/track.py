@@ -120,14 +120,6 @@ class Track:
         return (time_ns - start).astype(np.float64) * 1e-9
 
 
-def rotate_all(orientation_xyzw: Array, vectors: Array) -> Array:
-    """Return each vector turned by its unit quaternion: v + w t + u x t with t = 2 u x v."""
-    axis, scalar = orientation_xyzw[:, :3], orientation_xyzw[:, 3:]
-    twice = 2.0 * np.cross(axis, vectors)
-    turned: Array = vectors + scalar * twice + np.cross(axis, twice)
-    return turned
-
-
 def unit_rows(orientation_xyzw: Array) -> Array:
     """Return each quaternion divided by its norm; one that is all zero stays so."""
     norms = np.linalg.norm(orientation_xyzw, axis=1, keepdims=True)

@@ -39,6 +39,7 @@ class Scene:
         source: file name, for messages.
         effects: what acts beside the wrenches, in the order of the scene.
         findings: what was suspicious about the body as it was read; not part of what the scene is.
+        surface: file of the mesh that the body is, and its unit in m, for pictures; not part of what the scene is.
     """
 
     body: RigidBody
@@ -52,6 +53,7 @@ class Scene:
     source: str = "<scene>"
     effects: tuple[Effect, ...] = ()
     findings: tuple[Finding, ...] = field(default=(), compare=False)
+    surface: tuple[str, float] | None = field(default=None, compare=False)
 
     @property
     def acting(self) -> ActingEffects:

@@ -123,6 +123,7 @@ def parse_scene(text: str, source: str = "<scene>", overrides: Mapping[str, obje
         source,
         effects=acting,
         findings=reading.findings,
+        surface=reading.surface,
     )
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from rb_dynamics.body.doctor import Finding, examine_density, examine_reach, slip_behind
 from rb_dynamics.body.particles import body_of_particles
@@ -39,11 +39,15 @@ _CALCULATED = {
 
 @dataclass(frozen=True, slots=True)
 class BodyReading:
-    """What was read: the body, None where it has problems; what is suspicious; the file it came from, or ""."""
+    """What was read: the body, None where it has problems; what is suspicious; the file it came from, or "".
+
+    `surface` is the path of a mesh and its unit in m.
+    """
 
     body: RigidBody | None
     findings: tuple[Finding, ...] = ()
     file: str = ""
+    surface: tuple[str, float] | None = None
 
 
 def read_inertia(section: Section) -> BodyReading:
@@ -200,7 +204,8 @@ def _mesh(form: Field, section: Section) -> BodyReading:
     if solid.inside_out:
         remedy = "nothing is wrong with the body; orient the mesh outwards for other programs"
         findings.append(Finding("inside-out", f"the triangles of {name} point inwards", "they were turned", remedy))
-    return _resolved(form, section, solid.body(mass), tuple(f for f in findings if f), name)
+    reading = _resolved(form, section, solid.body(mass), tuple(f for f in findings if f), name)
+    return replace(reading, surface=(path, scale))
 
 
 def _urdf(form: Field, section: Section) -> BodyReading:

@@ -4,105 +4,23 @@ from __future__ import annotations
 
 import math
 import sys
-from collections import defaultdict
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rerun_runs import BODY, COMMANDS, SCENE, Rrd, logged
 
 from rb_dynamics import rotation
 from rb_dynamics.body.properties import equivalent_box
-from rb_dynamics.body.rigid_body import RigidBody
-from rb_dynamics.body.state import IDENTITY, State
 from rb_dynamics.diagnostics import Sample
 from rb_dynamics.errors import LogError, MissingExtraError
-from rb_dynamics.loads.wrench import Wrench, WrenchFrames
+from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.recording.rerun_sink import RerunSink
 from rb_dynamics.recording.sink import AppliedWrench, Event, RunInfo, Status
-from rb_dynamics.scene.model import Channel, Scene, Solver
-from rb_dynamics.simulate import simulate
+from rb_dynamics.scene import read_scene
+from rb_dynamics.scene.model import Scene
 from rb_dynamics.vector import ZERO
-
-INDEXES = ("rerun.controls.RowId", "sim_time", "sample")
-BODY = RigidBody.from_principal(2.0, (1.0, 2.0, 2.5), rotation.exp((0.3, 0.2, 0.1)), (0.1, -0.2, 0.05))
-SCENE = Scene(
-    BODY,
-    WrenchFrames(center_of_mass=BODY.center_of_mass),
-    State(0, (1.0, 2.0, 3.0), IDENTITY, linear_velocity_world=(0.5, 0.0, -0.1), angular_velocity_body=(0.1, 2.0, 0.1)),
-    channels=(Channel("wrench"), Channel("other")),
-    solver=Solver("rk4", 0.005, None),
-    duration=3.0,
-    output_rate=100.0,
-    text="body: {mass: 2}\n",
-    source="config/tumble.yaml",
-)
-COMMANDS = (
-    ("wrench", Wrench((1.0, 0.0, 0.0), (0.0, 0.0, 0.5), "body", 505_000_000)),
-    ("wrench", Wrench((0.0, 2.0, 0.0), (0.0, 0.0, 0.0), "world", 1_000_000_000)),
-    ("wrench", Wrench((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "world", 2_000_000_000)),
-)
-
-
-@dataclass
-class Memory:
-    """Keeps what it is told."""
-
-    events: list[Event] = field(default_factory=list)
-
-    def open(self, run: RunInfo) -> None:
-        self.events.clear()
-
-    def write(self, event: Event) -> None:
-        self.events.append(event)
-
-    def close(self, result: Mapping[str, str]) -> None:
-        pass
-
-    @property
-    def samples(self) -> list[Sample]:
-        return [event for event in self.events if isinstance(event, Sample)]
-
-
-class Rrd:
-    """A .rrd file as Rerun reads it: rows (time_ns, sample, value) of a component, times None for static ones."""
-
-    def __init__(self, path: Path) -> None:
-        from rerun.chunk import RrdReader
-
-        self.reader = RrdReader(path)
-        self.rows: dict[tuple[str, str], list[tuple[int | None, int | None, list[object]]]] = defaultdict(list)
-        self.batches = 0
-        for chunk in self.reader.stream().to_chunks():
-            batch = chunk.to_record_batch()
-            self.batches += chunk.entity_path == "/position"
-            times, samples = ([None] * chunk.num_rows, [None] * chunk.num_rows)
-            if not chunk.is_static:
-                times, samples = (batch.column(name).cast("int64").to_pylist() for name in ("sim_time", "sample"))
-            for name in (name for name in batch.schema.names if name not in INDEXES):
-                rows = zip(times, samples, batch.column(name).to_pylist(), strict=True)
-                self.rows[chunk.entity_path, name] += [row for row in rows if row[2] is not None]
-        for rows in self.rows.values():
-            rows.sort(key=lambda row: -1 if row[1] is None else row[0])
-
-    def times(self, entity: str, component: str = "Scalars:scalars") -> list[int]:
-        return [row[0] for row in self.rows["/" + entity, component]]
-
-    def indices(self, entity: str, component: str = "Scalars:scalars") -> list[int]:
-        return [row[1] for row in self.rows["/" + entity, component]]
-
-    def values(self, entity: str, component: str = "Scalars:scalars") -> np.ndarray:
-        return np.array([row[2] for row in self.rows["/" + entity, component]])
-
-    def static(self, entity: str, component: str) -> list[object]:
-        return [row for row in self.rows["/" + entity, component] if row[0] is None][-1][2]
-
-
-def logged(tmp_path: Path, scene: Scene = SCENE, commands=COMMANDS, **options: int) -> tuple[Rrd, list[Sample]]:
-    path, memory = tmp_path / "run.rrd", Memory()
-    simulate(scene, commands, [RerunSink(path, **options), memory])
-    return Rrd(path), memory.samples
 
 
 def still(index: int, period_ns: int = 1_000_000) -> Sample:
@@ -179,6 +97,19 @@ def test_the_box_has_mass_and_inertia_of_the_body(tmp_path: Path) -> None:
     )
 
 
+def test_a_body_from_a_mesh_looks_like_its_mesh(tmp_path: Path, scene_dir: Path) -> None:
+    pytest.importorskip("trimesh")
+    scene = read_scene(scene_dir / "mesh.yaml", {"duration": 0.1})
+    rrd, _ = logged(tmp_path, scene, commands=())
+    corners = np.array(rrd.static("world/body/mesh", "Mesh3D:vertex_positions"))
+    normals = np.array(rrd.static("world/body/mesh", "Mesh3D:vertex_normals"))
+    volume = np.linalg.det(corners.reshape(-1, 3, 3)).sum() / 6.0
+    assert volume * 720.0 == pytest.approx(scene.body.mass, rel=1e-5)
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, rtol=1e-6)
+    assert ("/world/body/box", "Boxes3D:half_sizes") not in rrd.rows
+    assert "is its mesh" in rrd.static("about", "TextDocument:text")[0]
+
+
 def test_arrows_have_the_direction_of_their_vectors_and_fit_the_body(tmp_path: Path) -> None:
     rrd, samples = logged(tmp_path)
     size = equivalent_box(BODY)[1]
@@ -249,7 +180,7 @@ def test_the_file_opens_with_a_layout_facts_and_the_scene(tmp_path: Path) -> Non
         batches = [chunk.to_record_batch() for chunk in rrd.reader.stream(store=store).to_chunks()]
         found = [batch.column(column).to_pylist() for batch in batches if column in batch.schema.names]
         kinds = [kind for rows in found for (kind,) in rows]
-        assert kinds.count("3D") == 2
+        assert kinds.count("3D") == 3
         assert kinds.count("TimeSeries") == 12
         assert {"TextDocument", "TextLog"} < set(kinds)
     assert len(rrd.reader.blueprints()) == 2
@@ -291,6 +222,38 @@ def test_far_from_the_origin_the_picture_is_recentred_and_the_numbers_are_not(tm
     np.testing.assert_allclose(drawn, moved, rtol=0, atol=1e-6)
     assert rrd.values("position")[-1].tolist() == list(samples[-1].position_world)
     assert str(list(start)) in rrd.static("about", "TextDocument:text")[0]
+
+
+def test_commands_and_rejections_are_told_and_marked(tmp_path: Path) -> None:
+    late = Wrench((math.nan, 0.0, 0.0), ZERO, "body", 1_500_000_000)
+    rrd, samples = logged(tmp_path, commands=(*COMMANDS, ("wrench", late)))
+    lines = rrd.values("log", "TextLog:text").ravel().tolist()
+    assert lines[0] == "wrench: force (1, 0, 0) N, torque (0, 0, 0.5) N m, in body axes"
+    assert [line.split(":")[1].split("(")[0].strip() for line in lines] == ["force", "force", "rejected", "force"]
+    assert rrd.values("log", "TextLog:level").ravel().tolist() == ["INFO", "INFO", "WARN", "INFO"]
+    assert rrd.times("energy/commands") == [505_000_000, 1_000_000_000, 2_000_000_000]
+    marked = rrd.values("world/path/commands", "Points3D:positions")[:, 0]
+    for place, sample in zip(marked, (samples[50], samples[100], samples[200]), strict=True):
+        arm = rotation.rotate(sample.orientation_xyzw, BODY.center_of_mass)
+        np.testing.assert_allclose(place, np.add(sample.position_world, arm), rtol=0, atol=5e-7)
+
+
+def test_of_very_many_commands_few_are_marked(tmp_path: Path) -> None:
+    events: list[Event] = [still(0)]
+    events += [AppliedWrench(i, "wrench", None, "world", (float(i), 0.0, 0.0), ZERO) for i in range(1, 5001)]
+    rrd = written(tmp_path / "a.rrd", [*events, still(1)])
+    assert 24 <= len(rrd.times("energy/commands")) < 300
+
+
+def test_the_views_have_frames_of_the_size_of_what_they_show(tmp_path: Path) -> None:
+    rrd, _ = logged(tmp_path)
+    size = equivalent_box(BODY)[1]
+    assert rrd.static("world/center_of_mass/view", "Transform3D:scale")[0] == pytest.approx([size] * 3, rel=1e-6)
+    path = np.array(rrd.static("world/path/center_of_mass", "LineStrips3D:strips")[0])
+    middle = 0.5 * (path.min(axis=0) + path.max(axis=0))
+    assert rrd.static("world/view", "Transform3D:translation")[0] == pytest.approx(middle.tolist(), rel=1e-5)
+    extent = float(np.linalg.norm(np.ptp(path, axis=0)))
+    assert rrd.static("world/view", "Transform3D:scale")[0][0] == pytest.approx(max(size, 0.25 * extent), rel=1e-5)
 
 
 def test_thinning_is_even_where_the_length_is_known(tmp_path: Path) -> None:

@@ -1,0 +1,101 @@
+"""How fast a run goes into a Rerun recording: samples through the sink, and rows of columns alone.
+
+Usage: python benchmarks/recording.py
+
+A tumbling body, thinning off. "Sink" is all of it, from an event to the file; "columns" begins where a batch lies in
+arrays, and a row is one time of one entity. "Scalars" is a single entity in one call: what Rerun itself takes. Best of
+some repeats. Times are of this machine.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+import rb_dynamics as rb
+from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.recording import rerun_layout as layout
+from rb_dynamics.recording.rerun_columns import gather
+from rb_dynamics.recording.rerun_sink import BATCH_ROWS, Recorder, RerunSink
+from rb_dynamics.recording.sink import RunInfo, Sample
+from rb_dynamics.recording.thinning import Row
+from rb_dynamics.shipped import shipped
+
+SAMPLES = 20 * BATCH_ROWS
+REPEATS = 5
+
+
+def main() -> None:
+    scene = rb.read_scene(shipped("config/dzhanibekov.yaml"), {"output_rate": SAMPLES / 100.0})
+    memory = rb.MemorySink()
+    rb.simulate(scene, sinks=[memory])
+    samples = memory.samples
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "run.rrd"
+        print(f"sink      {len(samples) / best(lambda: through_the_sink(path, scene, samples)):12,.0f} samples/s")
+        print(f"          {path.stat().st_size / len(samples):12.0f} bytes per sample")
+        print(f"columns   {columns(path, scene, samples):12,.0f} rows/s in batches of {BATCH_ROWS}")
+        print(f"scalars   {scalars(path):12,.0f} rows/s of 3 numbers")
+
+
+def best(task: Callable[[], float]) -> float:
+    return min(task() for _ in range(REPEATS))
+
+
+def through_the_sink(path: Path, scene: rb.Scene, samples: list[Sample]) -> float:
+    sink = RerunSink(path, max_rows=10**9)
+    sink.open(RunInfo(scene, "exact"))
+    begin = time.perf_counter()
+    for sample in samples:
+        sink.write(sample)
+    sink.close({})
+    return time.perf_counter() - begin
+
+
+def columns(path: Path, scene: rb.Scene, samples: list[Sample]) -> float:
+    """Return rows per second through what the sink does with each batch."""
+    rows = [Row(index, sample, HeldWrench()) for index, sample in enumerate(samples)]
+    series = layout.SERIES
+    batches = [gather(rows[k : k + BATCH_ROWS], series) for k in range(0, SAMPLES, BATCH_ROWS)]
+    moving = 4 + 4 + 2  # poses and plane; arrows at the body; arrows of Poinsot's construction
+
+    def task() -> float:
+        recorder = Recorder(path, RunInfo(scene, "exact"), 10**9, BATCH_ROWS)
+        recorder.begin()
+        begin = time.perf_counter()
+        for batch in batches:
+            recorder.send_columns(batch)
+        recorder.stream.flush()
+        spent = time.perf_counter() - begin
+        recorder.stream.disconnect()
+        return spent
+
+    return SAMPLES * (len(series) + moving) / best(task)
+
+
+def scalars(path: Path) -> float:
+    """Return rows per second of one entity in one call."""
+    import rerun as rr
+
+    count = 1_000_000
+    times = np.arange(count).astype("timedelta64[us]")
+    values = np.random.default_rng(1).random((count, 3))
+
+    def task() -> float:
+        stream = rr.RecordingStream("benchmark")
+        stream.save(path)
+        begin = time.perf_counter()
+        column = rr.Scalars.columns(scalars=values.ravel()).partition(np.full(count, 3))
+        stream.send_columns("a", [rr.TimeColumn("sim_time", duration=times)], column)
+        stream.flush()
+        return time.perf_counter() - begin
+
+    return count / best(task)
+
+
+if __name__ == "__main__":
+    main()

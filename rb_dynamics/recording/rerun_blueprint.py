@@ -1,0 +1,162 @@
+"""How a .rrd opens in the Rerun viewer: which views there are, where the eye stands in each, what is plotted.
+
+Makes Rerun's blueprint and never logs an entity. Imports `rerun` only inside its functions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING
+
+from rb_dynamics.recording import rerun_poinsot as poinsot
+from rb_dynamics.recording.rerun_layout import COMMANDS_ON_PATH
+from rb_dynamics.vector import ZERO
+
+if TYPE_CHECKING:
+    import rerun.blueprint as rrb
+    from rerun import EntityPath
+    from rerun.blueprint.api import VisualizerLike
+
+CLOSE_UP, OVERVIEW = "world/center_of_mass/view", "world/view"
+"""Frames whose unit is the size of what is to be seen: the viewer cuts off what is nearer to the eye than 0.01."""
+
+
+def blueprint(poinsot_eye: poinsot.Eye | None, peaks: Mapping[str, float], duration: float | None) -> rrb.Blueprint:
+    """Return the layout with which the file opens: 3D and text at the left, plots at the right.
+
+    Args:
+        poinsot_eye: how to look at the invariable plane; None for a body without one, a particle.
+        peaks: largest absolute value of each of `SERIES` so far, 0 before there are any.
+        duration: of the run, s; None where it has no end yet.
+    """
+    import rerun.blueprint as rrb
+
+    rolling = [] if poinsot_eye is None else [_poinsot(poinsot_eye)]
+    left = rrb.Vertical(
+        rrb.Tabs(_close_up(), _overview(), active_tab=0),
+        *rolling,
+        rrb.Tabs(
+            rrb.TextDocumentView(origin="/about", name="What you see"),
+            rrb.TextDocumentView(origin="/scene", name="Scene"),
+            rrb.TextLogView(origin="/log", name="Commands and warnings"),
+            active_tab=0,
+        ),
+        row_shares=[5, *(5 for _ in rolling), 3],
+    )
+    panel = rrb.TimePanel(
+        timeline="sim_time",
+        state="collapsed",
+        playback_speed=_playback_speed(duration),
+        loop_mode="all",
+        play_state="playing",
+    )
+    return rrb.Blueprint(rrb.Horizontal(left, _plots(peaks), column_shares=[5, 6]), panel, collapse_panels=True)
+
+
+def _close_up() -> rrb.Spatial3DView:
+    import rerun.blueprint as rrb
+
+    # A frame at the centre of mass, not the world's: the body stays in view and exact however far it goes.
+    return rrb.Spatial3DView(
+        origin=f"/{CLOSE_UP}",
+        contents="/world/**",
+        name="Body, followed",
+        eye_controls=_eye(poinsot.EYE),
+        line_grid=False,
+        overrides=_as_they_arise(COMMANDS_ON_PATH),
+    )
+
+
+def _overview() -> rrb.Spatial3DView:
+    import rerun.blueprint as rrb
+
+    return rrb.Spatial3DView(
+        origin=f"/{OVERVIEW}",
+        contents="/world/**",
+        name="Whole path, fixed in the world",
+        eye_controls=_eye(poinsot.EYE),
+        overrides=_as_they_arise(COMMANDS_ON_PATH),
+    )
+
+
+def _poinsot(eye: poinsot.Eye) -> rrb.Spatial3DView:
+    import rerun.blueprint as rrb
+
+    return rrb.Spatial3DView(
+        origin=f"/{poinsot.ROOT}",
+        name="Poinsot: the ellipsoid of inertia rolls on the invariable plane",
+        eye_controls=_eye(eye),
+        line_grid=False,
+        overrides=_as_they_arise(*poinsot.GROWING),
+    )
+
+
+def _eye(eye: poinsot.Eye) -> rrb.EyeControls3D:
+    import rerun.blueprint as rrb
+
+    return rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, position=eye.position, look_target=ZERO, eye_up=eye.up)
+
+
+def _as_they_arise(*entities: str) -> dict[EntityPath | str, VisualizerLike | Iterable[VisualizerLike]]:
+    """Return what lets a view show all that was logged of these entities up to the time cursor."""
+    import rerun.blueprint as rrb
+    from rerun import TimeRangeBoundary
+
+    until_now = rrb.VisibleTimeRanges(
+        timeline="sim_time", start=TimeRangeBoundary.infinite(), end=TimeRangeBoundary.cursor_relative()
+    )
+    return {entity: [until_now] for entity in entities}
+
+
+def _playback_speed(duration: float | None) -> float:
+    """Return real time for runs that can be watched, else what shows the run in 30 s."""
+    if duration is None or duration <= 0.0 or 2.0 <= duration <= 120.0:
+        return 1.0
+    return duration / 30.0
+
+
+def _plots(peaks: Mapping[str, float]) -> rrb.Grid:
+    import rerun.blueprint as rrb
+
+    def defect(name: str, entity: str, *of: str) -> rrb.TimeSeriesView:
+        # Round-off shall look like zero, not like a signal that fills the plot; labels end at about 1e-15.
+        whole = max(peaks[other] for other in of)
+        return _plot(name, entity, half_range=max(1.2 * peaks[entity], 1e-12 * whole, 1e-14) if whole else None)
+
+    return rrb.Grid(
+        _plot("Angular velocity, body axes [rad/s]", "angular_velocity"),
+        _plot("Angular momentum, world [kg m²/s]", "angular_momentum"),
+        _plot("Energy and work [J]", "energy/kinetic", "energy/work", "energy/potential", "energy/commands"),
+        rrb.Tabs(
+            _plot("Linear momentum [kg m/s]", "linear_momentum"),
+            _plot("Position [m]", "position"),
+            _plot("Velocity [m/s]", "linear_velocity"),
+            _plot("Attitude", "attitude"),
+            active_tab=0,
+        ),
+        defect("Energy defect [J]", "energy/defect", "energy/kinetic", "energy/work"),
+        rrb.Tabs(
+            defect("Angular momentum defect [kg m²/s]", "angular_momentum/defect", "angular_momentum"),
+            defect("Linear [kg m/s]", "linear_momentum/defect", "linear_momentum"),
+            active_tab=0,
+        ),
+        _plot("Applied force [N]", "force/**"),
+        _plot("Applied torque [N m]", "torque/**"),
+        grid_columns=2,
+    )
+
+
+def _plot(name: str, *entities: str, half_range: float | None = None) -> rrb.TimeSeriesView:
+    import rerun.blueprint as rrb
+    from rerun import TimeRange, TimeRangeBoundary
+
+    # Said, or a long run would show only what lies near the time cursor.
+    whole_run = TimeRange(start=TimeRangeBoundary.infinite(), end=TimeRangeBoundary.infinite())
+    return rrb.TimeSeriesView(
+        origin="/",
+        contents=[f"/{entity}" for entity in entities],
+        name=name,
+        axis_x=rrb.TimeAxis(view_range=whole_run),
+        axis_y=rrb.ScalarAxis(range=(-half_range, half_range)) if half_range else None,
+        plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.RightTop),
+    )

@@ -1,0 +1,211 @@
+"""Poinsot's construction in Rerun, live: the inertia ellipsoid rolls on the invariable plane and draws its two curves.
+
+Drawn in the space of rho = w / sqrt(2 T), where the ellipsoid rho . I rho = 1 stays what it is however energy and scale
+change (Goldstein, Classical Mechanics, section 5.6); the unit of length is its longest half axis. The plane touches it
+at rho, at right angles to I w. While no torque acts, the plane stands still; a torque moves it. T and I w are of the
+rotating body alone, without what turns inside it. Never integrates: every point is of a sample of the run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.recording.rerun_layout import BLUE, CYAN, GREEN, GREY, ORANGE, YELLOW
+from rb_dynamics.recording.thinning import Piece, Trail
+from rb_dynamics.rotation import matrix
+from rb_dynamics.rotations import rotate_all
+from rb_dynamics.vector import Vector, dot, norm, scale, subtract
+
+if TYPE_CHECKING:
+    import rerun as rr
+
+Array = NDArray[np.float64]
+
+ROOT = "poinsot"
+POLHODE, HERPOLHODE = f"{ROOT}/body/polhode", f"{ROOT}/herpolhode"
+GROWING = (POLHODE, f"{POLHODE}/dots", HERPOLHODE, f"{HERPOLHODE}/dots")
+"""What is shown as far as the time cursor."""
+
+MAX_PIECES = 1000
+
+# Beyond this turn (rad) between two points a chord would be no picture of the curve.
+_LARGEST_CHORD = 0.5
+_DISC = 1.15  # radius of the drawn part of the plane
+
+
+class Eye(NamedTuple):
+    """Where the eye is, and what is up for it; it looks at the origin."""
+
+    position: Vector
+    up: Vector
+
+
+EYE = Eye((3.6, -4.0, 2.8), (0.0, 0.0, 1.0))
+"""Where the eye stands that sees what lies within some 3 of the origin, all axes about equally foreshortened."""
+
+
+class Contact(NamedTuple):
+    """Where the ellipsoid touches the plane, one row for each instant; NaN while the body does not turn.
+
+    Attributes:
+        body: point of contact, body axes.
+        world: the same in world axes.
+        normal: of the plane, away from the centre, world axes.
+        distance: of the plane from the centre.
+    """
+
+    body: Array
+    world: Array
+    normal: Array
+    distance: Array
+
+
+def half_axes(body: RigidBody) -> Vector:
+    """Return the half axes of the ellipsoid along the principal axes; the longest is 1."""
+    least = min(body.principal_moments)
+    x, y, z = (float(np.sqrt(least / moment)) for moment in body.principal_moments)
+    return x, y, z
+
+
+def contact(body: RigidBody, orientation_xyzw: Array, angular_velocity_body: Array) -> Contact:
+    """Return the contact at attitudes (n, 4) and angular velocities (n, 3), rad/s, in body axes."""
+    largest = np.abs(angular_velocity_body).max(axis=1, keepdims=True)
+    # By its direction alone: no square leaves the range of double precision, however fast or slow the spin.
+    axis = angular_velocity_body / np.where(largest > 0.0, largest, np.nan)
+    least = min(body.principal_moments)
+    momentum = axis @ (np.array(body.inertia) / least)
+    point: Array = axis / np.sqrt(np.sum(axis * momentum, axis=1, keepdims=True))
+    normal = rotate_all(orientation_xyzw, momentum / np.linalg.norm(momentum, axis=1, keepdims=True))
+    world = rotate_all(orientation_xyzw, point)
+    return Contact(point, world, normal, np.sum(world * normal, axis=1))
+
+
+class Curves:
+    """Polhode and herpolhode as they arise, and where the plane lies on which they end."""
+
+    def __init__(self, body: RigidBody, rows: int | None) -> None:
+        """Start before the first sample; `rows` is how many will come, None where nobody knows."""
+        self._body, self._trail = body, Trail(6, MAX_PIECES, rows)
+        self._time_ns, self._rate = 0, 0.0
+        self.normal: Vector | None = None
+
+    def take(self, stamps: NDArray[np.int64], touch: Contact, angular_velocity_body: Array) -> list[Piece]:
+        """Take the next points of contact and return the pieces that they complete; stamps (n, 2) as of `Trail`."""
+        turning = np.flatnonzero(np.isfinite(touch.distance))
+        if self.normal is None and len(turning):
+            x, y, z = touch.normal[turning[0]].tolist()
+            self.normal = (x, y, z)
+        time_ns = np.append(self._time_ns, stamps[:, 0])
+        rate = np.append(self._rate, np.linalg.norm(angular_velocity_body, axis=1))
+        turn = np.maximum(rate[1:], rate[:-1]) * np.diff(time_ns) * 1e-9
+        joined = (rate[1:] > 0.0) & (rate[:-1] > 0.0) & (turn < _LARGEST_CHORD)
+        self._time_ns, self._rate = int(time_ns[-1]), float(rate[-1])
+        return self._trail.take(stamps, np.column_stack([touch.body, touch.world]), joined)
+
+    def finish(self) -> list[Piece]:
+        """Return what is left."""
+        return self._trail.finish()
+
+
+def separatrices(body: RigidBody, n: int = 129) -> list[Array]:
+    """Return the curves through the middle axis that part the polhodes about the two others, (n, 3), body axes.
+
+    On rho . I rho = 1 and |I rho|^2 = I_2: I_1 (I_2 - I_1) x1^2 = I_3 (I_3 - I_2) x3^2, two planes through the middle
+    axis. Empty for a body with two equal moments, which has no middle axis.
+    """
+    low, middle, high = sorted(range(3), key=lambda k: body.principal_moments[k])
+    i1, i2, i3 = (body.principal_moments[k] / body.principal_moments[low] for k in (low, middle, high))
+    if not i1 < i2 < i3:
+        return []
+    angle = np.linspace(0.0, 2.0 * np.pi, n)
+    curves = []
+    for side in (1.0, -1.0):
+        across = np.zeros(3)
+        across[low], across[high] = np.sqrt(i3 * (i3 - i2)), side * np.sqrt(i1 * (i2 - i1))
+        across /= np.sqrt(i1 * across[low] ** 2 + i3 * across[high] ** 2)
+        points = np.outer(np.sin(angle), across)
+        points[:, middle] = np.cos(angle) / np.sqrt(i2)
+        curves.append(points @ np.array(matrix(body.principal_orientation_xyzw)).T)
+    return curves
+
+
+def fixed_looks(body: RigidBody) -> Iterator[tuple[str, list[rr.AsComponents]]]:
+    """Give entity and components of what looks the same throughout a run."""
+    import rerun as rr
+
+    fill = rr.components.FillMode.TransparentFillMajorWireframe
+    orientation = rr.Quaternion(xyzw=body.principal_orientation_xyzw)
+    ellipsoid = rr.Ellipsoids3D(half_sizes=[half_axes(body)], quaternions=[orientation], colors=[BLUE], fill_mode=fill)
+    yield f"{ROOT}/body", [rr.TransformAxes3D(1.3)]
+    yield f"{ROOT}/body/ellipsoid", [ellipsoid]
+    yield f"{ROOT}/body/separatrices", [rr.LineStrips3D(separatrices(body), colors=[GREY], radii=[-0.75])]
+    # A little beyond the plane, so that the curve in it is seen on the disc.
+    disc = rr.Cylinders3D(lengths=[2e-3], radii=[_DISC], centers=[(0.0, 0.0, 8e-3)], colors=[GREY], fill_mode=fill)
+    yield f"{ROOT}/plane", [disc]
+    for entity, color in ((POLHODE, GREEN), (HERPOLHODE, YELLOW)):
+        yield entity, [rr.LineStrips3D.from_fields(colors=[color], radii=[-1.5])]
+        yield f"{entity}/dots", [rr.Points3D.from_fields(colors=[color], radii=[-1.5])]
+    for name, label, color in (("angular_momentum", "L", ORANGE), ("angular_velocity", "ω", CYAN)):
+        shaft = rr.Arrows3D.from_fields(colors=[color], radii=[-3.0])
+        letter = rr.Points3D.from_fields(colors=[color], radii=[-0.5], labels=[label], show_labels=True)
+        yield f"{ROOT}/{name}", [shaft, letter]
+
+
+def columns(orientation_xyzw: Array, touch: Contact) -> Iterator[tuple[str, rr.ComponentColumnList]]:
+    """Give entity and columns of what moves; arrows end while the body does not turn, the plane stays where it was."""
+    import rerun as rr
+
+    yield f"{ROOT}/body", rr.Transform3D.columns(quaternion=orientation_xyzw)
+    turns = np.isfinite(touch.distance)
+    if not turns.any():
+        return
+    normal = touch.normal[turns]
+    place = normal * touch.distance[turns, None]
+    placed = rr.Transform3D.columns(translation=place, quaternion=_from_z(normal))
+    yield f"{ROOT}/plane", placed.partition(turns.astype(int))
+    # L as far beyond the plane as keeps it in view; only its direction is meant.
+    # The letter of w stands halfway: at its tip it would hide where the ellipsoid touches the plane.
+    arrows = (("angular_momentum", 1.4 * normal, 1.1), ("angular_velocity", touch.world[turns], 0.5))
+    for name, vectors, letter in arrows:
+        both = [*rr.Arrows3D.columns(vectors=vectors), *rr.Points3D.columns(positions=letter * vectors)]
+        yield f"{ROOT}/{name}", rr.ComponentColumnList(both).partition(turns.astype(int))
+
+
+def curves(pieces: list[Piece]) -> Iterator[tuple[str, rr.ComponentColumnList]]:
+    """Give entity and columns of pieces of both curves: points of contact in body axes, then in world axes."""
+    import rerun as rr
+
+    lines = [[strip for strip in piece.strips if len(strip) > 1] for piece in pieces]
+    dots = [[strip for strip in piece.strips if len(strip) == 1 and np.isfinite(strip).all()] for piece in pieces]
+    for entity, axes in ((POLHODE, slice(0, 3)), (HERPOLHODE, slice(3, 6))):
+        strips = [strip[:, axes] for row in lines for strip in row]
+        points = [strip[0, axes] for row in dots for strip in row]
+        if strips:
+            yield entity, rr.LineStrips3D.columns(strips=strips).partition([len(row) for row in lines])
+        if points:
+            yield f"{entity}/dots", rr.Points3D.columns(positions=points).partition([len(row) for row in dots])
+
+
+def eye(normal_world: Vector | None) -> Eye:
+    """Return the eye for which the ellipsoid lies on the plane as on a floor; None is a plane not known yet."""
+    if normal_world is None:
+        return EYE
+    up = scale(-1.0, normal_world)
+    along = subtract(EYE.position, scale(dot(EYE.position, up), up))
+    if norm(along) < 1.0:
+        along = subtract((5.0, 0.0, 0.0), scale(5.0 * up[0], up))
+    x, y, z = (2.9 * a / norm(along) + 1.4 * u for a, u in zip(along, up, strict=True))
+    return Eye((x, y, z), up)
+
+
+def _from_z(normal: Array) -> Array:
+    """Return the shortest turn from the z axis to each normal, xyzw; about x where they are opposite."""
+    turn = np.column_stack([-normal[:, 1], normal[:, 0], np.zeros(len(normal)), 1.0 + normal[:, 2]])
+    turn[normal[:, 2] < -1.0 + 1e-12] = (1.0, 0.0, 0.0, 0.0)
+    unit: Array = turn / np.linalg.norm(turn, axis=1, keepdims=True)
+    return unit
