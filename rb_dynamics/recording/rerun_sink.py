@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rb_dynamics.body.properties import equivalent_box
+from rb_dynamics.contact import contact
 from rb_dynamics.diagnostics import Sample
 from rb_dynamics.errors import LogError, MissingExtraError
 from rb_dynamics.recording import rerun_layout as layout
@@ -263,7 +264,7 @@ class Recorder:
         attitude, rates = columns.values["attitude"], columns.values["angular_velocity"]
         self._send_poses(times, columns.values["position"], attitude)
         if self.curves is not None:
-            touch = poinsot.contact(self.run.scene.body, attitude, rates)
+            touch = contact(self.run.scene.body, attitude, rates)
             for entity, moving in poinsot.columns(attitude, touch):
                 self._send(entity, times, moving)
             self._send_curves(self.curves.take(columns.stamps, touch, rates))

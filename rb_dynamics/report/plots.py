@@ -79,6 +79,17 @@ def wrench_history(steps: Sequence[tuple[str, Array, Array]], span_s: Array) -> 
     return draw(panels, "Applied wrenches over time", span_s)
 
 
+def residual_wrench(time_s: Array, force_world: Array, torque_world: Array) -> str:
+    """Return the force (N) and torque (N m) that nothing recorded explains, world axes."""
+    return draw(
+        [
+            Panel("Residual force, world axes [N]", components(time_s, force_world)),
+            Panel("Residual torque about the centre of mass, world axes [N m]", components(time_s, torque_world)),
+        ],
+        "Residual wrench over time",
+    )
+
+
 def comparison(time_s: Array, differences: Mapping[str, Array]) -> str:
     """Return magnitudes of differences against a reference, one logarithmic panel for each title.
 

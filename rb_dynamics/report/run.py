@@ -15,9 +15,11 @@ from rb_dynamics.report import plots, text
 from rb_dynamics.report.balance import Balance
 from rb_dynamics.report.checks import BOUND
 from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, write_html
+from rb_dynamics.report.rolling import poinsot_view
 from rb_dynamics.report.summary import Summary, summarize
 from rb_dynamics.report.topics import read_track
-from rb_dynamics.report.track import APPLIED, Array, Series, Track
+from rb_dynamics.report.track import APPLIED, Array, Series, Track, unit_rows
+from rb_dynamics.rotations import rotate_all_inverse
 from rb_dynamics.scene.model import Scene
 
 
@@ -59,9 +61,12 @@ def run_report(track: Track, summary: Summary, extra: Sequence[Section] = ()) ->
     )
     sections = [
         Section("At a glance", tiles=_tiles(summary)),
+        *_warnings(summary),
         *extra,
         *_subject(track, summary),
         *_motion(track),
+        *_residual(track, summary),
+        *_poinsot(track),
         *_conservation(track, summary),
         *_wrenches(track, summary),
         *_tables(summary),
@@ -117,10 +122,15 @@ def _run_tiles(summary: Summary) -> list[Tile]:
 
 def _check_tiles(summary: Summary) -> list[Tile]:
     """Return one tile for the checks of the data, those that failed each with their own, and one for each balance."""
-    data = [check for check in summary.checks if not check.name.endswith(" balance")]
+    judged = (" balance", "explains the motion")
+    data = [check for check in summary.checks if not check.name.endswith(judged)]
     failed = [Tile(check.name, "failed", check.detail, "bad") for check in data if not check.passed]
     whole = Tile("Log", "whole", "; ".join(check.name for check in data), "good")
     tiles = failed or [whole]
+    if summary.residual is not None:
+        left = summary.residual
+        value, colour = ("explained", "good") if left.explained else ("not explained", "bad")
+        tiles.append(Tile("Motion, by the inertia given", value, f"{left.relative:.2g} left over", colour))
     for check in summary.checks:
         balance = summary.balance(check.name.removesuffix(" balance"))
         if balance is not None and check.name.endswith(" balance"):
@@ -188,6 +198,50 @@ def _motion(track: Track) -> list[Section]:
         caption = f"{track.twist.topic}: in a good run these are continuous, with kinks only where a wrench changes."
         figures.append(Figure(plots.rates_and_velocity(time_s, rows[:, 3:], rows[:, :3], axes), caption))
     return [Section("Motion", figures=figures)] if figures else []
+
+
+def _warnings(summary: Summary) -> list[Section]:
+    found = summary.warnings
+    return [Section("Warnings", "\n\n".join(found))] if found else []
+
+
+def _residual(track: Track, summary: Summary) -> list[Section]:
+    left = summary.residual
+    if left is None:
+        return []
+    time_s = track.seconds(left.time_ns)
+    caption = (
+        "Mean force and torque between two samples that no recorded wrench explains, with the mass properties given. "
+        "In a good recording this is its noise around zero; a wrong inertia shows as a torque that turns with the body."
+    )
+    figure = Figure(plots.residual_wrench(time_s, left.force_world, left.torque_world), caption)
+    header, *rows = text.inertia_rows(summary, track.body)
+    return [
+        Section(
+            "Does the body given explain the motion?",
+            text.residual_sentence(left),
+            figures=[figure],
+            table=Table(header, rows),
+        )
+    ]
+
+
+def _poinsot(track: Track) -> list[Section]:
+    pose, twist, body = track.pose, track.twist, track.body
+    if pose is None or twist is None or body is None:
+        return []
+    time_ns, at_pose, at_twist = np.intersect1d(pose.time_ns, twist.time_ns, return_indices=True)
+    attitude, rates = unit_rows(pose.values[at_pose, 3:]), twist.values[at_twist, 3:]
+    if track.twist_in_world:
+        rates = rotate_all_inverse(attitude, rates)
+    view = poinsot_view(body, track.seconds(time_ns), attitude, rates)
+    caption = (
+        "Where the ellipsoid of inertia touches the invariable plane: the tip of the angular velocity, on the "
+        "ellipsoid and in the plane, each from its dot on. While no torque acts the ellipsoid rolls on the plane "
+        "without slipping: the left curve is closed, the right one lies between two circles. The grey lines on the "
+        "ellipsoid cross at the middle axis; near a crossing a spin is unstable, and the body turns over."
+    )
+    return [Section("Poinsot's construction", figures=[Figure(view, caption)])] if view else []
 
 
 def _conservation(track: Track, summary: Summary) -> list[Section]:

@@ -13,7 +13,9 @@ import numpy as np
 from rb_dynamics.recording.mcap_reader import Bag, Topic
 from rb_dynamics.report.balance import Balance, balances
 from rb_dynamics.report.checks import BOUND, Check, checks
+from rb_dynamics.report.residual import Residual, residual
 from rb_dynamics.report.track import APPLIED, Series, Track, WrenchSteps
+from rb_dynamics.report.warnings import Channel, Health, warnings
 
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 
@@ -54,31 +56,6 @@ class Range:
 
 
 @dataclass(frozen=True)
-class Channel:
-    """What came on one wrench channel and what became of it; None where the log does not say.
-
-    Attributes:
-        topic: as recorded, without "/applied".
-        frames: every `frame_id` met.
-        received: commands that took effect; of a bag without applied wrenches, all commands.
-        applied: changes of what acted.
-        timeouts: drops to zero.
-        rejected: commands that were not honoured.
-        largest_force: N.
-        largest_torque: N m.
-    """
-
-    topic: str
-    frames: tuple[str, ...]
-    received: int | None
-    applied: int | None
-    timeouts: int | None
-    rejected: int | None
-    largest_force: float
-    largest_torque: float
-
-
-@dataclass(frozen=True)
 class Moment:
     """One quantity at the first and the last sample."""
 
@@ -86,15 +63,6 @@ class Moment:
     unit: str
     first: tuple[float, ...]
     last: tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class Health:
-    """The last diagnostics status, and the worst level of all: 0 OK, 1 WARN, 2 ERROR."""
-
-    worst_level: int
-    message: str
-    values: tuple[tuple[str, str], ...]
 
 
 @dataclass(frozen=True)
@@ -120,6 +88,8 @@ class Summary:
         health: None where the log has no diagnostics.
         momenta_from: see `Track`.
         checks: what was judged.
+        residual: how well the body given explains a recording of another writer; None where that is not known.
+        warnings: what did not go as it should, without being a failure.
         notes: what a reader has to know about the data.
         missing: what cannot be computed, and how to give what it needs.
     """
@@ -142,6 +112,8 @@ class Summary:
     health: Health | None
     momenta_from: str
     checks: tuple[Check, ...]
+    residual: Residual | None
+    warnings: tuple[str, ...]
     notes: tuple[str, ...]
     missing: tuple[str, ...]
 
@@ -164,6 +136,8 @@ def summarize(track: Track, bound: float = BOUND) -> Summary:
     topics = tuple(_topic(topic, start) for _, topic in sorted(bag.topics.items()))
     health = _health(bag)
     found = tuple(balances(track, bound))
+    left = residual(track, bound)
+    channels = tuple(_channels(track, health))
     return Summary(
         path=str(bag.path),
         own=track.own,
@@ -179,13 +153,22 @@ def summarize(track: Track, bound: float = BOUND) -> Summary:
         moments=tuple(_moments(track)),
         ranges=tuple(_ranges(track)),
         balances=found,
-        channels=tuple(_channels(track, health)),
+        channels=channels,
         health=health,
         momenta_from=track.momenta_from,
-        checks=tuple(checks(track, found, bound)),
+        checks=(*checks(track, found, bound), *_explained(left)),
+        residual=left,
+        warnings=tuple(warnings(track, channels, health)),
         notes=track.notes,
         missing=tuple(_missing(track)),
     )
+
+
+def _explained(left: Residual | None) -> list[Check]:
+    if left is None:
+        return []
+    detail = f"left over {left.relative:.3g} of the momentum from sample to sample, {left.best:.3g} with the best fit"
+    return [Check("inertia explains the motion", left.explained, detail)]
 
 
 def _topic(topic: Topic, start_ns: int) -> TopicFacts:
@@ -273,15 +256,17 @@ def _channel(track: Track, steps: WrenchSteps, health: Health | None) -> Channel
         received=received,
         applied=applied,
         timeouts=timeouts,
-        rejected=_rejected(name, health),
+        rejected=_counted(name, "rejected", health),
+        late=_counted(name, "late", health),
+        lost=_counted(name, "lost", health),
         largest_force=float(np.linalg.norm(steps.force, axis=1).max(initial=0.0)),
         largest_torque=float(np.linalg.norm(steps.torque, axis=1).max(initial=0.0)),
     )
 
 
-def _rejected(topic: str, health: Health | None) -> int | None:
+def _counted(topic: str, what: str, health: Health | None) -> int | None:
     for key, value in health.values if health else ():
-        match = re.fullmatch(r"(.+): rejected", key)
+        match = re.fullmatch(rf"(.+): {what}", key)
         if match and f"/{topic}".endswith(f"/{match[1].lstrip('/')}") and value.isdecimal():
             return int(value)
     return None

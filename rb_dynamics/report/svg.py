@@ -36,8 +36,8 @@ MAX_POINTS = 2000
 _WIDTH, _PANEL, _TOP, _BOTTOM, _LEFT, _RIGHT = 690.0, 112.0, 32.0, 36.0, 72.0, 14.0
 _FONT = 9.5
 # Stands for currentColor, which matplotlib has no name for.
-_TEXT = "#010203"
-_SETTINGS = {"font.size": _FONT, "svg.fonttype": "none"}
+TEXT = "#010203"
+SETTINGS = {"font.size": _FONT, "svg.fonttype": "none"}
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ def draw(panels: Sequence[Panel], name: str, span_s: Array | None = None) -> str
     height = _BOTTOM + len(panels) * (_TOP + _PANEL)
     buffer = io.BytesIO()
     # Ids depend on the figure alone: the same in every run, different within a page.
-    settings = {**_SETTINGS, "svg.hashsalt": "|".join([name, *(panel.title for panel in panels)])}
+    settings = {**SETTINGS, "svg.hashsalt": "|".join([name, *(panel.title for panel in panels)])}
     # They are needed while drawing, too; the context gives the caller's back.
     with style.context(["default", settings]):
         figure = Figure(figsize=(_WIDTH / 72.0, height / 72.0))
@@ -118,9 +118,10 @@ def draw(panels: Sequence[Panel], name: str, span_s: Array | None = None) -> str
             axes.set_xlim(start, end)
             if row + 1 < len(panels):
                 axes.tick_params(labelbottom=False)
-        axes.set_xlabel("time [s]", color=_TEXT, labelpad=2.0)
+        axes.set_xlabel("time [s]", color=TEXT, labelpad=2.0)
         figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
-    return _inline(buffer.getvalue(), panels, name)
+    headings = [_heading(panel, row * (_TOP + _PANEL) + _TOP - 9.0) for row, panel in enumerate(panels)]
+    return inline(buffer.getvalue(), name, [element for heading in headings for element in heading])
 
 
 def _span(panels: Sequence[Panel], span_s: Array | None) -> tuple[float, float]:
@@ -141,7 +142,7 @@ def _plot(axes: Axes, panel: Panel, end: float) -> None:
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color("#808080")
     axes.grid(axis="y", color="#808080", alpha=0.25, linewidth=0.6)
-    axes.tick_params(color="#808080", labelcolor=_TEXT, length=3.0)
+    axes.tick_params(color="#808080", labelcolor=TEXT, length=3.0)
     if panel.log:
         _logarithmic(axes)
     else:
@@ -208,8 +209,8 @@ def tick(value: float, places: Sequence[float] | Array) -> str:
     return text.replace("-", "\N{MINUS SIGN}")
 
 
-def _inline(document: bytes, panels: Sequence[Panel], name: str) -> str:
-    """Return the svg element without namespaces, ids nobody refers to and fonts, with titles and legends."""
+def inline(document: bytes, name: str, above: Sequence[ElementTree.Element] = ()) -> str:
+    """Return the svg element without namespaces, ids nobody refers to and fonts; `above` is drawn last."""
     root = ElementTree.fromstring(document)
     for element in root.iter():
         element.tag = element.tag.rpartition("}")[2]
@@ -227,8 +228,7 @@ def _inline(document: bytes, panels: Sequence[Panel], name: str) -> str:
     for key in ("width", "height", "version"):
         root.attrib.pop(key, None)
     root.attrib.update({"role": "img", "aria-label": printable(name), "stroke-linejoin": "round"})
-    for row, panel in enumerate(panels):
-        root.extend(_heading(panel, row * (_TOP + _PANEL) + _TOP - 9.0))
+    root.extend(above)
     return ElementTree.tostring(root, encoding="unicode")
 
 
@@ -238,7 +238,7 @@ def _drop(parent: ElementTree.Element, tag: str) -> None:
 
 
 def _style(text: str) -> str:
-    parts = [part.strip() for part in text.replace(_TEXT, "currentColor").split(";")]
+    parts = [part.strip() for part in text.replace(TEXT, "currentColor").split(";")]
     kept = [f"font-size: {_FONT:g}px" if part.startswith("font:") else part for part in parts]
     return "; ".join(part for part in kept if part and not part.startswith("font-family"))
 

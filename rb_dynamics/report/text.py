@@ -5,7 +5,11 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterable, Sequence
 
+import numpy as np
+
+from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.report.html import printable
+from rb_dynamics.report.residual import Residual
 from rb_dynamics.report.summary import Summary
 
 WIDTH = 100
@@ -28,6 +32,9 @@ def as_text(summary: Summary) -> str:
     lines += [""] if summary.missing or summary.notes else []
     for check in summary.checks:
         lines += _wrap(f"{'ok  ' if check.passed else 'FAIL'}  {check.name}: {check.detail}", "      ")
+    if summary.residual:
+        lines = [*lines, *_wrap(residual_sentence(summary.residual)), ""]
+    lines += [line for warning in summary.warnings for line in _wrap(f"warning: {warning}", "  ")]
     failed, count = sum(not check.passed for check in summary.checks), len(summary.checks)
     return "\n".join([*lines, f"{failed} of {count} checks failed" if failed else f"all {count} checks passed"])
 
@@ -103,12 +110,37 @@ def channel_rows(summary: Summary) -> list[list[str]]:
     return rows if summary.channels else []
 
 
+def residual_sentence(left: Residual) -> str:
+    """Return how well the body given explains the motion, and what would explain it better."""
+    force, torque = left.root_mean_square
+    size = f"residual force {force:.3g} N and torque {torque:.3g} N m (root mean square)"
+    if left.explained:
+        verdict = "The inertia given explains the motion"
+    else:
+        best = f"{left.best / left.relative:.2g}" if left.relative > 0.0 else "1"
+        moments = ", ".join(f"{moment:.6g}" for moment in np.linalg.eigvalsh(left.inertia))
+        scale = "" if left.scaled else ", up to a factor, as no torque tells the scale"
+        better = f"principal moments of {moments} kg m²{scale}, leave {best} of it"
+        verdict = f"The inertia given does NOT explain the motion: {better}"
+    mass = "" if left.mass is None else f" The forces fit a mass of {left.mass:.9g} kg best."
+    return f"{verdict}; {size}.{mass}"
+
+
+def inertia_rows(summary: Summary, body: RigidBody | None) -> list[list[str]]:
+    """Return header and rows: the inertia given and the one that fits best; empty where it is not judged."""
+    if summary.residual is None or body is None:
+        return []
+    rows = [["kg m², body axes", "given", "fits best"]]
+    for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)):
+        rows.append([f"I{'xyz'[i]}{'xyz'[j]}", f"{body.inertia[i][j]:.6g}", f"{summary.residual.inertia[i, j]:.6g}"])
+    return rows
+
+
 def health_sentence(summary: Summary) -> str:
     """Return the worst level and the last message of the diagnostics."""
     if summary.health is None:
         return ""
-    level = ("ok", "warning", "error", "stale")[min(summary.health.worst_level, 3)]
-    return f"worst level {level}; last message: {summary.health.message or 'none'}"
+    return f"worst level {summary.health.level}; last message: {summary.health.message or 'none'}"
 
 
 def _short(value: float) -> str:

@@ -62,8 +62,14 @@ class _Finder:
     """Looks up topics by type; among several, those next to the ones found, then those named as this package does."""
 
     def __init__(self, bag: Bag, scene: Scene | None) -> None:
-        self.bag, self.scene = bag, scene
         self.notes: list[str] = []
+        if scene is not None and "rb_dynamics" in bag.metadata:
+            self.notes.append(
+                "The scene given is not used: this log was written by rb_dynamics and brings the body, the frames and "
+                "the momenta with which it ran."
+            )
+            scene = None
+        self.bag, self.scene = bag, scene
         self.used: set[str] = set()
         self.parent = ""
 

@@ -53,6 +53,20 @@ def test_recording_with_scene(example_dir: Path, scene_dir: Path, capsys: pytest
     assert "angular momentum balance" in out
 
 
+def test_a_scene_for_a_log_of_our_own_is_not_used_and_that_is_said(
+    log: Path, scene_dir: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def checks(out: str) -> list[str]:
+        return [line for line in out.splitlines() if line.startswith(("ok  ", "FAIL"))]
+
+    assert main(["inspect", str(log)]) == 0
+    alone = capsys.readouterr().out
+    assert main(["inspect", str(log), "--scene", str(scene_dir / "slew.yaml")]) == 0
+    out = capsys.readouterr().out
+    assert "The scene given is not used" in out
+    assert checks(out) == checks(alone)
+
+
 def test_html(log: Path, tmp_path: Path) -> None:
     assert main(["inspect", str(log), "--html", str(tmp_path / "out" / "run.html")]) == 0
     assert (tmp_path / "out" / "run.html").read_text().startswith("<!DOCTYPE html>")

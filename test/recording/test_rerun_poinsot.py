@@ -10,11 +10,9 @@ import pytest
 from rerun_runs import BODY, COMMANDS, SCENE, Rrd, logged
 
 from rb_dynamics import poinsot as theory
-from rb_dynamics import rotation
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.poinsot import invariable_plane
 from rb_dynamics.recording import rerun_poinsot as poinsot
-from rb_dynamics.rotation import rotate
 
 TUMBLE = replace(SCENE, duration=5.0)
 
@@ -96,31 +94,6 @@ def test_samples_too_far_apart_for_a_line_are_dots(tmp_path: Path) -> None:
     rows = rrd.rows["/" + poinsot.POLHODE + "/dots", "Points3D:positions"]
     dots = [place for _, _, places in rows for place in places]
     assert len(np.unique(dots, axis=0)) == len(samples)
-
-
-@pytest.mark.parametrize("rate", [1e-200, 1e-9, 1e9, 1e150])
-def test_contact_does_not_depend_on_the_scale_of_the_spin(rate: float) -> None:
-    attitude = np.array([[0.5, 0.5, 0.5, 0.5]])
-    omega = np.array([[0.1, 2.0, 0.3]])
-    one, other = poinsot.contact(BODY, attitude, omega), poinsot.contact(BODY, attitude, rate * omega)
-    np.testing.assert_allclose(other.body, one.body, rtol=1e-14)
-    np.testing.assert_allclose(other.distance, one.distance, rtol=1e-14)
-    point = one.body[0]
-    inertia = np.array(BODY.inertia) / min(BODY.principal_moments)
-    assert point @ inertia @ point == pytest.approx(1.0, rel=1e-14)
-    gradient = rotate((0.5, 0.5, 0.5, 0.5), tuple(inertia @ point))
-    np.testing.assert_allclose(gradient / np.linalg.norm(gradient), one.normal[0], rtol=0, atol=1e-15)
-
-
-def test_separatrices_lie_on_the_ellipsoid_and_have_the_momentum_of_the_middle_axis() -> None:
-    inertia = np.array(BODY.inertia) / min(BODY.principal_moments)
-    middle = sorted(BODY.principal_moments)[1] / min(BODY.principal_moments)
-    curves = poinsot.separatrices(BODY)
-    assert len(curves) == 2
-    for curve in curves:
-        np.testing.assert_allclose(np.einsum("ni,ij,nj->n", curve, inertia, curve), 1.0, rtol=1e-13)
-        np.testing.assert_allclose(np.sum((curve @ inertia) ** 2, axis=1), middle, rtol=1e-13)
-    assert poinsot.separatrices(RigidBody.from_principal(1.0, (1.0, 1.0, 1.5), rotation.exp((0.1, 0.2, 0.3)))) == []
 
 
 @pytest.mark.parametrize("normal", [(0, 0, 1), (0, 0, -1), (0.6, -0.8, 0), (-0.6, 0.64, -0.48), None])

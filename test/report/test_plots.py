@@ -87,7 +87,7 @@ def test_titles_and_labels_are_plain_text(title: str) -> None:
 def test_text_takes_the_colour_of_the_page() -> None:
     picture = plots.energy_defect(TIME, WAVE[:, 0])
     assert "currentColor" in picture
-    assert svg._TEXT not in picture
+    assert svg.TEXT not in picture
     assert "#ffffff" not in picture
     assert "#000000" not in picture
 

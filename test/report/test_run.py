@@ -33,9 +33,11 @@ def test_report_of_a_run_has_everything(flight: Any, tmp_path: Path) -> None:
     page = page_of(target)
     assert headings(page) == [
         "At a glance",
+        "Warnings",
         "Extra",
         "What was simulated",
         "Motion",
+        "Poinsot's construction",
         "Momentum and energy",
         "Wrenches",
         "Checks",
@@ -51,7 +53,8 @@ def test_report_of_a_run_has_everything(flight: Any, tmp_path: Path) -> None:
     assert f"{flight.result.sample.work:.7g}" in text
     assert f"{flight.result.steps} steps" in text
     assert "mass: 4.0" in text
-    assert len(list(page.iter("svg"))) == len(list(page.iter("figcaption"))) == 7
+    assert "/thrust timed out 1×, first at t = 1.05 s." in text
+    assert len(list(page.iter("svg"))) == len(list(page.iter("figcaption"))) == 8
     assert all(words(caption) for caption in page.iter("figcaption"))
     for figure in ("Torque of /thrust, body axes [N m]", "Force of /push, world axes [N]", "Energy defect"):
         assert figure in text
@@ -80,6 +83,14 @@ def test_report_of_a_foreign_bag(with_scene: bool, example_dir: Path, scene_dir:
     assert ("Give them as a scene file" in words(page)) is not with_scene
 
 
+def test_report_says_if_the_scene_explains_a_foreign_bag(example_dir: Path, scene_dir: Path, tmp_path: Path) -> None:
+    write_run_report(example_dir / "slew.mcap", tmp_path / "run.html", scene=read_scene(scene_dir / "slew.yaml"))
+    text = words(page_of(tmp_path / "run.html"))
+    assert "The inertia given explains the motion" in text
+    assert "The forces fit a mass of 16.8 kg best." in text
+    assert "Residual torque about the centre of mass" in text
+
+
 def test_failures_stand_at_the_top(flight: Any, tmp_path: Path) -> None:
     cut = tmp_path / "cut.mcap"
     data = flight.log.read_bytes()
@@ -90,7 +101,7 @@ def test_failures_stand_at_the_top(flight: Any, tmp_path: Path) -> None:
     assert "cut off before the end" in lead
     assert "Failed: file is whole" in lead
     # All of them, although some topics have one sample more than others.
-    assert len(list(page.iter("svg"))) == 7
+    assert len(list(page.iter("svg"))) == 8
 
 
 def test_scene_text_and_names_are_escaped(bagger: Any, tmp_path: Path) -> None:

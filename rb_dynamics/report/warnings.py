@@ -1,0 +1,98 @@
+"""What a reader has to be warned of in a recorded run, in whole sentences; nothing here fails a check."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rb_dynamics.report.checks import gaps
+from rb_dynamics.report.track import APPLIED, Track
+
+
+@dataclass(frozen=True)
+class Channel:
+    """What came on one wrench channel and what became of it; None where the log does not say.
+
+    Attributes:
+        topic: as recorded, without "/applied".
+        frames: every `frame_id` met.
+        received: commands that took effect; of a bag without applied wrenches, all commands.
+        applied: changes of what acted.
+        timeouts: drops to zero.
+        rejected: commands that were not honoured.
+        late: commands whose time had passed when they came.
+        lost: commands that the middleware lost.
+        largest_force: N.
+        largest_torque: N m.
+    """
+
+    topic: str
+    frames: tuple[str, ...]
+    received: int | None
+    applied: int | None
+    timeouts: int | None
+    rejected: int | None
+    late: int | None
+    lost: int | None
+    largest_force: float
+    largest_torque: float
+
+
+@dataclass(frozen=True)
+class Health:
+    """The last diagnostics status, and the worst level of all: 0 OK, 1 WARN, 2 ERROR."""
+
+    worst_level: int
+    message: str
+    values: tuple[tuple[str, str], ...]
+
+    @property
+    def level(self) -> str:
+        """The worst level as a word."""
+        return ("ok", "warning", "error", "stale")[min(self.worst_level, 3)]
+
+
+def warnings(track: Track, channels: Sequence[Channel], health: Health | None) -> list[str]:
+    """Return warnings about commands, time and health; none for a run in which all went as it should."""
+    found = [] if track.bag.complete else ["The file was cut off: what came later is lost."]
+    found += _commands(track, channels)
+    for series in (track.pose, track.twist):
+        if series is not None and (count := gaps(series.time_ns)):
+            found.append(f"{series.topic} has {count} gap{'s' if count > 1 else ''}.")
+    if health is not None:
+        values = dict(health.values)
+        if values.get("overruns", "0") != "0":
+            dropped = values.get("time dropped", "some time")
+            found.append(f"The machine was too slow {values['overruns']}×; {dropped} was dropped.")
+        if health.worst_level > 0:
+            found.append(
+                f"The diagnostics came to level {('ok', 'warning', 'error', 'stale')[min(health.worst_level, 3)]}."
+            )
+    return found
+
+
+def _commands(track: Track, channels: Sequence[Channel]) -> list[str]:
+    found = []
+    for channel in channels:
+        if channel.timeouts:
+            found.append(f"{channel.topic} timed out {channel.timeouts}×{_first_timeout(track, channel.topic)}.")
+        for count, what in (
+            (channel.rejected, "rejected and had no effect"),
+            (channel.late, "late and took effect at once"),
+            (channel.lost, "lost before they arrived"),
+        ):
+            if count:
+                found.append(f"{channel.topic}: {count} command{'s' if count > 1 else ''} {what}.")
+    return found
+
+
+def _first_timeout(track: Track, topic: str) -> str:
+    """Return when a channel first dropped to zero with no command behind it; "" where it cannot be told."""
+    applied = next((steps for steps in track.wrenches if steps.topic == topic + APPLIED), None)
+    source = track.bag.topics.get(topic)
+    if applied is None or source is None:
+        return ""
+    alone = applied.time_ns[~np.isin(applied.time_ns, np.array(source.log_times, dtype=np.int64))]
+    return f", first at t = {float(track.seconds(alone[:1])[0]):.6g} s" if len(alone) else ""
