@@ -20,6 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `inspect`."""
     parser.add_argument("log", metavar="RUN.mcap", help="log of a run, or a bag of pose, twist and wrench")
     parser.add_argument("--html", metavar="F", help="write a report with figures (extra: plot)")
+    parser.add_argument("--video", metavar="F", help="write the tumble as .mp4 or .gif (extra: video)")
     parser.add_argument("--scene", metavar="SCENE", help="scene file whose body and frames belong to the bag")
     parser.add_argument(
         "--bound",
@@ -48,6 +49,11 @@ def run(args: argparse.Namespace) -> int:
         from rb_dynamics.report.run import run_report
 
         write_html(args.html, run_report(track, summary))
+    if args.video:
+        from rb_dynamics.report.video import write_video
+
+        frames = write_video(args.video, track)
+        print(f"wrote {args.video}: {frames} frames")
     return 0 if summary.passed else 1
 
 

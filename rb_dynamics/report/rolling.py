@@ -42,7 +42,7 @@ def poinsot_view(body: RigidBody, time_s: Array, orientation_xyzw: Array, angula
     seen = _screen(_FROM / np.linalg.norm(_FROM))
     ellipsoid = [curve @ principal @ seen for curve in separatrices(body)]
     return _draw(
-        [_outline(np.array(half_axes(body)), seen), *ellipsoid],
+        [outline(np.array(half_axes(body)), seen), *ellipsoid],
         touch.body @ principal @ seen,
         touch.world @ _screen(touch.normal[0]),
         look,
@@ -58,7 +58,7 @@ def _screen(direction: Array) -> Array:
     return axes
 
 
-def _outline(half: Array, seen: Array) -> Array:
+def outline(half: Array, seen: Array) -> Array:
     """Return the outline of the ellipsoid: the image of the unit circle under the root of S^T diag(half^2) S."""
     values, vectors = np.linalg.eigh(seen.T @ np.diag(half**2) @ seen)
     angle = np.linspace(0.0, 2.0 * np.pi, 181)

@@ -1,0 +1,282 @@
+"""The tumble as a video, without a screen: the body with its vectors, and its ellipsoid rolling on the plane.
+
+GIF needs matplotlib alone, MP4 also the program ffmpeg, from the system or from the package imageio-ffmpeg. A run
+shorter than 5 s is slowed down to that, one longer than 20 s sped up; the picture says so. Attitudes between two
+samples are interpolated, nothing else is made up.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import shutil
+import subprocess
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rb_dynamics.body.properties import equivalent_box
+from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.contact import Contact, contact, half_axes, separatrices
+from rb_dynamics.errors import LogError, MissingExtraError
+from rb_dynamics.recording.rerun_poinsot import EYE, Eye, eye
+from rb_dynamics.report.plots import continuous
+from rb_dynamics.report.rolling import outline
+from rb_dynamics.report.track import Array, Track, unit_rows
+from rb_dynamics.rotation import matrix
+from rb_dynamics.rotations import rotate_all, rotate_all_inverse
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+
+RATE = 25
+SHORTEST_S, LONGEST_S = 5.0, 20.0
+FORMATS = (".mp4", ".gif")
+
+_SIZE = (960, 540)
+_PAGE, _TEXT, _GREY = "#12161c", "#e4e8ee", "#8a94a3"
+_ARMS = ("#ec5c5c", "#66c266", "#6094f5")
+_L, _W, _POLHODE, _HERPOLHODE = "#ffaa33", "#40d0dc", "#66c266", "#f0dc50"
+_DISC = 1.15
+
+
+def write_video(path: str | os.PathLike[str], track: Track, rate: int = RATE) -> int:
+    """Write the motion as .mp4 or .gif and return the number of frames; folders above it are made.
+
+    Args:
+        path: of the video; its ending says which kind.
+        track: what is seen.
+        rate: pictures per second.
+
+    Raises:
+        LogError: the motion or the mass properties are not known, or the file cannot be written.
+        MissingExtraError: matplotlib or ffmpeg is not installed.
+    """
+    target = Path(path)
+    motion = _motion(track)
+    if target.suffix.lower() not in FORMATS:
+        raise LogError(f"found {str(target)!r}, expected a file name that ends in {' or '.join(FORMATS)}; give another")
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(b"")  # a path that cannot be written fails before the work
+        if target.suffix.lower() == ".gif":
+            return _write_gif(target, _frames(motion, rate), rate)
+        return _write_mp4(target, _frames(motion, rate), rate)
+    except OSError as error:
+        raise LogError(f"cannot write {target}: {error.strerror or error}; give a file that can be written") from error
+
+
+@dataclass(frozen=True)
+class _Motion:
+    """What is seen: attitude and rate of a body over time, with the points of contact of Poinsot's construction."""
+
+    body: RigidBody
+    time_s: Array
+    attitude: Array
+    rates: Array
+    touch: Contact
+
+    def at(self, time_s: float) -> tuple[int, Array, Array]:
+        """Return the sample before `time_s`, and attitude and angular velocity (body axes) there."""
+        row = min(max(int(np.searchsorted(self.time_s, time_s, side="right")) - 1, 0), len(self.time_s) - 2)
+        part = (time_s - self.time_s[row]) / (self.time_s[row + 1] - self.time_s[row])
+        attitude = (1.0 - part) * self.attitude[row] + part * self.attitude[row + 1]
+        rate = (1.0 - part) * self.rates[row] + part * self.rates[row + 1]
+        return row, attitude / np.linalg.norm(attitude), rate
+
+
+def _motion(track: Track) -> _Motion:
+    pose, twist, body = track.pose, track.twist, track.body
+    if pose is None or twist is None or body is None or body.is_particle:
+        raise LogError(
+            f"{track.bag.path}: a video shows how a body turns, which needs pose, twist and mass properties with an "
+            "inertia; give a scene with --scene SCENE where the recording has none"
+        )
+    time_ns, at_pose, at_twist = np.intersect1d(pose.time_ns, twist.time_ns, return_indices=True)
+    if len(time_ns) < 2:
+        raise LogError(f"{track.bag.path}: pose and twist share {len(time_ns)} stamps, expected at least 2")
+    attitude = continuous(unit_rows(pose.values[at_pose, 3:]))
+    rates = twist.values[at_twist, 3:]
+    if track.twist_in_world:
+        rates = rotate_all_inverse(attitude, rates)
+    return _Motion(body, track.seconds(time_ns), attitude, rates, contact(body, attitude, rates))
+
+
+def _frames(motion: _Motion, rate: int) -> Iterator[bytes]:
+    """Give one RGBA picture after the other."""
+    try:
+        from matplotlib import style
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise MissingExtraError("matplotlib", "video", "a video") from None
+    start, end = float(motion.time_s[0]), float(motion.time_s[-1])
+    seconds = min(max(end - start, SHORTEST_S), LONGEST_S)
+    with style.context("default"):
+        figure = Figure(figsize=(_SIZE[0] / 100.0, _SIZE[1] / 100.0), dpi=100, facecolor=_PAGE)
+        scenes = (_Body(figure, motion), _Rolling(figure, motion))
+        clock = figure.text(0.02, 0.03, "", color=_TEXT, fontsize=11)
+        for time_s in np.linspace(start, end, round(seconds * rate)).tolist():
+            for scene in scenes:
+                scene.show(time_s)
+            clock.set_text(f"t = {time_s:.3f} s    speed ×{(end - start) / seconds:.3g}")
+            picture = io.BytesIO()
+            figure.savefig(picture, format="rgba", dpi=100)
+            yield picture.getvalue()
+
+
+def _axes(figure: Figure, place: int, reach: float, title: str) -> Axes:
+    axes = figure.add_axes((0.5 * place, 0.08, 0.5, 0.82))
+    axes.set_axis_off()
+    axes.set_aspect("equal")
+    axes.set(xlim=(-reach, reach), ylim=(-reach, reach))
+    axes.set_title(title, color=_TEXT, fontsize=11)
+    return axes
+
+
+def _screen(view: Eye) -> Array:
+    """Return (3, 2): right and up of a picture as seen by the eye."""
+    toward = np.array(view.position) / np.linalg.norm(view.position)
+    right = np.cross(view.up, toward)
+    right /= np.linalg.norm(right)
+    axes: Array = np.column_stack([right, np.cross(toward, right)])
+    return axes
+
+
+def _line(axes: Axes, color: str, width: float = 1.5) -> Line2D:
+    (line,) = axes.plot([], [], color=color, linewidth=width, solid_capstyle="round")
+    return line
+
+
+class _Body:
+    """The box with the inertia of the body, its axes, and the directions of L and of the angular velocity."""
+
+    def __init__(self, figure: Figure, motion: _Motion) -> None:
+        from matplotlib.collections import PolyCollection
+
+        axes = _axes(figure, 0, 1.9, "The body, with L (orange) and ω (cyan)")
+        self._motion, self._screen = motion, _screen(EYE)
+        self._toward = np.array(EYE.position) / np.linalg.norm(EYE.position)
+        half, size = equivalent_box(motion.body)
+        principal = np.array(matrix(motion.body.principal_orientation_xyzw))
+        # Faces as (6, 4, 3) corners and (6, 3) normals, body axes.
+        self._faces = np.array([_corners(axis, side) for axis in range(3) for side in (-1, 1)]) * half / size
+        self._faces = self._faces @ principal.T
+        self._normals = np.repeat(np.eye(3), 2, axis=0) * np.tile([[-1.0], [1.0]], (3, 1)) @ principal.T
+        self._skin = PolyCollection([], edgecolors=_TEXT, linewidths=0.8)
+        axes.add_collection(self._skin)
+        self._arms = [_line(axes, color) for color in _ARMS]
+        self._momentum, self._rate = _line(axes, _L, 3.0), _line(axes, _W, 2.5)
+
+    def show(self, time_s: float) -> None:
+        _, attitude, rate = self._motion.at(time_s)
+        normals = rotate_all(attitude, self._normals)
+        # Of a convex body, what faces the eye hides all else.
+        seen = np.flatnonzero(normals @ self._toward > 0.0)
+        self._skin.set_verts(list(rotate_all(attitude, self._faces[seen]) @ self._screen))
+        shade = 0.30 + 0.35 * (normals[seen] @ self._toward)
+        self._skin.set_facecolor([(0.85 * light, 0.95 * light, 1.1 * light) for light in shade])
+        for arm, axis in zip(self._arms, np.eye(3), strict=True):
+            _point(arm, 1.25 * rotate_all(attitude, axis) @ self._screen)
+        touch = contact(self._motion.body, attitude[None], rate[None])
+        _point(self._momentum, 1.7 * touch.normal[0] @ self._screen)
+        largest = float(np.linalg.norm(self._motion.rates, axis=1).max())
+        _point(self._rate, 1.5 / largest * rotate_all(attitude, rate) @ self._screen if largest else np.zeros(2))
+
+
+class _Rolling:
+    """The ellipsoid of inertia on the invariable plane, with the part of both curves that has been drawn."""
+
+    def __init__(self, figure: Figure, motion: _Motion) -> None:
+        from matplotlib.patches import Polygon
+
+        axes = _axes(figure, 1, 1.6, "Poinsot: the ellipsoid of inertia rolls on the invariable plane")
+        turning = np.flatnonzero(np.isfinite(motion.touch.distance))
+        x, y, z = motion.touch.normal[turning[0]].tolist() if len(turning) else (0.0, 0.0, -1.0)
+        self._motion, self._screen = motion, _screen(eye((x, y, z)))
+        self._principal = np.array(matrix(motion.body.principal_orientation_xyzw))
+        self._half, self._lines = np.array(half_axes(motion.body)), separatrices(motion.body)
+        self._disc = Polygon(np.zeros((3, 2)), facecolor="#333d4a", edgecolor=_GREY)
+        self._ball = Polygon(np.zeros((3, 2)), facecolor="#3b6bb0", edgecolor="#8fb6ee", alpha=0.6)
+        axes.add_patch(self._disc)
+        self._herpolhode = _line(axes, _HERPOLHODE, 1.2)
+        axes.add_patch(self._ball)
+        self._grey = [_line(axes, _GREY, 0.8) for _ in self._lines]
+        self._polhode = _line(axes, _POLHODE, 1.5)
+        self._momentum, self._rate = _line(axes, _L, 3.0), _line(axes, _W, 2.5)
+
+    def show(self, time_s: float) -> None:
+        row, attitude, rate = self._motion.at(time_s)
+        touch, drawn = contact(self._motion.body, attitude[None], rate[None]), self._motion.touch
+        if not np.isfinite(touch.distance[0]):
+            return
+        angle = np.linspace(0.0, 2.0 * np.pi, 91)
+        first = np.cross(touch.normal[0], np.eye(3)[int(np.abs(touch.normal[0]).argmin())])
+        first /= np.linalg.norm(first)
+        around = np.outer(np.cos(angle), first) + np.outer(np.sin(angle), np.cross(touch.normal[0], first))
+        self._disc.set_xy((touch.normal[0] * touch.distance[0] + _DISC * around) @ self._screen)
+        turn = np.array([rotate_all(attitude, axis) for axis in np.eye(3)])  # rows: body axes in the world
+        self._ball.set_xy(outline(self._half, self._principal.T @ turn @ self._screen))
+        for line, curve in zip(self._grey, self._lines, strict=True):
+            line.set_data(*(curve @ turn @ self._screen).T)
+        self._polhode.set_data(*(np.vstack([drawn.body[: row + 1], touch.body]) @ turn @ self._screen).T)
+        self._herpolhode.set_data(*(np.vstack([drawn.world[: row + 1], touch.world]) @ self._screen).T)
+        _point(self._momentum, 1.4 * touch.normal[0] @ self._screen)
+        _point(self._rate, touch.world[0] @ self._screen)
+
+
+def _point(line: Line2D, tip: Array) -> None:
+    line.set_data([0.0, float(tip[0])], [0.0, float(tip[1])])
+
+
+def _corners(axis: int, side: int) -> Array:
+    """Return the corners of one face of the cube from -1 to 1, in order round it."""
+    face = np.empty((4, 3))
+    face[:, axis] = side
+    face[:, axis - 1], face[:, axis - 2] = (-1, -1, 1, 1), (-1, 1, 1, -1)
+    return face
+
+
+def _write_gif(target: Path, frames: Iterable[bytes], rate: int) -> int:
+    from PIL import Image
+
+    pictures = [Image.frombytes("RGBA", _SIZE, frame).convert("RGB").quantize(64) for frame in frames]
+    pictures[0].save(target, save_all=True, append_images=pictures[1:], duration=1000 // rate, loop=0, optimize=False)
+    return len(pictures)
+
+
+def _write_mp4(target: Path, frames: Iterable[bytes], rate: int) -> int:
+    size = f"{_SIZE[0]}x{_SIZE[1]}"
+    source = ["-f", "rawvideo", "-pix_fmt", "rgba", "-s", size, "-r", str(rate), "-i", "-"]
+    # yuv420p is what every player shows; faststart lets a browser begin before the end is there.
+    coded = ["-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "20", "-movflags", "+faststart", str(target)]
+    command = [_ffmpeg(), "-y", "-loglevel", "error", *source, *coded]
+    count = 0
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as coder:
+        assert coder.stdin is not None
+        assert coder.stderr is not None
+        try:
+            for frame in frames:
+                coder.stdin.write(frame)
+                count += 1
+            coder.stdin.close()
+        except BrokenPipeError:
+            pass
+        said = coder.stderr.read().decode(errors="replace").strip()
+    if coder.returncode:
+        raise LogError(f"cannot write {target}: ffmpeg says {said!r}; a .gif needs no ffmpeg")
+    return count
+
+
+def _ffmpeg() -> str:
+    if program := shutil.which("ffmpeg"):
+        return program
+    try:
+        from imageio_ffmpeg import get_ffmpeg_exe
+    except ImportError:
+        raise MissingExtraError("imageio-ffmpeg", "video", "an .mp4 (a .gif needs only matplotlib)") from None
+    return str(get_ffmpeg_exe())

@@ -1,0 +1,73 @@
+"""The video: as many pictures as said, of what moves, and clear errors where it cannot be."""
+
+from __future__ import annotations
+
+import itertools
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rb_dynamics.errors import LogError, MissingExtraError
+from rb_dynamics.recording.mcap_reader import read_bag
+from rb_dynamics.report.topics import read_track
+from rb_dynamics.report.track import Track
+from rb_dynamics.report.video import write_video
+
+
+@pytest.fixture
+def track(coasting: Any) -> Track:
+    return read_track(read_bag(coasting.log))
+
+
+def test_gif_shows_a_body_that_moves(track: Track, tmp_path: Path) -> None:
+    from PIL import Image, ImageSequence
+
+    target = tmp_path / "new" / "run.gif"
+    assert write_video(target, track, rate=2) == 10
+    with Image.open(target) as picture:
+        assert picture.n_frames == 10
+        assert picture.size == (960, 540)
+        frames = [np.asarray(frame.convert("RGB"), dtype=int) for frame in ImageSequence.Iterator(picture)]
+    for half in (slice(0, 480), slice(480, 960)):
+        assert all(np.abs(b - a)[50:500, half].max() > 50 for a, b in itertools.pairwise(frames))
+
+
+@pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="needs ffmpeg")
+def test_mp4_is_one_that_a_decoder_takes(track: Track, tmp_path: Path) -> None:
+    target = tmp_path / "run.mp4"
+    frames = write_video(target, track, rate=2)
+    decoded = subprocess.run(
+        ["ffmpeg", "-loglevel", "error", "-i", target, "-f", "rawvideo", "-pix_fmt", "gray", "-"],
+        capture_output=True,
+        check=True,
+    )
+    assert len(decoded.stdout) == frames * 960 * 540
+
+
+def test_without_ffmpeg_the_extra_is_named(track: Track, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    with pytest.raises(MissingExtraError, match="extra 'video'"):
+        write_video(tmp_path / "run.mp4", track, rate=2)
+
+
+def test_unknown_ending_is_named_and_nothing_written(track: Track, tmp_path: Path) -> None:
+    with pytest.raises(LogError, match=r"run\.avi.*ends in \.mp4 or \.gif"):
+        write_video(tmp_path / "run.avi", track)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_recording_without_mass_properties_says_what_to_give(example_dir: Path, tmp_path: Path) -> None:
+    with pytest.raises(LogError, match="--scene SCENE"):
+        write_video(tmp_path / "run.gif", read_track(read_bag(example_dir / "slew.mcap")))
+
+
+def test_a_path_that_cannot_be_written_is_one_clear_error(track: Track, tmp_path: Path) -> None:
+    (tmp_path / "run.gif").mkdir()
+    with pytest.raises(LogError, match="cannot write"):
+        write_video(tmp_path / "run.gif", track, rate=2)
