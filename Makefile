@@ -28,7 +28,7 @@ demo: $(VENV)/installed-demo
 pictures: out/demo.rrd | $(VENV)/installed-demo
 	$(BIN)/python docs/make_pictures.py
 
-# What a run costs, and how that grows: docs/scaling.md. Times are of this machine; five minutes.
+# What a run costs, and how that grows: docs/scaling.md. Times are of this machine; a few minutes.
 scaling: $(VENV)/installed-test
 	$(BIN)/python benchmarks/scaling.py
 
