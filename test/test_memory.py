@@ -1,6 +1,6 @@
 """Memory does not grow with the length of a run: nothing that has been told, nor a command that is done, is kept.
 
-A Rerun recording keeps a bounded path and batch; here they are small, so that the bound is reached at once.
+A Rerun recording keeps a bounded path and batch, here a small one, and its library some memory of its own.
 """
 
 from __future__ import annotations
