@@ -6,8 +6,11 @@ left as they are. Never changes a result: no fast-math, no contraction, no vecto
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
+import shutil
+import time
 from collections.abc import Callable, Iterator
 from functools import cache
 from importlib.util import find_spec
@@ -18,6 +21,7 @@ from typing import Any, TypeVar
 _PACKAGE = Path(__file__).parent
 _F = TypeVar("_F", bound=Callable[..., Any])
 _MARK = "__compiled_as__"
+_MONTH = 30 * 86400.0
 
 # Division by zero is infinite or NaN, as the caller looks for what is not finite. Inlined, or tuples go through memory.
 _OPTIONS = {"error_model": "numpy", "forceinline": True}
@@ -105,14 +109,29 @@ def compile_kernel(function: Callable[..., Any], signature: str) -> Callable[...
 
 @cache
 def cache_folder() -> Path:
-    """Return where compiled kernels are kept: a folder for each state of the sources, so that no edit is missed."""
+    """Return where compiled kernels are kept: a folder for each state of the sources, so that no edit is missed.
+
+    Those of other states that nobody has used for a month are deleted when a new one begins.
+    """
     from importlib import metadata
 
     digest = hashlib.sha256(metadata.version("numba").encode())
     for path in sorted(_PACKAGE.rglob("*.py")):
         digest.update(path.relative_to(_PACKAGE).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
     root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return root / "rb_dynamics" / digest.hexdigest()[:16]
+    folder = root / "rb_dynamics" / digest.hexdigest()[:16]
+    with contextlib.suppress(OSError):
+        if folder.is_dir():
+            os.utime(folder)
+        else:
+            _delete_unused(folder.parent)
+    return folder
+
+
+def _delete_unused(folder: Path) -> None:
+    for other in folder.glob("[0-9a-f]" * 16):
+        if other.stat().st_mtime < time.time() - _MONTH:
+            shutil.rmtree(other, ignore_errors=True)
 
 
 @cache

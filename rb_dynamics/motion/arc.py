@@ -13,7 +13,8 @@ from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.kernel import LONGEST_STRETCH, kernel
 from rb_dynamics.motion.method import Inertia, Load, Method
 from rb_dynamics.motion.phase import Phase
-from rb_dynamics.motion.step_control import NANOSECONDS, FixedStep, StepControl
+from rb_dynamics.motion.step_control import NANOSECONDS, AccuracyControl, FixedStep, OwnControl, StepControl
+from rb_dynamics.motion.strides import Progress, strides_by
 from rb_dynamics.rotation import Quaternion
 from rb_dynamics.vector import Vector, scale
 
@@ -24,6 +25,9 @@ Choose = Callable[[Phase, Callable[[Method], "Stepper"]], tuple[Method, StepCont
 """Method and control for what follows a phase; both controls count time in the same units."""
 
 _CHOOSE_AGAIN = 64
+
+# Strides that tell how many are to come.
+_ENOUGH = 16
 
 
 class Arc:
@@ -50,9 +54,8 @@ class Arc:
         after `_CHOOSE_AGAIN` strides and whenever their number has doubled: a transient must not decide for ever.
         """
         self.methods = [method.name]
-        self._control = control
         self._what_acts = inertia, held, load_from
-        self._advance = self._stepper(method)
+        self._use(method, control)
         self._choose_again = choose_again
         self._start_ns = start_ns
         self._phase = phase
@@ -62,6 +65,11 @@ class Arc:
         self._strides = 0
         self._stride: int | None = None
         self._after: Phase | None = None
+
+    def _use(self, method: Method, control: StepControl) -> None:
+        self._control = control
+        self._advance = self._stepper(method)
+        self._kernel = strides_by(method, control) if self._what_acts[2] is None else None
 
     def _stepper(self, method: Method) -> Stepper:
         return Stepper(method, *self._what_acts)
@@ -73,9 +81,16 @@ class Arc:
             ConvergenceError: a step could not be solved.
         """
         self.advance(time_ns)
-        denominator = self._control.denominator
-        h = ((time_ns - self._start_ns) * denominator - self._reached) / (denominator * NANOSECONDS)
-        return self._control.refine(self._phase, self._advance, h) if h > 0.0 else self._phase
+        denominator, parts = self._control.denominator, self._control.parts
+        h = ((time_ns - self._start_ns) * denominator - self._reached) / (denominator * NANOSECONDS) / parts
+        if h <= 0.0:
+            return self._phase
+        phase = self._advance.stretch(self._phase, h, parts, parts)
+        if phase is None:
+            phase = self._phase
+            for _ in range(parts):
+                phase = self._advance(phase, h)
+        return phase
 
     def advance(self, time_ns: int) -> None:
         """Take the strides that end by `time_ns`, so that less is left to do when it is asked for.
@@ -84,9 +99,11 @@ class Arc:
             ConvergenceError: a step could not be solved.
         """
         target = (time_ns - self._start_ns) * self._control.denominator
-        if isinstance(self._control, FixedStep) and self._choose_again is None:
+        if isinstance(self._control, FixedStep):
             self._take_equal_strides(self._control.length, target)
         while target > self._reached:
+            if self._kernel is not None and self._take_strides(target):
+                continue
             end = self._reached + self._next_stride()
             self._control.begin()
             if end > target:
@@ -97,12 +114,45 @@ class Arc:
         """Take what strides of `length` a kernel can; what is left over is taken one by one."""
         h = length / (self._control.denominator * NANOSECONDS)
         while (ahead := (target - self._reached) // length) > 0:
-            count = min(ahead, LONGEST_STRETCH)
+            count = min(ahead, self._most_strides())
             phase = self._advance.stretch(self._phase, h, count, ahead)
             if phase is None:
                 return
-            self._phase, self._reached, self._strides = phase, self._reached + count * length, self._strides + count
+            self._phase, self._reached = phase, self._reached + count * length
             self._stride = None
+            self._count(count)
+
+    def _take_strides(self, target: int) -> bool:
+        """Take the strides that a kernel chooses by `target`, and leave the one after them chosen; say if any is."""
+        if self._stride is not None:
+            return False
+        # So many strides as the time behind has had, for the time ahead.
+        ahead = (target - self._reached) * self._strides // self._reached if self._strides >= _ENOUGH else 1
+        progress = self._progress(target - self._reached, self._most_strides(), ahead)
+        if progress is None or progress.strides == 0:
+            return False
+        self._reached += progress.reached
+        self._count(progress.strides)
+        return True
+
+    def _progress(self, room: int, count: int, ahead: int) -> Progress | None:
+        control = self._control
+        if self._kernel is None or not isinstance(control, (AccuracyControl, OwnControl)):
+            return None
+        inertia, held, _ = self._what_acts
+        progress = self._kernel.after((inertia, held), control, self._phase, room, count, ahead)
+        if progress is not None:
+            self._phase, self._stride = progress.phase, progress.next_stride or None
+            self._after = progress.after if self._stride is not None else None
+            control.learnt, control.following = progress.learnt, progress.following
+        return progress
+
+    def _most_strides(self) -> int:
+        """Return how many may be taken at once: none across a choice."""
+        if self._choose_again is None:
+            return LONGEST_STRETCH
+        choice = max(_CHOOSE_AGAIN, 1 << self._strides.bit_length())
+        return min(LONGEST_STRETCH, choice - self._strides)
 
     def steps_to(self, time_ns: int) -> int:
         """Return the number of steps that lead to `time_ns`, the last time asked for."""
@@ -110,6 +160,8 @@ class Arc:
 
     def next_grid_ns(self) -> int:
         """Return the time of the next grid point, rounded to the nanosecond it is reached in."""
+        if self._stride is None:
+            self._progress(0, 1, 1)
         end = self._reached + self._next_stride()
         return self._start_ns - (-end // self._control.denominator)
 
@@ -123,11 +175,15 @@ class Arc:
         self._phase = self._after or self._advance(self._phase, stride / (self._control.denominator * NANOSECONDS))
         self._reached += stride
         self._stride = self._after = None
-        self._strides += 1
+        self._count(1)
+
+    def _count(self, taken: int) -> None:
+        self._strides += taken
         strides = self._strides
         if self._choose_again is not None and strides >= _CHOOSE_AGAIN and strides & (strides - 1) == 0:
-            method, self._control = self._choose_again(self._phase, self._stepper)
-            self._advance = self._stepper(method)
+            self._stride = self._after = None
+            method, control = self._choose_again(self._phase, self._stepper)
+            self._use(method, control)
             self.methods.append(method.name)
 
 

@@ -310,9 +310,9 @@ _LANE_STEPS: dict[str, Step] = {"rk4": rk4.step, "midpoint": midpoint.lane_step,
 def _on_demand(template: Callable[..., None], signature: str, name: str, step: Step | None) -> kernel.OnDemand | None:
     if step is None:
         return None
-    name = f"{template.__name__}_{name}"
-    one = specialise(kernel.run, f"run_{name}", _step=step)
-    return kernel.OnDemand(name, specialise(template, name, run=one), signature)
+    full = f"{template.__name__}_{name}"
+    one = specialise(kernel.run, f"run_{full}", _step=step)
+    return kernel.OnDemand(name, specialise(template, full, run=one), signature)
 
 
 def _parts(bodies: int, least: int, threads: int, steps: int) -> list[tuple[int, int]]:

@@ -5,7 +5,8 @@ Converts from and to `State` at the edges of a run only, so that nothing is roun
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from typing import NamedTuple
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
@@ -20,10 +21,11 @@ from rb_dynamics.vector import multiply as times
 # three each), work, and the time since the start.
 _SUMS = 14
 Sums = tuple[float, ...]
+POSITION, MOMENTUM, IMPULSE, TORQUE_IMPULSE = 0, 3, 6, 9
+"""Where among the sums each of these vectors begins."""
 
 
-@dataclass(frozen=True, slots=True)
-class Phase:
+class Phase(NamedTuple):
     """A point of phase space, with its books.
 
     Attributes:
@@ -58,29 +60,25 @@ class Phase:
         high, low = grown(self.high, self.low, step, h)
         return Phase(step.orientation, step.angular_velocity, high, low)
 
-    def _sum(self, first: int) -> Vector:
-        h, low, i = self.high, self.low, first
-        return (h[i] + low[i], h[i + 1] + low[i + 1], h[i + 2] + low[i + 2])
-
     @property
     def center_of_mass_world(self) -> Vector:
         """Position of the centre of mass, m."""
-        return self._sum(0)
+        return total(self, POSITION)
 
     @property
     def linear_momentum_world(self) -> Vector:
         """kg m/s."""
-        return self._sum(3)
+        return total(self, MOMENTUM)
 
     @property
     def impulse_world(self) -> Vector:
         """Integral of the force since the start, N s."""
-        return self._sum(6)
+        return total(self, IMPULSE)
 
     @property
     def torque_impulse_world(self) -> Vector:
         """Integral of the torque about the centre of mass since the start, N m s."""
-        return self._sum(9)
+        return total(self, TORQUE_IMPULSE)
 
     @property
     def work(self) -> float:
@@ -90,7 +88,7 @@ class Phase:
     @property
     def time(self) -> float:
         """Time since the start of the run, s."""
-        return self.high[13] + self.low[13]
+        return elapsed(self)
 
     def point(self, body: RigidBody) -> Point:
         """Return what effects may depend on."""
@@ -114,6 +112,25 @@ class Phase:
             subtract(velocity, rotate(orientation, cross(omega, body.center_of_mass))),
             omega,
         )
+
+
+def total(phase: Phase, first: int) -> Vector:
+    """Return the vector among the sums of `phase` that begins at `first`."""
+    h, low, i = phase.high, phase.low, first
+    return (h[i] + low[i], h[i + 1] + low[i + 1], h[i + 2] + low[i + 2])
+
+
+def elapsed(phase: Phase) -> float:
+    """Return the time since the start of the run, s."""
+    return phase.high[13] + phase.low[13]
+
+
+def is_finite(phase: Phase) -> bool:
+    """Return whether every number in `phase` is finite, and none so large that their sum is not."""
+    (a, b, c, d), (e, f, g), h = phase.orientation, phase.angular_velocity, phase.high
+    rotation = a + b + c + d + e + f + g
+    sums = h[0] + h[1] + h[2] + h[3] + h[4] + h[5] + h[6] + h[7] + h[8] + h[9] + h[10] + h[11] + h[12] + h[13]
+    return math.isfinite(rotation + sums)
 
 
 def grown(high: Sums, low: Sums, step: Increment, h: float) -> tuple[Sums, Sums]:

@@ -1,17 +1,19 @@
 """Step control: chooses the grid of an arc, by a fixed step or by the accuracy that the user accepts.
 
-Sees a method only as a function that advances a phase; never knows the group behind it.
+Sees a method only as a function that advances a phase; never knows the group behind it. What decides how long a step is
+are functions on floats, which the kernels of `strides.py` take over as they are.
 """
 
 from __future__ import annotations
 
 import math
 from fractions import Fraction
-from typing import Protocol
+from typing import Any, NamedTuple, Protocol
 
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.motion.method import Inertia
-from rb_dynamics.motion.phase import Phase
+from rb_dynamics.motion.phase import IMPULSE, MOMENTUM, POSITION, Phase, elapsed, is_finite, total
+from rb_dynamics.motion.refusal import NO_ATTITUDE
 from rb_dynamics.rotation import angle_between
 from rb_dynamics.vector import norm, scale, subtract
 
@@ -36,20 +38,76 @@ _EPSILON = 2.0**-52
 # axis. A pair keeps the better one of its results, and has that in hand.
 _SHARE = 0.2
 
+# ns; whole, and a float.
+_LONGEST = 2.0**62
+
+
+class Goal(NamedTuple):
+    """What the strides of a run have to keep to, and how their errors are estimated.
+
+    Attributes:
+        accuracy: the accepted error.
+        horizon: the time (s) over which it is kept.
+        ends: whether the run ends with the horizon; where it does not, the horizon is counted from any time.
+        mass: of the body, kg.
+        order: of the result whose error is estimated.
+        errors: how many of its errors make up the difference of two results.
+        share: what may be used up of the accuracy.
+    """
+
+    accuracy: float
+    horizon: float
+    ends: bool
+    mass: float = 1.0
+    order: float = 1.0
+    errors: float = 1.0
+    share: float = 1.0
+
+
+class Learnt(NamedTuple):
+    """What strides teach.
+
+    Attributes:
+        step: near which the next one is sought, s; 0 before the first.
+        fastest: the largest speed, m/s: the distance travelled is not short because a body has come to rest.
+    """
+
+    step: float = 0.0
+    fastest: float = 0.0
+
+
+class Stride(NamedTuple):
+    """A stride that has been chosen.
+
+    Attributes:
+        length: ns; 0 if not even 1 ns keeps the accuracy.
+        after: the phase at its end where choosing it meant taking it, else that at its start.
+        learnt: what it teaches.
+        error: which it adds.
+    """
+
+    length: int
+    after: Phase
+    learnt: Learnt
+    error: float
+
 
 class StepControl(Protocol):
-    """Chooses the grid of an arc. Lengths of strides are integers in units of 1/`denominator` ns."""
+    """Chooses the grid of an arc. Lengths of strides are integers in units of 1/`denominator` ns.
+
+    Attributes:
+        denominator: of the unit of time.
+        parts: equal steps that are as accurate as a stride over the same time.
+    """
 
     denominator: int
+    parts: int
 
     def stride(self, phase: Phase, advance: Advance) -> tuple[int, Phase | None]:
         """Return the length of the next stride and, where choosing it meant taking it, the phase at its end."""
 
     def begin(self) -> None:
         """Learn from the stride that was chosen last: time goes into it. What is never entered must leave no trace."""
-
-    def refine(self, phase: Phase, advance: Advance, h: float) -> Phase:
-        """Return the phase h s into a stride, as accurate as the stride."""
 
 
 class FixedStep:
@@ -58,6 +116,8 @@ class FixedStep:
     Attributes:
         length: of every stride, in units of 1/`denominator` ns.
     """
+
+    parts = 1
 
     def __init__(self, step: float) -> None:
         """Take the step in s, as the decimal number that the user wrote."""
@@ -72,15 +132,11 @@ class FixedStep:
     def begin(self) -> None:
         """Learn nothing: every step is the same."""
 
-    def refine(self, phase: Phase, advance: Advance, h: float) -> Phase:
-        """Return the phase after one step of h s."""
-        return advance(phase, h)
-
 
 class WholeArc:
     """One stride for the whole arc, for a method in closed form: every time is reached from the start."""
 
-    denominator = 1
+    denominator = parts = 1
 
     def stride(self, phase: Phase, advance: Advance) -> tuple[int, Phase | None]:
         """Return a stride longer than any run."""
@@ -89,19 +145,21 @@ class WholeArc:
     def begin(self) -> None:
         """Learn nothing."""
 
-    def refine(self, phase: Phase, advance: Advance, h: float) -> Phase:
-        """Return the phase h s after the start of the arc."""
-        return advance(phase, h)
-
 
 class OwnControl:
-    """Steps as long as `accuracy` allows, by the method's own knowledge of its error; see `AccuracyControl`."""
+    """Steps as long as `accuracy` allows, by the method's own knowledge of its error; see `AccuracyControl`.
 
-    denominator = 1
+    Attributes:
+        goal: what the steps have to keep to.
+        learnt: nothing, like `following`.
+    """
+
+    denominator = parts = 1
 
     def __init__(self, accuracy: float, horizon: float, *, ends: bool = True) -> None:
         """Take the accepted error and the length of the run in s; see `AccuracyControl` for a run that has no end."""
-        self._accuracy, self._horizon, self._ends = accuracy, horizon, ends
+        self.goal = Goal(accuracy, horizon, ends)
+        self.learnt = self.following = Learnt()
 
     def stride(self, phase: Phase, advance: Advance) -> tuple[int, Phase | None]:
         """Return the longest step there is; it has not been taken.
@@ -109,24 +167,17 @@ class OwnControl:
         Raises:
             ConvergenceError: not even a step of 1 ns keeps the accuracy.
         """
-        rate, rest = norm(phase.angular_velocity), _rest(phase, self._horizon, self._ends)
-        # The same share of the accuracy for each second, errors grow for the rest of the run.
-        share = self._accuracy * rest / self._horizon
-        h_ns = int(min(advance.longest_step(phase, share, rest) * NANOSECONDS, 2.0**62))
-        if h_ns < 1:
+        length = by_method(self.goal, self.learnt, phase, advance).length
+        if length == 0:
             raise ConvergenceError(
-                f"accuracy {self._accuracy:g} cannot be kept: a step would have to be shorter than 1 ns; "
+                f"accuracy {self.goal.accuracy:g} cannot be kept: a step would have to be shorter than 1 ns; "
                 "accept a larger solver.accuracy or check the size of the wrench"
             )
-        _require_reachable(self._accuracy, rest, h_ns / NANOSECONDS, rate)
-        return h_ns, None
+        _require_reachable(self.goal, phase, length)
+        return length, None
 
     def begin(self) -> None:
         """Learn nothing: every step is judged by itself."""
-
-    def refine(self, phase: Phase, advance: Advance, h: float) -> Phase:
-        """Return the phase after one step of h s, which is shorter than the longest."""
-        return advance(phase, h)
 
 
 class AccuracyControl:
@@ -140,6 +191,13 @@ class AccuracyControl:
     of the run: errors of rate and velocity count with the time they have to grow, linearly. A stride h may add a share
     of accuracy * h / horizon. Where the motion amplifies errors faster, as near the middle axis or in a chaotic tumble,
     more than the share comes together: the accuracy is no bound there, and `explain` and `trade` show what is reached.
+
+    Attributes:
+        goal: what the strides have to keep to.
+        learnt: what the strides that time has gone into teach.
+        following: the same with the stride chosen last, into which time may never go: it is also chosen to see where
+            an output falls, and a new arc may begin before it does.
+        embedded: whether by a pair.
     """
 
     denominator = 1
@@ -158,17 +216,13 @@ class AccuracyControl:
 
         Where the run has no end (`ends`), the horizon is what the accuracy is kept over, counted from any time.
         """
-        self._accuracy, self._horizon, self._inertia, self._ends = accuracy, horizon, inertia, ends
-        self._embedded = embedded
-        # The order of the result whose error is estimated, and how many of its errors make up the difference.
-        self._order = order - 1 if embedded else order
-        self._errors = 1.0 if embedded else 2.0**order - 1.0
-        self._share = 1.0 if embedded else _SHARE
-        # What the stride chosen last suggests for the next one, and what the last one entered did: a stride is also
-        # chosen to see where an output falls, and a new arc may begin before it does.
-        self._next = self._learnt = 0.0
-        # The largest speed, likewise: the distance travelled is not short because a body has come to rest.
-        self._speed = self._fastest = 0.0
+        if embedded:
+            self.goal = Goal(accuracy, horizon, ends, inertia.mass, order - 1.0)
+        else:
+            self.goal = Goal(accuracy, horizon, ends, inertia.mass, float(order), 2.0**order - 1.0, _SHARE)
+        self.learnt = self.following = Learnt()
+        self.embedded = embedded
+        self.parts = 1 if embedded else 2
 
     def stride(self, phase: Phase, advance: Advance) -> tuple[int, Phase | None]:
         """Return the length of an accepted stride and the phase at its end.
@@ -176,88 +230,131 @@ class AccuracyControl:
         Raises:
             ConvergenceError: not even a stride of 1 ns keeps the accuracy.
         """
-        h = self._learnt or self._first(phase)
-        failure: ConvergenceError | None = None
-        while True:
-            h_ns = max(1, min(round(h * NANOSECONDS), 2**62))
-            h = h_ns / NANOSECONDS
-            try:
-                after, error = self._attempt(phase, advance, h)
-            except ConvergenceError as refused:
-                after, error, failure = phase, math.inf, refused
-            allowed = self._share * self._accuracy * h / self._horizon
-            if not math.isfinite(error):
-                error = math.inf
-            if error > 0.0:
-                factor = 0.9 * (allowed / error) ** (1.0 / self._order)
-                self._next = h * min(5.0, max(0.2, factor))
-            else:
-                self._next = 5.0 * h
-            if error <= allowed:
-                rest = _rest(phase, self._horizon, self._ends)
-                _require_reachable(self._accuracy, rest, h, norm(phase.angular_velocity))
-                return h_ns, after
-            if h_ns == 1 and failure is not None:
-                raise ConvergenceError(
-                    f"accuracy {self._accuracy:g} cannot be kept: not even a step of 1 ns can be taken: {failure}"
-                ) from failure
-            if h_ns == 1:
-                raise ConvergenceError(
-                    f"accuracy {self._accuracy:g} cannot be kept: a step of 1 ns has an error of {error:.3g}; "
-                    "accept a larger solver.accuracy or check the size of the wrench"
-                )
-            h = self._next
+        trials = _Trials(advance, self.embedded)
+        length, after, learnt, error = by_trial(self.goal, self.learnt, phase, trials)
+        if length == 0 and trials.refused is not None:
+            raise ConvergenceError(
+                f"accuracy {self.goal.accuracy:g} cannot be kept: not even a step of 1 ns can be taken: "
+                f"{trials.refused}"
+            ) from trials.refused
+        if length == 0:
+            raise ConvergenceError(
+                f"accuracy {self.goal.accuracy:g} cannot be kept: a step of 1 ns has an error of {error:.3g}; "
+                "accept a larger solver.accuracy or check the size of the wrench"
+            )
+        _require_reachable(self.goal, phase, length)
+        self.following = learnt
+        return length, after
 
     def begin(self) -> None:
         """Let the next stride be sought near what the last one suggests."""
-        self._learnt, self._fastest = self._next, max(self._fastest, self._speed)
-
-    def refine(self, phase: Phase, advance: Advance, h: float) -> Phase:
-        """Return the phase after one step of a pair, or after two steps of h/2: as the stride itself is taken."""
-        return advance(phase, h) if self._embedded else advance(advance(phase, 0.5 * h), 0.5 * h)
-
-    def _first(self, phase: Phase) -> float:
-        rate = norm(phase.angular_velocity)
-        return min(0.01 * self._horizon, 0.1 / rate if rate > 0.0 else math.inf)
-
-    def _attempt(self, phase: Phase, advance: Advance, h: float) -> tuple[Phase, float]:
-        if self._embedded:
-            kept, other = advance.pair(phase, h)
-        else:
-            kept, other = self.refine(phase, advance, h), advance(phase, h)
-        mass, rest = self._inertia.mass, _rest(phase, self._horizon, self._ends)
-        rate = norm(kept.angular_velocity)
-        rate_error = norm(subtract(other.angular_velocity, kept.angular_velocity))
-        attitude = angle_between(other.orientation, kept.orientation) + rate_error * rest
-        momentum_error = subtract(other.linear_momentum_world, kept.linear_momentum_world)
-        drift = norm(subtract(other.center_of_mass_world, kept.center_of_mass_world))
-        drift += norm(scale(1.0 / mass, momentum_error)) * rest
-        momentum = kept.linear_momentum_world
-        at_start = norm(scale(1.0 / mass, subtract(momentum, kept.impulse_world)))
-        self._speed = max(norm(scale(1.0 / mass, momentum)), at_start)
-        speed = max(self._speed, self._fastest)
-        position = drift / (speed * self._horizon) if speed > 0.0 else 0.0
-        # What rounding alone makes of the difference is no reason to step shorter.
-        floor = _EPSILON * (1.0 + rate * rest)
-        error = max(attitude, position)
-        return kept, (0.0 if error <= floor else error - floor) / self._errors
+        self.learnt = self.following
 
 
-def _rest(phase: Phase, horizon: float, ends: bool) -> float:
+class _Trials:
+    """Takes strides on trial, and remembers the last that the method refused."""
+
+    def __init__(self, advance: Advance, embedded: bool) -> None:
+        self._advance, self._embedded = advance, embedded
+        self.refused: ConvergenceError | None = None
+
+    def attempt(self, phase: Phase, h: float) -> tuple[Phase, Phase]:
+        advance = self._advance
+        try:
+            if self._embedded:
+                return advance.pair(phase, h)
+            return advance(advance(phase, 0.5 * h), 0.5 * h), advance(phase, h)
+        except ConvergenceError as refused:
+            self.refused = refused
+            nowhere = phase._replace(orientation=NO_ATTITUDE)
+            return nowhere, nowhere
+
+
+def by_trial(goal: Goal, learnt: Learnt, phase: Phase, advance: Any) -> Stride:
+    """Return a stride from `phase` on that keeps to `goal`, found by trial; its length is 0 if there is none."""
+    h = learnt.step if learnt.step > 0.0 else _first(goal, phase)
+    while True:
+        length = max(1, round(min(h * NANOSECONDS, _LONGEST)))
+        h = length / NANOSECONDS
+        kept, other = _attempt(advance, phase, h)
+        error, fastest = _estimate(goal, learnt.fastest, phase, kept, other)
+        allowed = goal.share * goal.accuracy * h / goal.horizon
+        following = 5.0 * h
+        if error > 0.0:
+            factor = 0.9 * (allowed / error) ** (1.0 / goal.order)
+            following = h * min(5.0, max(0.2, factor))
+        if error <= allowed:
+            return Stride(length, kept, Learnt(following, fastest), error)
+        if length == 1:
+            return Stride(0, phase, learnt, error)
+        h = following
+
+
+def by_method(goal: Goal, learnt: Learnt, phase: Phase, advance: Any) -> Stride:
+    """Return the longest step from `phase` on that keeps to `goal` by what the method itself knows of its error."""
+    rest = _rest(goal, phase)
+    # The same share of the accuracy for each second, errors grow for the rest of the run.
+    longest = _longest_step(advance, phase, goal.accuracy * rest / goal.horizon, rest) * NANOSECONDS
+    return Stride(int(min(longest, _LONGEST)) if longest >= 1.0 else 0, phase, learnt, 0.0)
+
+
+def rounding(goal: Goal, phase: Phase, length: int) -> float:
+    """Return the error that rounding adds by the end: each step of `length` ns rounds the rate, a random walk."""
+    rest, rate = _rest(goal, phase), norm(phase.angular_velocity)
+    return _EPSILON * (1.0 + rate * rest) * math.sqrt(max(1.0, rest / (length / NANOSECONDS)))
+
+
+def _attempt(trials: _Trials, phase: Phase, h: float) -> tuple[Phase, Phase]:
+    """Return the phase after a stride of h s, and another that tells its error. A kernel has its own."""
+    return trials.attempt(phase, h)
+
+
+def _longest_step(advance: Advance, phase: Phase, accuracy: float, horizon: float) -> float:
+    """Return what the method says. A kernel has its own."""
+    return advance.longest_step(phase, accuracy, horizon)
+
+
+def _first(goal: Goal, phase: Phase) -> float:
+    rate = norm(phase.angular_velocity)
+    return min(0.01 * goal.horizon, 0.1 / rate if rate > 0.0 else math.inf)
+
+
+def _estimate(goal: Goal, fastest: float, phase: Phase, kept: Phase, other: Phase) -> tuple[float, float]:
+    """Return the error that the stride from `phase` to `kept` adds, infinite if refused, and the largest speed."""
+    if not (is_finite(kept) and is_finite(other)):
+        return math.inf, fastest
+    rest, rate = _rest(goal, phase), norm(kept.angular_velocity)
+    rate_error = norm(subtract(other.angular_velocity, kept.angular_velocity))
+    attitude = angle_between(other.orientation, kept.orientation) + rate_error * rest
+    momentum, impulse, per_mass = total(kept, MOMENTUM), total(kept, IMPULSE), 1.0 / goal.mass
+    drift = norm(subtract(total(other, POSITION), total(kept, POSITION)))
+    drift += norm(scale(per_mass, subtract(total(other, MOMENTUM), momentum))) * rest
+    at_start = norm(scale(per_mass, subtract(momentum, impulse)))
+    fastest = max(fastest, norm(scale(per_mass, momentum)), at_start)
+    position = drift / (fastest * goal.horizon) if fastest > 0.0 else 0.0
+    # What rounding alone makes of the difference is no reason to step shorter.
+    floor = _EPSILON * (1.0 + rate * rest)
+    error = max(attitude, position)
+    if not math.isfinite(error):
+        return math.inf, fastest
+    return (0.0 if error <= floor else error - floor) / goal.errors, fastest
+
+
+def _rest(goal: Goal, phase: Phase) -> float:
     """Return for how long (s) an error has time to grow."""
-    return max(horizon - phase.time, 1.0 / NANOSECONDS) if ends else horizon
+    return max(goal.horizon - elapsed(phase), 1.0 / NANOSECONDS) if goal.ends else goal.horizon
 
 
-def _require_reachable(accuracy: float, horizon: float, h: float, rate: float) -> None:
-    """Refuse an accuracy that rounding alone does not leave: each step rounds the rate, errors add up as a random walk.
+def _require_reachable(goal: Goal, phase: Phase, length: int) -> None:
+    """Refuse an accuracy that rounding alone does not leave, in strides of `length` ns from `phase` on.
 
     Raises:
         ConvergenceError: names the accuracy that can be reached.
     """
-    rounding = _EPSILON * (1.0 + rate * horizon) * math.sqrt(max(1.0, horizon / h))
-    if rounding > accuracy:
+    error = rounding(goal, phase, length)
+    if error > goal.accuracy:
         raise ConvergenceError(
-            f"accuracy {accuracy:g} cannot be kept: at {rate:.3g} rad/s in steps of {h:.3g} s rounding alone adds "
-            f"about {rounding:.1g} rad in {horizon:g} s; accept that much, shorten the run, or use a method "
-            "of higher order, which takes longer steps"
+            f"accuracy {goal.accuracy:g} cannot be kept: at {norm(phase.angular_velocity):.3g} rad/s in steps of "
+            f"{length / NANOSECONDS:.3g} s rounding alone adds about {error:.1g} rad in {_rest(goal, phase):g} s; "
+            "accept that much, shorten the run, or use a method of higher order, which takes longer steps"
         )

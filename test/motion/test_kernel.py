@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import itertools
+import os
 import random
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -277,7 +279,7 @@ def test_an_unknown_word_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_an_edit_of_any_file_is_another_cache(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(compiled.metadata, "version", lambda name: "1")
+    monkeypatch.setattr("importlib.metadata.version", lambda name: "1")
     monkeypatch.setattr(compiled, "_PACKAGE", tmp_path)
     source, folders = tmp_path / "a.py", set()
     for text in ("x = 1\n", "x = 2\n", "x = 1\n"):
@@ -285,3 +287,23 @@ def test_an_edit_of_any_file_is_another_cache(monkeypatch: pytest.MonkeyPatch, t
         folders.add(compiled.cache_folder.__wrapped__())
 
     assert len(folders) == 2
+
+
+def test_kernels_that_nobody_uses_any_more_are_deleted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr("importlib.metadata.version", lambda name: "1")
+    own = compiled.cache_folder.__wrapped__()
+    long_ago = time.time() - 31 * 86400.0
+    folders = [tmp_path / "rb_dynamics" / name for name in (16 * "a", 16 * "b", "another")]
+    for folder in folders:
+        (folder / "inner").mkdir(parents=True)
+    for folder in (folders[0], folders[2]):
+        os.utime(folder, (long_ago, long_ago))
+
+    assert compiled.cache_folder.__wrapped__() == own
+    assert [folder.exists() for folder in folders] == [False, True, True]
+
+    own.mkdir()
+    os.utime(own, (long_ago, long_ago))
+    compiled.cache_folder.__wrapped__()
+    assert own.stat().st_mtime > long_ago + 86400.0

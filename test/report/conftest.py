@@ -54,7 +54,9 @@ class Flight:
 
 def fly(path: Path, text: str = SCENE, commands: Iterable[tuple[str, Wrench]] = COMMANDS) -> Flight:
     samples = MemorySink()
-    result = simulate(parse_scene(text, "test.yaml"), commands, [McapSink(path, settings=LogSettings(overwrite=True)), samples])
+    result = simulate(
+        parse_scene(text, "test.yaml"), commands, [McapSink(path, settings=LogSettings(overwrite=True)), samples]
+    )
     return Flight(path, samples, result)
 
 

@@ -1,0 +1,222 @@
+"""Kernels that choose their own strides: stride after stride by accuracy, without a call from Python to the next one.
+
+What decides is `step_control.py`, in plain Python and compiled alike; the bits are the same. Never refuses a stride:
+it stops before one that plain Python would refuse, which then takes it and says why.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from struct import Struct
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from rb_dynamics.compiled import specialise
+from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.motion.automatic import COST_OF_A_STEP
+from rb_dynamics.motion.kernel import OnDemand, body_at, constants, numbers_of, phase_at, phase_of, store
+from rb_dynamics.motion.method import Increment, Inertia, Method
+from rb_dynamics.motion.phase import MOMENTUM, Phase, grown, is_finite, total
+from rb_dynamics.motion.step_control import (
+    NANOSECONDS,
+    AccuracyControl,
+    Goal,
+    Learnt,
+    OwnControl,
+    StepControl,
+    Stride,
+    by_method,
+    by_trial,
+    rounding,
+)
+from rb_dynamics.vector import scale
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    Numbers = npt.NDArray[np.float64]
+
+Acting = tuple[Inertia, HeldWrench]
+
+_SIGNATURE = "UniTuple(int64, 3)(float64[::1], int64, int64)"
+
+# What a kernel is handed: body and wrench, goal, phase and what is learnt. It puts back the last two, and behind them
+# both again as they are after the stride that comes next.
+_HANDED, _PUT_BACK = Struct("60d"), Struct("74d")
+_GOAL_AT, _PHASE_AT, _AFTER_AT = 16, 23, 60
+
+# Beyond any run, and so far below 2^63 that sums of two do not overflow.
+_FOREVER = 2**62
+
+
+class Progress(NamedTuple):
+    """How far a kernel has come.
+
+    Attributes:
+        strides: taken.
+        reached: ns after the start of the first of them.
+        phase: there.
+        learnt: there.
+        next_stride: which would have led too far, ns; 0 if it has not been chosen.
+        after: the phase at its end.
+        following: what is learnt from it.
+    """
+
+    strides: int
+    reached: int
+    phase: Phase
+    learnt: Learnt
+    next_stride: int
+    after: Phase
+    following: Learnt
+
+
+def run(acting: Acting, goal: Goal, learnt: Learnt, phase: Phase, room: int, count: int) -> Progress:
+    """Take at most `count` strides from `phase` on, of those that end in `room` ns.
+
+    Stops, with `next_stride` 0, before one that cannot be taken or whose accuracy cannot be reached.
+    """
+    strides = reached = 0
+    while strides < count:
+        chosen = _choose(goal, learnt, phase, acting)
+        if chosen.length == 0 or rounding(goal, phase, chosen.length) > goal.accuracy or not is_finite(chosen.after):
+            break
+        if chosen.length > room - reached:
+            return Progress(strides, reached, phase, learnt, chosen.length, chosen.after, chosen.learnt)
+        phase, learnt = chosen.after, chosen.learnt
+        strides, reached = strides + 1, reached + chosen.length
+    return Progress(strides, reached, phase, learnt, 0, phase, learnt)
+
+
+def _choose(goal: Goal, learnt: Learnt, phase: Phase, acting: Acting) -> Stride:
+    """Stand where `by_trial` will, or the next function."""
+    raise NotImplementedError
+
+
+def _by_method(goal: Goal, learnt: Learnt, phase: Phase, acting: Acting) -> Stride:
+    """Return a stride that the method knows, and take it."""
+    chosen = by_method(goal, learnt, phase, acting)
+    return Stride(chosen.length, _stepped(acting, phase, chosen.length / NANOSECONDS), learnt, 0.0)
+
+
+def _halves_and_whole(acting: Acting, phase: Phase, h: float) -> tuple[Phase, Phase]:
+    """Return the phase after two steps of h/2 s and after one of h s."""
+    kept = other = phase
+    # A loop, so that there is but one step to compile.
+    for part in range(3):
+        whole = part == 2
+        end = _stepped(acting, phase if whole else kept, h if whole else 0.5 * h)
+        kept, other = (kept, end) if whole else (end, other)
+    return kept, other
+
+
+def _pair_of_steps(acting: Acting, phase: Phase, h: float) -> tuple[Phase, Phase]:
+    """Return the phase after a step of h s, and the same of one order less."""
+    inertia, held = acting
+    velocity = scale(1.0 / inertia.mass, total(phase, MOMENTUM))
+    step, comparison = _pair(inertia, held, h, velocity, phase.orientation, phase.angular_velocity, None)
+    return _grown(phase, step, h), _grown(phase, comparison, h)
+
+
+def _longest(acting: Acting, phase: Phase, accuracy: float, horizon: float) -> float:
+    inertia, held = acting
+    velocity = scale(1.0 / inertia.mass, total(phase, MOMENTUM))
+    return _longest_step(inertia, held, velocity, phase.orientation, phase.angular_velocity, accuracy, horizon)
+
+
+def _stepped(acting: Acting, phase: Phase, h: float) -> Phase:
+    inertia, held = acting
+    velocity = scale(1.0 / inertia.mass, total(phase, MOMENTUM))
+    return _grown(phase, _step(inertia, held, h, velocity, phase.orientation, phase.angular_velocity, None), h)
+
+
+def _grown(phase: Phase, step: Increment, h: float) -> Phase:
+    high, low = grown(phase.high, phase.low, step, h)
+    return Phase(step.orientation, step.angular_velocity, high, low)
+
+
+def _step(*arguments: Any) -> Increment:
+    """Stand where the step of a method will."""
+    raise NotImplementedError
+
+
+def _pair(*arguments: Any) -> tuple[Increment, Increment]:
+    """Stand where the pair of a method will."""
+    raise NotImplementedError
+
+
+def _longest_step(*arguments: Any) -> float:
+    """Stand where the longest step of a method will."""
+    raise NotImplementedError
+
+
+def _run_on_numbers(numbers: Numbers, room: int, count: int) -> tuple[int, int, int]:
+    """Do the same on an array."""
+    c, g, i, k = numbers, _GOAL_AT, _PHASE_AT, _AFTER_AT
+    goal = Goal(c[g], c[g + 1], c[g + 2] != 0.0, c[g + 3], c[g + 4], c[g + 5], c[g + 6])
+    progress = run(body_at(c), goal, Learnt(c[i + 35], c[i + 36]), phase_at(c, i), room, count)
+    store(c, i, progress.phase)
+    c[i + 35], c[i + 36] = progress.learnt
+    store(c, k, progress.after)
+    c[k + 35], c[k + 36] = progress.following
+    return progress.strides, progress.reached, progress.next_stride
+
+
+class Strides(OnDemand):
+    """The strides of one method by one kind of control."""
+
+    def __init__(self, method: Method, kind: str) -> None:
+        """Compile nothing yet; `kind` is "doubling", "pair" or "own"."""
+        name = f"strides_by_{kind}_{method.name}"
+        step = specialise(_stepped, f"{name}_step", _step=method.step)
+        if kind == "own":
+            longest = specialise(_longest, f"{name}_longest", _longest_step=method.longest_step)
+            known = specialise(by_method, f"{name}_known", _longest_step=longest)
+            choose = specialise(_by_method, f"{name}_choice", by_method=known, _stepped=step)
+        else:
+            if kind == "pair":
+                attempt = specialise(_pair_of_steps, f"{name}_trial", _pair=method.pair)
+            else:
+                attempt = specialise(_halves_and_whole, f"{name}_trial", _stepped=step)
+            choose = specialise(by_trial, f"{name}_choice", _attempt=attempt)
+        on_numbers = specialise(_run_on_numbers, name, run=specialise(run, f"{name}_run", _choose=choose))
+        super().__init__(method.name, on_numbers, _SIGNATURE, 3.0 * COST_OF_A_STEP.get(method.name, 1.0))
+
+    def after(
+        self,
+        acting: Acting,
+        control: OwnControl | AccuracyControl,
+        phase: Phase,
+        room: int,
+        count: int,
+        ahead: int,
+    ) -> Progress | None:
+        """Return what `run` does, `ahead` strides being expected to come; None if it is not worth compiling."""
+        compiled = self.get(ahead, 1)
+        if compiled is None:
+            return None
+        import numpy as np
+
+        numbers = np.empty(_AFTER_AT + 37)
+        goal, learnt = control.goal, control.learnt
+        _HANDED.pack_into(numbers, 0, *constants(*acting), *goal, *numbers_of(phase), *learnt)
+        strides, reached, next_stride = compiled(numbers, min(room, _FOREVER), count)
+        s = _PUT_BACK.unpack_from(numbers, 8 * _PHASE_AT)
+        end, after = phase_of(s[:35]), phase_of(s[37:72])
+        return Progress(strides, reached, end, Learnt(*s[35:37]), next_stride, after, Learnt(*s[72:]))
+
+
+def strides_by(method: Method, control: StepControl) -> Strides | None:
+    """Return the kernel for `method` with `control`, None if there is none."""
+    if not method.compiles:
+        return None
+    if isinstance(control, OwnControl):
+        return _strides(method, "own")
+    if isinstance(control, AccuracyControl):
+        return _strides(method, "pair" if control.embedded else "doubling")
+    return None
+
+
+@cache
+def _strides(method: Method, kind: str) -> Strides:
+    return Strides(method, kind)
