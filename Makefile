@@ -1,9 +1,11 @@
-# make demo | test | test-slow | search | lint | pictures | pages | scaling | clean    PYTHON=/path/to/python3.12 chooses the interpreter of .venv
+# make demo | test | test-slow | search | lint | pictures | pages | scaling | bench | clean
+# PYTHON=/path/to/python3.12 chooses the interpreter of .venv
 #
 # Needs Python 3.10 or newer with venv, and make. Everything else is installed into .venv, ROS 2 included.
 
 PYTHON ?= python3
 PYTEST_ARGS ?=
+BENCH_ARGS ?=
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
@@ -19,7 +21,7 @@ elsewhere build with colcon in a sourced ROS 2 Jazzy.
 
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: demo pictures pages scaling test test-slow search lint clean
+.PHONY: demo pictures pages scaling bench test test-slow search lint clean
 
 demo: $(VENV)/installed-demo
 	$(BIN)/rb-dynamics demo
@@ -36,6 +38,11 @@ scaling: $(VENV)/installed-test
 pages: $(VENV)/installed-test
 	$(BIN)/python docs/make_lecture.py
 	$(BIN)/python docs/make_verification.py
+
+# What users would pick instead, on the same problems: a quarter of an hour, and the machine to itself. A peer that cannot
+# be installed here is left out; gcc is used if it is there.
+bench: $(VENV)/installed-bench
+	$(BIN)/python benchmarks/compare.py $(BENCH_ARGS)
 
 out/demo.rrd: | $(VENV)/installed-demo
 	$(BIN)/rb-dynamics demo
@@ -71,6 +78,16 @@ $(VENV)/created:
 INSTALL := PYTHONWARNINGS=ignore::UserWarning $(PIP) install --quiet --no-build-isolation --editable
 EXTRAS_demo := ros,log,plot
 EXTRAS_test := $(EXTRAS_demo),test,dev
+
+# Peers are installed one by one: not every one has wheels for every machine.
+PEERS = $(BIN)/python -c "import importlib.metadata as m; \
+    [print(r.split(';')[0]) for r in m.requires('rb_dynamics') if 'extra == \"bench\"' in r.replace(chr(39), chr(34))]"
+$(VENV)/installed-bench: $(VENV)/created package.xml pyproject.toml setup.cfg setup.py
+	@echo "Installing the peers of the benchmark into $(VENV), once: this takes some minutes ..."
+	@$(INSTALL) '.[fast,plot]'
+	@$(PEERS) | while read -r peer; do \
+	    $(PIP) install --quiet "$$peer" || echo "$$peer cannot be installed here: it is left out"; done
+	@touch $@
 
 $(VENV)/installed-%: $(VENV)/created package.xml pyproject.toml setup.cfg setup.py
 	@echo "Installing into $(VENV), once: this takes a minute or two ..."

@@ -40,6 +40,18 @@ EXTRAS = {
         "setuptools>=70.1",
         "trimesh>=4",
     ],
+    # What `make bench` compares with: any of them may be missing.
+    "bench": [
+        "bsk>=2.11",
+        "diffrax>=0.7",
+        "drake>=1.40",
+        "heyoka>=7",
+        "jax>=0.5",
+        "matplotlib>=3.8",
+        "mujoco>=3.3",
+        "numba>=0.59",
+        "pin>=3",
+    ],
     "dev": ["mypy>=1.11", "ruff>=0.17,<0.18", "types-PyYAML>=6"],
 }
 

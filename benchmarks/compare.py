@@ -1,0 +1,245 @@
+"""Compare with what users would pick instead: the same problems, the same error, one run; writes docs/benchmarks.md.
+
+    python benchmarks/compare.py              # a quarter of an hour; `make bench` installs what it can first
+    python benchmarks/compare.py --quick      # seconds: scipy alone, small problems, and nothing is written
+    python benchmarks/compare.py heyoka c     # only these peers beside ours; nothing is written
+
+For each problem each peer goes from coarse to fine settings, until its attitude is as right as wanted. Those settings
+are then run in turn, A B C A B C, and the medians of times and ratios are shown. Times are those of the run alone;
+set-up, compilation and the first run are shown apart. What is not installed is left out, and said to be.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import sys
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from statistics import median
+
+import numpy as np
+from peers.problem import NAMES, Answer, Problem, attitude_error, ensemble, problem
+from peers.reference import reference
+from peers.worker import PeerError, Worker
+
+PEERS = ("scipy", "basilisk", "mujoco", "drake", "pinocchio", "heyoka", "diffrax", "c")
+
+LONGEST = 5.0
+"""Seconds: a run that takes longer is not made finer, and is not repeated."""
+
+ROUNDS = 7
+FINEST = 2.3e-16
+
+
+@dataclass(frozen=True)
+class Point:
+    """What a setting led to."""
+
+    setting: float
+    error: float
+    seconds: float
+    setup: float
+
+
+@dataclass(frozen=True)
+class Row:
+    """A way to solve a problem, and what was found.
+
+    Attributes:
+        points: in the order tried.
+        chosen: the fastest that is right enough, if any is.
+        seconds: of it, the median over the rounds.
+        ratio: to the fastest way of ours, the median over the rounds.
+        trouble: why there is nothing, if so.
+    """
+
+    peer: str
+    way: str
+    kind: str
+    points: tuple[Point, ...] = ()
+    chosen: Point | None = None
+    seconds: float = math.nan
+    ratio: float = math.nan
+    trouble: str = ""
+
+    @property
+    def name(self) -> str:
+        return f"{self.peer} {self.way}".strip()
+
+    @property
+    def is_ours(self) -> bool:
+        return self.peer == "rb_dynamics"
+
+    @property
+    def best(self) -> Point:
+        """The most accurate setting tried."""
+        return min(self.points, key=lambda point: point.error)
+
+
+@dataclass(frozen=True)
+class StepRow:
+    """An rk4 step: ns for each step of each body, its ratio to ours, and whether its numbers are ours to the bit."""
+
+    name: str
+    nanoseconds: float
+    ratio: float
+    same_bits: bool
+
+
+def ladder(worker: Worker, task: Problem, way: tuple[str, str, float], expected: Answer) -> Row:
+    """Go from coarse to fine until the error is the one wanted, then look for the coarsest that is."""
+    name, kind, setting = way
+    points: list[Point] = []
+
+    def attempt(value: float) -> Point:
+        tried = worker.attempt(name, value)
+        points.append(Point(value, attitude_error(tried.answer, expected), tried.seconds, tried.setup))
+        return points[-1]
+
+    row = Row(worker.name, name, kind)
+    try:
+        fine, coarse = attempt(setting), None
+        while kind and fine.error > task.wanted and fine.seconds < LONGEST and not _at_the_end(points, kind):
+            coarse = fine
+            fine = attempt(2.0 * fine.setting if kind == "steps" else max(0.1 * fine.setting, FINEST))
+        if coarse is not None and fine.error <= task.wanted:
+            between = math.sqrt(coarse.setting * fine.setting)
+            attempt(float(round(between)) if kind == "steps" else between)
+        # One more, for the picture.
+        if kind and fine.error <= task.wanted and fine.seconds < 0.2 * LONGEST:
+            attempt(2.0 * fine.setting if kind == "steps" else max(0.01 * fine.setting, FINEST))
+    except PeerError as error:
+        row = replace(row, trouble=str(error))
+    good = [p for p in points if p.error <= task.wanted]
+    return replace(row, points=tuple(points), chosen=min(good, key=lambda p: p.seconds) if good else None)
+
+
+def _at_the_end(points: list[Point], kind: str) -> bool:
+    """Return whether a finer setting is of no use: there is none, or rounding has taken over."""
+    best = min(p.error for p in points)
+    return (kind == "tolerance" and points[-1].setting <= FINEST) or all(p.error > best for p in points[-3:])
+
+
+def compared(task: Problem, workers: list[Worker], rounds: int) -> list[Row]:
+    """Return the rows of a problem; ours come first."""
+    expected = reference(task)
+    rows: list[tuple[Worker, Row]] = []
+    for worker in workers:
+        try:
+            ways = worker.ways(task)
+        except PeerError as error:
+            rows.append((worker, Row(worker.name, "", "", trouble=str(error))))
+            continue
+        for way in ways:
+            row = ladder(worker, task, way, expected)
+            print(f"  {row.name:34} {_found(row)}", flush=True)
+            rows.append((worker, row))
+    running = [(w, r) for w, r in rows if r.chosen and r.chosen.seconds <= LONGEST and not r.trouble]
+    for worker, row in running:
+        worker.choose(row.way, row.chosen.setting)
+    times: dict[str, list[float]] = {row.name: [] for _, row in running}
+    for _ in range(rounds):
+        for worker, row in running:
+            times[row.name].append(worker.run(row.way))
+    # Where we cannot do it ourselves, there is nothing to compare with.
+    ours = min((times[row.name] for _, row in running if row.is_ours), key=median, default=[math.nan] * rounds)
+    found = []
+    for _, row in rows:
+        if row.name in times:
+            mine = times[row.name]
+            ratio = median(a / b for a, b in zip(mine, ours, strict=True))
+            found.append(replace(row, seconds=median(mine), ratio=ratio))
+        elif row.points:
+            # At least as long as its best took, be it right enough or not.
+            seconds = (row.chosen or row.best).seconds
+            found.append(replace(row, seconds=seconds, ratio=seconds / median(ours)))
+        else:
+            found.append(row)
+    return found
+
+
+def _found(row: Row) -> str:
+    if row.chosen:
+        return f"{row.chosen.error:.1e} rad in {row.chosen.seconds:.3g} s ({row.kind} {row.chosen.setting:g})"
+    return row.trouble or f"no better than {row.best.error:.1e} rad, in {row.best.seconds:.3g} s"
+
+
+def step_rows(task: Problem, n: int, workers: Iterable[Worker], rounds: int) -> list[StepRow]:
+    """Compare n rk4 steps of 1 ms; those with as many threads as ours are compared with ours."""
+    named: list[tuple[Worker, str, np.ndarray]] = []
+    for worker in workers:
+        named += [(worker, name, numbers) for name, numbers in worker.kernels(task, 0.001, n)]
+    times: dict[tuple[str, str], list[float]] = {(w.name, name): [] for w, name, _ in named}
+    for _ in range(rounds):
+        for worker, name, _ in named:
+            times[worker.name, name].append(worker.run(name))
+    found = []
+    for worker, name, numbers in named:
+        ours, mine = _like(named, name), times[worker.name, name]
+        same = np.array_equal(numbers, ours[2])
+        base = times[ours[0].name, ours[1]]
+        ratio = median(a / b for a, b in zip(base, mine, strict=True))
+        found.append(StepRow(f"{worker.name} {name}", 1e9 * median(mine) / n / task.bodies, ratio, same))
+    return found
+
+
+def _like(named: list[tuple[Worker, str, np.ndarray]], name: str) -> tuple[Worker, str, np.ndarray]:
+    """Return the one of ours on as many threads."""
+    ours = [one for one in named if one[0].name == "rb_dynamics"]
+    return next((one for one in ours if one[1].endswith(name.rpartition(", ")[2])), ours[0])
+
+
+def one_body(task: Problem) -> Problem:
+    return replace(task, name="step", angular_velocities=np.array([[0.4, -0.7, 0.6]]))
+
+
+def started(names: Iterable[str], say: Callable[[str], None]) -> tuple[list[Worker], dict[str, str]]:
+    """Return the peers that are there, and why the others are not."""
+    workers, missing = [], {}
+    for name in names:
+        try:
+            workers.append(Worker(name))
+            say(f"{workers[-1].name}: {workers[-1].versions}")
+        except PeerError as error:
+            missing[name] = str(error)
+            say(f"{name} {error}")
+    return workers, missing
+
+
+def main(arguments: list[str]) -> None:
+    quick = "--quick" in arguments
+    names = [a for a in arguments if a != "--quick"]
+    if unknown := set(names) - set(PEERS):
+        sys.exit(f"unknown peer {' '.join(sorted(unknown))}, expected some of: {' '.join(PEERS)}")
+    # Compiled from the first step on, where numba is installed: what compilation costs is in the set-up.
+    if not quick:
+        os.environ.setdefault("RB_DYNAMICS_COMPILE", "always")
+    workers, missing = started(("ours", *(names or (("scipy",) if quick else PEERS))), lambda s: print(s, flush=True))
+    rounds = 3 if quick else ROUNDS
+    tasks = [replace(problem("boxes"), duration=1.0), ensemble(4)] if quick else [problem(name) for name in NAMES]
+    results = {}
+    for task in tasks:
+        print(f"\n{task.title}: to {task.wanted:g} rad", flush=True)
+        results[task.name] = task, compared(task, workers, rounds)
+        for row in results[task.name][1]:
+            print(f"  {row.name:34} {row.seconds:10.3g} s  {row.ratio:10.3g}", flush=True)
+    steppers = [w for w in workers if w.name in ("rb_dynamics", "C RK4")]
+    sizes = [(one_body(ensemble(64)), 100_000), (ensemble(), 500)] if not quick else [(one_body(ensemble(4)), 100)]
+    step_tables = []
+    for task, n in sizes:
+        step_tables.append((task, step_rows(task, n, steppers, rounds)))
+        print(f"\nOne rk4 step, {task.bodies} bodies: ns for each, ours / theirs, same bits", flush=True)
+        for row in step_tables[-1][1]:
+            print(f"  {row.name:34} {row.nanoseconds:8.1f} {row.ratio:8.2f} {row.same_bits}", flush=True)
+    versions = {w.name: w.versions for w in workers}
+    for worker in workers:
+        worker.close()
+    if not quick and not names:
+        from page import write
+
+        write(results, step_tables, versions, missing)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

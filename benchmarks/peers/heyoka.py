@@ -1,0 +1,121 @@
+"""heyoka: Taylor's method, compiled for these very equations; called once a command, with the wrench as parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import heyoka as hy
+import numpy as np
+
+from peers.problem import Answer, Problem, Run, Way
+
+NAME = "heyoka"
+PACKAGES = ("heyoka",)
+
+BATCH = 4
+
+
+def ways(problem: Problem) -> list[Way]:
+    if problem.bodies > 1:
+        return [Way("batches", "tolerance", 1e-6, _ensemble(problem))]
+    return [Way("", "tolerance", 1e-6, _one(problem))]
+
+
+def _system(problem: Problem) -> list[tuple[hy.expression, hy.expression]]:
+    """Return the equations; the wrench that is held is a parameter."""
+    names = ("x", "y", "z", "s", "p", "q", "r", "X", "Y", "Z", "U", "V", "W")
+    symbols = hy.make_vars(*names)
+    x, y, z, s, *w = symbols[:7]
+    v = symbols[10:]
+    # What is never there costs nothing.
+    force, torque, push = ([hy.par[i] for i in at] if len(at) else [hy.expression(0.0)] * 3 for at in _places(problem))
+    inertia, inverse = problem.inertia, np.linalg.inv(problem.inertia)
+
+    def times(matrix: np.ndarray, vector: list[hy.expression]) -> list[hy.expression]:
+        return [
+            sum((m * c for m, c in zip(row, vector, strict=True) if m != 0.0), hy.expression(0.0)) for row in matrix
+        ]
+
+    L = times(inertia, w)
+    gyroscopic = (w[1] * L[2] - w[2] * L[1], w[2] * L[0] - w[0] * L[2], w[0] * L[1] - w[1] * L[0])
+    spin = times(inverse, [t - g for t, g in zip(torque, gyroscopic, strict=True)])
+    a, b, c = (0.5 * rate for rate in w)
+    f, g, h = force
+    tx, ty, tz = 2.0 * (y * h - z * g), 2.0 * (z * f - x * h), 2.0 * (x * g - y * f)
+    forces = (f + s * tx + y * tz - z * ty, g + s * ty + z * tx - x * tz, h + s * tz + x * ty - y * tx)
+    accelerations = [
+        (turned + pushed) / problem.mass + weight
+        for turned, pushed, weight in zip(forces, push, problem.gravity, strict=True)
+    ]
+    turn = (s * a + y * c - z * b, s * b + z * a - x * c, s * c + x * b - y * a, -x * a - y * b - z * c)
+    return list(zip(symbols, (*turn, *spin, *v, *accelerations), strict=True))
+
+
+def _starts(problem: Problem) -> np.ndarray:
+    n = problem.bodies
+    fixed = np.concatenate((problem.orientation_xyzw, np.zeros(6), problem.linear_velocity_world))
+    found = np.tile(fixed, (n, 1))
+    found[:, 4:7] = problem.angular_velocities
+    return found
+
+
+def _places(problem: Problem) -> list[range]:
+    """Return where force and torque in body axes and force in world axes stand among the parameters, if they do."""
+    found, first = [], 0
+    for part in (problem.force_body, problem.torque_body, problem.force_world):
+        found.append(range(first, first + 3 * bool(part.any())))
+        first = found[-1].stop
+    return found
+
+
+def _wrenches(problem: Problem) -> np.ndarray:
+    """Return the parameters of each hold."""
+    parts = (problem.force_body, problem.torque_body, problem.force_world)
+    return np.hstack([part for part in parts if part.any()] or [np.empty((problem.holds, 0))])
+
+
+def _one(problem: Problem) -> Callable[[float], Run]:
+    wrenches, (start,) = _wrenches(problem), _starts(problem)
+    ends = [(k + 1) * problem.hold for k in range(problem.holds)]
+
+    def prepare(tolerance: float) -> Run:
+        integrator = hy.taylor_adaptive(_system(problem), start, pars=wrenches[0], tol=tolerance, high_accuracy=True)
+        state, parameters = integrator.state, integrator.pars
+
+        def solve() -> Callable[[], Answer]:
+            integrator.time = 0.0
+            state[:] = start
+            for wrench, end in zip(wrenches, ends, strict=True):
+                parameters[:] = wrench
+                integrator.propagate_until(end)
+            found = state.copy()
+            return lambda: Answer.of(found[:4], found[4:7], found[7:10])
+
+        return solve
+
+    return prepare
+
+
+def _ensemble(problem: Problem) -> Callable[[float], Run]:
+    wrench, starts = _wrenches(problem)[0], _starts(problem)
+    batches = starts.reshape(-1, BATCH, 13).transpose(0, 2, 1).copy()
+    parameters = np.repeat(wrench[:, None], BATCH, axis=1)
+
+    def prepare(tolerance: float) -> Run:
+        integrator = hy.taylor_adaptive_batch(
+            _system(problem), batches[0], pars=parameters, tol=max(tolerance, 2.3e-16)
+        )
+
+        def place(one: hy.taylor_adaptive_batch_dbl, number: int) -> hy.taylor_adaptive_batch_dbl:
+            one.set_time(0.0)
+            one.state[:] = batches[number]
+            return one
+
+        def solve() -> Callable[[], Answer]:
+            found = hy.ensemble_propagate_until_batch(integrator, problem.duration, len(batches), place)
+            ends = np.concatenate([one.state.T for one, *_ in found])
+            return lambda: Answer.of(ends[:, :4], ends[:, 4:7], ends[:, 7:10])
+
+        return solve
+
+    return prepare

@@ -1,0 +1,55 @@
+"""Where the bodies of a problem really are at the end: the closed form, or two methods of ours that agree."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import rb_dynamics as rb
+from peers.problem import Answer, Problem, attitude_error
+from peers.translate import answer, body_of, held_of, numbers_of, states_of
+from rb_dynamics.motion import METHODS
+from rb_dynamics.motion.arc import Arc
+from rb_dynamics.motion.phase import Phase, inertia_of
+from rb_dynamics.motion.step_control import NANOSECONDS, FixedStep
+
+# Two families, of order 6 and 8, which share no formula but that of the books.
+METHODS_THAT_AGREE = (("dlm6", 0.02), ("aba864", 0.1))
+
+
+def reference(problem: Problem) -> Answer:
+    """Return the answer, right to a tenth of what is wanted at least.
+
+    Raises:
+        ArithmeticError: the two methods do not agree.
+    """
+    if problem.is_free:
+        return _closed(problem)
+    one, other = (_stepped(problem, name, radians) for name, radians in METHODS_THAT_AGREE)
+    apart = attitude_error(one, other)
+    if not apart < 0.1 * problem.wanted:
+        raise ArithmeticError(f"{problem.name}: the references are {apart:.1e} rad apart, expected {problem.wanted:g}")
+    return one
+
+
+def _closed(problem: Problem) -> Answer:
+    body, t = body_of(problem), problem.duration
+    ends = [rb.free_motion(body, state, t) for state in states_of(problem)]
+    fall = 0.5 * t * t * np.array(problem.gravity)
+    return Answer.of(
+        [e.orientation_xyzw for e in ends],
+        [e.angular_velocity_body for e in ends],
+        [e.position_world + fall for e in ends],
+    )
+
+
+def _stepped(problem: Problem, name: str, radians: float) -> Answer:
+    body, hold = body_of(problem), round(problem.hold * NANOSECONDS)
+    step = FixedStep(problem.hold / max(1, round(problem.rate * problem.hold / radians)))
+    rows = []
+    for numbers in numbers_of(problem).tolist():
+        phase = Phase(tuple(numbers[:4]), tuple(numbers[4:7]), tuple(numbers[7:21]), tuple(numbers[21:]))
+        for k, held in enumerate(held_of(problem)):
+            arc = Arc(METHODS[name], inertia_of(body), held, step, k * hold, phase)
+            phase = arc.at((k + 1) * hold)
+        rows.append((*phase.orientation, *phase.angular_velocity, *phase.high, *phase.low))
+    return answer(problem, np.array(rows))

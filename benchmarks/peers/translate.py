@@ -1,0 +1,60 @@
+"""A problem in the types of rb_dynamics and in the numbers of its kernels; shared by `ours.py` and `c.py`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import rb_dynamics as rb
+from peers.problem import Answer, Problem
+from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.motion.phase import Phase, in_principal_axes
+
+
+def body_of(problem: Problem) -> rb.RigidBody:
+    return rb.RigidBody.from_matrix(problem.mass, problem.inertia.tolist())
+
+
+def states_of(problem: Problem) -> list[rb.State]:
+    """Return the initial state of each body."""
+    position = (0.0, 0.0, 0.0)
+    velocity, attitude = problem.linear_velocity_world, problem.orientation_xyzw
+    return [rb.State(0, position, attitude, velocity, tuple(w)) for w in problem.angular_velocities.tolist()]
+
+
+def constants_of(problem: Problem) -> np.ndarray:
+    """Return the 16 constants under the first wrench; gravity is a force in world axes."""
+    body = body_of(problem)
+    return np.array([body.mass, *body.principal_moments, *np.concatenate(held_of(problem)[0])])
+
+
+def held_of(problem: Problem) -> list[HeldWrench]:
+    """Return the wrenches in principal axes."""
+    body, weight = body_of(problem), problem.mass * np.array(problem.gravity)
+    rows = zip(
+        problem.force_body.tolist(), problem.torque_body.tolist(), (problem.force_world + weight).tolist(), strict=True
+    )
+    return [in_principal_axes(body, HeldWrench(tuple(f), tuple(t), tuple(w))) for f, t, w in rows]
+
+
+def numbers_of(problem: Problem) -> np.ndarray:
+    """Return the initial states as the kernels have them: (n, 35)."""
+    phases = [Phase.of(body_of(problem), state) for state in states_of(problem)]
+    return np.array([(*p.orientation, *p.angular_velocity, *p.high, *p.low) for p in phases])
+
+
+def answer(problem: Problem, numbers: np.ndarray) -> Answer:
+    """Return the answer in rows of 35 numbers."""
+    body = body_of(problem)
+    phases = [Phase(tuple(r[:4]), tuple(r[4:7]), tuple(r[7:21]), tuple(r[21:])) for r in numbers.tolist()]
+    states = [phase.state(body, 0) for phase in phases]
+    return Answer.of(
+        [s.orientation_xyzw for s in states],
+        [s.angular_velocity_body for s in states],
+        [s.position_world for s in states],
+    )
+
+
+def booked(problem: Problem, numbers: np.ndarray) -> np.ndarray:
+    """Return attitude, angular velocity, impulse, torque impulse and work of each body: (n, 14)."""
+    found, sums = answer(problem, numbers), numbers[:, 7:21] + numbers[:, 21:]
+    return np.hstack((found.orientation_xyzw, found.angular_velocity_body, sums[:, 6:13]))

@@ -1,0 +1,155 @@
+"""A process for each peer: what one loads, threads, floating-point modes and crashes, does not reach the others."""
+
+from __future__ import annotations
+
+import multiprocessing
+import time
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.metadata import version
+from multiprocessing.connection import Connection
+from typing import Any
+
+from peers.problem import Answer, Problem
+
+# Short runs are repeated until so much time (s) has passed: a clock and a cache are not what is measured.
+SHORTEST = 0.02
+LONG = 2.0
+
+
+class PeerError(Exception):
+    """A peer is not there, or did not do what it was asked."""
+
+
+@dataclass(frozen=True)
+class Tried:
+    """What a setting led to: seconds of set-up with compilation and the first run, seconds of a run, and its answer."""
+
+    setup: float
+    seconds: float
+    answer: Answer
+
+
+class Worker:
+    """The process of one peer, as seen from outside."""
+
+    def __init__(self, module: str, patience: float = 120.0) -> None:
+        """Start it; `patience` is how long (s) it may take for an answer."""
+        context = multiprocessing.get_context("spawn")
+        self._connection, theirs = context.Pipe()
+        self._process = context.Process(target=_serve, args=(module, theirs), daemon=True)
+        self._process.start()
+        theirs.close()
+        self._patience = patience
+        try:
+            self.name, self.versions = self._ask("hello")
+        except PeerError:
+            self.close()
+            raise
+
+    def ways(self, problem: Problem) -> list[tuple[str, str, float]]:
+        """Return name, kind of setting and first setting of each way."""
+        return self._ask("ways", problem)
+
+    def attempt(self, way: str, setting: float) -> Tried:
+        """Try a setting on the problem that `ways` was last asked for."""
+        return self._ask("attempt", way, setting)
+
+    def choose(self, way: str, setting: float) -> None:
+        """Prepare a setting, to be run again and again."""
+        self._ask("choose", way, setting)
+
+    def run(self, way: str) -> float:
+        """Return how long (s) the chosen setting takes."""
+        return self._ask("run", way)
+
+    def kernels(self, problem: Problem, h: float, n: int) -> list[tuple[str, Any]]:
+        """Return the names of rk4 implementations, and the numbers that n steps of h s lead to."""
+        return self._ask("kernels", problem, h, n)
+
+    def close(self) -> None:
+        """End the process."""
+        self._connection.close()
+        self._process.terminate()
+        self._process.join()
+
+    def _ask(self, *question: Any) -> Any:
+        try:
+            self._connection.send(question)
+            if not self._connection.poll(self._patience):
+                raise PeerError(f"gave no answer in {self._patience:g} s")
+            found = self._connection.recv()
+        except (EOFError, OSError) as error:
+            self._process.join(5.0)
+            raise PeerError(f"ended with exit code {self._process.exitcode}") from error
+        if isinstance(found, PeerError):
+            raise found
+        return found
+
+
+def _serve(module: str, connection: Connection) -> None:
+    try:
+        peer = import_module(f"peers.{module}")
+    except ImportError as error:
+        connection.send(PeerError(f"is not there: {error}"))
+        return
+    served = _Served(peer)
+    while True:
+        try:
+            name, *arguments = connection.recv()
+        except (EOFError, OSError):
+            return
+        try:
+            connection.send(getattr(served, name)(*arguments))
+        except Exception as error:  # noqa: BLE001
+            connection.send(PeerError("".join(traceback.format_exception_only(error)).strip()))
+
+
+class _Served:
+    def __init__(self, peer: Any) -> None:
+        self._peer = peer
+        self._ways: dict[str, Any] = {}
+        self._chosen: dict[str, Callable[[], Callable[[], Any]]] = {}
+
+    def hello(self) -> tuple[str, str]:
+        found = [f"{package} {version(package)}" for package in self._peer.PACKAGES]
+        return self._peer.NAME, ", ".join(found) or self._peer.version()
+
+    def ways(self, problem: Problem) -> list[tuple[str, str, float]]:
+        self._ways, self._chosen = {way.name: way for way in self._peer.ways(problem)}, {}
+        return [(way.name, way.kind, way.first) for way in self._ways.values()]
+
+    def attempt(self, way: str, setting: float) -> Tried:
+        begin = time.perf_counter()
+        run = self._ways[way].prepare(setting)
+        prepared = time.perf_counter()
+        read = run()
+        end = time.perf_counter()
+        # What took long is not run twice: compilation, if it is in there, is little of it.
+        seconds = end - prepared if end - prepared > LONG else _seconds(run, once=True)
+        return Tried(end - begin, seconds, read())
+
+    def choose(self, way: str, setting: float) -> None:
+        self._chosen[way] = self._ways[way].prepare(setting)
+        self._chosen[way]()()
+
+    def run(self, way: str) -> float:
+        return _seconds(self._chosen[way])
+
+    def kernels(self, problem: Problem, h: float, n: int) -> list[tuple[str, Any]]:
+        self._chosen = self._peer.kernels(problem, h, n)
+        return [(name, run()()) for name, run in self._chosen.items()]
+
+
+def _seconds(run: Callable[[], Callable[[], Any]], *, once: bool = False) -> float:
+    """Return the mean time of a run; what it returns is read outside of it."""
+    total, count = 0.0, 0
+    while count == 0 or (total < SHORTEST and not once):
+        begin = time.perf_counter()
+        read = run()
+        total += time.perf_counter() - begin
+        read()
+        count += 1
+    return total / count

@@ -1,0 +1,85 @@
+"""The comparison with other simulators: it runs, its problems have the references of 30 digits, its C has our bits."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+STATES = {"tumble": ("dzhanibekov", 100.0), "boxes": ("boxes_rotation", 10.0)}
+
+
+@pytest.fixture(scope="module")
+def peers(root: Path) -> ModuleType:
+    sys.path.insert(0, str(root / "benchmarks"))
+    try:
+        return import_module("peers.problem")
+    finally:
+        sys.path.remove(str(root / "benchmarks"))
+
+
+def part(peers: ModuleType, root: Path, name: str) -> ModuleType:
+    """Return another module of the folder."""
+    sys.path.insert(0, str(root / "benchmarks"))
+    try:
+        return import_module(f"peers.{name}")
+    finally:
+        sys.path.remove(str(root / "benchmarks"))
+
+
+@pytest.mark.parametrize("name", STATES)
+def test_reference_is_that_of_30_digits(peers: ModuleType, root: Path, name: str) -> None:
+    case, time = STATES[name]
+    document = json.loads((root / "test" / "verification" / "data" / "free_motion.json").read_text(encoding="utf-8"))
+    (state,) = (s for s in document["cases"][case]["states"] if s["t"] == time)
+    w, x, y, z = map(float, state["q"])
+    task = peers.problem(name)
+
+    expected = peers.Answer.of([x, y, z, w], [0.0] * 3, [0.0] * 3)
+
+    assert task.duration == time
+    assert peers.attitude_error(part(peers, root, "reference").reference(task), expected) < 1e-12
+
+
+def test_error_is_the_angle_between_attitudes(peers: ModuleType) -> None:
+    def turned(angle: float) -> object:
+        return peers.Answer.of([0.0, np.sin(0.5 * angle), 0.0, np.cos(0.5 * angle)], [0.0] * 3, [0.0] * 3)
+
+    assert peers.attitude_error(turned(0.3 + 1e-12), turned(0.3)) == pytest.approx(1e-12, rel=1e-3)
+    assert peers.attitude_error(turned(0.3 + 2.0 * np.pi), turned(0.3)) < 1e-14
+    assert peers.attitude_error(turned(np.nan), turned(0.3)) == np.inf
+
+
+@pytest.mark.parametrize("bodies", [1, 64])
+def test_c_takes_our_step_to_the_bit(peers: ModuleType, root: Path, bodies: int) -> None:
+    """The bar on the time of a step is against the same arithmetic, or it means nothing."""
+    c = part(peers, root, "c")
+    try:
+        c.version()
+    except FileNotFoundError as error:
+        pytest.skip(str(error))
+    task = peers.ensemble(bodies)
+
+    ((_, ours), *_) = part(peers, root, "ours").kernels(task, 0.01, 20).items()
+    found = next(run for name, run in c.kernels(task, 0.01, 20).items() if name.startswith("same rounding"))
+
+    np.testing.assert_array_equal(found()(), ours()())
+
+
+def test_runs_with_scipy_alone(root: Path) -> None:
+    command = [sys.executable, str(root / "benchmarks" / "compare.py"), "--quick"]
+    environment = os.environ | {"PYTHONPATH": str(root), "RB_DYNAMICS_COMPILE": "never"}
+
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+
+    assert done.returncode == 0, done.stderr
+    assert "rb_dynamics free_motion" in done.stdout or "rb_dynamics driven_motion" in done.stdout
+    assert "scipy DOP853" in done.stdout
+    assert "no better than" not in done.stdout
