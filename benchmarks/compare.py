@@ -48,7 +48,7 @@ class Row:
 
     Attributes:
         points: in the order tried.
-        chosen: the fastest that is right enough, if any is.
+        chosen: the coarsest setting that is right enough, if any is.
         seconds: of it, the median over the rounds.
         ratio: to the fastest way of ours, the median over the rounds.
         trouble: why there is nothing, if so.
@@ -112,7 +112,8 @@ def ladder(worker: Worker, task: Problem, way: tuple[str, str, float], expected:
     except PeerError as error:
         row = replace(row, trouble=str(error))
     good = [p for p in points if p.error <= task.wanted]
-    return replace(row, points=tuple(points), chosen=min(good, key=lambda p: p.seconds) if good else None)
+    coarsest = min(good, key=lambda p: p.setting if kind == "steps" else -p.setting, default=None)
+    return replace(row, points=tuple(points), chosen=coarsest)
 
 
 def _at_the_end(points: list[Point], kind: str) -> bool:
