@@ -70,14 +70,15 @@ def test_the_error_it_names_is_the_error_there_is() -> None:
 
 
 def test_channels_are_tried_with_the_commands_of_a_bag_or_a_probe() -> None:
-    scene = read_scene(ROOT / "config" / "slew.yaml")
+    scene = read_scene(ROOT / "config" / "slew.yaml", {"duration": 5.0})
     commands = read_wrenches(str(ROOT / "examples" / "slew.mcap"), [channel.topic for channel in scene.channels])
 
-    probed, flown = explain(scene, budget=0.5), explain(scene, commands, budget=0.5)
+    # A budget that no machine is too busy for: both are tried to the end.
+    probed, flown = explain(scene, budget=60.0), explain(scene, commands, budget=60.0)
 
     assert any("probe" in remark for remark in probed.remarks)
     assert not any("probe" in remark for remark in flown.remarks)
-    assert flown.attitude_error < 1e-10 < probed.attitude_error
+    assert flown.attitude_error < 1e-12 < probed.attitude_error
 
 
 def test_a_scene_without_end_is_tried_for_the_budget() -> None:
