@@ -16,7 +16,7 @@ from rb_dynamics.motion.method import Increment, Inertia, Load, Method
 from rb_dynamics.motion.refusal import NO_INCREMENT
 from rb_dynamics.rotation import Quaternion, normalize, rotate, rotate_inverse
 from rb_dynamics.rotation import multiply as compose
-from rb_dynamics.vector import ZERO, Vector, add_scaled, dot, norm, positive_zeros, scale
+from rb_dynamics.vector import ZERO, Vector, add, add_scaled, dot, norm, positive_zeros, scale
 
 # Work for a given time goes with order^2 / step; it is flat from 12 to 20 for errors of 1e-11 to 1e-15, and short steps
 # between commands want it low.
@@ -119,8 +119,8 @@ def step(
     impulse, moment = scale(h, held.force_world), scale(0.5 * h * h, held.force_world)
     if held.force_body != ZERO:
         once, twice = _integrals(series.force, t, order)
-        impulse = add_scaled(impulse, 1.0 / unit, rotate(orientation, once))
-        moment = add_scaled(moment, 1.0 / unit / unit, rotate(orientation, twice))
+        impulse = add_scaled(impulse, unit, rotate(orientation, once))
+        moment = add(moment, rotate(orientation, twice))
     torque_impulse = scale(h, held.torque_world)
     if held.torque_body != ZERO:
         once, _ = _integrals(series.torque, t, order)
@@ -230,7 +230,7 @@ def _start(
     s = 1.0 / unit
     return _Start(
         inertia.moments,
-        positive_zeros(held.force_body),
+        positive_zeros(scale(s * s, held.force_body)),
         positive_zeros(scale(s * s, held.torque_body)),
         positive_zeros(rotate_inverse(orientation, scale(s * s, held.torque_world))),
         positive_zeros(scale(s, angular_velocity)),
