@@ -240,7 +240,7 @@ def _start(
 # The arc looks at one step many times: to choose it, to take it, and for each output inside it.
 @lru_cache(maxsize=4)
 def _expand(memory: _Expansion, start: _Start, order: int) -> _Expansion:
-    """Write the coefficients into `memory` and return it: of turn and rate up to `order`, of the others to one less."""
+    """Write the coefficients up to `order` into `memory` and return it."""
     i1, i2, i3 = start.moments
     (f1, f2, f3), (t1, t2, t3), (u1, u2, u3) = start.force, start.torque, start.torque_world
     has_world = start.torque_world != ZERO
@@ -250,7 +250,7 @@ def _expand(memory: _Expansion, start: _Start, order: int) -> _Expansion:
     v1, v2, v3 = workspace(_TERMS), workspace(_TERMS), workspace(_TERMS)
     w[0] = 1.0
     p[0], q[0], r[0] = start.omega
-    for k in range(order):
+    for k in range(order + 1):
         if has_axes:
             xx = yy = zz = xy = yz = zx = wx = wy = wz = 0.0
             for j in range(k + 1):
@@ -273,7 +273,14 @@ def _expand(memory: _Expansion, start: _Start, order: int) -> _Expansion:
             v1[k] = m11 * u1 + m21 * u2 + m31 * u3
             v2[k] = m12 * u1 + m22 * u2 + m32 * u3
             v3[k] = m13 * u1 + m23 * u2 + m33 * u3
-        q1 = q2 = q3 = q4 = e1 = e2 = e3 = done = 0.0
+        done = t1 * p[k] + t2 * q[k] + t3 * r[k]
+        if has_world:
+            for j in range(k + 1):
+                done += v1[j] * p[k - j] + v2[j] * q[k - j] + v3[j] * r[k - j]
+        power[k] = done
+        if k == order:
+            break
+        q1 = q2 = q3 = q4 = e1 = e2 = e3 = 0.0
         for j in range(k + 1):
             a, b, c, d = x[j], y[j], z[j], w[j]
             e, f, g = p[k - j], q[k - j], r[k - j]
@@ -284,8 +291,6 @@ def _expand(memory: _Expansion, start: _Start, order: int) -> _Expansion:
             e1 += q[j] * g
             e2 += r[j] * e
             e3 += p[j] * f
-            done += v1[j] * e + v2[j] * f + v3[j] * g
-        power[k] = done + t1 * p[k] + t2 * q[k] + t3 * r[k]
         e1, e2, e3 = (i2 - i3) * e1 + v1[k], (i3 - i1) * e2 + v2[k], (i1 - i2) * e3 + v3[k]
         if k == 0:
             e1, e2, e3 = e1 + t1, e2 + t2, e3 + t3
@@ -305,7 +310,7 @@ def _value(series: _Series, t: float, order: int) -> float:
 
 def _integral(series: _Series, t: float, order: int) -> float:
     total = 0.0
-    for k in range(order - 1, -1, -1):
+    for k in range(order, -1, -1):
         total = total * t + series[k] / (k + 1)
     return total * t
 
@@ -314,7 +319,7 @@ def _integrals(series: tuple[_Series, _Series, _Series], t: float, order: int) -
     """Return the integral of a vector and the integral of that."""
     a, b, c = series
     a1 = b1 = c1 = a2 = b2 = c2 = 0.0
-    for k in range(order - 1, -1, -1):
+    for k in range(order, -1, -1):
         m = 1.0 / (k + 1)
         n = m / (k + 2)
         a1, b1, c1 = a1 * t + m * a[k], b1 * t + m * b[k], c1 * t + m * c[k]
