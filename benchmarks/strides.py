@@ -1,5 +1,7 @@
 """What an accepted stride costs with its control, for every method that steps: the prices that `auto` reckons with.
 
+Processor time, in plain Python unless RB_DYNAMICS_COMPILE says otherwise; compiled they are alike within a third.
+
 Usage: python benchmarks/strides.py
 
 Prints for each kind of load and each accuracy the methods in the order of the time they take for two seconds of motion,
@@ -52,9 +54,9 @@ def measure(name: str, takes: Takes, accuracy: float, turn: int) -> tuple[float,
     load_from = scene.acting.load_from(0.0)
     load = None if load_from is None else (lambda phase: load_from(phase.point(scene.body)))
     arc = Plan(scene).arc(in_principal_axes(scene.body, HELD), 0, Phase.of(scene.body, scene.initial), load)
-    begin = time.perf_counter()
+    begin = time.process_time()
     arc.advance(SECONDS * 1_000_000_000)
-    return time.perf_counter() - begin, arc.steps_to(SECONDS * 1_000_000_000)
+    return time.process_time() - begin, arc.steps_to(SECONDS * 1_000_000_000)
 
 
 def main() -> None:

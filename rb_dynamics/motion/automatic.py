@@ -18,7 +18,7 @@ from rb_dynamics.motion.phase import Phase
 from rb_dynamics.motion.step_control import NANOSECONDS, Advance, StepControl
 
 COST_OF_A_STEP: Mapping[str, float] = MappingProxyType(
-    {"rk4": 1.0, "dop853": 1.6, "taylor": 5.5, "dlm6": 3.5, "dmv864": 4.3, "dmv104": 4.2, "radau": 17.0}
+    {"rk4": 1.0, "dop853": 1.5, "taylor": 1.8, "dlm6": 3.7, "dmv864": 3.7, "dmv104": 3.5, "radau": 16.0}
 )
 """Time of an accepted stride with its control, in units of one of `rk4`; measured by `benchmarks/strides.py`."""
 
