@@ -136,15 +136,11 @@ def compared(task: Problem, workers: list[Worker], rounds: int) -> list[Row]:
             row = ladder(worker, task, way, expected)
             print(f"  {row.name:34} {_found(row)}", flush=True)
             rows.append((worker, row))
-    running = [(w, r) for w, r in rows if r.chosen and r.chosen.seconds <= LONGEST and not r.trouble]
-    for worker, row in running:
-        worker.choose(row.way, row.chosen.setting)
-    times: dict[str, list[float]] = {row.name: [] for _, row in running}
-    for _ in range(rounds):
-        for worker, row in running:
-            times[row.name].append(worker.run(row.way))
+    times = in_turn([(w, r) for w, r in rows if r.chosen and r.chosen.seconds <= LONGEST], rounds)
     # Where we cannot do it ourselves, there is nothing to compare with.
-    ours = min((times[row.name] for _, row in running if row.is_ours), key=median, default=[math.nan] * rounds)
+    ours = min(
+        (times[r.name] for _, r in rows if r.is_ours and r.name in times), key=median, default=[math.nan] * rounds
+    )
     found = []
     for _, row in rows:
         if row.name in times:
@@ -158,6 +154,26 @@ def compared(task: Problem, workers: list[Worker], rounds: int) -> list[Row]:
         else:
             found.append(row)
     return found
+
+
+def in_turn(rows: list[tuple[Worker, Row]], rounds: int) -> dict[str, list[float]]:
+    """Return the times of the chosen settings, A B C A B C, by name; a way that fails is left out."""
+    times: dict[str, list[float]] = {}
+    for worker, row in rows:
+        try:
+            worker.choose(row.way, row.chosen.setting)
+            times[row.name] = []
+        except PeerError as error:
+            print(f"  {row.name}: {error}", flush=True)
+    for _ in range(rounds):
+        for worker, row in rows:
+            if row.name in times:
+                try:
+                    times[row.name].append(worker.run(row.way))
+                except PeerError as error:
+                    print(f"  {row.name}: {error}", flush=True)
+                    del times[row.name]
+    return times
 
 
 def _found(row: Row) -> str:

@@ -39,7 +39,7 @@ def _prepare(problem: Problem, scheme: str) -> Callable[[float], Run]:
         plant.Finalize()
         simulator = Simulator(plant)
         config = SimulatorConfig(
-            integration_scheme=scheme, accuracy=tolerance, max_step_size=problem.duration, use_error_control=True
+            integration_scheme=scheme, accuracy=tolerance, max_step_size=1.0 / problem.rate, use_error_control=True
         )
         ApplySimulatorConfig(config, simulator)
         context = simulator.get_mutable_context()

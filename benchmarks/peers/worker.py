@@ -35,22 +35,27 @@ class Tried:
 class Worker:
     """The process of one peer, as seen from outside."""
 
-    def __init__(self, module: str, patience: float = 120.0) -> None:
+    def __init__(self, module: str, patience: float = 60.0) -> None:
         """Start it; `patience` is how long (s) it may take for an answer."""
-        context = multiprocessing.get_context("spawn")
-        self._connection, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(module, theirs), daemon=True)
-        self._process.start()
-        theirs.close()
-        self._patience = patience
+        self._module, self._patience = module, patience
+        self._problem: Problem | None = None
+        self._start()
         try:
             self.name, self.versions = self._ask("hello")
         except PeerError:
             self.close()
             raise
 
+    def _start(self) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._connection, theirs = context.Pipe()
+        self._process = context.Process(target=_serve, args=(self._module, theirs), daemon=True)
+        self._process.start()
+        theirs.close()
+
     def ways(self, problem: Problem) -> list[tuple[str, str, float]]:
         """Return name, kind of setting and first setting of each way."""
+        self._problem = problem
         return self._ask("ways", problem)
 
     def attempt(self, way: str, setting: float) -> Tried:
@@ -75,15 +80,26 @@ class Worker:
         self._process.terminate()
         self._process.join()
 
+    def _start_again(self) -> None:
+        """Begin anew with a process that does not still work on an old question."""
+        self.close()
+        self._start()
+        if self._problem is not None:
+            self._connection.send(("ways", self._problem))
+            self._connection.recv()
+
     def _ask(self, *question: Any) -> Any:
         try:
             self._connection.send(question)
             if not self._connection.poll(self._patience):
+                self._start_again()
                 raise PeerError(f"gave no answer in {self._patience:g} s")
             found = self._connection.recv()
         except (EOFError, OSError) as error:
             self._process.join(5.0)
-            raise PeerError(f"ended with exit code {self._process.exitcode}") from error
+            code = self._process.exitcode
+            self._start_again()
+            raise PeerError(f"ended with exit code {code}") from error
         if isinstance(found, PeerError):
             raise found
         return found
