@@ -154,7 +154,7 @@ class TestDefects:
     def test_energy_that_nobody_put_in_shows_whole(self) -> None:
         case = forced()
         phase = Phase.of(case.body, case.initial)
-        wrong = dataclasses.replace(phase, angular_velocity=tuple(1.001 * w for w in phase.angular_velocity))
+        wrong = phase._replace(angular_velocity=tuple(1.001 * w for w in phase.angular_velocity))
 
         found = Observer(ActingEffects(case.body), phase).sample(wrong, 0)
 
@@ -171,7 +171,7 @@ class TestDefects:
         high = list(phase.high)
         high[6:13] = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]  # impulse, torque impulse, work
 
-        found = Observer(ActingEffects(case.body), phase).sample(dataclasses.replace(phase, high=tuple(high)), 0)
+        found = Observer(ActingEffects(case.body), phase).sample(phase._replace(high=tuple(high)), 0)
 
         assert found.work == 7.0
         assert found.energy_defect == -7.0
@@ -181,7 +181,7 @@ class TestDefects:
     def test_baseline_is_the_start_not_zero(self) -> None:
         case = forced()
         phase = Phase.of(case.body, case.initial)
-        later = dataclasses.replace(phase, angular_velocity=scale(2.0, phase.angular_velocity))
+        later = phase._replace(angular_velocity=scale(2.0, phase.angular_velocity))
         first = Observer(ActingEffects(case.body), phase).sample(phase, 0)
 
         found = Observer(ActingEffects(case.body), phase).sample(later, 0)

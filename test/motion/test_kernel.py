@@ -131,7 +131,7 @@ def compare_beside(
 ) -> int:
     """Compare what stands beside a step; return how many of the cases are not refused."""
     on_numbers, taken = compiled.specialise(template, f"{template.__name__}_{name}", _called=called), 0
-    fast = compiled.compile_kernel(on_numbers, kernel._SIGNATURE)
+    fast = compiled.compile_kernel(on_numbers, "void(float64[::1], float64, int64, float64[::1])")
     for k in range(300):
         inertia, held, h, phase = case(random.Random(1000 * seed + k), second)
         numbers = [inertia.mass, *inertia.moments, *itertools.chain(*held)]

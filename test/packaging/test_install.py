@@ -138,10 +138,10 @@ def test_extras_bring_what_they_promise(metadata: Message) -> None:
         assert name
         brought.setdefault(extra[1] if extra else "", set()).add(name[0])
 
-    assert brought.keys() == {"", "bench", "dev", "fast", "log", "mesh", "plot", "ros", "test"}
+    assert brought.keys() == {"", "bench", "dev", "fast", "log", "mesh", "plot", "ros", "test", "video"}
     assert brought[""] == {"numpy", "scipy", "PyYAML"}
     assert brought["fast"] == {"numba"}
-    assert brought["log"] == {"mcap", "rerun-sdk", "zstandard"}
+    assert brought["log"] == {"mcap", "rerun-sdk", "rosbags", "zstandard"}
     assert brought["ros"] == ROS
     assert brought["plot"] == {"jinja2", "matplotlib", "tqdm"}
     assert brought["mesh"] == {"trimesh"}
