@@ -1,8 +1,8 @@
 """Compare with what users would pick instead: the same problems, the same error, one run; writes docs/benchmarks.md.
 
-    python benchmarks/compare.py              # a quarter of an hour; `make bench` installs what it can first
-    python benchmarks/compare.py --quick      # seconds: scipy alone, small problems, and nothing is written
-    python benchmarks/compare.py heyoka c     # only these peers beside ours; nothing is written
+    python benchmarks/compare.py                  # a quarter of an hour; `make bench` installs what it can first
+    python benchmarks/compare.py --quick          # seconds: scipy alone, small problems, and nothing is written
+    python benchmarks/compare.py heyoka driven    # only these peers beside ours and these problems; nothing is written
 
 For each problem each peer goes from coarse to fine settings, until its attitude is as right as wanted. Those settings
 are then run in turn, A B C A B C, and the medians of times and ratios are shown. Times are those of the run alone;
@@ -119,7 +119,8 @@ def ladder(worker: Worker, task: Problem, way: tuple[str, str, float], expected:
 def _at_the_end(points: list[Point], kind: str) -> bool:
     """Return whether a finer setting is of no use: there is none, or rounding has taken over."""
     best = min(p.error for p in points)
-    return (kind == "tolerance" and points[-1].setting <= FINEST) or all(p.error > best for p in points[-3:])
+    worse = best < 1e-6 and all(p.error > best for p in points[-3:])
+    return worse or (kind == "tolerance" and points[-1].setting <= FINEST)
 
 
 def compared(task: Problem, workers: list[Worker], rounds: int) -> list[Row]:
@@ -226,15 +227,18 @@ def started(names: Iterable[str], say: Callable[[str], None]) -> tuple[list[Work
 
 def main(arguments: list[str]) -> None:
     quick = "--quick" in arguments
-    names = [a for a in arguments if a != "--quick"]
-    if unknown := set(names) - set(PEERS):
-        sys.exit(f"unknown peer {' '.join(sorted(unknown))}, expected some of: {' '.join(PEERS)}")
+    if unknown := set(arguments) - {"--quick", *PEERS, *NAMES}:
+        sys.exit(f"unknown argument {' '.join(sorted(unknown))}, expected some of: {' '.join((*PEERS, *NAMES))}")
+    names = [name for name in PEERS if name in arguments]
+    chosen = [name for name in NAMES if name in arguments]
     # Compiled from the first step on, where numba is installed: what compilation costs is in the set-up.
     if not quick:
         os.environ.setdefault("RB_DYNAMICS_COMPILE", "always")
     workers, missing = started(("ours", *(names or (("scipy",) if quick else PEERS))), lambda s: print(s, flush=True))
     rounds = 3 if quick else ROUNDS
-    tasks = [replace(problem("boxes"), duration=1.0), ensemble(4)] if quick else [problem(name) for name in NAMES]
+    tasks = (
+        [replace(problem("boxes"), duration=1.0), ensemble(4)] if quick else [problem(name) for name in chosen or NAMES]
+    )
     results = {}
     for task in tasks:
         print(f"\n{task.title}: to {task.wanted:g} rad", flush=True)
@@ -252,7 +256,7 @@ def main(arguments: list[str]) -> None:
     versions = {w.name: w.versions for w in workers}
     for worker in workers:
         worker.close()
-    if not quick and not names:
+    if not (quick or names or chosen):
         from page import write
 
         write(results, step_tables, versions, missing)
