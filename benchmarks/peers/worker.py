@@ -146,11 +146,12 @@ class _Served:
         prepared = time.perf_counter()
         read = run()
         end = time.perf_counter()
+        answer = read()
         # What takes long is not run twice, but for the first time: there may be compilation in it.
         again = way not in self._warm or end - prepared < LONG
         self._warm.add(way)
         seconds = _seconds(run, once=True) if again else end - prepared
-        return Tried(end - begin, seconds, read())
+        return Tried(end - begin, seconds, answer)
 
     def choose(self, way: str, setting: float) -> None:
         self._chosen[way] = self._ways[way].prepare(setting)
