@@ -64,6 +64,10 @@ def kill(path: Path, flush_s: float, after_s: float) -> dict[str, object]:
 if __name__ == "__main__":
     folder, kills, flush_s, shortest_s, longest_s = Path(sys.argv[1]), int(sys.argv[2]), *map(float, sys.argv[3:])
     source = random.Random(11)
+    # What a first log imports is imported here, not in each child again: they are killed while they log.
+    first = McapSink(folder / "first.mcap", settings=LogSettings(flush_s=0.0))
+    first.open(RunInfo(SCENE, "rk4"))
+    first.close({})
     for number in range(kills):
         result = kill(folder / f"{number}.mcap", flush_s, source.uniform(shortest_s, longest_s))
         sys.stdout.write(json.dumps(result) + "\n")

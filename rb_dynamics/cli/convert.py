@@ -2,7 +2,7 @@
 
 A table has one line for each logged sample, numbers with all their digits; the wrench commands go to OUT's name with
 .wrenches before its ending. A CSV of wrenches (time_ns or time_s, force_x ... torque_z, and topic and frame_id if need
-be) becomes an MCAP bag for simulate --wrench.
+be) becomes an MCAP bag for simulate --wrench. An earlier OUT is replaced.
 """
 
 from __future__ import annotations
@@ -15,8 +15,7 @@ HELP = "write a log as .rrd, .csv or .parquet, or a .csv of wrenches as .mcap"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `convert`."""
     parser.add_argument("source", metavar="IN", help="log of a run (file or rosbag2 folder), or .csv of wrenches")
-    parser.add_argument("target", metavar="OUT", help="a name that ends in .rrd, .csv, .parquet or .mcap")
-    parser.add_argument("--overwrite", action="store_true", help="replace earlier files of that name")
+    parser.add_argument("target", metavar="OUT", help="name that ends in .rrd, .csv, .parquet or .mcap")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -29,11 +28,11 @@ def run(args: argparse.Namespace) -> int:
     source, target = Path(args.source), Path(args.target)
     way = ("table" if source.suffix == ".csv" else "log", target.suffix)
     if way in (("log", ".csv"), ("log", ".parquet")):
-        written = convert.log_to_table(source, target, args.overwrite)
+        written = convert.log_to_table(source, target)
     elif way == ("log", ".rrd"):
-        written = [(target, convert.log_to_rerun(source, target, args.overwrite))]
+        written = [(target, convert.log_to_rerun(source, target))]
     elif way == ("table", ".mcap"):
-        written = [(target, convert.table_to_bag(source, target, args.overwrite))]
+        written = [(target, convert.table_to_bag(source, target))]
     else:
         raise LogError(
             f"cannot convert {source.name} to {target.name}, expected a log to .rrd, .csv or .parquet, or a .csv of "

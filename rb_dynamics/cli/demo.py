@@ -44,13 +44,14 @@ def run(args: argparse.Namespace) -> int:
     commands = read_wrenches(bag_file, [channel.topic for channel in scene.channels])
     out = Path(args.out)
     out.mkdir(parents=True, exist_ok=True)
-    mcap = out / "demo.mcap"
-    mcap.unlink(missing_ok=True)
+    mcap, rrd = out / "demo.mcap", out / "demo.rrd"
+    for earlier in (mcap, rrd):
+        earlier.unlink(missing_ok=True)
     print(
         f"flying {bag_file.name} ({len(commands)} wrench commands) through the node in lockstep, over DDS", flush=True
     )
     with output.progress("demo") as progress:
-        player = _fly(scene, scene_file, commands, mcap, out / "demo.rrd", progress)
+        player = _fly(scene, scene_file, commands, mcap, rrd, progress)
     comparison = Comparison.of(read_bag(bag_file), player.poses, player.twists)
     print(comparison.as_text(TOLERANCE))
     same = _same_bits_offline(scene, commands, mcap)

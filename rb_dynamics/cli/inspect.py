@@ -19,7 +19,9 @@ HELP = "show what happened in a recorded run"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `inspect`."""
     parser.add_argument("log", metavar="RUN.mcap", help="log of a run, or a bag of pose, twist and wrench")
-    parser.add_argument("--html", metavar="F", help="write a report with figures (extra: plot)")
+    parser.add_argument(
+        "--html", metavar="F", help="write a report with figures (extra: plot); an earlier one is replaced"
+    )
     parser.add_argument("--video", metavar="F", help="write the tumble as .mp4 or .gif (extra: video)")
     parser.add_argument("--scene", metavar="SCENE", help="scene file whose body and frames belong to the bag")
     parser.add_argument(
@@ -32,6 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print the summary; exit code 0, or 1 where a check fails."""
+    from rb_dynamics.recording.log_file import require_other
     from rb_dynamics.recording.mcap_reader import read_bag
     from rb_dynamics.report.checks import BOUND
     from rb_dynamics.report.summary import summarize
@@ -39,6 +42,8 @@ def run(args: argparse.Namespace) -> int:
     from rb_dynamics.report.topics import read_track
     from rb_dynamics.scene.read import read_scene
 
+    for written in filter(None, (args.html, args.video)):
+        require_other(written, *filter(None, (args.log, args.scene)))
     scene = read_scene(args.scene) if args.scene else None
     track = read_track(read_bag(args.log), scene)
     summary = summarize(track, BOUND if args.bound is None else args.bound)

@@ -17,8 +17,13 @@ if TYPE_CHECKING:
 def add_log(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of a log."""
     where = parser.add_mutually_exclusive_group()
-    where.add_argument("--mcap", metavar="F", help="write the run as an MCAP log")
-    where.add_argument("--bag", metavar="DIR", help="write it as a rosbag2 folder: MCAP files and metadata.yaml")
+    where.add_argument(
+        "--mcap", metavar="F", default="", help="write the run as an MCAP log; an earlier one is replaced"
+    )
+    where.add_argument(
+        "--bag", metavar="DIR", default="", help="write it as a rosbag2 folder: MCAP files and metadata.yaml"
+    )
+    parser.add_argument("--rerun", metavar="F", default="", help="write it as a Rerun recording (extra: log)")
     parser.add_argument(
         "--max-bag-size", type=_count, default=0, metavar="BYTES", help="size at which --bag begins the next file"
     )
@@ -30,7 +35,6 @@ def add_log(parser: argparse.ArgumentParser) -> None:
         help="wall time after which what was logged survives a kill (default 0.5); 0: whole chunks only",
     )  # fmt: skip
     parser.add_argument("--verify", action="store_true", help="read the finished log again and count its messages")
-    parser.add_argument("--overwrite", action="store_true", help="replace an earlier log of that name")
 
 
 def add_mapping(parser: argparse.ArgumentParser) -> None:
@@ -60,28 +64,19 @@ def log_sinks(args: argparse.Namespace) -> list[GuardedSink]:
     """Return the logs that are asked for; one that fails says so on stderr, and the run goes on without it.
 
     Raises:
-        LogError: the arguments do not go together.
+        LogError: the arguments do not go together, or a log would replace what the run reads.
     """
-    from rb_dynamics.errors import LogError
     from rb_dynamics.recording.guard import GuardedSink
-    from rb_dynamics.recording.mcap_sink import FLUSH_S, LogSettings, McapSink
-    from rb_dynamics.recording.sink import Sink
+    from rb_dynamics.recording.log_file import require_other
+    from rb_dynamics.recording.logs import Logs
+    from rb_dynamics.recording.mcap_sink import FLUSH_S, LogSettings
 
-    settings = LogSettings(FLUSH_S if args.flush is None else args.flush, args.verify, args.overwrite)
-    logs: list[Sink] = []
-    if args.mcap:
-        if args.max_bag_size or args.max_bag_duration:
-            raise LogError("--max-bag-size and --max-bag-duration split a folder: give --bag DIR instead of --mcap")
-        logs.append(McapSink(args.mcap, settings=settings))
-    if args.bag:
-        from rb_dynamics.recording.bag_sink import BagSink
-
-        logs.append(BagSink(args.bag, args.max_bag_size, args.max_bag_duration, settings=settings))
-    if args.rerun:
-        from rb_dynamics.recording.rerun_sink import RerunSink
-
-        logs.append(RerunSink(args.rerun))
-    return [GuardedSink(log, _warn, guard_open=False) for log in logs]
+    settings = LogSettings(FLUSH_S if args.flush is None else args.flush, args.verify)
+    logs = Logs(args.mcap, args.bag, args.rerun, args.max_bag_size, args.max_bag_duration, settings)
+    for name in (*logs.names, args.html):
+        if name:
+            require_other(name, args.scene, *([args.wrench] if args.wrench else []))
+    return [GuardedSink(log, _warn, guard_open=False) for log in logs.sinks()]
 
 
 def _warn(error: Exception) -> None:

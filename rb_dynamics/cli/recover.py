@@ -17,8 +17,7 @@ HELP = "save what can be read of a log that was cut off"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `recover`."""
     parser.add_argument("source", metavar="IN", help="MCAP file, or a folder of them")
-    parser.add_argument("target", metavar="OUT", help="the file or folder to write")
-    parser.add_argument("--overwrite", action="store_true", help="replace an earlier file of that name")
+    parser.add_argument("target", metavar="OUT", help="the file or folder to write; an earlier one is replaced")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -27,7 +26,7 @@ def run(args: argparse.Namespace) -> int:
 
     from rb_dynamics.recording.recover import recover
 
-    saved = recover(Path(args.source), Path(args.target), args.overwrite)
+    saved = recover(Path(args.source), Path(args.target))
     for each in saved:
         file = each.file
         state = "whole" if each.complete else "cut off or damaged"

@@ -25,7 +25,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_mapping(parser)
     add_solver(parser)
     add_log(parser)
-    parser.add_argument("--rerun", metavar="F", help="write the run as a Rerun recording (extra: log)")
     parser.add_argument("--html", metavar="F", help="write a report (extras: log, plot)")
     parser.add_argument("--json", action="store_true", help="print the result as one JSON object, floats in full")
 

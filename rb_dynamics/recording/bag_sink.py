@@ -7,6 +7,7 @@ before, so the last one's is that of the run. Never imports ROS.
 from __future__ import annotations
 
 import os
+import re
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
@@ -33,14 +34,14 @@ class BagSink:
         """Say where to write; nothing is touched before `open`.
 
         Args:
-            folder: made where it is missing.
+            folder: made where it is missing; an earlier bag in it is replaced.
             max_bytes: size at which the next file is begun; what waits for its chunk comes on top. 0: no bound.
             max_duration_s: s of simulation time in one file; 0: no bound.
             namespace: put before relative topic names.
             remap: absolute names of single topics, by relative name.
-            settings: how the log is kept; `overwrite` replaces the bag that is in the folder.
+            settings: how the log is kept.
         """
-        self.folder = Path(folder)
+        self.path = Path(folder)
         self._max_bytes, self._max_ns = max_bytes, round(max_duration_s * 1e9)
         self._namespace, self._remap, self._settings = namespace, remap, settings or LogSettings()
         self._sink: McapSink | None = None
@@ -50,12 +51,15 @@ class BagSink:
         """Begin the first file.
 
         Raises:
-            LogError: the folder holds something already, or cannot be written.
+            LogError: the folder holds what is no part of a bag of its name, or cannot be written.
         """
-        self._clear()
+        earlier = self._earlier()
         self._run, self._states = run, StateHash()
         self._files = []
         self._begin_file(0)
+        for file in earlier:
+            if file.name != self._files[0].name:
+                file.unlink()
 
     def write(self, event: Event) -> None:
         """Log one event.
@@ -80,13 +84,13 @@ class BagSink:
             return
         self._end_file(result)
         try:
-            write_metadata(self.folder, self._sink.channels(), self._files)
+            write_metadata(self.path, self._sink.channels(), self._files)
         except OSError as error:
-            raise LogError(f"cannot write {self.folder / METADATA_FILE}: {error.strerror or error}") from error
+            raise LogError(f"cannot write {self.path / METADATA_FILE}: {error.strerror or error}") from error
 
     def _begin_file(self, time_ns: int) -> None:
         name = self._name(len(self._files))
-        sink = McapSink(self.folder / name, self._namespace, self._remap, self._settings, self._states, time_ns)
+        sink = McapSink(self.path / name, self._namespace, self._remap, self._settings, self._states, time_ns)
         sink.open(self._run)
         self._sink = sink
         self._files.append(BagFile(name, time_ns, time_ns))
@@ -104,24 +108,24 @@ class BagSink:
         return bool(too_long or (self._max_bytes and self._sink.size >= self._max_bytes))
 
     def _name(self, number: int) -> str:
-        return f"{self.folder.name}_{number}.mcap"
+        return f"{self.path.name}_{number}.mcap"
 
-    def _clear(self) -> None:
-        """Refuse a folder with something in it; take the earlier bag away where that is to be overwritten.
+    def _earlier(self) -> list[Path]:
+        """Return the files of an earlier bag, which this one replaces.
 
         Raises:
-            LogError: names what is there and the remedy.
+            LogError: the folder is a file, or holds something else, which nobody asked to mix with a bag.
         """
-        if not self.folder.exists():
-            return
-        if not self.folder.is_dir():
-            raise LogError(f"cannot write {self.folder}: it is a file, expected a folder for a bag; give another name")
-        earlier = [self.folder / METADATA_FILE, *self.folder.glob(f"{self.folder.name}_*.mcap")]
-        if self._settings.overwrite:
-            for file in earlier:
-                file.unlink(missing_ok=True)
-        elif any(self.folder.iterdir()):
+        if not self.path.exists():
+            return []
+        if not self.path.is_dir():
+            raise LogError(f"cannot write {self.path}: it is a file, expected a folder for a bag; give another name")
+        found = sorted(self.path.iterdir())
+        own = re.compile(rf"{re.escape(self.path.name)}_\d+\.mcap|{re.escape(METADATA_FILE)}")
+        foreign = [file.name for file in found if not own.fullmatch(file.name)]
+        if foreign:
             raise LogError(
-                f"{self.folder} has files in it already, expected a new or empty folder for a bag; give another name, "
-                "or say --overwrite where the command takes it"
+                f"{self.path} holds {', '.join(foreign[:5])}, expected a new or empty folder or an earlier bag of that "
+                "name; give another name"
             )
+        return found

@@ -20,7 +20,7 @@ from rb_dynamics.loads.channels import AppliedWrench
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.recording import cdr
 from rb_dynamics.recording.bag_source import open_source
-from rb_dynamics.recording.log_file import LogFile, require_free
+from rb_dynamics.recording.log_file import LogFile, require_other
 from rb_dynamics.recording.mcap_reader import decode_wrench
 from rb_dynamics.recording.mcap_records import Message
 from rb_dynamics.recording.mcap_sink import WRENCH, qos_profile
@@ -39,19 +39,19 @@ _BATCH = 10_000
 Table = Callable[[Path, Sequence[str], Iterable[Sequence[Any]]], int]
 
 
-def log_to_table(log: str | Path, target: Path, overwrite: bool = False) -> list[tuple[Path, int]]:
+def log_to_table(log: str | Path, target: Path) -> list[tuple[Path, int]]:
     """Write the samples of a log to `target`, .csv or .parquet, and its commands, if any, to `*.wrenches.*` beside it.
 
     Returns the files with their rows.
 
     Raises:
-        LogError: `log` is no log of this package, or a file cannot be written or is there already.
+        LogError: `log` is no log of this package, or a file is `log` itself or cannot be written.
         MissingExtraError: a .parquet file without pyarrow.
     """
     write: Table = _write_parquet if target.suffix == ".parquet" else _write_csv
     beside = target.with_name(f"{target.stem}.wrenches{target.suffix}")
     for path in (target, beside):
-        require_free(path, overwrite)
+        require_other(path, log)
     source = open_source(log)
     received = [message for message in source.messages() if message.channel.type_name == WRENCH]
     scene, names = scene_and_names(source)
@@ -66,16 +66,16 @@ def log_to_table(log: str | Path, target: Path, overwrite: bool = False) -> list
     return written
 
 
-def log_to_rerun(log: str | Path, target: Path, overwrite: bool = False) -> int:
+def log_to_rerun(log: str | Path, target: Path) -> int:
     """Write a log as a Rerun recording; returns the samples.
 
     Raises:
-        LogError: `log` is no log of this package, or `target` cannot be written or is there already.
+        LogError: `log` is no log of this package, or `target` is `log` itself or cannot be written.
         MissingExtraError: rerun-sdk is not installed.
     """
     from rb_dynamics.recording.rerun_sink import RerunSink
 
-    require_free(target, overwrite)
+    require_other(target, log)
     source = open_source(log)
     for _ in source.messages():
         pass
@@ -98,18 +98,19 @@ def log_to_rerun(log: str | Path, target: Path, overwrite: bool = False) -> int:
     return count
 
 
-def table_to_bag(table: Path, target: Path, overwrite: bool = False) -> int:
+def table_to_bag(table: Path, target: Path) -> int:
     """Write a CSV of wrenches as an MCAP bag of WrenchStamped; returns the rows.
 
     Columns: `time_ns` (integer) or `time_s`; `force_x` ... `torque_z` (N, N m); and, where they are given, `topic`
     (default "wrench") and `frame_id` (default "": body axes).
 
     Raises:
-        LogError: the table cannot be read, naming line and column, or `target` cannot be written or is there already.
+        LogError: the table cannot be read, naming line and column, or `target` is `table` or cannot be written.
     """
+    require_other(target, table)
     commands = list(_read_wrenches(table))
     qos, kind = qos_profile(), (WRENCH, "ros2msg", schema_text(WRENCH).encode())
-    with contextlib.closing(LogFile(target, overwrite)) as file:
+    with contextlib.closing(LogFile(target)) as file:
         writer = McapWriter(file, f"rb_dynamics {version()}")
         writer.begin()
         schema = writer.add_schema(*kind)
@@ -217,7 +218,7 @@ def _sample(numbers: dict[str, float], time_ns: int) -> Sample:
 
 def _write_csv(path: Path, columns: Sequence[str], lines: Iterable[Sequence[Any]]) -> int:
     count = 0
-    with contextlib.closing(LogFile(path, overwrite=True)) as file:
+    with contextlib.closing(LogFile(path)) as file:
         file.write((",".join(columns) + "\n").encode())
         for batch in _batches(lines):
             text = "".join(",".join(map(_cell, line)) + "\n" for line in batch)

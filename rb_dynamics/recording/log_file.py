@@ -1,6 +1,7 @@
 """`LogFile`: a file that takes each write whole or says why not, and can give back its end when the disk is full.
 
-Never buffers: what `write` has taken survives a kill of the process. Never replaces an earlier file unless told to.
+Never buffers: what `write` has taken survives a kill of the process. An earlier file of the name is replaced once the
+new one can be opened; `require_other` keeps a command from replacing what it reads, `move_aside` keeps an earlier log.
 """
 
 from __future__ import annotations
@@ -15,20 +16,18 @@ from rb_dynamics.errors import LogError
 class LogFile:
     """One new file, written front to back."""
 
-    def __init__(self, path: Path, overwrite: bool = False) -> None:
+    def __init__(self, path: Path) -> None:
         """Create `path` and the folders above it.
 
         Raises:
-            LogError: it is there already and may not be replaced, or cannot be written.
+            LogError: it cannot be written.
         """
         self._path = path
         self._position = 0
         self._failure: LogError | None = None
-        require_free(path, overwrite)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            # A pipe or a device is there before it is written; of a regular file the check and the creation are one.
-            self._file = path.open("wb" if overwrite or path.exists() else "xb", buffering=0)
+            self._file = path.open("wb", buffering=0)
         except OSError as error:
             raise LogError(f"cannot write {path}: {error.strerror or error}; give a file you may write") from error
 
@@ -92,16 +91,44 @@ class LogFile:
             raise LogError(f"cannot finish {self._path}: {error.strerror or error}; free space") from error
 
 
-def require_free(path: Path, overwrite: bool = False) -> None:
-    """Refuse a path that is a directory, or a file that is there already.
+def require_other(target: str | os.PathLike[str], *inputs: str | os.PathLike[str]) -> None:
+    """Refuse to write where something is read: onto a file, onto one in the folder of a bag, or to a folder around it.
 
     Raises:
         LogError: names the remedy.
     """
+    there = Path(target)
+    if not there.exists():
+        return
+    for given in map(Path, inputs):
+        parts = [given, *given.iterdir()] if given.is_dir() else [given]
+        same = any(part.exists() and part.samefile(there) for part in parts)
+        if same or (there.is_dir() and given.resolve().is_relative_to(there.resolve())):
+            raise LogError(f"cannot write {there}: it is, or holds, what is read ({given}); give another name")
+
+
+def move_aside(path: Path) -> Path | None:
+    """Rename an earlier log, a file or the folder of a bag, to the next free number: run.mcap to run.1.mcap.
+
+    Returns its new name; None where there is nothing to keep. A folder that is no bag stays where it is.
+
+    Raises:
+        LogError: it cannot be renamed.
+    """
     if path.is_dir():
-        raise LogError(f"cannot write {path}: it is a directory, expected a file name such as {path / 'run.mcap'}")
-    if path.is_file() and not overwrite:
+        if not any(path.glob("*.mcap")):
+            return None
+        stem, suffix = path.name, ""
+    elif path.is_file():
+        stem, suffix = path.stem, path.suffix
+    else:
+        return None
+    number = 1
+    while (kept := path.with_name(f"{stem}.{number}{suffix}")).exists():
+        number += 1
+    try:
+        return path.rename(kept)
+    except OSError as error:
         raise LogError(
-            f"{path} is there already and is not replaced; give another name, move the file away, or say --overwrite "
-            "where the command takes it"
-        )
+            f"cannot move {path}, an earlier log, to {kept.name}: {error.strerror or error}; give another name"
+        ) from error

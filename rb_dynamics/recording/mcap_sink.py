@@ -4,10 +4,11 @@ Profile `ros2`, CDR, one channel for each topic of the node with the node's QoS,
 received (`<topic>`), honoured or not, and what acted (`<topic>/applied`). Times are simulation nanoseconds: those at
 which a command took effect, whatever clock its stamp is of. The scene is attached as `scene.yaml`; metadata
 `rb_dynamics` says what was run, `rb_dynamics.topics` what each topic is called in the file, `rb_dynamics.result` how it
-ended, with `states_sha256` over all samples.
+ended, with `states_sha256` over all samples. Behind each chunk `rb_dynamics.checkpoint` has that hash so far, so that a
+log that was cut off can be held against a replay.
 
-Never imports ROS, never changes or drops a value, never replaces an earlier file unless told to, and holds nothing back
-from the file for longer than `flush_s` of wall time.
+Never imports ROS, never changes or drops a value, and holds nothing back from the file for longer than `flush_s` of
+wall time. An earlier file of the name is replaced.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from rb_dynamics.recording import cdr
 from rb_dynamics.recording.log_file import LogFile
 from rb_dynamics.recording.mcap_records import Channel, McapFile, Schema
 from rb_dynamics.recording.mcap_writer import McapWriter
-from rb_dynamics.recording.provenance import INTERRUPTED, TOPICS, version
+from rb_dynamics.recording.provenance import CHECKPOINT, INTERRUPTED, TOPICS, version
 from rb_dynamics.recording.ros2msg import TYPE_HASHES, schema_text
 from rb_dynamics.recording.sink import AppliedWrench, Event, RejectedWrench, RunInfo, Status
 from rb_dynamics.recording.state_hash import StateHash
@@ -87,12 +88,10 @@ class LogSettings:
         flush_s: s of wall time after which what was written survives a kill; 0 leaves that to the size of the chunks,
             and makes the bytes of the file depend on the run alone.
         verify: read the finished file again and count its messages.
-        overwrite: replace an earlier file of that name.
     """
 
     flush_s: float = FLUSH_S
     verify: bool = False
-    overwrite: bool = False
 
 
 class McapSink:
@@ -129,6 +128,7 @@ class McapSink:
         self._channels: list[Channel] = []
         self._states = states or StateHash()
         self._start_ns = start_ns
+        self._checked = self._states.samples
         self._file: LogFile | None = None
         self._failure: LogError | None = None
         # Held while the writer is at work: the flusher may come at any time.
@@ -139,13 +139,13 @@ class McapSink:
         """Begin the file: metadata, scene, all channels and the inertia are in it when this returns.
 
         Raises:
-            LogError: the file cannot be written or is there already, or two channels have one name.
+            LogError: the file cannot be written, or two channels have one name.
         """
         acting = run.scene.acting
         samples = SAMPLE_TOPICS if acting.potential() is None else (*SAMPLE_TOPICS, POTENTIAL)
         held = [name for name, _ in acting.schedules()]
         topics = self._topics(samples, [channel.topic for channel in run.scene.channels], held)
-        self._file = LogFile(self.path, self.settings.overwrite)
+        self._file = LogFile(self.path)
         self._writer = McapWriter(self._file, f"rb_dynamics {version()}")
         self._guarded(self._begin, run, topics)
         self._sample_ids = [self._ids[name] for name, _ in samples]
@@ -167,7 +167,7 @@ class McapSink:
         Raises:
             LogError: the file cannot be written any more.
         """
-        self._guarded(self._writer.end_chunk)
+        self._guarded(self._end_chunk)
 
     @property
     def size(self) -> int:
@@ -230,6 +230,8 @@ class McapSink:
         if isinstance(event, Sample):
             self._states.update(event)
             self._writer.add_messages(self._sample_ids, self._encode_sample(event), event.time_ns, event.time_ns)
+            if self._writer.between_chunks:
+                self._end_chunk()
         elif isinstance(event, AppliedWrench):
             self._write_received(event)
             self._write_applied(event)
@@ -237,6 +239,15 @@ class McapSink:
             self._write_received(event)
         else:
             self._write_status(event)
+
+    def _end_chunk(self) -> None:
+        """Write the chunk in progress, and the hash of the states up to here where there are new ones."""
+        self._writer.end_chunk()
+        states = self._states
+        if states.samples > self._checked:
+            self._checked = states.samples
+            facts = {"samples": states.samples, "time_ns": states.time_ns, "states_sha256": states.hexdigest()}
+            self._writer.add_metadata(CHECKPOINT, {name: str(value) for name, value in facts.items()})
 
     def _finish(self, result: Mapping[str, str]) -> None:
         assert self._file is not None

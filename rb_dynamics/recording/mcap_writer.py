@@ -86,6 +86,11 @@ class McapWriter:
         """Messages in finished chunks, by channel."""
         return self._written.counts
 
+    @property
+    def between_chunks(self) -> bool:
+        """Whether everything so far is in the file."""
+        return not self._chunk
+
     def add_schema(self, name: str, encoding: str, data: bytes) -> int:
         """Declare a message type and return its id."""
         number = len(self._written.schemas) + 1

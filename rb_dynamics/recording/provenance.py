@@ -15,6 +15,9 @@ INTERRUPTED = "rb_dynamics.interrupted"
 TOPICS = "rb_dynamics.topics"
 """Name of the metadata of a log that gives each topic's name in the log by its name in the scene."""
 
+CHECKPOINT = "rb_dynamics.checkpoint"
+"""Name of the metadata that follows the samples in a log as they are written: how many, and the hash of all of them."""
+
 _PACKAGES = ("rb_dynamics", "numpy", "scipy", "PyYAML", "zstandard", "rerun-sdk")
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from rb_dynamics.errors import LogError
 from rb_dynamics.recording.bag_metadata import BagFile, write_metadata
 from rb_dynamics.recording.bag_source import in_order
-from rb_dynamics.recording.log_file import LogFile
+from rb_dynamics.recording.log_file import LogFile, require_other
 from rb_dynamics.recording.mcap_records import Channel, McapFile, Message, Schema
 from rb_dynamics.recording.mcap_writer import McapWriter
 from rb_dynamics.recording.provenance import INTERRUPTED, version
@@ -37,34 +37,33 @@ class Recovered:
     damage: list[str]
 
 
-def recover(source: Path, target: Path, overwrite: bool = False) -> list[Recovered]:
+def recover(source: Path, target: Path) -> list[Recovered]:
     """Copy what can be read of the MCAP file `source` to `target`, or of all in a folder to a rosbag2 folder.
 
     Where something was lost, the copy has metadata `rb_dynamics.interrupted` with the time of the last message.
 
     Raises:
-        LogError: `source` is no MCAP file, or `target` cannot be written or is there already.
+        LogError: `source` is no MCAP file, or `target` is `source` or cannot be written.
     """
-    if target.exists() and source.samefile(target):
-        raise LogError(f"{source} is what is to be recovered, and is never changed; give another name for the copy")
+    require_other(target, source)
     if not source.is_dir():
-        return [_recover_file(source, target, overwrite)]
+        return [_recover_file(source, target)]
     files = in_order(source)
     if not files:
         raise LogError(f"{source} has no .mcap files in it; give a log, or a folder of them")
-    saved = [_recover_file(file, target / file.name, overwrite) for file in files]
+    saved = [_recover_file(file, target / file.name) for file in files]
     channels = {channel.topic: channel for each in saved for channel in each.channels}
     write_metadata(target, list(channels.values()), [each.file for each in saved])
     return saved
 
 
-def _recover_file(source: Path, target: Path, overwrite: bool) -> Recovered:
+def _recover_file(source: Path, target: Path) -> Recovered:
     old = McapFile(source, salvage=True)
     messages = old.messages()
     # What is no MCAP file at all is found out before the new one is begun.
     first = list(itertools.islice(messages, 1))
     facts = BagFile(target.name, 2**63)
-    with contextlib.closing(LogFile(target, overwrite)) as file:
+    with contextlib.closing(LogFile(target)) as file:
         copy = _Copy(McapWriter(file, f"rb_dynamics {version()}"))
         for message in itertools.chain(first, messages):
             copy.add(message)

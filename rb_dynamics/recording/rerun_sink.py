@@ -158,7 +158,7 @@ class Recorder:
         import rerun as rr
 
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        self.path.write_bytes(b"")  # a path that cannot be written fails here, before Rerun has anything to lose
+        self.path.open("ab").close()  # a path that cannot be written fails here, before Rerun has anything to lose
         # A recording id of its own: two files with one id would be merged by the viewer.
         self.stream = rr.RecordingStream("rb_dynamics", recording_id=uuid.uuid4())
         self.stream.save(self.path, default_blueprint=self._blueprint(self.run.scene.duration))

@@ -19,14 +19,21 @@ class StateHash:
     `Sample`: position, orientation (x, y, z, w), linear velocity, angular velocity, angular momentum, linear momentum,
     kinetic energy, work, energy defect, angular momentum defect, linear momentum defect; and behind them the potential
     energy where an effect has one.
+
+    Attributes:
+        samples: how many entered.
+        time_ns: of the newest; 0 before the first.
     """
 
     def __init__(self) -> None:
         """Begin with no sample."""
         self._hash = hashlib.sha256()
+        self.samples = self.time_ns = 0
 
     def update(self, sample: Sample) -> None:
         """Add one sample."""
+        self.samples += 1
+        self.time_ns = sample.time_ns
         self._hash.update(
             _RECORD.pack(
                 sample.time_ns,

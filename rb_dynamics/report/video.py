@@ -63,7 +63,7 @@ def write_video(path: str | os.PathLike[str], track: Track, rate: int = RATE) ->
         raise LogError(f"found {str(target)!r}, expected a file name that ends in {' or '.join(FORMATS)}; give another")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_bytes(b"")  # a path that cannot be written fails before the work
+        target.open("ab").close()  # a path that cannot be written fails before the work
         if target.suffix.lower() == ".gif":
             return _write_gif(target, _frames(motion, rate), rate)
         return _write_mp4(target, _frames(motion, rate), rate)

@@ -33,7 +33,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from rb_dynamics.errors import RigidBodyError, SceneError
 from rb_dynamics.recording.guard import GuardedSink
-from rb_dynamics.recording.sink import Sink
+from rb_dynamics.recording.log_file import move_aside
 from rb_dynamics.ros import conversions
 from rb_dynamics.ros.driver import Driver
 from rb_dynamics.ros.health import ERROR, Health
@@ -61,7 +61,6 @@ class RigidBodyNode(Node):
         self._settings = settings = read_settings(self)
         scene = settings.scene
         self._topics = [channel.topic for channel in scene.channels]
-        self._runs = 0
         self._quitting = False
         pacer = (
             ClockFollower(lambda: self.get_clock().now().nanoseconds)
@@ -123,7 +122,7 @@ class RigidBodyNode(Node):
             mode = "following /clock"
         heard = ", ".join(self.resolve_topic_name(topic) for topic in self._topics) or "no wrench"
         end = "until stopped" if scene.duration is None else f"for {scene.duration:g} s"
-        logs = ", ".join(log for log in (settings.mcap, settings.rerun) if log)
+        logs = ", ".join(settings.logs.names)
         return (
             f"{scene.source}: {self.driver.simulation.plan.description}; {mode}, {end}; listening on {heard}"
             f"{f'; logging to {logs}' if logs else ''}{'; paused' if self.driver.paused else ''}"
@@ -131,19 +130,24 @@ class RigidBodyNode(Node):
 
     def _open_logs(self) -> list[GuardedSink]:
         """Return the logs that are asked for, each guarded, so that a failure stops the log and not the run."""
-        logs: list[Sink] = []
-        if self._settings.mcap:
-            from rb_dynamics.recording.mcap_sink import SAMPLE_TOPICS, McapSink
+        from rb_dynamics.recording.mcap_sink import SAMPLE_TOPICS
 
-            names = ["inertia", *(name for name, _ in SAMPLE_TOPICS), *self._topics]
-            resolved = {name: self.resolve_topic_name(name) for name in names}
-            logs.append(McapSink(_numbered(self._settings.mcap, self._runs), remap=resolved))
-        if self._settings.rerun:
-            from rb_dynamics.recording.rerun_sink import RerunSink
+        names = ["inertia", *(name for name, _ in SAMPLE_TOPICS), *self._topics]
+        resolved = {name: self.resolve_topic_name(name) for name in names}
+        return [
+            GuardedSink(
+                log,
+                lambda error: self._health.failed(f"a log has stopped: {error}"),
+                before_open=partial(self._keep_earlier, log.path),
+            )
+            for log in self._settings.logs.sinks(self.get_namespace(), resolved)
+        ]
 
-            logs.append(RerunSink(_numbered(self._settings.rerun, self._runs)))
-        self._runs += 1
-        return [GuardedSink(log, lambda error: self._health.failed(f"a log has stopped: {error}")) for log in logs]
+    def _keep_earlier(self, path: Path) -> None:
+        """Move an earlier log aside: what flew cannot be flown again."""
+        kept = move_aside(path)
+        if kept is not None:
+            self.get_logger().info(f"{path} was there already and is kept as {kept.name}")
 
     def _subscribe(self, topic: str) -> Subscription:
         # In lockstep no command may be lost, however far the commander is ahead: the reader keeps them all.
@@ -261,16 +265,6 @@ class RigidBodyNode(Node):
             logger.error(message)
         else:
             logger.warning(message, throttle_duration_sec=1.0)
-
-
-def _numbered(path: str, run: int) -> Path:
-    """Return `path` for the first run, and for later ones the next name with a number that is free."""
-    file = Path(path)
-    if run == 0:
-        return file
-    while (numbered := file.with_stem(f"{file.stem}_{run}")).exists():
-        run += 1
-    return numbered
 
 
 @contextlib.contextmanager

@@ -13,6 +13,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from rb_dynamics.errors import SceneError
+from rb_dynamics.recording.logs import Logs
+from rb_dynamics.recording.mcap_sink import FLUSH_S, LogSettings
 from rb_dynamics.ros.driver import Mode
 from rb_dynamics.ros.publishers import Topics
 from rb_dynamics.scene import document, read_scene
@@ -29,7 +31,12 @@ _PARAMETERS: dict[str, tuple[object, str]] = {
     "publish_tf": (False, "publish the pose on /tf and the scene's fixed frames on /tf_static"),
     "publish_accel": (False, "publish the acceleration of the body origin on accel"),
     "apply_at": ("arrival", "when a command takes effect: at its arrival, or at its header.stamp"),
-    "mcap": ("", "write an MCAP log to this file"),
+    "mcap": ("", "write an MCAP log to this file; an earlier one is moved aside, as for bag and rerun"),
+    "bag": ("", "write the log as a rosbag2 folder instead"),
+    "max_bag_size": (0, "bytes at which the bag begins its next file; 0 = no bound"),
+    "max_bag_duration": (0.0, "s of simulation time in one file of the bag; 0 = no bound"),
+    "flush": (FLUSH_S, "s of wall time after which what was logged survives a kill; 0 = whole chunks only"),
+    "verify": (False, "read each finished log again and count its messages"),
     "rerun": ("", "write a Rerun recording to this file"),
 }
 # Those that may be set while the node runs.
@@ -47,8 +54,7 @@ class Settings:
     mode: Mode
     topics: Topics
     use_sim_time: bool
-    mcap: str
-    rerun: str
+    logs: Logs
 
 
 def read_settings(node: Node) -> Settings:
@@ -56,6 +62,7 @@ def read_settings(node: Node) -> Settings:
 
     Raises:
         SceneError: a parameter or the scene is not valid.
+        LogError: the logs that are asked for do not go together.
     """
     # rclpy has no public way to see an override before it is declared.
     given = node._parameter_overrides  # noqa: SLF001
@@ -89,8 +96,14 @@ def read_settings(node: Node) -> Settings:
         Mode(factor, flags["lockstep"], flags["start_paused"], apply_at),
         Topics(flags["publish_clock"], flags["publish_tf"], flags["publish_accel"]),
         use_sim_time,
-        _text("mcap", values["mcap"]),
-        _text("rerun", values["rerun"]),
+        Logs(
+            _text("mcap", values["mcap"]),
+            _text("bag", values["bag"]),
+            _text("rerun", values["rerun"]),
+            round(number("max_bag_size", values["max_bag_size"])),
+            number("max_bag_duration", values["max_bag_duration"]),
+            LogSettings(number("flush", values["flush"]), flags["verify"]),
+        ),
     )
 
 

@@ -1,4 +1,4 @@
-"""Logs as a user keeps them: not replaced, split, stopped by a full disk, recovered, flown again under other names."""
+"""Logs as a user keeps them: replaced, split, stopped by a full disk, recovered, flown again under other names."""
 
 from __future__ import annotations
 
@@ -32,17 +32,24 @@ def scene(tmp_path: Path) -> Path:
     return path
 
 
-def test_an_earlier_log_is_not_replaced_silently(scene: Path, tmp_path: Path) -> None:
+def test_a_script_runs_twice_and_never_replaces_what_it_reads(scene: Path, tmp_path: Path) -> None:
     log = tmp_path / "run.mcap"
     assert command("simulate", scene, "--mcap", log, "--verify").returncode == 0
-    before = log.read_bytes()
-    again = command("simulate", scene, "--mcap", log, "--duration", "1")
-    assert again.returncode == 2
-    assert "run.mcap is there already and is not replaced" in again.stderr
-    assert "--overwrite" in again.stderr
-    assert log.read_bytes() == before
-    assert command("simulate", scene, "--mcap", log, "--duration", "1", "--overwrite").returncode == 0
+    assert command("simulate", scene, "--mcap", log, "--duration", "1").returncode == 0
     assert read_bag(log).poses("/pose")[0][-1] == 10**9
+    before = log.read_bytes()
+    for arguments in (
+        ("simulate", scene, "--wrench", log, "--mcap", log),
+        ("simulate", scene, "--wrench", log, "--bag", tmp_path),
+        ("simulate", scene, "--rerun", scene),
+        ("inspect", log, "--html", log),
+        ("recover", log, log),
+    ):
+        refused = command(*arguments)
+        assert refused.returncode == 2
+        assert "what is read" in refused.stderr
+    assert log.read_bytes() == before
+    assert scene.read_text() == SCENE
 
 
 def test_a_full_disk_stops_the_log_and_not_the_run(scene: Path, tmp_path: Path) -> None:
@@ -82,7 +89,7 @@ def test_a_bag_drives_a_channel_of_another_name(scene: Path, tmp_path: Path, exa
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["--max-bag-size", "9", "--mcap", "run.mcap"], "give --bag DIR"),
+        (["--max-bag-size", "9", "--mcap", "run.mcap"], "give a bag instead of mcap"),
         (["--mcap", "run.mcap", "--bag", "run"], "not allowed with"),
         (["--flush", "-1"], "0 or more"),
         (["--wrench", "BAG", "--topic", "a"], "expected TOPIC=CHANNEL"),
@@ -102,7 +109,7 @@ def test_recover_gives_a_whole_file(scene: Path, tmp_path: Path) -> None:
     result = command("recover", log, tmp_path / "whole.mcap")
     assert result.returncode == 0, result.stderr
     assert "the file was cut off" in result.stdout
-    assert command("recover", log, tmp_path / "whole.mcap").returncode == 2
+    assert command("recover", log, tmp_path / "whole.mcap").returncode == 0
     assert read_bag(tmp_path / "whole.mcap").topics == read_bag(log).topics
 
 

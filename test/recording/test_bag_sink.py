@@ -81,14 +81,16 @@ def test_a_file_that_is_large_enough_is_followed_by_the_next(tmp_path: Path) -> 
     assert read_bag(tmp_path / "spin").topics["/pose"].count == 4001
 
 
-def test_a_folder_in_use_is_refused_unless_told(tmp_path: Path) -> None:
+def test_an_earlier_bag_is_replaced_and_nothing_else(tmp_path: Path) -> None:
     folder = tmp_path / "spin"
     simulate(SCENE, (), [BagSink(folder, max_duration_s=2.0)])
+    simulate(SCENE, (), [BagSink(folder)])
+    assert sorted(path.name for path in folder.iterdir()) == ["metadata.yaml", "spin_0.mcap"]
+    assert read_bag(folder).topics["/pose"].count == 201
     (folder / "notes.txt").write_text("mine")
-    with pytest.raises(LogError, match="has files in it already"):
+    with pytest.raises(LogError, match=r"spin holds notes\.txt, expected a new or empty folder"):
         simulate(SCENE, (), [BagSink(folder)])
-    simulate(SCENE, (), [BagSink(folder, settings=LogSettings(overwrite=True))])
-    assert sorted(path.name for path in folder.iterdir()) == ["metadata.yaml", "notes.txt", "spin_0.mcap"]
+    assert read_bag(folder).topics["/pose"].count == 201
     with pytest.raises(LogError, match="it is a file, expected a folder"):
         simulate(SCENE, (), [BagSink(folder / "notes.txt")])
 

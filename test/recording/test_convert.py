@@ -14,6 +14,7 @@ from rb_dynamics.recording.mcap_reader import read_bag, read_wrenches
 from rb_dynamics.recording.mcap_sink import McapSink
 from rb_dynamics.recording.memory import MemorySink
 from rb_dynamics.recording.state_hash import HashSink
+from rb_dynamics.replay import replay
 
 SCENE = parse_scene(
     "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}, center_of_mass: [0.1, 0, 0.2]}\n"
@@ -112,11 +113,15 @@ def test_rerun_gets_every_sample(tmp_path: Path, log: Path) -> None:
     assert (tmp_path / "run.rrd").stat().st_size > 10_000
 
 
-def test_earlier_files_stay(tmp_path: Path, log: Path, example_dir: Path) -> None:
-    (tmp_path / "run.wrenches.csv").write_text("mine")
-    with pytest.raises(LogError, match="already"):
-        log_to_table(log, tmp_path / "run.csv")
-    assert not (tmp_path / "run.csv").exists()
-    log_to_table(log, tmp_path / "run.csv", overwrite=True)
+def test_an_earlier_table_is_replaced_and_never_the_log(tmp_path: Path, log: Path, example_dir: Path) -> None:
+    table = tmp_path / "run.csv"
+    table.write_text("an earlier one")
     with pytest.raises(LogError, match="no log of this package"):
-        log_to_table(example_dir / "slew.mcap", tmp_path / "other.csv")
+        log_to_table(example_dir / "slew.mcap", table)
+    assert table.read_text() == "an earlier one"
+    log_to_table(log, table)
+    assert table.read_text().startswith("time_ns,")
+    (tmp_path / "alias.csv").symlink_to(log)
+    with pytest.raises(LogError, match="what is read"):
+        log_to_table(log, tmp_path / "alias.csv")
+    assert replay(log).identical

@@ -124,10 +124,22 @@ def chunk_starts(data: bytes) -> list[int]:
 def test_the_file_itself_is_never_written(tmp_path: Path, example_dir: Path) -> None:
     path = tmp_path / "run.mcap"
     path.write_bytes((example_dir / "slew.mcap").read_bytes())
-    with pytest.raises(LogError, match="never changed; give another name"):
-        recover(path, path, overwrite=True)
-    with pytest.raises(LogError, match="already"):
-        recover(example_dir / "slew.mcap", path)
+    with pytest.raises(LogError, match=r"what is read .*; give another name"):
+        recover(path, path)
+    with pytest.raises(LogError, match="what is read"):
+        recover(tmp_path, tmp_path)
+    assert path.read_bytes() == (example_dir / "slew.mcap").read_bytes()
+
+
+def test_an_earlier_copy_is_replaced_and_not_by_what_is_no_log(tmp_path: Path, example_dir: Path) -> None:
+    copy = tmp_path / "copy.mcap"
+    copy.write_text("an earlier one")
+    (tmp_path / "notes.mcap").write_text("not a log at all")
+    with pytest.raises(LogError, match="does not begin like an MCAP file"):
+        recover(tmp_path / "notes.mcap", copy)
+    assert copy.read_text() == "an earlier one"
+    recover(example_dir / "slew.mcap", copy)
+    assert read_bag(copy).topics == read_bag(example_dir / "slew.mcap").topics
 
 
 def test_what_is_no_log_leaves_nothing(tmp_path: Path) -> None:

@@ -313,18 +313,15 @@ def test_nothing_is_touched_before_open(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_folders_are_made_and_an_earlier_file_is_replaced_only_when_told(tmp_path: Path) -> None:
+def test_folders_are_made_and_an_earlier_file_is_replaced(tmp_path: Path) -> None:
     path = tmp_path / "a" / "b" / "run.mcap"
-    long = write(path, make_samples(2000)).read_bytes()
-    with pytest.raises(LogError, match=r"run\.mcap is there already and is not replaced; give another name"):
-        write(path, make_samples(2))
-    assert path.read_bytes() == long
-    write(path, make_samples(2), settings=LogSettings(overwrite=True))
+    write(path, make_samples(2000))
+    write(path, make_samples(2))
     assert read_bag(path).topics["/pose"].count == 2
 
 
 def test_a_directory_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(LogError, match="directory, expected a file name"):
+    with pytest.raises(LogError, match=r"cannot write .*directory"):
         McapSink(tmp_path).open(make_run())
 
 

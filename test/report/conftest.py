@@ -12,7 +12,7 @@ import pytest
 
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.recording import cdr
-from rb_dynamics.recording.mcap_sink import LogSettings, McapSink
+from rb_dynamics.recording.mcap_sink import McapSink
 from rb_dynamics.recording.memory import MemorySink
 from rb_dynamics.recording.ros2msg import schema_text
 from rb_dynamics.scene import parse_scene
@@ -54,9 +54,7 @@ class Flight:
 
 def fly(path: Path, text: str = SCENE, commands: Iterable[tuple[str, Wrench]] = COMMANDS) -> Flight:
     samples = MemorySink()
-    result = simulate(
-        parse_scene(text, "test.yaml"), commands, [McapSink(path, settings=LogSettings(overwrite=True)), samples]
-    )
+    result = simulate(parse_scene(text, "test.yaml"), commands, [McapSink(path), samples])
     return Flight(path, samples, result)
 
 

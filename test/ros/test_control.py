@@ -52,7 +52,7 @@ def test_mass_properties_change_together_and_only_while_paused(scene: Path, peer
         peer.call("rigid_body/pause", SetBool.Request(data=False))
         peer.until(lambda: stamp(poses[-1]) > paused_at + 50_000_000, "motion again")
         assert node.stop() == 0
-    again = read_bag(log.with_stem("run_1"))
+    again = read_bag(log.with_stem("run.1"))
     assert again.complete
     assert read_bag(log).complete
 

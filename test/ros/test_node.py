@@ -142,10 +142,11 @@ def test_pause_step_and_reset(scene: Path, peer: Peer, tmp_path: Path) -> None:
         assert peer.call("rigid_body/reset", Trigger.Request()).success
         peer.until(lambda: stamp(poses[-1]) < frozen, "time from 0 again")
         assert node.stop() == 0
-    assert read_bag(log).complete
-    again = read_bag(log.with_stem("run_1"))
-    assert again.complete
-    assert again.poses("/pose")[0][0] == 0
+    first, newest = read_bag(log.with_stem("run.1")), read_bag(log)
+    assert first.complete
+    assert newest.complete
+    assert first.poses("/pose")[0][-1] == frozen + 10_000_000
+    assert newest.poses("/pose")[0][0] == 0
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -197,6 +198,7 @@ def test_namespace_remapping_and_scene_overrides(scene: Path, peer: Peer, tmp_pa
         ({"body__mas": 1.0}, "mass"),
         ({"body__mass": -1.0}, "body.mass"),
         ({"mcap": "/proc/no/run.mcap"}, "/proc/no"),
+        ({"mcap": "run.mcap", "bag": "run"}, "expected one"),
     ],
 )
 def test_bad_parameters_end_with_one_message(scene: Path, parameters: dict[str, object], expected: str) -> None:
@@ -279,6 +281,27 @@ def test_a_burst_of_commands_is_taken_whole(scene: Path, peer: Peer) -> None:
         )
         assert values(diagnostics[-1])["wrench: late"] == "0"
         assert node.stop() == 0
+
+
+def test_a_later_node_keeps_the_logs_of_the_earlier_one(scene: Path, tmp_path: Path) -> None:
+    bag, rrd = tmp_path / "flight", tmp_path / "run.rrd"
+    for duration in (0.5, 1.0):
+        node = NodeProcess(
+            scene,
+            bag=bag,
+            rerun=rrd,
+            real_time_factor=0,
+            duration=duration,
+            max_bag_duration=0.4,
+            flush=0.1,
+            verify=True,
+        )
+        assert node.wait() == 0, node.err
+    assert "flight was there already and is kept as flight.1" in node.err
+    assert (tmp_path / "run.1.rrd").stat().st_size > 0
+    earlier, newest = read_bag(bag.with_name("flight.1")), read_bag(bag)
+    assert [each.poses("/pose")[0][-1] for each in (earlier, newest)] == [500_000_000, 1_000_000_000]
+    assert len(list(bag.glob("*.mcap"))) == 3
 
 
 def test_a_reset_whose_log_cannot_be_opened_is_answered_and_survived(scene: Path, peer: Peer, tmp_path: Path) -> None:

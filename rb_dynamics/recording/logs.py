@@ -1,0 +1,70 @@
+"""`Logs`: which logs of a run are asked for, on the command line or by the node's parameters, and their sinks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from rb_dynamics.errors import LogError
+from rb_dynamics.recording.bag_sink import BagSink
+from rb_dynamics.recording.mcap_sink import LogSettings, McapSink
+from rb_dynamics.recording.rerun_sink import RerunSink
+
+
+@dataclass(frozen=True)
+class Logs:
+    """What to write; "" where a log is not asked for.
+
+    Attributes:
+        mcap: MCAP file.
+        bag: rosbag2 folder, instead of `mcap`.
+        rerun: Rerun recording.
+        max_bag_size: bytes at which a bag begins its next file; 0: no bound.
+        max_bag_duration: s of simulation time in one file of a bag; 0: no bound.
+        settings: how MCAP is kept.
+    """
+
+    mcap: str = ""
+    bag: str = ""
+    rerun: str = ""
+    max_bag_size: int = 0
+    max_bag_duration: float = 0.0
+    settings: LogSettings = field(default_factory=LogSettings)
+
+    def __post_init__(self) -> None:
+        """Check that they go together.
+
+        Raises:
+            LogError: they do not.
+        """
+        if self.mcap and self.bag:
+            raise LogError(f"found both mcap ({self.mcap}) and bag ({self.bag}), expected one; leave out one of them")
+        if (self.max_bag_size or self.max_bag_duration) and not self.bag:
+            raise LogError(
+                "found max-bag-size or max-bag-duration without bag, expected a folder to split; give a bag instead of "
+                "mcap"
+            )
+
+    @property
+    def names(self) -> list[str]:
+        """The files and folders that are written."""
+        return [name for name in (self.mcap, self.bag, self.rerun) if name]
+
+    def sinks(
+        self, namespace: str = "", remap: Mapping[str, str] | None = None
+    ) -> list[McapSink | BagSink | RerunSink]:
+        """Return new sinks.
+
+        Args:
+            namespace: put before relative topic names.
+            remap: absolute names of single topics, by relative name; they win over `namespace`.
+        """
+        sinks: list[McapSink | BagSink | RerunSink] = []
+        if self.mcap:
+            sinks.append(McapSink(self.mcap, namespace, remap, self.settings))
+        if self.bag:
+            split = (self.max_bag_size, self.max_bag_duration)
+            sinks.append(BagSink(self.bag, *split, namespace, remap, self.settings))
+        if self.rerun:
+            sinks.append(RerunSink(self.rerun))
+        return sinks
