@@ -21,7 +21,7 @@ from rb_dynamics.recording.bag_source import Source, open_source
 from rb_dynamics.recording.mcap_records import Message
 from rb_dynamics.recording.mcap_sink import POTENTIAL, SAMPLE_TOPICS, WRENCH, encode_applied, sample_encoder
 from rb_dynamics.recording.own_log import received_commands, scene_and_names
-from rb_dynamics.recording.provenance import INTERRUPTED, version
+from rb_dynamics.recording.provenance import CHECKPOINT, INTERRUPTED, version
 from rb_dynamics.recording.sink import Event, RunInfo, Sample
 from rb_dynamics.recording.state_hash import StateHash
 from rb_dynamics.scene.model import Scene
@@ -64,6 +64,9 @@ class Replay:
         complete: the log was finished by its writer; else only its beginning is compared.
         differences: by topic; empty where every number is the same.
         missing: what one of the two has and the other has not, one line for each topic.
+        proven_ns: time up to which the hash of the states, over numbers too that the log does not show, is that of the
+            log: of all samples, or of those before the last checkpoint of a log that was cut off. None where it differs
+            or there is none.
         hashes: of states and inputs as (log, replay), where the log has them.
         software: what is not as it was when the log was written: (log, here), by name of the fact.
     """
@@ -73,6 +76,7 @@ class Replay:
     complete: bool = True
     differences: dict[str, Difference] = field(default_factory=dict)
     missing: list[str] = field(default_factory=list)
+    proven_ns: int | None = None
     hashes: dict[str, tuple[str, str]] = field(default_factory=dict)
     software: dict[str, tuple[str, str]] = field(default_factory=dict)
 
@@ -158,6 +162,7 @@ class _Comparison:
         self._log = source.messages()
         self._waiting: dict[str, deque[Message]] = {}
         self._states = StateHash()
+        self._checkpoint = {} if facts.complete else facts.metadata.get(CHECKPOINT, {})
 
     def open(self, run: RunInfo) -> None:
         """Say which topics are compared."""
@@ -174,6 +179,8 @@ class _Comparison:
         if isinstance(event, Sample):
             self._states.update(event)
             self._found.samples += 1
+            if str(self._found.samples) == self._checkpoint.get("samples"):
+                self._hold_states(self._checkpoint)
             for topic, message in zip(self._sample_topics, self._encode(event), strict=True):
                 self._compare(topic, event.time_ns, message)
         elif isinstance(event, AppliedWrench):
@@ -190,8 +197,14 @@ class _Comparison:
                 self._miss(topic, messages[0].log_time, f"{len(messages)} messages that the replay has not")
         if self._facts.complete:
             logged = self._facts.metadata["rb_dynamics.result"]
-            here = {"states_sha256": self._states.hexdigest(), "inputs_sha256": result["inputs_sha256"]}
-            self._found.hashes.update({name: (logged.get(name, ""), value) for name, value in here.items()})
+            self._hold_states(logged)
+            self._found.hashes["inputs_sha256"] = logged.get("inputs_sha256", ""), result["inputs_sha256"]
+
+    def _hold_states(self, logged: Mapping[str, str]) -> None:
+        """Compare the hash of all states up to now."""
+        there, here = logged.get("states_sha256", ""), self._states.hexdigest()
+        self._found.hashes["states_sha256"] = there, here
+        self._found.proven_ns = self._states.time_ns if there == here else None
 
     def _compare(self, topic: str, time_ns: int, expected: bytes) -> None:
         message = self._next(topic)

@@ -13,8 +13,9 @@ from rb_dynamics import Wrench, parse_scene, simulate
 from rb_dynamics.errors import LogError
 from rb_dynamics.recording.bag_sink import BagSink
 from rb_dynamics.recording.log_file import LogFile
+from rb_dynamics.recording.mcap_reader import read_bag
 from rb_dynamics.recording.mcap_records import McapFile, Message
-from rb_dynamics.recording.mcap_sink import McapSink
+from rb_dynamics.recording.mcap_sink import LogSettings, McapSink
 from rb_dynamics.recording.mcap_writer import McapWriter
 from rb_dynamics.recording.recover import recover
 from rb_dynamics.replay import replay
@@ -101,7 +102,30 @@ def test_a_split_bag_and_a_recovered_beginning(tmp_path: Path, log: Path) -> Non
         found = replay(path)
         assert found.identical
         assert not found.complete
-        assert found.hashes == {}
+        assert found.hashes == {}, "cut off before its first checkpoint"
+
+
+def test_the_states_of_a_log_that_was_cut_off_are_proven_up_to_its_last_checkpoint(tmp_path: Path) -> None:
+    scene = dataclasses.replace(
+        SCENE, text=SCENE.text.replace("output_rate: 30", "output_rate: 1000"), output_rate=1000.0
+    )
+    whole, path = tmp_path / "whole.mcap", tmp_path / "run.mcap"
+    simulate(scene, COMMANDS, [McapSink(whole, settings=LogSettings(flush_s=0.0))])
+    assert replay(whole).proven_ns == 2_000_000_000
+    path.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+    recover(path, tmp_path / "saved.mcap")
+    for each in (path, tmp_path / "saved.mcap"):
+        found = replay(each)
+        last_ns = read_bag(each).poses("/pose")[0][-1]
+        assert found.identical
+        assert found.proven_ns is not None
+        assert last_ns - 100_000_000 < found.proven_ns <= last_ns
+        assert set(found.hashes) == {"states_sha256"}
+
+    checkpoint = read_bag(path).metadata["rb_dynamics.checkpoint"]["states_sha256"].encode()
+    path.write_bytes(path.read_bytes().replace(checkpoint, b"0" * 64))
+    assert replay(path).proven_ns is None
+    assert not replay(path).identical
 
 
 def test_one_changed_bit_is_found_where_it_is(tmp_path: Path, log: Path) -> None:

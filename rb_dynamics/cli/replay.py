@@ -87,6 +87,8 @@ def _report(found: Replay) -> list[str]:
     lines += found.missing
     for name, (logged, here) in found.hashes.items():
         lines.append(f"{name}: {logged} {'agrees' if logged == here else f'in the log, {here} here'}")
+    if found.proven_ns is not None and not found.complete:
+        lines.append(f"the hash of the states proves the log up to {found.proven_ns / 1e9:.9f} s")
     lines.append("the same to the last bit" if found.identical else "NOT the same bits")
     return lines
 
