@@ -19,7 +19,14 @@ from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.recording import cdr
 from rb_dynamics.recording.bag_source import Source, open_source
 from rb_dynamics.recording.mcap_records import Message
-from rb_dynamics.recording.mcap_sink import POTENTIAL, SAMPLE_TOPICS, WRENCH, encode_applied, sample_encoder
+from rb_dynamics.recording.messages import (
+    ACCEL,
+    SAMPLE_TOPICS,
+    WRENCH,
+    encode_applied,
+    sample_encoder,
+    sample_topics,
+)
 from rb_dynamics.recording.own_log import received_commands, scene_and_names
 from rb_dynamics.recording.provenance import CHECKPOINT, INTERRUPTED, version
 from rb_dynamics.recording.sink import Event, RunInfo, Sample
@@ -167,9 +174,10 @@ class _Comparison:
     def open(self, run: RunInfo) -> None:
         """Say which topics are compared."""
         names, scene = self._facts.names, run.scene
-        samples = SAMPLE_TOPICS if scene.acting.potential() is None else (*SAMPLE_TOPICS, POTENTIAL)
-        self._sample_topics = [names[name] for name, _ in samples]
-        self._encode = sample_encoder(scene.frames.world_frame, scene.frames.body_frame)
+        accel = ACCEL[0] in names
+        self._sample_topics = [names[name] for name, _ in sample_topics(scene, accel)]
+        frames, acceleration = scene.frames, run.acceleration if accel else None
+        self._encode = sample_encoder(frames.world_frame, frames.body_frame, acceleration)
         held = [name for name, _ in scene.acting.schedules()]
         applied = [names[f"{topic}/applied"] for topic in [*(c.topic for c in scene.channels), *held]]
         self._waiting = {topic: deque() for topic in [*self._sample_topics, *applied]}
@@ -219,7 +227,7 @@ class _Comparison:
         logged = _numbers(message)
         here = _numbers(message._replace(data=expected))
         largest = max((abs(a - b) for a, b in zip(logged, here, strict=True)), default=0.0)
-        difference.scale = max(difference.scale, *map(abs, logged))
+        difference.scale = max([difference.scale, *map(abs, logged)])
         # Not a number compares with nothing: it must not pass for a small difference.
         if not largest <= difference.largest:
             difference.largest, difference.largest_ns = largest, time_ns
@@ -245,8 +253,7 @@ class _Comparison:
 
 def _numbers(message: Message) -> list[float]:
     values = cdr.decode(message.channel.type_name, message.data)
-    layout = cdr.LAYOUTS[message.channel.type_name]
-    return [number for value, kind in zip(values, layout, strict=True) if isinstance(kind, int) for number in value]
+    return cdr.numbers(cdr.LAYOUTS[message.channel.type_name], values)
 
 
 def _changed(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, tuple[str, str]]:

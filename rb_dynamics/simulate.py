@@ -93,7 +93,7 @@ class Simulation:
         """
         if self._sinks:
             facts = run_metadata(self.scene, self.plan.name, self.plan.description)
-            run = RunInfo(self.scene, self.plan.name, facts)
+            run = RunInfo(self.scene, self.plan.name, facts, lambda: self.acceleration)
             with contextlib.ExitStack() as opened:
                 for sink in self._sinks:
                     sink.open(run)

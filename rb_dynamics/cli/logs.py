@@ -34,6 +34,7 @@ def add_log(parser: argparse.ArgumentParser) -> None:
         "--flush", type=_seconds, default=None, metavar="S",
         help="wall time after which what was logged survives a kill (default 0.5); 0: whole chunks only",
     )  # fmt: skip
+    parser.add_argument("--accel", action="store_true", help="log the acceleration of the body origin too")
     parser.add_argument("--verify", action="store_true", help="read the finished log again and count its messages")
 
 
@@ -71,7 +72,7 @@ def log_sinks(args: argparse.Namespace) -> list[GuardedSink]:
     from rb_dynamics.recording.logs import Logs
     from rb_dynamics.recording.mcap_sink import FLUSH_S, LogSettings
 
-    settings = LogSettings(FLUSH_S if args.flush is None else args.flush, args.verify)
+    settings = LogSettings(FLUSH_S if args.flush is None else args.flush, args.verify, args.accel)
     logs = Logs(args.mcap, args.bag, args.rerun, args.max_bag_size, args.max_bag_duration, settings)
     for name in (*logs.names, args.html):
         if name:

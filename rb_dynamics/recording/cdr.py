@@ -90,6 +90,18 @@ def decode(type_name: str, data: bytes) -> tuple[Any, ...]:
         raise LogError(f"{type_name}: a string in the message is not UTF-8 ({error.reason})") from None
 
 
+def numbers(layout: Sequence[Field], values: Sequence[Any]) -> list[float]:
+    """Return every float64 among decoded values, in their order."""
+    found: list[float] = []
+    for field, value in zip(layout, values, strict=True):
+        if isinstance(field, int):
+            found += value
+        elif isinstance(field, list):
+            for element in value:
+                found += numbers(field, element)
+    return found
+
+
 def first_number(type_name: str, data: bytes) -> int:
     """Return where the first float64 begins in a message that `decode` accepts, of a type without sequences."""
     layout = LAYOUTS[type_name]
@@ -122,6 +134,22 @@ def odometry_packer(frame_id: str, child_frame_id: str) -> Packer:
 
     def pack(seconds: int, nanoseconds: int, pose: Sequence[float], twist: Sequence[float]) -> bytes:
         return pack_all(_ENCAPSULATION, seconds, nanoseconds, text, *pose, _ZERO_COVARIANCE, *twist, _ZERO_COVARIANCE)
+
+    return pack
+
+
+def transform_packer(frame_id: str, child_frame_id: str) -> Packer:
+    """Return `pack(sec, nanosec, pose)` for tf2_msgs/TFMessage of one transform with both frames fixed."""
+    # The stamp stands behind the length of the sequence; the strings behind it begin 4 bytes later than elsewhere.
+    out = bytearray(_ORIGIN + 12)
+    for name in (frame_id, child_frame_id):
+        _append_string(name, out)
+    _align(out, 8)
+    text = bytes(out[_ORIGIN + 12 :])
+    pack_all = struct.Struct(f"<4sIiI{len(text)}s7d").pack
+
+    def pack(seconds: int, nanoseconds: int, pose: Sequence[float]) -> bytes:
+        return pack_all(_ENCAPSULATION, 1, seconds, nanoseconds, text, *pose)
 
     return pack
 

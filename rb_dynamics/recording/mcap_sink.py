@@ -17,7 +17,7 @@ import contextlib
 import os
 import threading
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -28,56 +28,33 @@ from rb_dynamics.recording import cdr
 from rb_dynamics.recording.log_file import LogFile
 from rb_dynamics.recording.mcap_records import Channel, McapFile, Schema
 from rb_dynamics.recording.mcap_writer import McapWriter
+from rb_dynamics.recording.messages import (
+    DIAGNOSTICS,
+    INERTIA,
+    TF_STATIC,
+    WRENCH,
+    encode_applied,
+    encode_fixed,
+    qos_profile,
+    sample_encoder,
+    sample_topics,
+)
 from rb_dynamics.recording.provenance import CHECKPOINT, INTERRUPTED, TOPICS, version
 from rb_dynamics.recording.ros2msg import TYPE_HASHES, schema_text
 from rb_dynamics.recording.sink import AppliedWrench, Event, RejectedWrench, RunInfo, Status
 from rb_dynamics.recording.state_hash import StateHash
-from rb_dynamics.rotation import rotate_inverse
 
 if TYPE_CHECKING:
     from rb_dynamics.body.rigid_body import RigidBody
+    from rb_dynamics.scene.model import Scene
 
 FLUSH_S = 0.5
 """s of wall time: what a kill costs at most."""
 
-POSE = "geometry_msgs/msg/PoseStamped"
-TWIST = "geometry_msgs/msg/TwistStamped"
-ODOMETRY = "nav_msgs/msg/Odometry"
-VECTOR = "geometry_msgs/msg/Vector3Stamped"
-SCALAR = "std_msgs/msg/Float64"
-INERTIA = "geometry_msgs/msg/InertiaStamped"
-WRENCH = "geometry_msgs/msg/WrenchStamped"
-DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
-
-SAMPLE_TOPICS = (
-    ("pose", POSE),
-    ("twist", TWIST),
-    ("odom", ODOMETRY),
-    ("angular_momentum", VECTOR),
-    ("linear_momentum", VECTOR),
-    ("energy/kinetic", SCALAR),
-    ("energy/work", SCALAR),
-    ("energy/defect", SCALAR),
-)
-
-POTENTIAL = ("energy/potential", SCALAR)
-"""Where an effect has a potential energy."""
-
 _APPLIED = "/applied"
-_FOREVER = "\n    sec: 9223372036\n    nsec: 854775807\n"
 
 # Relative name, message type, QoS.
 _Topic = tuple[str, str, str]
-
-
-def qos_profile(depth: int = 10, durability: str = "volatile") -> str:
-    """Return a reliable profile in the words of rosbag2 in Jazzy (bag metadata version 9)."""
-    return (
-        f"- history: keep_last\n  depth: {depth}\n  reliability: reliable\n  durability: {durability}\n"
-        f"  deadline:{_FOREVER}  lifespan:{_FOREVER}"
-        f"  liveliness: automatic\n  liveliness_lease_duration:{_FOREVER}"
-        "  avoid_ros_namespace_conventions: false"
-    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,10 +65,12 @@ class LogSettings:
         flush_s: s of wall time after which what was written survives a kill; 0 leaves that to the size of the chunks,
             and makes the bytes of the file depend on the run alone.
         verify: read the finished file again and count its messages.
+        accel: log the acceleration too, on `accel`.
     """
 
     flush_s: float = FLUSH_S
     verify: bool = False
+    accel: bool = False
 
 
 class McapSink:
@@ -141,15 +120,14 @@ class McapSink:
         Raises:
             LogError: the file cannot be written, or two channels have one name.
         """
-        acting = run.scene.acting
-        samples = SAMPLE_TOPICS if acting.potential() is None else (*SAMPLE_TOPICS, POTENTIAL)
-        held = [name for name, _ in acting.schedules()]
-        topics = self._topics(samples, [channel.topic for channel in run.scene.channels], held)
+        acceleration = run.acceleration if self.settings.accel else None
+        samples = sample_topics(run.scene, acceleration is not None)
+        topics = self._topics(run.scene, samples)
         self._file = LogFile(self.path)
         self._writer = McapWriter(self._file, f"rb_dynamics {version()}")
         self._guarded(self._begin, run, topics)
         self._sample_ids = [self._ids[name] for name, _ in samples]
-        self._encode_sample = sample_encoder(run.scene.frames.world_frame, self._body_frame)
+        self._encode_sample = sample_encoder(run.scene.frames.world_frame, self._body_frame, acceleration)
         if self.settings.flush_s > 0.0:
             threading.Thread(target=self._keep_flushing, name=f"flush {self.path.name}", daemon=True).start()
 
@@ -224,6 +202,8 @@ class McapSink:
         self._writer.add_attachment("scene.yaml", "application/yaml", run.scene.text.encode("utf-8", "replace"))
         self._register(topics)
         self._write_inertia(run.scene.body, self._start_ns)
+        if run.scene.frames.fixed:
+            self._add(TF_STATIC[0], encode_fixed(run.scene.frames, self._start_ns), self._start_ns)
         self._writer.end_chunk()
 
     def _log(self, event: Event) -> None:
@@ -259,18 +239,19 @@ class McapSink:
     def _add(self, name: str, message: bytes, time_ns: int) -> None:
         self._writer.add_messages((self._ids[name],), (message,), time_ns, time_ns)
 
-    def _topics(self, samples: Sequence[tuple[str, str]], wrenches: list[str], held: list[str]) -> list[_Topic]:
+    def _topics(self, scene: Scene, samples: tuple[tuple[str, str], ...]) -> list[_Topic]:
         """Return all topics: those of a sample first, commanded wrenches, and those that effects hold.
 
         Raises:
             LogError: two of them have one absolute name.
         """
-        usual = qos_profile()
+        usual, latched = qos_profile(), qos_profile(1, "transient_local")
         topics = [
             *((name, type_name, usual) for name, type_name in samples),
-            *((name, WRENCH, usual) for wrench in wrenches for name in (wrench, wrench + _APPLIED)),
-            *((name + _APPLIED, WRENCH, usual) for name in held),
-            ("inertia", INERTIA, qos_profile(1, "transient_local")),
+            *((name, WRENCH, usual) for each in scene.channels for name in (each.topic, each.topic + _APPLIED)),
+            *((name + _APPLIED, WRENCH, usual) for name, _ in scene.acting.schedules()),
+            ("inertia", INERTIA, latched),
+            *([(*TF_STATIC, latched)] if scene.frames.fixed else []),
             ("/diagnostics", DIAGNOSTICS, qos_profile(1)),
         ]
         names = sorted(self._absolute(name) for name, _, _ in topics)
@@ -320,38 +301,6 @@ class McapSink:
         values = (body.mass, *body.center_of_mass, xx, xy, xz, yy, yz, zz)
         message = cdr.encode(INERTIA, time_ns, self._body_frame, values)
         self._add("inertia", message, time_ns)
-
-
-def encode_applied(event: AppliedWrench) -> bytes:
-    """Return the message of a wrench as it acts."""
-    pack = cdr.stamped_packer(WRENCH, event.frame_id)
-    return pack(*cdr.split_stamp(event.time_ns), *event.force, *event.torque)
-
-
-def sample_encoder(world: str, body: str) -> Callable[[Sample], tuple[bytes, ...]]:
-    """Return what makes the messages of a sample, in the order of `SAMPLE_TOPICS`."""
-    pack_pose, pack_twist = cdr.stamped_packer(POSE, world), cdr.stamped_packer(TWIST, body)
-    pack_odometry, pack_vector = cdr.odometry_packer(world, body), cdr.stamped_packer(VECTOR, world)
-    pack_scalar = cdr.float64_packer()
-
-    def encode(sample: Sample) -> tuple[bytes, ...]:
-        second, nanosecond = cdr.split_stamp(sample.time_ns)
-        pose = (*sample.position_world, *sample.orientation_xyzw)
-        velocity_body = rotate_inverse(sample.orientation_xyzw, sample.linear_velocity_world)
-        twist = (*velocity_body, *sample.angular_velocity_body)
-        return (
-            pack_pose(second, nanosecond, *pose),
-            pack_twist(second, nanosecond, *twist),
-            pack_odometry(second, nanosecond, pose, twist),
-            pack_vector(second, nanosecond, *sample.angular_momentum_world),
-            pack_vector(second, nanosecond, *sample.linear_momentum_world),
-            pack_scalar(sample.kinetic_energy),
-            pack_scalar(sample.work),
-            pack_scalar(sample.energy_defect),
-            *(() if sample.potential_energy is None else (pack_scalar(sample.potential_energy),)),
-        )
-
-    return encode
 
 
 def verify(path: Path, counts: Mapping[str, int]) -> None:

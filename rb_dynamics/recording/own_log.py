@@ -15,7 +15,7 @@ from rb_dynamics.recording import cdr
 from rb_dynamics.recording.bag_source import Source
 from rb_dynamics.recording.mcap_reader import decode_wrench
 from rb_dynamics.recording.mcap_records import Message
-from rb_dynamics.recording.mcap_sink import POTENTIAL, SAMPLE_TOPICS, WRENCH
+from rb_dynamics.recording.messages import POTENTIAL, SAMPLE_TOPICS, WRENCH
 from rb_dynamics.recording.provenance import TOPICS
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.scene.read import parse_scene
@@ -89,8 +89,7 @@ def rows(scene: Scene, names: Mapping[str, str], messages: Iterable[Message]) ->
         if queue is None:
             continue
         layout = cdr.LAYOUTS[message.channel.type_name]
-        values = cdr.decode(message.channel.type_name, message.data)
-        numbers = tuple(x for value, kind in zip(values, layout, strict=True) if isinstance(kind, int) for x in value)
+        numbers = tuple(cdr.numbers(layout, cdr.decode(message.channel.type_name, message.data)))
         queue.append((message.log_time, numbers))
         if all(waiting.values()):
             parts = [each.popleft() for each in waiting.values()]

@@ -5,12 +5,13 @@ The events are values in the units and frames of the log; a sink never changes t
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
 from rb_dynamics.diagnostics import Sample
 from rb_dynamics.loads.channels import AppliedWrench, RejectedWrench
+from rb_dynamics.vector import Vector
 
 if TYPE_CHECKING:
     from rb_dynamics.scene.model import Scene
@@ -24,11 +25,14 @@ class RunInfo:
         scene: the validated scene, with its text as `scene.text` and its file name as `scene.source`.
         method: name of the method that runs, as in `METHODS`.
         metadata: facts about the run as text: software versions, platform, method, seed, hash of the inputs.
+        acceleration: tells that of the body origin (m/s^2) and the angular one (rad/s^2), body axes, for the sample
+            that is being written; None where nothing is run.
     """
 
     scene: Scene
     method: str
     metadata: Mapping[str, str] = field(default_factory=dict)
+    acceleration: Callable[[], tuple[Vector, Vector]] | None = None
 
 
 @dataclass(frozen=True, slots=True)

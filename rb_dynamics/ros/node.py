@@ -130,9 +130,9 @@ class RigidBodyNode(Node):
 
     def _open_logs(self) -> list[GuardedSink]:
         """Return the logs that are asked for, each guarded, so that a failure stops the log and not the run."""
-        from rb_dynamics.recording.mcap_sink import SAMPLE_TOPICS
+        from rb_dynamics.recording.messages import ACCEL, SAMPLE_TOPICS
 
-        names = ["inertia", *(name for name, _ in SAMPLE_TOPICS), *self._topics]
+        names = ["inertia", *(name for name, _ in (*SAMPLE_TOPICS, ACCEL)), *self._topics]
         resolved = {name: self.resolve_topic_name(name) for name in names}
         return [
             GuardedSink(

@@ -102,7 +102,7 @@ def read_settings(node: Node) -> Settings:
             _text("rerun", values["rerun"]),
             round(number("max_bag_size", values["max_bag_size"])),
             number("max_bag_duration", values["max_bag_duration"]),
-            LogSettings(number("flush", values["flush"]), flags["verify"]),
+            LogSettings(number("flush", values["flush"]), flags["verify"], flags["publish_accel"]),
         ),
     )
 

@@ -31,6 +31,7 @@ from rb_dynamics.recording.memory import MemorySink
 from rb_dynamics.recording.ros2msg import TYPE_HASHES
 from rb_dynamics.recording.sink import AppliedWrench, Event, RejectedWrench, RunInfo, Status
 from rb_dynamics.recording.state_hash import StateHash
+from rb_dynamics.replay import replay
 from rb_dynamics.scene.model import Channel, Scene
 from rb_dynamics.scene.read import parse_scene
 from rb_dynamics.simulate import simulate
@@ -52,6 +53,7 @@ TYPES = {
     "/energy/kinetic": "std_msgs/msg/Float64",
     "/energy/work": "std_msgs/msg/Float64",
     "/energy/defect": "std_msgs/msg/Float64",
+    "/tf": "tf2_msgs/msg/TFMessage",
     "/inertia": "geometry_msgs/msg/InertiaStamped",
     "/wrench": "geometry_msgs/msg/WrenchStamped",
     "/wrench/applied": "geometry_msgs/msg/WrenchStamped",
@@ -378,14 +380,19 @@ def test_verify_reads_the_file_again_and_counts(tmp_path: Path) -> None:
     path.write_bytes(data[:-9])
     with pytest.raises(LogError, match="no footer"):
         verify(path, counts)
-    path.write_bytes(_with_a_flipped_bit(data))
+    path.write_bytes(_with_a_flipped_bit(path, data))
     with pytest.raises(LogError, match="damaged"):
         verify(path, counts)
 
 
-def _with_a_flipped_bit(data: bytes) -> bytes:
+def _with_a_flipped_bit(path: Path, data: bytes) -> bytes:
     """Return a file of which one bit in the middle of its largest chunk is another."""
-    place = len(data) // 2
+    path.write_bytes(data)
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    chunk = max(summary.chunk_indexes, key=lambda index: index.chunk_length)
+    place = chunk.chunk_start_offset + chunk.chunk_length // 2
     return data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :]
 
 
@@ -467,8 +474,35 @@ def test_checksums_hold_and_log_times_never_decrease(tmp_path: Path) -> None:
     with path.open("rb") as file:
         records = list(StreamReader(file, validate_crcs=True).records)
     times = [each.log_time for each in records if isinstance(each, Message)]
-    assert len(times) == 1 + 8 * 300
+    assert len(times) == 1 + 9 * 300
     assert times == sorted(times)
+
+
+def test_viewers_find_the_body_in_space_and_the_acceleration_where_asked(tmp_path: Path) -> None:
+    scene = parse_scene(
+        "world_frame: inertial\n"
+        "body:\n  {frame: sat, mass: 2, inertia: {diagonal: [1, 2, 3]}, center_of_mass: [0.1, 0, 0],\n"
+        "   frames: {thruster: {position: [0, 0.5, 0.2], orientation: {x: 0, y: 0, z: 1, w: 0}}}}\n"
+        "initial: {angular_velocity_body: [0.1, 2, 0.1]}\nduration: 1\noutput_rate: 10\n"
+    )
+    path = tmp_path / "run.mcap"
+    simulate(scene, sinks=[McapSink(path, namespace="/a", settings=LogSettings(accel=True))])
+    messages = Rosbags(path).messages
+    for pose, transforms in zip(messages["/a/pose"], messages["/tf"], strict=True):
+        (each,) = transforms.transforms
+        assert (each.header.frame_id, each.child_frame_id, stamp(each)) == ("inertial", "sat", stamp(pose))
+        assert each.transform.rotation == pose.pose.orientation
+        where = each.transform.translation
+        assert (where.x, where.y, where.z) == (pose.pose.position.x, pose.pose.position.y, pose.pose.position.z)
+    (fixed,) = messages["/tf_static"]
+    (thruster,) = fixed.transforms
+    assert (thruster.header.frame_id, thruster.child_frame_id) == ("sat", "thruster")
+    assert (thruster.transform.translation.z, thruster.transform.rotation.z) == (0.2, 1.0)
+    # At the start w = (0.1, 2, 0.1): Euler's equations and r'' = dw x r + w x (w x r) of the origin, r = -c.
+    acceleration = messages["/a/accel"][0].accel
+    assert acceleration.angular.x == pytest.approx(-0.2, rel=1e-14)
+    assert acceleration.linear.x == pytest.approx(0.1 * (2.0**2 + 0.1**2), rel=1e-14)
+    assert replay(path).identical
 
 
 def test_effects_are_in_the_log(tmp_path: Path) -> None:

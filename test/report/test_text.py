@@ -23,7 +23,7 @@ def test_lines_fit_and_columns_align(flight: Any) -> None:
     start = next(i for i, line in enumerate(lines) if line.startswith("TOPIC"))
     rows = [line for line in lines[start : lines.index("", start)] if " 151 " in line]
     assert len({line.index(" 151 ") for line in rows}) == 1
-    assert len(rows) == 8
+    assert len(rows) == 9
     assert "…" not in "".join(lines)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import subprocess
 import sys
@@ -50,7 +51,8 @@ def test_a_log_is_published_with_its_stamps(tmp_path: Path, peer: Peer) -> None:
         process.wait()
     assert process.returncode == 0
     bag = read_bag(log)
-    assert f"published {sum(topic.count for topic in bag.topics.values())} messages" in said
+    known = [topic for name, topic in bag.topics.items() if name != "/tf" or importlib.util.find_spec("tf2_msgs")]
+    assert f"published {sum(topic.count for topic in known)} messages" in said
     times, rows = bag.poses("/pose")
     for message, time_ns, row in zip(peer.heard["/truth"], times, rows, strict=True):
         stamp, pose = message.header.stamp, message.pose

@@ -295,6 +295,7 @@ def test_a_later_node_keeps_the_logs_of_the_earlier_one(scene: Path, tmp_path: P
             max_bag_duration=0.4,
             flush=0.1,
             verify=True,
+            publish_accel=True,
         )
         assert node.wait() == 0, node.err
     assert "flight was there already and is kept as flight.1" in node.err
@@ -302,6 +303,7 @@ def test_a_later_node_keeps_the_logs_of_the_earlier_one(scene: Path, tmp_path: P
     earlier, newest = read_bag(bag.with_name("flight.1")), read_bag(bag)
     assert [each.poses("/pose")[0][-1] for each in (earlier, newest)] == [500_000_000, 1_000_000_000]
     assert len(list(bag.glob("*.mcap"))) == 3
+    assert newest.topics["/accel"].count == newest.topics["/tf"].count == newest.topics["/pose"].count
 
 
 def test_a_reset_whose_log_cannot_be_opened_is_answered_and_survived(scene: Path, peer: Peer, tmp_path: Path) -> None:
