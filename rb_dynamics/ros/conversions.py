@@ -1,4 +1,4 @@
-"""The only place where ROS messages meet tuples: stamps, wrenches in, samples out.
+"""Where ROS messages meet tuples: stamps, wrenches and states in; out what is not published by the thousand.
 
 Axes and reference points: `pose` is the body origin in the world, `twist` the velocity of the body origin and the
 angular velocity, both in body axes, as REP-103 and nav_msgs/Odometry have it.
@@ -13,15 +13,10 @@ from typing import TYPE_CHECKING
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import (
-    AccelStamped,
     InertiaStamped,
     Pose,
-    PoseStamped,
     TransformStamped,
-    Twist,
-    TwistStamped,
     Vector3,
-    Vector3Stamped,
     WrenchStamped,
 )
 from geometry_msgs.msg import Quaternion as QuaternionMessage
@@ -44,15 +39,29 @@ _NANOSECONDS = 1_000_000_000
 _LAST_NS = 2**31 * _NANOSECONDS
 
 
-def to_stamp(time_ns: int) -> Time:
-    """Return integer nanoseconds as a stamp.
+def split_stamp(time_ns: int) -> tuple[int, int]:
+    """Return integer nanoseconds as the seconds and nanoseconds of a stamp.
 
     Raises:
         ConvergenceError: the time is past 2^31 s, where stamps end.
     """
     if not 0 <= time_ns < _LAST_NS:
         raise ConvergenceError(f"time is {time_ns / _NANOSECONDS:.9g} s, expected less than 2^31 s, where stamps end")
-    return Time(sec=time_ns // _NANOSECONDS, nanosec=time_ns % _NANOSECONDS)
+    return divmod(time_ns, _NANOSECONDS)
+
+
+def to_stamp(time_ns: int) -> Time:
+    """Return integer nanoseconds as a stamp.
+
+    Raises:
+        ConvergenceError: the time is past 2^31 s, where stamps end.
+    """
+    return stamp(split_stamp(time_ns))
+
+
+def stamp(parts: tuple[int, int]) -> Time:
+    """Return seconds and nanoseconds as a stamp."""
+    return Time(sec=parts[0], nanosec=parts[1])
 
 
 def to_nanoseconds(stamp: Time) -> int:
@@ -71,54 +80,6 @@ def to_wrench(message: WrenchStamped) -> Wrench:
     )
 
 
-def pose(sample: Sample, frames: WrenchFrames) -> PoseStamped:
-    """Return the pose of the body origin in the world frame."""
-    message = PoseStamped()
-    message.header.stamp = to_stamp(sample.time_ns)
-    message.header.frame_id = frames.world_frame
-    _fill_pose(message.pose, sample)
-    return message
-
-
-def twist(sample: Sample, frames: WrenchFrames) -> TwistStamped:
-    """Return the twist of the body origin in body axes; `header.frame_id` is the body frame."""
-    message = TwistStamped()
-    message.header.stamp = to_stamp(sample.time_ns)
-    message.header.frame_id = frames.body_frame
-    _fill_twist(message.twist, sample)
-    return message
-
-
-def odometry(sample: Sample, frames: WrenchFrames) -> Odometry:
-    """Return pose in the world frame and twist in body axes in one message; covariances are zero."""
-    message = Odometry()
-    message.header.stamp = to_stamp(sample.time_ns)
-    message.header.frame_id = frames.world_frame
-    message.child_frame_id = frames.body_frame
-    _fill_pose(message.pose.pose, sample)
-    _fill_twist(message.twist.twist, sample)
-    return message
-
-
-def accel(linear_body: Vector, angular_body: Vector, time_ns: int, frames: WrenchFrames) -> AccelStamped:
-    """Return the acceleration of the body origin and the angular acceleration, both in body axes."""
-    message = AccelStamped()
-    message.header.stamp = to_stamp(time_ns)
-    message.header.frame_id = frames.body_frame
-    message.accel.linear = Vector3(x=linear_body[0], y=linear_body[1], z=linear_body[2])
-    message.accel.angular = Vector3(x=angular_body[0], y=angular_body[1], z=angular_body[2])
-    return message
-
-
-def vector(value: Vector, time_ns: int, frame_id: str) -> Vector3Stamped:
-    """Return a vector with its time and axes."""
-    message = Vector3Stamped()
-    message.header.stamp = to_stamp(time_ns)
-    message.header.frame_id = frame_id
-    message.vector = Vector3(x=value[0], y=value[1], z=value[2])
-    return message
-
-
 def inertia(body: RigidBody, body_frame: str, time_ns: int) -> InertiaStamped:
     """Return the mass properties: matrix entries about the centre of mass in body axes."""
     message = InertiaStamped()
@@ -132,17 +93,16 @@ def inertia(body: RigidBody, body_frame: str, time_ns: int) -> InertiaStamped:
     return message
 
 
-def transform(sample: Sample, frames: WrenchFrames) -> TFMessage:
-    """Return where the body frame is in the world."""
-    return _transforms(
-        sample.time_ns, frames.world_frame, {frames.body_frame: (sample.position_world, sample.orientation_xyzw)}
-    )
+def transform(sample: Sample, parts: tuple[int, int], frames: WrenchFrames) -> TFMessage:
+    """Return where the body frame is in the world, stamped with seconds and nanoseconds."""
+    pose = sample.position_world, sample.orientation_xyzw
+    return _transforms(stamp(parts), frames.world_frame, {frames.body_frame: pose})
 
 
 def static_transforms(frames: WrenchFrames, time_ns: int) -> TFMessage:
     """Return where the fixed frames are on the body."""
     fixed = {name: (frame.position, frame.orientation_xyzw) for name, frame in (frames.fixed or {}).items()}
-    return _transforms(time_ns, frames.body_frame, fixed)
+    return _transforms(to_stamp(time_ns), frames.body_frame, fixed)
 
 
 def to_state(message: Odometry, frames: WrenchFrames) -> State:
@@ -233,13 +193,13 @@ def _vector(value: Vector) -> Vector3:
     return Vector3(x=x, y=y, z=z)
 
 
-def _transforms(time_ns: int, parent: str, children: Mapping[str, tuple[Vector, Quaternion]]) -> TFMessage:
+def _transforms(time: Time, parent: str, children: Mapping[str, tuple[Vector, Quaternion]]) -> TFMessage:
     from tf2_msgs.msg import TFMessage
 
     message = TFMessage()
     for child, ((x, y, z), (qx, qy, qz, qw)) in children.items():
         stamped = TransformStamped()
-        stamped.header.stamp, stamped.header.frame_id, stamped.child_frame_id = to_stamp(time_ns), parent, child
+        stamped.header.stamp, stamped.header.frame_id, stamped.child_frame_id = time, parent, child
         stamped.transform.translation = Vector3(x=x, y=y, z=z)
         stamped.transform.rotation = QuaternionMessage(x=qx, y=qy, z=qz, w=qw)
         message.transforms.append(stamped)
@@ -251,10 +211,3 @@ def _fill_pose(target: Pose, sample: Sample) -> None:
     qx, qy, qz, qw = sample.orientation_xyzw
     target.position.x, target.position.y, target.position.z = x, y, z
     target.orientation = QuaternionMessage(x=qx, y=qy, z=qz, w=qw)
-
-
-def _fill_twist(target: Twist, sample: Sample) -> None:
-    vx, vy, vz = rotate_inverse(sample.orientation_xyzw, sample.linear_velocity_world)
-    wx, wy, wz = sample.angular_velocity_body
-    target.linear = Vector3(x=vx, y=vy, z=vz)
-    target.angular = Vector3(x=wx, y=wy, z=wz)

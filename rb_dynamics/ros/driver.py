@@ -213,12 +213,12 @@ class Driver:
             self._scene = before
             raise
 
-    def command(self, topic: str, wrench: Wrench) -> None:
-        """Take a command: at its stamp where stamps count and it has one, otherwise now."""
+    def command(self, topic: str, wrench: Wrench, age_ns: int = 0) -> None:
+        """Take a command: at its stamp where stamps count and it has one, otherwise when it came, `age_ns` ago."""
         offset_ns = self.pacer.offset_ns
         by_stamp = self.lockstep or (self._mode.apply_at == "stamp" and wrench.stamp_ns != 0 and offset_ns is not None)
         stamp_ns = wrench.stamp_ns - (offset_ns or 0)
-        time_ns = stamp_ns if by_stamp else max(self._now_ns(), self._latest_ns[topic])
+        time_ns = stamp_ns if by_stamp else max(self._arrived_ns(age_ns), self._latest_ns[topic])
         # A rejected command has spoken too: time does not wait for what will never come.
         self._newest[topic] = max(stamp_ns, self._newest.get(topic) or 0)
         computed_ns = max(self.simulation.time_ns, self._reached_ns)
@@ -334,12 +334,12 @@ class Driver:
                 "changed without it, or in the scene file"
             )
 
-    def _now_ns(self) -> int:
-        """Return the simulation time of this moment, which may lie between two outputs."""
+    def _arrived_ns(self, age_ns: int) -> int:
+        """Return the simulation time `age_ns` ago, which may lie between two outputs, but not before the last."""
         if self.stands_still or self._free_running:
             return self.simulation.time_ns
         # A lag that is given up is given up before a command gets its time from it.
-        return max(self.simulation.time_ns, self.pacer.due_ns(self._next_ns()))
+        return max(self.simulation.time_ns, self.pacer.due_ns(self._next_ns()) - self.pacer.since(max(0, age_ns)))
 
     def _next_ns(self) -> int:
         """Return when there is something to do next: an output or the end of the scene."""

@@ -1,16 +1,20 @@
 """The ROS 2 node: topics, services and parameters around a `Driver`, which decides when the simulation advances.
 
 One thread does everything: it waits for messages until the next output is due, then advances, a few milliseconds at a
-time, so that neither messages nor signals wait for the physics. Steady time paces it, unless it follows `/clock`.
+time, so that neither messages nor signals wait for the physics. Steady time paces it, unless it follows `/clock`. Where
+outputs follow each other closely it sleeps from one to the next, and takes the commands that came meanwhile: to wait
+for messages costs more than to simulate.
 """
 
 from __future__ import annotations
 
 import contextlib
+import gc
 import importlib.util
 import os
 import signal
 import sys
+import time
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
@@ -41,10 +45,13 @@ from rb_dynamics.ros.pacing import ClockFollower, Pacer
 from rb_dynamics.ros.publishers import TopicSink
 from rb_dynamics.ros.settings import number, read_settings, require_paceable, scene_overrides
 from rb_dynamics.scene.model import Scene
+from rb_dynamics.simulate import Simulation
 
 _NANOSECONDS = 1_000_000_000
-# How many waiting commands of a channel are taken at once.
+# How many commands of a channel may wait, and are taken at once.
 _LARGEST_BATCH = 1000
+# s: up to so long it sleeps instead of waiting for messages, but for no longer than so without looking at them.
+_LONGEST_SLEEP, _BETWEEN_TURNS = 0.006, 0.01
 
 
 class RigidBodyNode(Node):
@@ -62,6 +69,7 @@ class RigidBodyNode(Node):
         scene = settings.scene
         self._topics = [channel.topic for channel in scene.channels]
         self._quitting = False
+        self._next_turn = 0.0
         pacer = (
             ClockFollower(lambda: self.get_clock().now().nanoseconds)
             if settings.use_sim_time
@@ -75,6 +83,7 @@ class RigidBodyNode(Node):
             lambda: pacer.offset_ns,
             lambda: self.driver.stands_still,
         )
+        _warm_up(scene)
         self.driver = Driver(scene, settings.mode, pacer, self._health, self._publishers_sink, self._open_logs)
         self._publishers_sink.watch(lambda: self.driver.simulation.acceleration)
         self._wrench_subscriptions = {topic: self._subscribe(topic) for topic in self._topics}
@@ -95,12 +104,28 @@ class RigidBodyNode(Node):
         """Whether the scene's duration is over, or the node has been told to quit."""
         return self._quitting or self.driver.done
 
+    def wait(self, executor: SingleThreadedExecutor) -> None:
+        """Wait until the next output is due, or until there is something else to do."""
+        seconds = self.driver.seconds_until_due()
+        if seconds > _LONGEST_SLEEP or time.monotonic() >= self._next_turn:
+            executor.spin_once(timeout_sec=seconds)
+            self._next_turn = time.monotonic() + _BETWEEN_TURNS
+        else:
+            time.sleep(seconds)
+            # A command knows when it came, so it acts no later for being taken only now.
+            self._take_wrenches()
+
     def tick(self) -> None:
         """Advance as far as there is time to, and publish diagnostics once a second."""
         self.driver.tick()
         if self._health.due():
             if self._settings.topics.clock and self.count_publishers("/clock") > 1:
                 self._health.warn("/clock has another publisher: expected one master of time; set publish_clock once")
+            for log in self._logs:
+                if not log.exists():
+                    self._health.failed(
+                        f"the log {log} was removed: what is written to it is lost; ~/reset begins another"
+                    )
             self.driver.report()
 
     def finish(self) -> None:
@@ -134,13 +159,15 @@ class RigidBodyNode(Node):
 
         names = ["inertia", *(name for name, _ in (*SAMPLE_TOPICS, ACCEL)), *self._topics]
         resolved = {name: self.resolve_topic_name(name) for name in names}
+        sinks = self._settings.logs.sinks(self.get_namespace(), resolved)
+        self._logs = [log.path for log in sinks]
         return [
             GuardedSink(
                 log,
                 lambda error: self._health.failed(f"a log has stopped: {error}"),
                 before_open=partial(self._keep_earlier, log.path),
             )
-            for log in self._settings.logs.sinks(self.get_namespace(), resolved)
+            for log in sinks
         ]
 
     def _keep_earlier(self, path: Path) -> None:
@@ -152,7 +179,7 @@ class RigidBodyNode(Node):
     def _subscribe(self, topic: str) -> Subscription:
         # In lockstep no command may be lost, however far the commander is ahead: the reader keeps them all.
         lockstep = self._settings.mode.lockstep
-        qos = QoSProfile(history=HistoryPolicy.KEEP_ALL) if lockstep else QoSProfile(depth=100)
+        qos = QoSProfile(history=HistoryPolicy.KEEP_ALL) if lockstep else QoSProfile(depth=_LARGEST_BATCH)
         events = SubscriptionEventCallbacks(
             incompatible_qos=lambda event: self._health.mismatched(
                 topic,
@@ -170,20 +197,23 @@ class RigidBodyNode(Node):
             qos_overriding_options=None if lockstep else QoSOverridingOptions.with_default_policies(),
         )
 
-    def _on_wrenches(self, topic: str, message: WrenchStamped) -> None:
-        """Take a command and all that wait, on every channel.
+    def _on_wrenches(self, topic: str, message: WrenchStamped, facts: dict[str, Any]) -> None:
+        self.driver.command(topic, conversions.to_wrench(message), _age_ns(facts))
+        self._take_wrenches()
+
+    def _take_wrenches(self) -> None:
+        """Take all commands that wait, on every channel.
 
         To wait anew for each would cost more than to simulate it; and time must not advance on the commands of one
         channel while earlier ones of another lie there unread.
         """
-        self.driver.command(topic, conversions.to_wrench(message))
-        for waiting, subscription in self._wrench_subscriptions.items():
+        for topic, subscription in self._wrench_subscriptions.items():
             with subscription.handle:
                 for _ in range(_LARGEST_BATCH):
                     taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
                     if taken is None:
                         break
-                    self.driver.command(waiting, conversions.to_wrench(taken[0]))
+                    self.driver.command(topic, conversions.to_wrench(taken[0]), _age_ns(taken[1]))
 
     def _on_lost(self, topic: str, lost: int) -> None:
         self._health.lost(topic, lost)
@@ -267,6 +297,18 @@ class RigidBodyNode(Node):
             logger.warning(message, throttle_duration_sec=1.0)
 
 
+def _warm_up(scene: Scene) -> None:
+    """Compile now what is to be compiled, while no time passes yet."""
+    if scene.solver.step is not None and os.environ.get("RB_DYNAMICS_COMPILE") == "always":
+        Simulation(scene).advance(round(2 * scene.solver.step * _NANOSECONDS))
+
+
+def _age_ns(facts: dict[str, Any]) -> int:
+    """Return how long ago a message came, as the middleware says; 0 where it does not."""
+    came_ns = int(facts["received_timestamp"])
+    return time.time_ns() - came_ns if came_ns else 0
+
+
 @contextlib.contextmanager
 def _signals() -> Iterator[list[int]]:
     """Yield the list of SIGINT and SIGTERM received; the handlers that were there come back afterwards."""
@@ -286,7 +328,7 @@ def spin(args: Sequence[str] | None = None) -> int:
     Raises:
         RigidBodyError: the node could not start.
     """
-    # Compilation takes seconds, in which no tick would be kept.
+    # Compilation takes seconds, and pays where many steps lie between two outputs.
     os.environ.setdefault("RB_DYNAMICS_COMPILE", "never")
     with _signals() as stop, contextlib.ExitStack() as stack:
         try:
@@ -301,10 +343,13 @@ def spin(args: Sequence[str] | None = None) -> int:
             ) from error
         executor = SingleThreadedExecutor()
         executor.add_node(node)
+        # What is there now stays: to look through it for garbage would take longer than an output period.
+        gc.freeze()
+        stack.callback(gc.unfreeze)
         for last_first in (node.destroy_node, executor.shutdown, node.finish):
             stack.callback(last_first)
         while not stop and not node.done:
-            executor.spin_once(timeout_sec=node.driver.seconds_until_due())
+            node.wait(executor)
             node.tick()
     return 0
 

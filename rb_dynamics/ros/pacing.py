@@ -24,7 +24,7 @@ class Pacer:
     def __init__(self, factor: float) -> None:
         """Take the real-time factor, greater than 0."""
         self.factor = factor
-        self._overruns = self._dropped_ns = 0
+        self._overruns = self._dropped_ns = self._largest_ns = 0
         self.begin(0)
 
     def begin(self, offset_ns: int) -> None:
@@ -40,12 +40,17 @@ class Pacer:
         """Return what simulation time should be, where `next_ns` is to be reached next; gives up too large a lag."""
         due = self._time_ns + int((time.monotonic_ns() - self._clock_ns) * self.factor)
         lag = int((due - next_ns) / self.factor)
+        self._largest_ns = max(self._largest_ns, lag)
         if lag <= LARGEST_LAG_NS:
             return due
         self._overruns += 1
         self._dropped_ns += lag
         self.restart(next_ns)
         return next_ns
+
+    def since(self, age_ns: int) -> int:
+        """Return how much simulation time passes in so much steady time."""
+        return int(age_ns * self.factor)
 
     def seconds_until(self, time_ns: int) -> float:
         """Return how long to wait (s, not negative) until simulation time should be `time_ns`."""
@@ -58,6 +63,7 @@ class Pacer:
             "real-time factor": f"{self.factor:g}",
             "overruns": str(self._overruns),
             "time dropped": f"{self._dropped_ns / 1e9:.3f} s",
+            "largest lag": f"{self._largest_ns / 1e6:.1f} ms",
         }
 
     def warning(self) -> str:
@@ -95,6 +101,10 @@ class ClockFollower:
         """Return what simulation time should be."""
         self._follow()
         return self._time_ns
+
+    def since(self, age_ns: int) -> int:
+        """Return 0: the clock that is followed says nothing of what happened between its messages."""
+        return 0
 
     def seconds_until(self, time_ns: int) -> float:
         """Return how long to wait: for the clock's next message."""

@@ -1,7 +1,12 @@
-"""`TopicSink`: the node's publishers behind the same interface as the logs."""
+"""`TopicSink`: the node's publishers behind the same interface as the logs.
+
+Samples are published as the bytes that a log has: to make a message, only for the middleware to take it apart again,
+costs several times as much.
+"""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -20,20 +25,24 @@ from std_msgs.msg import Float64
 
 from rb_dynamics.diagnostics import Sample
 from rb_dynamics.loads.wrench import WrenchFrames
+from rb_dynamics.recording import cdr
 from rb_dynamics.recording.sink import Event, RunInfo, Status
 from rb_dynamics.ros import conversions
 from rb_dynamics.ros.health import Health
+from rb_dynamics.rotation import rotate_inverse
 from rb_dynamics.vector import Vector
 
-_DEPTH = 10
+_SCALAR = cdr.float64_packer()
 
-_Make = Callable[[Sample], object]
+# Makes a message, or the bytes of one, of a sample and its stamp in seconds and nanoseconds.
+_Make = Callable[[Sample, tuple[int, int]], object]
 
 
 @dataclass(frozen=True)
 class Topics:
-    """Which topics there are beside those that are always published."""
+    """Which topics there are beside those that are always published, and how many samples each of them keeps."""
 
+    depth: int = 10
     clock: bool = False
     transforms: bool = False
     acceleration: bool = False
@@ -62,7 +71,7 @@ class TopicSink:
         """
         self._node, self._health, self._offset_ns, self._still = node, health, offset_ns, still
         self._asked = topics
-        self._newest: Sample | None = None
+        self._newest: tuple[Sample, tuple[int, int]] | None = None
         self._frames = WrenchFrames()
         transient = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._inertia = node.create_publisher(InertiaStamped, "inertia", transient)
@@ -70,28 +79,33 @@ class TopicSink:
         self._samples: list[tuple[Publisher, _Make]] = []
         self._has_potential = False
         if topics.clock:
-            self._add(Clock, "/clock", lambda s: Clock(clock=conversions.to_stamp(s.time_ns)))
-        self._add(PoseStamped, "pose", lambda s: conversions.pose(s, self._frames))
-        self._add(TwistStamped, "twist", lambda s: conversions.twist(s, self._frames))
-        self._add(Odometry, "odom", lambda s: conversions.odometry(s, self._frames))
-        self._add(Vector3Stamped, "angular_momentum", lambda s: self._vector(s.angular_momentum_world, s.time_ns))
-        self._add(Vector3Stamped, "linear_momentum", lambda s: self._vector(s.linear_momentum_world, s.time_ns))
-        self._add(Float64, "energy/kinetic", lambda s: Float64(data=s.kinetic_energy))
-        self._add(Float64, "energy/work", lambda s: Float64(data=s.work))
-        self._add(Float64, "energy/defect", lambda s: Float64(data=s.energy_defect))
+            self._add(Clock, "/clock", lambda _, t: Clock(clock=conversions.stamp(t)))
+        self._add(PoseStamped, "pose", lambda s, t: self._pose(*t, *s.position_world, *s.orientation_xyzw))
+        self._add(TwistStamped, "twist", lambda s, t: self._twist(*t, *_twist(s)))
+        self._add(
+            Odometry,
+            "odom",
+            lambda s, t: self._odometry(*t, (*s.position_world, *s.orientation_xyzw), _twist(s)),
+        )
+        self._add(Vector3Stamped, "angular_momentum", lambda s, t: self._vector(*t, *s.angular_momentum_world))
+        self._add(Vector3Stamped, "linear_momentum", lambda s, t: self._vector(*t, *s.linear_momentum_world))
+        self._add(Float64, "energy/kinetic", lambda s, _: _SCALAR(s.kinetic_energy))
+        self._add(Float64, "energy/work", lambda s, _: _SCALAR(s.work))
+        self._add(Float64, "energy/defect", lambda s, _: _SCALAR(s.energy_defect))
         if topics.transforms:
             self._add_transforms()
 
     def watch(self, acceleration: Callable[[], tuple[Vector, Vector]]) -> None:
         """Publish `accel`, where asked; `acceleration` tells it for the time of the sample that is being written."""
         if self._asked.acceleration:
-            self._add(AccelStamped, "accel", lambda s: conversions.accel(*acceleration(), s.time_ns, self._frames))
+            self._add(AccelStamped, "accel", lambda _, t: self._accel(*t, *itertools.chain(*acceleration())))
 
     def open(self, run: RunInfo) -> None:
         """Publish what is simulated; late subscribers get it too (transient local)."""
         self._frames = run.scene.frames
+        self._prepare()
         if not self._has_potential and run.scene.acting.potential() is not None:
-            self._add(Float64, "energy/potential", lambda s: Float64(data=s.potential_energy))
+            self._add(Float64, "energy/potential", lambda s, _: _SCALAR(s.potential_energy))
             self._has_potential = True
         stamp_ns = self._stamp_ns(run.scene.initial.time_ns) or 1
         self._inertia.publish(conversions.inertia(run.scene.body, self._frames.body_frame, stamp_ns))
@@ -104,10 +118,10 @@ class TopicSink:
             stamp_ns = self._stamp_ns(event.time_ns)
             if stamp_ns is None:
                 return
-            self._newest = sample = event if stamp_ns == event.time_ns else replace(event, time_ns=stamp_ns)
+            self._newest = event, conversions.split_stamp(stamp_ns)
             for publisher, make in self._samples:
                 if publisher.get_subscription_count():
-                    publisher.publish(make(sample))
+                    publisher.publish(make(*self._newest))
         elif isinstance(event, Status):
             status = replace(event, time_ns=self._stamp_ns(event.time_ns) or 1)
             self._diagnostics.publish(conversions.diagnostics(status, self._frames.body_frame))
@@ -121,21 +135,27 @@ class TopicSink:
         offset_ns = self._offset_ns()
         return None if offset_ns is None else max(1, time_ns + offset_ns)
 
-    def _vector(self, value: Vector, time_ns: int) -> Vector3Stamped:
-        return conversions.vector(value, time_ns, self._frames.world_frame)
+    def _prepare(self) -> None:
+        """Prepare what packs messages, for the frames as they are called."""
+        world, body = self._frames.world_frame, self._frames.body_frame
+        self._pose = cdr.stamped_packer("geometry_msgs/msg/PoseStamped", world)
+        self._twist = cdr.stamped_packer("geometry_msgs/msg/TwistStamped", body)
+        self._odometry = cdr.odometry_packer(world, body)
+        self._vector = cdr.stamped_packer("geometry_msgs/msg/Vector3Stamped", world)
+        self._accel = cdr.stamped_packer("geometry_msgs/msg/AccelStamped", body)
 
     def _add_transforms(self) -> None:
         # What the broadcaster of tf2_ros sends, on the same topics; but what nobody reads is not made.
         from tf2_msgs.msg import TFMessage
 
-        self._add(TFMessage, "/tf", lambda s: conversions.transform(s, self._frames), depth=100)
+        self._add(TFMessage, "/tf", lambda s, t: conversions.transform(s, t, self._frames))
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._static = self._node.create_publisher(TFMessage, "/tf_static", latched)
 
-    def _add(self, kind: type, topic: str, make: _Make, depth: int = _DEPTH) -> None:
+    def _add(self, kind: type, topic: str, make: _Make) -> None:
         def greet(event: Any) -> None:
             if event.current_count_change > 0 and self._newest is not None and self._still():
-                publisher.publish(make(self._newest))
+                publisher.publish(make(*self._newest))
 
         def mismatched(event: Any) -> None:
             self._health.mismatched(
@@ -145,8 +165,14 @@ class TopicSink:
         publisher = self._node.create_publisher(
             kind,
             topic,
-            depth,
+            self._asked.depth,
             event_callbacks=PublisherEventCallbacks(matched=greet, incompatible_qos=mismatched),
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
         self._samples.append((publisher, make))
+
+
+def _twist(sample: Sample) -> tuple[float, ...]:
+    """Return the velocity of the body origin and the angular velocity, body axes."""
+    velocity_body = rotate_inverse(sample.orientation_xyzw, sample.linear_velocity_world)
+    return (*velocity_body, *sample.angular_velocity_body)

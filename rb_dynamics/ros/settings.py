@@ -94,7 +94,7 @@ def read_settings(node: Node) -> Settings:
     return Settings(
         scene,
         Mode(factor, flags["lockstep"], flags["start_paused"], apply_at),
-        Topics(flags["publish_clock"], flags["publish_tf"], flags["publish_accel"]),
+        Topics(_depth(scene), flags["publish_clock"], flags["publish_tf"], flags["publish_accel"]),
         use_sim_time,
         Logs(
             _text("mcap", values["mcap"]),
@@ -105,6 +105,12 @@ def read_settings(node: Node) -> Settings:
             LogSettings(number("flush", values["flush"]), flags["verify"], flags["publish_accel"]),
         ),
     )
+
+
+def _depth(scene: Scene) -> int:
+    """Return how many samples are kept for a reader that is busy: those of half a second, but 10 to 1000."""
+    rate = scene.output_rate or 1.0 / (scene.solver.step or 1.0)
+    return min(1000, max(10, round(rate / 2)))
 
 
 def scene_values(scene: Scene) -> dict[str, object]:

@@ -1,0 +1,262 @@
+"""How well the node keeps its rate, what that costs, and how fast it answers; beside a node that does nothing else.
+
+Usage: python benchmarks/node.py [--seconds 60] [--rounds 3]
+
+Two runs: steps of 1 ms with every one published (pose, twist, odom, momenta, energies: eight topics, all of them read),
+and steps of 0.25 ms published at 200 Hz. The reader is this process; it takes the bytes and commands a force now and
+then. "Late" is a message published more than a period after its time, by the middleware's time of publishing; "lost" is
+one that never came. Latency is from the publishing of a wrench to the taking of the first pose that shows it.
+
+The node to compare with is plain rclpy: a timer, the same messages made once, stamped and published at each tick. It
+simulates nothing and hears nothing. Both take turns, so that what else the machine does disturbs both; CPU is user and
+system time of the whole process.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import random
+import signal
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from statistics import median
+
+import rclpy
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import PoseStamped, TwistStamped, Vector3Stamped, WrenchStamped
+from nav_msgs.msg import Odometry
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rclpy.qos import HistoryPolicy, QoSProfile
+from std_msgs.msg import Float64
+
+from rb_dynamics.compiled import available
+from rb_dynamics.recording import cdr
+
+TOPICS = {
+    "pose": PoseStamped,
+    "twist": TwistStamped,
+    "odom": Odometry,
+    "angular_momentum": Vector3Stamped,
+    "linear_momentum": Vector3Stamped,
+    "energy/kinetic": Float64,
+    "energy/work": Float64,
+    "energy/defect": Float64,
+}
+SCENE = """\
+body: {mass: 2.0, inertia: {diagonal: [1, 2, 2.5]}}
+initial: {angular_velocity_body: [0.3, -0.2, 0.1]}
+wrenches: [{topic: wrench}]
+"""
+# Hz of the steps, Hz of the outputs.
+CASES = ((1000, 1000), (4000, 200))
+PATIENCE, SETTLE = 30.0, 1.0
+# s between two looks of the reader, and between two commands.
+LOOK, COMMAND = 0.0002, 0.0473
+KEEP_ALL = QoSProfile(history=HistoryPolicy.KEEP_ALL)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seconds", type=float, default=60.0, help="of each measurement")
+    parser.add_argument("--rounds", type=int, default=1, help="of node and empty node in turn")
+    parser.add_argument("--empty", type=float, metavar="HZ", help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if arguments.empty:
+        empty_node(arguments.empty)
+        return
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    os.environ.setdefault("ROS_DOMAIN_ID", "87")
+    if available():
+        os.environ["RB_DYNAMICS_COMPILE"] = "always"
+    steps = "compiled" if available() else "in plain Python"
+    print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f} before; steps {steps}; {arguments.seconds:g} s each")
+    with tempfile.TemporaryDirectory() as folder:
+        scene = Path(folder) / "scene.yaml"
+        scene.write_text(SCENE, encoding="utf-8")
+        for steps, rate in CASES:
+            ratios = []
+            for _ in range(arguments.rounds):
+                node = [sys.executable, "-m", "rb_dynamics", "node", str(scene), "--ros-args"]
+                node += ["-p", f"solver.step:={1 / steps}", "-p", "solver.method:=rkmk4", "-p", f"output_rate:={rate}"]
+                ours = measured(f"node, {steps} Hz steps", node, rate, arguments.seconds, commanded=True)
+                empty = [sys.executable, str(Path(__file__).resolve()), "--empty", str(rate)]
+                theirs = measured("empty rclpy node", empty, rate, arguments.seconds, commanded=False)
+                ratios.append(ours / theirs)
+            print(f"CPU of the node / CPU of the empty node at {rate} Hz: {median(ratios):.2f}")
+    print(f"load {os.getloadavg()[0]:.1f} after")
+
+
+def empty_node(rate: float) -> None:
+    """Publish messages of the same types at `rate` until SIGTERM."""
+    rclpy.init()
+    node = Node("empty")
+    messages = [(node.create_publisher(kind, topic, 10), kind()) for topic, kind in TOPICS.items()]
+    period_ns = round(1e9 / rate)
+    count = 0
+
+    def tick() -> None:
+        nonlocal count
+        count += 1
+        seconds, nanoseconds = divmod(count * period_ns, 1_000_000_000)
+        stamp = Time(sec=seconds, nanosec=nanoseconds)
+        for publisher, message in messages:
+            if not isinstance(message, Float64):
+                message.header.stamp = stamp
+            publisher.publish(message)
+
+    node.create_timer(1.0 / rate, tick)
+    with suppress(ExternalShutdownException):
+        rclpy.spin(node)
+
+
+@contextmanager
+def process(command: list[str]) -> Iterator[int]:
+    """Run `command` and yield its process id."""
+    child = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        yield child.pid
+    finally:
+        child.send_signal(signal.SIGTERM)
+        child.wait(PATIENCE)
+
+
+def measured(name: str, command: list[str], rate: float, seconds: float, commanded: bool) -> float:
+    """Measure one node, print it, and return its CPU time in s per s."""
+    with process(command) as pid:
+        reader = Reader(rate, commanded)
+        try:
+            reader.watch(SETTLE)
+            reader.forget()
+            before, begun = cpu_seconds(pid), time.monotonic()
+            reader.watch(seconds)
+            cpu = (cpu_seconds(pid) - before) / (time.monotonic() - begun)
+            print(f"{name:20s} {rate:5g} Hz: CPU {100 * cpu:5.1f} %; {reader.summary()}", flush=True)
+        finally:
+            reader.close()
+    return cpu
+
+
+def cpu_seconds(pid: int) -> float:
+    """Return user and system time of a process."""
+    fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+class Reader:
+    """Takes what is published, byte for byte, and commands now and then; keeps nothing but counts and times."""
+
+    def __init__(self, rate: float, commanded: bool) -> None:
+        """Wait until all topics come, and where it is to command, until that is heard."""
+        rclpy.init()
+        self._node = Node("reader")
+        self._subscriptions = {
+            topic: self._node.create_subscription(kind, topic, _taken_elsewhere, KEEP_ALL, raw=True)
+            for topic, kind in TOPICS.items()
+        }
+        self._period_ns = 1e9 / rate
+        self._sequence = dict.fromkeys(TOPICS, 0)
+        self._commands = self._node.create_publisher(WrenchStamped, "wrench", 10) if commanded else None
+        self._command = WrenchStamped()
+        self._command.header.frame_id = "world"
+        self.forget()
+        give_up = time.monotonic() + PATIENCE
+        while not (
+            all(self._sequence.values()) and (self._commands is None or self._commands.get_subscription_count())
+        ):
+            if time.monotonic() > give_up:
+                raise SystemExit(f"within {PATIENCE:g} s these came: {self._sequence}")
+            self._take()
+            time.sleep(LOOK)
+
+    def forget(self) -> None:
+        """Measure from now on."""
+        self._delays: list[float] = []
+        self._recent: deque[float] = deque(maxlen=round(1e9 / self._period_ns))
+        self._late = self._lost = self._received = 0
+        self._latencies: list[float] = []
+        self._positions: deque[float] = deque(maxlen=3)
+        self._commanded = 0.0
+        self._next = time.monotonic() + COMMAND
+
+    def watch(self, seconds: float) -> None:
+        """Take and command for so long."""
+        end = time.monotonic() + seconds
+        while (now := time.monotonic()) < end:
+            self._take()
+            if self._commands is not None and now >= self._next and not self._commanded:
+                self._command.wrench.force.x = 0.0 if self._command.wrench.force.x else 1.0
+                self._commanded = time.monotonic()
+                self._commands.publish(self._command)
+                self._next = now + COMMAND * random.uniform(0.8, 1.2)
+            time.sleep(LOOK)
+
+    def summary(self) -> str:
+        """Return what was found."""
+        delays, latencies = sorted(self._delays), sorted(self._latencies)
+        text = (
+            f"{self._received} messages, {self._lost} lost, {self._late} of {len(delays)} ticks late "
+            f"({100 * self._late / len(delays):.3f} %), behind p50 {_at(delays, 0.5):.2f} p99 {_at(delays, 0.99):.2f} "
+            f"max {delays[-1] / 1e6:.1f} ms"
+        )
+        if latencies:
+            text += (
+                f"; wrench to pose p50 {_at(latencies, 0.5):.2f} p99 {_at(latencies, 0.99):.2f} ms of {len(latencies)}"
+            )
+        return text
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._node.destroy_node()
+        rclpy.shutdown()
+
+    def _take(self) -> None:
+        for topic, subscription in self._subscriptions.items():
+            while (taken := subscription.handle.take_message(subscription.msg_type, True)) is not None:
+                data, facts = taken
+                number, before = facts["publication_sequence_number"], self._sequence[topic]
+                self._lost += number - before - 1 if before else 0
+                self._received += 1
+                self._sequence[topic] = number
+                if topic == "pose":
+                    self._see(data, facts["source_timestamp"])
+
+    def _see(self, data: bytes, published_ns: int) -> None:
+        seconds, nanoseconds = struct.unpack_from("<iI", data, 4)
+        # How far the clocks are apart is taken from the most punctual of the last second.
+        apart = published_ns - seconds * 10**9 - nanoseconds
+        self._recent.append(apart)
+        delay = apart - min(self._recent)
+        self._delays.append(delay)
+        self._late += delay > self._period_ns
+        (x,) = struct.unpack_from("<d", data, cdr.first_number("geometry_msgs/msg/PoseStamped", data))
+        positions = self._positions
+        positions.append(x)
+        if self._commanded and len(positions) == 3:
+            # A force that is held makes this a constant: another value shows a new command.
+            acceleration = (positions[2] - 2 * positions[1] + positions[0]) / (self._period_ns * 1e-9) ** 2
+            old = 0.0 if self._command.wrench.force.x else 0.5
+            if abs(acceleration - old) > 1e-3:
+                self._latencies.append((time.monotonic() - self._commanded) * 1e9)
+                self._commanded = 0.0
+
+
+def _taken_elsewhere(_: bytes) -> None:
+    raise AssertionError("nothing spins this node")
+
+
+def _at(values: list[float], part: float) -> float:
+    """Return a quantile of sorted ns, in ms."""
+    return values[min(len(values) - 1, int(part * len(values)))] / 1e6
+
+
+if __name__ == "__main__":
+    main()
