@@ -13,6 +13,7 @@ from typing import Any
 
 import rclpy
 import yaml
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -78,6 +79,8 @@ def _play(log: str | Path, rate: float, publishers: dict[str, Publisher], ticks:
         if message.channel.topic in publishers:
             publishers[message.channel.topic].publish(message.data)
             count += 1
+    for publisher in publishers.values():
+        publisher.wait_for_all_acked(Duration(seconds=_PATIENCE))
     return count
 
 
