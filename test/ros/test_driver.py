@@ -244,3 +244,22 @@ def test_each_run_has_logs_of_its_own(tmp_path: Path) -> None:
     run_steps(body, 3)
     assert len(runs) == 2
     assert [len(run._sink.time_ns) for run in runs] == [3, 4]
+
+
+def test_a_command_acts_from_when_it_came_but_not_before_what_has_been_told() -> None:
+    scene = parse_scene(SCENE)
+    health = Health("/body", [channel.topic for channel in scene.channels], lambda level, message: None)
+    memory = MemorySink()
+    body = Driver(scene, Mode(), Pacer(1.0), health, memory, list)
+    # 50 ms have passed, and are computed.
+    body.pacer.restart(body.simulation.time_ns + 50_000_000)
+    body.tick()
+    told = body.simulation.time_ns
+    for age_ns in (10**15, -(10**15)):
+        body.command("wrench", Wrench(force=(1.0, 0.0, 0.0), frame_id="world"), age_ns)
+    body.pacer.restart(body.simulation.time_ns + 50_000_000)
+    body.command("push", Wrench(force=(1.0, 0.0, 0.0), frame_id="world"), 30_000_000)
+    body.tick()
+    applied = {wrench.topic: wrench.time_ns for wrench in memory.applied}
+    assert told <= applied["wrench"] < told + 45_000_000
+    assert told + 10_000_000 <= applied["push"] < body.simulation.time_ns

@@ -1,0 +1,34 @@
+"""Turn the body to TARGET and hold it there: PD control of its attitude, closed over DDS in twenty lines.
+
+Start the node first, in the same environment:
+
+    rb-dynamics node config/free_flyer.yaml
+"""
+
+import rclpy
+from geometry_msgs.msg import WrenchStamped
+from nav_msgs.msg import Odometry
+
+TARGET, STIFFNESS, DAMPING = (0.5, 0.5, 0.5, 0.5), 5.0, 1.6  # x, y, z, w; N m; N m s/rad
+
+
+def regulate(odom: Odometry) -> None:
+    q, rate, (a, b, c, d) = odom.pose.pose.orientation, odom.twist.twist.angular, TARGET
+    # The rotation from TARGET to here, by its shorter way; body axes.
+    shorter = 1.0 if d * q.w + a * q.x + b * q.y + c * q.z >= 0.0 else -1.0
+    x = shorter * (d * q.x - a * q.w - b * q.z + c * q.y)
+    y = shorter * (d * q.y - b * q.w - c * q.x + a * q.z)
+    z = shorter * (d * q.z - c * q.w - a * q.y + b * q.x)
+    command = WrenchStamped()
+    command.header.frame_id = odom.child_frame_id
+    command.wrench.torque.x = -STIFFNESS * x - DAMPING * rate.x
+    command.wrench.torque.y = -STIFFNESS * y - DAMPING * rate.y
+    command.wrench.torque.z = -STIFFNESS * z - DAMPING * rate.z
+    commands.publish(command)
+
+
+rclpy.init()
+node = rclpy.create_node("attitude_controller")
+commands = node.create_publisher(WrenchStamped, "wrench", 1)
+node.create_subscription(Odometry, "odom", regulate, 1)
+rclpy.spin(node)

@@ -1,0 +1,307 @@
+"""What a node meets in a week: storms, silence, stalls, kills, disks; the state survives, and diagnostics tell."""
+
+from __future__ import annotations
+
+import math
+import os
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from geometry_msgs.msg import Vector3Stamped
+from ros_harness import Peer, running, stamp, values
+from std_srvs.srv import Trigger
+
+from rb_dynamics.recording.mcap_reader import read_bag
+
+pytestmark = pytest.mark.ros
+
+# Publishes so many wrenches a second for so long (s), of force 1 N but the last, which is 2 N.
+STORM = """
+import sys, time
+import rclpy
+from geometry_msgs.msg import WrenchStamped
+from rclpy.serialization import serialize_message
+
+rate, seconds = float(sys.argv[1]), float(sys.argv[2])
+rclpy.init()
+node = rclpy.create_node("storm")
+publisher = node.create_publisher(WrenchStamped, "wrench", 1000)
+message = WrenchStamped()
+message.header.frame_id = "world"
+message.wrench.force.x = 1.0
+data = serialize_message(message)
+while not publisher.get_subscription_count():
+    time.sleep(0.01)
+begun, sent = time.monotonic(), 0
+while (passed := time.monotonic() - begun) < seconds:
+    for _ in range(int(passed * rate) - sent):
+        publisher.publish(data)
+        sent += 1
+    time.sleep(0.001)
+message.wrench.force.x = 2.0
+publisher.publish(message)
+print(sent + 1, flush=True)
+time.sleep(600.0)
+"""
+# Reads odom and says so at the first.
+READER = """
+import rclpy
+from nav_msgs.msg import Odometry
+
+rclpy.init()
+node = rclpy.create_node("reader")
+node.create_subscription(Odometry, "odom", lambda _: print("odom", flush=True), 10)
+rclpy.spin(node)
+"""
+
+
+@contextmanager
+def script(text: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+    process = subprocess.Popen([sys.executable, "-c", text, *arguments], stdout=subprocess.PIPE, text=True)
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def momentum_per_second(momenta: list[Vector3Stamped], since_ns: int) -> float:
+    """Return the force that acts, by the change of momentum over the samples from `since_ns` on."""
+    first, last = next(m for m in momenta if stamp(m) >= since_ns), momenta[-1]
+    return (last.vector.x - first.vector.x) / ((stamp(last) - stamp(first)) * 1e-9)
+
+
+def test_a_subnormal_wrench_acts_and_harms_nothing(scene: Path, peer: Peer) -> None:
+    with running(scene) as node:
+        diagnostics, momenta = peer.diagnostics(), peer.listen(Vector3Stamped, "linear_momentum")
+        peer.wrench(force=(5e-324, 0.0, -1e-310), torque=(1e-320, 0.0, 0.0), frame_id="world")
+        peer.until(lambda: diagnostics and values(diagnostics[-1])["wrench: accepted"] == "1", "the command counted")
+        count = len(momenta)
+        peer.until(lambda: len(momenta) > count + 10, "motion")
+        assert node.stop() == 0, node.err
+    last = momenta[-1].vector
+    assert all(map(math.isfinite, (last.x, last.y, last.z)))
+    assert last.z < 0.0
+    assert "nan" not in " ".join(values(diagnostics[-1]).values())
+
+
+def test_a_storm_of_commands_leaves_the_last_one_acting(scene: Path, peer: Peer, tmp_path: Path) -> None:
+    log = tmp_path / "run.mcap"
+    with running(scene, mcap=log) as node:
+        diagnostics, momenta = peer.diagnostics(), peer.listen(Vector3Stamped, "linear_momentum")
+        with script(STORM, "20000", "1.5") as storm:
+            assert storm.stdout is not None
+            sent = int(storm.stdout.readline())
+            assert sent > 1000
+            peer.spin(2.0)
+            begun = stamp(momenta[-1])
+            peer.until(lambda: stamp(momenta[-1]) > begun + 500_000_000, "motion after the storm")
+            assert momentum_per_second(momenta, begun) == pytest.approx(2.0, rel=1e-9)
+        # The commander is dead: what it commanded last is held, as the channel has no timeout.
+        begun = stamp(momenta[-1])
+        peer.until(lambda: stamp(momenta[-1]) > begun + 1_500_000_000, "motion without a commander")
+        assert momentum_per_second(momenta, begun) == pytest.approx(2.0, rel=1e-9)
+        assert node.stop() == 0, node.err
+    told = values(diagnostics[-1])
+    accepted, lost = int(told["wrench: accepted"]), int(told["wrench: lost"])
+    # What the commander itself replaced before it was delivered nobody counts.
+    assert sent / 2 < accepted + lost <= sent
+    bag = read_bag(log)
+    assert bag.complete
+    assert len(bag.wrenches("/wrench")) <= accepted
+
+
+def test_a_timeout_ends_the_command_of_a_commander_that_died(tmp_path: Path, peer: Peer) -> None:
+    scene = tmp_path / "scene.yaml"
+    scene.write_text("body: {mass: 1, inertia: {diagonal: [1, 1, 1]}}\nwrenches: [{topic: wrench, timeout: 0.2}]\n")
+    with running(scene) as node:
+        momenta = peer.listen(Vector3Stamped, "linear_momentum")
+        with script(STORM, "100", "0.5") as storm:
+            assert storm.stdout is not None
+            storm.stdout.readline()
+        peer.spin(0.5)
+        begun = stamp(momenta[-1])
+        peer.until(lambda: stamp(momenta[-1]) > begun + 300_000_000, "motion after the timeout")
+        assert momenta[-1].vector.x > 0.0
+        assert momentum_per_second(momenta, begun) == 0.0
+        assert node.stop() == 0, node.err
+
+
+def test_a_reader_that_stalls_holds_up_nobody(scene: Path, peer: Peer) -> None:
+    with running(scene, output_rate=200.0) as node, script(READER) as reader:
+        diagnostics, momenta = peer.diagnostics(), peer.listen(Vector3Stamped, "linear_momentum")
+        assert reader.stdout is not None
+        reader.stdout.readline()
+        peer.until(lambda: bool(momenta), "motion")
+        reader.send_signal(signal.SIGSTOP)
+        first, count = stamp(momenta[-1]), len(momenta)
+        peer.spin(3.0)
+        expected = (stamp(momenta[-1]) - first) // 5_000_000
+        assert expected > 100
+        assert len(momenta) - count == expected
+        reader.send_signal(signal.SIGCONT)
+        assert node.stop() == 0, node.err
+    assert values(diagnostics[-1])["state"] == "running"
+
+
+def test_a_stopped_process_goes_on_from_where_it_was(scene: Path, peer: Peer) -> None:
+    with running(scene) as node:
+        diagnostics, momenta = peer.diagnostics(), peer.listen(Vector3Stamped, "angular_momentum")
+        peer.until(lambda: len(momenta) > 10, "motion")
+        node.process.send_signal(signal.SIGSTOP)
+        peer.spin(5.0)
+        before = momenta[-1]
+        node.process.send_signal(signal.SIGCONT)
+        told = len(diagnostics)
+        peer.until(lambda: len(diagnostics) > told + 1 and stamp(momenta[-1]) > stamp(before), "motion")
+        assert node.stop() == 0, node.err
+    # The books are continuous; the time that passed meanwhile is given up, and said.
+    assert momenta[-1].vector.y == pytest.approx(before.vector.y, rel=1e-12)
+    assert int(values(diagnostics[-1])["overruns"]) >= 1
+    assert float(values(diagnostics[-1])["time dropped"].split()[0]) > 4.5
+    assert "overrun" in diagnostics[-1].status[0].message
+
+
+def test_a_killed_node_leaves_a_log_that_opens(scene: Path, peer: Peer, tmp_path: Path) -> None:
+    log = tmp_path / "run.mcap"
+    with running(scene, mcap=log) as node:
+        momenta = peer.listen(Vector3Stamped, "angular_momentum")
+        peer.until(lambda: bool(momenta) and stamp(momenta[-1]) > 2_000_000_000, "two seconds of motion")
+        assert node.stop(signal.SIGKILL) == -signal.SIGKILL
+    bag = read_bag(log)
+    assert not bag.complete
+    times, _ = bag.poses("/pose")
+    assert times[-1] > 500_000_000
+
+
+def test_a_full_disk_stops_the_log_and_not_the_body(scene: Path, peer: Peer, tmp_path: Path) -> None:
+    log = tmp_path / "run.mcap"
+    with running(scene, mcap=log) as node:
+        diagnostics, momenta = peer.diagnostics(), peer.listen(Vector3Stamped, "angular_momentum")
+        peer.until(lambda: len(momenta) > 10, "motion")
+        room = log.stat().st_size + 20_000
+        resource.prlimit(node.process.pid, resource.RLIMIT_FSIZE, (room, room))
+        peer.until(lambda: "a log has stopped" in diagnostics[-1].status[0].message, "the failure in diagnostics")
+        count = len(momenta)
+        peer.until(lambda: len(momenta) > count + 10, "motion without a log")
+        assert node.stop() == 0, node.err
+    assert diagnostics[-1].status[0].level == b"\x02"
+    assert log.stat().st_size <= room
+    assert len(read_bag(log).poses("/pose")[0]) > 10
+
+
+def test_a_log_that_is_removed_is_missed(scene: Path, peer: Peer, tmp_path: Path) -> None:
+    folder = tmp_path / "logs"
+    with running(scene, mcap=folder / "run.mcap") as node:
+        diagnostics, momenta = peer.diagnostics(), peer.listen(Vector3Stamped, "angular_momentum")
+        peer.until(lambda: len(momenta) > 10, "motion")
+        shutil.rmtree(folder)
+        peer.until(lambda: "was removed" in diagnostics[-1].status[0].message, "the failure in diagnostics")
+        count = len(momenta)
+        peer.until(lambda: len(momenta) > count + 10, "motion without a log")
+        assert peer.call("rigid_body/reset", Trigger.Request()).success
+        told = len(diagnostics)
+        peer.until(lambda: len(diagnostics) > told + 1, "a new log")
+        assert diagnostics[-1].status[0].level == b"\x00"
+        assert node.stop() == 0, node.err
+    assert read_bag(folder / "run_1.mcap").complete
+
+
+def test_a_scene_that_changes_on_disk_changes_nothing_until_the_next_start(scene: Path, peer: Peer) -> None:
+    with running(scene) as node:
+        momenta = peer.listen(Vector3Stamped, "angular_momentum")
+        peer.until(lambda: len(momenta) > 10, "motion")
+        scene.write_text("no scene any more: [")
+        before = stamp(momenta[-1])
+        assert peer.call("rigid_body/reset", Trigger.Request()).success
+        peer.until(lambda: stamp(momenta[-1]) < before, "a new run")
+        assert momenta[-1].vector.y == pytest.approx(-0.4, rel=1e-12)
+        scene.unlink()
+        count = len(momenta)
+        peer.until(lambda: len(momenta) > count + 10, "motion without a scene file")
+        assert node.stop() == 0, node.err
+
+
+# Starts and stops the whole node so many times in one process; prints its memory (kB) and open files ever and anon.
+CYCLES = """
+import os, sys
+from pathlib import Path
+from rb_dynamics.ros.node import spin
+
+scene, log, count = sys.argv[1], sys.argv[2], int(sys.argv[3])
+for cycle in range(count + 1):
+    spin(["--ros-args", "--log-level", "error", "-p", f"scene:={scene}", "-p", "real_time_factor:=0.0",
+          "-p", f"mcap:={log}"])
+    os.unlink(log)
+    if cycle % (count // 10) == 0:
+        status = Path("/proc/self/status").read_text()
+        memory = next(line.split()[1] for line in status.splitlines() if line.startswith("VmRSS"))
+        threads = len(os.listdir("/proc/self/task"))
+        print(memory, len(os.listdir("/proc/self/fd")), threads, flush=True)
+"""
+
+
+def start_and_stop(tmp_path: Path, cycles: int) -> list[list[int]]:
+    scene = tmp_path / "scene.yaml"
+    scene.write_text("body: {mass: 1, inertia: {diagonal: [1, 2, 2.5]}}\nwrenches: [{topic: wrench}]\nduration: 0.02\n")
+    result = subprocess.run(
+        [sys.executable, "-c", CYCLES, str(scene), str(tmp_path / "run.mcap"), str(cycles)],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return [[int(number) for number in line.split()] for line in result.stdout.splitlines()]
+
+
+def test_ten_starts_and_stops_leave_no_file_and_no_thread_open(tmp_path: Path) -> None:
+    seen = start_and_stop(tmp_path, 10)
+    assert len({(files, threads) for _, files, threads in seen[3:]}) == 1
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+def test_a_thousand_starts_and_stops_leak_nothing(tmp_path: Path) -> None:
+    seen = start_and_stop(tmp_path, 1000)
+    assert len({(files, threads) for _, files, threads in seen[1:]}) == 1
+    # kB for each cycle, once everything has been used.
+    assert (seen[-1][0] - seen[1][0]) / 900 < 2.0
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(7200)
+def test_a_soak_keeps_its_memory_and_its_books(scene: Path, peer: Peer, tmp_path: Path) -> None:
+    """Half an hour at 200 Hz with a log, readers and 50 commands a second; RB_DYNAMICS_SOAK_S makes it shorter."""
+    seconds = float(os.environ.get("RB_DYNAMICS_SOAK_S", "1800"))
+    log = tmp_path / "run.mcap"
+    with running(scene, output_rate=200.0, mcap=log) as node:
+        diagnostics, momenta = peer.diagnostics(), peer.listen(Vector3Stamped, "angular_momentum")
+        begun, memories, sent = time.monotonic(), [], 0
+        while (passed := time.monotonic() - begun) < seconds:
+            peer.wrench(torque=(0.1 * math.sin(passed), 0.1 * math.cos(passed), 0.0))
+            sent += 1
+            peer.spin(0.02)
+            if len(memories) < passed / seconds * 20:
+                memories.append(memory(node.process.pid))
+            del momenta[:-1], diagnostics[:-1]
+        peer.until(lambda: int(values(diagnostics[-1])["wrench: accepted"]) == sent, "every command counted")
+        told = values(diagnostics[-1])
+        assert node.stop() == 0, node.err
+    assert (told["wrench: lost"], told["wrench: rejected"]) == ("0", "0")
+    assert float(told["energy defect"].split()[0]) < 1e-9
+    # kB; the first tenth is for what is allocated once.
+    assert max(memories[2:]) - memories[2] < 2000
+    assert read_bag(log).complete
+
+
+def memory(pid: int) -> int:
+    """Return the resident memory of a process, kB."""
+    status = Path(f"/proc/{pid}/status").read_text(encoding="ascii")
+    return int(next(line.split()[1] for line in status.splitlines() if line.startswith("VmRSS")))
