@@ -18,6 +18,8 @@ from rb_dynamics.errors import LogError, MissingExtraError
 from rb_dynamics.recording.bag_metadata import METADATA_FILE
 from rb_dynamics.recording.mcap_records import Channel, McapFile, Message, Schema
 
+MAX_METADATA_BYTES = 4 << 20
+
 
 class Source(Protocol):
     """A bag, as `McapFile` is one: what stands below `path` fills while `messages` runs."""
@@ -126,13 +128,29 @@ def _files(folder: Path) -> list[Path]:
     Empty where they are compressed as a whole or message by message.
     """
     try:
-        facts = yaml.safe_load((folder / METADATA_FILE).read_text(encoding="utf-8"))["rosbag2_bagfile_information"]
+        facts = _bounded_yaml(folder / METADATA_FILE)["rosbag2_bagfile_information"]
         compressed = str(facts.get("compression_mode") or "none").lower() != "none"
         return [] if compressed else [folder / Path(name).name for name in facts["relative_file_paths"]]
     except FileNotFoundError:
         return in_order(folder)
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
+    except (OSError, ValueError, yaml.YAMLError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise LogError(
             f"{folder / METADATA_FILE} is not what rosbag2 writes ({error!r}); remove it, and the .mcap files are read "
             "in the order of their numbers"
         ) from error
+
+
+def _bounded_yaml(path: Path) -> Any:
+    """Return what a YAML file holds, which is never more than what stands in it: rosbag2 writes no aliases.
+
+    Raises:
+        ValueError: it is larger than `MAX_METADATA_BYTES`, or no UTF-8, or has aliases.
+    """
+    with path.open("rb") as file:
+        data = file.read(MAX_METADATA_BYTES + 1)
+    if len(data) > MAX_METADATA_BYTES:
+        raise ValueError(f"more than {MAX_METADATA_BYTES} bytes")
+    text = data.decode("utf-8")
+    if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text)):
+        raise ValueError("aliases (*name)")
+    return yaml.safe_load(text)

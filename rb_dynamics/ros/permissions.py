@@ -1,0 +1,83 @@
+"""The least that the node must be allowed in a secured graph: a policy file of SROS2, from its own interface.
+
+Starts the node as the arguments say, asks the graph what it publishes, reads and answers, and stops it before it moves.
+Makes no keys and signs nothing: `ros2 security create_permission` does.
+
+    python -m rb_dynamics.ros.permissions SCENE [--enclave /rigid_body] [--ros-args ...] > policy.xml
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterable, Sequence
+from xml.etree import ElementTree
+
+import rclpy
+from rclpy.signals import SignalHandlerOptions
+
+from rb_dynamics.cli.node import parameter
+from rb_dynamics.errors import RigidBodyError
+from rb_dynamics.ros.node import RigidBodyNode
+
+# What an action is made of stands below this name.
+_ACTION = "/_action/"
+
+
+def policy(node: RigidBodyNode, enclave: str) -> str:
+    """Return the SROS2 policy (version 0.2.0) that allows `node`, in `enclave`, what it does and nothing else."""
+    name, namespace = node.get_name(), node.get_namespace()
+    published = {topic for topic, _ in node.get_publisher_names_and_types_by_node(name, namespace)}
+    read = {topic for topic, _ in node.get_subscriber_names_and_types_by_node(name, namespace)}
+    answered = {service for service, _ in node.get_service_names_and_types_by_node(name, namespace)}
+    root = ElementTree.Element("policy", version="0.2.0")
+    profiles = ElementTree.SubElement(
+        ElementTree.SubElement(ElementTree.SubElement(root, "enclaves"), "enclave", path=enclave), "profiles"
+    )
+    profile = ElementTree.SubElement(profiles, "profile", ns=namespace, node=name)
+    actions = {service.partition(_ACTION)[0] for service in answered if _ACTION in service}
+    for tag, right, names in (
+        ("action", "execute", actions),
+        ("service", "reply", _plain(answered)),
+        ("topic", "subscribe", _plain(read)),
+        ("topic", "publish", _plain(published)),
+    ):
+        if names:
+            group = ElementTree.SubElement(profile, f"{tag}s", {right: "ALLOW"})
+            for each in sorted(names):
+                ElementTree.SubElement(group, tag).text = each
+    ElementTree.indent(root)
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{ElementTree.tostring(root, encoding="unicode")}\n'
+
+
+def _plain(names: Iterable[str]) -> set[str]:
+    return {name for name in names if _ACTION not in name}
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Print the policy for a scene; exit code 0, or 2 if the node cannot start."""
+    parser = argparse.ArgumentParser(prog="python -m rb_dynamics.ros.permissions", description=__doc__)
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.add_argument("scene", metavar="SCENE", help="scene file (YAML)")
+    parser.add_argument("--enclave", default="/rigid_body", help="path of the enclave (default: /rigid_body)")
+    known, ros = parser.parse_known_args(args)
+    ros = [argument for argument in ros if argument != "--ros-args"]
+    rclpy.init(
+        args=["--ros-args", "-p", parameter("scene", known.scene), *ros], signal_handler_options=SignalHandlerOptions.NO
+    )
+    try:
+        node = RigidBodyNode()
+        try:
+            sys.stdout.write(policy(node, known.enclave))
+        finally:
+            node.destroy_node()
+    except RigidBodyError as error:
+        sys.stderr.write(f"permissions: {error}\n")
+        return 2
+    finally:
+        rclpy.try_shutdown()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

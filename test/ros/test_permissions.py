@@ -1,0 +1,107 @@
+"""Security: the policy is what the node does, and a node that is to be secured never runs without."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+from ros_harness import ROOT
+
+pytestmark = pytest.mark.ros
+
+
+def generated(*arguments: str) -> str:
+    command = [sys.executable, "-m", "rb_dynamics.ros.permissions", *arguments]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+
+
+def names(policy: str, tag: str, right: str) -> list[str | None]:
+    root = ElementTree.fromstring(policy)
+    assert [enclave.get("path") for enclave in root.iter("enclave")]
+    return [each.text for group in root.iter(f"{tag}s") if group.get(right) == "ALLOW" for each in group]
+
+
+def test_the_shipped_policy_is_that_of_the_node() -> None:
+    found = generated("config/free_flyer.yaml")
+    shipped = (ROOT / "config" / "security" / "free_flyer.policy.xml").read_text(encoding="utf-8")
+    # Where simulation_interfaces is installed, the node answers more.
+    if importlib.util.find_spec("simulation_interfaces") is None:
+        assert found == shipped
+    assert names(shipped, "topic", "subscribe") == ["/rigid_body/set_state", "/wrench"]
+    assert "/odom" in names(shipped, "topic", "publish")
+    assert "/rigid_body/reset" in names(shipped, "service", "reply")
+    assert not names(shipped, "service", "request")
+
+
+def test_a_policy_follows_namespace_remapping_and_scene(tmp_path: Path) -> None:
+    scene = tmp_path / "scene.yaml"
+    scene.write_text("body: {mass: 1, inertia: {diagonal: [1, 1, 1]}}\nwrenches: [{topic: a}, {topic: b}]\n")
+    arguments = (
+        "--enclave",
+        "/fleet/one",
+        "--ros-args",
+        "-r",
+        "__ns:=/one",
+        "-r",
+        "a:=/push",
+        "-p",
+        "publish_clock:=true",
+    )
+    found = generated(str(scene), *arguments)
+    assert names(found, "topic", "subscribe") == ["/one/b", "/one/rigid_body/set_state", "/push"]
+    assert "/clock" in names(found, "topic", "publish")
+    assert 'ns="/one"' in found
+    assert 'path="/fleet/one"' in found
+
+
+def test_a_scene_that_is_none_has_no_policy(tmp_path: Path) -> None:
+    scene = tmp_path / "scene.yaml"
+    scene.write_text("body: 3\n")
+    command = [sys.executable, "-m", "rb_dynamics.ros.permissions", str(scene)]
+    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert result.returncode == 2
+    assert result.stdout == ""
+    assert "Traceback" not in result.stderr
+
+
+@pytest.mark.parametrize("has_keys", [False, True])
+def test_a_node_that_is_to_be_secured_and_cannot_be_does_not_start(tmp_path: Path, has_keys: bool) -> None:
+    """Without keys, or with keys that are none; where the middleware has no security, with any."""
+    if has_keys:
+        enclave = tmp_path / "enclaves" / "rigid_body"
+        enclave.mkdir(parents=True)
+        for part in ("identity_ca.cert", "cert", "key", "permissions_ca.cert"):
+            (enclave / f"{part}.pem").write_text("no key")
+        for part in ("governance", "permissions"):
+            (enclave / f"{part}.p7s").write_text("not signed")
+    secured = {
+        "ROS_SECURITY_ENABLE": "true",
+        "ROS_SECURITY_STRATEGY": "Enforce",
+        "ROS_SECURITY_KEYSTORE": str(tmp_path),
+    }
+    result = subprocess.run(
+        [
+            sys.executable,
+            "-m",
+            "rb_dynamics",
+            "node",
+            "config/free_flyer.yaml",
+            "--ros-args",
+            "--enclave",
+            "/rigid_body",
+        ],
+        cwd=ROOT,
+        env={**os.environ, **secured},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert result.returncode == 2
+    assert "ROS 2 could not start the node" in result.stderr
+    assert "Traceback" not in result.stderr
