@@ -1,6 +1,6 @@
 """How well the node keeps its rate, what that costs, and how fast it answers; beside a node that does nothing else.
 
-Usage: python benchmarks/node.py [--seconds 60] [--rounds 3]
+Usage: python benchmarks/node.py [--seconds 60] [--rounds 3] [--bodies 4]
 
 Two runs: steps of 1 ms with every one published (pose, twist, odom, momenta, energies: eight topics, all of them read),
 and steps of 0.25 ms published at 200 Hz. The reader is this process; it takes the bytes and commands a force now and
@@ -10,6 +10,9 @@ one that never came. Latency is from the publishing of a wrench to the taking of
 The node to compare with is plain rclpy: a timer, the same messages made once, stamped and published at each tick. It
 simulates nothing and hears nothing. Both take turns, so that what else the machine does disturbs both; CPU is user and
 system time of the whole process.
+
+At last several bodies at 100 Hz, pose and odometry of each read: a process for each, and one for all. Memory is the
+proportional set size: what processes share is counted once.
 """
 
 from __future__ import annotations
@@ -25,7 +28,7 @@ import tempfile
 import time
 from collections import deque
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from statistics import median
 
@@ -36,6 +39,7 @@ from nav_msgs.msg import Odometry
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile
+from rclpy.subscription import Subscription
 from std_msgs.msg import Float64
 
 from rb_dynamics.compiled import available
@@ -68,6 +72,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=60.0, help="of each measurement")
     parser.add_argument("--rounds", type=int, default=1, help="of node and empty node in turn")
+    parser.add_argument("--bodies", type=int, default=4, help="side by side, 0: none")
     parser.add_argument("--empty", type=float, metavar="HZ", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.empty:
@@ -92,6 +97,8 @@ def main() -> None:
                 theirs = measured("empty rclpy node", empty, rate, arguments.seconds, commanded=False)
                 ratios.append(ours / theirs)
             print(f"CPU of the node / CPU of the empty node at {rate} Hz: {median(ratios):.2f}")
+        if arguments.bodies:
+            several(scene, arguments.bodies, min(20.0, arguments.seconds))
     print(f"load {os.getloadavg()[0]:.1f} after")
 
 
@@ -116,6 +123,48 @@ def empty_node(rate: float) -> None:
     node.create_timer(1.0 / rate, tick)
     with suppress(ExternalShutdownException):
         rclpy.spin(node)
+
+
+def several(scene: Path, count: int, seconds: float) -> None:
+    """Print what `count` bodies cost in a process each, and in one."""
+    base = [sys.executable, "-m", "rb_dynamics"]
+    apart = [[*base, "node", str(scene), "--ros-args", "-r", f"__ns:=/body_{k + 1}"] for k in range(count)]
+    together = [[sys.executable, "-m", "rb_dynamics.ros.bodies", str(scene), "--count", str(count)]]
+    for name, commands in (("a process each", apart), ("one process", together)):
+        with ExitStack() as stack:
+            pids = [stack.enter_context(process(command)) for command in commands]
+            rclpy.init()
+            stack.callback(rclpy.shutdown)
+            node = Node("reader")
+            readers = [
+                node.create_subscription(TOPICS[topic], f"/body_{k + 1}/{topic}", _taken_elsewhere, KEEP_ALL, raw=True)
+                for k in range(count)
+                for topic in ("pose", "odom")
+            ]
+            _take_all(readers, 5.0)
+            before = sum(map(cpu_seconds, pids))
+            received = _take_all(readers, seconds)
+            cpu = (sum(map(cpu_seconds, pids)) - before) / seconds
+            print(
+                f"{count} bodies, {name}: CPU {100 * cpu:.1f} %, {sum(map(memory, pids)):.0f} MiB, "
+                f"{received / seconds / count / 2:.1f} Hz"
+            )
+
+
+def _take_all(readers: list[Subscription], seconds: float) -> int:
+    end, count = time.monotonic() + seconds, 0
+    while time.monotonic() < end:
+        for reader in readers:
+            while reader.handle.take_message(reader.msg_type, True) is not None:
+                count += 1
+        time.sleep(0.005)
+    return count
+
+
+def memory(pid: int) -> float:
+    """Return the proportional set size of a process, MiB."""
+    lines = Path(f"/proc/{pid}/smaps_rollup").read_text(encoding="ascii").splitlines()
+    return int(next(line.split()[1] for line in lines if line.startswith("Pss:"))) / 1024
 
 
 @contextmanager

@@ -15,7 +15,7 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -69,7 +69,6 @@ class RigidBodyNode(Node):
         scene = settings.scene
         self._topics = [channel.topic for channel in scene.channels]
         self._quitting = False
-        self._next_turn = 0.0
         pacer = (
             ClockFollower(lambda: self.get_clock().now().nanoseconds)
             if settings.use_sim_time
@@ -103,17 +102,6 @@ class RigidBodyNode(Node):
     def done(self) -> bool:
         """Whether the scene's duration is over, or the node has been told to quit."""
         return self._quitting or self.driver.done
-
-    def wait(self, executor: SingleThreadedExecutor) -> None:
-        """Wait until the next output is due, or until there is something else to do."""
-        seconds = self.driver.seconds_until_due()
-        if seconds > _LONGEST_SLEEP or time.monotonic() >= self._next_turn:
-            executor.spin_once(timeout_sec=seconds)
-            self._next_turn = time.monotonic() + _BETWEEN_TURNS
-        else:
-            time.sleep(seconds)
-            # A command knows when it came, so it acts no later for being taken only now.
-            self._take_wrenches()
 
     def tick(self) -> None:
         """Advance as far as there is time to, and publish diagnostics once a second."""
@@ -199,9 +187,9 @@ class RigidBodyNode(Node):
 
     def _on_wrenches(self, topic: str, message: WrenchStamped, facts: dict[str, Any]) -> None:
         self.driver.command(topic, conversions.to_wrench(message), _age_ns(facts))
-        self._take_wrenches()
+        self.take_wrenches()
 
-    def _take_wrenches(self) -> None:
+    def take_wrenches(self) -> None:
         """Take all commands that wait, on every channel.
 
         To wait anew for each would cost more than to simulate it; and time must not advance on the commands of one
@@ -322,11 +310,13 @@ def _signals() -> Iterator[list[int]]:
             signal.signal(number, handler)
 
 
-def spin(args: Sequence[str] | None = None) -> int:
-    """Run the node to the end of its scene or until SIGINT or SIGTERM; return exit code 0 after a clean stop.
+def spin(
+    args: Sequence[str] | None = None, make: Callable[[], Sequence[RigidBodyNode]] = lambda: [RigidBodyNode()]
+) -> int:
+    """Run the nodes of `make` to the end of their scenes or until SIGINT or SIGTERM; return 0 after a clean stop.
 
     Raises:
-        RigidBodyError: the node could not start.
+        RigidBodyError: a node could not start.
     """
     # Compilation takes seconds, and pays where many steps lie between two outputs.
     os.environ.setdefault("RB_DYNAMICS_COMPILE", "never")
@@ -335,23 +325,39 @@ def spin(args: Sequence[str] | None = None) -> int:
             # rclpy's own handlers would take the context away before the logs are closed.
             rclpy.init(args=None if args is None else list(args), signal_handler_options=SignalHandlerOptions.NO)
             stack.callback(rclpy.try_shutdown)
-            node = RigidBodyNode()
+            nodes = make()
         except (RuntimeError, ValueError, NameValidationException) as error:
             # rcl's and rmw's errors; each says which argument or name it could not take.
             raise RigidBodyError(
                 f"ROS 2 could not start the node: {error}; check what stands behind --ros-args"
             ) from error
-        executor = SingleThreadedExecutor()
-        executor.add_node(node)
         # What is there now stays: to look through it for garbage would take longer than an output period.
         gc.freeze()
-        stack.callback(gc.unfreeze)
-        for last_first in (node.destroy_node, executor.shutdown, node.finish):
+        for last_first in (gc.collect, gc.unfreeze):
             stack.callback(last_first)
-        while not stop and not node.done:
-            node.wait(executor)
-            node.tick()
+        executor = SingleThreadedExecutor()
+        for last_first in (*(node.destroy_node for node in nodes), executor.shutdown, *(node.finish for node in nodes)):
+            stack.callback(last_first)
+        for node in nodes:
+            executor.add_node(node)
+        _run(nodes, executor, stop)
     return 0
+
+
+def _run(nodes: Sequence[RigidBodyNode], executor: SingleThreadedExecutor, stop: Sequence[int]) -> None:
+    next_turn = 0.0
+    while not stop and (running := [node for node in nodes if not node.done]):
+        seconds = min(node.driver.seconds_until_due() for node in running)
+        if seconds > _LONGEST_SLEEP or time.monotonic() >= next_turn:
+            executor.spin_once(timeout_sec=seconds)
+            next_turn = time.monotonic() + _BETWEEN_TURNS
+        else:
+            time.sleep(seconds)
+            # A command knows when it came, so it acts no later for being taken only now.
+            for node in running:
+                node.take_wrenches()
+        for node in running:
+            node.tick()
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -1,0 +1,73 @@
+"""Several bodies of one scene in one process, each a node in a namespace of its own; they do not touch each other.
+
+What `launch/bodies.launch.py` does with a process for each; docs/ros.md says what either costs. One thread moves them
+all: where one core is not enough for them, take the launch file.
+
+    python -m rb_dynamics.ros.bodies SCENE --count 3 [--prefix body_] [--spacing 1.0] [--ros-args ...]
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from rb_dynamics.cli.node import parameter
+from rb_dynamics.errors import RigidBodyError
+from rb_dynamics.ros.node import RigidBodyNode, spin
+
+
+def bodies(count: int, prefix: str, spacing: float) -> list[RigidBodyNode]:
+    """Return `count` nodes: namespace, frame and names of logs with a number, side by side along y of the world (m).
+
+    Raises:
+        RigidBodyError: a parameter, the scene or a log file is not valid.
+    """
+    logs = _logs()
+    return [_body(f"{prefix}{index + 1}", spacing * index, logs) for index in range(count)]
+
+
+def _body(name: str, y: float, logs: dict[str, Path]) -> RigidBodyNode:
+    own: dict[str, object] = {"body.frame": name, "initial.position_world": [0.0, y, 0.0]}
+    own |= {log: str(path.with_stem(f"{path.stem}_{name}")) for log, path in logs.items()}
+    return RigidBodyNode(
+        namespace=name, parameter_overrides=[Parameter(key, value=value) for key, value in own.items()]
+    )
+
+
+def _logs() -> dict[str, Path]:
+    """Return the logs that the arguments ask for, which each body has to itself."""
+    asking = Node("rigid_body", allow_undeclared_parameters=True, automatically_declare_parameters_from_overrides=True)
+    try:
+        found = {log: asking.get_parameter_or(log, Parameter(log, value="")).value for log in ("mcap", "rerun")}
+        return {log: Path(str(path)) for log, path in found.items() if path}
+    finally:
+        asking.destroy_node()
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the bodies; exit code 0 after a clean stop, 2 if one could not start."""
+    parser = argparse.ArgumentParser(prog="python -m rb_dynamics.ros.bodies", description=__doc__)
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.add_argument("scene", metavar="SCENE", help="scene file (YAML)")
+    parser.add_argument("--count", type=int, default=2, help="how many bodies (default: 2)")
+    parser.add_argument("--prefix", default="body_", help="the namespaces are prefix1, prefix2, ... (default: body_)")
+    parser.add_argument("--spacing", type=float, default=1.0, help="m between the bodies (default: 1)")
+    known, ros = parser.parse_known_args(args)
+    ros = [argument for argument in ros if argument != "--ros-args"]
+    try:
+        return spin(
+            ["--ros-args", "-p", parameter("scene", known.scene), *ros],
+            lambda: bodies(known.count, known.prefix, known.spacing),
+        )
+    except RigidBodyError as error:
+        sys.stderr.write(f"bodies: {error}\n")
+        return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main())

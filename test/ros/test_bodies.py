@@ -1,0 +1,47 @@
+"""Several bodies in one process."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from geometry_msgs.msg import Vector3Stamped
+from nav_msgs.msg import Odometry
+from ros_harness import Peer
+
+from rb_dynamics.recording.mcap_reader import read_bag
+
+pytestmark = pytest.mark.ros
+
+
+def test_each_body_hears_its_own_commands_and_keeps_its_own_log(scene: Path, peer: Peer, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "rb_dynamics.ros.bodies", str(scene), "--count", "3", "--spacing", "2.0"]
+    command += ["--ros-args", "-p", f"mcap:={tmp_path}/run.mcap", "-p", "output_rate:=200.0"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            odometry = [peer.listen(Odometry, f"/body_{k}/odom") for k in (1, 2, 3)]
+            momenta = [peer.listen(Vector3Stamped, f"/body_{k}/linear_momentum") for k in (1, 2, 3)]
+            peer.wrench("/body_2/wrench", force=(1.0, 0.0, 0.0), frame_id="world")
+            peer.until(lambda: all(momenta) and momenta[1][-1].vector.x > 0.1, "motion of the second")
+            process.send_signal(signal.SIGTERM)
+            assert process.wait(30) == 0
+        finally:
+            process.kill()
+    assert momenta[0][-1].vector.x == momenta[2][-1].vector.x == 0.0
+    assert [each[-1].pose.pose.position.y for each in odometry] == [0.0, 2.0, 4.0]
+    assert [each[-1].child_frame_id for each in odometry] == ["body_1", "body_2", "body_3"]
+    for k in (1, 2, 3):
+        bag = read_bag(tmp_path / f"run_body_{k}.mcap")
+        assert bag.complete
+        assert len(bag.wrenches(f"/body_{k}/wrench")) == (k == 2)
+
+
+def test_a_body_that_cannot_start_ends_them_all_with_one_message(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "rb_dynamics.ros.bodies", str(tmp_path / "none.yaml")]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert result.returncode == 2
+    assert "none.yaml" in result.stderr
+    assert "Traceback" not in result.stderr
