@@ -199,7 +199,8 @@ set-up, compilation, which stand in the last column, with the first run (our ker
 first time; see `benchmarks/kernels.py`). Each peer goes from coarse to fine settings until its attitude is as right as
 wanted; "not reached" shows its most accurate setting of those under 5 s. The reference is the closed form, or two of
 our methods that agree to a tenth of what is wanted; the tests hold both to 30 digits
-([verification](verification.md)).
+([verification](verification.md)). An error of 0 is that of the closed form against itself: what it is off by stands
+there. Where a peer does not reach what is wanted, times and ratios are those of its best, and so lower bounds.
 
 {machine}
 

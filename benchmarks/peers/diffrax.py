@@ -74,7 +74,8 @@ def _held(problem: Problem) -> Callable[[float], Run]:
 
         def hold(state: jax.Array, wrench: jax.Array) -> tuple[jax.Array, None]:
             def step(_: int, y: jax.Array) -> jax.Array:
-                return solver.step(term, 0.0, h, y, wrench, None, made_jump=False)[0]
+                begun = solver.init(term, 0.0, h, y, wrench)
+                return solver.step(term, 0.0, h, y, wrench, begun, made_jump=False)[0]
 
             return jax.lax.fori_loop(0, n, step, state), None
 

@@ -12,9 +12,9 @@ from rb_dynamics.motion.arc import Arc
 from rb_dynamics.motion.phase import Phase, inertia_of
 from rb_dynamics.motion.step_control import NANOSECONDS, FixedStep
 
-# Two families, which share no formula but that of the books, with the least number of steps in a hold: more than is
-# needed, so that no way that is compared takes the same ones.
-METHODS_THAT_AGREE = (("dlm6", 4), ("aba864", 3))
+# Two families, which share no formula but that of the books, with the least number of steps in a hold: the first with
+# few, as each adds its rounding. None of the ways that are compared takes the same steps.
+METHODS_THAT_AGREE = (("aba864", 1), ("dlm6", 2))
 
 
 def reference(problem: Problem) -> Answer:
