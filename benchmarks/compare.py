@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 from statistics import median
 
 import numpy as np
-from peers.problem import NAMES, Answer, Problem, attitude_error, ensemble, problem
+from peers.problem import PROBLEMS, Answer, Problem, attitude_error, ensemble, problem
 from peers.reference import reference
 from peers.worker import PeerError, Worker
 
@@ -227,17 +227,19 @@ def started(names: Iterable[str], say: Callable[[str], None]) -> tuple[list[Work
 
 def main(arguments: list[str]) -> None:
     quick = "--quick" in arguments
-    if unknown := set(arguments) - {"--quick", *PEERS, *NAMES}:
-        sys.exit(f"unknown argument {' '.join(sorted(unknown))}, expected some of: {' '.join((*PEERS, *NAMES))}")
+    if unknown := set(arguments) - {"--quick", *PEERS, *PROBLEMS}:
+        sys.exit(f"unknown argument {' '.join(sorted(unknown))}, expected some of: {' '.join((*PEERS, *PROBLEMS))}")
     names = [name for name in PEERS if name in arguments]
-    chosen = [name for name in NAMES if name in arguments]
+    chosen = [name for name in PROBLEMS if name in arguments]
     # Compiled from the first step on, where numba is installed: what compilation costs is in the set-up.
     if not quick:
         os.environ.setdefault("RB_DYNAMICS_COMPILE", "always")
     workers, missing = started(("ours", *(names or (("scipy",) if quick else PEERS))), lambda s: print(s, flush=True))
     rounds = 3 if quick else ROUNDS
     tasks = (
-        [replace(problem("boxes"), duration=1.0), ensemble(4)] if quick else [problem(name) for name in chosen or NAMES]
+        [replace(problem("boxes"), duration=1.0), ensemble(4)]
+        if quick
+        else [problem(name) for name in chosen or PROBLEMS]
     )
     results = {}
     for task in tasks:

@@ -14,8 +14,8 @@ from peers.translate import body_of, states_of
 NAME = "rb_dynamics"
 PACKAGES = ("numpy", "numba")
 
-# One of each family, of the orders 4, 6 and 8.
-METHODS = ("rk4", "dlm6", "rkmk4", "aba104")
+# One of each family, of the orders 4, 6, 8 and 12.
+METHODS = ("rk4", "dlm6", "dop853", "taylor")
 
 
 def ways(problem: Problem) -> list[Way]:
