@@ -10,17 +10,16 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from functools import cached_property, wraps
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
-from rb_dynamics.diagnostics import Observer
+from rb_dynamics.diagnostics import kinetic_energy
 from rb_dynamics.errors import WrenchError
-from rb_dynamics.loads.acting import ActingEffects
 from rb_dynamics.motion import METHODS
-from rb_dynamics.motion.kernel import LONGEST_STRETCH
+from rb_dynamics.motion.kernel import LONGEST_STRETCH, numbers_of, phase_of
 from rb_dynamics.motion.lanes import Schedule, mover
 from rb_dynamics.motion.method import Method
 from rb_dynamics.motion.phase import Phase, inertia_of
@@ -34,37 +33,97 @@ if TYPE_CHECKING:
     Times = npt.NDArray[np.int64]
 
 
-@dataclass(frozen=True)
+def _field(compute: Callable[[Any], Any]) -> cached_property[Numbers]:
+    """Make what `compute` returns for rows of numbers a field: an array, worked out once."""
+
+    @wraps(compute)
+    def field(samples: Samples) -> Numbers:
+        import numpy as np
+
+        # An energy beyond the range of numbers is infinite here as everywhere.
+        with np.errstate(all="ignore"):
+            found = compute(samples)
+        return np.stack(found, axis=-1) if isinstance(found, tuple) else np.asarray(found)
+
+    return cached_property(field)
+
+
 class Samples:
     """State and bookkeeping of many bodies, or at many times: each field of `Sample` with a leading axis.
 
+    A field is worked out when it is first asked for: what nobody looks at costs nothing.
+
     Attributes:
         time_ns: of all bodies, or one for each row; integer nanoseconds.
-        position_world: (..., 3), of the body origin, m.
-        orientation_xyzw: (..., 4), body to world.
-        linear_velocity_world: (..., 3), of the body origin, m/s.
-        angular_velocity_body: (..., 3), rad/s.
-        angular_momentum_world: (..., 3), about the centre of mass, kg m^2/s.
-        linear_momentum_world: (..., 3), kg m/s.
-        kinetic_energy: (...), translation and rotation, J.
-        work: (...), of the wrenches since the start, J.
-        energy_defect: (...), T - T0 - work, J.
-        impulse_world: (..., 3), integral of the force since the start, N s.
-        torque_impulse_world: (..., 3), integral of the torque about the centre of mass since the start, N m s.
     """
 
-    time_ns: int | Times
-    position_world: Numbers
-    orientation_xyzw: Numbers
-    linear_velocity_world: Numbers
-    angular_velocity_body: Numbers
-    angular_momentum_world: Numbers
-    linear_momentum_world: Numbers
-    kinetic_energy: Numbers
-    work: Numbers
-    energy_defect: Numbers
-    impulse_world: Numbers
-    torque_impulse_world: Numbers
+    def __init__(self, body: RigidBody, start: Numbers, state: Numbers, time_ns: int | Times) -> None:
+        """Look at what `body` (of arrays) does in `state`, with books that began at `start`; (35, ...), see `Phase`."""
+        self.time_ns = time_ns
+        self._body, self._start, self._phase = body, _phase(start), _phase(state)
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return len(self.orientation_xyzw)
+
+    @_field
+    def position_world(self) -> Any:
+        """(..., 3), of the body origin, m."""
+        return self._seen.position_world
+
+    @_field
+    def orientation_xyzw(self) -> Any:
+        """(..., 4), body to world."""
+        return self._seen.orientation_xyzw
+
+    @_field
+    def linear_velocity_world(self) -> Any:
+        """(..., 3), of the body origin, m/s."""
+        return self._seen.linear_velocity_world
+
+    @_field
+    def angular_velocity_body(self) -> Any:
+        """(..., 3), rad/s."""
+        return self._seen.angular_velocity_body
+
+    @_field
+    def angular_momentum_world(self) -> Any:
+        """(..., 3), about the centre of mass, kg m^2/s."""
+        return self._phase.angular_momentum_world(self._body)
+
+    @_field
+    def linear_momentum_world(self) -> Any:
+        """(..., 3), kg m/s."""
+        return self._phase.linear_momentum_world
+
+    @_field
+    def kinetic_energy(self) -> Any:
+        """(...), translation and rotation, J."""
+        return kinetic_energy(self._body, self._phase)
+
+    @_field
+    def work(self) -> Any:
+        """(...), of the wrenches since the start, J."""
+        return self._phase.work
+
+    @_field
+    def energy_defect(self) -> Any:
+        """(...), T - T0 - work, J; see `Observer`."""
+        return self.kinetic_energy - kinetic_energy(self._body, self._start) - self.work
+
+    @_field
+    def impulse_world(self) -> Any:
+        """(..., 3), integral of the force since the start, N s."""
+        return self._phase.impulse_world
+
+    @_field
+    def torque_impulse_world(self) -> Any:
+        """(..., 3), integral of the torque about the centre of mass since the start, N m s."""
+        return self._phase.torque_impulse_world
+
+    @cached_property
+    def _seen(self) -> State:
+        return self._phase.state(self._body, 0)
 
 
 class _Hold(NamedTuple):
@@ -127,6 +186,7 @@ class Ensemble:
         self._constants = _constants(many)
         self._particles = _particles(many)
         self._start = self._state = _initial(self._body, states)
+        self._memory: list[Numbers] = []
         self.time_ns = times[0]
         self._hold = self._new_hold(self.time_ns, self._state, _wrenches(1, len(many), self._particles, 0, 0, 0, 0))
 
@@ -149,8 +209,8 @@ class Ensemble:
             ValueError: a shape does not fit.
             WrenchError: a number is not finite, or a torque acts on a particle.
         """
-        wrenches = _wrenches(1, len(self), self._particles, force_body, torque_body, force_world, torque_world)
-        self._hold = self._new_hold(self.time_ns, self._state, wrenches)
+        parts = _copies(force_body, torque_body, force_world, torque_world)
+        self._hold = self._new_hold(self.time_ns, self._state, _wrenches(1, len(self), self._particles, *parts))
 
     def advance(self, seconds: float) -> None:
         """Advance by `seconds`, rounded to whole nanoseconds; see `advance_to`."""
@@ -193,12 +253,12 @@ class Ensemble:
             ConvergenceError: a step of a body cannot be solved; names the body. The ensemble stays where it was.
         """
         times = _times(times_ns, self.time_ns)
-        parts = (force_body, torque_body, force_world, torque_world)
+        parts = _copies(force_body, torque_body, force_world, torque_world)
         wrenches = _wrenches(len(times), len(self), self._particles, *parts)
-        state, mover = self._state, self._steps.mover
+        state = self._state
         before = tuple(wrench[:-1] for wrench in wrenches)
         for schedule in self._steps.schedules(self.time_ns, times[:-1], before):
-            state = mover.move(self._constants, schedule, state, self._threads)
+            state = self._taken(schedule, state)
         start_ns = int(times[-2]) if len(times) > 1 else self.time_ns
         last = self._new_hold(start_ns, state, tuple(wrench[-1:] for wrench in wrenches))
         self._hold, self._state = self._advanced(last, int(times[-1]))
@@ -206,7 +266,9 @@ class Ensemble:
 
     def samples(self) -> Samples:
         """Return state and bookkeeping of all bodies, now."""
-        return _samples(self._body, self._start, self._state, self.time_ns)
+        # They look at the state when they are asked: its memory is theirs from now on.
+        self._memory = [array for array in self._memory if array is not self._state]
+        return Samples(self._body, self._start, self._state, self.time_ns)
 
     @staticmethod
     def _new_hold(start_ns: int, state: Numbers, wrenches: tuple[Numbers, ...]) -> _Hold:
@@ -215,15 +277,28 @@ class Ensemble:
     def _advanced(self, hold: _Hold, time_ns: int) -> tuple[_Hold, Numbers]:
         """Return `hold` with the full steps before `time_ns`, and the state then."""
         count, rest = self._steps.split(time_ns - hold.start_ns)
-        state, move = hold.state, self._steps.mover.move
+        state = hold.state
         # In pieces, of which one can be taken again body by body, or be interrupted.
         for done in range(hold.reached, count, LONGEST_STRETCH):
-            piece = self._steps.schedule([min(LONGEST_STRETCH, count - done)], [0.0], hold.wrenches)
-            state = move(self._constants, piece, state, self._threads)
+            state = self._moved(hold, [min(LONGEST_STRETCH, count - done)], [0.0], state)
         hold = hold._replace(reached=count, state=state)
-        if rest > 0.0:
-            state = move(self._constants, self._steps.schedule([0], [rest], hold.wrenches), state, self._threads)
-        return hold, state
+        return hold, self._moved(hold, [0], [rest], state) if rest > 0.0 else state
+
+    def _moved(self, hold: _Hold, counts: list[int], rests: list[float], state: Numbers) -> Numbers:
+        return self._taken(self._steps.schedule(counts, rests, hold.wrenches), state, hold.state)
+
+    def _taken(self, schedule: Schedule, state: Numbers, *kept: Numbers) -> Numbers:
+        """Return the state after `schedule`, in memory that neither `kept` nor anything seen from outside needs."""
+        needed = [self._state, self._hold.state, state, *kept]
+        after = next((a for a in self._memory if all(a is not other for other in needed)), None)
+        if after is None:
+            # As long as it is new, the memory of a large ensemble costs as much as a step.
+            import numpy as np
+
+            after = np.empty_like(state)
+            self._memory.append(after)
+        self._steps.mover.move(self._constants, schedule, state, after, self._threads)
+        return after
 
 
 def driven_motion(
@@ -264,13 +339,14 @@ def driven_motion(
     steps, times = _Steps(method, step), _times(times_ns, state.time_ns)
     parts = (force_body, torque_body, force_world, torque_world)
     wrenches = _wrenches(len(times), 1, _particles([body]), *parts)
-    constants, start = _constants([body]), _initial(body, [state])
-    trace, now, first = np.empty((len(start), len(times))), start, 0
+    constants, start = _constants([body]), np.array(numbers_of(Phase.of(body, state)), dtype=np.float64)[:, np.newaxis]
+    # The numbers of one time side by side, as they are written.
+    trace, now, first = np.empty((len(times), len(start))), start, 0
     for schedule in steps.schedules(state.time_ns, times, wrenches):
         last = first + len(schedule.counts)
-        steps.mover.trace(constants, schedule, now, trace[:, first:last])
-        now, first = np.ascontiguousarray(trace[:, last - 1 : last]), last
-    return _samples(body, start, trace, times)
+        steps.mover.trace(constants, schedule, now, trace[first:last])
+        now, first = trace[last - 1][:, np.newaxis].copy(), last
+    return Samples(body, start, trace.T, times)
 
 
 class _Steps:
@@ -360,6 +436,13 @@ def _times(times_ns: npt.ArrayLike, start_ns: int) -> Times:
     return times
 
 
+def _copies(*parts: npt.ArrayLike) -> list[Numbers]:
+    """Return what is held on when the user's arrays may have changed."""
+    import numpy as np
+
+    return [np.array(part, dtype=np.float64) for part in parts]
+
+
 def _wrenches(
     intervals: int, bodies: int, particles: npt.NDArray[np.bool_], *parts: npt.ArrayLike
 ) -> tuple[Numbers, ...]:
@@ -368,9 +451,7 @@ def _wrenches(
 
     found = []
     for name, part in zip(("force_body", "torque_body", "force_world", "torque_world"), parts, strict=True):
-        # 0 for -0, which channels that add up leave no trace of either.
-        given = np.asarray(part, dtype=np.float64) + 0.0
-        array = given
+        array = given = np.asarray(part, dtype=np.float64)
         if intervals > 1 and array.ndim == 2:
             array = array[:, np.newaxis]
         try:
@@ -429,37 +510,8 @@ def _initial(body: RigidBody, states: Sequence[State]) -> Numbers:
     fields = State.__slots__[1:]
     columns: Any = [tuple(np.array([getattr(s, field) for s in states], dtype=np.float64).T) for field in fields]
     phase = Phase.of(body, State(0, *columns))
-    rows = (*phase.orientation, *phase.angular_velocity, *phase.high, *phase.low)
-    return np.array([np.broadcast_to(row, (len(states),)) for row in rows], dtype=np.float64)
+    return np.array([np.broadcast_to(row, (len(states),)) for row in numbers_of(phase)], dtype=np.float64)
 
 
 def _phase(state: Numbers) -> Phase:
-    rows: Any = tuple(state)
-    return Phase(rows[:4], rows[4:7], rows[7:21], rows[21:])
-
-
-def _samples(body: RigidBody, start: Numbers, state: Numbers, time_ns: Any) -> Samples:
-    import numpy as np
-
-    # An energy beyond the range of numbers is infinite here as everywhere.
-    with np.errstate(all="ignore"):
-        phase = _phase(state)
-        sample = Observer(ActingEffects(body), _phase(start)).sample(phase, time_ns)
-
-    def columns(vector: tuple[Any, ...]) -> Numbers:
-        return np.stack(vector, axis=-1)
-
-    return Samples(
-        time_ns=time_ns,
-        position_world=columns(sample.position_world),
-        orientation_xyzw=columns(sample.orientation_xyzw),
-        linear_velocity_world=columns(sample.linear_velocity_world),
-        angular_velocity_body=columns(sample.angular_velocity_body),
-        angular_momentum_world=columns(sample.angular_momentum_world),
-        linear_momentum_world=columns(sample.linear_momentum_world),
-        kinetic_energy=np.asarray(sample.kinetic_energy),
-        work=np.asarray(sample.work),
-        energy_defect=np.asarray(sample.energy_defect),
-        impulse_world=columns(phase.impulse_world),
-        torque_impulse_world=columns(phase.torque_impulse_world),
-    )
+    return phase_of(tuple(state))

@@ -11,8 +11,9 @@ Never knows axes or times of the user: `ensemble.py` does.
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -52,8 +53,8 @@ WORTH_A_THREAD = 20_000
 
 _WRENCH = "Array(float64, 3, 'A', True)"
 _SHARED = f"float64[:, ::1], float64, int64[::1], float64[::1], {', '.join(4 * (_WRENCH,))}"
-_LANES = f"void({_SHARED}, float64[:, ::1], float64[:, ::1], int64, int64)"
-_ONE_BY_ONE = f"void({_SHARED}, float64[:, ::1], float64[:, ::1], float64[:, :], int64, int64)"
+_LANES = f"boolean({_SHARED}, float64[:, ::1], float64[:, ::1], int64, int64)"
+_ONE_BY_ONE = f"void({_SHARED}, float64[:, ::1], float64[:, ::1], float64[:, ::1], int64, int64)"
 
 
 class Schedule(NamedTuple):
@@ -112,25 +113,26 @@ def one_by_one(
 ) -> None:
     """Take the bodies from `first` to `last` from `state` to `after` by counts[k] steps of h s and one of rests[k] s.
 
-    Wrenches are (interval, body, axis), body parts in body axes. Where `trace` has columns, they are
+    Wrenches are (interval, body, axis), body parts in body axes. Where `trace` has rows, they are
     the states after each interval; there is one body then.
     """
+    seen = trace.T
     for i in range(first, last):
         inertia = Inertia(constants[0, i], (constants[1, i], constants[2, i], constants[3, i]))
         axes = (constants[4, i], constants[5, i], constants[6, i], constants[7, i])
         q, w, high, low = _read(state, i)
         for k in range(len(counts)):
             held = HeldWrench(
-                rotate_inverse(axes, (force_body[k, i, 0], force_body[k, i, 1], force_body[k, i, 2])),
-                rotate_inverse(axes, (torque_body[k, i, 0], torque_body[k, i, 1], torque_body[k, i, 2])),
-                (force_world[k, i, 0], force_world[k, i, 1], force_world[k, i, 2]),
-                (torque_world[k, i, 0], torque_world[k, i, 1], torque_world[k, i, 2]),
+                rotate_inverse(axes, _held(force_body, k, i)),
+                rotate_inverse(axes, _held(torque_body, k, i)),
+                _held(force_world, k, i),
+                _held(torque_world, k, i),
             )
             count, rest = counts[k], rests[k]
             for j in range(count + (1 if rest > 0.0 else 0)):
                 q, w, high, low = run(inertia, held, h if j < count else rest, 1, q, w, high, low)
-            if trace.shape[1] > 0:
-                _write(trace, k, q, w, high, low)
+            if len(trace) > 0:
+                _write(seen, k, q, w, high, low)
         _write(after, i, q, w, high, low)
 
 
@@ -147,28 +149,28 @@ def lanes(
     after: Numbers,
     first: int,
     last: int,
-) -> None:
-    """Do the same, without a trace, `LANES` bodies side by side; in the last block the last body fills what is left."""
+) -> bool:
+    """Do the same, without a trace, `LANES` bodies side by side; in the last block the last body fills what is left.
+
+    Return whether every number is finite, their sum too.
+    """
     c = block(16, LANES)
     s = block(STATE_ROWS, LANES)
+    finite = True
     for start in range(first, last, LANES):
         bodies = min(LANES, last - start)
         for r in range(4):
-            for i in range(LANES):
-                c[r, i] = constants[r, start + min(i, bodies - 1)]
+            _fill(c, r, constants, start, bodies)
         for r in range(STATE_ROWS):
-            for i in range(LANES):
-                s[r, i] = state[r, start + min(i, bodies - 1)]
+            _fill(s, r, state, start, bodies)
         for k in range(len(counts)):
             for i in range(LANES):
                 b = start + min(i, bodies - 1)
                 axes = (constants[4, b], constants[5, b], constants[6, b], constants[7, b])
-                force = rotate_inverse(axes, (force_body[k, b, 0], force_body[k, b, 1], force_body[k, b, 2]))
-                torque = rotate_inverse(axes, (torque_body[k, b, 0], torque_body[k, b, 1], torque_body[k, b, 2]))
-                c[4, i], c[5, i], c[6, i] = force
-                c[7, i], c[8, i], c[9, i] = torque
-                c[10, i], c[11, i], c[12, i] = force_world[k, b, 0], force_world[k, b, 1], force_world[k, b, 2]
-                c[13, i], c[14, i], c[15, i] = torque_world[k, b, 0], torque_world[k, b, 1], torque_world[k, b, 2]
+                c[4, i], c[5, i], c[6, i] = rotate_inverse(axes, _held(force_body, k, b))
+                c[7, i], c[8, i], c[9, i] = rotate_inverse(axes, _held(torque_body, k, b))
+                c[10, i], c[11, i], c[12, i] = _held(force_world, k, b)
+                c[13, i], c[14, i], c[15, i] = _held(torque_world, k, b)
             count, rest = counts[k], rests[k]
             for j in range(count + (1 if rest > 0.0 else 0)):
                 t = h if j < count else rest
@@ -187,6 +189,34 @@ def lanes(
         for r in range(STATE_ROWS):
             for i in range(bodies):
                 after[r, start + i] = s[r, i]
+        finite = _all_finite(s, c) and finite
+    return finite
+
+
+def _held(part: Numbers, k: int, i: int) -> Vector:
+    """Return what acts on body i in interval k: 0 for -0, which channels that add up leave no trace of either."""
+    return (part[k, i, 0] + 0.0, part[k, i, 1] + 0.0, part[k, i, 2] + 0.0)
+
+
+def _all_finite(s: Numbers, sums: Numbers) -> bool:
+    """Return whether the sum of each column of `s` is finite, which is left in the first row of `sums`."""
+    for i in range(LANES):
+        sums[0, i] = s[0, i]
+    for r in range(1, STATE_ROWS):
+        for i in range(LANES):
+            sums[0, i] += s[r, i]
+    finite = True
+    for i in range(LANES):
+        finite = finite and abs(sums[0, i]) < math.inf
+    return finite
+
+
+def _fill(rows: Numbers, r: int, source: Numbers, start: int, bodies: int) -> None:
+    """Copy row r of the bodies from `start` on."""
+    for i in range(bodies):
+        rows[r, i] = source[r, start + i]
+    for i in range(bodies, LANES):
+        rows[r, i] = rows[r, bodies - 1]
 
 
 class Mover:
@@ -199,13 +229,14 @@ class Mover:
         step = method.step if method.compiles else _COMPILED_STEPS.get(method.name)
         self._one_by_one = _on_demand(one_by_one, _ONE_BY_ONE, method.name, step)
 
-    def move(self, constants: Numbers, schedule: Schedule, state: Numbers, threads: int) -> Numbers:
-        """Return the state of all bodies after `schedule`; that before it is left as it is.
+    def move(self, constants: Numbers, schedule: Schedule, state: Numbers, after: Numbers, threads: int) -> None:
+        """Write the state of all bodies after `schedule` to `after`; that before it is left as it is.
 
         Args:
             constants: (`CONSTANT_ROWS`, N).
             schedule: what is done.
             state: (`STATE_ROWS`, N).
+            after: likewise.
             threads: at most so many; the bits do not depend on it.
 
         Raises:
@@ -213,14 +244,14 @@ class Mover:
         """
         import numpy as np
 
-        after, bodies = np.empty_like(state), state.shape[1]
-        left, no_trace = np.arange(bodies), np.empty((STATE_ROWS, 0))
+        bodies = state.shape[1]
+        left, no_trace = np.arange(bodies), np.empty((0, STATE_ROWS))
         if self._lanes is not None and bodies >= FEWEST:
             blocks = self._lanes.get(bodies * schedule.steps, bodies * schedule.steps)
             if blocks is not None:
                 parts = _parts(bodies, LANES, threads, schedule.steps)
-                _each(lambda part: blocks(constants, *schedule, state, after, *part), parts)
-                left = _not_finite(after)
+                finite = _each(lambda part: blocks(constants, *schedule, state, after, *part), parts)
+                left = left[:0] if all(finite) else _not_finite(after)
         if self._one_by_one is not None and len(left) > 0:
             single = self._one_by_one.get(len(left) * schedule.steps, len(left) * schedule.steps)
             if single is not None:
@@ -237,22 +268,24 @@ class Mover:
                     after[:, i] = numbers
             except ConvergenceError as error:
                 raise ConvergenceError(f"body {i}: {error}") from error
-        return after
 
     def trace(self, constants: Numbers, schedule: Schedule, state: Numbers, trace: Numbers) -> None:
-        """Write the state of one body after each interval of `schedule` to the columns of `trace`; see `move`."""
+        """Write the state of one body after each interval of `schedule` to the rows of `trace`; see `move`."""
         import numpy as np
 
         good, intervals = 0, len(schedule.counts)
         single = None if self._one_by_one is None else self._one_by_one.get(schedule.steps, schedule.steps)
         if single is not None:
             single(constants, *schedule, state, np.empty_like(state), trace, 0, 1)
-            good = next(iter(_not_finite(trace).tolist()), intervals)
+            # What is not finite stays so: the last state tells whether there is anything to look for.
+            good = intervals
+            if len(_not_finite(trace[-1:].T)) > 0:
+                good = int(_not_finite(trace.T)[0])
         if good < intervals:
-            before = (trace[:, good - 1] if good else state[:, 0]).tolist()
+            before = (trace[good - 1] if good else state[:, 0]).tolist()
             rest = schedule.between(good, intervals)
             for k, numbers in enumerate(self._in_plain_python(constants, rest, before, 0), start=good):
-                trace[:, k] = numbers
+                trace[k] = numbers
 
     def _in_plain_python(
         self, constants: Numbers, schedule: Schedule, state: list[float], i: int
@@ -263,7 +296,7 @@ class Mover:
         q, w, high, low = tuple(state[:4]), tuple(state[4:7]), tuple(state[7:21]), tuple(state[21:])
         h, counts, rests, *wrenches = schedule
         for k, (count, rest) in enumerate(zip(counts.tolist(), rests.tolist(), strict=True)):
-            force, torque, force_world, torque_world = (tuple(wrench[k, i].tolist()) for wrench in wrenches)
+            force, torque, force_world, torque_world = (tuple((wrench[k, i] + 0.0).tolist()) for wrench in wrenches)
             held = HeldWrench(rotate_inverse(axes, force), rotate_inverse(axes, torque), force_world, torque_world)
             try:
                 q, w, high, low = self._plain(inertia, held, h, count, q, w, high, low)
@@ -307,7 +340,7 @@ _COMPILED_STEPS: dict[str, Step] = {"exact": _free_step}
 _LANE_STEPS: dict[str, Step] = {"rk4": rk4.step, "midpoint": midpoint.lane_step, **dlm.LANE_STEPS}
 
 
-def _on_demand(template: Callable[..., None], signature: str, name: str, step: Step | None) -> kernel.OnDemand | None:
+def _on_demand(template: Callable[..., Any], signature: str, name: str, step: Step | None) -> kernel.OnDemand | None:
     if step is None:
         return None
     full = f"{template.__name__}_{name}"
@@ -323,13 +356,24 @@ def _parts(bodies: int, least: int, threads: int, steps: int) -> list[tuple[int,
     return list(pairwise(ends))
 
 
-def _each(do: Callable[[tuple[int, int]], None], parts: list[tuple[int, int]]) -> None:
-    if len(parts) == 1:
-        do(parts[0])
-        return
-    with ThreadPoolExecutor(len(parts)) as pool:
-        for done in [pool.submit(do, part) for part in parts]:
-            done.result()
+def _each(do: Callable[[tuple[int, int]], Any], parts: list[tuple[int, int]]) -> list[Any]:
+    """Return what `do` returns for each part, each in a thread: the first in this one."""
+    others = [_pool(len(parts) - 1).submit(do, part) for part in parts[1:]]
+    try:
+        return [do(parts[0]), *(other.result() for other in others)]
+    finally:
+        # Whatever happened here, nobody may write any more to what is handed back.
+        wait(others)
+
+
+@cache
+def _pool(threads: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(threads, __name__)
+
+
+if hasattr(os, "register_at_fork"):
+    # A child has the pool and none of its threads.
+    os.register_at_fork(after_in_child=_pool.cache_clear)
 
 
 def _not_finite(state: Numbers) -> Counts:

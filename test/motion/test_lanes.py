@@ -64,7 +64,8 @@ class Case:
 
     def moved(self, name: str, count: int, threads: int = 1) -> list[str]:
         method = METHODS[name]
-        after = lanes.mover(method).move(self.constants, self.schedule(count), self.state, threads)
+        after = np.empty_like(self.state)
+        lanes.mover(method).move(self.constants, self.schedule(count), self.state, after, threads)
         return [repr(tuple(column)) for column in after.T.tolist()]
 
     def alone(self, name: str, i: int, count: int) -> str:
