@@ -64,6 +64,16 @@ class Simulation:
         """State and bookkeeping at `time_ns`."""
         return self._observer.sample(self._phase, self.time_ns)
 
+    def look(self) -> Sample:
+        """Return state and bookkeeping at the last time that `advance` was given, edge or not; changes nothing.
+
+        Raises:
+            ConvergenceError: a step could not be solved.
+        """
+        phase = self._arc.at(self._computed_ns)
+        _require_finite(self.scene.body, phase, self._computed_ns)
+        return self._observer.sample(phase, self._computed_ns)
+
     @property
     def acceleration(self) -> tuple[Vector, Vector]:
         """Acceleration of the body origin (m/s^2) and angular acceleration (rad/s^2) at `time_ns`, body axes."""

@@ -79,13 +79,14 @@ def value_of(text: str, source: str) -> object:
         SceneError: it is not YAML.
     """
     document = parse(f"value: {text}", Problems(source)).value
-    return _plain(document["value"]) if isinstance(document, dict) else None
+    return plain(document["value"]) if isinstance(document, dict) else None
 
 
-def _plain(node: Node) -> object:
+def plain(node: Node) -> object:
+    """Return `node` as numbers, texts, lists and mappings of Python."""
     if isinstance(node.value, dict):
-        return {key: _plain(value) for key, value in node.value.items()}
-    return [_plain(item) for item in node.value] if isinstance(node.value, list) else node.value
+        return {key: plain(value) for key, value in node.value.items()}
+    return [plain(item) for item in node.value] if isinstance(node.value, list) else node.value
 
 
 def from_python(value: object) -> Node:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import difflib
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 from rb_dynamics.body.rigid_body import RigidBody
@@ -96,6 +96,19 @@ def parse_scene(text: str, source: str = "<scene>", overrides: Mapping[str, obje
     problems = Problems(source)
     tree = document.parse(text, problems)
     apply_overrides(tree, overrides, problems)
+    changes = [f"overrides of {', '.join(overrides)}"] if overrides else []
+    return scene_of(tree, problems, text, changes)
+
+
+def scene_of(tree: document.Node, problems: Problems, text: str, changes: Sequence[str] = ()) -> Scene:
+    """Return the scene in `tree`, which may be changed here; `problems` are those already found in it.
+
+    `text` is what `tree` was read from; where `changes` were made since, or a file says what the body is, the text of
+    the scene is written anew.
+
+    Raises:
+        SceneError: it is not a valid scene; one line for each problem.
+    """
     root = Field(tree, "", problems).section(_ROOT_KEYS)
     reading, frames = body_and_frames(root)
     initial = _initial(root.section("initial", _INITIAL_KEYS), reading.body)
@@ -107,10 +120,9 @@ def parse_scene(text: str, source: str = "<scene>", overrides: Mapping[str, obje
     output_rate = root.number("output_rate", _OUTPUT_RATE, 100.0)
     if reading.body is None or problems:
         raise problems.error()
-    changes = [f"overrides of {', '.join(overrides)}"] if overrides else []
-    changes += [f"the body that {reading.file} says"] if reading.file else []
+    changes = [*changes, f"the body that {reading.file} says"] if reading.file else changes
     if changes:
-        text = document.to_text(tree, f"{source} with {' and '.join(changes)}")
+        text = document.to_text(tree, f"{problems.source} with {' and '.join(changes)}")
     return Scene(
         reading.body,
         frames,
@@ -120,7 +132,7 @@ def parse_scene(text: str, source: str = "<scene>", overrides: Mapping[str, obje
         seconds,
         output_rate,
         text,
-        source,
+        problems.source,
         effects=acting,
         findings=reading.findings,
         surface=reading.surface,
@@ -159,7 +171,7 @@ def _method(field: Field | None) -> str:
         return "auto"
     known = ("auto", *METHODS)
     text = field.node.value if isinstance(field.node.value, str) else ""
-    near = difflib.get_close_matches(text.lower()[:60], known, n=1)
+    near = [] if text in known else difflib.get_close_matches(text.lower()[:60], known, n=1)
     return field.text(
         f"one of {', '.join(known)}",
         lambda name: name in known,
