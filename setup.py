@@ -28,6 +28,7 @@ EXTRAS = {
     "ros": [f"ros-jazzy-{name}" for name in ROS_PACKAGES],
     "mesh": ["trimesh>=4"],
     "plot": ["jinja2>=3.1", "matplotlib>=3.8", "tqdm>=4.66"],
+    "scale": ["dask>=2024.8", "distributed>=2024.8", "pyarrow>=15"],
     "video": ["imageio-ffmpeg>=0.5", "matplotlib>=3.8"],
     "test": [
         "colcon-core>=0.18",

@@ -14,7 +14,9 @@ from collections.abc import Sequence
 
 from rb_dynamics.errors import RigidBodyError
 
-COMMANDS = ("simulate", "node", "replay", "inspect", "recover", "convert", "explain", "trade", "body", "demo")
+COMMANDS = (
+    "simulate", "node", "replay", "inspect", "recover", "convert", "explain", "trade", "campaign", "body", "demo",
+)  # fmt: skip
 
 _EPILOG = """\
 examples:

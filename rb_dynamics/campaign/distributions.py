@@ -1,0 +1,104 @@
+"""Distributions of one number, each as the function that takes a probability to a value.
+
+Every kind of sampling (random, Latin hypercube, Sobol) and every correlation then works with each of them. The bits of
+a value depend on its own probability alone, not on how many are taken at once.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    Numbers = npt.NDArray[np.float64]
+
+
+class Distribution(Protocol):
+    """What takes a probability to a value."""
+
+    def quantile(self, probability: Numbers) -> Numbers:
+        """Return the values (n,) that are not exceeded with `probability` (n,), between 0 and 1, both left out."""
+
+
+@dataclass(frozen=True)
+class Normal:
+    """The normal distribution, cut off below `low` and above `high`."""
+
+    mean: float
+    deviation: float
+    low: float = -math.inf
+    high: float = math.inf
+
+    def quantile(self, probability: Numbers) -> Numbers:
+        """Return the quantiles; see `Distribution`."""
+        from scipy.special import ndtr, ndtri
+
+        if self.deviation == 0.0:
+            return 0.0 * probability + self.mean
+        below, above = (float(ndtr((edge - self.mean) / self.deviation)) for edge in (self.low, self.high))
+        values: Numbers = self.mean + self.deviation * ndtri(below + (above - below) * probability)
+        # Rounding may step over an edge.
+        return values.clip(self.low, self.high)
+
+
+@dataclass(frozen=True)
+class Uniform:
+    """Every number from `low` to `high` alike."""
+
+    low: float
+    high: float
+
+    def quantile(self, probability: Numbers) -> Numbers:
+        """Return the quantiles; see `Distribution`."""
+        return (self.low + (self.high - self.low) * probability).clip(self.low, self.high)
+
+
+@dataclass(frozen=True)
+class LogUniform:
+    """Every order of magnitude from `low` to `high` alike; both are greater than 0."""
+
+    low: float
+    high: float
+
+    def quantile(self, probability: Numbers) -> Numbers:
+        """Return the quantiles; see `Distribution`."""
+        return exponentials(math.log(self.low) + math.log(self.high / self.low) * probability).clip(self.low, self.high)
+
+
+@dataclass(frozen=True)
+class LogNormal:
+    """A factor whose logarithm is normal, with a median of 1."""
+
+    deviation: float
+
+    def quantile(self, probability: Numbers) -> Numbers:
+        """Return the quantiles; see `Distribution`."""
+        from scipy.special import ndtri
+
+        return exponentials(self.deviation * ndtri(probability))
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One of `values`, by `weights` that add up to 1."""
+
+    values: tuple[float, ...]
+    weights: tuple[float, ...]
+
+    def quantile(self, probability: Numbers) -> Numbers:
+        """Return the quantiles, in the order of `values`; see `Distribution`."""
+        import numpy as np
+
+        ends = np.cumsum(self.weights)[:-1]
+        return np.array(self.values)[np.searchsorted(ends, probability, side="right")]
+
+
+def exponentials(exponents: Numbers) -> Numbers:
+    """Return e to the power of each of (n,), by libm one by one: vector units of other processors have other bits."""
+    import numpy as np
+
+    return np.array([math.exp(exponent) for exponent in exponents.tolist()])

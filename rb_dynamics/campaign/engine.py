@@ -1,0 +1,140 @@
+"""Runs a campaign: blocks of runs go to workers, here or on a cluster, and their rows to disk.
+
+Workers are processes of `dask.distributed` where that is installed, on this machine or behind the address of a
+scheduler, or else threads of this process. A worker that dies costs the blocks it was at, which are flown again. What
+is on disk is not flown again. Never looks at a number.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import math
+import os
+from collections.abc import Callable, Generator, Iterator
+from importlib.util import find_spec
+from itertools import islice
+from typing import Any
+
+from rb_dynamics.campaign.bodies import go_side_by_side
+from rb_dynamics.campaign.flight import Columns, fly_block
+from rb_dynamics.campaign.model import Campaign
+from rb_dynamics.campaign.scenes import Scenes
+from rb_dynamics.campaign.store import Store
+from rb_dynamics.errors import LogError, MissingExtraError
+
+Progress = Callable[[int, int], None]
+"""Told how many runs are done, and how many there are."""
+
+SIDE_BY_SIDE, ALONE = 2000, 20
+"""Runs in a block: enough that numpy's calls do not count; few enough for memory, and that little is lost by a kill."""
+
+_BLOCKS_EACH = 4
+_AHEAD = 3
+
+
+def run_campaign(
+    campaign: Campaign,
+    store: Store,
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    block: int | None = None,
+    progress: Progress | None = None,
+) -> None:
+    """Fly the runs that `store` lacks, and finish it.
+
+    Args:
+        campaign: what is flown.
+        store: where its rows go.
+        workers: processes on this machine; by default one for each core, 0 for threads of this process.
+        scheduler: address of a running scheduler of `dask.distributed`, such as tcp://host:8786.
+        block: runs in a block, by default chosen; results do not depend on it.
+        progress: told now and then how far it is.
+
+    Raises:
+        LogError: the rows cannot be written, or the scheduler cannot be reached.
+        MissingExtraError: `scheduler` is given, and `distributed` is not installed.
+        SceneError: a function of the user returned what makes no sense.
+    """
+    if store.complete:
+        return
+    with_dask = find_spec("distributed") is not None
+    if scheduler is not None and not with_dask:
+        raise MissingExtraError("distributed", "scale", "a campaign on a cluster")
+    processes = _cores() if workers is None else workers
+    size = block or _block(campaign, max(1, processes))
+    blocks, done = store.missing(size), store.done
+    local = scheduler is None and (processes == 0 or not with_dask or campaign.runs - done <= size)
+    flown = _here(campaign, blocks) if local else _on_workers(campaign, blocks, scheduler, processes)
+    with contextlib.closing(flown):
+        for columns in flown:
+            store.write(columns)
+            done += len(columns["run"])
+            if progress is not None:
+                progress(done, campaign.runs)
+    store.finish()
+
+
+def flies_side_by_side(campaign: Campaign) -> bool:
+    """Return whether the runs of `campaign` go through the kernels for many bodies, and not one by one."""
+    solver = {each.name.partition(".")[0] for each in campaign.inputs} & {"solver", "duration"}
+    return not solver and go_side_by_side([Scenes(campaign).base], campaign.control is not None)
+
+
+def _block(campaign: Campaign, workers: int) -> int:
+    most = SIDE_BY_SIDE if flies_side_by_side(campaign) else ALONE
+    return max(1, min(most, math.ceil(campaign.runs / (workers * _BLOCKS_EACH))))
+
+
+def _here(campaign: Campaign, blocks: Iterator[tuple[int, int]]) -> Generator[Columns, None, None]:
+    for first, last in blocks:
+        yield fly_block(campaign, first, last)
+
+
+def _on_workers(
+    campaign: Campaign, blocks: Iterator[tuple[int, int]], scheduler: str | None, processes: int
+) -> Generator[Columns, None, None]:
+    """Yield the rows of blocks as they are done; only a few for each worker are known to the scheduler at a time."""
+    from distributed import Client, LocalCluster, as_completed
+
+    with contextlib.ExitStack() as stack:
+        if scheduler is None:
+            cluster: Any = stack.enter_context(
+                LocalCluster(
+                    n_workers=processes,
+                    threads_per_worker=1,
+                    dashboard_address=None,
+                    silence_logs=logging.CRITICAL,
+                )
+            )
+            client = stack.enter_context(Client(cluster))
+        else:
+            try:
+                client = stack.enter_context(Client(scheduler, timeout=_PATIENCE_S))
+                client.wait_for_workers(1, timeout=_PATIENCE_S)
+            except (OSError, TimeoutError) as error:
+                raise LogError(
+                    f"no scheduler with workers at {scheduler} within {_PATIENCE_S} s ({error}); start dask scheduler "
+                    "and dask worker, or correct the address"
+                ) from error
+        workers = max(1, len(client.scheduler_info(n_workers=-1)["workers"]))
+
+        def submit(some: Iterator[tuple[int, int]]) -> list[Any]:
+            return [client.submit(fly_block, campaign, *each, 1, pure=False) for each in some]
+
+        waiting = as_completed(submit(islice(blocks, _AHEAD * workers)))
+        for future in waiting:
+            columns: Columns = future.result()
+            # Let go before the next: the scheduler keeps what somebody holds.
+            future.release()
+            for new in submit(islice(blocks, 1)):
+                waiting.add(new)
+            yield columns
+
+
+_PATIENCE_S = 30
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

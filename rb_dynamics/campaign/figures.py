@@ -1,0 +1,177 @@
+"""Figures of a campaign as inline SVG: over time, distributions, what drives them. Never computes a statistic."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rb_dynamics.errors import MissingExtraError
+from rb_dynamics.report.svg import COLORS, SETTINGS, TEXT, inline, tick
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Numbers = NDArray[np.float64]
+
+BAD, GOOD, ACCENT = COLORS[0], COLORS[1], COLORS[2]
+_WIDTH, _ROW = 690.0, 168.0
+_MOST_POINTS = 1500
+_BINS = 60
+
+
+def over_time(time_s: Numbers, title: str, values: Numbers, failed: NDArray[np.bool_], limit: float | None) -> str:
+    """Return the values (K, N) of N runs over time: median, the middle 90 %, and those that failed."""
+
+    def plot(axes: Any) -> None:
+        log = _is_wide(values)
+        low, middle, high = np.nanquantile(values, (0.05, 0.5, 0.95), axis=1)
+        axes.fill_between(time_s, low, high, color=ACCENT, alpha=0.25, linewidth=0, label="middle 90 %")
+        for column in values[:, failed].T[:8]:
+            axes.plot(time_s, column, color=BAD, linewidth=0.9)
+        axes.plot(time_s, middle, color=ACCENT, linewidth=1.6)
+        if log:
+            axes.set_yscale("log")
+        _limit(axes.axhline, limit)
+        axes.set_xlabel("time [s]", color=TEXT)
+        axes.set_xlim(time_s[0], time_s[-1])
+
+    return _draw([(title, plot)], f"{title} over time", 1)
+
+
+def histograms(columns: Sequence[tuple[str, Numbers, NDArray[np.bool_], float | None]]) -> str:
+    """Return for each (title, values, passed, limit) how many runs have which value."""
+
+    def panel(values: Numbers, passed: NDArray[np.bool_], limit: float | None) -> Callable[[Any], None]:
+        def plot(axes: Any) -> None:
+            shown = np.isfinite(values)
+            if not shown.any():
+                axes.text(0.5, 0.5, "no numbers", transform=axes.transAxes, color=TEXT, ha="center")
+                return
+            edges = _edges(values[shown])
+            axes.hist(
+                [values[shown & passed], values[shown & ~passed]], edges, stacked=True, color=[ACCENT, BAD], linewidth=0
+            )
+            if edges[0] > 0.0 and not np.allclose(np.diff(edges), edges[1] - edges[0]):
+                axes.set_xscale("log")
+            _limit(axes.axvline, limit)
+            axes.set_ylabel("runs", color=TEXT)
+
+        return plot
+
+    return _draw(
+        [(title, panel(values, passed, limit)) for title, values, passed, limit in columns],
+        "How many runs have which value",
+        2,
+    )
+
+
+def sensitivities(metrics: Sequence[tuple[str, Sequence[tuple[str, float]]]], noise: float) -> str:
+    """Return for each (metric, [(input, rank correlation), ...]) bars of the strongest."""
+
+    def panel(pairs: Sequence[tuple[str, float]]) -> Callable[[Any], None]:
+        def plot(axes: Any) -> None:
+            shown = list(pairs)[:6][::-1]
+            places = np.arange(len(shown))
+            sizes = [value for _, value in shown]
+            axes.axvspan(-noise, noise, color="#808080", alpha=0.25, linewidth=0)
+            axes.barh(places, sizes, 0.62, color=[ACCENT if value > 0.0 else COLORS[3] for value in sizes])
+            for place, (name, value) in zip(places, shown, strict=True):
+                side = "left" if value <= 0.0 else "right"
+                axes.text(-0.03 if value > 0.0 else 0.03, place, _short(name), ha=side, va="center", color=TEXT)
+            axes.set_yticks([])
+            axes.set_xlim(-1.0, 1.0)
+            axes.set_xlabel("rank correlation", color=TEXT)
+
+        return plot
+
+    return _draw([(title, panel(pairs)) for title, pairs in metrics], "Rank correlation of inputs and metrics", 2)
+
+
+def scatters(pairs: Sequence[tuple[str, str, Numbers, Numbers, NDArray[np.bool_]]]) -> str:
+    """Return for each (input, metric, values, values, passed) one dot a run, of at most some."""
+
+    def panel(name: str, x: Numbers, y: Numbers, passed: NDArray[np.bool_]) -> Callable[[Any], None]:
+        def plot(axes: Any) -> None:
+            # The runs that failed first: they are few, and what one looks for.
+            order = np.argsort(passed, kind="stable")[:_MOST_POINTS]
+            order = order[np.isfinite(y[order])]
+            for chosen, color in ((passed[order], ACCENT), (~passed[order], BAD)):
+                axes.scatter(x[order][chosen], y[order][chosen], s=4.0, color=color, alpha=0.55, linewidths=0)
+            if len(order) and _is_wide(y[order]):
+                axes.set_yscale("log")
+            axes.set_xlabel(_short(name), color=TEXT)
+
+        return plot
+
+    panels = [(f"{metric}", panel(name, x, y, passed)) for name, metric, x, y, passed in pairs]
+    return _draw(panels, "Each metric against the input that drives it most", 2)
+
+
+def _draw(panels: Sequence[tuple[str, Callable[[Any], None]]], name: str, columns: int) -> str:
+    try:
+        from matplotlib import style
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise MissingExtraError("matplotlib", "plot", "a figure") from None
+    columns = min(columns, len(panels))
+    rows = math.ceil(len(panels) / columns)
+    height = rows * (_ROW if columns > 1 else 190.0)
+    buffer = io.BytesIO()
+    settings = {**SETTINGS, "svg.hashsalt": "|".join([name, *(title for title, _ in panels)])}
+    with style.context(["default", settings]):
+        figure = Figure(figsize=(_WIDTH / 72.0, height / 72.0), layout="constrained")
+        for number, (title, plot) in enumerate(panels):
+            axes = figure.add_subplot(rows, columns, number + 1)
+            plot(axes)
+            axes.set_title(title, loc="left", color=TEXT, fontsize=10.5)
+            _quiet(axes)
+        figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
+    return inline(buffer.getvalue(), name)
+
+
+def _quiet(axes: Axes) -> None:
+    from matplotlib.ticker import FuncFormatter, NullFormatter
+
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.spines[["left", "bottom"]].set_color("#808080")
+    axes.tick_params(which="both", color="#808080", labelcolor=TEXT, length=3.0)
+    axes.grid(color="#808080", alpha=0.2, linewidth=0.6)
+    axes.set_axisbelow(True)
+    for axis in (axes.xaxis, axes.yaxis):
+        if axis.get_scale() == "log":
+            axis.set_minor_formatter(NullFormatter())
+        axis.set_major_formatter(FuncFormatter(lambda value, _, axis=axis: tick(value, axis.get_majorticklocs())))
+
+
+def _limit(line: Callable[..., Any], limit: float | None) -> None:
+    if limit is not None:
+        line(limit, color=TEXT, linewidth=1.0, linestyle=(0, (4, 3)))
+
+
+def _is_wide(values: Numbers) -> bool:
+    """Return whether positive values spread over orders of magnitude."""
+    finite = values[np.isfinite(values)]
+    return bool(len(finite) and finite.min() > 0.0 and np.quantile(finite, 0.98) > 50.0 * np.quantile(finite, 0.02))
+
+
+def _edges(values: Numbers) -> Numbers:
+    low, high = float(values.min()), float(values.max())
+    if not high > low:
+        return np.array([low - 0.5 * (abs(low) or 1.0), low + 0.5 * (abs(low) or 1.0)])
+    bins = min(_BINS, max(8, round(math.sqrt(len(values)))))
+    edges: Numbers = np.geomspace(low, high, bins + 1) if _is_wide(values) else np.linspace(low, high, bins + 1)
+    edges[0], edges[-1] = low, high
+    return edges
+
+
+def _short(name: str) -> str:
+    """Return the end of a dotted key, by which one knows it."""
+    for start in ("control.parameters.", "control.", "initial.", "body.", "effects"):
+        if name.startswith(start) and start != "effects":
+            return name.removeprefix(start)
+    return name

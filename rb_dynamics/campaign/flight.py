@@ -1,0 +1,237 @@
+"""Flies a block of runs and returns their rows. Never writes a file and never knows of other blocks.
+
+A row depends on the campaign and the number of the run alone: a run that cannot be solved is flown again without the
+others, and they without it.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from rb_dynamics.campaign.bodies import Alone, Bodies, SideBySide, go_side_by_side, step_ns
+from rb_dynamics.campaign.control import Loop
+from rb_dynamics.campaign.metrics import Judge
+from rb_dynamics.campaign.model import Campaign
+from rb_dynamics.campaign.sampling import inputs
+from rb_dynamics.campaign.scenes import scenes_of
+from rb_dynamics.ensemble import Samples
+from rb_dynamics.errors import ConvergenceError, SceneError
+from rb_dynamics.motion.step_control import NANOSECONDS
+from rb_dynamics.scene.model import Scene
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from rb_dynamics.recording.sink import Sink
+
+    Numbers = npt.NDArray[np.float64]
+
+Columns = dict[str, Any]
+"""Rows of a block, by the names of the columns: arrays (n,), and a list of texts for `error`."""
+
+
+class _Run(NamedTuple):
+    number: int
+    values: Mapping[str, float]
+    scene: Scene
+
+
+def fly_block(campaign: Campaign, first: int, last: int, threads: int | None = None) -> Columns:
+    """Return the rows of the runs from `first` to `last`."""
+    import numpy as np
+
+    names, scenes = [each.name for each in campaign.inputs], scenes_of(campaign)
+    table = inputs(campaign, first, last)
+    errors: dict[int, str] = {}
+    runs = []
+    for number, row in zip(range(first, last), table.tolist(), strict=True):
+        values = dict(zip(names, row, strict=True))
+        try:
+            runs.append(_Run(number, values, scenes.scene(values)))
+        except SceneError as error:
+            errors[number] = str(error)
+    metrics = {metric.name: np.full(last - first, math.nan) for metric in campaign.metrics}
+    for group in _groups(campaign, runs):
+        for part, judge in _fly(campaign, group, threads):
+            if isinstance(judge, str):
+                errors[part[0].number] = judge
+                continue
+            places = [run.number - first for run in part]
+            for name, column in judge.results().items():
+                metrics[name][places] = column
+    return {
+        "run": np.arange(first, last, dtype=np.int64),
+        "seed": np.full(last - first, campaign.seed, dtype=np.int64),
+        **{name: table[:, k] for k, name in enumerate(names)},
+        **metrics,
+        "passed": _passed(campaign, metrics, errors, first),
+        "error": [errors.get(number, "") for number in range(first, last)],
+    }
+
+
+def fly_alone(
+    campaign: Campaign, number: int, sinks: Sequence[Sink] = (), watch: Callable[[Samples], None] | None = None
+) -> dict[str, float]:
+    """Fly one run, with all that `sinks` are told of it, and return its metrics by name.
+
+    Raises:
+        SceneError: its inputs make no valid scene.
+        ConvergenceError: a step cannot be solved.
+        LogError: a log cannot be written.
+    """
+    names = [each.name for each in campaign.inputs]
+    values = dict(zip(names, inputs(campaign, number, number + 1)[0].tolist(), strict=True))
+    run = _Run(number, values, scenes_of(campaign).whole(values))
+    bodies, judge = Alone(run.scene, sinks), Judge(campaign, 1)
+    try:
+        _advance(campaign, bodies, [run], judge, watch)
+    finally:
+        bodies.finish()
+    return {name: float(column[0]) for name, column in judge.results().items()}
+
+
+def watch_runs(campaign: Campaign, numbers: Sequence[int], watch: Callable[[Samples], None]) -> None:
+    """Fly these runs side by side, and show `watch` all of them whenever they are looked at.
+
+    Raises:
+        ValueError: they cannot go side by side.
+        SceneError: the inputs of one make no valid scene.
+        ConvergenceError: a step of one cannot be solved.
+    """
+    names = [each.name for each in campaign.inputs]
+    runs = []
+    for number in numbers:
+        values = dict(zip(names, inputs(campaign, number, number + 1)[0].tolist(), strict=True))
+        runs.append(_Run(number, values, scenes_of(campaign).scene(values)))
+    if not go_side_by_side([run.scene for run in runs], campaign.control is not None):
+        raise ValueError("these runs cannot go side by side; fly each of them alone")
+    bodies = SideBySide([run.scene for run in runs], None)
+    _advance(campaign, bodies, runs, Judge(campaign, len(runs)), watch)
+
+
+def _passed(
+    campaign: Campaign, metrics: Mapping[str, Numbers], errors: Mapping[int, str], first: int
+) -> npt.NDArray[np.bool_]:
+    """Return which runs could be flown and meet every requirement; what is no number meets none."""
+    import numpy as np
+
+    count = len(next(iter(metrics.values())))
+    good = np.array([number not in errors for number in range(first, first + count)], dtype=np.bool_)
+    for each in campaign.requirements:
+        good &= (metrics[each.metric] < each.below) & (metrics[each.metric] > each.above)
+    return good
+
+
+def _groups(campaign: Campaign, runs: list[_Run]) -> list[list[_Run]]:
+    """Return runs that go side by side together, and others each in a list of its own."""
+    if runs and go_side_by_side([run.scene for run in runs], campaign.control is not None):
+        return [runs]
+    return [[run] for run in runs]
+
+
+def _fly(campaign: Campaign, runs: list[_Run], threads: int | None) -> list[tuple[list[_Run], Judge | str]]:
+    """Return parts of `runs`, each with its metrics, or with why its only run could not be flown."""
+    judge, scenes = Judge(campaign, len(runs)), [run.scene for run in runs]
+    together = go_side_by_side(scenes, campaign.control is not None)
+    try:
+        bodies = SideBySide(scenes, threads) if together else Alone(scenes[0])
+        _advance(campaign, bodies, runs, judge)
+    except ConvergenceError as error:
+        if len(runs) == 1:
+            return [(runs, str(error).removeprefix("body 0: "))]
+        half = len(runs) // 2
+        return _fly(campaign, runs[:half], threads) + _fly(campaign, runs[half:], threads)
+    return [(runs, judge)]
+
+
+def _advance(
+    campaign: Campaign,
+    bodies: Bodies,
+    runs: Sequence[_Run],
+    judge: Judge,
+    watch: Callable[[Samples], None] | None = None,
+) -> None:
+    """Take the bodies from edge to edge (sample of the controller, command, look) to the end of their scene."""
+    scene = runs[0].scene
+    end_ns = round((scene.duration or 0.0) * NANOSECONDS)
+    loop = _closed(campaign, runs)
+    next_look_ns = next_sample_ns = 0
+    while True:
+        sampling = loop is not None and loop.period_ns > 0 and next_sample_ns < end_ns
+        time_ns = min(next_look_ns, end_ns)
+        if loop is not None:
+            time_ns = min(time_ns, loop.next_command_ns(end_ns), next_sample_ns if sampling else end_ns)
+        bodies.advance_to(time_ns)
+        looking, sampling = time_ns in (next_look_ns, end_ns), sampling and time_ns == next_sample_ns
+        if looking or sampling:
+            samples = bodies.samples()
+            if looking:
+                judge.look(samples)
+                if watch is not None:
+                    watch(samples)
+                next_look_ns = time_ns + campaign.observe_ns
+            if sampling and loop is not None:
+                loop.sample(time_ns, samples)
+                next_sample_ns += loop.period_ns
+        if time_ns >= end_ns:
+            return
+        if loop is not None and (held := loop.commanded(time_ns)) is not None:
+            bodies.hold(*held)
+
+
+class _Closed:
+    """Controllers whose torques wait for their time."""
+
+    def __init__(self, loop: Loop, period_ns: int) -> None:
+        import numpy as np
+
+        self.period_ns = period_ns
+        self._loop = loop
+        delays = np.unique(loop.delays_ns).tolist()
+        self._groups = [(delay, loop.delays_ns == delay) for delay in delays]
+        self._waiting: list[tuple[int, int, int]] = []
+        self._torques: dict[int, Numbers] = {}
+        self._held: Numbers = np.zeros((len(loop.delays_ns), 3))
+        self._count = 0
+
+    def sample(self, time_ns: int, samples: Samples) -> None:
+        """Ask the law; what it commands waits for its time."""
+        self._torques[self._count] = self._loop.torque(samples)
+        for group, (delay, _) in enumerate(self._groups):
+            heapq.heappush(self._waiting, (time_ns + delay, self._count, group))
+        self._count += 1
+
+    def next_command_ns(self, end_ns: int) -> int:
+        """Return when the next torque takes effect, `end_ns` where none waits."""
+        return self._waiting[0][0] if self._waiting else end_ns
+
+    def commanded(self, time_ns: int) -> tuple[Numbers, npt.NDArray[np.bool_]] | None:
+        """Return the torques of all runs from now on, and which of them take effect now; None where none does."""
+        import numpy as np
+
+        changed = np.zeros(len(self._held), dtype=np.bool_)
+        while self._waiting and self._waiting[0][0] == time_ns:
+            _, number, group = heapq.heappop(self._waiting)
+            of_group = self._groups[group][1]
+            self._held = np.where(of_group[:, None], self._torques[number], self._held)
+            changed |= of_group
+            if group == len(self._groups) - 1:
+                # The longest delay is over.
+                del self._torques[number]
+        return (self._held, changed) if changed.any() else None
+
+
+def _closed(campaign: Campaign, runs: Sequence[_Run]) -> _Closed | None:
+    import numpy as np
+
+    control = campaign.control
+    if control is None:
+        return None
+    values = {each.name: np.array([run.values[each.name] for run in runs]) for each in campaign.inputs}
+    unit_ns = step_ns(runs[0].scene) or 1
+    loop = Loop(campaign, control, [run.number for run in runs], values, unit_ns)
+    return _Closed(loop, control.period_ns)

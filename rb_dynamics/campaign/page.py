@@ -1,0 +1,243 @@
+"""The page of a campaign: how many passed, how the metrics are spread, what drives them, and which runs to look at."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from rb_dynamics.campaign.engine import flies_side_by_side
+from rb_dynamics.campaign.flight import Columns, watch_runs
+from rb_dynamics.campaign.metrics import QUANTITIES, quantity
+from rb_dynamics.campaign.model import Campaign, Metric
+from rb_dynamics.campaign.summary import (
+    CONFIDENCE,
+    MetricSummary,
+    Quantile,
+    Summary,
+    rerun_commands,
+    summarise,
+)
+from rb_dynamics.campaign.units import unit_of
+from rb_dynamics.errors import RigidBodyError
+from rb_dynamics.motion.step_control import NANOSECONDS
+from rb_dynamics.recording.provenance import version
+from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, write_html
+
+if TYPE_CHECKING:
+    from rb_dynamics.ensemble import Samples
+
+_WATCHED = 200
+"""Runs that are flown again for the figure over time."""
+
+_LOOKS = 600
+"""Points of a line over time."""
+
+_LISTED = 30
+
+
+def write_campaign_page(campaign: Campaign, rows: Columns, path: str | os.PathLike[str]) -> None:
+    """Write the page of `rows` to `path`.
+
+    Raises:
+        LogError: the file cannot be written.
+        MissingExtraError: matplotlib or jinja2 is not installed.
+    """
+    write_html(path, campaign_report(campaign, rows))
+
+
+def campaign_report(campaign: Campaign, rows: Columns) -> Report:
+    """Return the page of `rows`; where runs go side by side, the first of them are flown again to show them in time."""
+    from rb_dynamics.campaign import figures
+
+    summary = summarise(campaign, rows)
+    passed = rows["passed"]
+    lead = (
+        f"{summary.runs} runs of {len(campaign.inputs)} dispersed numbers, {campaign.sampling.replace('_', ' ')}, seed "
+        f"{campaign.seed}: {summary.passed} passed, {summary.runs - summary.passed} failed."
+    )
+    spread = figures.histograms(
+        [(_title(each), rows[each.name], passed, _limit(campaign, each)) for each in campaign.metrics]
+    )
+    sections = [
+        Section("At a glance", _glance(campaign, summary), tiles=_tiles(summary)),
+        *_over_time(campaign, rows),
+        Section("How the metrics are spread", figures=[Figure(spread, _SPREAD)], table=_quantiles(summary)),
+    ]
+    if campaign.inputs:
+        drivers = figures.sensitivities([(each.name, each.sensitivity) for each in summary.metrics], summary.noise)
+        sections.append(
+            Section("What drives them", figures=[Figure(drivers, _DRIVERS), *_scatters(campaign, summary, rows)])
+        )
+    sections += [
+        Section("Runs that failed", _failed_text(summary), table=_failures(campaign, summary, rows)),
+        Section("The campaign", source=campaign.text, source_title="The campaign file"),
+        Section("The scene", source=campaign.scene_text, source_title="The base scene, as it is flown"),
+    ]
+    return Report(f"Campaign: {os.path.basename(campaign.source)}", lead, sections, f"rb_dynamics {version()}")
+
+
+_SPREAD = (
+    "Runs by value; orange ones failed. The dashed line is what is required. The table gives quantiles; in brackets "
+    f"the interval that holds the true quantile with {CONFIDENCE:.0%} confidence, whatever the distribution."
+)
+_DRIVERS = (
+    "Spearman's rank correlation, the strongest inputs first: +1 where a metric only grows with an input, -1 where it "
+    "only falls. What stays within the grey band is no more than chance."
+)
+_SCATTER = "Each metric against the input that drives it most; orange runs failed."
+
+
+def _glance(campaign: Campaign, summary: Summary) -> str:
+    parts = []
+    if campaign.requirements:
+        wanted = [f"{each.metric} {_range(each.below, each.above)}" for each in campaign.requirements]
+        parts.append(f"A run has passed where {' and '.join(wanted)}.")
+    else:
+        parts.append("Nothing is required of a run: every one that could be flown has passed.")
+    for metric in summary.metrics:
+        if metric.sensitivity and abs(metric.sensitivity[0][1]) > max(summary.noise, 0.1):
+            name, value = metric.sensitivity[0]
+            parts.append(f"{metric.name} depends most on {name} (rank correlation {value:+.2f}).")
+    return "\n\n".join(parts)
+
+
+def _range(below: float, above: float) -> str:
+    bounds = [f"is below {below:g}"] if math.isfinite(below) else []
+    return " and ".join(bounds + ([f"is above {above:g}"] if math.isfinite(above) else []))
+
+
+def _tiles(summary: Summary) -> list[Tile]:
+    interval = f"{summary.pass_low:.3%} to {summary.pass_high:.3%} at {CONFIDENCE:.0%} confidence"
+    failed = summary.runs - summary.passed
+    tiles = [
+        Tile("Passed", f"{summary.pass_rate:.2%}", interval, "bad" if failed else "good"),
+        Tile("Failed", f"{failed}", f"of {summary.runs} runs", "bad" if failed else "good"),
+    ]
+    if summary.errors:
+        tiles.append(Tile("Could not be flown", f"{len(summary.errors)}", summary.errors[0][1][:80], "bad"))
+    for metric in summary.metrics:
+        if metric.quantiles:
+            at = {each.probability: each for each in metric.quantiles}
+            tiles.append(
+                Tile(f"{metric.name}, 95 % of runs below", _number(at[0.95].value, metric.unit), _note(metric))
+            )
+    return tiles
+
+
+def _note(metric: MetricSummary) -> str:
+    middle = next(each.value for each in metric.quantiles if each.probability == 0.5)
+    missing = f", never met in {metric.missing}" if metric.missing else ""
+    return f"median {middle:.4g}, most {metric.most:.4g}{missing}"
+
+
+def _over_time(campaign: Campaign, rows: Columns) -> list[Section]:
+    """Fly some runs again, the failed ones among them, and show what is judged over time."""
+    import numpy as np
+
+    from rb_dynamics.campaign import figures
+
+    followed: dict[tuple[object, ...], Metric] = {}
+    for metric in campaign.metrics:
+        followed.setdefault((metric.quantity, metric.target_xyzw), metric)
+    flyable = np.array([not text for text in rows["error"]])
+    failed = rows["run"][~rows["passed"] & flyable][:8].tolist()
+    runs = sorted({*rows["run"][flyable][: _WATCHED - len(failed)].tolist(), *failed})
+    if not runs or not flies_side_by_side(campaign):
+        return []
+    functions = [quantity(campaign, metric) for metric in followed.values()]
+    times: list[float] = []
+    values: list[list[object]] = [[] for _ in functions]
+
+    def watch(samples: Samples) -> None:
+        times.append(float(samples.time_ns / NANOSECONDS))
+        for column, function in zip(values, functions, strict=True):
+            column.append(function(samples))
+
+    try:
+        watch_runs(campaign, runs, watch)
+    except (RigidBodyError, ValueError):
+        return []
+    kept = np.unique(np.linspace(0, len(times) - 1, _LOOKS).round().astype(int))
+    bad = np.isin(runs, failed)
+    drawn = [
+        Figure(
+            figures.over_time(np.array(times)[kept], _quantity_title(metric), np.array(column)[kept], bad, None),
+            f"{_quantity_title(metric)}: median and the middle 90 % of {len(runs)} runs; orange: runs that failed.",
+        )
+        for metric, column in zip(followed.values(), values, strict=True)
+    ]
+    return [Section("Over time", figures=drawn)]
+
+
+def _scatters(campaign: Campaign, summary: Summary, rows: Columns) -> list[Figure]:
+    from rb_dynamics.campaign import figures
+
+    pairs = []
+    for metric, found in zip(campaign.metrics, summary.metrics, strict=True):
+        if found.sensitivity:
+            name = found.sensitivity[0][0]
+            pairs.append((name, _title(metric), rows[name], rows[metric.name], rows["passed"]))
+    return [Figure(figures.scatters(pairs), _SCATTER)] if pairs else []
+
+
+def _quantiles(summary: Summary) -> Table:
+    probabilities = sorted({each.probability for metric in summary.metrics for each in metric.quantiles})
+    header = ["metric", *(f"{probability:.0%}" for probability in probabilities), "mean", "deviation", "not met"]
+    rows = []
+    for metric in summary.metrics:
+        at = {each.probability: each for each in metric.quantiles}
+        cells = [_interval(at.get(probability)) for probability in probabilities]
+        name = f"{metric.name} [{metric.unit}]" if metric.unit else metric.name
+        rows.append([name, *cells, f"{metric.mean:.4g}", f"{metric.deviation:.3g}", f"{metric.missing}"])
+    return Table(header, rows)
+
+
+def _interval(quantile: Quantile | None) -> str:
+    if quantile is None:
+        return "-"
+    low, high = ("-" if edge is None else f"{edge:.3g}" for edge in (quantile.low, quantile.high))
+    return f"{quantile.value:.4g} [{low}, {high}]"
+
+
+def _failed_text(summary: Summary) -> str:
+    if not summary.failed:
+        return f"None. With {CONFIDENCE:.0%} confidence fewer than {1.0 - summary.pass_low:.3%} of all runs would fail."
+    more = len(summary.failed) - _LISTED
+    rest = f" The first {_LISTED} are listed." if more > 0 else ""
+    return f"Each command flies that run again, to the bit, with a full log of its motion and of its commands.{rest}"
+
+
+def _failures(campaign: Campaign, summary: Summary, rows: Columns) -> Table | None:
+    shown = summary.failed[:_LISTED]
+    if not shown:
+        return None
+    names = [metric.name for metric in campaign.metrics]
+    errors = dict(summary.errors)
+    cells: list[Sequence[str]] = []
+    for run, command in zip(shown, rerun_commands(campaign, shown), strict=True):
+        values = ["never" if math.isnan(value := float(rows[name][run])) else f"{value:.4g}" for name in names]
+        cells.append([str(run), *values, errors.get(run, command)])
+    return Table(["run", *names, "again"], cells, numeric=False)
+
+
+def _title(metric: Metric) -> str:
+    unit = unit_of(metric)
+    return f"{metric.name} [{unit}]" if unit else metric.name
+
+
+def _quantity_title(metric: Metric) -> str:
+    name, unit = QUANTITIES.get(metric.quantity, (metric.quantity, ""))
+    return f"{name[:1].upper()}{name[1:]} [{unit}]" if unit else name
+
+
+def _limit(campaign: Campaign, metric: Metric) -> float | None:
+    for each in campaign.requirements:
+        if each.metric == metric.name:
+            return each.below if math.isfinite(each.below) else each.above
+    return None
+
+
+def _number(value: float, unit: str) -> str:
+    return f"{value:.4g} {unit}".strip()

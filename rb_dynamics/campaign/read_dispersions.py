@@ -1,0 +1,210 @@
+"""The `disperse` and `correlate` sections of a campaign: which numbers differ from run to run, and how."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+
+from rb_dynamics.campaign.distributions import Choice, Distribution, LogNormal, LogUniform, Normal, Uniform
+from rb_dynamics.campaign.model import Input
+from rb_dynamics.campaign.scenes import ANYHOW, AXES, FACTORS, INERTIA, ORIENTATION, TURNS
+from rb_dynamics.scene import document
+from rb_dynamics.scene.document import Node
+from rb_dynamics.scene.fields import Field, Rule, Section
+from rb_dynamics.scene.model import Scene
+from rb_dynamics.scene.problems import Problems
+
+_FORMS = ("normal", "uniform", "log_uniform", "choice")
+_NUMBER = Rule("a finite number")
+_DEVIATION = Rule("a number of 0 or more", lambda v: v >= 0.0, "write a standard deviation")
+_POSITIVE = Rule("a number greater than 0", lambda v: v > 0.0, "write a positive number, or use uniform")
+_COEFFICIENT = Rule("a number between -1 and 1", lambda v: -1.0 < v < 1.0, "write a correlation such as 0.5")
+_PART = re.compile(r"([^.\[\]]+)((?:\[[0-9]{1,6}\])*)")
+
+
+def inputs(field: Field | None, base: Scene, control: Mapping[str, float]) -> tuple[Input, ...]:
+    """Return the inputs of each run, one for each number that differs."""
+    if field is None:
+        return ()
+    tree = document.parse(base.text, Problems(base.source))
+    found: list[Input] = []
+    for key, entry in field.mapping("distributions by dotted key").items():
+        if key == INERTIA:
+            found += _inertia(entry, base)
+        elif key == ORIENTATION:
+            found += _orientation(entry)
+        else:
+            found += _numbers(key, entry, _values(key, tree, control))
+    names = [each.name for each in found]
+    if len(names) != len(set(names)):
+        field.reject("each number once", "remove one of them", "a number and the list that it is in")
+    return tuple(found)
+
+
+def _inertia(entry: Field, base: Scene) -> list[Input]:
+    section = entry.section(("second_moments", "axes"))
+    if base.body.is_particle:
+        entry.reject("a body that turns", "add body.inertia to the scene", "the inertia of a particle")
+    if not section.values:
+        entry.reject("second_moments or axes", "write for example {second_moments: 0.05, axes: 0.02}")
+    spread, turn = section.number("second_moments", _DEVIATION, 0.0), section.number("axes", _DEVIATION, 0.0)
+    factors = [Input(name, LogNormal(spread), INERTIA) for name in FACTORS]
+    return factors + [Input(name, Normal(0.0, turn), INERTIA) for name in AXES]
+
+
+def _orientation(entry: Field) -> list[Input]:
+    if entry.node.value == "any":
+        return [Input(name, Uniform(0.0, 1.0), ORIENTATION) for name in ANYHOW]
+    if not isinstance(entry.node.value, dict):
+        entry.reject("any, or {turn: deviation in rad}", "write any for attitudes all alike")
+        return []
+    turn = entry.section(("turn",)).number("turn", _DEVIATION, 0.0, required=True)
+    return [Input(name, Normal(0.0, turn), ORIENTATION) for name in TURNS]
+
+
+def _values(key: str, tree: Node, control: Mapping[str, float]) -> dict[str, float]:
+    """Return the numbers that stand under `key` in the scene or in the controller, by their own keys."""
+    found = {name: value for name, value in control.items() if name == key or name.startswith(f"{key}[")}
+    if found or key.startswith("control."):
+        return found
+    node: Node | None = tree
+    for part in key.split("."):
+        match = _PART.fullmatch(part)
+        node = node.value.get(match[1]) if match and node and isinstance(node.value, dict) else None
+        for index in re.findall(r"\d+", match[2]) if match else ():
+            items = node.value if node else None
+            node = items[int(index)] if isinstance(items, list) and int(index) < len(items) else None
+    if node is None:
+        return {}
+    if isinstance(node.value, list):
+        parts = {f"{key}[{i}]": item.value for i, item in enumerate(node.value)}
+        return {name: value for name, value in parts.items() if isinstance(value, float)}
+    return {key: node.value} if isinstance(node.value, float) else {}
+
+
+def _numbers(key: str, entry: Field, values: Mapping[str, float]) -> list[Input]:
+    if not values:
+        entry.reject(
+            "a dotted key of a number, or of a list of numbers, that stands in the scene or in control",
+            "correct the key, or give it a value in the scene or in set",
+            f"no number under {key}",
+        )
+        return []
+    section = entry.section(_FORMS)
+    given = [form for form in _FORMS if form in section.values]
+    if len(given) != 1:
+        entry.reject(f"exactly one of {', '.join(_FORMS)}", "write for example {normal: {deviation: 0.1}}")
+        return []
+    form = section.get(given[0])
+    return [] if form is None else [Input(name, _READERS[given[0]](form, value)) for name, value in values.items()]
+
+
+def _normal(field: Field, value: float) -> Distribution:
+    section = field.section(("mean", "deviation", "relative", "low", "high"))
+    mean = section.number("mean", _NUMBER, value)
+    if ("deviation" in section.values) == ("relative" in section.values) and isinstance(field.node.value, dict):
+        field.reject("exactly one of deviation and relative", "write deviation, or relative as a fraction of the mean")
+    deviation = section.number("deviation", _DEVIATION, 0.0)
+    relative = section.number("relative", _DEVIATION, 0.0)
+    low, high = _edges(section, -math.inf, math.inf)
+    return Normal(mean, deviation or relative * abs(mean), low, high)
+
+
+def _uniform(field: Field, value: float) -> Distribution:
+    section = field.section(("low", "high", "half_width"))
+    if "half_width" in section.values:
+        if len(section.values) > 1:
+            field.reject("half_width alone, or low and high", "remove half_width")
+        width = section.number("half_width", _DEVIATION, 0.0)
+        return Uniform(value - width, value + width)
+    _both(section)
+    return Uniform(*_edges(section, 0.0, 1.0))
+
+
+def _log_uniform(field: Field, value: float) -> Distribution:  # noqa: ARG001
+    section = field.section(("low", "high"))
+    _both(section)
+    return LogUniform(*_edges(section, 1.0, 10.0, _POSITIVE))
+
+
+def _choice(field: Field, value: float) -> Distribution:  # noqa: ARG001
+    section = field.section(("values", "weights"))
+    listed, weighed = section.get("values"), section.get("weights")
+    if listed is None:
+        section.missing("values", "a list of numbers", "add values: [1, 2]")
+        return Uniform(0.0, 1.0)
+    values = [item.number(_NUMBER, 0.0) for item in listed.items("a list of numbers", "write [1, 2]")]
+    weights = [1.0] * len(values)
+    if weighed is not None:
+        weights = [item.number(_DEVIATION, 0.0) for item in weighed.items("a list of numbers", "write [1, 2]")]
+    if not values or len(weights) != len(values) or not sum(weights) > 0.0:
+        field.reject("at least one value, and as many weights, of which one is greater than 0", "correct the lists")
+        return Uniform(0.0, 1.0)
+    total = math.fsum(weights)
+    return Choice(tuple(values), tuple(weight / total for weight in weights))
+
+
+_READERS: Mapping[str, Callable[[Field, float], Distribution]] = {
+    "normal": _normal,
+    "uniform": _uniform,
+    "log_uniform": _log_uniform,
+    "choice": _choice,
+}
+
+
+def _both(section: Section) -> None:
+    for name in ("low", "high"):
+        if name not in section.values:
+            section.missing(name, "a number", f"add {name}:")
+
+
+def _edges(section: Section, low: float, high: float, rule: Rule = _NUMBER) -> tuple[float, float]:
+    low, high = section.number("low", rule, low), section.number("high", rule, max(high, low))
+    if not low < high and not section.field.problems:
+        section.field.reject("low less than high", "exchange them")
+    return low, high
+
+
+def correlations(field: Field | None, found: Sequence[Input]) -> tuple[tuple[float, ...], ...]:
+    """Return the lower triangular rows that mix independent normal scores; empty where none are correlated."""
+    if field is None:
+        return ()
+    names = [each.name for each in found]
+    matrix = [[float(i == j) for j in range(len(names))] for i in range(len(names))]
+    for entry in field.items("a list of correlations", "write [{between: [a, b], coefficient: 0.5}]"):
+        section = entry.section(("between", "coefficient"))
+        pair = section.get("between")
+        items = pair.items("two inputs", "write [a, b]") if pair else []
+        if pair is None:
+            section.missing("between", "two inputs", "add between: [a, b]")
+        keys = [
+            item.text("a dispersed number", names.__contains__, f"choose from {', '.join(names)}", "") for item in items
+        ]
+        coefficient = section.number("coefficient", _COEFFICIENT, 0.0, required=True)
+        if len(keys) != 2 or keys[0] == keys[1]:
+            entry.reject("two different inputs", "write between: [a, b]")
+        elif all(keys):
+            i, j = names.index(keys[0]), names.index(keys[1])
+            matrix[i][j] = matrix[j][i] = coefficient
+    if field.problems:
+        return ()
+    rows = _cholesky(matrix)
+    if rows is None:
+        field.reject("correlations that numbers can have, all together", "make some of them smaller")
+        return ()
+    return rows
+
+
+def _cholesky(matrix: Sequence[Sequence[float]]) -> tuple[tuple[float, ...], ...] | None:
+    """Return the lower triangular L with L L^T = `matrix`, None where it is not positive definite."""
+    rows: list[list[float]] = []
+    for i, row in enumerate(matrix):
+        new: list[float] = []
+        for j in range(i + 1):
+            rest = row[j] - math.fsum(a * b for a, b in zip(new, rows[j] if j < i else new, strict=False))
+            if j == i and rest < 1e-12:
+                return None
+            new.append(math.sqrt(rest) if j == i else rest / rows[j][j])
+        rows.append(new)
+    return tuple(map(tuple, rows))

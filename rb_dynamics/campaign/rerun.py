@@ -1,0 +1,81 @@
+"""One run of a campaign again: alone, by the loop that `simulate` runs, with a full log, compared with its row."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rb_dynamics.campaign.flight import fly_alone
+from rb_dynamics.campaign.model import Campaign
+from rb_dynamics.campaign.store import read_row, same_campaign
+from rb_dynamics.errors import LogError, SceneError
+from rb_dynamics.recording.mcap_sink import LogSettings, McapSink
+
+
+@dataclass(frozen=True)
+class Rerun:
+    """What a run gave when it was flown again.
+
+    Attributes:
+        run: its number.
+        metrics: by name.
+        row: the metrics in its row, None where no rows of this campaign are at hand.
+        log: where it was logged.
+    """
+
+    run: int
+    metrics: Mapping[str, float]
+    row: Mapping[str, float] | None
+    log: Path
+
+    @property
+    def differs(self) -> bool:
+        """Whether a metric is not that of the row, to the bit."""
+        if self.row is None:
+            return False
+        return any(
+            not (value == self.row[name] or (math.isnan(value) and math.isnan(self.row[name])))
+            for name, value in self.metrics.items()
+        )
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it for JSON; what is no finite number is None."""
+        metrics = {name: value if math.isfinite(value) else None for name, value in self.metrics.items()}
+        same = None if self.row is None else not self.differs
+        return {"run": self.run, "metrics": metrics, "same_as_row": same, "log": str(self.log)}
+
+    def as_text(self) -> str:
+        """Return it for a person at a terminal."""
+        lines = [f"run {self.run}"]
+        for name, value in self.metrics.items():
+            lines.append(
+                f"  {name:24}{value!r:>26}" + ("" if self.row is None else f"{self.row[name]!r:>26} in its row")
+            )
+        if self.row is not None:
+            lines.append("differs from its row" if self.differs else "the same as its row, to the bit")
+        return "\n".join([*lines, f"wrote {self.log}"])
+
+
+def rerun(campaign: Campaign, run: int, log: Path, rows: Path, overwrite: bool = False) -> Rerun:
+    """Fly `run` with all it has written to `log`, and compare it with its row where `rows` are of this campaign.
+
+    Raises:
+        SceneError: there is no such run, or its inputs make no valid scene.
+        ConvergenceError: a step cannot be solved; the log ends there.
+        LogError: a file cannot be read or written.
+    """
+    if not 0 <= run < campaign.runs:
+        raise SceneError(f"--rerun: found {run}, expected a run from 0 to {campaign.runs - 1}; correct the number")
+    try:
+        log.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise LogError(f"cannot write {log}: {error.strerror or error}; give another file with --mcap") from error
+    metrics = fly_alone(campaign, run, [McapSink(log, settings=LogSettings(overwrite=overwrite))])
+    row = None
+    if rows.exists() and same_campaign(rows, campaign):
+        found = read_row(rows, run)
+        row = None if found is None else {name: float(found[name]) for name in metrics}
+    return Rerun(run, metrics, row, log)

@@ -1,0 +1,230 @@
+"""The rows of a campaign on disk: a Parquet file for each block while it runs, one for all of it at the end.
+
+What is on disk is whole: a file is written under another name and then renamed. The last file depends on the campaign
+alone, not on how its runs were divided, interrupted or ordered. Never flies a run.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import re
+import shutil
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rb_dynamics.campaign.model import Campaign
+from rb_dynamics.errors import LogError, MissingExtraError
+from rb_dynamics.recording.provenance import version
+
+if TYPE_CHECKING:
+    from rb_dynamics.campaign.flight import Columns
+
+ROWS = 1 << 16
+"""Rows in a group of the last file, and so what is in memory at a time when it is written."""
+
+_METADATA = b"rb_dynamics"
+_PART = re.compile(r"runs-(\d+)-(\d+)\.parquet")
+
+
+def fingerprint(campaign: Campaign) -> str:
+    """Return a hash of all that the rows depend on, as far as it is in the campaign: not of the user's own modules."""
+    facts = [campaign.text, campaign.scene_text, version()]
+    return hashlib.sha256(json.dumps(facts).encode()).hexdigest()
+
+
+class Store:
+    """The rows of one campaign: `path` when it is complete, files in `path` + ".parts" before."""
+
+    def __init__(self, path: str | os.PathLike[str], campaign: Campaign, overwrite: bool = False) -> None:
+        """Take up what is there of the same campaign.
+
+        Raises:
+            LogError: what is there is of another campaign, or the folder cannot be written.
+            MissingExtraError: pyarrow is not installed.
+        """
+        self._parquet = _parquet()
+        self.path, self._campaign = Path(path), campaign
+        self._parts = Path(f"{self.path}.parts")
+        self._fingerprint = fingerprint(campaign)
+        try:
+            if overwrite:
+                self.path.unlink(missing_ok=True)
+                shutil.rmtree(self._parts, ignore_errors=True)
+            self.complete = self.path.exists() and self._check(_facts(self.path), self.path)
+            if not self.complete:
+                self._begin()
+        except OSError as error:
+            raise LogError(
+                f"cannot write {self._parts}: {error.strerror or error}; give another file with --out"
+            ) from error
+
+    def _begin(self) -> None:
+        self._parts.mkdir(parents=True, exist_ok=True)
+        facts = self._parts / "campaign.json"
+        if facts.exists():
+            self._check(json.loads(facts.read_text(encoding="utf-8")), self._parts)
+        else:
+            with _renamed(facts) as new:
+                new.write_text(json.dumps(self._as_facts()), encoding="utf-8")
+
+    def _check(self, facts: dict[str, str], place: Path) -> bool:
+        if facts.get("fingerprint") != self._fingerprint:
+            raise LogError(
+                f"{place} holds runs of another campaign, or of another version of this one or of the package; give "
+                "another file with --out, or --overwrite to begin anew"
+            )
+        return True
+
+    def _as_facts(self) -> dict[str, str]:
+        campaign = self._campaign
+        return {
+            "fingerprint": self._fingerprint,
+            "campaign": campaign.text,
+            "scene": campaign.scene_text,
+            "version": version(),
+        }
+
+    @property
+    def done(self) -> int:
+        """Runs whose rows are on disk."""
+        return self._campaign.runs if self.complete else sum(last - first for first, last in self._on_disk())
+
+    def missing(self, block: int) -> Iterator[tuple[int, int]]:
+        """Yield first and last (left out) of blocks of at most `block` runs that are not on disk, in order."""
+        if self.complete:
+            return
+        runs = self._campaign.runs
+        for (_, begin), (end, _) in pairwise([(0, 0), *self._on_disk(), (runs, runs)]):
+            for first in range(begin, end, block):
+                yield first, min(first + block, end)
+
+    def write(self, columns: Columns) -> None:
+        """Keep the rows of a block.
+
+        Raises:
+            LogError: the disk does not take them.
+        """
+        first, last = int(columns["run"][0]), int(columns["run"][-1]) + 1
+        try:
+            with _renamed(self._parts / f"runs-{first:012d}-{last:012d}.parquet") as new:
+                self._parquet.write_table(self._table(columns), new)
+        except OSError as error:
+            raise LogError(
+                f"cannot write to {self._parts}: {error.strerror or error}; make room and run again"
+            ) from error
+
+    def finish(self) -> None:
+        """Make one file of all blocks; those are removed.
+
+        Raises:
+            LogError: the disk does not take it.
+        """
+        if self.complete:
+            return
+        try:
+            with _renamed(self.path) as new:
+                self._join(new)
+        except OSError as error:
+            raise LogError(f"cannot write {self.path}: {error.strerror or error}; make room and run again") from error
+        self.complete = True
+        shutil.rmtree(self._parts)
+
+    def _join(self, target: Path) -> None:
+        import pyarrow as pa
+
+        writer, waiting = None, None
+        for first, last in self._on_disk():
+            table = self._parquet.read_table(self._part(first, last))
+            table = table.replace_schema_metadata({_METADATA: json.dumps(self._as_facts())})
+            waiting = table if waiting is None else pa.concat_tables([waiting, table])
+            writer = writer or self._parquet.ParquetWriter(target, table.schema, compression="zstd")
+            while waiting.num_rows >= ROWS:
+                # In one chunk, or the pages of the file would show where blocks began.
+                writer.write_table(waiting.slice(0, ROWS).combine_chunks(), ROWS)
+                waiting = waiting.slice(ROWS)
+        if writer is not None and waiting is not None:
+            if waiting.num_rows:
+                writer.write_table(waiting.combine_chunks(), ROWS)
+            writer.close()
+
+    def _table(self, columns: Columns) -> Any:
+        import pyarrow as pa
+
+        return pa.table({name: pa.array(column) for name, column in columns.items()})
+
+    def _part(self, first: int, last: int) -> Path:
+        return self._parts / f"runs-{first:012d}-{last:012d}.parquet"
+
+    def _on_disk(self) -> list[tuple[int, int]]:
+        matches = (_PART.fullmatch(path.name) for path in self._parts.iterdir())
+        return sorted((int(match[1]), int(match[2])) for match in matches if match)
+
+
+def read_rows(path: str | os.PathLike[str], columns: list[str] | None = None) -> Columns:
+    """Return the rows of a complete campaign: arrays by the names of the columns, and a list of texts for `error`.
+
+    Raises:
+        LogError: the file cannot be read.
+        MissingExtraError: pyarrow is not installed.
+    """
+    try:
+        table = _parquet().read_table(path, columns=columns)
+    except (OSError, ValueError) as error:
+        raise LogError(f"cannot read {path}: {error}; expected the Parquet file of a campaign") from error
+    return {name: table[name].to_pylist() if name == "error" else table[name].to_numpy() for name in table.column_names}
+
+
+def read_row(path: str | os.PathLike[str], run: int) -> dict[str, Any] | None:
+    """Return the row of one run, None where there is none, without reading the others into memory for long.
+
+    Raises:
+        LogError: the file cannot be read.
+        MissingExtraError: pyarrow is not installed.
+    """
+    try:
+        with _parquet().ParquetFile(path) as file:
+            group = run // ROWS
+            if group >= file.num_row_groups:
+                return None
+            rows: list[dict[str, Any]] = file.read_row_group(group).slice(run % ROWS, 1).to_pylist()
+    except (OSError, ValueError) as error:
+        raise LogError(f"cannot read {path}: {error}; expected the Parquet file of a campaign") from error
+    return rows[0] if rows else None
+
+
+def same_campaign(path: str | os.PathLike[str], campaign: Campaign) -> bool:
+    """Return whether the rows in `path` are of this very campaign."""
+    return _facts(Path(path)).get("fingerprint") == fingerprint(campaign)
+
+
+def _facts(path: Path) -> dict[str, str]:
+    try:
+        metadata = _parquet().read_schema(path).metadata or {}
+    except (OSError, ValueError) as error:
+        raise LogError(f"cannot read {path}: {error}; remove it, or give another file with --out") from error
+    facts: dict[str, str] = json.loads(metadata.get(_METADATA, b"{}"))
+    return facts
+
+
+@contextlib.contextmanager
+def _renamed(path: Path) -> Iterator[Path]:
+    """Yield a name to write to, which then becomes `path`."""
+    new = path.with_name(f"{path.name}.{os.getpid()}.new")
+    try:
+        yield new
+        os.replace(new, path)
+    finally:
+        new.unlink(missing_ok=True)
+
+
+def _parquet() -> Any:
+    try:
+        from pyarrow import parquet
+    except ImportError:
+        raise MissingExtraError("pyarrow", "scale", "a campaign") from None
+    return parquet

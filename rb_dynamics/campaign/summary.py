@@ -1,0 +1,249 @@
+"""What the rows of a campaign show: quantiles and pass rate with confidence intervals, failures, sensitivities.
+
+Intervals take the runs as independent draws. A Latin hypercube or a Sobol sequence covers the inputs more evenly than
+that, so that there the intervals are on the safe side. Never draws: `page.py` does.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+from rb_dynamics.campaign.model import Campaign
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from rb_dynamics.campaign.flight import Columns
+
+    Numbers = npt.NDArray[np.float64]
+
+CONFIDENCE = 0.95
+PROBABILITIES = (0.01, 0.05, 0.5, 0.95, 0.99)
+
+
+@dataclass(frozen=True)
+class Quantile:
+    """A quantile of a metric with its interval; a side is None where there are too few runs to bound it."""
+
+    probability: float
+    value: float
+    low: float | None
+    high: float | None
+
+
+@dataclass(frozen=True)
+class MetricSummary:
+    """What became of one metric.
+
+    Attributes:
+        name: of the metric.
+        unit: of its values.
+        count: of runs in which it is a number.
+        missing: of runs in which it is none: a condition that was never met, or a run that could not be flown.
+        mean: of the numbers.
+        deviation: likewise, standard deviation.
+        least: likewise.
+        most: likewise.
+        quantiles: of the numbers.
+        sensitivity: rank correlation with each input, the strongest first.
+    """
+
+    name: str
+    unit: str
+    count: int
+    missing: int
+    mean: float
+    deviation: float
+    least: float
+    most: float
+    quantiles: tuple[Quantile, ...]
+    sensitivity: tuple[tuple[str, float], ...]
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What became of all runs.
+
+    Attributes:
+        runs: number of them.
+        passed: of those that met every requirement.
+        pass_rate: of all.
+        pass_low: lower end of its interval.
+        pass_high: upper end.
+        failed: the numbers of runs that did not pass, the first `MOST_FAILURES` of them.
+        errors: numbers and texts of runs that could not be flown, likewise.
+        noise: the size that a rank correlation has by chance alone in 5 % of cases.
+        metrics: each of them.
+    """
+
+    runs: int
+    passed: int
+    pass_rate: float
+    pass_low: float
+    pass_high: float
+    failed: tuple[int, ...]
+    errors: tuple[tuple[int, str], ...]
+    noise: float
+    metrics: tuple[MetricSummary, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it for JSON: what is no finite number is None."""
+        found: dict[str, Any] = _finite(asdict(self))
+        return found
+
+
+MOST_FAILURES = 1000
+
+
+def summarise(campaign: Campaign, rows: Columns) -> Summary:
+    """Return what `rows` show."""
+    import numpy as np
+
+    from rb_dynamics.campaign.units import unit_of
+
+    good = rows["passed"]
+    runs, passed = len(good), int(np.count_nonzero(good))
+    low, high = proportion_interval(passed, runs)
+    ranks = {each.name: _ranks(rows[each.name]) for each in campaign.inputs}
+    errors = [(int(run), text) for run, text in zip(rows["run"], rows["error"], strict=True) if text]
+    return Summary(
+        runs,
+        passed,
+        passed / runs,
+        low,
+        high,
+        tuple(rows["run"][~good][:MOST_FAILURES].tolist()),
+        tuple(errors[:MOST_FAILURES]),
+        min(1.0, 1.96 / math.sqrt(max(1, runs - 1))),
+        tuple(_metric(each.name, unit_of(each), rows[each.name], ranks) for each in campaign.metrics),
+    )
+
+
+def quantile_interval(values: Numbers, probability: float) -> Quantile:
+    """Return a quantile of sorted `values` with an interval between order statistics, free of any distribution.
+
+    Of n values so many lie below the true quantile as a binomial number says: the r-th and the s-th bound it with at
+    least `CONFIDENCE` (David and Nagaraja, Order Statistics, section 7.1).
+    """
+    from scipy.stats import binom
+
+    count, tail = len(values), 0.5 * (1.0 - CONFIDENCE)
+    below = int(binom.ppf(tail, count, probability))
+    above = int(binom.ppf(1.0 - tail, count, probability)) + 1
+    return Quantile(
+        probability,
+        float(values[min(count - 1, math.ceil(probability * count) - 1 if probability * count > 1.0 else 0)]),
+        float(values[below - 1]) if below >= 1 else None,
+        float(values[above - 1]) if above <= count else None,
+    )
+
+
+def proportion_interval(successes: int, trials: int) -> tuple[float, float]:
+    """Return the interval of Clopper and Pearson (Biometrika 26 (1934) 404): it covers at least `CONFIDENCE`."""
+    from scipy.stats import beta
+
+    tail = 0.5 * (1.0 - CONFIDENCE)
+    low = float(beta.ppf(tail, successes, trials - successes + 1)) if successes else 0.0
+    high = float(beta.ppf(1.0 - tail, successes + 1, trials - successes)) if successes < trials else 1.0
+    return low, high
+
+
+def _metric(name: str, unit: str, column: Numbers, ranks: Mapping[str, Numbers]) -> MetricSummary:
+    import numpy as np
+
+    is_number = np.isfinite(column)
+    values = np.sort(column[is_number])
+    count = len(values)
+    if count == 0:
+        return MetricSummary(name, unit, 0, len(column), math.nan, math.nan, math.nan, math.nan, (), ())
+    return MetricSummary(
+        name,
+        unit,
+        count,
+        len(column) - count,
+        float(values.mean()),
+        float(values.std(ddof=1)) if count > 1 else 0.0,
+        float(values[0]),
+        float(values[-1]),
+        tuple(quantile_interval(values, probability) for probability in PROBABILITIES),
+        _sensitivity(column, is_number, ranks),
+    )
+
+
+def _sensitivity(
+    column: Numbers, is_number: npt.NDArray[np.bool_], ranks: Mapping[str, Numbers]
+) -> tuple[tuple[str, float], ...]:
+    """Return Spearman's correlation with each input; what is no number ranks above all numbers."""
+    import numpy as np
+
+    own = _ranks(np.where(is_number, column, math.inf))
+    found = [(name, _correlation(own, other)) for name, other in ranks.items()]
+    return tuple(sorted(found, key=lambda pair: -abs(pair[1])))
+
+
+def _ranks(column: Numbers) -> Numbers:
+    from scipy.stats import rankdata
+
+    ranks: Numbers = rankdata(column)
+    return ranks
+
+
+def _correlation(a: Numbers, b: Numbers) -> float:
+    da, db = a - a.mean(), b - b.mean()
+    size = math.sqrt(float((da * da).sum()) * float((db * db).sum()))
+    return float((da * db).sum()) / size if size > 0.0 else 0.0
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def as_text(campaign: Campaign, summary: Summary, most: int = 5) -> str:
+    """Return the summary for a person at a terminal."""
+    lines = [
+        f"runs        {summary.runs}, seed {campaign.seed}, {campaign.sampling.replace('_', ' ')}",
+        f"passed      {summary.passed} of {summary.runs}: {_percents(summary)}",
+        f"  {'metric':24}{'1 %':>12}{'median':>12}{'95 %':>12}{'99 %':>12}  {'99 % lies between':28}not met",
+    ]
+    for metric in summary.metrics:
+        at = {each.probability: each for each in metric.quantiles}
+        cells = "".join(f"{at[p].value:>12.4g}" for p in (0.01, 0.5, 0.95, 0.99)) if at else f"{'-':>12}" * 4
+        name = f"{metric.name} [{metric.unit}]" if metric.unit else metric.name
+        lines.append(f"  {name:24}{cells}  {_between(at.get(0.99)):28}{metric.missing or ''}".rstrip())
+    for metric in summary.metrics:
+        strongest = [f"{name} {value:+.2f}" for name, value in metric.sensitivity[:3] if abs(value) > summary.noise]
+        if strongest:
+            lines.append(f"depends     {metric.name} on {', '.join(strongest)}")
+    lines += [f"not flown   run {run}: {text}" for run, text in summary.errors[:most]]
+    lines += [f"failed      {_command(campaign, run)}" for run in summary.failed[:most]]
+    if len(summary.failed) > most:
+        lines.append(f"            and {summary.runs - summary.passed - most} more")
+    return "\n".join(lines)
+
+
+def _percents(summary: Summary) -> str:
+    low, high = summary.pass_low, summary.pass_high
+    return f"{summary.pass_rate:.4%} ({low:.4%} to {high:.4%} at {CONFIDENCE:.0%} confidence)"
+
+
+def _between(quantile: Quantile | None) -> str:
+    if quantile is None or quantile.low is None:
+        return "-"
+    return f"{quantile.low:.4g} and " + ("no bound" if quantile.high is None else f"{quantile.high:.4g}")
+
+
+def _command(campaign: Campaign, run: int) -> str:
+    return f"rb-dynamics campaign {campaign.source} --rerun {run}"
+
+
+def rerun_commands(campaign: Campaign, runs: Sequence[int]) -> list[str]:
+    """Return the command that flies each run again."""
+    return [_command(campaign, run) for run in runs]

@@ -1,0 +1,13 @@
+"""The unit of a metric, for people. Never converts a number."""
+
+from __future__ import annotations
+
+from rb_dynamics.campaign.metrics import QUANTITIES
+from rb_dynamics.campaign.model import Metric
+
+
+def unit_of(metric: Metric) -> str:
+    """Return the unit of a metric, "" where only the user knows it."""
+    if metric.reduction == "time_to":
+        return "s"
+    return QUANTITIES.get(metric.quantity, ("", ""))[1]

@@ -1,0 +1,152 @@
+"""Fly a scene many times with dispersed numbers, and say what the runs have in common.
+
+Runs go in blocks to processes of dask on this machine (extra: scale), or behind --scheduler. Rows are kept as they
+come: the same command goes on where it was interrupted, and ends with the same file. Results do not depend on workers
+and blocks. --rerun flies one run again, alone, with a full log, and compares it with its row.
+Exit code 1: the run that was flown again differs from its row.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import sys
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from rb_dynamics.campaign.engine import Progress
+    from rb_dynamics.campaign.flight import Columns
+    from rb_dynamics.campaign.model import Campaign
+
+HELP = "fly a scene many times with dispersed numbers"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `campaign`."""
+    parser.add_argument("campaign", metavar="CAMPAIGN", help="campaign file (YAML)")
+    parser.add_argument("--runs", type=int, metavar="N", help="number of runs, instead of the campaign's")
+    parser.add_argument("--seed", type=int, metavar="N", help="seed, instead of the campaign's")
+    parser.add_argument("--out", metavar="F", help="Parquet file for the rows; default: out/<name>.parquet")
+    parser.add_argument("--html", metavar="F", help="page of the results; default: beside the rows (extra: plot)")
+    parser.add_argument("--overwrite", action="store_true", help="begin anew, whatever is there")
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument("--scheduler", metavar="ADDRESS", help="dask scheduler of a cluster, such as tcp://host:8786")
+    where.add_argument(
+        "--workers", type=_count, metavar="N", help="processes here; default: one a core; 0: threads of this process"
+    )
+    parser.add_argument("--block", type=_positive, metavar="N", help="runs in a block; default: chosen")
+    parser.add_argument("--rerun", type=_count, metavar="RUN", help="fly this run alone, with a full log")
+    parser.add_argument("--mcap", metavar="F", help="log of --rerun; default: out/<name>-RUN.mcap")
+    parser.add_argument("--json", action="store_true", help="print the summary as one JSON object, floats in full")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Fly and print; exit code 0, or 1 where a run that was flown again differs from its row."""
+    from pathlib import Path
+
+    from rb_dynamics.campaign.read import read_campaign
+
+    overrides = {name: value for name in ("runs", "seed") if (value := getattr(args, name)) is not None}
+    campaign = read_campaign(args.campaign, overrides)
+    out = Path(args.out or Path("out", f"{Path(args.campaign).stem}.parquet"))
+    return _run_again(args, campaign, out) if args.rerun is not None else _run_all(args, campaign, out)
+
+
+def _run_all(args: argparse.Namespace, campaign: Campaign, out: Path) -> int:
+    import json
+
+    from rb_dynamics.campaign.engine import flies_side_by_side, run_campaign
+    from rb_dynamics.campaign.store import Store, read_rows
+    from rb_dynamics.campaign.summary import as_text, summarise
+
+    store = Store(out, campaign, args.overwrite)
+    if store.done:
+        print(f"note: {store.done} of {campaign.runs} runs are on disk already", file=sys.stderr)
+    if not flies_side_by_side(campaign):
+        print(
+            "note: these runs go one by one, some hundred times slower than side by side: for that a scene has no "
+            "effects, and solver.step (see docs/campaigns.md)",
+            file=sys.stderr,
+        )
+    with _progress(args.campaign, store.done) as progress:
+        run_campaign(
+            campaign, store, workers=args.workers, scheduler=args.scheduler, block=args.block, progress=progress
+        )
+    rows = read_rows(out)
+    summary = summarise(campaign, rows)
+    found = summary.as_dict()
+    out.with_suffix(".json").write_text(json.dumps(found, allow_nan=False), encoding="utf-8")
+    print(json.dumps(found, allow_nan=False) if args.json else as_text(campaign, summary))
+    page = _write_page(args, campaign, rows, out)
+    if not args.json:
+        for path in (out, out.with_suffix(".json"), page):
+            if path is not None:
+                print(f"wrote {path}")
+    return 0
+
+
+def _write_page(args: argparse.Namespace, campaign: Campaign, rows: Columns, out: Path) -> Path | None:
+    """Write the page; where nobody asked for it, its libraries may be missing."""
+    from pathlib import Path
+
+    from rb_dynamics.campaign.page import write_campaign_page
+    from rb_dynamics.errors import MissingExtraError
+
+    page = Path(args.html) if args.html else out.with_suffix(".html")
+    try:
+        write_campaign_page(campaign, rows, page)
+    except MissingExtraError as error:
+        if args.html:
+            raise
+        print(f"note: no page: {error}", file=sys.stderr)
+        return None
+    return page
+
+
+def _run_again(args: argparse.Namespace, campaign: Campaign, out: Path) -> int:
+    import json
+    from pathlib import Path
+
+    from rb_dynamics.campaign.rerun import rerun
+
+    log = Path(args.mcap or out.with_name(f"{out.stem}-{args.rerun}.mcap"))
+    found = rerun(campaign, args.rerun, log, out, overwrite=args.overwrite)
+    print(json.dumps(found.as_dict(), allow_nan=False) if args.json else found.as_text())
+    return 1 if found.differs else 0
+
+
+@contextlib.contextmanager
+def _progress(what: str, done: int) -> Iterator[Progress | None]:
+    """Yield what shows runs done, runs a second and the time left on a terminal; None in a pipe or without tqdm."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    try:
+        from tqdm import tqdm
+    except ImportError:
+        yield None
+        return
+    with tqdm(desc=what, unit="run", initial=done, leave=False, smoothing=0.1) as bar:
+
+        def show(runs: int, total: int) -> None:
+            bar.total = total
+            bar.update(runs - bar.n)
+
+        yield show
+
+
+def _count(text: str) -> int:
+    value = int(text)
+    if value < 0:
+        raise argparse.ArgumentTypeError(f"found {text!r}, expected a whole number of 0 or more")
+    return value
+
+
+def _positive(text: str) -> int:
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"found {text!r}, expected a whole number of 1 or more")
+    return value

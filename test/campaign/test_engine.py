@@ -1,0 +1,209 @@
+"""Campaigns from the command line and on workers: the same file however it came about."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from campaigns import CAMPAIGN, write
+
+from rb_dynamics.campaign.engine import run_campaign
+from rb_dynamics.campaign.read import read_campaign
+from rb_dynamics.campaign.store import Store, read_row, read_rows
+from rb_dynamics.cli import main
+from rb_dynamics.errors import LogError
+
+pytest.importorskip("pyarrow")
+pytestmark = pytest.mark.filterwarnings("default::DeprecationWarning")
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(autouse=True)
+def _plain(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "never")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]))
+
+
+def fly(campaign: Path, out: Path, **arguments: Any) -> bytes:
+    read = read_campaign(campaign)
+    run_campaign(read, Store(out, read), **{"workers": 0, **arguments})
+    return out.read_bytes()
+
+
+def test_the_file_does_not_depend_on_blocks(tmp_path: Path) -> None:
+    campaign = write(tmp_path)
+    whole = fly(campaign, tmp_path / "whole.parquet")
+    for block in (1, 7, 24):
+        assert fly(campaign, tmp_path / f"{block}.parquet", block=block) == whole
+    rows = read_rows(tmp_path / "whole.parquet")
+    assert rows["run"].tolist() == list(range(24))
+    assert set(rows["seed"].tolist()) == {7}
+    assert not Path(f"{tmp_path / 'whole.parquet'}.parts").exists()
+
+
+def test_one_that_was_interrupted_goes_on(tmp_path: Path) -> None:
+    class StoppedError(Exception):
+        pass
+
+    def stop(done: int, _: int) -> None:
+        if done >= 12:
+            raise StoppedError
+
+    campaign, out = write(tmp_path), tmp_path / "broken.parquet"
+    with pytest.raises(StoppedError):
+        fly(campaign, out, block=5, progress=stop)
+    seen: list[int] = []
+    again = fly(campaign, out, block=4, progress=lambda done, _: seen.append(done))
+
+    assert seen == [19, 23, 24]
+    assert again == fly(campaign, tmp_path / "whole.parquet")
+    fly(campaign, out, progress=lambda done, _: seen.append(done))
+    assert seen == [19, 23, 24]
+
+
+def test_runs_of_another_campaign_are_not_mixed(tmp_path: Path) -> None:
+    campaign, out = write(tmp_path), tmp_path / "rows.parquet"
+    fly(campaign, out)
+    write(tmp_path, CAMPAIGN.replace("seed: 7", "seed: 8"))
+    with pytest.raises(LogError, match=r"rows.parquet holds runs of another campaign, .* --overwrite to begin anew"):
+        fly(campaign, out)
+    read = read_campaign(campaign)
+    assert not Store(out, read, overwrite=True).complete
+
+
+def test_rows_in_many_groups(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rb_dynamics.campaign.store.ROWS", 10)
+    campaign = write(tmp_path)
+    assert fly(campaign, tmp_path / "a.parquet", block=3) == fly(campaign, tmp_path / "b.parquet", block=24)
+    found = [read_row(tmp_path / "a.parquet", run) for run in range(25)]
+    assert [None if row is None else row["run"] for row in found] == [*range(24), None]
+
+
+def command(*arguments: object) -> list[str]:
+    return [sys.executable, "-m", "rb_dynamics", "campaign", *map(str, arguments)]
+
+
+def test_the_command_and_a_rerun(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    campaign, out = write(tmp_path), tmp_path / "out" / "rows.parquet"
+    assert main(["campaign", str(campaign), "--workers", "0", "--out", str(out), "--json"]) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert summary["runs"] == 24
+    assert summary == json.loads(out.with_suffix(".json").read_text())
+
+    failed = summary["failed"][0]
+    assert main(["campaign", str(campaign), "--rerun", str(failed), "--out", str(out), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["same_as_row"] is True
+    assert found["metrics"]["final_rate"] == read_rows(out)["final_rate"][failed]
+    # What was flown is in the log, and it alone gives the same run again.
+    assert main(["replay", found["log"]]) == 0
+    assert "the same to the last bit" in capsys.readouterr().out
+
+    assert main(["campaign", str(campaign), "--rerun", "24", "--out", str(out)]) == 2
+    assert "found 24, expected a run from 0 to 23" in capsys.readouterr().err
+
+
+def test_a_rerun_that_differs_is_seen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Here an own law has changed since: the campaign does not know what is in modules."""
+    law = "def law(parameters):\n    return lambda measured: -{gain} * measured.angular_velocity_body\n"
+    (tmp_path / "changing_law.py").write_text(law.format(gain=1.0))
+    campaign, out = (
+        write(tmp_path, CAMPAIGN.replace("law: rate_damping", "law: changing_law.law")),
+        tmp_path / "r.parquet",
+    )
+    arguments = ["campaign", str(campaign), "--out", str(out)]
+    assert main([*arguments, "--workers", "0"]) == 0
+    (tmp_path / "changing_law.py").write_text(law.format(gain=1.0000001))
+    del sys.modules["changing_law"]
+    assert main([*arguments, "--rerun", "3"]) == 1
+    assert "differs from its row" in capsys.readouterr().out
+
+
+def wait_for(what: str, condition: Any, timeout: float = 60.0) -> None:
+    end = time.monotonic() + timeout
+    while not condition():
+        assert time.monotonic() < end, f"waited {timeout} s for {what}"
+        time.sleep(0.02)
+
+
+@contextmanager
+def process(folder: Path, *arguments: object) -> Iterator[subprocess.Popen[bytes]]:
+    with (folder / "log.txt").open("ab") as log:
+        child = subprocess.Popen(list(map(str, arguments)), cwd=folder, stdout=log, stderr=log)
+    try:
+        yield child
+    finally:
+        child.kill()
+        child.wait()
+
+
+@pytest.fixture
+def scheduler(tmp_path: Path) -> Iterator[Path]:
+    """Start a scheduler; return the file that has its address."""
+    pytest.importorskip("distributed")
+    file = tmp_path / "scheduler.json"
+    run = (sys.executable, "-m", "distributed.cli.dask_scheduler", "--port", "0", "--host", "127.0.0.1")
+    with process(tmp_path, *run, "--no-dashboard", "--scheduler-file", file):
+        wait_for("the scheduler", file.exists)
+        yield file
+
+
+@contextmanager
+def worker(folder: Path, file: Path) -> Iterator[subprocess.Popen[bytes]]:
+    run = (sys.executable, "-m", "distributed.cli.dask_worker", "--nthreads", "1", "--no-nanny", "--no-dashboard")
+    with process(folder, *run, "--scheduler-file", file) as child:
+        yield child
+
+
+@pytest.mark.slow
+def test_workers_of_a_cluster_one_of_which_is_killed(tmp_path: Path, scheduler: Path) -> None:
+    campaign = write(tmp_path, CAMPAIGN.replace("runs: 24", "runs: 200"))
+    out, parts = tmp_path / "cluster.parquet", tmp_path / "cluster.parquet.parts"
+    address = json.loads(scheduler.read_text())["address"]
+    run = command(campaign, "--scheduler", address, "--out", out, "--block", 5)
+
+    def on_disk(count: int) -> bool:
+        return parts.exists() and len(list(parts.glob("runs-*.parquet"))) > count
+
+    with worker(tmp_path, scheduler) as doomed, process(tmp_path, *run) as child:
+        wait_for("blocks of the first worker", lambda: on_disk(1))
+        with worker(tmp_path, scheduler), worker(tmp_path, scheduler):
+            wait_for("more blocks", lambda: on_disk(4))
+            doomed.send_signal(signal.SIGKILL)
+            assert child.wait(timeout=90) == 0, (tmp_path / "log.txt").read_text()
+    assert out.read_bytes() == fly(campaign, tmp_path / "here.parquet")
+
+
+@pytest.mark.slow
+def test_killed_half_way_and_started_again(tmp_path: Path) -> None:
+    """Processes on this machine; what the kill left is taken up, and the file is that of an undisturbed run."""
+    pytest.importorskip("distributed")
+    campaign = write(tmp_path, CAMPAIGN.replace("runs: 24", "runs: 200"))
+    out, parts = tmp_path / "killed.parquet", tmp_path / "killed.parquet.parts"
+    with process(tmp_path, *command(campaign, "--workers", 2, "--block", 5, "--out", out)) as child:
+        wait_for("some blocks", lambda: parts.exists() and len(list(parts.glob("runs-*.parquet"))) > 8)
+        child.kill()
+        child.wait()
+    left = len(list(parts.glob("runs-*.parquet")))
+    assert 8 < left < 40
+    with process(tmp_path, *command(campaign, "--workers", 2, "--block", 10, "--out", out)) as child:
+        assert child.wait(timeout=90) == 0, (tmp_path / "log.txt").read_text()
+    assert f"note: {5 * left} of 200 runs are on disk already" in (tmp_path / "log.txt").read_text()
+    assert out.read_bytes() == fly(campaign, tmp_path / "here.parquet")
+
+
+def test_a_scheduler_that_is_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("rb_dynamics.campaign.engine._PATIENCE_S", 0.5)
+    with pytest.raises(LogError, match=r"no scheduler with workers at tcp://127.0.0.1:9 "):
+        fly(write(tmp_path), tmp_path / "rows.parquet", scheduler="tcp://127.0.0.1:9")
