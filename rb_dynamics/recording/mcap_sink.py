@@ -222,6 +222,8 @@ class McapSink:
 
     def _end_chunk(self) -> None:
         """Write the chunk in progress, and the hash of the states up to here where there are new ones."""
+        if self._file is None or self._file.closed:
+            return  # the flusher came after the end
         self._writer.end_chunk()
         states = self._states
         if states.samples > self._checked:

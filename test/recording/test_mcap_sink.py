@@ -370,6 +370,19 @@ def test_what_waits_for_its_chunk_is_flushed_though_nothing_more_is_written(tmp_
     sink.close({})
 
 
+def test_a_flush_after_the_end_does_nothing(tmp_path: Path) -> None:
+    path, states = tmp_path / "run.mcap", StateHash()
+    sink = McapSink(path, states=states)
+    sink.open(make_run())
+    for sample in make_samples(3):
+        sink.write(sample)
+    sink.close({})
+    before = path.read_bytes()
+    states.update(make_samples(1)[0])
+    sink.flush()
+    assert path.read_bytes() == before
+
+
 def test_verify_reads_the_file_again_and_counts(tmp_path: Path) -> None:
     path = write(tmp_path / "run.mcap", make_samples(100), settings=LogSettings(verify=True))
     counts = {name: topic.count for name, topic in read_bag(path).topics.items()}
