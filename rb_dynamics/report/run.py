@@ -115,7 +115,9 @@ def _run_tiles(summary: Summary) -> list[Tile]:
     tiles = [Tile("Duration", f"{summary.duration_s:.6g} s", samples)]
     if summary.method:
         method, *rest = summary.method.split(", ")
-        steps = "number of steps unknown" if summary.steps is None else f"{summary.steps} steps"
+        steps = (
+            "number of steps unknown" if summary.steps is None else f"{summary.steps} step{'s' * (summary.steps != 1)}"
+        )
         tiles.append(Tile("Method", method, ", ".join([*rest, steps])))
     return tiles
 

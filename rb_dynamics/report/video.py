@@ -244,7 +244,9 @@ def _corners(axis: int, side: int) -> Array:
 def _write_gif(target: Path, frames: Iterable[bytes], rate: int) -> int:
     from PIL import Image
 
-    pictures = [Image.frombytes("RGBA", _SIZE, frame).convert("RGB").quantize(64) for frame in frames]
+    # The octree keeps the colours of thin lines, where the median cut gives them up for shades of large faces.
+    octree = Image.Quantize.FASTOCTREE
+    pictures = [Image.frombytes("RGBA", _SIZE, frame).convert("RGB").quantize(128, octree) for frame in frames]
     pictures[0].save(target, save_all=True, append_images=pictures[1:], duration=1000 // rate, loop=0, optimize=False)
     return len(pictures)
 
