@@ -67,16 +67,18 @@ def log_sinks(args: argparse.Namespace) -> list[GuardedSink]:
     Raises:
         LogError: the arguments do not go together, or a log would replace what the run reads.
     """
-    from rb_dynamics.recording.guard import GuardedSink
     from rb_dynamics.recording.log_file import require_other
+
+    for name in filter(None, (args.mcap, args.bag, args.rerun, args.html)):
+        require_other(name, *filter(None, (args.scene, args.wrench)))
+    if not any((args.mcap, args.bag, args.rerun, args.max_bag_size, args.max_bag_duration)):
+        return []
+    from rb_dynamics.recording.guard import GuardedSink
     from rb_dynamics.recording.logs import Logs
     from rb_dynamics.recording.mcap_sink import FLUSH_S, LogSettings
 
     settings = LogSettings(FLUSH_S if args.flush is None else args.flush, args.verify, args.accel)
     logs = Logs(args.mcap, args.bag, args.rerun, args.max_bag_size, args.max_bag_duration, settings)
-    for name in (*logs.names, args.html):
-        if name:
-            require_other(name, args.scene, *([args.wrench] if args.wrench else []))
     return [GuardedSink(log, _warn, guard_open=False) for log in logs.sinks()]
 
 

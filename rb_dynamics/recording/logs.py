@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.recording.bag_sink import BagSink
 from rb_dynamics.recording.mcap_sink import LogSettings, McapSink
-from rb_dynamics.recording.rerun_sink import RerunSink
+
+if TYPE_CHECKING:
+    from rb_dynamics.recording.rerun_sink import RerunSink
 
 
 @dataclass(frozen=True)
@@ -66,5 +69,7 @@ class Logs:
             split = (self.max_bag_size, self.max_bag_duration)
             sinks.append(BagSink(self.bag, *split, namespace, remap, self.settings))
         if self.rerun:
+            from rb_dynamics.recording.rerun_sink import RerunSink
+
             sinks.append(RerunSink(self.rerun))
         return sinks
