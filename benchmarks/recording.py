@@ -1,10 +1,10 @@
-"""How fast a run goes into a Rerun recording: samples through the sink, and rows of columns alone.
+"""How fast a run goes into its logs: messages into MCAP, samples and rows of columns into a Rerun recording.
 
 Usage: python benchmarks/recording.py
 
-A tumbling body, thinning off. "Sink" is all of it, from an event to the file; "columns" begins where a batch lies in
-arrays, and a row is one time of one entity. "Scalars" is a single entity in one call: what Rerun itself takes. Best of
-some repeats. Times are of this machine.
+A tumbling body, thinning off. "Mcap" and "sink" are all of it, from an event to the closed file; "columns" begins where
+a batch lies in arrays, and a row is one time of one entity. "Scalars" is a single entity in one call: what Rerun itself
+takes. Best of some repeats. Times are of this machine.
 """
 
 from __future__ import annotations
@@ -19,9 +19,11 @@ import numpy as np
 import rb_dynamics as rb
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.recording import rerun_layout as layout
+from rb_dynamics.recording.mcap_sink import McapSink
+from rb_dynamics.recording.messages import SAMPLE_TOPICS
 from rb_dynamics.recording.rerun_columns import gather
 from rb_dynamics.recording.rerun_sink import BATCH_ROWS, Recorder, RerunSink
-from rb_dynamics.recording.sink import RunInfo, Sample
+from rb_dynamics.recording.sink import RunInfo, Sample, Sink
 from rb_dynamics.recording.thinning import Row
 from rb_dynamics.shipped import shipped
 
@@ -35,8 +37,12 @@ def main() -> None:
     rb.simulate(scene, sinks=[memory])
     samples = memory.samples
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "run.rrd"
-        print(f"sink      {len(samples) / best(lambda: through_the_sink(path, scene, samples)):12,.0f} samples/s")
+        log, path = Path(folder) / "run.mcap", Path(folder) / "run.rrd"
+        rate = len(samples) / best(lambda: through(McapSink(log), scene, samples))
+        print(f"mcap      {rate * len(SAMPLE_TOPICS):12,.0f} messages/s, {rate:,.0f} samples/s")
+        print(f"          {log.stat().st_size / len(samples):12.0f} bytes per sample")
+        rate = len(samples) / best(lambda: through(RerunSink(path, max_rows=10**9), scene, samples))
+        print(f"sink      {rate:12,.0f} samples/s")
         print(f"          {path.stat().st_size / len(samples):12.0f} bytes per sample")
         print(f"columns   {columns(path, scene, samples):12,.0f} rows/s in batches of {BATCH_ROWS}")
         print(f"scalars   {scalars(path):12,.0f} rows/s of 3 numbers")
@@ -46,8 +52,7 @@ def best(task: Callable[[], float]) -> float:
     return min(task() for _ in range(REPEATS))
 
 
-def through_the_sink(path: Path, scene: rb.Scene, samples: list[Sample]) -> float:
-    sink = RerunSink(path, max_rows=10**9)
+def through(sink: Sink, scene: rb.Scene, samples: list[Sample]) -> float:
     sink.open(RunInfo(scene, "exact"))
     begin = time.perf_counter()
     for sample in samples:

@@ -1,4 +1,4 @@
-"""What the README shows works as it is written."""
+"""What the README and docs/logs.md show works as it is written."""
 
 from __future__ import annotations
 
@@ -11,16 +11,17 @@ import pytest
 
 from rb_dynamics import parse_scene
 
-README = (Path(__file__).resolve().parent.parent / "README.md").read_text(encoding="utf-8")
+ROOT = Path(__file__).resolve().parent.parent
+README, LOGS = (ROOT / "README.md").read_text(encoding="utf-8"), (ROOT / "docs" / "logs.md").read_text(encoding="utf-8")
 
 
-def blocks(language: str) -> list[str]:
-    return re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
+def blocks(language: str, text: str = README) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", text, re.DOTALL)
 
 
 OFFLINE = [
-    line.removeprefix(".venv/bin/rb-dynamics ")
-    for block in blocks("sh")
+    pytest.param(line.removeprefix(".venv/bin/rb-dynamics "), marks=[pytest.mark.slow] if "--video" in line else [])
+    for block in blocks("sh") + blocks("sh", LOGS)
     for line in block.splitlines()
     if line.startswith(".venv/bin/rb-dynamics ") and not line.startswith(".venv/bin/rb-dynamics node")
 ]
@@ -60,6 +61,7 @@ def test_scene_block(text: str) -> None:
 
 
 def test_every_link_leads_somewhere(root: Path) -> None:
-    targets = re.findall(r"\]\(([^)#]+)\)", README)
-    assert targets
-    assert [target for target in targets if not (root / target).exists()] == []
+    for folder, text in ((root, README), (root / "docs", LOGS)):
+        targets = re.findall(r"\]\(([^)#]+)\)", text)
+        assert targets
+        assert [target for target in targets if not (folder / target).exists()] == []

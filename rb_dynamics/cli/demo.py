@@ -2,7 +2,7 @@
 
 A second process publishes the 1200 recorded commands over DDS to the node in lockstep, and reads back pose and twist.
 They are compared with the recorded flight at all of its stamps, and to the bit with the same flight offline. Leaves
-demo.mcap, demo.rrd and demo.html.
+demo.mcap, demo.rrd and demo.html, and in flip.rrd a free body that turns over.
 """
 
 from __future__ import annotations
@@ -30,14 +30,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Fly, compare, report; exit code 0 if the flight agrees with the recording, 1 if not."""
+    import os
+    import shutil
+    import sys
     from pathlib import Path
 
     from rb_dynamics.cli import output
     from rb_dynamics.recording.mcap_reader import read_bag, read_wrenches
+    from rb_dynamics.recording.rerun_sink import RerunSink
     from rb_dynamics.report.comparison import Comparison
     from rb_dynamics.report.run import write_run_report
     from rb_dynamics.scene import read_scene
     from rb_dynamics.shipped import shipped
+    from rb_dynamics.simulate import simulate
 
     scene_file, bag_file = shipped("config/slew.yaml"), shipped("examples/slew.mcap")
     scene = read_scene(scene_file)
@@ -57,10 +62,14 @@ def run(args: argparse.Namespace) -> int:
     same = _same_bits_offline(scene, commands, mcap)
     print(f"the same commands offline, without ROS: {'the same bits' if same else 'DIFFERENT bits'}")
     write_run_report(mcap, out / "demo.html", extra=[comparison.section()])
+    flip = out / "flip.rrd"
+    simulate(read_scene(shipped("config/dzhanibekov.yaml")), sinks=[RerunSink(flip)])
+    viewer = "rerun" if shutil.which("rerun") else os.path.relpath(Path(sys.executable).with_name("rerun"))
     for name, what in (
         ("demo.mcap", "the log: ros2 bag play, Foxglove, PlotJuggler, rb-dynamics inspect"),
-        ("demo.rrd", "the scene: rerun " + str(out / "demo.rrd")),
+        ("demo.rrd", f"the scene: {viewer} {rrd}"),
         ("demo.html", "the comparison: open in a browser"),
+        ("flip.rrd", f"a free body that turns over, and why: {viewer} {flip}"),
     ):
         print(f"{out / name!s:20} {what}")
     return 0 if same and comparison.within(TOLERANCE) else 1

@@ -162,10 +162,10 @@ def path_line(name: str, points: Sequence[Vector]) -> rr.LineStrips3D:
 # ---- text
 
 _ABOUT = """\
-{shape} ({size:.3g} m across); its red, green and blue lines are
-the body axes. **Orange L**: angular momentum; only a torque turns it. **Cyan ω**: angular velocity. **Magenta F**:
-force. **Yellow τ**: torque. Arrows grow with the square root, each kind on its own scale. **Grey line**: path of the
-centre of mass; **magenta dots** on it: where a command took effect. {where}
+{shape} ({size:.3g} m across), with the body axes in red, green and
+blue. **Orange L**: angular momentum; only a torque turns it. **Cyan ω**: angular velocity. **Magenta F**: force.
+**Yellow τ**: torque. Arrows grow with the square root. **Grey line**: path of the centre of mass, with a
+**magenta dot** where a command took effect. {where}
 {rolling}
 | run | |
 |---|---|
@@ -174,11 +174,10 @@ centre of mass; **magenta dots** on it: where a command took effect. {where}
 
 
 _ROLLING = """
-**Poinsot's construction**: as long as no torque acts, the ellipsoid of inertia (blue, turning with the body) rolls
-without slipping on the invariable plane (grey disc), which stands still at right angles to **L**. They touch at the tip
-of **ω**, which draws the **green** polhode on the ellipsoid and the **yellow** herpolhode on the plane. {spin}The grey
-lines on the ellipsoid cross at the middle axis: a tip that starts near a crossing follows a line to the opposite one,
-and the body turns over.
+**Poinsot's construction**: while no torque acts, the ellipsoid of inertia (blue, turning with the body) rolls without
+slipping on the grey plane, which stands still at right angles to **L**. They touch at the tip of **ω**: it draws the
+**green** polhode on the ellipsoid and the **yellow** herpolhode on the plane. {spin}The grey lines cross at the middle
+axis: a tip that starts near a crossing follows a line to the opposite one, and **the body turns over**.
 """
 
 
@@ -186,7 +185,7 @@ def about(facts: Mapping[str, str], size: float, offset: Vector, scene: Scene) -
     """Return what there is to see, and the facts; `offset` (m, world) was subtracted in the 3D views."""
     import rerun as rr
 
-    where = "The 3D views use world coordinates."
+    where = ""
     if any(offset):
         where = (
             f"The start position {list(offset)} m (world) has been subtracted in the 3D views, "
