@@ -62,6 +62,14 @@ class Samples:
         self.time_ns = time_ns
         self._body, self._start, self._phase = body, _phase(start), _phase(state)
 
+    @classmethod
+    def known(cls, time_ns: int | Times, **fields: Numbers) -> Samples:
+        """Return samples of which these fields are known, and no others."""
+        samples = cls.__new__(cls)
+        samples.time_ns = time_ns
+        samples.__dict__.update(fields)
+        return samples
+
     def __len__(self) -> int:
         """Return the number of rows."""
         return len(self.orientation_xyzw)

@@ -92,7 +92,7 @@ class SideBySide:
         self._ensemble.advance_to(time_ns)
 
 
-_FIELDS = [name for name in Samples.__dataclass_fields__ if name in Sample.__slots__ and name != "time_ns"]
+_FIELDS = [name for name in Sample.__slots__ if name in vars(Samples)]
 
 
 class Alone:
@@ -123,7 +123,7 @@ class Alone:
         }  # fmt: skip
         for name, (now, before, defect) in impulses.items():
             columns[name] = np.array([subtract(subtract(now, before), defect)])
-        return Samples(time_ns=sample.time_ns, **columns)
+        return Samples.known(sample.time_ns, **columns)
 
     def hold(self, torque: Numbers, changed: npt.NDArray[np.bool_]) -> None:
         """Hold the torque; see `Bodies`."""

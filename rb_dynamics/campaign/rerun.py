@@ -12,7 +12,7 @@ from rb_dynamics.campaign.flight import fly_alone
 from rb_dynamics.campaign.model import Campaign
 from rb_dynamics.campaign.store import read_row, same_campaign
 from rb_dynamics.errors import LogError, SceneError
-from rb_dynamics.recording.mcap_sink import LogSettings, McapSink
+from rb_dynamics.recording.mcap_sink import McapSink
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Rerun:
         return "\n".join([*lines, f"wrote {self.log}"])
 
 
-def rerun(campaign: Campaign, run: int, log: Path, rows: Path, overwrite: bool = False) -> Rerun:
+def rerun(campaign: Campaign, run: int, log: Path, rows: Path) -> Rerun:
     """Fly `run` with all it has written to `log`, and compare it with its row where `rows` are of this campaign.
 
     Raises:
@@ -73,7 +73,7 @@ def rerun(campaign: Campaign, run: int, log: Path, rows: Path, overwrite: bool =
         log.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise LogError(f"cannot write {log}: {error.strerror or error}; give another file with --mcap") from error
-    metrics = fly_alone(campaign, run, [McapSink(log, settings=LogSettings(overwrite=overwrite))])
+    metrics = fly_alone(campaign, run, [McapSink(log)])
     row = None
     if rows.exists() and same_campaign(rows, campaign):
         found = read_row(rows, run)

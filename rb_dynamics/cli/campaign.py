@@ -113,7 +113,7 @@ def _run_again(args: argparse.Namespace, campaign: Campaign, out: Path) -> int:
     from rb_dynamics.campaign.rerun import rerun
 
     log = Path(args.mcap or out.with_name(f"{out.stem}-{args.rerun}.mcap"))
-    found = rerun(campaign, args.rerun, log, out, overwrite=args.overwrite)
+    found = rerun(campaign, args.rerun, log, out)
     print(json.dumps(found.as_dict(), allow_nan=False) if args.json else found.as_text())
     return 1 if found.differs else 0
 
