@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 
@@ -25,6 +26,11 @@ def test_the_controller_turns_the_tumbling_body_to_its_target(peer: Peer) -> Non
             finally:
                 controller.kill()
         assert node.stop() == 0
+
+
+def test_the_readme_shows_the_controller_as_it_is() -> None:
+    (shown,) = re.findall(r"```py\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+    assert shown in (ROOT / "examples" / "regulate.py").read_text(encoding="utf-8")
 
 
 def at_rest(odom: Odometry) -> bool:
