@@ -11,10 +11,13 @@ takes the steps again in plain Python, which says why.
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import math
 import os
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
+from contextvars import ContextVar
 from functools import cache
 from struct import Struct
 from typing import TYPE_CHECKING, Any
@@ -138,8 +141,71 @@ def plain(method: Method) -> Callable[..., tuple[Quaternion, Vector, Sums, Sums]
     return specialise(run, f"run_{method.name}", _step=method.step)
 
 
+class Tally:
+    """What decides whether a kernel is worth it: the steps taken without it. A process has one for all its runs.
+
+    A run that is `counted_by` a tally of its own decides as if it had a process to itself, whatever is loaded.
+
+    Attributes:
+        used: the kernels that have been worth it.
+        built: time (s) that it took to compile or load each of them that was not there, by name.
+    """
+
+    def __init__(
+        self,
+        scale: float = 1.0,
+        worth: float | None = None,
+        clock: Callable[[], float] = time.perf_counter,
+        built: dict[str, float] | None = None,
+    ) -> None:
+        """Begin with no steps.
+
+        Args:
+            scale: steps that each step stands for, where a part of a run is taken for the whole.
+            worth: steps that compiling is worth, for `WORTH_COMPILING`; infinite: neither is loading.
+            clock: s.
+            built: where to note the times.
+        """
+        self.used: set[OnDemand] = set()
+        self.built = {} if built is None else built
+        self.worth, self.clock = worth, clock
+        self._scale = scale
+        self._steps: dict[OnDemand, float] = {}
+
+    @property
+    def asked(self) -> bool:
+        """Whether there was anything that a kernel could do."""
+        return bool(self.used or self._steps)
+
+    def miss(self, kernel: OnDemand, steps: float) -> None:
+        """Note `steps` that are taken without `kernel`."""
+        self._steps[kernel] = self._steps.get(kernel, 0.0) + steps
+
+    def expected(self, kernel: OnDemand, ahead: float) -> float:
+        """Return how many steps there will have been, at least."""
+        steps = self._steps.get(kernel, 0.0) + ahead
+        return steps if steps <= _TELLS_NOTHING else steps * self._scale
+
+
+# Any arc may end with a step, or with two halves of one.
+_TELLS_NOTHING = 2.0
+
+_of_the_process = Tally()
+_tally = ContextVar("_tally", default=_of_the_process)
+
+
+@contextlib.contextmanager
+def counted_by(tally: Tally) -> Iterator[None]:
+    """Let `tally` decide meanwhile what is worth compiling; `RB_DYNAMICS_COMPILE` is heeded as ever."""
+    token = _tally.set(tally)
+    try:
+        yield
+    finally:
+        _tally.reset(token)
+
+
 class OnDemand:
-    """A function that is compiled when it is worth it, which it knows by counting the steps of this process."""
+    """A function that is compiled when it is worth it."""
 
     def __init__(self, method: str, function: Callable[..., Any], signature: str, price: float = 1.0) -> None:
         """Compile nothing yet.
@@ -152,7 +218,6 @@ class OnDemand:
         """
         self._method, self._function, self._signature, self._price = method, function, signature, price
         self._compiled: Callable[..., Any] | None = None
-        self._steps = 0.0
         self._given_up = False
         self._is_cached: bool | None = None
 
@@ -161,28 +226,38 @@ class OnDemand:
 
         `missed` of them will then be done without it.
         """
-        when = _when()
-        if when == "never":
+        when, tally = _when(), _tally.get()
+        if when == "never" or tally.worth == math.inf:
             return None
         try:
-            if self._compiled is None and (when == "always" or self._is_worth(ahead * self._price)):
-                self._compiled = compile_kernel(self._function, self._signature)
+            if self not in tally.used and (when == "always" or self._is_worth(tally, ahead * self._price)):
+                self._build(tally)
+                tally.used.add(self)
         except (ImportError, OSError, RuntimeError) as error:
             if when == "always":
                 raise
             self._given_up = True
             _log.warning("%s runs in plain Python: %s", self._method, error)
-        if self._compiled is None:
-            self._steps += missed * self._price
-        return self._compiled
+        if self in tally.used:
+            return self._compiled
+        tally.miss(self, missed * self._price)
+        return None
 
-    def _is_worth(self, ahead: float) -> bool:
+    def _is_worth(self, tally: Tally, ahead: float) -> bool:
         if self._given_up or not available():
             return False
-        steps = self._steps + ahead
+        steps = tally.expected(self, ahead)
         if steps >= WORTH_LOADING and self._is_cached is None:
             self._is_cached = is_cached(self._function.__name__)
-        return steps >= WORTH_COMPILING or bool(self._is_cached)
+        worth = WORTH_COMPILING if tally.worth is None else tally.worth
+        return steps >= worth or (steps >= WORTH_LOADING and bool(self._is_cached))
+
+    def _build(self, tally: Tally) -> None:
+        if self._compiled is None:
+            begin = tally.clock()
+            self._compiled = compile_kernel(self._function, self._signature)
+            self._is_cached = True
+            tally.built[self._function.__name__] = tally.clock() - begin
 
 
 class Kernel(OnDemand):

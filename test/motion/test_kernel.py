@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import os
 import random
 import time
@@ -213,6 +214,27 @@ def test_is_compiled_when_the_steps_are_worth_it(monkeypatch: pytest.MonkeyPatch
     assert runs.after(inertia, held, step, 400, 400, phase) is None
     assert runs.after(inertia, held, step, 400, 400, phase) is not None
     assert runs.after(inertia, held, step, 1, 1, phase) is not None
+
+
+@needs_numba
+def test_a_tally_of_its_own_decides_as_a_new_process_would(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "auto")
+    inertia, held, step, phase = case(random.Random(5))
+    runs, built = kernel.Kernel(METHODS["euler"]), {}
+
+    def compiles(tally: kernel.Tally, *stretches: int) -> list[bool]:
+        with kernel.counted_by(tally):
+            return [runs.after(inertia, held, step, n, n, phase) is not None for n in stretches]
+
+    assert compiles(kernel.Tally(worth=1000, built=built), 500, 499, 1, 1) == [False, False, True, True]
+    assert built.keys() == {"_run_on_numbers_euler"}
+    # It is loaded now, and this is found out by nobody.
+    assert compiles(kernel.Tally(worth=1000, built=(again := {})), 500, 499) == [False, False]
+    # A step stands for many, but for the one or two that any arc may end with.
+    assert compiles(kernel.Tally(scale=1e6, worth=1e5), 1, 1, 1) == [False, False, True]
+    assert compiles(kernel.Tally(worth=math.inf), 10**6) == [False]
+    assert again == {}
+    assert not kernel.Tally().asked
 
 
 @needs_numba
