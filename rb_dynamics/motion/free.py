@@ -12,12 +12,12 @@ Safstrom & Zanna, SIAM J. Sci. Comput. 30 (2008) 2084; DLMF 19.21.12 for the int
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 from typing import NamedTuple
 
 from rb_dynamics.compiled import compiled_as
 from rb_dynamics.elliptic import agm, rf, rj, sncndn
 from rb_dynamics.errors import ConvergenceError
+from rb_dynamics.motion.remembered import remembered
 from rb_dynamics.rotation import Quaternion, exp, multiply, normalize
 from rb_dynamics.vector import ZERO, Vector, add, add_scaled, dot, norm, positive_zeros, scale, subtract
 from rb_dynamics.vector import multiply as times
@@ -165,7 +165,7 @@ _STEADY = _Tumble(((0, 1.0), (1, 1.0), (2, 1.0)), ZERO, ZERO, 0.0, 0.0, 0.0, 0.0
 
 
 # An arc is looked at many times from one start.
-@lru_cache(maxsize=8)
+@remembered(8)
 def _tumble(moments: Vector, w: Vector) -> _Tumble:
     low, middle, high = 0, 1, 2
     if moments[low] > moments[middle]:

@@ -6,7 +6,6 @@ One expansion serves every time of a step (dense output), and its last terms tel
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 from typing import NamedTuple
 
 from rb_dynamics.compiled import compiled_as, workspace
@@ -14,6 +13,7 @@ from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method
 from rb_dynamics.motion.refusal import NO_INCREMENT
+from rb_dynamics.motion.remembered import remembered
 from rb_dynamics.rotation import Quaternion, normalize, rotate, rotate_inverse
 from rb_dynamics.rotation import multiply as compose
 from rb_dynamics.vector import ZERO, Vector, add, add_scaled, dot, norm, positive_zeros, scale
@@ -238,7 +238,7 @@ def _start(
 
 
 # The arc looks at one step many times: to choose it, to take it, and for each output inside it.
-@lru_cache(maxsize=4)
+@remembered(4)
 def _expand(memory: _Expansion, start: _Start, order: int) -> _Expansion:
     """Write the coefficients up to `order` into `memory` and return it."""
     i1, i2, i3 = start.moments

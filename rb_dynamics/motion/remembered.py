@@ -1,0 +1,34 @@
+"""Memories of what has just been computed of a motion, as it is often looked at twice; all can be emptied at once.
+
+Never changes a result, and never holds more than a few of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+from typing import TYPE_CHECKING, TypeVar
+
+if TYPE_CHECKING:
+    from functools import _lru_cache_wrapper
+
+_T = TypeVar("_T")
+
+_forget: list[Callable[[], None]] = []
+
+
+def remembered(count: int) -> Callable[[Callable[..., _T]], _lru_cache_wrapper[_T]]:
+    """Let a function of the state of a motion remember its last `count` results."""
+
+    def decorate(function: Callable[..., _T]) -> _lru_cache_wrapper[_T]:
+        memory = lru_cache(maxsize=count)(function)
+        _forget.append(memory.cache_clear)
+        return memory
+
+    return decorate
+
+
+def forget() -> None:
+    """Empty all memories, so that what is timed next finds nothing that was computed before."""
+    for clear in _forget:
+        clear()
