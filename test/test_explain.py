@@ -7,8 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from rb_dynamics import compiled
 from rb_dynamics.cli import main
 from rb_dynamics.explain import explain
+from rb_dynamics.motion import kernel
 from rb_dynamics.recording.mcap_reader import read_wrenches
 from rb_dynamics.rotation import angle_between
 from rb_dynamics.scene.read import parse_scene, read_scene
@@ -17,6 +19,14 @@ from rb_dynamics.simulate import simulate
 
 ROOT = Path(__file__).parents[1]
 RIGID = "body: {mass: 2, inertia: {diagonal: [1, 2, 2.5]}}\ninitial: {angular_velocity_body: [0.3, 1, 0.2]}\n"
+
+
+needs_numba = pytest.mark.skipif(not compiled.available(), reason="nothing to compile with: numba is not installed")
+
+
+@pytest.fixture(autouse=True)
+def _plain(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "never")
 
 
 def said(text: str) -> str:
@@ -85,6 +95,19 @@ def test_a_scene_without_end_is_tried_for_the_budget() -> None:
     found = explain(parse_scene(RIGID + "effects: [{type: linear_drag, rotation: 0.1}]\nwrenches: []"), budget=0.2)
     assert 0.0 < found.trial_s < 3600.0
     assert any("its time was up" in remark for remark in found.remarks)
+
+
+@needs_numba
+@pytest.mark.parametrize(("duration", "worth_it"), [("1.0e+5", True), ("10", False)])
+def test_the_cost_is_that_of_the_whole_run(duration: str, worth_it: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ten million steps are compiled, though only some of them are tried; a thousand are not, though it could be."""
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "auto")
+    kernel.kernel.cache_clear()
+    scene = parse_scene(RIGID + f"duration: {duration}\nsolver: {{method: rk4, step: 0.01}}\noutput_rate: 1")
+    found = explain(scene, budget=0.2)
+    assert found.compiled is worth_it
+    assert any(remark.startswith("kernels compiled or loaded: 1, in") for remark in found.remarks) is worth_it
+    assert ("moved by            rk4, compiled" in found.as_text()) is worth_it
 
 
 def test_json_has_all_of_it(capsys: pytest.CaptureFixture[str]) -> None:

@@ -2,8 +2,10 @@
 
 Every method goes from coarse settings to fine ones, in turns, for --time seconds altogether. Errors are those at the
 end of the run, against a reference on which two methods of different families agree; the first lines say how well.
-Printed are the runs that no other one beats in both speed and accuracy, and the line to write into the scene; all runs
-are in --json and --html. Exit code 1: nothing measured does what is asked for.
+Steps are compiled where a run of the whole scene with the same setting would compile them; what compiling takes, once,
+is in no time of the table and comes on top of --time. Printed are the runs that no other one beats in both speed and
+accuracy, and the line to write into the scene; all runs are in --json and --html. Exit code 1:
+nothing measured does what is asked for.
 """
 
 from __future__ import annotations
@@ -76,6 +78,11 @@ def as_text(found: Trade) -> str:
     if found.front:
         lines.append(f"front       of {len(found.rows)} runs of {len(measured)} methods, from fast to accurate")
         lines += _table(found)
+    if compiled := sum(row.compiled for row in found.rows):
+        lines.append(f"compiled    {compiled} of {len(found.rows)} runs, as they would be over the whole scene")
+    if found.kernels:
+        took, count = math.fsum(found.kernels.values()), len(found.kernels)
+        lines.append(f"kernels     {count} compiled or loaded in {took:.3g} s, which is in no time above")
     lines += [f"left out    {method}: {why}" for method, why in found.ended.items() if method not in measured]
     lines += [f"note        {remark}" for remark in found.remarks]
     if found.recommended is not None:
@@ -89,19 +96,24 @@ def as_text(found: Trade) -> str:
 
 
 def _table(found: Trade) -> list[str]:
-    names = ("attitude", "rate", "position", "energy", "ang.mom.", "lin.mom.", "time", "x real", "steps")
-    units = ("rad", "rad/s", "m", "J", "kg m2/s", "kg m/s", "s per s", "time", "")
+    names = ("attitude", "rate", "position", "energy", "ang.mom.", "lin.mom.", "time", "x real", "steps", "evals")
+    units = ("rad", "rad/s", "m", "J", "kg m2/s", "kg m/s", "s per s", "time", "", "")
     lines = [_line("method", "setting", names), _line("", "", units)]
     for row in found.front:
         defects = (row.energy_defect, row.angular_momentum_defect, row.linear_momentum_defect)
         cells = [*found.reference.errors(row), *(f"{abs(defect):.1e}" for defect in defects)]
         cells += [f"{row.time_per_s:.2e}", f"{row.real_time_factor:.3g}", f"{row.steps}"]
+        cells.append("-" if row.evaluations is None else f"{row.evaluations}")
         lines.append(_line(row.method, row.setting, cells))
     return lines
 
 
+_WIDTHS = (10, 10, 10, 9, 9, 9, 9, 9, 9, 9)
+
+
 def _line(method: str, setting: str, cells: Sequence[str]) -> str:
-    return f"  {method:10}{setting:15}{''.join(f'{cell:>10}' for cell in cells)}".rstrip()
+    numbers = "".join(f"{cell:>{width}}" for cell, width in zip(cells, _WIDTHS, strict=True))
+    return f"  {method:10}{setting:15}{numbers}".rstrip()
 
 
 def _positive(text: str) -> float:

@@ -52,7 +52,7 @@ def trade_report(found: Trade) -> Report:
     )
     ended = [[method, why] for method, why in found.ended.items()]
     sections = [
-        Section("What to take", "\n\n".join([*_taken(found), *found.remarks]), tiles=_tiles(found)),
+        Section("What to take", "\n\n".join([*_taken(found), *_compiled(found), *found.remarks]), tiles=_tiles(found)),
         Section("Speed against accuracy", figures=[Figure(work_precision(found), _CAPTION)] if found.rows else ()),
         Section("The front", _COLUMNS, table=_table(found, found.front)),
         Section("The reference", trusted),
@@ -70,7 +70,8 @@ _CAPTION = (
 
 _COLUMNS = (
     "From fast to accurate. Attitude, rate and position: errors at the end. Energy, L and p: defects of the balances "
-    "of energy, angular and linear momentum at the end."
+    "of energy, angular and linear momentum at the end. Evaluations: of torque and force in the accepted steps and in "
+    "what they were compared with; none where a method has no fixed number of them."
 )
 
 
@@ -79,6 +80,24 @@ def _taken(found: Trade) -> list[str]:
     if found.recommended is None:
         return [found.shortfall]
     return [found.recommended.solver, f"This is {found.recommended.reason}."]
+
+
+def _compiled(found: Trade) -> list[str]:
+    """Return which times are those of compiled code, and what compiling took."""
+    compiled = sum(row.compiled for row in found.rows)
+    said = []
+    if compiled:
+        said.append(
+            f"{compiled} of the {len(found.rows)} runs are compiled, as each would be over the whole scene: a short "
+            "run is not worth it."
+        )
+    if found.kernels:
+        took = math.fsum(found.kernels.values())
+        said.append(
+            f"Kernels compiled, or loaded where that had been done before: {len(found.kernels)}, in {took:.3g} s, "
+            "which no time below holds."
+        )
+    return [" ".join(said)] if said else []
 
 
 def _tiles(found: Trade) -> list[Tile]:
@@ -99,7 +118,7 @@ def _tiles(found: Trade) -> list[Tile]:
 
 def _table(found: Trade, rows: Iterable[Row]) -> Table:
     header = ["method", "setting", "attitude [rad]", "rate [rad/s]", "position [m]", "time per s [s]", "x real time"]
-    header += ["energy [J]", "L [kg m²/s]", "p [kg m/s]", "steps", "front"]
+    header += ["energy [J]", "L [kg m²/s]", "p [kg m/s]", "steps", "evaluations", "compiled", "front"]
     return Table(header, [_cells(found, row) for row in rows])
 
 
@@ -113,6 +132,8 @@ def _cells(found: Trade, row: Row) -> list[str]:
         f"{row.real_time_factor:.3g}",
         *(f"{abs(defect):.1e}" for defect in defects),
         f"{row.steps}",
+        "" if row.evaluations is None else f"{row.evaluations}",
+        "yes" if row.compiled else "",
         "yes" if row.front else "",
     ]
 

@@ -21,7 +21,24 @@ REFERENCE = Reference("taylor, accuracy 1e-13", "dop853, accuracy 1e-13", 1e-13,
 
 def row(method: str, step: float, error: float, time: float) -> Row:
     within = error <= REFERENCE.error
-    return Row(method, step, None, error, error, error, error, within, 1e-9, 2e-9, -3e-9, time, 1.0 / time, 100)
+    return Row(
+        method,
+        step,
+        None,
+        error,
+        error,
+        error,
+        error,
+        within,
+        1e-9,
+        2e-9,
+        -3e-9,
+        time,
+        1.0 / time,
+        100,
+        None if method == "taylor" else 400,
+        step < 0.3,
+    )
 
 
 def traded(scene: str = "scene.yaml", target: float | None = 1e-6, budget: float | None = None) -> Trade:
@@ -34,7 +51,18 @@ def traded(scene: str = "scene.yaml", target: float | None = 1e-6, budget: float
         ]
     )
     recommended = recommend(rows, target, budget)
-    return Trade(scene, 10.0, REFERENCE, rows, recommended, target, budget, {"rk4": "its time was up"}, ("a remark",))
+    return Trade(
+        scene,
+        10.0,
+        REFERENCE,
+        rows,
+        recommended,
+        target,
+        budget,
+        {"rk4": "its time was up"},
+        {"run_rk4": 2.0},
+        ("a remark",),
+    )
 
 
 def parsed(found: Trade) -> ElementTree.Element:
@@ -60,6 +88,8 @@ def test_page_is_well_formed_self_contained_and_complete(tmp_path: Path) -> None
     assert found.recommended is not None
     assert found.recommended.solver in paragraphs
     assert "a remark" in paragraphs
+    assert any("compiled" in paragraph and ": 1, in 2 s" in paragraph for paragraph in paragraphs)
+    assert cells.count("400") == sum(one.evaluations == 400 for one in (*found.rows, *found.front))
     assert any("dop853, accuracy 1e-13" in paragraph for paragraph in paragraphs)
 
 

@@ -1,44 +1,33 @@
-"""`trade`: its errors are the true ones, its front is one, its advice does what was asked, and time is shared."""
+"""`trade`: its errors are the true ones, its times those of a run of the whole scene, and it says what it left out."""
 
 from __future__ import annotations
 
 import itertools
 import json
-import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import fields, replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import motions
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
+import rb_dynamics.trade
+from rb_dynamics import compiled
 from rb_dynamics.cli import main
 from rb_dynamics.cli.trade import as_text
 from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.load import Takes
 from rb_dynamics.loads.wrench import Wrench
-from rb_dynamics.motion import METHODS
-from rb_dynamics.motion.taylor import _expand
+from rb_dynamics.motion import METHODS, kernel
 from rb_dynamics.scene.model import Scene, Solver
 from rb_dynamics.scene.read import parse_scene, read_scene
 from rb_dynamics.simulate import simulate
-from rb_dynamics.trade import (
-    TIME_IS_UP,
-    Climber,
-    Recommendation,
-    Row,
-    Trade,
-    _trial,
-    climb,
-    recommend,
-    trade,
-    with_front,
-)
+from rb_dynamics.trade import Recommendation, Row, Trade, reference, table, trade
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 SPINNING = "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\ninitial: {angular_velocity_body: [0.1, 2, 0.1]}\n"
 DRAG = SPINNING + "wrenches: []\neffects: [{type: linear_drag, rotation: 0.1}]\nduration: 2\n"
 # So near the middle axis that rounding decides when it turns over: no two methods can agree.
@@ -49,160 +38,26 @@ UNTOLD = (
 # What else the machine does is not to change what is found.
 CLOCK = time.process_time
 
-ROW = Row("rk4", 0.1, None, 1e-5, 2e-5, 3e-5, 1e-5, False, 0.0, 0.0, 0.0, 1e-3, 1e3, 10)
+needs_numba = pytest.mark.skipif(not compiled.available(), reason="nothing to compile with: numba is not installed")
 
 
-def row(seconds: float, error: float, method: str = "rk4") -> Row:
-    return replace(ROW, method=method, time_per_s=seconds, real_time_factor=1.0 / seconds, error=error)
+@pytest.fixture(scope="module", autouse=True)
+def _plain() -> Iterator[None]:
+    """Let no kernel have a part, whatever has been loaded before; a test that compiles says so."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("RB_DYNAMICS_COMPILE", "never")
+        yield
 
 
-ROWS = st.lists(
-    st.builds(row, st.sampled_from([1e-6, 1e-5, 3e-5, 1e-4, 1.0]), st.sampled_from([0.0, 1e-12, 1e-9, 1e-3, 3.0])),
-    max_size=30,
-)
+@pytest.fixture
+def by_processor_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the command measure by what this process has worked."""
+    monkeypatch.setattr(rb_dynamics.trade, "trade", partial(trade, clock=CLOCK))
 
 
 def solver_of(line: str) -> Solver:
     """Return what a scene with `line` in it says."""
     return parse_scene(f"{SPINNING}{line}").solver
-
-
-class Machine:
-    """A clock, and runs on it that take as long as they should."""
-
-    def __init__(self, cost: Callable[[Solver], float]) -> None:
-        self.now = 0.0
-        self.log: list[tuple[str, float, float]] = []
-        self._cost = cost
-
-    def clock(self) -> float:
-        return self.now
-
-    def measure(self, solver: Solver, limit: float) -> tuple[float, str]:
-        cost = self._cost(solver)
-        self.log.append((solver.method, cost, limit))
-        self.now += min(cost, limit)
-        return (cost, "") if cost <= limit else (math.inf, TIME_IS_UP)
-
-
-def climber(method: str, rungs: int = 40, growth: float = 2.0) -> Climber:
-    return Climber(method, [Solver(method, step=0.5**k, accuracy=None) for k in range(rungs)], growth)
-
-
-def test_methods_get_the_same_time() -> None:
-    prices = {"cheap": 1e-5, "dear": 1e-3}
-    machine = Machine(lambda solver: prices[solver.method] / (solver.step or 1.0))
-    climbers = [climber("cheap"), climber("dear")]
-
-    climb(climbers, machine.measure, 10.0, machine.clock)
-
-    # Runs double, so that each may be short of its half by what the next run would have taken.
-    assert machine.now <= 10.0
-    for one in climbers:
-        assert 1.2 < one.spent < 8.0
-        assert one.ended == TIME_IS_UP
-    assert climbers[0].runs - climbers[1].runs in (6, 7)
-
-
-def test_what_one_leaves_the_others_get() -> None:
-    machine = Machine(lambda solver: 1e-3 / (solver.step or 1.0))
-    climbers = [climber("short", rungs=2), climber("long")]
-
-    climb(climbers, machine.measure, 10.0, machine.clock)
-
-    assert climbers[0].ended == "its finest setting"
-    assert climbers[1].spent > 4.0
-
-
-@given(
-    st.lists(st.floats(1e-6, 1.0), min_size=1, max_size=6),
-    st.floats(0.1, 10.0),
-    st.floats(1.0, 1.9),
-)
-def test_no_run_is_started_that_would_not_end_in_time(prices: list[float], end: float, true_growth: float) -> None:
-    """Where runs grow by no more than expected, only a first run, of which nothing is known, is ever cut off."""
-    names = [f"m{k}" for k in range(len(prices))]
-    machine = Machine(lambda solver: prices[names.index(solver.method)] * true_growth ** -math.log2(solver.step or 1.0))
-    climbers = [climber(name) for name in names]
-
-    climb(climbers, machine.measure, end, machine.clock)
-
-    assert machine.now <= end * (1.0 + 1e-12)
-    assert all(one.ended for one in climbers)
-    seen = set()
-    for method, cost, limit in machine.log:
-        assert method not in seen or cost <= limit
-        seen.add(method)
-    assert seen == set(names) or machine.now > 0.0
-
-
-def test_refused_at_first_a_method_goes_on_to_finer_settings_and_no_further_than_it_can() -> None:
-    def measure(solver: Solver, limit: float) -> tuple[float, str]:
-        if not 1e-3 < (solver.step or 0.0) < 0.2:
-            raise ConvergenceError("too long or too short")
-        return 1e-9, ""
-
-    able, unable = climber("able"), climber("unable", rungs=3)
-    climb([able, unable], measure, 1.0, itertools.count(0.0, 1e-6).__next__)
-
-    assert able.runs == 7
-    assert able.ended == unable.ended == "refused: too long or too short"
-    assert unable.runs == 0
-
-
-@given(ROWS)
-def test_the_front_is_what_nothing_beats(rows: list[Row]) -> None:
-    marked = with_front(rows)
-
-    assert [replace(one, front=False) for one in marked] == rows
-    for one in marked:
-        beaten = any(
-            other.time_per_s <= one.time_per_s
-            and other.error <= one.error
-            and (other.time_per_s, other.error) != (one.time_per_s, one.error)
-            for other in rows
-        )
-        assert one.front is not beaten
-
-
-@given(ROWS, st.sampled_from([1e-13, 1e-9, 1e-6, 10.0]))
-def test_the_recommended_row_keeps_the_target_and_none_that_does_is_faster(rows: list[Row], target: float) -> None:
-    found = recommend(rows, target, None)
-    able = [one for one in rows if one.error <= target]
-    assert (found is None) is (not able)
-    if found is not None:
-        assert found.row in able
-        assert found.row.time_per_s == min(one.time_per_s for one in able)
-
-
-@given(ROWS, st.sampled_from([1e-3, 1.0, 5e4, 1e7]))
-def test_the_recommended_row_keeps_the_budget_and_none_that_does_is_more_accurate(
-    rows: list[Row], budget: float
-) -> None:
-    found = recommend(rows, None, budget)
-    able = [one for one in rows if one.real_time_factor >= budget]
-    assert (found is None) is (not able)
-    if found is not None:
-        assert found.row in able
-        assert found.row.error == min(one.error for one in able)
-
-
-@pytest.mark.parametrize(
-    ("method", "step", "accuracy", "line"),
-    [
-        ("rk4", 0.01, None, "solver: {method: rk4, step: 0.01}"),
-        ("rk4", 1e-7, None, "solver: {method: rk4, step: 1.0e-7}"),
-        ("dop853", None, 2.5e-9, "solver: {method: dop853, accuracy: 2.5e-9}"),
-        ("exact", None, None, "solver: {method: exact}"),
-    ],
-)
-def test_the_line_to_paste_says_what_was_measured(
-    method: str, step: float | None, accuracy: float | None, line: str
-) -> None:
-    assert replace(ROW, method=method, step=step, accuracy=accuracy).solver == line
-    solver = solver_of(line)
-    assert (solver.method, solver.step) == (method, step)
-    assert accuracy is None or solver.accuracy == accuracy
 
 
 def has_true_errors(scene: Scene, found: Trade, case: motions.Case, commands: list[tuple[str, Wrench]]) -> None:
@@ -307,18 +162,66 @@ def test_commands_that_cannot_be_honoured_are_left_out_and_counted() -> None:
     assert "1 of 2 wrench commands were rejected" in found.remarks
 
 
-def test_a_run_finds_nothing_that_another_one_has_computed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The same motion in one step of one expansion: cheap to look up, and what is timed is to compute it."""
-    # A kernel looks nothing up.
-    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "never")
-    scene = parse_scene(SPINNING + "duration: 0.01")
-    trial = _trial(scene, [("wrench", Wrench(torque=(0.1, 0.2, 0.0)))], 1.0, CLOCK)
-    looked_up = []
-    for _ in range(2):
-        assert trial.fly(Solver("taylor", accuracy=1e-6), parts=1) is not None
-        looked_up.append(_expand.cache_info())
-    assert looked_up[0] == looked_up[1]
-    assert looked_up[0].misses > 0
+@needs_numba
+def test_a_long_scene_is_measured_as_it_would_run_and_no_time_holds_what_compiling_takes(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """An hour passes whenever a kernel is compiled, and no row has heard of it."""
+    hours, compile_kernel = [], kernel.compile_kernel
+
+    def slowly(function: Callable[..., Any], signature: str) -> Callable[..., Any]:
+        hours.append(3600.0)
+        return compile_kernel(function, signature)
+
+    monkeypatch.setattr(kernel, "compile_kernel", slowly)
+    # What other tests have loaded is not to be found, and two methods are enough.
+    kernel.kernel.cache_clear()
+    monkeypatch.setattr(
+        rb_dynamics.trade,
+        "climbers_for",
+        lambda trial: [one for one in table.climbers_for(trial) if one.method in ("euler", "rk4")],
+    )
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "auto")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    compiled.cache_folder.cache_clear()
+    scene, commands = parse_scene(SPINNING + "duration: 1.0e+5"), [("wrench", Wrench(torque=(0.01, 0.02, 0.0)))]
+    try:
+        found = trade(scene, commands, time_s=1.0, clock=lambda: CLOCK() + sum(hours))
+    finally:
+        compiled.cache_folder.cache_clear()
+    assert found.trial_s < 1e4
+    for name in ("euler", "rk4"):
+        rows = [one for one in found.rows if one.method == name]
+        assert rows
+        assert all(one.compiled for one in rows)
+        assert all(one.time_per_s < 1.0 for one in rows)
+        assert found.kernels[f"_run_on_numbers_{name}"] >= 3600.0
+    assert len(found.kernels) == len(hours)
+
+
+@needs_numba
+def test_a_short_scene_is_not_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "auto")
+    commands = [("wrench", Wrench(torque=(0.1, 0.2, 0.0)))]
+    found = trade(parse_scene(SPINNING + "duration: 0.5"), commands, time_s=0.5, clock=CLOCK)
+    assert found.rows
+    assert not any(one.compiled for one in found.rows)
+    assert found.kernels == {}
+
+
+def test_where_no_two_methods_run_the_trial_in_time_a_shorter_one_is_measured(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first attempt ends before it has begun."""
+    find, tried = reference.find_reference, []
+
+    def find_late(trial: Any, deadlines: list[float], after: Callable[[], None]) -> Any:
+        tried.append(trial.seconds)
+        return find(trial, [trial.clock() - 1.0, *deadlines], after)
+
+    monkeypatch.setattr(rb_dynamics.trade, "find_reference", find_late)
+    found = trade(parse_scene(DRAG), time_s=2.0, clock=CLOCK)
+    assert found.trial_s == pytest.approx(tried[0] / 8.0, rel=0.01)
+    assert found.rows
+    assert any("measured over the first" in remark for remark in found.remarks)
 
 
 def test_where_rounding_decides_nothing_is_recommended() -> None:
@@ -339,6 +242,7 @@ def test_no_time_is_a_clear_error() -> None:
         trade(parse_scene(DRAG), time_s=1e-6)
 
 
+@pytest.mark.usefixtures("by_processor_time")
 def test_command_prints_json_with_floats_in_full(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scene, page = tmp_path / "scene.yaml", tmp_path / "trade.html"
     scene.write_text(SPINNING + "wrenches: []\nduration: 2\n")
@@ -357,6 +261,7 @@ def test_command_prints_json_with_floats_in_full(tmp_path: Path, capsys: pytest.
     assert "<svg" in page.read_text(encoding="utf-8")
 
 
+@pytest.mark.usefixtures("by_processor_time")
 def test_command_ends_with_1_where_nothing_is_good_enough(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scene = tmp_path / "scene.yaml"
     scene.write_text(SPINNING + "wrenches: []\nduration: 2\n")

@@ -1,0 +1,104 @@
+"""`trade`: speed against accuracy of all methods that can run a scene, measured on the scene itself, and what to take.
+
+Every method goes from coarse settings to fine ones, in turns, so that each has had about the same time; what it reached
+is compared with a reference on which two methods of different families agree. Never changes anything.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from rb_dynamics.errors import SceneError
+from rb_dynamics.explain import probe_commands
+from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.scene.compile import OPEN_END_HORIZON
+from rb_dynamics.scene.model import Scene
+from rb_dynamics.stopwatch import Clock, Stopwatch
+from rb_dynamics.trade.climb import climb
+from rb_dynamics.trade.reference import find_reference
+from rb_dynamics.trade.result import Recommendation, Reference, Row, Trade, recommend, with_front
+from rb_dynamics.trade.table import Table, climbers_for
+from rb_dynamics.trade.trial import accepted, trial_of
+
+# Of the time there is: one run of the trial may take so much, and finding the reference, at the first attempt and at
+# those that follow.
+_PILOT, _REFERENCE = 1.0 / 60.0, (0.4, 0.5, 0.6)
+
+
+def trade(
+    scene: Scene,
+    commands: Sequence[tuple[str, Wrench]] = (),
+    *,
+    target: float | None = None,
+    budget: float | None = None,
+    time_s: float = 30.0,
+    progress: Callable[[float], None] | None = None,
+    clock: Clock = time.perf_counter,
+) -> Trade:
+    """Return how fast and how accurate each method that can run `scene` is on it.
+
+    Args:
+        scene: is not changed; its solver gives the target where none is asked for.
+        commands: wrench commands of the scene's channels; without any, the channels are tried with a probe.
+        target: error to be kept, in attitude (rad) and in position relative to the path.
+        budget: real-time factor to be kept; then the most accurate row is recommended.
+        time_s: about how long all of it may take, s; compiling and loading kernels comes on top.
+        progress: called now and then with the fraction done.
+        clock: what is measured with, s.
+
+    Raises:
+        SceneError: the scene has nothing to measure.
+        ConvergenceError: no two methods can run the scene in the time.
+    """
+    stopwatch = Stopwatch(clock)
+    begin = stopwatch()
+
+    def told() -> None:
+        if progress is not None:
+            progress(min(1.0, (stopwatch() - begin) / time_s))
+
+    if scene.duration == 0.0:
+        raise SceneError(f"{scene.source}: duration: found 0, expected a motion to measure; give a longer one")
+    if target is None and budget is None:
+        target = scene.solver.accuracy or 1e-9
+    remarks = []
+    if scene.channels and not commands:
+        commands = probe_commands(scene, scene.duration or OPEN_END_HORIZON)
+        remarks.append(
+            "the channels were tried with a probe, a force and a torque that reverse every second; with --wrench BAG "
+            "the commands of a bag are tried instead"
+        )
+    kept = accepted(scene, commands)
+    if len(kept) < len(commands):
+        remarks.append(f"{len(commands) - len(kept)} of {len(commands)} wrench commands were rejected")
+    trial, reference, truth = find_reference(
+        trial_of(scene, kept, _PILOT * time_s, stopwatch), [begin + share * time_s for share in _REFERENCE], told
+    )
+    if trial.seconds < trial.whole:
+        remarks.append(
+            f"measured over the first {trial.seconds:.6g} s of {trial.whole:g} s: errors are those after them, and "
+            "more time (--time) measures more"
+        )
+    table = Table(replace(trial, horizon=scene.duration), reference, truth)
+    climbers = climbers_for(trial) if reference.is_useful else []
+    climb(climbers, table.measure, begin + time_s, stopwatch, told)
+    rows = with_front([row for climber in climbers for row in table.rows.get(climber.method, ())])
+    if progress is not None:
+        progress(1.0)
+    return Trade(
+        scene.source,
+        trial.seconds,
+        reference,
+        rows,
+        recommend(rows, target, budget),
+        target,
+        budget,
+        {climber.method: climber.ended for climber in climbers},
+        stopwatch.kernels,
+        tuple(remarks),
+    )
+
+
+__all__ = ["Recommendation", "Reference", "Row", "Trade", "trade"]

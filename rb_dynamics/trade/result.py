@@ -1,0 +1,230 @@
+"""What `trade` finds: rows, the reference they are compared with, the front, and what to take.
+
+Never measures anything.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+
+USELESS = 1e-3
+"""A reference whose two methods differ by more is none: rad, or relative to the path."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One run: a method with one setting.
+
+    Attributes:
+        method: by name.
+        step: s; None where the accuracy sets the steps.
+        accuracy: None where the step is fixed; both are None where all of the motion has a closed form.
+        attitude_error: at the end of the trial, against the reference, rad.
+        rate_error: likewise, of the angular velocity, rad/s.
+        position_error: likewise, of the body origin, m.
+        error: the larger of attitude_error and position_error / path, as `solver.accuracy` counts it; not less than
+            what the reference is good for, and without what doubles of the size of the position cannot resolve.
+        within_trust: whether attitude and position are as good as the reference, so that it cannot tell the error.
+        energy_defect: T - T0 - work at the end, J.
+        angular_momentum_defect: |L - L0 - integral of N dt| at the end, kg m^2/s.
+        linear_momentum_defect: |p - p0 - integral of F dt| at the end, kg m/s.
+        time_per_s: seconds of computing for each simulated second, without outputs, compiling and loading.
+        real_time_factor: simulated seconds for each second of computing.
+        steps: taken in the trial; those tried and refused are not counted.
+        evaluations: of torque and force in these steps and in what they were compared with; None for a method without
+            a fixed number of them: an implicit one iterates, a Taylor series has derivatives instead.
+        compiled: whether kernels took some of the steps, as they would in a run of the whole scene.
+        front: whether no other row is as fast and as accurate, and better in one of the two.
+    """
+
+    method: str
+    step: float | None
+    accuracy: float | None
+    attitude_error: float
+    rate_error: float
+    position_error: float
+    error: float
+    within_trust: bool
+    energy_defect: float
+    angular_momentum_defect: float
+    linear_momentum_defect: float
+    time_per_s: float
+    real_time_factor: float
+    steps: int
+    evaluations: int | None
+    compiled: bool
+    front: bool = False
+
+    @property
+    def setting(self) -> str:
+        """The setting, for a person."""
+        return setting(self.step, self.accuracy)
+
+    @property
+    def solver(self) -> str:
+        """The line that says it in a scene."""
+        parts = [f"method: {self.method}"]
+        parts += [
+            f"{key}: {_decimal(value)}"
+            for key, value in (("step", self.step), ("accuracy", self.accuracy))
+            if value is not None
+        ]
+        return f"solver: {{{', '.join(parts)}}}"
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What the rows are compared with, and how far it can be trusted.
+
+    Attributes:
+        method: made it, with its setting.
+        check: of another family, made the one it was compared with.
+        attitude: their difference, but not less than what rounding does, rad.
+        rate: likewise, rad/s.
+        position: likewise, m.
+        error: the larger of attitude and position / path.
+        path: of the body origin during the trial, m.
+    """
+
+    method: str
+    check: str
+    attitude: float
+    rate: float
+    position: float
+    error: float
+    path: float
+
+    @property
+    def is_useful(self) -> bool:
+        """Whether the two methods agree well enough for anything."""
+        return self.error <= USELESS
+
+    def errors(self, row: Row) -> tuple[str, str, str]:
+        """Return the errors of attitude, rate and position for a person: "<=" the trust where they are below it."""
+        pairs = (
+            (row.attitude_error, self.attitude),
+            (row.rate_error, self.rate),
+            (row.position_error, self.position),
+        )
+        attitude, rate, position = (
+            f"{error:.1e}" if error > trust else f"<={trust:.1e}" if trust > 0.0 else "0" for error, trust in pairs
+        )
+        return attitude, rate, position
+
+
+@dataclass(frozen=True)
+class Recommendation:
+    """What to write into the scene.
+
+    Attributes:
+        solver: the line to paste.
+        reason: why this row.
+        row: what it was measured to do.
+    """
+
+    solver: str
+    reason: str
+    row: Row
+
+
+@dataclass(frozen=True)
+class Trade:
+    """Speed against accuracy on one scene.
+
+    Attributes:
+        scene: file name.
+        trial_s: simulated seconds that were measured; errors are those at their end.
+        reference: what the errors are errors against.
+        rows: by method in the order of `METHODS`, "auto" last, each from coarse to fine.
+        recommended: None where no row does what is asked for.
+        target: the error asked for, rad and relative to the path; None where a speed was.
+        budget: the real-time factor asked for; None where an error was.
+        ended: why each method went no further.
+        kernels: time (s) that it took to compile or load each kernel that was not there, by name; part of no row.
+        remarks: what else a user should know.
+    """
+
+    scene: str
+    trial_s: float
+    reference: Reference
+    rows: tuple[Row, ...]
+    recommended: Recommendation | None
+    target: float | None
+    budget: float | None
+    ended: Mapping[str, str]
+    kernels: Mapping[str, float]
+    remarks: tuple[str, ...]
+
+    @property
+    def front(self) -> tuple[Row, ...]:
+        """The rows on the front, from fast to accurate."""
+        return tuple(sorted((row for row in self.rows if row.front), key=lambda row: row.time_per_s))
+
+    @property
+    def shortfall(self) -> str:
+        """Why nothing is recommended, and what to do; "" where something is."""
+        reference = self.reference
+        if self.recommended is not None:
+            return ""
+        if not reference.is_useful:
+            return (
+                f"{self.scene}: {reference.method} and {reference.check} differ after {self.trial_s:g} s by "
+                f"{reference.attitude:.2g} rad and {reference.position:.2g} m, expected at most {USELESS:g}: "
+                "nothing tells which is right, and the motion may be so unstable that rounding decides it; try a "
+                "shorter duration or more time (--time)"
+            )
+        if self.budget is not None:
+            best = max((row.real_time_factor for row in self.rows), default=0.0)
+            return (
+                f"{self.scene}: nothing measured runs at {self.budget:g} times real time, the fastest at {best:.3g}; "
+                "ask for less (--budget)"
+            )
+        least = min((row.error for row in self.rows), default=math.inf)
+        return (
+            f"{self.scene}: nothing measured is known to have an error of at most {self.target:g}: the best has "
+            f"{least:.2g}, and the reference is good to {reference.error:.2g}; ask for less (--target) or give more "
+            "time (--time)"
+        )
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the fields by name."""
+        return asdict(self)
+
+
+def with_front(rows: Sequence[Row]) -> tuple[Row, ...]:
+    """Return the rows, those on the Pareto front of error and time marked."""
+    fastest: dict[float, float] = {}
+    least = math.inf
+    for row in sorted(rows, key=lambda row: (row.time_per_s, row.error)):
+        if row.error < least:
+            least = row.error
+            fastest[row.error] = row.time_per_s
+    return tuple(replace(row, front=fastest.get(row.error) == row.time_per_s) for row in rows)
+
+
+def recommend(rows: Sequence[Row], target: float | None, budget: float | None) -> Recommendation | None:
+    """Return the fastest row that keeps `target`, or the most accurate that keeps `budget`; None where none does."""
+    if budget is not None:
+        fast = [row for row in rows if row.real_time_factor >= budget]
+        row = min(fast, key=lambda row: (row.error, row.time_per_s), default=None)
+        reason = f"the most accurate that runs at {budget:g} times real time or faster"
+    else:
+        accurate = [row for row in rows if target is not None and row.error <= target]
+        row = min(accurate, key=lambda row: row.time_per_s, default=None)
+        reason = f"the fastest with an error of at most {target:g}"
+    return None if row is None else Recommendation(row.solver, reason, row)
+
+
+def setting(step: float | None, accuracy: float | None) -> str:
+    """Return a setting for a person."""
+    if step is not None:
+        return f"step {step:g} s"
+    return "closed form" if accuracy is None else f"accuracy {accuracy:g}".replace("e-0", "e-")
+
+
+def _decimal(value: float) -> str:
+    """Return a number as YAML reads it: with a point in front of an exponent."""
+    mantissa, e, exponent = repr(value).partition("e")
+    return f"{mantissa}{'' if '.' in mantissa else '.0'}e{int(exponent)}" if e else mantissa

@@ -1,0 +1,111 @@
+"""The rows: every setting of every method that can take the scene, its error and its time."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+from rb_dynamics.diagnostics import Sample
+from rb_dynamics.motion import METHODS
+from rb_dynamics.motion.exact import EXACT
+from rb_dynamics.motion.step_control import NANOSECONDS
+from rb_dynamics.scene.model import Solver
+from rb_dynamics.trade.climb import TIME_IS_UP, Climber
+from rb_dynamics.trade.evaluations import evaluations_in
+from rb_dynamics.trade.reference import settings_of
+from rb_dynamics.trade.result import USELESS, Reference, Row
+from rb_dynamics.trade.trial import Flight, Trial
+from rb_dynamics.vector import norm
+
+_ACCURACIES = tuple(10.0**-k for k in range(3, 13))
+
+# A short run (s) is timed this often, and the best counts.
+_SHORT, _REPEATS = 0.05, 3
+
+# So many runs that are no better tell that no finer setting helps.
+_NO_BETTER = 3
+
+
+class Table:
+    """Measures rows of `trial` against `truth`."""
+
+    def __init__(self, trial: Trial, reference: Reference, truth: Sample) -> None:
+        self.rows: dict[str, list[Row]] = {}
+        self._trial, self._reference, self._truth = trial, reference, truth
+
+    def measure(self, solver: Solver, limit: float) -> tuple[float, str]:
+        """Run a setting and add its row; see `Measure`."""
+        rows = self.rows.setdefault(solver.method, [])
+        if not rows:
+            self._trial.warm_up(solver)
+        flight = self._trial.fly(solver, self._trial.as_the_whole(), limit)
+        if flight is None:
+            return math.inf, TIME_IS_UP
+        best = flight.time
+        for _ in range(_REPEATS - 1 if flight.time < min(_SHORT, limit / _REPEATS) else 0):
+            again = self._trial.fly(solver, self._trial.as_the_whole(), parts=1)
+            best = min(best, again.time if again else math.inf)
+        row = self._row(solver, flight, best)
+        # The same steps again: a setting that changes nothing is not worth a row.
+        if not rows or _run(rows[-1]) != _run(row):
+            rows.append(row)
+        if row.within_trust:
+            return best, "as good as the reference"
+        errors = [row.error for row in rows]
+        if (
+            len(errors) > _NO_BETTER
+            and min(errors) < USELESS
+            and min(errors[-_NO_BETTER:]) >= min(errors[:-_NO_BETTER])
+        ):
+            return best, "finer settings are no better: round-off"
+        return best, ""
+
+    def _row(self, solver: Solver, flight: Flight, took: float) -> Row:
+        trial, reference, end = self._trial, self._reference, flight.sample
+        attitude, rate, position = trial.differences(end, self._truth)
+        return Row(
+            method=solver.method,
+            step=solver.step,
+            # Where all of the motion has a closed form, no accuracy sets anything.
+            accuracy=None if flight.methods == EXACT.name else solver.accuracy,
+            attitude_error=attitude,
+            rate_error=rate,
+            position_error=position,
+            error=trial.error(max(attitude, reference.attitude), max(position, reference.position)),
+            within_trust=attitude <= reference.attitude and position <= reference.position,
+            energy_defect=end.energy_defect,
+            angular_momentum_defect=norm(end.angular_momentum_defect_world),
+            linear_momentum_defect=norm(end.linear_momentum_defect_world),
+            time_per_s=took / trial.seconds,
+            real_time_factor=trial.seconds / took,
+            steps=flight.steps,
+            evaluations=evaluations_in(flight.methods, flight.steps, by_accuracy=solver.step is None),
+            compiled=flight.compiled,
+        )
+
+
+def _run(row: Row) -> tuple[int, float, float]:
+    return row.steps, row.attitude_error, row.position_error
+
+
+def climbers_for(trial: Trial) -> list[Climber]:
+    """Return all methods that can take the scene, with their settings."""
+    steps = _steps(trial)
+    climbers = []
+    for method in METHODS.values():
+        if method.takes < trial.scene.acting.takes:
+            continue
+        if method.order is None or method.pair is not None or method.longest_step is not None:
+            climbers.append(Climber(method.name, settings_of(method.name, _ACCURACIES), growth=1.5))
+        else:
+            settings = [Solver(method.name, step=step, accuracy=None) for step in steps]
+            climbers.append(Climber(method.name, settings, growth=math.sqrt(2.0)))
+    return [*climbers, Climber("auto", settings_of("auto", _ACCURACIES), growth=1.5)]
+
+
+def _steps(trial: Trial) -> list[float]:
+    """Return steps (s) of two digits from 2 rad down, none longer than what lies between two commands."""
+    edges = sorted({0.0, trial.seconds, *(max(0, wrench.stamp_ns) / NANOSECONDS for _, wrench in trial.commands)})
+    longest = max(after - before for before, after in pairwise(edges))
+    natural = min(longest, 0.5 * trial.seconds, 2.0 / trial.rate if trial.rate > 0.0 else math.inf)
+    return [float(f"{natural * 2.0 ** (-0.5 * k):.2g}") for k in range(60)]

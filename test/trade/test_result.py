@@ -1,0 +1,80 @@
+"""What `trade` finds: its front is one, its advice does what was asked, and the line to paste is what was measured."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rb_dynamics.scene.read import parse_scene
+from rb_dynamics.trade.result import Row, recommend, with_front
+
+BODY = "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\n"
+ROW = Row("rk4", 0.1, None, 1e-5, 2e-5, 3e-5, 1e-5, False, 0.0, 0.0, 0.0, 1e-3, 1e3, 10, 40, False)
+
+
+def row(seconds: float, error: float, method: str = "rk4") -> Row:
+    return replace(ROW, method=method, time_per_s=seconds, real_time_factor=1.0 / seconds, error=error)
+
+
+ROWS = st.lists(
+    st.builds(row, st.sampled_from([1e-6, 1e-5, 3e-5, 1e-4, 1.0]), st.sampled_from([0.0, 1e-12, 1e-9, 1e-3, 3.0])),
+    max_size=30,
+)
+
+
+@given(ROWS)
+def test_the_front_is_what_nothing_beats(rows: list[Row]) -> None:
+    marked = with_front(rows)
+
+    assert [replace(one, front=False) for one in marked] == rows
+    for one in marked:
+        beaten = any(
+            other.time_per_s <= one.time_per_s
+            and other.error <= one.error
+            and (other.time_per_s, other.error) != (one.time_per_s, one.error)
+            for other in rows
+        )
+        assert one.front is not beaten
+
+
+@given(ROWS, st.sampled_from([1e-13, 1e-9, 1e-6, 10.0]))
+def test_the_recommended_row_keeps_the_target_and_none_that_does_is_faster(rows: list[Row], target: float) -> None:
+    found = recommend(rows, target, None)
+    able = [one for one in rows if one.error <= target]
+    assert (found is None) is (not able)
+    if found is not None:
+        assert found.row in able
+        assert found.row.time_per_s == min(one.time_per_s for one in able)
+
+
+@given(ROWS, st.sampled_from([1e-3, 1.0, 5e4, 1e7]))
+def test_the_recommended_row_keeps_the_budget_and_none_that_does_is_more_accurate(
+    rows: list[Row], budget: float
+) -> None:
+    found = recommend(rows, None, budget)
+    able = [one for one in rows if one.real_time_factor >= budget]
+    assert (found is None) is (not able)
+    if found is not None:
+        assert found.row in able
+        assert found.row.error == min(one.error for one in able)
+
+
+@pytest.mark.parametrize(
+    ("method", "step", "accuracy", "line"),
+    [
+        ("rk4", 0.01, None, "solver: {method: rk4, step: 0.01}"),
+        ("rk4", 1e-7, None, "solver: {method: rk4, step: 1.0e-7}"),
+        ("dop853", None, 2.5e-9, "solver: {method: dop853, accuracy: 2.5e-9}"),
+        ("exact", None, None, "solver: {method: exact}"),
+    ],
+)
+def test_the_line_to_paste_says_what_was_measured(
+    method: str, step: float | None, accuracy: float | None, line: str
+) -> None:
+    assert replace(ROW, method=method, step=step, accuracy=accuracy).solver == line
+    solver = parse_scene(f"{BODY}{line}").solver
+    assert (solver.method, solver.step) == (method, step)
+    assert accuracy is None or solver.accuracy == accuracy
