@@ -3,8 +3,10 @@
 Usage: python benchmarks/ensemble.py [name ...]
 
 Forced bodies, compiled; best of some repeats. `alone` is the same method for one body through `driven_motion`, held for
-steps enough that the call does not count; `edge` is what a held wrench costs there beside its one step. Times are of
-this machine.
+steps enough that the call does not count; `edge` is what a held wrench costs there beside its one step; `short` is what
+a body of the largest ensemble costs where it is advanced by one step at a time. Times are of this machine: of the
+processor for one thread, by the clock for more, which need as many idle cores. Without names: the methods that take
+bodies side by side, and one that does not.
 """
 
 from __future__ import annotations
@@ -22,30 +24,31 @@ BODY = RigidBody.from_matrix(2.5, [[2.1, 0.1, -0.2], [0.1, 1.7, 0.3], [-0.2, 0.3
 STEP, STEP_NS = 0.001, 1_000_000
 BODIES = (1, 16, 64, 1024, 4096, 65536)
 BODY_STEPS = 200_000
-FEWEST_STEPS = 100
+FEWEST_STEPS = 10
+NAMES = ("rk4", "midpoint", "dlm2", "dlm4", "dop853")
 EDGES = 10_000
 REPEATS = 3
 
 
-def best(do: Callable[[], object]) -> float:
+def best(do: Callable[[], object], clock: Callable[[], float] = time.process_time) -> float:
     """Return the shortest time (s) that `do` takes."""
     do()
     times = []
     for _ in range(REPEATS):
-        begin = time.perf_counter()
+        begin = clock()
         do()
-        times.append(time.perf_counter() - begin)
+        times.append(clock() - begin)
     return min(times)
 
 
-def many(name: str, bodies: int, threads: int) -> float:
-    """Return ns per step and body."""
+def many(name: str, bodies: int, threads: int, steps: int) -> float:
+    """Return ns per step and body of advances by so many steps."""
     r = np.random.default_rng(1)
     states = [State(angular_velocity_body=tuple(spin)) for spin in r.normal(size=(bodies, 3)).tolist()]
     ensemble = Ensemble(BODY, states, name, STEP, threads)
     ensemble.hold(torque_body=r.normal(size=(bodies, 3)), force_body=r.normal(size=(bodies, 3)))
-    steps = max(FEWEST_STEPS, BODY_STEPS // bodies)
-    return best(lambda: ensemble.advance_to(ensemble.time_ns + steps * STEP_NS)) / (steps * bodies) * 1e9
+    clock = time.process_time if threads == 1 else time.perf_counter
+    return best(lambda: ensemble.advance_to(ensemble.time_ns + steps * STEP_NS), clock) / (steps * bodies) * 1e9
 
 
 def alone(name: str) -> tuple[float, float]:
@@ -67,13 +70,17 @@ def main(names: list[str]) -> None:
     if not compiled.available():
         sys.exit("numba is not installed: pip install 'rb_dynamics[fast]'")
     os.environ["RB_DYNAMICS_COMPILE"] = "always"
-    chosen = [name for name, method in METHODS.items() if method.compiles and (not names or name in names)]
+    chosen = [name for name, method in METHODS.items() if method.compiles and name in (names or NAMES)]
     print("ns per step and body")
-    print(f"{'method':10} {'threads':>7} {'alone':>7} {'edge':>7}" + "".join(f"{bodies:>8}" for bodies in BODIES))
+    print(
+        f"{'method':10} {'threads':>7} {'alone':>7} {'edge':>7}"
+        + "".join(f"{bodies:>8}" for bodies in (*BODIES, "short"))
+    )
     for name in chosen:
         step, edge = alone(name)
         for threads in (1, 2):
-            times = "".join(f"{many(name, bodies, threads):8.1f}" for bodies in BODIES)
+            sizes = [(bodies, max(FEWEST_STEPS, BODY_STEPS // bodies)) for bodies in BODIES] + [(BODIES[-1], 1)]
+            times = "".join(f"{many(name, bodies, threads, steps):8.1f}" for bodies, steps in sizes)
             print(f"{name:10} {threads:7} {step:7.0f} {edge:7.0f}{times}", flush=True)
 
 
