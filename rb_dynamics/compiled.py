@@ -174,6 +174,8 @@ def _provide_workspace() -> None:
         def build(context: Any, builder: Any, _signature: Any, _arguments: Any) -> Any:
             r, n = rows.literal_value, lanes.literal_value
             data = cgutils.alloca_once(builder, context.get_value_type(types.UniTuple(types.float64, r * n)))
+            # Of a cache line: or each vector of eight takes two of them.
+            data.align = 64
             value = make_array(array)(context, builder)
             shape, strides = ([context.get_constant(types.intp, k) for k in pair] for pair in ((r, n), (8 * n, 8)))
             populate_array(value, builder.bitcast(data, value.data.type), shape, strides, strides[1], None)
