@@ -20,7 +20,7 @@ from rb_dynamics.diagnostics import kinetic_energy
 from rb_dynamics.errors import WrenchError
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.kernel import LONGEST_STRETCH, numbers_of, phase_of
-from rb_dynamics.motion.lanes import Schedule, mover
+from rb_dynamics.motion.lanes import STATE, Schedule, mover
 from rb_dynamics.motion.method import Method
 from rb_dynamics.motion.phase import Phase, inertia_of
 from rb_dynamics.motion.step_control import NANOSECONDS, FixedStep
@@ -58,9 +58,9 @@ class Samples:
     """
 
     def __init__(self, body: RigidBody, start: Numbers, state: Numbers, time_ns: int | Times) -> None:
-        """Look at what `body` (of arrays) does in `state`, with books that began at `start`; (35, ...), see `Phase`."""
+        """Look at what `body` (of arrays) does in `state`, with books that began at `start`: (..., 35), see `Phase`."""
         self.time_ns = time_ns
-        self._body, self._start, self._phase = body, _phase(start), _phase(state)
+        self._body, self._began, self._state = body, start, state
 
     @classmethod
     def known(cls, time_ns: int | Times, **fields: Numbers) -> Samples:
@@ -72,7 +72,7 @@ class Samples:
 
     def __len__(self) -> int:
         """Return the number of rows."""
-        return len(self.orientation_xyzw)
+        return len(self._state)
 
     @_field
     def position_world(self) -> Any:
@@ -117,7 +117,7 @@ class Samples:
     @_field
     def energy_defect(self) -> Any:
         """(...), T - T0 - work, J; see `Observer`."""
-        return self.kinetic_energy - kinetic_energy(self._body, self._start) - self.work
+        return self.kinetic_energy - kinetic_energy(self._body, _phase(self._began)) - self.work
 
     @_field
     def impulse_world(self) -> Any:
@@ -128,6 +128,10 @@ class Samples:
     def torque_impulse_world(self) -> Any:
         """(..., 3), integral of the torque about the centre of mass since the start, N m s."""
         return self._phase.torque_impulse_world
+
+    @cached_property
+    def _phase(self) -> Phase:
+        return _phase(self._state)
 
     @cached_property
     def _seen(self) -> State:
@@ -347,14 +351,14 @@ def driven_motion(
     steps, times = _Steps(method, step), _times(times_ns, state.time_ns)
     parts = (force_body, torque_body, force_world, torque_world)
     wrenches = _wrenches(len(times), 1, _particles([body]), *parts)
-    constants, start = _constants([body]), np.array(numbers_of(Phase.of(body, state)), dtype=np.float64)[:, np.newaxis]
+    constants, start = _constants([body]), np.array([numbers_of(Phase.of(body, state))], dtype=np.float64)
     # The numbers of one time side by side, as they are written.
-    trace, now, first = np.empty((len(times), len(start))), start, 0
+    trace, now, first = np.empty((len(times), STATE)), start, 0
     for schedule in steps.schedules(state.time_ns, times, wrenches):
         last = first + len(schedule.counts)
         steps.mover.trace(constants, schedule, now, trace[first:last])
-        now, first = trace[last - 1][:, np.newaxis].copy(), last
-    return Samples(body, start, trace.T, times)
+        now, first = trace[last - 1 : last], last
+    return Samples(body, start, trace, times)
 
 
 class _Steps:
@@ -394,11 +398,15 @@ class _Steps:
             return
         lengths = np.diff(times, prepend=start_ns)
         per_second, largest = self._denominator * NANOSECONDS, int(lengths.max()) * self._denominator
-        # Whole numbers, of any size where 53 bits do not hold them: the quotient is rounded once, as of Python's.
-        if max(per_second, largest, self._length) >= 2**53:
-            lengths = lengths.astype(object)
-        counts = lengths * self._denominator // self._length
-        rests = (lengths * self._denominator - counts * self._length) / per_second
+        if max(per_second, largest, self._length) < 2**53:
+            counts = lengths * self._denominator // self._length
+            rests = (lengths * self._denominator - counts * self._length) / per_second
+        else:
+            # Whole numbers of any size, by Python, for each length that there is: mostly one.
+            found, where = np.unique(lengths, return_inverse=True)
+            splits = [self.split(length) for length in found.tolist()]
+            counts = np.array([count for count, _ in splits])[where]
+            rests = np.array([rest for _, rest in splits])[where]
         whole, total = self.schedule(counts, rests, wrenches), np.cumsum(counts + 1)
         first = 0
         while first < len(times):
@@ -486,11 +494,11 @@ def _particles(bodies: Sequence[RigidBody]) -> npt.NDArray[np.bool_]:
 
 
 def _constants(bodies: Sequence[RigidBody]) -> Numbers:
-    """Return what a step needs to know of each body: mass, moments, principal to body axes, as (8, N)."""
+    """Return what a step needs to know of each body: mass, moments, principal to body axes, as (N, 8)."""
     import numpy as np
 
     rows = [(body.mass, *inertia_of(body).moments, *body.principal_orientation_xyzw) for body in bodies]
-    return np.array(rows, dtype=np.float64).T.copy()
+    return np.array(rows, dtype=np.float64)
 
 
 def _body_of_arrays(bodies: Sequence[RigidBody]) -> RigidBody:
@@ -512,14 +520,17 @@ def _body_of_arrays(bodies: Sequence[RigidBody]) -> RigidBody:
 
 
 def _initial(body: RigidBody, states: Sequence[State]) -> Numbers:
-    """Return the phases of `states` as (35, N)."""
+    """Return the phases of `states` as (N, 35)."""
     import numpy as np
 
     fields = State.__slots__[1:]
     columns: Any = [tuple(np.array([getattr(s, field) for s in states], dtype=np.float64).T) for field in fields]
     phase = Phase.of(body, State(0, *columns))
-    return np.array([np.broadcast_to(row, (len(states),)) for row in numbers_of(phase)], dtype=np.float64)
+    return np.stack([np.broadcast_to(row, (len(states),)) for row in numbers_of(phase)], axis=-1)
 
 
 def _phase(state: Numbers) -> Phase:
-    return phase_of(tuple(state))
+    import numpy as np
+
+    # Each number of all rows side by side, as numpy is quick with.
+    return phase_of(tuple(np.ascontiguousarray(state.T)))

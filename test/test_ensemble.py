@@ -21,6 +21,7 @@ from rb_dynamics.loads.acting import ActingEffects
 from rb_dynamics.loads.channels import Channel
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.arc import Arc
+from rb_dynamics.motion.lanes import Mover
 from rb_dynamics.motion.phase import Phase, in_principal_axes, inertia_of
 from rb_dynamics.motion.step_control import FixedStep, WholeArc
 from rb_dynamics.rotation import normalize
@@ -298,3 +299,63 @@ def test_time_only_grows() -> None:
 
 def test_the_number_of_bodies() -> None:
     assert len(Ensemble(BODY, [STATE] * 3, "rk4", 0.1)) == 3
+
+
+@pytest.mark.usefixtures("_compile")
+def test_what_was_seen_stays_as_it_was() -> None:
+    """Memory is used again, but not that of samples, whenever they are asked, nor that of a hold."""
+    r = random.Random(6)
+    many, other = (Ensemble(*bodies_and_states(random.Random(7), 70), "rk4", 0.002) for _ in range(2))
+    held, seen, expected = held_wrenches(r, 70), [], []
+    for k in range(6):
+        for one in (many, other):
+            if k == 2:
+                one.hold(**held)
+            one.advance(0.0033)
+        seen.append(many.samples())
+        expected.append(rows(other.samples()))
+
+    assert [rows(samples) for samples in seen] == expected
+    assert len(seen[0]) == 70
+
+
+def test_what_is_held_does_not_change_with_the_array_it_came_from() -> None:
+    torque, times = np.array([[0.0, 0.1, -0.0]]), np.array([1, 2])
+    many, other = (Ensemble(BODY, [STATE], "rk4", 0.002) for _ in range(2))
+    many.hold(torque_body=torque)
+    other.hold(torque_body=torque.copy())
+    torque[:] = 5.0
+    many.advance(0.01)
+    other.advance(0.01)
+    assert rows(many.samples()) == rows(other.samples())
+
+    torques = np.full((2, 3), 0.1)
+    many.follow(many.time_ns + times, torque_body=torques)
+    other.follow(other.time_ns + times, torque_body=torques.copy())
+    torques[:] = 5.0
+    many.advance(0.01)
+    other.advance(0.01)
+    assert rows(many.samples()) == rows(other.samples())
+
+
+@needs_numba
+def test_one_edge_does_not_wait_for_the_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By `exact`, which takes it longest."""
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "auto")
+    one_by_one = Mover(METHODS["exact"])._one_by_one
+    assert one_by_one is not None
+
+    assert one_by_one.get(1, 1) is None
+
+
+@pytest.mark.parametrize("force", [(0.0, 0.0, 0.0), (1.0, 2.0, -9.8)])
+@pytest.mark.usefixtures("_compile")
+def test_exact_takes_a_force_in_the_world_in_one_step(force: tuple[float, float, float]) -> None:
+    times = [10**9, 3 * 10**9]
+    alone = Alone(BODY, STATE, "exact", 1.0)
+    expected = []
+    for time_ns in times:
+        alone.hold(HeldWrench(force_world=force))
+        expected.append(row(alone.sample_at(time_ns)))
+
+    assert rows(driven(BODY, STATE, times, method="exact", force_world=force)) == expected

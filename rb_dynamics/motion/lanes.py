@@ -38,11 +38,11 @@ if TYPE_CHECKING:
 LANES = 64
 """Bodies in a block: enough to hide the latency of divisions, few enough for the first cache."""
 
-CONSTANT_ROWS = 8
-"""Of each body: mass, principal moments, principal to body axes."""
+CONSTANTS = 8
+"""Numbers of each body: mass, principal moments, principal to body axes."""
 
-STATE_ROWS = 35
-"""Of each body: attitude, angular velocity, high and low sums, as in `Phase`."""
+STATE = 35
+"""Numbers of each body: attitude, angular velocity, high and low sums, as in `Phase`."""
 
 
 FEWEST = 12
@@ -116,11 +116,10 @@ def one_by_one(
     Wrenches are (interval, body, axis), body parts in body axes. Where `trace` has rows, they are
     the states after each interval; there is one body then.
     """
-    seen = trace.T
     for i in range(first, last):
-        inertia = Inertia(constants[0, i], (constants[1, i], constants[2, i], constants[3, i]))
-        axes = (constants[4, i], constants[5, i], constants[6, i], constants[7, i])
-        q, w, high, low = _read(state, i)
+        inertia = Inertia(constants[i, 0], (constants[i, 1], constants[i, 2], constants[i, 3]))
+        axes = (constants[i, 4], constants[i, 5], constants[i, 6], constants[i, 7])
+        q, w, high, low = _read(state.T, i)
         for k in range(len(counts)):
             held = HeldWrench(
                 rotate_inverse(axes, _held(force_body, k, i)),
@@ -132,8 +131,8 @@ def one_by_one(
             for j in range(count + (1 if rest > 0.0 else 0)):
                 q, w, high, low = run(inertia, held, h if j < count else rest, 1, q, w, high, low)
             if len(trace) > 0:
-                _write(seen, k, q, w, high, low)
-        _write(after, i, q, w, high, low)
+                _write(trace.T, k, q, w, high, low)
+        _write(after.T, i, q, w, high, low)
 
 
 def lanes(
@@ -155,18 +154,20 @@ def lanes(
     Return whether every number is finite, their sum too.
     """
     c = block(16, LANES)
-    s = block(STATE_ROWS, LANES)
+    s = block(STATE, LANES)
     finite = True
     for start in range(first, last, LANES):
         bodies = min(LANES, last - start)
-        for r in range(4):
-            _fill(c, r, constants, start, bodies)
-        for r in range(STATE_ROWS):
-            _fill(s, r, state, start, bodies)
+        for i in range(LANES):
+            b = start + min(i, bodies - 1)
+            for r in range(4):
+                c[r, i] = constants[b, r]
+            for r in range(STATE):
+                s[r, i] = state[b, r]
         for k in range(len(counts)):
             for i in range(LANES):
                 b = start + min(i, bodies - 1)
-                axes = (constants[4, b], constants[5, b], constants[6, b], constants[7, b])
+                axes = (constants[b, 4], constants[b, 5], constants[b, 6], constants[b, 7])
                 c[4, i], c[5, i], c[6, i] = rotate_inverse(axes, _held(force_body, k, b))
                 c[7, i], c[8, i], c[9, i] = rotate_inverse(axes, _held(torque_body, k, b))
                 c[10, i], c[11, i], c[12, i] = _held(force_world, k, b)
@@ -186,9 +187,9 @@ def lanes(
                     q, w, high, low = _read(s, o)
                     q, w, high, low = run(inertia, held, t, 1, q, w, high, low)
                     _write(s, o, q, w, high, low)
-        for r in range(STATE_ROWS):
-            for i in range(bodies):
-                after[r, start + i] = s[r, i]
+        for i in range(bodies):
+            for r in range(STATE):
+                after[start + i, r] = s[r, i]
         finite = _all_finite(s, c) and finite
     return finite
 
@@ -202,21 +203,13 @@ def _all_finite(s: Numbers, sums: Numbers) -> bool:
     """Return whether the sum of each column of `s` is finite, which is left in the first row of `sums`."""
     for i in range(LANES):
         sums[0, i] = s[0, i]
-    for r in range(1, STATE_ROWS):
+    for r in range(1, STATE):
         for i in range(LANES):
             sums[0, i] += s[r, i]
     finite = True
     for i in range(LANES):
         finite = finite and abs(sums[0, i]) < math.inf
     return finite
-
-
-def _fill(rows: Numbers, r: int, source: Numbers, start: int, bodies: int) -> None:
-    """Copy row r of the bodies from `start` on."""
-    for i in range(bodies):
-        rows[r, i] = source[r, start + i]
-    for i in range(bodies, LANES):
-        rows[r, i] = rows[r, bodies - 1]
 
 
 class Mover:
@@ -233,9 +226,9 @@ class Mover:
         """Write the state of all bodies after `schedule` to `after`; that before it is left as it is.
 
         Args:
-            constants: (`CONSTANT_ROWS`, N).
+            constants: (N, `CONSTANTS`).
             schedule: what is done.
-            state: (`STATE_ROWS`, N).
+            state: (N, `STATE`).
             after: likewise.
             threads: at most so many; the bits do not depend on it.
 
@@ -244,8 +237,8 @@ class Mover:
         """
         import numpy as np
 
-        bodies = state.shape[1]
-        left, no_trace = np.arange(bodies), np.empty((0, STATE_ROWS))
+        bodies = len(state)
+        left, no_trace = np.arange(bodies), np.empty((0, STATE))
         if self._lanes is not None and bodies >= FEWEST:
             blocks = self._lanes.get(bodies * schedule.steps, bodies * schedule.steps)
             if blocks is not None:
@@ -257,6 +250,9 @@ class Mover:
             if single is not None:
 
                 def some(part: tuple[int, int]) -> None:
+                    if len(left) == bodies:
+                        single(constants, *schedule, state, after, no_trace, *part)
+                        return
                     for i in left[part[0] : part[1]].tolist():
                         single(constants, *schedule, state, after, no_trace, i, i + 1)
 
@@ -264,8 +260,8 @@ class Mover:
                 left = _not_finite(after)
         for i in left.tolist():
             try:
-                for numbers in self._in_plain_python(constants, schedule, state[:, i].tolist(), i):
-                    after[:, i] = numbers
+                for numbers in self._in_plain_python(constants, schedule, state[i].tolist(), i):
+                    after[i] = numbers
             except ConvergenceError as error:
                 raise ConvergenceError(f"body {i}: {error}") from error
 
@@ -279,10 +275,10 @@ class Mover:
             single(constants, *schedule, state, np.empty_like(state), trace, 0, 1)
             # What is not finite stays so: the last state tells whether there is anything to look for.
             good = intervals
-            if len(_not_finite(trace[-1:].T)) > 0:
-                good = int(_not_finite(trace.T)[0])
+            if len(_not_finite(trace[-1:])) > 0:
+                good = int(_not_finite(trace)[0])
         if good < intervals:
-            before = (trace[good - 1] if good else state[:, 0]).tolist()
+            before = (trace[good - 1] if good else state[0]).tolist()
             rest = schedule.between(good, intervals)
             for k, numbers in enumerate(self._in_plain_python(constants, rest, before, 0), start=good):
                 trace[k] = numbers
@@ -291,7 +287,7 @@ class Mover:
         self, constants: Numbers, schedule: Schedule, state: list[float], i: int
     ) -> Iterator[tuple[float, ...]]:
         """Yield the state of body i after each interval."""
-        mass, *rest = constants[:, i].tolist()
+        mass, *rest = constants[i].tolist()
         inertia, axes = Inertia(mass, tuple(rest[:3])), tuple(rest[3:])
         q, w, high, low = tuple(state[:4]), tuple(state[4:7]), tuple(state[7:21]), tuple(state[21:])
         h, counts, rests, *wrenches = schedule
@@ -381,7 +377,7 @@ def _not_finite(state: Numbers) -> Counts:
     import numpy as np
 
     with np.errstate(all="ignore"):
-        return np.flatnonzero(~np.isfinite(np.add.reduce(state, axis=0)))
+        return np.flatnonzero(~np.isfinite(np.add.reduce(state, axis=1)))
 
 
 def _out_of_range() -> ConvergenceError:

@@ -55,8 +55,8 @@ class Case:
         r = random.Random(seed)
         self.step, self.cases = step, [case(r, fastest) for _ in range(bodies)]
         inertias, helds, phases = zip(*self.cases, strict=True)
-        self.constants = np.array([(i.mass, *i.moments, 0.0, 0.0, 0.0, 1.0) for i in inertias]).T.copy()
-        self.state = np.array([(*p.orientation, *p.angular_velocity, *p.high, *p.low) for p in phases]).T.copy()
+        self.constants = np.array([(i.mass, *i.moments, 0.0, 0.0, 0.0, 1.0) for i in inertias])
+        self.state = np.array([(*p.orientation, *p.angular_velocity, *p.high, *p.low) for p in phases])
         self.wrenches = [np.array([[held[k] for held in helds]]) for k in range(4)]
 
     def schedule(self, count: int) -> lanes.Schedule:
@@ -66,7 +66,7 @@ class Case:
         method = METHODS[name]
         after = np.empty_like(self.state)
         lanes.mover(method).move(self.constants, self.schedule(count), self.state, after, threads)
-        return [repr(tuple(column)) for column in after.T.tolist()]
+        return [repr(tuple(row)) for row in after.tolist()]
 
     def alone(self, name: str, i: int, count: int) -> str:
         inertia, held, phase = self.cases[i]
@@ -107,7 +107,7 @@ class TestLanes:
     def test_a_body_that_cannot_be_moved_is_named(self, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
         monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always")
         case = Case(BODIES, fastest=5.0)
-        case.state[4:7, 77] = 1e4
+        case.state[77, 4:7] = 1e4
 
         with pytest.raises(ConvergenceError, match=f"body 77: {name}: "):
             case.moved(name, 5)
@@ -121,7 +121,7 @@ def test_where_iterations_do_not_do_for_lanes_they_go_on_alone(monkeypatch: pyte
     mover, after = lanes.mover(METHODS["midpoint"]), np.full_like(case.state, np.nan)
     blocks = mover._lanes.get(1, 1)
     blocks(case.constants, *case.schedule(10), case.state, after, 0, BODIES)
-    refused = int(np.isnan(after).any(axis=0).sum())
+    refused = int(np.isnan(after).any(axis=1).sum())
     moved = case.moved("midpoint", 10)
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "never")
 
