@@ -7,9 +7,10 @@ from typing import NamedTuple
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
 from rb_dynamics.motion.refusal import no_rotation, require_finite
+from rb_dynamics.motion.rk4 import turned
 from rb_dynamics.rotation import Quaternion, normalize, rotate, rotate_inverse
 from rb_dynamics.rotation import multiply as compose
-from rb_dynamics.vector import ZERO, Vector, add, add_scaled, cross, divide, dot, multiply, norm, scale, subtract
+from rb_dynamics.vector import ZERO, Vector, add, add_scaled, cross, dot, multiply, norm, scale, subtract
 
 # The rows without their zeros: of which slopes the weights are is written where they are used.
 _NODES = (
@@ -118,7 +119,9 @@ _START: _State = ((0.0, 0.0, 0.0, 0.0), ZERO, ZERO, ZERO)
 class _Frame(NamedTuple):
     """What the stages of a step share; force and torque are those of the world in the axes of R0."""
 
-    inertia: Inertia
+    moments: Vector
+    inverse: Vector
+    inverse_mass: float
     held: HeldWrench
     h: float
     velocity: Vector
@@ -198,8 +201,11 @@ def _share(fifth: float, third: float) -> float:
 def _frame(
     inertia: Inertia, held: HeldWrench, h: float, velocity: Vector, orientation: Quaternion, angular_velocity: Vector
 ) -> _Frame:
+    a, b, c = inertia.moments
     return _Frame(
-        inertia,
+        inertia.moments,
+        (1.0 / a, 1.0 / b, 1.0 / c),
+        1.0 / inertia.mass,
         held,
         h,
         velocity,
@@ -242,22 +248,26 @@ def _total(h: float, row: tuple[float, ...], slopes: _Slopes) -> _State:
 
 def _slope(frame: _Frame, node: float, reached: _State, load: Load | None) -> _Slope:
     """Return the slopes of a stage, without the constant parts."""
-    (mass, moments), axes, ahead = frame.inertia, frame.orientation, node * frame.h
+    moments, axes, ahead = frame.moments, frame.orientation, node * frame.h
     (x, y, z, w), spin_up, pushed, moved = reached
     q, omega = (x, y, z, 1.0 + w), add(frame.angular_velocity, spin_up)
-    gain = scale(1.0 / mass, add_scaled(pushed, ahead, frame.force))
-    turn = normalize(q)
-    push, torque = rotate(turn, frame.held.force_body), frame.held.torque_body
+    gain = scale(frame.inverse_mass, add_scaled(pushed, ahead, frame.force))
+    # One division is cheaper than a norm.
+    twice = 2.0 / (x * x + y * y + z * z + q[3] * q[3])
+    push, torque = turned(q, twice, frame.held.force_body), frame.held.torque_body
     if load is not None:
+        turn = normalize(q)
         place = add_scaled(rotate(axes, moved), ahead, frame.velocity)
         v = add(frame.velocity, rotate(axes, gain))
         force, more = load(ahead, place, v, compose(axes, turn), omega)
         push, torque = add(push, rotate_inverse(axes, force)), add(torque, more)
-    all_torque = add(torque, rotate_inverse(turn, frame.torque))
-    omega_dot = divide(subtract(all_torque, cross(omega, multiply(moments, omega))), moments)
+    all_torque = torque
+    if frame.held.torque_world != ZERO:
+        all_torque = add(torque, turned((-x, -y, -z, q[3]), twice, frame.torque))
+    omega_dot = multiply(subtract(all_torque, cross(omega, multiply(moments, omega))), frame.inverse)
     half = (0.5 * omega[0], 0.5 * omega[1], 0.5 * omega[2], 0.0)
     power = dot(add(push, frame.force), gain) + dot(all_torque, omega)
-    return (compose(q, half), omega_dot, push, gain), rotate(turn, torque), power
+    return (compose(q, half), omega_dot, push, gain), turned(q, twice, torque), power
 
 
 def _end(frame: _Frame, total: _State, slopes: _Slopes) -> Increment:

@@ -101,8 +101,11 @@ def _slope(
     x, y, z, w = q
     # A stage is a unit quaternion to the order of the method only. One division here is cheaper than its norm.
     twice = 2.0 / (x * x + y * y + z * z + w * w)
-    force = add(_rotate(x, y, z, w, twice, held.force_body), held.force_world)
-    torque = add(held.torque_body, _rotate(-x, -y, -z, w, twice, held.torque_world))
+    force = add(turned(q, twice, held.force_body), held.force_world)
+    torque = held.torque_body
+    # Rare, and everything that follows in the stage would wait for it.
+    if held.torque_world != ZERO:
+        torque = add(torque, turned((-x, -y, -z, w), twice, held.torque_world))
     if load is not None:
         push, twist = load(t, displacement, velocity, normalize(q), omega)
         force, torque = add(force, push), add(torque, twist)
@@ -112,13 +115,14 @@ def _slope(
         (w * a + y * c - z * b, w * b + z * a - x * c, w * c + x * b - y * a, -x * a - y * b - z * c),
         multiply(subtract(torque, cross(omega, multiply(moments, omega))), inverse),
         force,
-        _rotate(x, y, z, w, twice, torque),
+        turned(q, twice, torque),
         dot(force, velocity) + dot(torque, omega),
     )
 
 
-def _rotate(x: float, y: float, z: float, w: float, twice: float, v: Vector) -> Vector:
+def turned(q: Quaternion, twice: float, v: Vector) -> Vector:
     """Return R(q) v for a quaternion of any length, twice = 2 / |q|^2; see `rotation.rotate`."""
+    x, y, z, w = q
     tx = twice * (y * v[2] - z * v[1])
     ty = twice * (z * v[0] - x * v[2])
     tz = twice * (x * v[1] - y * v[0])
