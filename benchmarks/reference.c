@@ -38,17 +38,23 @@ typedef struct {
 } Slope;
 
 INLINE Slope slope(const double c[CONSTANTS], const double inverse[3], const double v[3], const double q[4],
-                   const double w[3])
+                   const double w[3], int alone)
 {
     const double *I = c + 1;
     Slope out;
     double twice = 2.0 / (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
     double force[3], torque[3];
     rotate(q[0], q[1], q[2], q[3], twice, c + 4, force);
-    rotate(-q[0], -q[1], -q[2], q[3], twice, c + 13, torque);
     for (int k = 0; k < 3; k++) {
         out.force[k] = force[k] + c[10 + k];
-        torque[k] = c[7 + k] + torque[k];
+        torque[k] = c[7 + k];
+    }
+    /* A torque of the world is rare; side by side it is cheaper to turn it than to ask. */
+    if (!alone || c[13] != 0.0 || c[14] != 0.0 || c[15] != 0.0) {
+        double turned[3];
+        rotate(-q[0], -q[1], -q[2], q[3], twice, c + 13, turned);
+        for (int k = 0; k < 3; k++)
+            torque[k] = torque[k] + turned[k];
     }
     double a = 0.5 * w[0], b = 0.5 * w[1], g = 0.5 * w[2];
     out.spin[0] = q[3] * a + q[1] * g - q[2] * b;
@@ -80,7 +86,7 @@ INLINE void step(const double *constants, double *s, int stride, double h, int b
         v0[k] = inverse_mass * (books ? S(10 + k) + S(24 + k) : S(10 + k));
 
     Slope at[4];
-    at[0] = slope(c, inverse, v0, q0, w0);
+    at[0] = slope(c, inverse, v0, q0, w0, stride == 1);
 #pragma GCC unroll 3
     for (int i = 0; i < 3; i++) {
         for (int k = 0; k < 4; k++)
@@ -89,7 +95,7 @@ INLINE void step(const double *constants, double *s, int stride, double h, int b
             w[k] = w0[k] + ahead[i] * at[i].angular[k];
             v[k] = v0[k] + (ahead[i] * inverse_mass) * at[i].force[k];
         }
-        at[i + 1] = slope(c, inverse, v, q, w);
+        at[i + 1] = slope(c, inverse, v, q, w, stride == 1);
     }
 #define SUM(name) (at[0].name + at[3].name + 2.0 * (at[1].name + at[2].name))
     for (int k = 0; k < 4; k++)
