@@ -71,7 +71,7 @@ def _run_all(args: argparse.Namespace, campaign: Campaign, out: Path) -> int:
             "effects, and solver.step (see docs/campaigns.md)",
             file=sys.stderr,
         )
-    with _progress(args.campaign, store.done) as progress:
+    with _progress(args.campaign, store.done, campaign.runs) as progress:
         run_campaign(
             campaign, store, workers=args.workers, scheduler=args.scheduler, block=args.block, progress=progress
         )
@@ -119,7 +119,7 @@ def _run_again(args: argparse.Namespace, campaign: Campaign, out: Path) -> int:
 
 
 @contextlib.contextmanager
-def _progress(what: str, done: int) -> Iterator[Progress | None]:
+def _progress(what: str, done: int, total: int) -> Iterator[Progress | None]:
     """Yield what shows runs done, runs a second and the time left on a terminal; None in a pipe or without tqdm."""
     if not sys.stderr.isatty():
         yield None
@@ -129,10 +129,9 @@ def _progress(what: str, done: int) -> Iterator[Progress | None]:
     except ImportError:
         yield None
         return
-    with tqdm(desc=what, unit="run", initial=done, leave=False, smoothing=0.1) as bar:
+    with tqdm(desc=what, unit="run", initial=done, total=total, leave=False, smoothing=0.1) as bar:
 
-        def show(runs: int, total: int) -> None:
-            bar.total = total
+        def show(runs: int, _: int) -> None:
             bar.update(runs - bar.n)
 
         yield show
