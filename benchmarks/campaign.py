@@ -101,7 +101,7 @@ def by_workers(runs: int) -> None:
         def note(done: int, _: int) -> None:
             seen.append((time.perf_counter(), done))
 
-        run_campaign(found, store, workers=workers, block=1000, progress=note)
+        run_campaign(found, store, workers=workers, block=max(1, runs // 16), progress=note)
         first, last = seen[len(seen) // 4], seen[-1]
         return processor_time() - begin, (last[1] - first[1]) / (last[0] - first[0])
 
