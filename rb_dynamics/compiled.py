@@ -8,13 +8,17 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import logging
 import os
 import shutil
+import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
+from pickle import UnpicklingError
 from types import FunctionType, ModuleType
 from typing import Any, TypeVar
 
@@ -22,6 +26,7 @@ _PACKAGE = Path(__file__).parent
 _F = TypeVar("_F", bound=Callable[..., Any])
 _MARK = "__compiled_as__"
 _MONTH = 30 * 86400.0
+_log = logging.getLogger(__name__)
 
 # Division by zero is infinite or NaN, as the caller looks for what is not finite. Inlined, or tuples go through memory.
 _OPTIONS = {"error_model": "numpy", "forceinline": True}
@@ -82,7 +87,7 @@ def available() -> bool:
 
 
 def is_cached(name: str) -> bool:
-    """Return whether a kernel of this name has been compiled before, from the same sources by the same numba."""
+    """Return whether a kernel of this name has been compiled before, from the same sources by the same compiler."""
     folder = cache_folder()
     return folder.is_dir() and any(folder.rglob(f"*.{name}-*.nbi"))
 
@@ -90,21 +95,63 @@ def is_cached(name: str) -> bool:
 def compile_kernel(function: Callable[..., Any], signature: str) -> Callable[..., Any]:
     """Return `function` compiled for `signature`; results are cached on disk by the sources of the whole package.
 
+    Where they cannot be kept, or what is found there cannot be read, it is compiled all the same.
+
     Raises:
-        ImportError, OSError, RuntimeError: numba does not load, has nowhere to write, or does not compile it.
+        ImportError, RuntimeError: numba does not load, is switched off, or does not compile it.
     """
-    numba = _numba()
-    for callee in _reach(function):
-        _register(callee)
-    before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(cache_folder())
-    try:
-        found: Callable[..., Any] = numba.njit(signature, cache=True, nogil=True, error_model="numpy")(function)
-    except numba.core.errors.NumbaError as error:
-        raise RuntimeError(f"numba {numba.__version__} does not compile {function.__qualname__}") from error
-    finally:
-        numba.config.CACHE_DIR = before
+    # Two threads would register a function twice, and change the folder under each other.
+    with _one_at_a_time:
+        numba = _numba()
+        if numba.config.DISABLE_JIT:
+            raise RuntimeError("NUMBA_DISABLE_JIT is set; unset it")
+        for callee in _reach(function):
+            _register(callee)
+        before = numba.config.CACHE_DIR
+        numba.config.CACHE_DIR = str(cache_folder())
+        try:
+            if _can_keep(numba, function):
+                try:
+                    return _compile(numba, function, signature, cache=True)
+                except _BROKEN_CACHE as error:
+                    _log.warning(
+                        "%s is compiled without the cache in %s: %s", function.__qualname__, cache_folder(), error
+                    )
+                    _forget(function.__name__)
+            return _compile(numba, function, signature, cache=False)
+        except numba.core.errors.NumbaError as error:
+            raise RuntimeError(f"numba {numba.__version__} does not compile {function.__qualname__}") from error
+        finally:
+            numba.config.CACHE_DIR = before
+
+
+# A disk that is full, and what comes of reading what a crash or a full disk has left (see the documentation of pickle).
+_BROKEN_CACHE = (OSError, UnpicklingError, EOFError, ImportError, LookupError, AttributeError, TypeError, ValueError)
+_one_at_a_time = threading.Lock()
+
+
+def _compile(numba: Any, function: Callable[..., Any], signature: str, *, cache: bool) -> Callable[..., Any]:
+    found: Callable[..., Any] = numba.njit(signature, cache=cache, nogil=True, error_model="numpy")(function)
     return found
+
+
+def _can_keep(numba: Any, function: Callable[..., Any]) -> bool:
+    """Return whether numba would keep `function` in `cache_folder`.
+
+    Where it cannot write there it takes the folder of the source or one of its own, and then misses every edit of what
+    `function` calls.
+    """
+    try:
+        path = numba.njit(cache=True)(function).stats.cache_path
+    except RuntimeError:
+        return False
+    return cache_folder() in Path(path).parents
+
+
+def _forget(name: str) -> None:
+    with contextlib.suppress(OSError):
+        for path in cache_folder().rglob(f"*.{name}-*"):
+            path.unlink(missing_ok=True)
 
 
 @cache
@@ -115,17 +162,26 @@ def cache_folder() -> Path:
     """
     from importlib import metadata
 
-    digest = hashlib.sha256(metadata.version("numba").encode())
+    digest = hashlib.sha256(f"{metadata.version('numba')} {sys.implementation.cache_tag}".encode())
     for path in sorted(_PACKAGE.rglob("*.py")):
         digest.update(path.relative_to(_PACKAGE).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
-    root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    folder = root / "rb_dynamics" / digest.hexdigest()[:16]
+    folder = _cache_root() / "rb_dynamics" / digest.hexdigest()[:16]
     with contextlib.suppress(OSError):
         if folder.is_dir():
             os.utime(folder)
         else:
             _delete_unused(folder.parent)
     return folder
+
+
+def _cache_root() -> Path:
+    if given := os.environ.get("XDG_CACHE_HOME"):
+        return Path(given)
+    try:
+        return Path.home() / ".cache"
+    except RuntimeError:
+        # A user without a home: a folder that nobody can make.
+        return Path(os.devnull)
 
 
 def _delete_unused(folder: Path) -> None:

@@ -8,6 +8,7 @@ import os
 import random
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -298,6 +299,81 @@ def test_an_unknown_word_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
 
     with pytest.raises(ValueError, match="'sometimes', expected never, auto or always"):
         end(METHODS["rk4"], case(random.Random(5)))
+
+
+def _doubled(numbers: Any) -> None:
+    numbers[0] *= 2.0
+
+
+def doubled(value: float) -> float:
+    """Return 2 value, by a small kernel."""
+    numbers = np.array([value])
+    compiled.compile_kernel(_doubled, "void(float64[::1])")(numbers)
+    return float(numbers[0])
+
+
+@needs_numba
+def test_where_no_cache_can_be_written_none_is_kept_elsewhere(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Numba would take the folder of the source, where no edit of what a kernel calls is seen."""
+    (tmp_path / "file").touch()
+    monkeypatch.setattr(compiled, "cache_folder", lambda: tmp_path / "file" / "folder")
+    here = {path.name for path in Path(__file__).parent.rglob("*.nbi")}
+
+    assert doubled(3.0) == 6.0
+    assert {path.name for path in Path(__file__).parent.rglob("*.nbi")} == here
+
+
+@needs_numba
+@pytest.mark.parametrize("ending", ["nbi", "nbc"])
+@pytest.mark.parametrize("left", [0, 40])
+def test_a_cache_that_cannot_be_read_is_begun_anew(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, caplog: pytest.LogCaptureFixture, ending: str, left: int
+) -> None:
+    monkeypatch.setattr(compiled, "cache_folder", lambda: tmp_path)
+    assert doubled(3.0) == 6.0
+    (broken,) = tmp_path.rglob(f"*.{ending}")
+    broken.write_bytes(broken.read_bytes()[:left])
+
+    assert doubled(3.0) == 6.0
+    assert "_doubled is compiled without the cache" in caplog.text
+    assert not compiled.is_cached("_doubled")
+
+    caplog.clear()
+    assert doubled(3.0) == doubled(3.0) == 6.0
+    assert compiled.is_cached("_doubled")
+    assert not caplog.text
+
+
+@needs_numba
+def test_threads_may_compile_at_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(compiled, "cache_folder", lambda: tmp_path)
+    before = compiled._numba().config.CACHE_DIR
+
+    with ThreadPoolExecutor(4) as pool:
+        assert list(pool.map(doubled, [1.0, 2.0, 3.0, 4.0])) == [2.0, 4.0, 6.0, 8.0]
+    after = compiled._numba().config.CACHE_DIR
+
+    assert after == before
+
+
+@needs_numba
+def test_a_numba_that_is_switched_off_compiles_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It would run the kernel in plain Python, on numbers of numpy: slower than without it."""
+    monkeypatch.setattr(compiled._numba().config, "DISABLE_JIT", 1)
+
+    with pytest.raises(RuntimeError, match="NUMBA_DISABLE_JIT is set; unset it"):
+        doubled(3.0)
+
+
+def test_a_user_without_a_home_has_no_cache(monkeypatch: pytest.MonkeyPatch) -> None:
+    def homeless() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    monkeypatch.setattr(Path, "home", homeless)
+    monkeypatch.setattr("importlib.metadata.version", lambda name: "1")
+
+    assert not compiled.cache_folder.__wrapped__().is_dir()
 
 
 def test_an_edit_of_any_file_is_another_cache(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
