@@ -77,7 +77,7 @@ $(VENV)/created:
 # setuptools warns of what an editable install is; that is known here.
 INSTALL := PYTHONWARNINGS=ignore::UserWarning $(PIP) install --quiet --no-build-isolation --editable
 EXTRAS_demo := ros,log,plot
-EXTRAS_test := $(EXTRAS_demo),test,dev
+EXTRAS_test := $(EXTRAS_demo),fast,scale,test,dev
 
 # Peers are installed one by one: not every one has wheels for every machine.
 PEERS = $(BIN)/python -c "import importlib.metadata as m; \

@@ -10,8 +10,8 @@ Conventions, kept everywhere:
 
 The way of the data: a scene is read (`scene`), compiled to a method and a step control (`scene.compile`), advanced by
 one loop (`simulate`), and what happens goes to sinks (`recording`). Each part imports only those before it: `vector`,
-`rotation`, `body`, `loads`, `motion`, `scene`, `ensemble`, `diagnostics`, `recording`, `simulate`, `explain`, `report`,
-`ros`, `cli`.
+`rotation`, `body`, `loads`, `motion`, `scene`, `ensemble`, `diagnostics`, `recording`, `simulate`, `explain`, `trade`,
+`report`, `campaign`, `ros`, `cli`.
 Nothing is imported before it is used: not by `import rb_dynamics` what stands behind a name, nor optional libraries.
 """
 

@@ -37,7 +37,7 @@ ROS = {
 IMPORT_ALL = """
 import importlib, pkgutil, sys
 
-OPTIONAL = {"dask", "jinja2", "matplotlib", "mcap", "numba", "rclpy", "rerun", "rosbags", "tqdm", "zstandard"}
+OPTIONAL = {"dask", "distributed", "jinja2", "matplotlib", "mcap", "numba", "pyarrow", "rclpy", "rerun", "rosbags", "tqdm", "zstandard"}
 asked = set()
 
 class Recorder:
@@ -138,7 +138,7 @@ def test_extras_bring_what_they_promise(metadata: Message) -> None:
         assert name
         brought.setdefault(extra[1] if extra else "", set()).add(name[0])
 
-    assert brought.keys() == {"", "bench", "dev", "fast", "log", "mesh", "plot", "ros", "test", "video"}
+    assert brought.keys() == {"", "bench", "dev", "fast", "log", "mesh", "plot", "ros", "scale", "test", "video"}
     assert brought[""] == {"numpy", "scipy", "PyYAML"}
     assert brought["fast"] == {"numba"}
     assert brought["log"] == {"mcap", "rerun-sdk", "rosbags", "zstandard"}
