@@ -37,7 +37,10 @@ ROS = {
 IMPORT_ALL = """
 import importlib, pkgutil, sys
 
-OPTIONAL = {"dask", "distributed", "jinja2", "matplotlib", "mcap", "numba", "pyarrow", "rclpy", "rerun", "rosbags", "tqdm", "zstandard"}
+OPTIONAL = {
+    "dask", "distributed", "jinja2", "matplotlib", "mcap", "numba", "pyarrow", "rclpy", "rerun", "rosbags", "tqdm",
+    "zstandard",
+}
 asked = set()
 
 class Recorder:
