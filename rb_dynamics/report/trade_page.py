@@ -50,9 +50,10 @@ def trade_report(found: Trade) -> Report:
         f"in position after {found.trial_s:g} s and a path of {reference.path:.4g} m, rounding included. An error "
         "below that cannot be told; it is shown as <= that bound."
     )
+    remarks = [f"{remark[0].upper()}{remark[1:]}." for remark in found.remarks]
     ended = [[method, why] for method, why in found.ended.items()]
     sections = [
-        Section("What to take", "\n\n".join([*_taken(found), *_compiled(found), *found.remarks]), tiles=_tiles(found)),
+        Section("What to take", "\n\n".join([*_taken(found), *_compiled(found), *remarks]), tiles=_tiles(found)),
         Section("Speed against accuracy", figures=[Figure(work_precision(found), _CAPTION)] if found.rows else ()),
         Section("The front", _COLUMNS, table=_table(found, found.front)),
         Section("The reference", trusted),

@@ -38,12 +38,13 @@ class Table:
         rows = self.rows.setdefault(solver.method, [])
         if not rows:
             self._trial.warm_up(solver)
-        flight = self._trial.fly(solver, self._trial.as_the_whole(), limit)
+        tally = self._trial.as_the_whole()
+        flight = self._trial.fly(solver, tally, limit)
         if flight is None:
             return math.inf, TIME_IS_UP
-        best = flight.time
-        for _ in range(_REPEATS - 1 if flight.time < min(_SHORT, limit / _REPEATS) else 0):
-            again = self._trial.fly(solver, self._trial.as_the_whole(), parts=1)
+        best, is_short = flight.time, flight.time < min(_SHORT, limit / _REPEATS)
+        for _ in range(_REPEATS - 1 if is_short else int(flight.compiled)):
+            again = self._trial.fly(solver, self._trial.as_the_whole(tally.used), parts=1)
             best = min(best, again.time if again else math.inf)
         row = self._row(solver, flight, best)
         # The same steps again: a setting that changes nothing is not worth a row.

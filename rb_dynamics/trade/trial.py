@@ -6,7 +6,7 @@ Never compares ends with a reference.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -14,7 +14,7 @@ from rb_dynamics.diagnostics import Sample
 from rb_dynamics.errors import ConvergenceError, WrenchError
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import METHODS
-from rb_dynamics.motion.kernel import WORTH_LOADING, Tally, counted_by
+from rb_dynamics.motion.kernel import WORTH_LOADING, OnDemand, Tally, counted_by
 from rb_dynamics.motion.remembered import forget
 from rb_dynamics.motion.step_control import NANOSECONDS
 from rb_dynamics.rotation import angle_between
@@ -101,9 +101,15 @@ class Trial:
                     return None
         return Flight(run.sample, run.methods, run.steps, max(took, _TICK), bool(tally.used))
 
-    def as_the_whole(self) -> Tally:
-        """Return a tally that decides as a run of the whole scene would, with what is compiled here in its cache."""
-        return self.clock.tally(self.whole / self.seconds, WORTH_LOADING)
+    def as_the_whole(self, used: Iterable[OnDemand] = ()) -> Tally:
+        """Return a tally that decides as a run of the whole scene would, with what is compiled here in its cache.
+
+        The kernels `used` have a part from the first step on: the steps until they do cost such a run as much as
+        loading them, and are as little a matter of its length.
+        """
+        tally = self.clock.tally(self.whole / self.seconds, WORTH_LOADING)
+        tally.used.update(used)
+        return tally
 
     def warm_up(self, solver: Solver) -> None:
         """Let the method import and tabulate what it needs."""

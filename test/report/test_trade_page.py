@@ -87,7 +87,7 @@ def test_page_is_well_formed_self_contained_and_complete(tmp_path: Path) -> None
     paragraphs = ["".join(paragraph.itertext()) for paragraph in root.iter("p")]
     assert found.recommended is not None
     assert found.recommended.solver in paragraphs
-    assert "a remark" in paragraphs
+    assert "A remark." in paragraphs
     assert any("compiled" in paragraph and ": 1, in 2 s" in paragraph for paragraph in paragraphs)
     assert cells.count("400") == sum(one.evaluations == 400 for one in (*found.rows, *found.front))
     assert any("dop853, accuracy 1e-13" in paragraph for paragraph in paragraphs)
