@@ -22,10 +22,10 @@ class Stopwatch:
         kernels: time (s) that this took, by the name of the kernel.
     """
 
-    def __init__(self, clock: Clock = time.perf_counter) -> None:
-        """Measure by `clock`."""
+    def __init__(self, clock: Clock = time.perf_counter, room: float = math.inf) -> None:
+        """Measure by `clock`; no kernel is begun when those before it took `room` s."""
         self.kernels: dict[str, float] = {}
-        self._clock = clock
+        self._clock, self._room = clock, room
 
     def __call__(self) -> float:
         """Return the time (s) that counts."""
@@ -33,4 +33,6 @@ class Stopwatch:
 
     def tally(self, scale: float = 1.0, worth: float | None = None) -> Tally:
         """Return a tally (see there) that notes what is compiled or loaded here."""
+        if math.fsum(self.kernels.values()) >= self._room:
+            worth = math.inf
         return Tally(scale, worth, self._clock, self.kernels)

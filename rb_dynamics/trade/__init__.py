@@ -26,6 +26,9 @@ from rb_dynamics.trade.trial import accepted, trial_of
 # those that follow.
 _PILOT, _REFERENCE = 1.0 / 60.0, (0.4, 0.5, 0.6)
 
+# On top of it, relative to it: what compiling and loading kernels may take.
+_KERNELS = 1.0
+
 
 def trade(
     scene: Scene,
@@ -44,7 +47,7 @@ def trade(
         commands: wrench commands of the scene's channels; without any, the channels are tried with a probe.
         target: error to be kept, in attitude (rad) and in position relative to the path.
         budget: real-time factor to be kept; then the most accurate row is recommended.
-        time_s: about how long all of it may take, s; compiling and loading kernels comes on top.
+        time_s: about how long all of it may take, s; compiling kernels may take as long again, once.
         progress: called now and then with the fraction done.
         clock: what is measured with, s.
 
@@ -52,7 +55,7 @@ def trade(
         SceneError: the scene has nothing to measure.
         ConvergenceError: no two methods can run the scene in the time.
     """
-    stopwatch = Stopwatch(clock)
+    stopwatch = Stopwatch(clock, _KERNELS * time_s)
     begin = stopwatch()
 
     def told() -> None:
