@@ -38,11 +38,26 @@ if TYPE_CHECKING:
 LONGEST_STRETCH = 10_000
 """Steps that are taken at once: more save nothing, and are lost where one of them is refused."""
 
-WORTH_COMPILING = 100_000
-"""Steps that take as long in plain Python as compiling their kernel: 3 s."""
+WORTH_COMPILING = 200_000
+"""Steps of `rk4` that take as long in plain Python as to compile a kernel: 2 to 6 s."""
 
 WORTH_LOADING = 20_000
 """The same for a kernel that is in the cache, with the import of numba: 0.5 s."""
+
+# Time of a step in plain Python, in steps of rk4, where it is another: the plain column of `benchmarks/kernels.py`.
+_PLAIN_PRICE = {
+    name: price
+    for price, names in (
+        (0.4, "euler"),
+        (2.0, "rkmk4 cf4"),
+        (3.0, "rkmk54 dlm4 dmv82 strang2"),
+        (4.5, "taylor dop853 dlm6 dmv864 dmv104 midpoint4"),
+        (8.5, "midpoint6"),
+        (14.0, "strang4 aba82 aba84"),
+        (20.0, "strang6 aba104 aba864"),
+    )
+    for name in names.split()
+}
 
 _SIGNATURE = "void(float64[::1], float64, int64)"
 
@@ -214,9 +229,10 @@ class OnDemand:
             method: that it is for.
             function: to be compiled; the cache knows it by its name.
             signature: its types.
-            price: of what it does at a time in plain Python, in steps.
+            price: of what it does at a time in plain Python, in steps of the method.
         """
-        self._method, self._function, self._signature, self._price = method, function, signature, price
+        self._method, self._function, self._signature = method, function, signature
+        self._price = price * _PLAIN_PRICE.get(method, 1.0)
         self._compiled: Callable[..., Any] | None = None
         self._given_up = False
         self._is_cached: bool | None = None

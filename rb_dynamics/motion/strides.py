@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rb_dynamics.compiled import specialise
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion.automatic import COST_OF_A_STEP
 from rb_dynamics.motion.kernel import OnDemand, body_at, constants, numbers_of, phase_at, phase_of, store
 from rb_dynamics.motion.method import Increment, Inertia, Method
 from rb_dynamics.motion.phase import MOMENTUM, Phase, grown, is_finite, total
@@ -162,6 +161,10 @@ def _run_on_numbers(numbers: Numbers, room: int, count: int) -> tuple[int, int, 
     return progress.strides, progress.reached, progress.next_stride
 
 
+# In plain Python, with what chooses it.
+_STEPS_IN_A_STRIDE = {"doubling": 3.0, "pair": 1.5, "own": 1.5}
+
+
 class Strides(OnDemand):
     """The strides of one method by one kind of control."""
 
@@ -180,7 +183,7 @@ class Strides(OnDemand):
                 attempt = specialise(_halves_and_whole, f"{name}_trial", _stepped=step)
             choose = specialise(by_trial, f"{name}_choice", _attempt=attempt)
         on_numbers = specialise(_run_on_numbers, name, run=specialise(run, f"{name}_run", _choose=choose))
-        super().__init__(method.name, on_numbers, _SIGNATURE, 3.0 * COST_OF_A_STEP.get(method.name, 1.0))
+        super().__init__(method.name, on_numbers, _SIGNATURE, _STEPS_IN_A_STRIDE[kind])
 
     def after(
         self,

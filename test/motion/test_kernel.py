@@ -221,14 +221,14 @@ def test_is_compiled_when_the_steps_are_worth_it(monkeypatch: pytest.MonkeyPatch
 def test_a_tally_of_its_own_decides_as_a_new_process_would(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "auto")
     inertia, held, step, phase = case(random.Random(5))
-    runs, built = kernel.Kernel(METHODS["euler"]), {}
+    runs, built = kernel.Kernel(METHODS["rk4"]), {}
 
     def compiles(tally: kernel.Tally, *stretches: int) -> list[bool]:
         with kernel.counted_by(tally):
             return [runs.after(inertia, held, step, n, n, phase) is not None for n in stretches]
 
     assert compiles(kernel.Tally(worth=1000, built=built), 500, 499, 1, 1) == [False, False, True, True]
-    assert built.keys() == {"_run_on_numbers_euler"}
+    assert built.keys() == {"_run_on_numbers_rk4"}
     # It is loaded now, and this is found out by nobody.
     assert compiles(kernel.Tally(worth=1000, built=(again := {})), 500, 499) == [False, False]
     # A step stands for many, but for the one or two that any arc may end with.
@@ -236,6 +236,22 @@ def test_a_tally_of_its_own_decides_as_a_new_process_would(monkeypatch: pytest.M
     assert compiles(kernel.Tally(worth=math.inf), 10**6) == [False]
     assert again == {}
     assert not kernel.Tally().asked
+
+
+@needs_numba
+def test_dear_steps_are_worth_compiling_sooner(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "auto")
+    monkeypatch.setattr(kernel, "WORTH_COMPILING", 1000)
+    monkeypatch.setattr(kernel, "WORTH_LOADING", 1000)
+    inertia, held, step, phase = case(random.Random(5))
+
+    assert kernel.Kernel(METHODS["euler"]).after(inertia, held, step, 1, 1000, phase) is None
+    assert kernel.Kernel(METHODS["rk4"]).after(inertia, held, step, 1, 400, phase) is None
+    assert kernel.Kernel(METHODS["dlm6"]).after(inertia, held, step, 1, 400, phase) is not None
+
+
+def test_every_price_is_that_of_a_method() -> None:
+    assert set(kernel._PLAIN_PRICE) <= set(METHODS)
 
 
 @needs_numba
