@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from rb_dynamics.errors import ConvergenceError as ConvergenceError
     from rb_dynamics.errors import LogError as LogError
     from rb_dynamics.errors import MissingExtraError as MissingExtraError
+    from rb_dynamics.errors import PluginError as PluginError
     from rb_dynamics.errors import RigidBodyError as RigidBodyError
     from rb_dynamics.errors import SceneError as SceneError
     from rb_dynamics.errors import WrenchError as WrenchError
@@ -91,6 +92,7 @@ _HOMES = {
     "ConvergenceError": "errors",
     "LogError": "errors",
     "MissingExtraError": "errors",
+    "PluginError": "errors",
     "RigidBodyError": "errors",
     "SceneError": "errors",
     "WrenchError": "errors",

@@ -30,6 +30,10 @@ class LogError(RigidBodyError):
     """A log or bag that cannot be read or written as asked."""
 
 
+class PluginError(RigidBodyError):
+    """A plug-in that was asked for cannot be loaded, or is not what its entry point promises."""
+
+
 class MissingExtraError(RigidBodyError):
     """An optional dependency is not installed; names the extra that brings it."""
 

@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass, replace
 
 from rb_dynamics.body.doctor import Symmetry, symmetry
 from rb_dynamics.errors import ConvergenceError
+from rb_dynamics.loads.effects import EFFECTS
 from rb_dynamics.loads.load import Takes
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import METHODS
@@ -21,7 +22,6 @@ from rb_dynamics.motion.step_control import NANOSECONDS
 from rb_dynamics.rotation import angle_between
 from rb_dynamics.scene.compile import OPEN_END_HORIZON
 from rb_dynamics.scene.model import Scene, Solver
-from rb_dynamics.scene.read_effects import EFFECT_TYPES
 from rb_dynamics.simulate import Simulation
 from rb_dynamics.stopwatch import Stopwatch
 from rb_dynamics.vector import norm, scale, subtract
@@ -182,7 +182,7 @@ def _left_out(scene: Scene) -> tuple[str, ...]:
     if not scene.channels:
         items.append("wrench commands: the scene has no channels")
     listed = {effect.kind for effect in scene.effects}
-    absent = [kind for kind in EFFECT_TYPES if kind not in listed]
+    absent = [kind for kind in EFFECTS.own if kind not in listed]
     if absent:
         items.append(f"{', '.join(absent)}: not listed in effects")
     return tuple(items)
@@ -251,7 +251,7 @@ def _errors(scene: Scene, commands: Sequence[tuple[str, Wrench]], run: Simulatio
 
 def _finer(solver: Solver, factor: float) -> Solver:
     if solver.step is not None:
-        order = METHODS[solver.method].order if solver.method in METHODS else None
+        order = None if solver.method == "auto" else METHODS[solver.method].order
         return Solver(solver.method, step=solver.step / factor ** (1.0 / (order or 4)))
     return Solver(solver.method, accuracy=(solver.accuracy or 1e-9) / factor)
 

@@ -25,6 +25,10 @@ def add_log(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--rerun", metavar="F", default="", help="write it as a Rerun recording (extra: log)")
     parser.add_argument(
+        "--sink", action="append", default=[], metavar="NAME=TARGET",
+        help="tell the run to a sink by name, such as one of a plug-in; may be given again",
+    )  # fmt: skip
+    parser.add_argument(
         "--max-bag-size", type=_count, default=0, metavar="BYTES", help="size at which --bag begins the next file"
     )
     parser.add_argument(
@@ -66,20 +70,24 @@ def log_sinks(args: argparse.Namespace) -> list[GuardedSink]:
 
     Raises:
         LogError: the arguments do not go together, or a log would replace what the run reads.
+        PluginError: a sink is of a plug-in that cannot be loaded.
     """
     from rb_dynamics.recording.log_file import require_other
 
-    for name in filter(None, (args.mcap, args.bag, args.rerun, args.html)):
+    targets = (text.partition("=")[2] for text in args.sink)
+    for name in filter(None, (args.mcap, args.bag, args.rerun, args.html, *targets)):
         require_other(name, *filter(None, (args.scene, args.wrench)))
-    if not any((args.mcap, args.bag, args.rerun, args.max_bag_size, args.max_bag_duration)):
+    if not any((args.mcap, args.bag, args.rerun, args.sink, args.max_bag_size, args.max_bag_duration)):
         return []
     from rb_dynamics.recording.guard import GuardedSink
     from rb_dynamics.recording.logs import Logs
     from rb_dynamics.recording.mcap_sink import FLUSH_S, LogSettings
+    from rb_dynamics.recording.sinks import sink
 
     settings = LogSettings(FLUSH_S if args.flush is None else args.flush, args.verify, args.accel)
     logs = Logs(args.mcap, args.bag, args.rerun, args.max_bag_size, args.max_bag_duration, settings)
-    return [GuardedSink(log, _warn, guard_open=False) for log in logs.sinks()]
+    sinks = [*logs.sinks(), *map(sink, args.sink)]
+    return [GuardedSink(log, _warn, guard_open=False) for log in sinks]
 
 
 def _warn(error: Exception) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import ConvergenceError, SceneError
@@ -12,6 +12,9 @@ from rb_dynamics.loads.effect import Effect, Point, Potential, Wrenching
 from rb_dynamics.loads.load import Takes
 from rb_dynamics.rotation import rotate, rotate_inverse
 from rb_dynamics.vector import ZERO, Vector, add, add_scaled, cross, dot, multiply, norm, scale, subtract
+
+if TYPE_CHECKING:
+    from rb_dynamics.scene.entry import Entry
 
 
 @dataclass(frozen=True)
@@ -26,10 +29,21 @@ class CentralGravity(Effect):
 
     kind: ClassVar[str] = "central_gravity"
     takes: ClassVar[Takes] = Takes.FIELD
+    keys: ClassVar[tuple[str, ...]] = ("gravitational_parameter", "center_world", "gravity_gradient")
 
     gravitational_parameter: float
     center_world: Vector = ZERO
     gravity_gradient: bool = False
+
+    @classmethod
+    def read(cls, entry: Entry) -> CentralGravity:
+        """Return the effect of an entry."""
+        remedy = "write mu = G M, for the Earth 3.986004418e14"
+        return cls(
+            entry.number("gravitational_parameter", "a number greater than 0 (m^3/s^2)", lambda v: v > 0.0, remedy),
+            entry.vector("center_world", "a finite number (m)", ZERO),
+            entry.flag("gravity_gradient"),
+        )
 
     def __post_init__(self) -> None:
         """Refuse a centre that does not attract.

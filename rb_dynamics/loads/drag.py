@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
@@ -13,6 +13,9 @@ from rb_dynamics.loads.load import Takes
 from rb_dynamics.rotation import conjugate, rotate, rotate_inverse
 from rb_dynamics.rotation import multiply as compose
 from rb_dynamics.vector import ZERO, Vector, multiply, norm, scale, subtract
+
+if TYPE_CHECKING:
+    from rb_dynamics.scene.entry import Entry
 
 
 @dataclass(frozen=True)
@@ -27,11 +30,23 @@ class _Drag(Effect):
     """
 
     takes: ClassVar[Takes] = Takes.ANY
+    keys: ClassVar[tuple[str, ...]] = ("translation", "rotation", "medium_velocity_world")
     power: ClassVar[int]
 
     translation: Vector = ZERO
     rotation: Vector = ZERO
     medium_velocity_world: Vector = ZERO
+
+    @classmethod
+    def read(cls, entry: Entry) -> _Drag:
+        """Return the effect of an entry."""
+        rule = ("a number of 0 or more", lambda v: v >= 0.0, "drag takes energy out: write it without a sign")
+        translation, rotation = (entry.per_axis(name, *rule) for name in ("translation", "rotation"))
+        if not (entry.has("translation") or entry.has("rotation")):
+            entry.reject("at least one of translation and rotation", "add translation: or rotation:")
+        if rotation != ZERO and entry.is_particle:
+            entry.reject("none, as a body without inertia is a particle and does not turn", "remove it", "rotation")
+        return cls(translation, rotation, entry.vector("medium_velocity_world", "a finite number (m/s)", ZERO))
 
     def __post_init__(self) -> None:
         """Refuse coefficients that are none.

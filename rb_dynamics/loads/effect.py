@@ -8,13 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from fractions import Fraction
-from typing import ClassVar, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.load import Takes
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.rotation import Quaternion
 from rb_dynamics.vector import Vector
+
+if TYPE_CHECKING:
+    from rb_dynamics.scene.entry import Entry
 
 
 class Point(NamedTuple):
@@ -63,10 +67,21 @@ class Effect:
     Attributes:
         kind: `type` in the scene's list of effects.
         takes: what its load depends on.
+        keys: of its entry in the scene, beside `type`.
     """
 
     kind: ClassVar[str]
     takes: ClassVar[Takes] = Takes.HELD
+    keys: ClassVar[tuple[str, ...]] = ()
+
+    @classmethod
+    def read(cls, entry: Entry) -> Effect:
+        """Return the effect that an entry of a scene asks for; what is wrong with its values is noted there.
+
+        Raises:
+            SceneError: it cannot be made from these values.
+        """
+        raise SceneError(f"{cls.kind}: cannot be read from a scene; add it in Python: replace(scene, effects=...)")
 
     def check(self, body: RigidBody) -> None:
         """Refuse a body that it cannot act on.

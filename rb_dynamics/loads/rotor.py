@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import chain, pairwise
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
@@ -13,6 +13,11 @@ from rb_dynamics.loads.effect import Effect, Point, Stored, Storing, Wrenching, 
 from rb_dynamics.loads.load import Takes
 from rb_dynamics.rotation import rotate_inverse
 from rb_dynamics.vector import ZERO, Vector, cross, dot, multiply, norm, scale, subtract
+
+if TYPE_CHECKING:
+    from rb_dynamics.scene.entry import Entry
+
+_RATE = "a finite number (rad/s)"
 
 
 @dataclass(frozen=True)
@@ -31,10 +36,26 @@ class Rotor(Effect):
 
     kind: ClassVar[str] = "rotor"
     takes: ClassVar[Takes] = Takes.ANY
+    keys: ClassVar[tuple[str, ...]] = ("axis_body", "axial_inertia", "spin_rate")
 
     axis_body: Vector
     axial_inertia: float
     spin_rate: tuple[tuple[float, float], ...]
+
+    @classmethod
+    def read(cls, entry: Entry) -> Rotor:
+        """Return the effect of an entry."""
+        if entry.is_particle:
+            entry.reject("no rotor, as a body without inertia is a particle", "add body.inertia or remove it")
+        axis = entry.vector("axis_body", "a finite number")
+        if axis == ZERO:
+            entry.reject("a direction, not zero", "write the rotor's axis, such as [0, 0, 1]", "axis_body")
+        positive, remedy = "a number greater than 0 (kg m^2)", "write the rotor's inertia about its own axis"
+        inertia = entry.number("axial_inertia", positive, lambda v: v > 0.0, remedy)
+        if entry.is_list("spin_rate"):
+            knots = entry.timeline("spin_rate", ("rate",), "a list", "write {time:, rate:} entries")
+            return cls(axis, inertia, tuple((time, at.number("rate", _RATE)) for time, at in knots))
+        return cls(axis, inertia, ((0.0, entry.number("spin_rate", f"{_RATE} or a list of {{time:, rate:}}")),))
 
     def __post_init__(self) -> None:
         """Put the knots on whole nanoseconds, where steps can end.

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.errors import WrenchError
 from rb_dynamics.loads.effect import Effect
 from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.vector import ZERO
+
+if TYPE_CHECKING:
+    from rb_dynamics.scene.entry import Entry
 
 
 @dataclass(frozen=True)
@@ -18,8 +23,29 @@ class ScheduledWrench(Effect):
     """
 
     kind: ClassVar[str] = "scheduled_wrench"
+    keys: ClassVar[tuple[str, ...]] = ("frame_id", "schedule")
 
     entries: tuple[tuple[float, Wrench], ...]
+
+    @classmethod
+    def read(cls, entry: Entry) -> ScheduledWrench:
+        """Return the effect of an entry."""
+        frame_id = entry.text("frame_id", "the name of a frame", "")
+        entries = []
+        remedy = "write schedule: [{time: 0, force: [0, 0, 1], torque: [0, 0, 0]}]"
+        for time, at in entry.timeline("schedule", ("force", "torque"), "a list of wrenches", remedy):
+            force, torque = (
+                at.vector("force", "a finite number (N)", ZERO),
+                at.vector("torque", "a finite number (N m)", ZERO),
+            )
+            wrench = Wrench(force, torque, frame_id)
+            entries.append((time, wrench))
+            if entry.body is not None:
+                try:
+                    entry.frames.hold(wrench)
+                except WrenchError as error:
+                    at.reject("a wrench that can act", str(error))
+        return cls(tuple(entries))
 
     def schedule(self, body: RigidBody) -> tuple[tuple[float, Wrench], ...]:
         """Return the entries."""

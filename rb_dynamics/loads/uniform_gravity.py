@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.loads.effect import Effect, Point, Potential
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.vector import Vector, dot, scale
+
+if TYPE_CHECKING:
+    from rb_dynamics.scene.entry import Entry
 
 
 @dataclass(frozen=True)
@@ -16,9 +19,15 @@ class UniformGravity(Effect):
     """The same acceleration everywhere (m/s^2, world axes). Energy: U = -m g . x, x the centre of mass."""
 
     kind: ClassVar[str] = "uniform_gravity"
+    keys: ClassVar[tuple[str, ...]] = ("acceleration_world",)
 
     acceleration_world: Vector
     world_frame: str = "world"
+
+    @classmethod
+    def read(cls, entry: Entry) -> UniformGravity:
+        """Return the effect of an entry."""
+        return cls(entry.vector("acceleration_world", "a finite number (m/s^2)"), entry.frames.world_frame)
 
     def schedule(self, body: RigidBody) -> tuple[tuple[float, Wrench], ...]:
         """Return the weight, held from the start."""

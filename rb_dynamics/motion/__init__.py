@@ -1,12 +1,9 @@
 """How a body moves: the methods, by name, and the control of their step.
 
-A new method is one file with one `Method` and one entry here.
+A new method is one file with one `Method` and one entry here; outside the package it is a plug-in.
 """
 
 from __future__ import annotations
-
-from collections.abc import Mapping
-from types import MappingProxyType
 
 from rb_dynamics.motion.cf import CF4
 from rb_dynamics.motion.composition import MIDPOINT4, MIDPOINT6
@@ -22,6 +19,7 @@ from rb_dynamics.motion.rk4 import RK4
 from rb_dynamics.motion.rkmk import RKMK4, RKMK54
 from rb_dynamics.motion.splitting import ABA82, ABA84, ABA104, ABA864, STRANG2, STRANG4, STRANG6
 from rb_dynamics.motion.taylor import TAYLOR
+from rb_dynamics.plugins import Registry
 
 _ALL = (
     *(EXACT, TAYLOR),
@@ -33,6 +31,18 @@ _ALL = (
     *(RK4, DOP853, RADAU, EULER),
 )
 
-METHODS: Mapping[str, Method] = MappingProxyType({m.name: m for m in _ALL})
+
+def _fault(name: str, found: object) -> str:
+    if not isinstance(found, Method):
+        return f"{found!r}, expected a rb_dynamics.motion.Method"
+    if found.name != name:
+        return f"a method named {found.name!r}, expected {name!r}, the name of its entry point"
+    # The cache of compiled steps knows a step by the sources of this package and the name of its method.
+    if found.compiles:
+        return "a method that compiles, expected compiles=False: only steps of rb_dynamics are compiled"
+    return ""
+
+
+METHODS: Registry[Method] = Registry("method", {method.name: method for method in _ALL}, _fault)
 
 __all__ = ["METHODS", "Increment", "Inertia", "Method"]

@@ -39,6 +39,11 @@ def run_metadata(scene: Scene, method: str, solver: str) -> dict[str, str]:
     import platform
     from pathlib import PurePath
 
+    from rb_dynamics.loads.effects import EFFECTS
+    from rb_dynamics.motion import METHODS
+
+    origins = [METHODS.origin(scene.solver.method), *(EFFECTS.origin(effect.kind) for effect in scene.effects)]
+    plugins = ", ".join(dict.fromkeys(filter(None, origins)))
     return {
         "scene_file": PurePath(scene.source).name,
         "scene_sha256": hashlib.sha256(scene.text.encode()).hexdigest(),
@@ -51,6 +56,7 @@ def run_metadata(scene: Scene, method: str, solver: str) -> dict[str, str]:
         "machine": platform.machine(),
         "python": platform.python_version(),
         **{f"version.{package}": version(package) for package in _PACKAGES},
+        **({"plugins": plugins} if plugins else {}),
     }
 
 

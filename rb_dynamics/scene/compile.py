@@ -129,7 +129,7 @@ def _turns_nothing(scene: Scene, effect: Effect) -> bool:
 
 
 def _cannot_take(scene: Scene, method: Method, takes: Takes) -> str:
-    able = sorted(name for name, other in METHODS.items() if other.takes >= takes)
+    able = sorted(other.name for other in METHODS.usable() if other.takes >= takes)
     acting = ", ".join(scene.acting.varying)
     return (
         f"{scene.source}: solver.method: found {method.name}, expected a method that can take {acting}: auto or one of "

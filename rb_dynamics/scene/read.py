@@ -12,7 +12,7 @@ from types import MappingProxyType
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
-from rb_dynamics.errors import SceneError
+from rb_dynamics.errors import PluginError, SceneError
 from rb_dynamics.scene import document
 from rb_dynamics.scene.fields import LONGEST, SHORTEST, Field, Rule, Section
 from rb_dynamics.scene.model import Scene, Solver
@@ -169,12 +169,18 @@ def _method(field: Field | None) -> str:
 
     if field is None:
         return "auto"
+    name = field.node.value if isinstance(field.node.value, str) else ""
+    try:
+        if name == "auto" or (METHODS.get(name)):
+            return name
+    except PluginError as error:
+        field.reject("a method that can be loaded", str(error))
+        return "auto"
     known = ("auto", *METHODS)
-    text = field.node.value if isinstance(field.node.value, str) else ""
-    near = [] if text in known else difflib.get_close_matches(text.lower()[:60], known, n=1)
+    near = difflib.get_close_matches(name.lower()[:60], known, n=1)
     return field.text(
         f"one of {', '.join(known)}",
-        lambda name: name in known,
+        lambda _: False,
         f"did you mean {near[0]}?" if near else "write auto to let the method be chosen",
         "auto",
     )

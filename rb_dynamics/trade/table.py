@@ -93,7 +93,7 @@ def climbers_for(trial: Trial) -> list[Climber]:
     """Return all methods that can take the scene, with their settings."""
     steps = _steps(trial)
     climbers = []
-    for method in METHODS.values():
+    for method in METHODS.usable():
         if method.takes < trial.scene.acting.takes:
             continue
         if method.order is None or method.pair is not None or method.longest_step is not None:

@@ -1,0 +1,117 @@
+"""`Entry`: one entry of the scene's list of effects, as an effect reads itself from it (`Effect.read`).
+
+What is wrong is noted with its line, so that one error tells all of it; the value that is returned then only stands in.
+Never knows an effect.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.loads.wrench import WrenchFrames
+from rb_dynamics.scene.fields import LONGEST, Rule, Section
+from rb_dynamics.vector import ZERO, Vector
+
+_TIME = Rule(f"a number from 0 to {LONGEST:.1e} (s)", lambda v: 0.0 <= v <= LONGEST, "write the time since the start")
+
+
+def _any(_: float) -> bool:
+    return True
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """The values of one entry, and what they are checked against.
+
+    Attributes:
+        section: the values by key.
+        body: that the effect will act on; None where the scene says none that makes sense.
+        frames: by which wrenches are meant.
+    """
+
+    section: Section
+    body: RigidBody | None
+    frames: WrenchFrames
+
+    @property
+    def is_particle(self) -> bool:
+        """Whether the body is one."""
+        return self.body is not None and self.body.is_particle
+
+    def has(self, name: str) -> bool:
+        """Return whether the key `name` is there."""
+        return name in self.section.values
+
+    def is_list(self, name: str) -> bool:
+        """Return whether a list stands at `name`."""
+        field = self.section.get(name)
+        return field is not None and isinstance(field.node.value, list)
+
+    def reject(self, expected: str, remedy: str, key: str = "") -> None:
+        """Note that the entry, or its value at `key` if it is there, is not what was `expected`."""
+        field = self.section.get(key) if key else self.section.field
+        if field is not None:
+            field.reject(expected, remedy)
+
+    def number(
+        self,
+        name: str,
+        expected: str,
+        accepts: Callable[[float], bool] = _any,
+        remedy: str = "",
+        default: float | None = None,
+    ) -> float:
+        """Return the finite number at `name` that `accepts` accepts; it has to be there where it has no `default`."""
+        rule = Rule(expected, accepts, remedy)
+        return self.section.number(name, rule, 1.0 if default is None else default, required=default is None)
+
+    def vector(self, name: str, expected: str, default: Vector | None = None) -> Vector:
+        """Return three finite numbers, each `expected`; they have to be there where they have no `default`."""
+        field = self.section.get(name)
+        if field is not None:
+            return field.vector(Rule(expected))
+        if default is None:
+            self.section.missing(name, f"a list of 3 numbers, each {expected}", f"add {name}: [x, y, z]")
+        return default or ZERO
+
+    def per_axis(self, name: str, expected: str, accepts: Callable[[float], bool] = _any, remedy: str = "") -> Vector:
+        """Return one number for each body axis, zero where `name` is absent; a single number is for all of them."""
+        rule, field = Rule(expected, accepts, remedy), self.section.get(name)
+        if field is None:
+            return ZERO
+        if isinstance(field.node.value, list):
+            return field.vector(rule)
+        value = field.number(rule, 0.0)
+        return (value, value, value)
+
+    def flag(self, name: str, default: bool = False) -> bool:
+        """Return true or false."""
+        field = self.section.get(name)
+        return default if field is None else field.flag(default)
+
+    def text(self, name: str, expected: str, default: str) -> str:
+        """Return a text."""
+        field = self.section.get(name)
+        return default if field is None else field.text(expected, lambda _: True, "write a name", default)
+
+    def timeline(self, name: str, keys: Sequence[str], expected: str, remedy: str) -> list[tuple[float, Entry]]:
+        """Return the entries of a list, each with its `time` (s) and `keys`, in order of growing time; at least one."""
+        field = self.section.get(name)
+        if field is None:
+            self.section.missing(name, expected, remedy)
+            return []
+        entries = []
+        for item in field.items(expected, remedy):
+            values = item.section(("time", *keys))
+            time = values.number("time", _TIME, 0.0, required=True)
+            entries.append((time, Entry(values, self.body, self.frames)))
+        times = [time for time, _ in entries]
+        if not times:
+            field.reject("at least one entry", "add one, or remove the effect")
+        if any(later <= earlier for earlier, later in pairwise(times)):
+            remedy = "sort the entries and give each its own time"
+            field.reject("times that grow from entry to entry", remedy, str(times))
+        return entries
