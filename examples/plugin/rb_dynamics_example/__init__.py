@@ -1,0 +1,1 @@
+"""A plug-in of rb_dynamics: one file for each thing that it brings; pyproject.toml names them."""

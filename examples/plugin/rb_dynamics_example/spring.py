@@ -1,0 +1,51 @@
+"""A spring from a point fixed in the world to the centre of mass."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.loads.effect import Effect, Point, Potential, Wrenching
+from rb_dynamics.loads.load import Takes
+from rb_dynamics.vector import ZERO, Vector, dot, scale, subtract
+
+if TYPE_CHECKING:
+    from rb_dynamics.scene.entry import Entry
+
+
+@dataclass(frozen=True)
+class Spring(Effect):
+    """Force -k (x - a), k in N/m, a in m; energy k |x - a|^2 / 2."""
+
+    kind: ClassVar[str] = "spring"
+    takes: ClassVar[Takes] = Takes.FIELD
+    keys: ClassVar[tuple[str, ...]] = ("stiffness", "anchor_world")
+
+    stiffness: float
+    anchor_world: Vector = ZERO
+
+    @classmethod
+    def read(cls, entry: Entry) -> Spring:
+        """Return the effect of an entry of a scene."""
+        remedy = "write the stiffness of the spring, such as 8.0"
+        return cls(
+            entry.number("stiffness", "a number greater than 0 (N/m)", lambda k: k > 0.0, remedy),
+            entry.vector("anchor_world", "a finite number (m)", ZERO),
+        )
+
+    def wrenching(self, body: RigidBody, start: float) -> Wrenching:
+        """Return the force (N, world axes) and no torque."""
+        return lambda point: (scale(-self.stiffness, self._stretch(point)), ZERO)
+
+    def potential(self, body: RigidBody) -> Potential:
+        """Return the energy of the spring (J)."""
+
+        def at(point: Point) -> float:
+            stretch = self._stretch(point)
+            return 0.5 * self.stiffness * dot(stretch, stretch)
+
+        return at
+
+    def _stretch(self, point: Point) -> Vector:
+        return subtract(point.position, self.anchor_world)

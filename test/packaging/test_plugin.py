@@ -1,0 +1,91 @@
+"""The example plug-in, installed by pip as a user does it: its method, effect and sink are used by name."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+import subprocess
+import sys
+import sysconfig
+import venv
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+Command = Callable[..., "subprocess.CompletedProcess[str]"]
+
+
+@pytest.fixture(scope="module")
+def python(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the interpreter of an environment with this tree, its third parties and the plug-in."""
+    home = tmp_path_factory.mktemp("plugin")
+    venv.create(home / "env", symlinks=True, with_pip=False)
+    (site,) = (home / "env").glob("lib/python*/site-packages")
+    (site / "paths.pth").write_text(f"{root}\n{sysconfig.get_path('purelib')}\n", encoding="utf-8")
+    shutil.copytree(root / "examples" / "plugin", home / "source")
+    python = home / "env" / "bin" / "python"
+    pip = [sys.executable, "-m", "pip", "--python", str(python), "install", "--quiet"]
+    options = ["--no-deps", "--no-index", "--no-build-isolation", str(home / "source")]
+    subprocess.run([*pip, *options], check=True, capture_output=True, text=True)
+    return python
+
+
+@pytest.fixture
+def command(python: Path, root: Path, bare_environment: dict[str, str]) -> Command:
+    """Return what runs the command line there on the scene of the plug-in."""
+
+    def run(name: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+        line = [str(python), "-m", "rb_dynamics", name, str(root / "examples/plugin/scene.yaml"), *arguments]
+        return subprocess.run(line, env=bare_environment, capture_output=True, text=True, check=False)
+
+    return run
+
+
+def result(command: Command, *arguments: str) -> dict[str, Any]:
+    done = command("simulate", "--json", *arguments)
+    assert done.returncode == 0, done.stderr
+    found: dict[str, Any] = json.loads(done.stdout)
+    return found
+
+
+def test_scene_and_command_line_know_what_the_plugin_brings(command: Command, tmp_path: Path) -> None:
+    found = result(command, "--sink", f"lines={tmp_path / 'run.txt'}", "--mcap", str(tmp_path / "run.mcap"))
+
+    assert found["method"] == "heun"
+    title, *lines = (tmp_path / "run.txt").read_text().splitlines()
+    assert title.endswith("scene.yaml, heun")
+    assert [line.split()[0] for line in lines] == ["0", "1", "2", "3", "4", "5"]
+    # A log says what it takes to run it again.
+    assert b"rb-dynamics-example 0.1.0" in (tmp_path / "run.mcap").read_bytes()
+    (x, y, z), t, w = found["position_world"], 5.0, math.sqrt(8.0 / 2.0)
+    assert (x, y, z) == pytest.approx((math.cos(w * t), 0.5 / w * math.sin(w * t), 1 - math.cos(w * t)), abs=1e-5)
+    assert found["energy_defect"] == pytest.approx(0.0, abs=1e-4)
+
+
+def test_heun_has_order_two(command: Command) -> None:
+    truth = result(command, "--method", "dop853", "--accuracy", "1e-12")
+    coarse, fine = (result(command, "--step", step) for step in ("0.01", "0.005"))
+
+    for name in ("position_world", "orientation_xyzw", "angular_velocity_body"):
+        ratio = math.dist(coarse[name], truth[name]) / math.dist(fine[name], truth[name])
+        assert math.log2(ratio) == pytest.approx(2.0, abs=0.1), name
+
+
+def test_names_of_plugins_are_offered(command: Command) -> None:
+    effect = command("simulate", "--set", "effects[0].type=sprung")
+    method = command("simulate", "--method", "heum")
+    sink = command("simulate", "--sink", "rows=here.txt")
+
+    assert "did you mean spring?" in effect.stderr
+    assert "did you mean heun?" in method.stderr
+    assert "expected one of mcap, bag, rerun, lines" in sink.stderr
+    assert {done.returncode for done in (effect, method, sink)} == {2}
+
+
+def test_values_of_the_effect_are_checked_with_their_line(command: Command) -> None:
+    done = command("explain", "--set", "effects[0].stiffness=-1")
+
+    assert "effects[0].stiffness: found -1.0, expected a number greater than 0 (N/m); write the stiffness" in done.stderr
