@@ -1,9 +1,12 @@
-"""The example plug-in, installed by pip as a user does it: its method, effect and sink are used by name."""
+"""The example plug-in, installed by pip: its parts are used by name, and docs/extending.md is true."""
 
 from __future__ import annotations
 
 import json
 import math
+import os
+import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -14,6 +17,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
+PAGE = (Path(__file__).parents[2] / "docs" / "extending.md").read_text(encoding="utf-8")
+SHELL = re.findall(r"^\.venv/bin/rb-dynamics (.*)$", PAGE, re.MULTILINE)
 
 Command = Callable[..., "subprocess.CompletedProcess[str]"]
 
@@ -88,4 +94,48 @@ def test_names_of_plugins_are_offered(command: Command) -> None:
 def test_values_of_the_effect_are_checked_with_their_line(command: Command) -> None:
     done = command("explain", "--set", "effects[0].stiffness=-1")
 
-    assert "effects[0].stiffness: found -1.0, expected a number greater than 0 (N/m); write the stiffness" in done.stderr
+    assert "effects[0].stiffness: found -1.0, expected a number greater than 0 (N/m); write" in done.stderr
+
+
+@pytest.fixture(scope="module")
+def folder(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder like the source tree, in which the commands of the page may leave their files."""
+    folder = tmp_path_factory.mktemp("extending")
+    for name in ("config", "examples"):
+        (folder / name).symlink_to(root / name)
+    return folder
+
+
+def in_folder(python: Path, folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    inherited = ("PYTHONPATH", "LD_LIBRARY_PATH")
+    env = {name: value for name, value in os.environ.items() if name not in inherited}
+    return subprocess.run([str(python), *arguments], cwd=folder, env=env, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize("line", SHELL)
+def test_command_of_the_page(line: str, python: Path, folder: Path) -> None:
+    line, _, said = line.partition("  # exit code ")
+    done = in_folder(python, folder, "-m", "rb_dynamics", *shlex.split(line))
+
+    assert done.returncode == int(said or 0), done.stderr
+    # What the page shows of it is what it says.
+    assert not said or f"```\n{done.stderr}```" in PAGE
+
+
+def test_the_page_shows_the_lines_of_the_sink(python: Path, folder: Path) -> None:
+    arguments = ("simulate", "examples/plugin/scene.yaml", "--sink", "lines=lines.txt")
+    assert in_folder(python, folder, "-m", "rb_dynamics", *arguments).returncode == 0
+    head = "".join((folder / "lines.txt").read_text().splitlines(keepends=True)[:3])
+    assert f"```\n{head}```" in PAGE
+
+
+@pytest.mark.parametrize("code", re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL))
+def test_python_of_the_page(code: str, python: Path, folder: Path) -> None:
+    done = in_folder(python, folder, "-c", code)
+    assert done.returncode == 0, done.stderr
+
+
+def test_links_of_the_page(root: Path) -> None:
+    targets = re.findall(r"\]\(([^)#]+)\)", PAGE)
+    assert targets
+    assert [target for target in targets if not (root / "docs" / target).exists()] == []
