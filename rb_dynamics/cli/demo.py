@@ -98,7 +98,7 @@ def _fly(
         import rclpy
     except ImportError as error:
         raise MissingExtraError("rclpy", "ros", "the demo") from error
-    from rb_dynamics.cli.node import parameter
+    from rb_dynamics.ros.arguments import parameter
     from rb_dynamics.ros.player import WrenchPlayer
 
     parameters = ("lockstep:=true", parameter("mcap", str(mcap)), parameter("rerun", str(rrd)))

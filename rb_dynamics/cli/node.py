@@ -26,12 +26,7 @@ def run(args: argparse.Namespace) -> int:
         from rb_dynamics.errors import MissingExtraError
 
         raise MissingExtraError("rclpy", "ros", "the node") from error
+    from rb_dynamics.ros.arguments import parameter
     from rb_dynamics.ros.node import spin
 
     return spin(["--ros-args", "-p", parameter("scene", args.scene), "--", *args.ros_args])
-
-
-def parameter(name: str, text: str) -> str:
-    """Return a parameter as rcl reads it: YAML, where only quotes keep a text what it is."""
-    quoted = text.replace("'", "''")
-    return f"{name}:='{quoted}'"

@@ -16,8 +16,8 @@ from pathlib import Path
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from rb_dynamics.cli.node import parameter
 from rb_dynamics.errors import RigidBodyError
+from rb_dynamics.ros.arguments import parameter
 from rb_dynamics.ros.node import RigidBodyNode, spin
 
 

@@ -16,8 +16,8 @@ from xml.etree import ElementTree
 import rclpy
 from rclpy.signals import SignalHandlerOptions
 
-from rb_dynamics.cli.node import parameter
 from rb_dynamics.errors import RigidBodyError
+from rb_dynamics.ros.arguments import parameter
 from rb_dynamics.ros.node import RigidBodyNode
 
 # What an action is made of stands below this name.

@@ -147,6 +147,7 @@ def test_extras_bring_what_they_promise(metadata: Message) -> None:
     assert brought["log"] == {"mcap", "rerun-sdk", "rosbags", "zstandard"}
     assert brought["ros"] == ROS
     assert brought["plot"] == {"jinja2", "matplotlib", "tqdm"}
+    assert brought["scale"] == {"dask", "distributed", "pyarrow"}
     assert brought["mesh"] == {"trimesh"}
     assert brought["dev"] >= {"mypy", "ruff"}
 

@@ -1,0 +1,53 @@
+"""The order of dependence: each part of the package imports only those before it, as the package's docstring says."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import rb_dynamics
+
+PACKAGE = Path(str(rb_dynamics.__file__)).parent
+ORDER = re.findall(r"`(\w+)`", (rb_dynamics.__doc__ or "").partition("only those before it:")[2].partition(".\n")[0])
+PARTS = {path.relative_to(PACKAGE).parts[0].removesuffix(".py") for path in PACKAGE.rglob("*.py")}
+
+
+def imported(node: ast.AST) -> Iterator[str]:
+    """Yield the modules that running `node` imports, at once or later; what is for type checkers only is not run."""
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.If) and ast.unparse(child.test) == "TYPE_CHECKING":
+            continue
+        if isinstance(child, ast.Import):
+            yield from (name.name for name in child.names)
+        elif isinstance(child, ast.ImportFrom):
+            yield from (f"{child.module}.{name.name}" for name in child.names)
+        else:
+            yield from imported(child)
+
+
+def test_order_names_every_part_once() -> None:
+    assert sorted(ORDER) == sorted(PARTS - {"__init__", "__main__"})
+
+
+@pytest.mark.parametrize("part", ORDER)
+def test_part_imports_only_those_before_it(part: str) -> None:
+    files = [PACKAGE / f"{part}.py", *(PACKAGE / part).rglob("*.py")]
+    found = {name for path in files if path.exists() for name in imported(ast.parse(path.read_text(encoding="utf-8")))}
+    others = {name.split(".")[1] for name in found if name.startswith("rb_dynamics.")} - {part}
+
+    assert others <= set(ORDER[: ORDER.index(part)])
+
+
+def test_only_the_edges_know_ros() -> None:
+    """The node, and the two commands that start one."""
+    knowing = {
+        path.relative_to(PACKAGE).as_posix()
+        for path in PACKAGE.rglob("*.py")
+        if any(name.split(".")[0] == "rclpy" for name in imported(ast.parse(path.read_text(encoding="utf-8"))))
+    }
+
+    assert {name for name in knowing if not name.startswith("ros/")} <= {"cli/node.py", "cli/demo.py", "cli/replay.py"}
