@@ -10,9 +10,10 @@ import numpy as np
 import rb_dynamics as rb
 from peers.problem import Answer, Problem, Run, Way, steps, threads_named
 from peers.translate import body_of, states_of
+from rb_dynamics.compiled import available
 
 NAME = "rb_dynamics"
-PACKAGES = ("numpy", "numba")
+PACKAGES = ("numpy", "numba") if available() else ("numpy",)
 
 # One of each family, of the orders 4, 6, 8 and 12.
 METHODS = ("rk4", "dlm6", "dop853", "taylor")
