@@ -295,9 +295,9 @@ class Kernel(OnDemand):
         import numpy as np
 
         numbers = np.empty(51)
-        _NUMBERS.pack_into(numbers, 0, *constants(inertia, held), *numbers_of(phase))
+        _NUMBERS.pack_into(numbers.data, 0, *constants(inertia, held), *numbers_of(phase))
         compiled(numbers, h, n)
-        end = _PHASE.unpack_from(numbers, 8 * _PHASE_AT)
+        end = _PHASE.unpack_from(numbers.data, 8 * _PHASE_AT)
         return phase_of(end) if all(map(math.isfinite, end)) else None
 
 

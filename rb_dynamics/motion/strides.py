@@ -202,9 +202,9 @@ class Strides(OnDemand):
 
         numbers = np.empty(_AFTER_AT + 37)
         goal, learnt = control.goal, control.learnt
-        _HANDED.pack_into(numbers, 0, *constants(*acting), *goal, *numbers_of(phase), *learnt)
+        _HANDED.pack_into(numbers.data, 0, *constants(*acting), *goal, *numbers_of(phase), *learnt)
         strides, reached, next_stride = compiled(numbers, min(room, _FOREVER), count)
-        s = _PUT_BACK.unpack_from(numbers, 8 * _PHASE_AT)
+        s = _PUT_BACK.unpack_from(numbers.data, 8 * _PHASE_AT)
         end, after = phase_of(s[:35]), phase_of(s[37:72])
         return Progress(strides, reached, end, Learnt(*s[35:37]), next_stride, after, Learnt(*s[72:]))
 

@@ -181,7 +181,8 @@ class Conformance(Node):
     def _finding(self, name: str, accepted: float, a: Moment, b: Moment, linear: Array, angular: Array) -> Finding:
         # Relative to the impulse, or to the momenta where none is expected; linear and angular each in their measure.
         errors = [
-            float(np.linalg.norm(change - wanted) / max(np.linalg.norm(wanted), np.linalg.norm(scale) * 1e-3, 1e-6))
+            float(np.linalg.norm(change - wanted))
+            / max(float(np.linalg.norm(wanted)), float(np.linalg.norm(scale)) * 1e-3, 1e-6)
             for change, wanted, scale in (
                 (b.linear - a.linear, linear, b.linear),
                 (b.angular - a.angular, angular, b.angular),

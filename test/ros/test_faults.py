@@ -218,7 +218,7 @@ def test_a_log_that_is_removed_is_missed(scene: Path, peer: Peer, tmp_path: Path
         peer.until(lambda: len(diagnostics) > told + 1, "a new log")
         assert "was removed" not in diagnostics[-1].status[0].message
         assert node.stop() == 0, node.err
-    assert read_bag(folder / "run_1.mcap").complete
+    assert read_bag(folder / "run.mcap").complete
 
 
 def test_a_scene_that_changes_on_disk_changes_nothing_until_the_next_start(scene: Path, peer: Peer) -> None:

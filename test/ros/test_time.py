@@ -112,8 +112,10 @@ def test_a_follower_goes_as_the_clock_goes(moving: Path, peer: Peer) -> None:
 
 def test_what_our_own_pause_leaves_out_is_not_made_up_for(moving: Path, peer: Peer) -> None:
     with running(moving, use_sim_time=True) as node:
-        poses = peer.listen(PoseStamped, "pose")
+        poses, diagnostics = peer.listen(PoseStamped, "pose"), peer.diagnostics()
         clock = ClockHand(peer)
+        # The poses of a clock that stands still come once: they must not come before there is a reader.
+        peer.until(lambda: bool(diagnostics), "diagnostics")
         clock.run(10 * SECOND, 10 * SECOND + 100 * MS)
         peer.until(lambda: bool(poses) and stamp(poses[-1]) == 10 * SECOND + 100 * MS, "motion")
         assert peer.call("rigid_body/pause", SetBool.Request(data=True)).success
