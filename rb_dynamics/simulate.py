@@ -214,7 +214,10 @@ class Simulation:
         self._held = held = in_principal_axes(self.scene.body, self._channels.total())
         body, load_from = self.scene.body, self._effects.load_from(self.time_ns / NANOSECONDS)
         self._load_from = None if load_from is None else lambda phase: load_from(phase.point(body))
-        return self.plan.arc(held, self.time_ns, self._phase, self._load_from)
+        arc = self.plan.arc(held, self.time_ns, self._phase, self._load_from)
+        expected = [time for time in (self._next_change_ns(), self.end_ns) if time is not None]
+        arc.expected_ns = min(expected, default=self.time_ns)
+        return arc
 
 
 # Hz: the first output after the start lies behind the end of time.

@@ -35,6 +35,7 @@ class Arc:
 
     Attributes:
         methods: names of the methods that have moved the body, in order.
+        expected_ns: the time that it is expected to reach: whether a kernel is worth it hangs on that, and nothing else.
     """
 
     def __init__(
@@ -57,7 +58,7 @@ class Arc:
         self._what_acts = inertia, held, load_from
         self._use(method, control)
         self._choose_again = choose_again
-        self._start_ns = start_ns
+        self._start_ns = self.expected_ns = start_ns
         self._phase = phase
         # In units of 1/denominator ns since the start: the grid point reached and the stride that follows it. The
         # stride is chosen when it is first asked for, so that an arc that is left at once costs nothing.
@@ -85,7 +86,7 @@ class Arc:
         h = ((time_ns - self._start_ns) * denominator - self._reached) / (denominator * NANOSECONDS) / parts
         if h <= 0.0:
             return self._phase
-        phase = self._advance.stretch(self._phase, h, parts, parts)
+        phase = self._advance.stretch(self._phase, h, parts, parts, parts)
         if phase is None:
             phase = self._phase
             for _ in range(parts):
@@ -113,9 +114,9 @@ class Arc:
     def _take_equal_strides(self, length: int, target: int) -> None:
         """Take what strides of `length` a kernel can; what is left over is taken one by one."""
         h = length / (self._control.denominator * NANOSECONDS)
-        while (ahead := (target - self._reached) // length) > 0:
-            count = min(ahead, self._most_strides())
-            phase = self._advance.stretch(self._phase, h, count, ahead)
+        while (left := (target - self._reached) // length) > 0:
+            count, ahead = min(left, self._most_strides()), self._ahead(target) // length
+            phase = self._advance.stretch(self._phase, h, count, ahead, left)
             if phase is None:
                 return
             self._phase, self._reached = phase, self._reached + count * length
@@ -127,13 +128,17 @@ class Arc:
         if self._stride is not None:
             return False
         # So many strides as the time behind has had, for the time ahead.
-        ahead = (target - self._reached) * self._strides // self._reached if self._strides >= _ENOUGH else 1
+        ahead = self._ahead(target) * self._strides // self._reached if self._strides >= _ENOUGH else 1
         progress = self._progress(target - self._reached, self._most_strides(), ahead)
         if progress is None or progress.strides == 0:
             return False
         self._reached += progress.reached
         self._count(progress.strides)
         return True
+
+    def _ahead(self, target: int) -> int:
+        """Return how far it is expected to go from here, and to `target` at least."""
+        return max(target, (self.expected_ns - self._start_ns) * self._control.denominator) - self._reached
 
     def _progress(self, room: int, count: int, ahead: int) -> Progress | None:
         control = self._control
@@ -198,11 +203,11 @@ class Stepper:
         """Return the phase after a step of h s."""
         return phase.after(self._method.step(*self._arguments(phase, h)), h)
 
-    def stretch(self, phase: Phase, h: float, count: int, ahead: int) -> Phase | None:
-        """Return the phase after `count` steps of h s, of `ahead` that are to come, by a kernel; None if none can."""
+    def stretch(self, phase: Phase, h: float, count: int, ahead: int, missed: int) -> Phase | None:
+        """Return the phase after `count` steps of h s, by a kernel, see there; None if none can."""
         if self._kernel is None:
             return None
-        return self._kernel.after(self._inertia, self._held, h, count, ahead, phase)
+        return self._kernel.after(self._inertia, self._held, h, count, phase, ahead, missed)
 
     def pair(self, phase: Phase, h: float) -> tuple[Phase, Phase]:
         """Return the phase after a step of h s, and the same of one order less."""

@@ -284,12 +284,15 @@ class Kernel(OnDemand):
         name = f"{_run_on_numbers.__name__}_{method.name}"
         super().__init__(method.name, specialise(_run_on_numbers, name, run=plain(method)), _SIGNATURE)
 
-    def after(self, inertia: Inertia, held: HeldWrench, h: float, n: int, ahead: int, phase: Phase) -> Phase | None:
-        """Return the phase after n steps of h s, `ahead` being known to come; None if they are to be taken in Python.
+    def after(
+        self, inertia: Inertia, held: HeldWrench, h: float, n: int, phase: Phase, ahead: int, missed: int
+    ) -> Phase | None:
+        """Return the phase after n steps of h s; None if they are to be taken in plain Python.
 
-        So they are if this is not worth compiling, or if a step is refused.
+        So they are if a step is refused, or if this is not worth compiling though `ahead` are known to come; then
+        `missed` of them are taken before the next time of asking.
         """
-        compiled = self.get(ahead, ahead)
+        compiled = self.get(ahead, missed)
         if compiled is None:
             return None
         import numpy as np

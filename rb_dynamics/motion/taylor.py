@@ -12,7 +12,7 @@ from rb_dynamics.compiled import compiled_as, workspace
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method
-from rb_dynamics.motion.refusal import NO_INCREMENT
+from rb_dynamics.motion.refusal import NO_INCREMENT, require_finite
 from rb_dynamics.motion.remembered import remembered
 from rb_dynamics.rotation import Quaternion, normalize, rotate, rotate_inverse
 from rb_dynamics.rotation import multiply as compose
@@ -128,7 +128,7 @@ def step(
     # The work of the force is its impulse times the mean velocity, whatever the force does.
     work = dot(impulse, add_scaled(velocity, 0.5 / inertia.mass, impulse))
     turn = normalize((_value(x, t, order), _value(y, t, order), _value(z, t, order), _value(w, t, order)))
-    return Increment(
+    end = Increment(
         add_scaled(scale(h, velocity), 1.0 / inertia.mass, moment),
         normalize(compose(orientation, turn)),
         scale(unit, (_value(a, t, order), _value(b, t, order), _value(c, t, order))),
@@ -136,6 +136,7 @@ def step(
         torque_impulse,
         work + unit * unit * _integral(series.power, t, order),
     )
+    return require_finite("taylor", h, end)
 
 
 @compiled_as(NO_INCREMENT)

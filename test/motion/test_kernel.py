@@ -211,10 +211,10 @@ def test_is_compiled_when_the_steps_are_worth_it(monkeypatch: pytest.MonkeyPatch
     inertia, held, step, phase = case(random.Random(5))
     runs = kernel.Kernel(METHODS["rk4"])
 
-    assert runs.after(inertia, held, step, 400, 400, phase) is None
-    assert runs.after(inertia, held, step, 400, 400, phase) is None
-    assert runs.after(inertia, held, step, 400, 400, phase) is not None
-    assert runs.after(inertia, held, step, 1, 1, phase) is not None
+    assert runs.after(inertia, held, step, 400, phase, 400, 400) is None
+    assert runs.after(inertia, held, step, 400, phase, 400, 400) is None
+    assert runs.after(inertia, held, step, 400, phase, 400, 400) is not None
+    assert runs.after(inertia, held, step, 1, phase, 1, 1) is not None
 
 
 @needs_numba
@@ -225,7 +225,7 @@ def test_a_tally_of_its_own_decides_as_a_new_process_would(monkeypatch: pytest.M
 
     def compiles(tally: kernel.Tally, *stretches: int) -> list[bool]:
         with kernel.counted_by(tally):
-            return [runs.after(inertia, held, step, n, n, phase) is not None for n in stretches]
+            return [runs.after(inertia, held, step, n, phase, n, n) is not None for n in stretches]
 
     assert compiles(kernel.Tally(worth=1000, built=built), 500, 499, 1, 1) == [False, False, True, True]
     assert built.keys() == {"_run_on_numbers_rk4"}
@@ -245,9 +245,9 @@ def test_dear_steps_are_worth_compiling_sooner(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(kernel, "WORTH_LOADING", 1000)
     inertia, held, step, phase = case(random.Random(5))
 
-    assert kernel.Kernel(METHODS["euler"]).after(inertia, held, step, 1, 1000, phase) is None
-    assert kernel.Kernel(METHODS["rk4"]).after(inertia, held, step, 1, 400, phase) is None
-    assert kernel.Kernel(METHODS["dlm6"]).after(inertia, held, step, 1, 400, phase) is not None
+    assert kernel.Kernel(METHODS["euler"]).after(inertia, held, step, 1, phase, 1000, 1000) is None
+    assert kernel.Kernel(METHODS["rk4"]).after(inertia, held, step, 1, phase, 400, 400) is None
+    assert kernel.Kernel(METHODS["dlm6"]).after(inertia, held, step, 1, phase, 400, 400) is not None
 
 
 def test_every_price_is_that_of_a_method() -> None:
@@ -258,11 +258,19 @@ def test_every_price_is_that_of_a_method() -> None:
 def test_what_is_in_the_cache_is_worth_less(monkeypatch: pytest.MonkeyPatch) -> None:
     inertia, held, step, phase = case(random.Random(5))
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always")
-    kernel.Kernel(METHODS["rk4"]).after(inertia, held, step, 1, 1, phase)
+    kernel.Kernel(METHODS["rk4"]).after(inertia, held, step, 1, phase, 1, 1)
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "auto")
 
-    assert kernel.Kernel(METHODS["rk4"]).after(inertia, held, step, 1, kernel.WORTH_LOADING - 1, phase) is None
-    assert kernel.Kernel(METHODS["rk4"]).after(inertia, held, step, 1, kernel.WORTH_LOADING, phase) is not None
+    assert (
+        kernel.Kernel(METHODS["rk4"]).after(
+            inertia, held, step, 1, phase, kernel.WORTH_LOADING - 1, kernel.WORTH_LOADING - 1
+        )
+        is None
+    )
+    assert (
+        kernel.Kernel(METHODS["rk4"]).after(inertia, held, step, 1, phase, kernel.WORTH_LOADING, kernel.WORTH_LOADING)
+        is not None
+    )
 
 
 @needs_numba
@@ -278,7 +286,7 @@ def test_where_nothing_can_be_compiled_the_run_goes_on(
     runs = kernel.Kernel(replace(METHODS["rk4"], name="hopeless", step=step))
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "auto")
 
-    assert runs.after(inertia, held, h, 1, kernel.WORTH_COMPILING, phase) is None
+    assert runs.after(inertia, held, h, 1, phase, kernel.WORTH_COMPILING, kernel.WORTH_COMPILING) is None
     assert "hopeless runs in plain Python" in caplog.text
 
 
@@ -300,14 +308,14 @@ def test_a_load_that_varies_is_for_plain_python(monkeypatch: pytest.MonkeyPatch)
     inertia, held, step, phase = case(random.Random(5))
     stepper = Stepper(METHODS["rk4"], inertia, held, lambda phase: lambda *point: (ZERO, ZERO))
 
-    assert stepper.stretch(phase, step, 1, 10**9) is None
+    assert stepper.stretch(phase, step, 1, 10**9, 1) is None
 
 
 def test_never_means_never(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "never")
     inertia, held, step, phase = case(random.Random(5))
 
-    assert kernel.Kernel(METHODS["rk4"]).after(inertia, held, step, 1, 10**9, phase) is None
+    assert kernel.Kernel(METHODS["rk4"]).after(inertia, held, step, 1, phase, 10**9, 10**9) is None
 
 
 def test_an_unknown_word_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -421,3 +429,21 @@ def test_kernels_that_nobody_uses_any_more_are_deleted(monkeypatch: pytest.Monke
     os.utime(own, (long_ago, long_ago))
     compiled.cache_folder.__wrapped__()
     assert own.stat().st_mtime > long_ago + 86400.0
+
+
+@needs_numba
+def test_a_run_tells_at_once_how_far_it_goes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not only to the next output: what is worth compiling is compiled at the first step."""
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "auto")
+    asked, after = [], kernel.Kernel.after
+
+    def listening(self: kernel.Kernel, *arguments: Any) -> Any:
+        asked.append(arguments[5])
+        return after(self, *arguments)
+
+    monkeypatch.setattr(kernel.Kernel, "after", listening)
+    run = Simulation(forced().scene(Solver("rk4", step=0.001), 20.0, output_rate=10.0))
+    run.start()
+    run.advance(NANOSECONDS // 10)
+
+    assert asked[0] == 20_000
