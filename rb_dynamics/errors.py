@@ -41,5 +41,5 @@ class MissingExtraError(RigidBodyError):
         """State which `package` is missing, the `extra` that installs it and the `purpose` it serves."""
         super().__init__(
             f"{purpose} needs the package {package!r}, which is not installed; install the extra {extra!r}: "
-            f"pip install '.[{extra}]' in the source tree"
+            f"pip install 'rb_dynamics[{extra}]', or '.[{extra}]' in the source tree"
         )

@@ -84,7 +84,7 @@ def body_of_particles(masses: Sequence[float], positions: Sequence[Vector]) -> R
         if not all(map(math.isfinite, position)):
             raise BodyError(f"position of particle {k} is {list(position)}, expected three finite numbers (m)")
     if not masses:
-        raise BodyError("found no particles, expected at least 3 that are not on one line")
+        raise BodyError("found no particles, expected at least 3 that are not on one line; add them")
     inertia = inertia_matrix(masses, positions)
     _check_spread(masses, positions)
     return RigidBody.from_matrix(total_mass(masses), inertia, center_of_mass(masses, positions))

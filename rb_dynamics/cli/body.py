@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 
+from rb_dynamics.cli.numbers import real
 from rb_dynamics.cli.scene import add_scene, read
 
 HELP = "show the mass properties of a scene's body"
@@ -18,17 +19,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `body`."""
     add_scene(parser)
     parser.add_argument(
-        "--axis", nargs=3, type=float, metavar=("X", "Y", "Z"),
+        "--axis", nargs=3, type=real("a finite number"), metavar=("X", "Y", "Z"),
         help="also the scalar inertia and radius of gyration about this direction (body axes)",
     )  # fmt: skip
     parser.add_argument(
-        "--through", nargs=3, type=float, metavar=("X", "Y", "Z"),
+        "--through", nargs=3, type=real("a finite number"), metavar=("X", "Y", "Z"),
         help="a point of that axis (m, from the body origin); default: the centre of mass",
     )  # fmt: skip
     parser.add_argument(
         "--mesh", metavar="FILE", help="compare with this closed mesh (STL, OBJ, PLY), filled uniformly"
     )
-    parser.add_argument("--scale", type=float, default=1.0, metavar="S", help="m per unit of the mesh; 0.001 for mm")
+    parser.add_argument(
+        "--scale", type=real("a finite number"), default=1.0, metavar="S", help="m per unit of the mesh; 0.001 for mm"
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object, floats in full")
 
 

@@ -10,8 +10,9 @@ Exit codes: 0 every check passed; 1 the log is incomplete or a defect is beyond 
 from __future__ import annotations
 
 import argparse
-import math
 import sys
+
+from rb_dynamics.cli.numbers import real
 
 HELP = "show what happened in a recorded run"
 
@@ -26,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scene", metavar="SCENE", help="scene file whose body and frames belong to the bag")
     parser.add_argument(
         "--bound",
-        type=_bound,
+        type=real("a number greater than 0 such as 1e-6", lambda v: v > 0.0),
         metavar="REL",
         help="largest defect accepted, relative to the largest energy or momentum seen (default 1e-6)",
     )
@@ -60,10 +61,3 @@ def run(args: argparse.Namespace) -> int:
         frames = write_video(args.video, track)
         print(f"wrote {args.video}: {frames} frames")
     return 0 if summary.passed else 1
-
-
-def _bound(text: str) -> float:
-    value = float(text)
-    if not (math.isfinite(value) and value > 0.0):
-        raise argparse.ArgumentTypeError(f"found {text!r}, expected a number greater than 0 such as 1e-6")
-    return value

@@ -6,12 +6,15 @@ A log that fails stops itself and not the run; never writes anything itself.
 from __future__ import annotations
 
 import argparse
-import math
 import sys
 from typing import TYPE_CHECKING
 
+from rb_dynamics.cli.numbers import real, whole
+
 if TYPE_CHECKING:
     from rb_dynamics.recording.guard import GuardedSink
+
+_SECONDS = real("seconds, 0 or more", lambda v: v >= 0.0)
 
 
 def add_log(parser: argparse.ArgumentParser) -> None:
@@ -29,13 +32,17 @@ def add_log(parser: argparse.ArgumentParser) -> None:
         help="tell the run to a sink by name, such as one of a plug-in; may be given again",
     )  # fmt: skip
     parser.add_argument(
-        "--max-bag-size", type=_count, default=0, metavar="BYTES", help="size at which --bag begins the next file"
+        "--max-bag-size",
+        type=whole("bytes, 0 or more", lambda v: v >= 0),
+        default=0,
+        metavar="BYTES",
+        help="size at which --bag begins the next file",
     )
     parser.add_argument(
-        "--max-bag-duration", type=_seconds, default=0.0, metavar="S", help="simulated time in one file of --bag"
+        "--max-bag-duration", type=_SECONDS, default=0.0, metavar="S", help="simulated time in one file of --bag"
     )
     parser.add_argument(
-        "--flush", type=_seconds, default=None, metavar="S",
+        "--flush", type=_SECONDS, default=None, metavar="S",
         help="wall time after which what was logged survives a kill (default 0.5); 0: whole chunks only",
     )  # fmt: skip
     parser.add_argument("--accel", action="store_true", help="log the acceleration of the body origin too")
@@ -92,17 +99,3 @@ def log_sinks(args: argparse.Namespace) -> list[GuardedSink]:
 
 def _warn(error: Exception) -> None:
     print(f"warning: a log has stopped, the run goes on without it: {error}", file=sys.stderr)
-
-
-def _seconds(text: str) -> float:
-    value = float(text)
-    if not (math.isfinite(value) and value >= 0.0):
-        raise argparse.ArgumentTypeError(f"found {text!r}, expected seconds, 0 or more")
-    return value
-
-
-def _count(text: str) -> int:
-    value = int(text)
-    if value < 0:
-        raise argparse.ArgumentTypeError(f"found {text!r}, expected bytes, 0 or more")
-    return value

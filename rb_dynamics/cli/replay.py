@@ -10,26 +10,29 @@ Exit codes: 0 the same bits, or on another version or platform within --bound; 1
 from __future__ import annotations
 
 import argparse
-import math
 from typing import TYPE_CHECKING
+
+from rb_dynamics.cli.numbers import real
 
 if TYPE_CHECKING:
     from rb_dynamics.replay import Replay
 
 HELP = "run a log again and compare bit for bit, or publish it"
 
+_NUMBER = real("a number, 0 or more", lambda v: v >= 0.0)
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `replay`."""
     parser.add_argument("log", metavar="RUN.mcap", help="log of a run: a file, or a rosbag2 folder")
     parser.add_argument(
-        "--bound", type=_number, default=1e-9, metavar="REL",
+        "--bound", type=_NUMBER, default=1e-9, metavar="REL",
         help="largest relative difference accepted on another version or platform (default 1e-9)",
     )  # fmt: skip
     parser.add_argument("--into", choices=["ros"], help="publish the log's topics instead (extra: ros)")
     parser.add_argument(
         "--rate",
-        type=_number,
+        type=_NUMBER,
         default=1.0,
         metavar="R",
         help="with --into ros: times real time; 0 = as fast as possible",
@@ -91,10 +94,3 @@ def _report(found: Replay) -> list[str]:
         lines.append(f"the hash of the states proves the log up to {found.proven_ns / 1e9:.9f} s")
     lines.append("the same to the last bit" if found.identical else "NOT the same bits")
     return lines
-
-
-def _number(text: str) -> float:
-    value = float(text)
-    if not (math.isfinite(value) and value >= 0.0):
-        raise argparse.ArgumentTypeError(f"found {text!r}, expected a number, 0 or more")
-    return value

@@ -11,6 +11,8 @@ import sys
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
+from rb_dynamics.cli.numbers import real
+
 if TYPE_CHECKING:
     from rb_dynamics.loads.wrench import Wrench
     from rb_dynamics.recording.mcap_reader import RecordedWrenches
@@ -28,11 +30,18 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
 
 def add_solver(parser: argparse.ArgumentParser) -> None:
     """Add what stands for the scene's duration and solver."""
-    parser.add_argument("--duration", type=float, metavar="S", help="length of the run in s, instead of the scene's")
+    parser.add_argument(
+        "--duration", type=real("seconds"), metavar="S", help="length of the run in s, instead of the scene's"
+    )
     parser.add_argument("--method", metavar="M", help="method of integration, instead of the scene's")
     steps = parser.add_mutually_exclusive_group()
-    steps.add_argument("--step", type=float, metavar="S", help="fixed step in s")
-    steps.add_argument("--accuracy", type=float, metavar="A", help="accepted error at the end, in rad; sets the steps")
+    steps.add_argument("--step", type=real("seconds"), metavar="S", help="fixed step in s")
+    steps.add_argument(
+        "--accuracy",
+        type=real("a number such as 1e-9"),
+        metavar="A",
+        help="accepted error at the end, in rad; sets the steps",
+    )
 
 
 def read(args: argparse.Namespace) -> Scene:

@@ -14,6 +14,7 @@ import argparse
 import math
 from typing import TYPE_CHECKING
 
+from rb_dynamics.cli.numbers import real
 from rb_dynamics.cli.scene import add_scene, read, read_commands
 
 if TYPE_CHECKING:
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
 
 HELP = "measure speed against accuracy of all methods on a scene, and recommend one"
 
+_POSITIVE = real("a finite number greater than 0", lambda v: v > 0.0)
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `trade`."""
@@ -30,14 +33,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--wrench", metavar="BAG", help="MCAP bag with wrench commands; without it channels are probed")
     wish = parser.add_mutually_exclusive_group()
     wish.add_argument(
-        "--target", type=_positive, metavar="E",
+        "--target", type=_POSITIVE, metavar="E",
         help="find the fastest with at most this error, in rad and relative to the path; default: the scene's accuracy",
     )  # fmt: skip
     wish.add_argument(
-        "--budget", type=_positive, metavar="X", help="find the most accurate that runs at X times real time or faster"
+        "--budget", type=_POSITIVE, metavar="X", help="find the most accurate that runs at X times real time or faster"
     )
     parser.add_argument(
-        "--time", type=_positive, default=30.0, metavar="S", help="how long to measure, in s; default: %(default)g"
+        "--time", type=_POSITIVE, default=30.0, metavar="S", help="how long to measure, in s; default: %(default)g"
     )
     parser.add_argument("--html", metavar="F", help="write a page with the plot and all runs (extra: plot)")
     parser.add_argument("--json", action="store_true", help="print one JSON object, floats in full")
@@ -114,10 +117,3 @@ _WIDTHS = (10, 10, 10, 9, 9, 9, 9, 9, 9, 9)
 def _line(method: str, setting: str, cells: Sequence[str]) -> str:
     numbers = "".join(f"{cell:>{width}}" for cell, width in zip(cells, _WIDTHS, strict=True))
     return f"  {method:10}{setting:15}{numbers}".rstrip()
-
-
-def _positive(text: str) -> float:
-    value = float(text)
-    if not (math.isfinite(value) and value > 0.0):
-        raise argparse.ArgumentTypeError(f"found {text}, expected a finite number greater than 0")
-    return value

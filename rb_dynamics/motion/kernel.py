@@ -23,6 +23,7 @@ from struct import Struct
 from typing import TYPE_CHECKING, Any
 
 from rb_dynamics.compiled import available, compile_kernel, is_cached, specialise
+from rb_dynamics.errors import MissingExtraError, RigidBodyError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Method
 from rb_dynamics.motion.phase import Phase, Sums, grown
@@ -313,5 +314,7 @@ def kernel(method: Method) -> Kernel | None:
 def _when() -> str:
     found = os.environ.get("RB_DYNAMICS_COMPILE", "auto")
     if found not in ("never", "auto", "always"):
-        raise ValueError(f"RB_DYNAMICS_COMPILE is {found!r}, expected never, auto or always")
+        raise RigidBodyError(f"RB_DYNAMICS_COMPILE is {found!r}, expected never, auto or always; set one, or unset it")
+    if found == "always" and not available():
+        raise MissingExtraError("numba", "fast", "RB_DYNAMICS_COMPILE=always")
     return found

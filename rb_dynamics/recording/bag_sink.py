@@ -86,7 +86,10 @@ class BagSink:
         try:
             write_metadata(self.path, self._sink.channels(), self._files)
         except OSError as error:
-            raise LogError(f"cannot write {self.path / METADATA_FILE}: {error.strerror or error}") from error
+            raise LogError(
+                f"cannot write {self.path / METADATA_FILE}: {error.strerror or error}; free space, the .mcap files "
+                "beside it are whole"
+            ) from error
 
     def _begin_file(self, time_ns: int) -> None:
         name = self._name(len(self._files))

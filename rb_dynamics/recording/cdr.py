@@ -56,7 +56,10 @@ def split_stamp(time_ns: int) -> tuple[int, int]:
     """
     seconds, nanoseconds = divmod(time_ns, _NANOSECONDS)
     if not -(2**31) <= seconds < 2**31:
-        raise LogError(f"time is {time_ns} ns, expected |time| < 2^31 s (68 years): a ROS stamp holds no more")
+        raise LogError(
+            f"time is {time_ns} ns, expected |time| < 2^31 s (68 years): a ROS stamp holds no more; count time from "
+            "the start of the run"
+        )
     return seconds, nanoseconds
 
 
@@ -85,9 +88,15 @@ def decode(type_name: str, data: bytes) -> tuple[Any, ...]:
     try:
         return _Decoder(data, "<" if data[1] else ">").structure(LAYOUTS[type_name])
     except struct.error:
-        raise LogError(f"{type_name}: message ends after {len(data)} bytes, before its last field") from None
+        raise LogError(
+            f"{type_name}: message ends after {len(data)} bytes, before its last field; it was cut short, or is of "
+            "another type: record it again"
+        ) from None
     except UnicodeDecodeError as error:
-        raise LogError(f"{type_name}: a string in the message is not UTF-8 ({error.reason})") from None
+        raise LogError(
+            f"{type_name}: a string in the message is not UTF-8 ({error.reason}); it is damaged, or of another type: "
+            "record it again"
+        ) from None
 
 
 def numbers(layout: Sequence[Field], values: Sequence[Any]) -> list[float]:

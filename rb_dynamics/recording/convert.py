@@ -136,7 +136,8 @@ def _read_wrenches(table: Path) -> Iterator[tuple[str, Wrench]]:
             if missing or not {"time_ns", "time_s"} & set(found):
                 wanted = ", ".join(("time_ns or time_s", *_NUMBERS))
                 raise LogError(
-                    f"{table}: the columns are {list(found)}, expected {wanted}, and topic, frame_id if need be"
+                    f"{table}: the columns are {list(found)}, expected {wanted}, and topic, frame_id if need be; "
+                    "rename the columns"
                 )
             for row in reader:
                 where = f"{table}, line {reader.line_num}"
@@ -155,9 +156,11 @@ def _time_ns(row: dict[str, str], where: str) -> int:
         # As the decimal number that was written: a float would lose nanoseconds of a long run.
         time_ns = Fraction(row[name].strip()) * unit
     except (ValueError, AttributeError, ZeroDivisionError):
-        raise LogError(f"{where}, {name}: found {row[name]!r}, expected a number") from None
+        raise LogError(f"{where}, {name}: found {row[name]!r}, expected a number; correct the cell") from None
     if time_ns < 0:
-        raise LogError(f"{where}, {name}: found {row[name]!r}, expected a time of 0 or more")
+        raise LogError(
+            f"{where}, {name}: found {row[name]!r}, expected a time of 0 or more; count from the start of the run"
+        )
     return round(time_ns)
 
 
@@ -165,7 +168,7 @@ def _number(text: str | None, where: str) -> float:
     try:
         return float(text or "")
     except ValueError:
-        raise LogError(f"{where}: found {text!r}, expected a number") from None
+        raise LogError(f"{where}: found {text!r}, expected a number; correct the cell") from None
 
 
 def _events(

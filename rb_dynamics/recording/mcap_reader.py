@@ -362,6 +362,9 @@ def _topic_of(bag: Bag, channel: Channel) -> Topic:
     type_name = _type_name(channel)
     topic = bag.topics.setdefault(channel.topic, Topic(channel.topic, type_name))
     if topic.type_name != type_name:
-        raise LogError(f"{bag.path}: topic {topic.name} has both types {topic.type_name} and {type_name}, expected one")
+        raise LogError(
+            f"{bag.path}: topic {topic.name} has both types {topic.type_name} and {type_name}, expected one; give them "
+            "names of their own and record again"
+        )
     topic.qos = topic.qos or channel.metadata.get("offered_qos_profiles", "")
     return topic

@@ -125,7 +125,7 @@ class McapFile:
             with self.path.open("rb") as file:
                 yield from self._messages(file)
         except OSError as error:
-            raise LogError(f"cannot read {self.path}: {error.strerror or error}") from error
+            raise LogError(f"cannot read {self.path}: {error.strerror or error}; check the path") from error
         except UnicodeDecodeError as error:
             raise self._damage("has text that is not UTF-8") from error
 
@@ -217,7 +217,11 @@ class McapFile:
         if size > MAX_RECORD_BYTES:
             raise self._damage(f"has a chunk of {size} bytes, more than {MAX_RECORD_BYTES}")
         if compression not in _DECOMPRESSORS:
-            raise LogError(f"{self.path} is compressed with {compression!r}, expected one of {sorted(_DECOMPRESSORS)}")
+            known = ", ".join(name or "none" for name in sorted(_DECOMPRESSORS))
+            raise LogError(
+                f"{self.path} is compressed with {compression!r}, expected one of {known}; write it with one of these, "
+                "for example by `mcap compress`"
+            )
         try:
             data = _DECOMPRESSORS[compression](data, size)
         except ImportError as error:

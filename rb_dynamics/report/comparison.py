@@ -61,7 +61,8 @@ class Comparison:
         for time_ns, (x, y, z, *q) in list(zip(times.tolist(), true_poses.tolist(), strict=True))[1:]:
             if time_ns not in poses or time_ns not in twists or time_ns not in by_time:
                 raise LogError(
-                    f"no pose or twist at {time_ns} ns, where {truth.path.name} has one: output_rate must meet it"
+                    f"found no pose or no twist at {time_ns / 1e9:.9g} s, expected both, as {truth.path.name} has one "
+                    "there; set an output_rate that meets its stamps"
                 )
             position, orientation = poses[time_ns]
             linear, angular = twists[time_ns]

@@ -46,7 +46,9 @@ def split_stamp(time_ns: int) -> tuple[int, int]:
         ConvergenceError: the time is past 2^31 s, where stamps end.
     """
     if not 0 <= time_ns < _LAST_NS:
-        raise ConvergenceError(f"time is {time_ns / _NANOSECONDS:.9g} s, expected less than 2^31 s, where stamps end")
+        raise ConvergenceError(
+            f"time is {time_ns / _NANOSECONDS:.9g} s, expected less than 2^31 s, where stamps end; reset it"
+        )
     return divmod(time_ns, _NANOSECONDS)
 
 

@@ -257,7 +257,10 @@ class RigidBodyNode(Node):
             if parameter.name == "real_time_factor":
                 factor = number("real_time_factor", parameter.value)
                 if self._settings.use_sim_time:
-                    raise SceneError("parameter real_time_factor: the clock that is followed sets the pace")
+                    raise SceneError(
+                        f"parameter real_time_factor: found {factor:g} while /clock is followed, expected no change, "
+                        "as that clock sets the pace; change it at its source, or start the node without use_sim_time"
+                    )
         scene = self.driver.changed(overrides) if overrides else None
         if scene is not None:
             require_paceable(scene)

@@ -48,8 +48,6 @@ def test_axis(scene_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:
     ("arguments", "says"),
     [
         (["--axis", "0", "0", "0"], "expected a direction"),
-        (["--axis", "nan", "0", "0"], "expected a direction"),
-        (["--axis", "0", "0", "1", "--through", "inf", "0", "0"], "expected a point of the axis"),
         (["--through", "0", "0", "1"], "add --axis"),
         (["--mesh", "none.stl"], "none.stl cannot be read"),
     ],

@@ -18,7 +18,7 @@ import pytest
 from motions import Recorder, forced
 
 from rb_dynamics import compiled
-from rb_dynamics.errors import ConvergenceError
+from rb_dynamics.errors import ConvergenceError, MissingExtraError, RigidBodyError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Inertia, Method, kernel
 from rb_dynamics.motion.arc import Arc, Stepper
@@ -321,7 +321,15 @@ def test_never_means_never(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_an_unknown_word_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "sometimes")
 
-    with pytest.raises(ValueError, match="'sometimes', expected never, auto or always"):
+    with pytest.raises(RigidBodyError, match="'sometimes', expected never, auto or always"):
+        end(METHODS["rk4"], case(random.Random(5)))
+
+
+def test_always_needs_numba(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always")
+    monkeypatch.setattr(kernel, "available", lambda: False)
+
+    with pytest.raises(MissingExtraError, match="RB_DYNAMICS_COMPILE=always needs the package 'numba'"):
         end(METHODS["rk4"], case(random.Random(5)))
 
 

@@ -1,0 +1,36 @@
+"""Numbers on the command line: what is none is answered in words, never with the name of a function or type."""
+
+from __future__ import annotations
+
+import pytest
+
+from rb_dynamics.cli import main, parser
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("simulate s.yaml --flush soon", "argument --flush: found 'soon', expected seconds, 0 or more"),
+        (
+            "simulate s.yaml --max-bag-duration=-1",
+            "argument --max-bag-duration: found '-1', expected seconds, 0 or more",
+        ),
+        ("simulate s.yaml --max-bag-size 1.5", "argument --max-bag-size: found '1.5', expected bytes, 0 or more"),
+        ("simulate s.yaml --duration 5s", "argument --duration: found '5s', expected seconds"),
+        ("simulate s.yaml --accuracy nan", "argument --accuracy: found 'nan', expected a number such as 1e-9"),
+        ("inspect run.mcap --bound 0", "argument --bound: found '0', expected a number greater than 0 such as 1e-6"),
+        ("replay run.mcap --rate fast", "argument --rate: found 'fast', expected a number, 0 or more"),
+        ("trade s.yaml --target inf", "argument --target: found 'inf', expected a finite number greater than 0"),
+        ("body s.yaml --axis 1 0 z", "argument --axis: found 'z', expected a finite number"),
+        ("body s.yaml --through inf 0 0", "argument --through: found 'inf', expected a finite number"),
+    ],
+)
+def test_what_is_no_such_number_is_answered(line: str, message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(line.split())
+    assert message in capsys.readouterr().err
+
+
+def test_numbers_are_read() -> None:
+    args = parser().parse_args(["simulate", "s.yaml", "--max-bag-size", "100", "--flush", "0", "--step", "1e-3"])
+    assert (args.max_bag_size, args.flush, args.step) == (100, 0.0, 1e-3)
