@@ -20,6 +20,12 @@ from rb_dynamics.vector import Vector
 
 Array = NDArray[np.float64]
 
+LARGEST_CHORD = 0.5
+"""Turn (rad) between two points beyond which a chord is no picture of the curve on the ellipsoid or in the plane."""
+
+DISC = 1.15
+"""Radius of the part of the plane that pictures show."""
+
 
 class Contact(NamedTuple):
     """Where the ellipsoid touches the plane, one row for each instant; NaN while the body does not turn.

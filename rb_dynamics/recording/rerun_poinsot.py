@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rb_dynamics.body.rigid_body import RigidBody
-from rb_dynamics.contact import Contact, half_axes, separatrices
+from rb_dynamics.contact import DISC, LARGEST_CHORD, Contact, half_axes, separatrices
 from rb_dynamics.recording.rerun_layout import BLUE, CYAN, GREEN, GREY, ORANGE, YELLOW
 from rb_dynamics.recording.thinning import Piece, Trail
 from rb_dynamics.vector import Vector, dot, norm, scale, subtract
@@ -29,10 +29,6 @@ GROWING = (POLHODE, f"{POLHODE}/dots", HERPOLHODE, f"{HERPOLHODE}/dots")
 """What is shown as far as the time cursor."""
 
 MAX_PIECES = 1000
-
-# Beyond this turn (rad) between two points a chord would be no picture of the curve.
-_LARGEST_CHORD = 0.5
-_DISC = 1.15  # radius of the drawn part of the plane
 
 
 class Eye(NamedTuple):
@@ -64,7 +60,7 @@ class Curves:
         time_ns = np.append(self._time_ns, stamps[:, 0])
         rate = np.append(self._rate, np.linalg.norm(angular_velocity_body, axis=1))
         turn = np.maximum(rate[1:], rate[:-1]) * np.diff(time_ns) * 1e-9
-        joined = (rate[1:] > 0.0) & (rate[:-1] > 0.0) & (turn < _LARGEST_CHORD)
+        joined = (rate[1:] > 0.0) & (rate[:-1] > 0.0) & (turn < LARGEST_CHORD)
         self._time_ns, self._rate = int(time_ns[-1]), float(rate[-1])
         return self._trail.take(stamps, np.column_stack([touch.body, touch.world]), joined)
 
@@ -84,7 +80,7 @@ def fixed_looks(body: RigidBody) -> Iterator[tuple[str, list[rr.AsComponents]]]:
     yield f"{ROOT}/body/ellipsoid", [ellipsoid]
     yield f"{ROOT}/body/separatrices", [rr.LineStrips3D(separatrices(body), colors=[GREY], radii=[-0.75])]
     # A little beyond the plane, so that the curve in it is seen on the disc.
-    disc = rr.Cylinders3D(lengths=[2e-3], radii=[_DISC], centers=[(0.0, 0.0, 8e-3)], colors=[GREY], fill_mode=fill)
+    disc = rr.Cylinders3D(lengths=[2e-3], radii=[DISC], centers=[(0.0, 0.0, 8e-3)], colors=[GREY], fill_mode=fill)
     yield f"{ROOT}/plane", [disc]
     for entity, color in ((POLHODE, GREEN), (HERPOLHODE, YELLOW)):
         yield entity, [rr.LineStrips3D.from_fields(colors=[color], radii=[-1.5])]

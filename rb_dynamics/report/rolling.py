@@ -5,21 +5,20 @@ Drawn from the samples, also of forced motion, where the plane moves: the herpol
 
 from __future__ import annotations
 
-import io
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rb_dynamics.body.rigid_body import RigidBody
-from rb_dynamics.contact import contact, half_axes, separatrices
-from rb_dynamics.errors import MissingExtraError
-from rb_dynamics.report.svg import COLORS, MAX_POINTS, SETTINGS, TEXT, Array, inline
+from rb_dynamics.contact import LARGEST_CHORD, contact, half_axes, separatrices
+from rb_dynamics.report.svg import COLORS, MAX_POINTS, TEXT, Array, document_of, inline
 from rb_dynamics.rotation import matrix
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # Where the ellipsoid is looked at from, principal axes: no axis points at the eye.
 _FROM = np.array([0.62, 0.36, 0.70])
-
-# Beyond this turn (rad) between two samples a chord would be no picture of the curve.
-_LARGEST_CHORD = 0.5
 
 
 def poinsot_view(body: RigidBody, time_s: Array, orientation_xyzw: Array, angular_velocity_body: Array) -> str:
@@ -37,7 +36,7 @@ def poinsot_view(body: RigidBody, time_s: Array, orientation_xyzw: Array, angula
     kept = np.unique(np.linspace(0, len(time_s) - 1, 10 * MAX_POINTS).astype(int))
     touch = contact(body, attitude[kept], rates[kept])
     turn = np.linalg.norm(rates[kept], axis=1).max() * np.diff(time_s[kept]).max(initial=0.0)
-    look = "-" if turn < _LARGEST_CHORD else "."
+    look = "-" if turn < LARGEST_CHORD else "."
     principal = np.array(matrix(body.principal_orientation_xyzw))
     seen = _screen(_FROM / np.linalg.norm(_FROM))
     ellipsoid = [curve @ principal @ seen for curve in separatrices(body)]
@@ -68,14 +67,7 @@ def outline(half: Array, seen: Array) -> Array:
 
 
 def _draw(ellipsoid: list[Array], polhode: Array, herpolhode: Array, look: str) -> str:
-    try:
-        from matplotlib import style
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise MissingExtraError("matplotlib", "plot", "a figure") from None
-    buffer = io.BytesIO()
-    with style.context(["default", {**SETTINGS, "svg.hashsalt": "Poinsot"}]):
-        figure = Figure(figsize=(690.0 / 72.0, 300.0 / 72.0))
+    def fill(figure: Figure) -> None:
         left, right = figure.add_axes((0.0, 0.0, 0.5, 0.9)), figure.add_axes((0.5, 0.0, 0.5, 0.9))
         for curve in ellipsoid:
             left.plot(*curve.T, color="#808080", linewidth=0.8)
@@ -89,5 +81,6 @@ def _draw(ellipsoid: list[Array], polhode: Array, herpolhode: Array, look: str) 
             axes.set_aspect("equal")
             axes.margins(0.05)
             axes.set_title(title, color=TEXT, fontsize=11.0)
-        figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
-    return inline(buffer.getvalue(), "Poinsot's construction: polhode and herpolhode")
+
+    name = "Poinsot's construction: polhode and herpolhode"
+    return inline(document_of(fill, (690.0, 300.0), "Poinsot"), name)

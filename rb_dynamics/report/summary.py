@@ -11,13 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from rb_dynamics.recording.mcap_reader import Bag, Topic
+from rb_dynamics.recording.messages import DIAGNOSTICS
 from rb_dynamics.report.balance import Balance, balances
 from rb_dynamics.report.checks import BOUND, Check, checks
 from rb_dynamics.report.residual import Residual, residual
 from rb_dynamics.report.track import APPLIED, Series, Track, WrenchSteps
 from rb_dynamics.report.warnings import Channel, Health, warnings
-
-DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 
 
 @dataclass(frozen=True)

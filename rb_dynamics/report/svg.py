@@ -10,9 +10,9 @@ from __future__ import annotations
 import io
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias
 from xml.etree import ElementTree
 
 import numpy as np
@@ -23,6 +23,7 @@ from rb_dynamics.report.html import printable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -97,19 +98,10 @@ def draw(panels: Sequence[Panel], name: str, span_s: Array | None = None) -> str
     Raises:
         MissingExtraError: matplotlib is not installed.
     """
-    try:
-        from matplotlib import style
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise MissingExtraError("matplotlib", "plot", "a figure") from None
     height = _BOTTOM + len(panels) * (_TOP + _PANEL)
-    buffer = io.BytesIO()
-    # Ids depend on the figure alone: the same in every run, different within a page.
-    settings = {**SETTINGS, "svg.hashsalt": "|".join([name, *(panel.title for panel in panels)])}
-    # They are needed while drawing, too; the context gives the caller's back.
-    with style.context(["default", settings]):
-        figure = Figure(figsize=(_WIDTH / 72.0, height / 72.0))
-        start, end = _span(panels, span_s)
+    start, end = _span(panels, span_s)
+
+    def fill(figure: Figure) -> None:
         for row, panel in enumerate(panels):
             bottom = height - (row + 1) * (_TOP + _PANEL)
             box = (_LEFT / _WIDTH, bottom / height, (_WIDTH - _LEFT - _RIGHT) / _WIDTH, _PANEL / height)
@@ -119,9 +111,34 @@ def draw(panels: Sequence[Panel], name: str, span_s: Array | None = None) -> str
             if row + 1 < len(panels):
                 axes.tick_params(labelbottom=False)
         axes.set_xlabel("time [s]", color=TEXT, labelpad=2.0)
-        figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
+
+    document = document_of(fill, (_WIDTH, height), "|".join([name, *(panel.title for panel in panels)]))
     headings = [_heading(panel, row * (_TOP + _PANEL) + _TOP - 9.0) for row, panel in enumerate(panels)]
-    return inline(buffer.getvalue(), name, [element for heading in headings for element in heading])
+    return inline(document, name, [element for heading in headings for element in heading])
+
+
+def document_of(
+    fill: Callable[[Figure], None], size: tuple[float, float], salt: str, layout: Literal["constrained"] | None = None
+) -> bytes:
+    """Return the SVG document of a figure of `size` (pt) that `fill` draws into.
+
+    Ids depend on `salt` alone: the same in every run, different within a page where the salts are.
+
+    Raises:
+        MissingExtraError: matplotlib is not installed.
+    """
+    try:
+        from matplotlib import style
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise MissingExtraError("matplotlib", "plot", "a figure") from None
+    buffer = io.BytesIO()
+    # The settings are needed while drawing, too; the context gives the caller's back.
+    with style.context(["default", {**SETTINGS, "svg.hashsalt": salt}]):
+        figure = Figure(figsize=(size[0] / 72.0, size[1] / 72.0), layout=layout)
+        fill(figure)
+        figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
+    return buffer.getvalue()
 
 
 def _span(panels: Sequence[Panel], span_s: Array | None) -> tuple[float, float]:

@@ -15,14 +15,12 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import BodyError, LogError, WrenchError
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, WrenchFrames
 from rb_dynamics.recording.mcap_reader import Bag
+from rb_dynamics.recording.messages import INERTIA, ODOMETRY, POSE, SCALAR, TWIST, VECTOR, WRENCH
 from rb_dynamics.report.track import APPLIED, LARGEST, Array, Series, Times, Track, WrenchSteps, unit_rows
 from rb_dynamics.rotations import rotate_all, rotate_all_inverse
 from rb_dynamics.scene.model import Scene
 
-POSE, TWIST, ODOMETRY = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/TwistStamped", "nav_msgs/msg/Odometry"
-VECTOR, SCALAR = "geometry_msgs/msg/Vector3Stamped", "std_msgs/msg/Float64"
-WRENCHES = ("geometry_msgs/msg/WrenchStamped", "geometry_msgs/msg/Wrench")
-INERTIA = "geometry_msgs/msg/InertiaStamped"
+WRENCHES = (WRENCH, "geometry_msgs/msg/Wrench")
 
 
 def read_track(bag: Bag, scene: Scene | None = None) -> Track:

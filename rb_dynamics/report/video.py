@@ -20,7 +20,7 @@ import numpy as np
 
 from rb_dynamics.body.properties import equivalent_box
 from rb_dynamics.body.rigid_body import RigidBody
-from rb_dynamics.contact import Contact, contact, half_axes, separatrices
+from rb_dynamics.contact import DISC, Contact, contact, half_axes, separatrices
 from rb_dynamics.errors import LogError, MissingExtraError
 from rb_dynamics.recording.rerun_poinsot import EYE, Eye, eye
 from rb_dynamics.report.plots import continuous
@@ -42,7 +42,6 @@ _SIZE = (960, 540)
 _PAGE, _TEXT, _GREY = "#12161c", "#e4e8ee", "#8a94a3"
 _ARMS = ("#ec5c5c", "#66c266", "#6094f5")
 _L, _W, _POLHODE, _HERPOLHODE = "#ffaa33", "#40d0dc", "#66c266", "#f0dc50"
-_DISC = 1.15
 
 
 def write_video(path: str | os.PathLike[str], track: Track, rate: int = RATE) -> int:
@@ -218,7 +217,7 @@ class _Rolling:
         first = np.cross(touch.normal[0], np.eye(3)[int(np.abs(touch.normal[0]).argmin())])
         first /= np.linalg.norm(first)
         around = np.outer(np.cos(angle), first) + np.outer(np.sin(angle), np.cross(touch.normal[0], first))
-        self._disc.set_xy((touch.normal[0] * touch.distance[0] + _DISC * around) @ self._screen)
+        self._disc.set_xy((touch.normal[0] * touch.distance[0] + DISC * around) @ self._screen)
         turn = np.array([rotate_all(attitude, axis) for axis in np.eye(3)])  # rows: body axes in the world
         self._ball.set_xy(outline(self._half, self._principal.T @ turn @ self._screen))
         for line, curve in zip(self._grey, self._lines, strict=True):
