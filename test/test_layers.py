@@ -43,7 +43,7 @@ def test_part_imports_only_those_before_it(part: str) -> None:
 
 
 def test_only_the_edges_know_ros() -> None:
-    """The node, and the two commands that start one."""
+    """The folder of the node, and the commands that first ask whether rclpy is there."""
     knowing = {
         path.relative_to(PACKAGE).as_posix()
         for path in PACKAGE.rglob("*.py")
