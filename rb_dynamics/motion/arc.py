@@ -35,7 +35,7 @@ class Arc:
 
     Attributes:
         methods: names of the methods that have moved the body, in order.
-        expected_ns: the time that it is expected to reach: whether a kernel is worth it hangs on that, and nothing else.
+        expected_ns: the time that it is expected to reach: it decides whether a kernel is worth it, and nothing else.
     """
 
     def __init__(
