@@ -369,7 +369,7 @@ def main(args: Sequence[str] | None = None) -> int:
     if {"-h", "--help"} & set(arguments):
         print(
             "usage: rigid_body --ros-args -p scene:=FILE [-p lockstep:=true] [-p real_time_factor:=1.0] ...\n"
-            "Simulate one free-floating rigid body; the README lists parameters, topics and services."
+            "Simulate one free-floating rigid body; docs/reference/ros.md lists parameters, topics and services."
         )
         return 0
     try:

@@ -57,6 +57,11 @@ class Settings:
     logs: Logs
 
 
+def documented() -> list[tuple[str, object, str]]:
+    """Return the node's own parameters: name, default, what each does."""
+    return [(name, default, text) for name, (default, text) in _PARAMETERS.items()]
+
+
 def read_settings(node: Node) -> Settings:
     """Declare the parameters of `node`, read the scene they name, and apply the others to it as overrides.
 

@@ -28,8 +28,9 @@ def test_the_controller_turns_the_tumbling_body_to_its_target(peer: Peer) -> Non
         assert node.stop() == 0
 
 
-def test_the_readme_shows_the_controller_as_it_is() -> None:
-    (shown,) = re.findall(r"```py\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+def test_the_tutorial_shows_the_controller_as_it_is() -> None:
+    page = ROOT / "docs" / "tutorials" / "attitude-loop.md"
+    (shown,) = re.findall(r"```py\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
     assert shown in (ROOT / "examples" / "regulate.py").read_text(encoding="utf-8")
 
 
