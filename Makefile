@@ -1,4 +1,4 @@
-# make demo | test | test-slow | search | lint | pictures | pages | scaling | bench | clean
+# make demo | test | test-slow | search | lint | docs | pictures | pages | scaling | bench | clean
 # PYTHON=/path/to/python3.12 chooses the interpreter of .venv
 #
 # Needs Python 3.10 or newer with venv, and make. Everything else is installed into .venv, ROS 2 included.
@@ -21,7 +21,7 @@ elsewhere build with colcon in a sourced ROS 2 Jazzy.
 
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: demo pictures pages scaling bench test test-slow search lint clean
+.PHONY: demo docs pictures pages scaling bench test test-slow search lint clean
 
 demo: $(VENV)/installed-demo
 	$(BIN)/rb-dynamics demo
@@ -36,8 +36,15 @@ scaling: $(VENV)/installed-test
 
 # The pages of docs/ whose numbers and figures are made by a script.
 pages: $(VENV)/installed-test
+	$(BIN)/python docs/make_diagram.py
 	$(BIN)/python docs/make_lecture.py
+	$(BIN)/python docs/make_reference.py
 	$(BIN)/python docs/make_verification.py
+
+# The site, in out/site; a link that leads nowhere is an error.
+docs: $(VENV)/installed-docs
+	$(BIN)/python -m mkdocs build --quiet --strict
+	@echo "out/site/index.html"
 
 # What users would pick instead, on the same problems: a quarter of an hour, and the machine to itself. A peer that cannot
 # be installed here is left out; gcc is used if it is there.
@@ -77,7 +84,8 @@ $(VENV)/created:
 # setuptools warns of what an editable install is; that is known here.
 INSTALL := PYTHONWARNINGS=ignore::UserWarning $(PIP) install --quiet --no-build-isolation --editable
 EXTRAS_demo := ros,log,plot
-EXTRAS_test := $(EXTRAS_demo),fast,scale,test,dev
+EXTRAS_test := $(EXTRAS_demo),fast,scale,test,dev,docs
+EXTRAS_docs := docs,dev
 
 # Peers are installed one by one: not every one has wheels for every machine.
 PEERS = $(BIN)/python -c "import importlib.metadata as m; \

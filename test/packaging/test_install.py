@@ -141,7 +141,9 @@ def test_extras_bring_what_they_promise(metadata: Message) -> None:
         assert name
         brought.setdefault(extra[1] if extra else "", set()).add(name[0])
 
-    assert brought.keys() == {"", "bench", "dev", "fast", "log", "mesh", "plot", "ros", "scale", "test", "video"}
+    assert brought.keys() == {
+        *("", "bench", "dev", "docs", "fast", "log", "mesh", "plot", "ros", "scale", "test", "video")
+    }
     assert brought[""] == {"numpy", "scipy", "PyYAML"}
     assert brought["fast"] == {"numba"}
     assert brought["log"] == {"mcap", "rerun-sdk", "rosbags", "zstandard"}

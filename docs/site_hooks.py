@@ -1,0 +1,48 @@
+"""Hooks of mkdocs: what pages link to outside of docs/ is on the site too, and links to it lead there.
+
+Pages are written for the source tree, where `../config/slew.yaml` is beside docs/. Never changes a page on disk.
+"""
+
+from __future__ import annotations
+
+import posixpath
+import re
+from pathlib import Path
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+
+DOCS = Path(__file__).resolve().parent
+ROOT = DOCS.parent
+BESIDE = ("CHANGELOG.md", "CONTRIBUTING.md", "LICENSE", "QUALITY_DECLARATION.md")
+LINK = re.compile(r"\]\(([^)\s#]+)(#[^)\s]*)?\)")
+
+
+def on_files(files: Files, config: MkDocsConfig, **_: object) -> Files:
+    """Add what pages link to outside of docs/."""
+    pages = [(path.relative_to(ROOT).as_posix(), path) for path in DOCS.rglob("*.md")]
+    targets = {_in_tree(place, match[1]) for place, path in pages for match in LINK.finditer(path.read_text("utf-8"))}
+    for target in sorted({*targets, *BESIDE}):
+        if not target.startswith("docs/") and target != "README.md" and (ROOT / target).is_file():
+            files.append(File.generated(config, target, abs_src_path=str(ROOT / target)))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
+    """Turn links of the source tree into links of the site."""
+    place = page.file.src_uri if page.file.src_uri in BESIDE else f"docs/{page.file.src_uri}"
+
+    def link(match: re.Match[str]) -> str:
+        if "://" in match[1]:
+            return match[0]
+        on_site = _in_tree(place, match[1]).removeprefix("docs/").replace("README.md", "index.md")
+        relative = posixpath.relpath(on_site, posixpath.dirname(page.file.src_uri) or ".")
+        return f"]({relative}{match[2] or ''})"
+
+    return LINK.sub(link, markdown)
+
+
+def _in_tree(place: str, target: str) -> str:
+    """Return where in the source tree a link of the page at `place` leads."""
+    return posixpath.normpath(posixpath.join(posixpath.dirname(place), target))

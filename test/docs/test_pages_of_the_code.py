@@ -1,0 +1,58 @@
+"""The reference is what the code says, the diagram names files that are there, and the site has no link to nowhere."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+import yaml
+
+from rb_dynamics import METHODS
+
+
+def run(root: Path, *command: str) -> str:
+    environment = os.environ | {"NO_MKDOCS_2_WARNING": "1", "PYTHONPATH": str(root)}
+    done = subprocess.run(
+        [sys.executable, *command], cwd=root, env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.mark.ros
+def test_the_reference_is_what_the_code_says(root: Path) -> None:
+    run(root, "docs/make_reference.py", "--check")
+
+
+def test_the_diagram_names_what_is_there(root: Path) -> None:
+    run(root, "docs/make_diagram.py", "--check")
+
+
+@pytest.mark.skipif(find_spec("mkdocs") is None, reason="extra 'docs' is not installed")
+def test_the_site_has_no_link_to_nowhere(root: Path, tmp_path: Path) -> None:
+    run(root, "-m", "mkdocs", "build", "--quiet", "--strict", "--site-dir", str(tmp_path))
+
+    assert (tmp_path / "config" / "slew.yaml").is_file()
+    assert 'href="../config/slew.yaml"' in (tmp_path / "how-to" / "bodies.html").read_text("utf-8").replace(
+        "../../", "../"
+    )
+    assert "angular_velocity_body" in (tmp_path / "reference" / "python.html").read_text("utf-8")
+
+
+def test_every_page_is_in_the_navigation(root: Path) -> None:
+    config = yaml.safe_load((root / "mkdocs.yml").read_text("utf-8"))
+    pages = {path.relative_to(root / "docs").as_posix() for path in (root / "docs").rglob("*.md")}
+
+    named = {page for page in re.findall(r"[\w./-]+\.md", str(config["nav"])) if (root / "docs" / page).exists()}
+    assert named == pages - {"lecture.template.md"}
+
+
+def test_the_page_on_methods_has_them_all(root: Path) -> None:
+    text = (root / "docs" / "how-to" / "solver.md").read_text("utf-8")
+    rows = [line.split("|")[1] for line in text.splitlines() if line.startswith("| `")]
+    assert {name for row in rows for name in re.findall(r"`(\w+)`", row)} == {"auto", *METHODS}
