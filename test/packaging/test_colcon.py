@@ -14,6 +14,18 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 pytest.importorskip("colcon_ros", reason="extra 'test' is not installed")
+from catkin_pkg.package import parse_package
+
+
+def test_the_manifest_is_one_that_can_be_released(source: Path) -> None:
+    warnings: list[str] = []
+
+    package = parse_package(str(source / "package.xml"), warnings=warnings)
+    package.validate(warnings=warnings)
+
+    assert warnings == []
+    assert package.get_build_type() == "ament_python"
+    assert (source / package.licenses[0].file).is_file()
 
 
 @pytest.fixture(scope="module")
