@@ -31,9 +31,9 @@ import rb_dynamics as rb
 from rb_dynamics.body.shapes import SHAPES
 from rb_dynamics.cli import COMMANDS
 from rb_dynamics.errors import SceneError
+from rb_dynamics.loads.effects import EFFECTS
 from rb_dynamics.recording.mcap_reader import read_bag, read_wrenches
 from rb_dynamics.recording.mcap_sink import LogSettings, McapSink
-from rb_dynamics.scene.read_effects import EFFECT_TYPES
 
 FOLDER = Path(__file__).resolve().parent / "reference"
 ROOT = FOLDER.parent.parent
@@ -82,7 +82,7 @@ nanoseconds from 0. [Logs](../logs.md) says how it is written, proven and looked
 PYTHON = """\
 Everything here is a name of `rb_dynamics` itself: `import rb_dynamics as rb`. Two modules stand beside it,
 `rb_dynamics.poinsot` and `rb_dynamics.euler_equations`: [the lecture](../lecture.md) uses each of their functions.
-`rb.METHODS` holds the methods by name.
+`rb.METHODS` holds the methods by name; [Extending](../extending.md) says how to add to them.
 """
 
 NODE = """\
@@ -151,7 +151,7 @@ MEANING = {
     "schedule": "`[{time:, force:, torque:}, ...]`, each held until the next; s, N, N m",
 }
 
-EFFECTS = {
+ACTS = {
     "uniform_gravity": "m g everywhere. Potential energy.",
     "central_gravity": "Attraction by a centre. Potential energy. Changes inside a step.",
     "linear_drag": "Against the motion through a medium, by the speed. Changes inside a step.",
@@ -160,7 +160,7 @@ EFFECTS = {
     "scheduled_wrench": "Wrenches by time.",
 }
 
-EXAMPLES = {kind: f"config/{kind}.yaml" for kind in EFFECTS} | {"uniform_gravity": "config/boxes.yaml"}
+EXAMPLES = {kind: f"config/{kind}.yaml" for kind in ACTS} | {"uniform_gravity": "config/boxes.yaml"}
 
 TOPICS = {
     "pose": "of the body origin, world frame",
@@ -298,12 +298,12 @@ def scene_page() -> str:
         table(("type", "lengths", ""), shapes),
         "## `effects[]`\n",
     ]
-    for kind in EFFECT_TYPES:
+    for kind in EFFECTS.own:
         tree = SMALLEST | {"effects": [{"type": kind}]}
         names = [key for key in keys(tree, "effects[0]") if key != "type"]
         parts += [
             f"### `{kind}`\n",
-            f"{EFFECTS[kind]} Example: [{EXAMPLES[kind]}](../../{EXAMPLES[kind]}).\n",
+            f"{ACTS[kind]} Example: [{EXAMPLES[kind]}](../../{EXAMPLES[kind]}).\n",
             table(("key", ""), [(f"`{name}`", MEANING[name]) for name in names]),
         ]
     return "\n".join(parts)
@@ -399,7 +399,7 @@ def python_page() -> str:
     for name in rb.__all__:
         thing = getattr(rb, name)
         home = getattr(thing, "__module__", "")
-        if home.startswith("rb_dynamics."):
+        if home.startswith("rb_dynamics.") and (inspect.isclass(thing) or inspect.isfunction(thing)):
             homes.append((PARTS[home.split(".")[1]], name, home, thing))
     order = list(dict.fromkeys(PARTS.values()))
     homes.sort(key=lambda entry: order.index(entry[0]))
