@@ -60,7 +60,7 @@ def test_a_log_with_bytes_replaced_added_or_removed(folder: Path, changes: list[
     path.write_bytes(edited(own_log(folder), changes))
     look(path)
     try:
-        recover(path, folder / "recovered.mcap", overwrite=True)
+        recover(path, folder / "recovered.mcap")
     except LogError:
         return
     look(folder / "recovered.mcap")
