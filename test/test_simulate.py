@@ -471,3 +471,18 @@ def test_what_a_run_returns() -> None:
     assert run.wall_time_s > 0.0
     events: list[Event] = recorder.events
     assert events[0] == recorder.samples[0]
+
+
+def test_a_run_without_end_is_not_stopped_for_what_rounding_would_add_in_an_hour() -> None:
+    """The node has no end: a short stride, as commands in quick succession lead to, is no reason to stop what flies."""
+    solver = Solver("auto", accuracy=1e-10)
+    run = Simulation(driven(solver, duration=None))
+    run.start()
+    for k in range(40):
+        torque = (0.3 * (-1.0) ** k, 0.2, 0.1 * k)
+        run.post("body", Wrench(torque=torque, stamp_ns=k * 1_700_000), k * 1_700_000)
+    run.advance(100_000_000)
+
+    assert run.time_ns == 100_000_000
+    with pytest.raises(ConvergenceError, match="rounding alone"):
+        simulate(driven(solver, duration=3600.0), [("body", Wrench(torque=(0.3, 0.2, 0.1)))])

@@ -299,7 +299,12 @@ def by_method(goal: Goal, learnt: Learnt, phase: Phase, advance: Any) -> Stride:
 
 
 def rounding(goal: Goal, phase: Phase, length: int) -> float:
-    """Return the error that rounding adds by the end: each step of `length` ns rounds the rate, a random walk."""
+    """Return the error that rounding adds by the end: each step of `length` ns rounds the rate, a random walk.
+
+    0 where the run has no end: what flies is not stopped for what an hour of such steps would add.
+    """
+    if not goal.ends:
+        return 0.0
     rest, rate = _rest(goal, phase), norm(phase.angular_velocity)
     return _EPSILON * (1.0 + rate * rest) * math.sqrt(max(1.0, rest / (length / NANOSECONDS)))
 
