@@ -37,18 +37,23 @@ _LOOKS = 600
 _LISTED = 30
 
 
-def write_campaign_page(campaign: Campaign, rows: Columns, path: str | os.PathLike[str]) -> None:
-    """Write the page of `rows` to `path`.
+def write_campaign_page(
+    campaign: Campaign, rows: Columns, path: str | os.PathLike[str], options: Sequence[str] = ()
+) -> None:
+    """Write the page of `rows` to `path`; `options` as in `rerun_commands`.
 
     Raises:
         LogError: the file cannot be written.
         MissingExtraError: matplotlib or jinja2 is not installed.
     """
-    write_html(path, campaign_report(campaign, rows))
+    write_html(path, campaign_report(campaign, rows, options))
 
 
-def campaign_report(campaign: Campaign, rows: Columns) -> Report:
-    """Return the page of `rows`; where runs go side by side, the first of them are flown again to show them in time."""
+def campaign_report(campaign: Campaign, rows: Columns, options: Sequence[str] = ()) -> Report:
+    """Return the page of `rows`; where runs go side by side, the first of them are flown again to show them in time.
+
+    `options` as in `rerun_commands`.
+    """
     from rb_dynamics.campaign import figures
 
     summary = summarise(campaign, rows)
@@ -71,7 +76,7 @@ def campaign_report(campaign: Campaign, rows: Columns) -> Report:
             Section("What drives them", figures=[Figure(drivers, _DRIVERS), *_scatters(campaign, summary, rows)])
         )
     sections += [
-        Section("Runs that failed", _failed_text(summary), table=_failures(campaign, summary, rows)),
+        Section("Runs that failed", _failed_text(summary), table=_failures(campaign, summary, rows, options)),
         Section("The campaign", source=campaign.text, source_title="The campaign file"),
         Section("The scene", source=campaign.scene_text, source_title="The base scene, as it is flown"),
     ]
@@ -209,14 +214,14 @@ def _failed_text(summary: Summary) -> str:
     return f"Each command flies that run again, to the bit, with a full log of its motion and of its commands.{rest}"
 
 
-def _failures(campaign: Campaign, summary: Summary, rows: Columns) -> Table | None:
+def _failures(campaign: Campaign, summary: Summary, rows: Columns, options: Sequence[str]) -> Table | None:
     shown = summary.failed[:_LISTED]
     if not shown:
         return None
     names = [metric.name for metric in campaign.metrics]
     errors = dict(summary.errors)
     cells: list[Sequence[str]] = []
-    for run, command in zip(shown, rerun_commands(campaign, shown), strict=True):
+    for run, command in zip(shown, rerun_commands(campaign, shown, options), strict=True):
         values = ["never" if math.isnan(value := float(rows[name][run])) else f"{value:.4g}" for name in names]
         cells.append([str(run), *values, errors.get(run, command)])
     return Table(["run", *names, "again"], cells, numeric=False)

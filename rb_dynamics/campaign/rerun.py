@@ -10,7 +10,7 @@ from typing import Any
 
 from rb_dynamics.campaign.flight import fly_alone
 from rb_dynamics.campaign.model import Campaign
-from rb_dynamics.campaign.store import read_row, same_campaign
+from rb_dynamics.campaign.store import check_same_campaign, read_row
 from rb_dynamics.errors import LogError, SceneError
 from rb_dynamics.recording.mcap_sink import McapSink
 
@@ -22,7 +22,7 @@ class Rerun:
     Attributes:
         run: its number.
         metrics: by name.
-        row: the metrics in its row, None where no rows of this campaign are at hand.
+        row: the metrics in its row, None where there is none.
         log: where it was logged.
     """
 
@@ -52,30 +52,36 @@ class Rerun:
         lines = [f"run {self.run}"]
         for name, value in self.metrics.items():
             lines.append(
-                f"  {name:24}{value!r:>26}" + ("" if self.row is None else f"{self.row[name]!r:>26} in its row")
+                f"  {name:24}{_shown(value):>26}"
+                + ("" if self.row is None else f"{_shown(self.row[name]):>26} in its row")
             )
         if self.row is not None:
             lines.append("differs from its row" if self.differs else "the same as its row, to the bit")
         return "\n".join([*lines, f"wrote {self.log}"])
 
 
+def _shown(value: float) -> str:
+    return "never" if math.isnan(value) else repr(value)
+
+
 def rerun(campaign: Campaign, run: int, log: Path, rows: Path) -> Rerun:
-    """Fly `run` with all it has written to `log`, and compare it with its row where `rows` are of this campaign.
+    """Fly `run` with all it has written to `log`, and compare it with its row where `rows` has one.
 
     Raises:
         SceneError: there is no such run, or its inputs make no valid scene.
         ConvergenceError: a step cannot be solved; the log ends there.
-        LogError: a file cannot be read or written.
+        LogError: a file cannot be read or written, or `rows` is of another campaign.
     """
     if not 0 <= run < campaign.runs:
         raise SceneError(f"--rerun: found {run}, expected a run from 0 to {campaign.runs - 1}; correct the number")
+    compared = rows.exists()
+    if compared:
+        check_same_campaign(rows, campaign)
     try:
         log.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise LogError(f"cannot write {log}: {error.strerror or error}; give another file with --mcap") from error
     metrics = fly_alone(campaign, run, [McapSink(log)])
-    row = None
-    if rows.exists() and same_campaign(rows, campaign):
-        found = read_row(rows, run)
-        row = None if found is None else {name: float(found[name]) for name in metrics}
+    found = read_row(rows, run) if compared else None
+    row = None if found is None else {name: float(found[name]) for name in metrics}
     return Rerun(run, metrics, row, log)

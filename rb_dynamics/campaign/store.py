@@ -50,7 +50,6 @@ class Store:
         self._parquet = _parquet()
         self.path, self._campaign = Path(path), campaign
         self._parts = Path(f"{self.path}.parts")
-        self._fingerprint = fingerprint(campaign)
         try:
             if overwrite:
                 self.path.unlink(missing_ok=True)
@@ -73,17 +72,13 @@ class Store:
                 new.write_text(json.dumps(self._as_facts()), encoding="utf-8")
 
     def _check(self, facts: dict[str, str], place: Path) -> bool:
-        if facts.get("fingerprint") != self._fingerprint:
-            raise LogError(
-                f"{place} holds runs of another campaign, or of another version of this one or of the package; give "
-                "another file with --out, or --overwrite to begin anew"
-            )
+        _check(facts, place, self._campaign, "give another file with --out, or --overwrite to begin anew")
         return True
 
     def _as_facts(self) -> dict[str, str]:
         campaign = self._campaign
         return {
-            "fingerprint": self._fingerprint,
+            "fingerprint": fingerprint(campaign),
             "campaign": campaign.text,
             "scene": campaign.scene_text,
             "version": version(),
@@ -197,9 +192,22 @@ def read_row(path: str | os.PathLike[str], run: int) -> dict[str, Any] | None:
     return rows[0] if rows else None
 
 
-def same_campaign(path: str | os.PathLike[str], campaign: Campaign) -> bool:
-    """Return whether the rows in `path` are of this very campaign."""
-    return _facts(Path(path)).get("fingerprint") == fingerprint(campaign)
+def check_same_campaign(path: str | os.PathLike[str], campaign: Campaign) -> None:
+    """Check that the rows in `path` are of this very campaign.
+
+    Raises:
+        LogError: they are not, or the file cannot be read.
+        MissingExtraError: pyarrow is not installed.
+    """
+    place = Path(path)
+    _check(_facts(place), place, campaign, "give --runs and --seed as they were given then, or another file with --out")
+
+
+def _check(facts: dict[str, str], place: Path, campaign: Campaign, remedy: str) -> None:
+    if facts.get("fingerprint") != fingerprint(campaign):
+        raise LogError(
+            f"{place} holds runs of another campaign, or of another version of this one or of the package; {remedy}"
+        )
 
 
 def _facts(path: Path) -> dict[str, str]:

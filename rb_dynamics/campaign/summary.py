@@ -7,6 +7,7 @@ that, so that there the intervals are on the safe side. Never draws: `page.py` d
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
@@ -206,8 +207,8 @@ def _finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def as_text(campaign: Campaign, summary: Summary, most: int = 5) -> str:
-    """Return the summary for a person at a terminal."""
+def as_text(campaign: Campaign, summary: Summary, options: Sequence[str] = (), most: int = 5) -> str:
+    """Return the summary for a person at a terminal; `options` as in `rerun_commands`."""
     lines = [
         f"runs        {summary.runs}, seed {campaign.seed}, {campaign.sampling.replace('_', ' ')}",
         f"passed      {summary.passed} of {summary.runs}: {_percents(summary)}",
@@ -221,9 +222,9 @@ def as_text(campaign: Campaign, summary: Summary, most: int = 5) -> str:
     for metric in summary.metrics:
         strongest = [f"{name} {value:+.2f}" for name, value in metric.sensitivity[:3] if abs(value) > summary.noise]
         if strongest:
-            lines.append(f"depends     {metric.name} on {', '.join(strongest)}")
+            lines.append(f"depends     {metric.name} on {', '.join(strongest)} (rank correlation)")
     lines += [f"not flown   run {run}: {text}" for run, text in summary.errors[:most]]
-    lines += [f"failed      {_command(campaign, run)}" for run in summary.failed[:most]]
+    lines += [f"failed      {command}" for command in rerun_commands(campaign, summary.failed[:most], options)]
     if len(summary.failed) > most:
         lines.append(f"            and {summary.runs - summary.passed - most} more")
     return "\n".join(lines)
@@ -240,10 +241,13 @@ def _between(quantile: Quantile | None) -> str:
     return f"{quantile.low:.4g} and " + ("no bound" if quantile.high is None else f"{quantile.high:.4g}")
 
 
-def _command(campaign: Campaign, run: int) -> str:
-    return f"rb-dynamics campaign {campaign.source} --rerun {run}"
+def rerun_commands(campaign: Campaign, runs: Sequence[int], options: Sequence[str] = ()) -> list[str]:
+    """Return the command that flies each run again, quoted for a shell.
 
-
-def rerun_commands(campaign: Campaign, runs: Sequence[int]) -> list[str]:
-    """Return the command that flies each run again."""
-    return [_command(campaign, run) for run in runs]
+    Args:
+        campaign: that the runs are of.
+        runs: their numbers.
+        options: words of the command line that made it this campaign and say where its rows are.
+    """
+    begin = shlex.join(["rb-dynamics", "campaign", campaign.source, *options])
+    return [f"{begin} --rerun {run}" for run in runs]

@@ -79,13 +79,19 @@ def _run_all(args: argparse.Namespace, campaign: Campaign, out: Path) -> int:
     summary = summarise(campaign, rows)
     found = summary.as_dict()
     out.with_suffix(".json").write_text(json.dumps(found, allow_nan=False), encoding="utf-8")
-    print(json.dumps(found, allow_nan=False) if args.json else as_text(campaign, summary))
+    print(json.dumps(found, allow_nan=False) if args.json else as_text(campaign, summary, _options(args)))
     page = _write_page(args, campaign, rows, out)
     if not args.json:
         for path in (out, out.with_suffix(".json"), page):
             if path is not None:
                 print(f"wrote {path}")
     return 0
+
+
+def _options(args: argparse.Namespace) -> list[str]:
+    """Return the words of the command line that --rerun needs too, to fly the same run and find its row."""
+    given = {name: getattr(args, name) for name in ("runs", "seed", "out")}
+    return [word for name, value in given.items() if value is not None for word in (f"--{name}", str(value))]
 
 
 def _write_page(args: argparse.Namespace, campaign: Campaign, rows: Columns, out: Path) -> Path | None:
@@ -97,7 +103,7 @@ def _write_page(args: argparse.Namespace, campaign: Campaign, rows: Columns, out
 
     page = Path(args.html) if args.html else out.with_suffix(".html")
     try:
-        write_campaign_page(campaign, rows, page)
+        write_campaign_page(campaign, rows, page, _options(args))
     except MissingExtraError as error:
         if args.html:
             raise
@@ -115,6 +121,8 @@ def _run_again(args: argparse.Namespace, campaign: Campaign, out: Path) -> int:
     log = Path(args.mcap or out.with_name(f"{out.stem}-{args.rerun}.mcap"))
     found = rerun(campaign, args.rerun, log, out)
     print(json.dumps(found.as_dict(), allow_nan=False) if args.json else found.as_text())
+    if found.row is None:
+        print(f"note: no row of run {args.rerun} in {out} to compare with", file=sys.stderr)
     return 1 if found.differs else 0
 
 

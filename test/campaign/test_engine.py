@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import html
 import json
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -111,6 +113,40 @@ def test_the_command_and_a_rerun(tmp_path: Path, capsys: pytest.CaptureFixture[s
 
     assert main(["campaign", str(campaign), "--rerun", "24", "--out", str(out)]) == 2
     assert "found 24, expected a run from 0 to 23" in capsys.readouterr().err
+
+
+def test_the_command_printed_for_a_failed_run_flies_that_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A Latin hypercube of other runs has other numbers in the same run, so that the options have to be there."""
+    campaign = write(tmp_path, CAMPAIGN.replace("sampling: random", "sampling: latin_hypercube"))
+    out = tmp_path / "the rows" / "it's.parquet"
+    assert main(["campaign", str(campaign), "--workers", "0", "--runs", "12", "--seed", "5", "--out", str(out)]) == 0
+    text = capsys.readouterr().out
+    line = next(line for line in text.splitlines() if line.startswith("failed ")).removeprefix("failed").strip()
+    words = shlex.split(line)
+    assert words[0] == "rb-dynamics"
+    assert main(words[1:]) == 0
+    assert "the same as its row, to the bit" in capsys.readouterr().out
+    page = out.with_suffix(".html")
+    if page.exists():
+        assert line in html.unescape(page.read_text(encoding="utf-8"))
+
+    without = [word for word in words[1:] if word not in ("--runs", "12")]
+    log = tmp_path / "another.mcap"
+    assert main([*without, "--mcap", str(log)]) == 2
+    assert f"{out} holds runs of another campaign" in capsys.readouterr().err
+    assert not log.exists()
+
+
+def test_a_rerun_without_a_row_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = CAMPAIGN.replace("below: 0.4}", "below: 1.0e-9}")
+    out = tmp_path / "rows.parquet"
+    assert main(["campaign", str(write(tmp_path, text)), "--rerun", "3", "--out", str(out)]) == 0
+    printed = capsys.readouterr()
+    assert printed.err == f"note: no row of run 3 in {out} to compare with\n"
+    assert next(line.split() for line in printed.out.splitlines() if "settled" in line) == ["settled", "never"]
+    assert "nan" not in printed.out
 
 
 def test_a_rerun_that_differs_is_seen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
