@@ -23,6 +23,7 @@ from collections.abc import Callable, Iterator, Sequence
 from importlib import metadata
 from pathlib import Path
 
+import ensemble
 import startup
 from matplotlib import style
 from matplotlib.figure import Figure
@@ -49,7 +50,7 @@ STARTS = 15
 LOGS = ("none", "hash", "MCAP", "Rerun")
 RATE = 100.0  # Hz of outputs where nothing else is said
 GREY, DARK = "#8a949e", "#24292f"
-COLORS = ("#0b6e99", "#c2571a", "#5b7f2b", "#7a4fa3")
+COLORS = ("#0b6e99", "#c2571a", "#5b7f2b", "#7a4fa3", "#a8456b", "#7d6a1f")
 
 Series = dict[str, dict[float, float]]
 
@@ -128,6 +129,20 @@ def duration_times() -> Series:
             t: best(lambda t=t: flown("rkmk4", t, step=0.01, commands=HELD)) for t in (1.0, 10.0, 1e2, 1e3, 1e4, 1e5)
         }
         os.environ["RB_DYNAMICS_COMPILE"] = "never"
+    return found
+
+
+def body_times() -> Series:
+    """Return the time (ns) of a step and body over the number of bodies that move at once, compiled."""
+    if not available():
+        return {}
+    os.environ["RB_DYNAMICS_COMPILE"] = "always"
+    found: Series = {}
+    for name in ("rk4", "dlm2", "dop853"):
+        for threads in (1, 2):
+            label = f"{name}, {threads} thread{'s' if threads > 1 else ''}"
+            found[label] = {float(n): ensemble.many(name, n, threads, max(10, 100_000 // n)) for n in ensemble.BODIES}
+    os.environ["RB_DYNAMICS_COMPILE"] = "never"
     return found
 
 
@@ -212,7 +227,7 @@ def seconds(value: float) -> str:
 
 
 def plot(figure: Figure, place: int, title: str, series: Series, across_: str, up: str, log: str = "both") -> None:
-    axes = figure.add_subplot(2, 2, place)
+    axes = figure.add_subplot(3, 2, place)
     for color, (name, points) in zip(COLORS, series.items(), strict=False):
         axes.plot(list(points), list(points.values()), "o-", color=color, linewidth=1.2, markersize=3.5, label=name)
     axes.set(xscale="log", yscale="log" if log == "both" else "linear", xlabel=across_, ylabel=up)
@@ -236,7 +251,7 @@ TEXT = """# What a run costs, and how that grows
 Written by `python benchmarks/scaling.py` (`make scaling`) on {machine}. Times are
 processor time, best of {repeats}; where other work shares the cores, they come out up to twice as long as alone.
 
-![Time over duration, commands and outputs; peak of memory over duration](images/scaling.svg)
+![Time over duration, bodies, commands and outputs; peak of memory over duration](images/scaling.svg)
 
 ## Starting
 
@@ -259,6 +274,12 @@ Time of a run over its simulated time in s, nobody looking. A closed form costs 
 costs; `auto` keeps an error at the end, so that a longer run also asks for more accurate steps.
 
 {durations}
+## Bodies
+
+Nanoseconds for a step of one body among so many in an `Ensemble`, compiled: rk4 and dlm2 take several bodies side by
+side in the vector units, dop853 one after the other. One thread by processor time; two by the clock.
+
+{bodies}
 ## Commands
 
 Time that so many held wrenches within 100 s add to the steps: each ends a step, begins an arc and enters the hash of
@@ -296,6 +317,7 @@ to this.
 def page() -> tuple[str, Figure]:
     starts, steps = startup.medians(STARTS), step_times()
     durations, commands, (outputs, sizes), memory = duration_times(), command_times(), output_times(), peaks()
+    bodies = body_times()
     within = [name for name, (alone, _) in steps.items() if alone <= 200e-6]
     beyond = [name for name in steps if name not in within]
     bar = f"At 1 kHz {len(within)} of {len(steps)} methods leave at least 80 % of a core" + (
@@ -319,6 +341,7 @@ def page() -> tuple[str, Figure]:
         ),
         bar=bar,
         durations=across("simulated time, s", durations, seconds),
+        bodies=across("bodies", bodies, lambda value: f"{value:.0f}") if bodies else "numba is not installed.\n",
         command=seconds(slope(commands["held wrenches"])),
         commands=across("commands", commands, seconds),
         outputs=across("outputs", outputs, seconds),
@@ -329,11 +352,12 @@ def page() -> tuple[str, Figure]:
         rate=RATE,
         memory=across("simulated time, s", memory, lambda value: f"{value:.0f}"),
     )
-    figure = Figure(figsize=(8.4, 6.4), layout="constrained")
+    figure = Figure(figsize=(8.4, 9.4), layout="constrained")
     plot(figure, 1, "Duration", durations, "simulated time, s", "time, s")
     plot(figure, 2, "Commands", commands, "held wrenches in 100 s", "time beside the steps, s")
     plot(figure, 3, "Outputs, by log", outputs, "outputs of 10 s", "time, s")
     plot(figure, 4, "Memory, 100 outputs per second", memory, "simulated time, s", "peak resident size, MB", "x")
+    plot(figure, 5, "Bodies at once", bodies, "bodies", "time of a step and body, ns")
     return text, figure
 
 
