@@ -13,7 +13,7 @@ import numpy as np
 from rb_dynamics.recording.mcap_reader import Bag, Topic
 from rb_dynamics.recording.messages import DIAGNOSTICS
 from rb_dynamics.report.balance import Balance, balances
-from rb_dynamics.report.checks import BOUND, Check, checks
+from rb_dynamics.report.checks import BOUND, Check, checks, gaps
 from rb_dynamics.report.residual import Residual, residual
 from rb_dynamics.report.track import APPLIED, Series, Track, WrenchSteps
 from rb_dynamics.report.warnings import Channel, Health, warnings
@@ -247,20 +247,34 @@ def _channel(track: Track, steps: WrenchSteps, health: Health | None) -> Channel
     frames = steps.frames
     if source is not None and applied is not None and source.count:
         frames = tuple(sorted({wrench.frame_id for _, wrench in track.bag.wrenches(name)}))
-    # Every applied wrench that no command stands behind is a timeout: that is how the log is written.
-    timeouts = applied - received if track.own and applied is not None and received is not None else None
     return Channel(
         topic=name,
         frames=frames,
         received=received,
         applied=applied,
-        timeouts=timeouts,
+        timeouts=_timeouts(track, steps, source) if applied is not None and source is not None else None,
         rejected=_counted(name, "rejected", health),
         late=_counted(name, "late", health),
         lost=_counted(name, "lost", health),
         largest_force=float(np.linalg.norm(steps.force, axis=1).max(initial=0.0)),
         largest_torque=float(np.linalg.norm(steps.torque, axis=1).max(initial=0.0)),
     )
+
+
+def _timeouts(track: Track, steps: WrenchSteps, source: Topic) -> int | None:
+    """Return how often a channel dropped to zero; None where a piece of the log is missing, or another wrote it."""
+    if not track.own:
+        return None
+    commands = np.array(source.log_times, dtype=np.int64)
+    # Every applied wrench that no command stands behind is a timeout: that is how the log is written.
+    if track.bag.complete:
+        return len(steps.time_ns) - len(commands)
+    if any(series is not None and gaps(series.time_ns) for series in (track.pose, track.twist)):
+        return None
+    # Behind the last sample a command may have lost its applied wrench.
+    _, end_ns = track.span_ns
+    count = int((steps.time_ns < end_ns).sum()) - int((commands < end_ns).sum())
+    return count if count >= 0 else None
 
 
 def _counted(topic: str, what: str, health: Health | None) -> int | None:

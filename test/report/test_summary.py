@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -12,8 +13,11 @@ import pytest
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.recording.log_file import LogFile
 from rb_dynamics.recording.mcap_reader import read_bag
+from rb_dynamics.recording.mcap_records import McapFile, Message
 from rb_dynamics.recording.mcap_sink import McapSink
+from rb_dynamics.recording.mcap_writer import McapWriter
 from rb_dynamics.recording.sink import Status
 from rb_dynamics.report.checks import gaps
 from rb_dynamics.report.summary import Summary, summarize
@@ -85,6 +89,50 @@ def test_channels_count_commands_and_timeouts(flight: Any) -> None:
     assert thrust.largest_torque == pytest.approx(np.linalg.norm([0.2, -0.1, 0.3]))
     assert push.largest_force == pytest.approx(np.linalg.norm([1.0, -2.0, 0.5]))
     assert thrust.rejected is None
+
+
+def test_timeouts_of_a_log_that_was_cut_off_are_counted_up_to_its_last_sample(flight: Any, tmp_path: Path) -> None:
+    """A command may be there whose applied wrench is lost; a timeout before the last sample still counts."""
+    whole = McapFile(flight.log)
+    messages = list(whole.messages())
+    found = {}
+    for count, message in enumerate(messages):
+        if message.channel.topic in ("/thrust", "/thrust/applied") or count == len(messages) - 1:
+            summary = summary_of(begun(tmp_path / "cut.mcap", whole, messages[: count + 1]))
+            assert not summary.complete
+            found[count] = {channel.topic: channel.timeouts for channel in summary.channels}.get("/thrust")
+    assert {*found.values()} <= {None, 0, 1}
+    assert found[len(messages) - 1] == 1
+
+
+def test_timeouts_are_not_known_where_a_piece_is_missing(flight: Any, tmp_path: Path) -> None:
+    whole = McapFile(flight.log)
+    left = [each for each in whole.messages() if not 400_000_000 < each.log_time < 600_000_000]
+    summary = summary_of(begun(tmp_path / "cut.mcap", whole, left))
+    assert {channel.timeouts for channel in summary.channels} == {None}
+    assert not any("timed out" in each for each in summary.warnings)
+
+
+def begun(path: Path, whole: McapFile, messages: list[Message]) -> Path:
+    """Write these messages and all else of `whole` as a file without an end."""
+    with contextlib.closing(LogFile(path)) as file:
+        writer = McapWriter(file, "test")
+        writer.begin()
+        numbers = {
+            channel.topic: writer.add_channel(
+                channel.topic, channel.encoding, writer.add_schema(*channel.schema), channel.metadata
+            )
+            for channel in whole.channels.values()
+        }
+        for each in messages:
+            writer.add_messages((numbers[each.channel.topic],), (each.data,), each.log_time, each.publish_time)
+        for name, data in whole.attachments.items():
+            writer.add_attachment(name, "", data)
+        for name, facts in whole.metadata.items():
+            writer.add_metadata(name, facts)
+        writer.finish()
+    path.write_bytes(path.read_bytes()[:-8])
+    return path
 
 
 def test_topics_have_count_rate_and_longest_interval(flight: Any) -> None:
