@@ -69,6 +69,8 @@ class Replay:
         samples: compared.
         commands: posted.
         complete: the log was finished by its writer; else only its beginning is compared.
+        gap_ns: time from which on the log lacks messages although later ones are there: a damaged piece was left out.
+            Commands may be among them, so that nothing behind it is compared. None without a gap.
         differences: by topic; empty where every number is the same.
         missing: what one of the two has and the other has not, one line for each topic.
         proven_ns: time up to which the hash of the states, over numbers too that the log does not show, is that of the
@@ -81,6 +83,7 @@ class Replay:
     samples: int = 0
     commands: int = 0
     complete: bool = True
+    gap_ns: int | None = None
     differences: dict[str, Difference] = field(default_factory=dict)
     missing: list[str] = field(default_factory=list)
     proven_ns: int | None = None
@@ -89,9 +92,9 @@ class Replay:
 
     @property
     def identical(self) -> bool:
-        """Whether every number, and every hash that the log has, is the same to the last bit."""
+        """Whether every number, and every hash that the log has, is the same to the last bit, and none is missing."""
         hashes_agree = all(logged == found for logged, found in self.hashes.values())
-        return not self.differences and not self.missing and hashes_agree
+        return not self.differences and not self.missing and hashes_agree and self.gap_ns is None
 
     @property
     def first(self) -> tuple[int, str] | None:
@@ -121,6 +124,8 @@ def replay(path: str | Path, progress: Callable[[float], None] | None = None) ->
             run.advance(facts.end_ns * part // _PARTS)
             if progress is not None:
                 progress(part / _PARTS)
+            if found.gap_ns is not None:
+                break
     finally:
         run.finish()
     return found
@@ -184,6 +189,8 @@ class _Comparison:
 
     def write(self, event: Event) -> None:
         """Compare what the log has of this event."""
+        if self._found.gap_ns is not None:
+            return
         if isinstance(event, Sample):
             self._states.update(event)
             self._found.samples += 1
@@ -197,6 +204,8 @@ class _Comparison:
 
     def close(self, result: Mapping[str, str]) -> None:
         """Compare the hashes, and look for what only the log has."""
+        if self._found.gap_ns is not None:
+            return
         for message in self._log:
             if message.channel.topic in self._waiting:
                 self._waiting[message.channel.topic].append(message)
@@ -222,6 +231,10 @@ class _Comparison:
                 self._miss(topic, time_ns, "not what the replay has here")
             return
         if message.data == expected and message.log_time == time_ns:
+            return
+        if message.log_time != time_ns and not self._facts.complete:
+            self._found.gap_ns = min(message.log_time, time_ns)
+        if self._found.gap_ns is not None:
             return
         difference = self._found.differences.setdefault(topic, Difference(min(message.log_time, time_ns)))
         logged = _numbers(message)

@@ -105,6 +105,20 @@ def test_a_split_bag_and_a_recovered_beginning(tmp_path: Path, log: Path) -> Non
         assert found.hashes == {}, "cut off before its first checkpoint"
 
 
+def test_behind_a_piece_that_is_missing_nothing_is_said(tmp_path: Path, log: Path) -> None:
+    def edit(message: Message) -> Message | None:
+        return None if 900_000_000 < message.log_time < 1_100_000_000 else message
+
+    damaged = edited(log, tmp_path / "damaged.mcap", edit)
+    damaged.write_bytes(damaged.read_bytes()[:-8])
+    recover(damaged, tmp_path / "saved.mcap")
+    found = replay(tmp_path / "saved.mcap")
+    assert found.gap_ns == 933_333_333
+    assert not found.identical
+    assert found.differences == {}
+    assert found.hashes == {}
+
+
 def test_the_states_of_a_log_that_was_cut_off_are_proven_up_to_its_last_checkpoint(tmp_path: Path) -> None:
     scene = dataclasses.replace(
         SCENE, text=SCENE.text.replace("output_rate: 30", "output_rate: 1000"), output_rate=1000.0

@@ -53,7 +53,11 @@ def run(args: argparse.Namespace) -> int:
     print("\n".join(_report(found)))
     if found.identical:
         return 0
-    within = not found.missing and all(each.relative <= args.bound for each in found.differences.values())
+    within = (
+        not found.missing
+        and found.gap_ns is None
+        and all(each.relative <= args.bound for each in found.differences.values())
+    )
     if found.software and within:
         print(f"within {args.bound:g}, as another version or platform may be")
         return 0
@@ -92,5 +96,10 @@ def _report(found: Replay) -> list[str]:
         lines.append(f"{name}: {logged} {'agrees' if logged == here else f'in the log, {here} here'}")
     if found.proven_ns is not None and not found.complete:
         lines.append(f"the hash of the states proves the log up to {found.proven_ns / 1e9:.9f} s")
-    lines.append("the same to the last bit" if found.identical else "NOT the same bits")
+    if found.gap_ns is None:
+        lines.append("the same to the last bit" if found.identical else "NOT the same bits")
+    else:
+        gap = f"{found.gap_ns / 1e9:.9f} s"
+        before = "NOT the same bits" if found.first is not None else "the same bits"
+        lines.append(f"commands are missing from {gap} on: {before} up to {gap}, nothing can be said after")
     return lines

@@ -233,9 +233,8 @@ class McapFile:
         return data
 
     def _damage(self, what: str) -> LogError:
-        return LogError(
-            f"{self.path} is damaged: it {what}; save what can be read with `rb-dynamics recover` or record it again"
-        )
+        advice = "" if self.salvage else "; save what can be read with `rb-dynamics recover` or record it again"
+        return LogError(f"{self.path} is damaged: it {what}{advice}")
 
 
 class _Fields:

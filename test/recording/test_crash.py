@@ -105,6 +105,7 @@ def test_what_is_damaged_within_is_left_out_and_named(tmp_path: Path) -> None:
         read_bag(path)
     (saved,) = recover(path, tmp_path / "copy.mcap")
     assert len(saved.damage) == 1
+    assert "rb-dynamics recover" not in saved.damage[0]
     kept = read_bag(tmp_path / "copy.mcap").poses("/pose")[1][:, 0].tolist()
     assert kept == sorted(kept)
     assert 0 < len(kept) < each["written"]
