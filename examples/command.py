@@ -5,21 +5,30 @@ Start the node first, in the same environment:
     rb-dynamics node config/free_flyer.yaml
 """
 
+import contextlib
+import time
+
 import rclpy
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 
 
 def main() -> None:
-    rclpy.init()
+    # By rclpy's own handlers a signal ends the context under the next spin_once, which then fails.
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = Node("commander")
     commands = node.create_publisher(WrenchStamped, "wrench", 10)
     newest: list[Odometry] = []
     node.create_subscription(Odometry, "odom", lambda odom: newest.__setitem__(slice(None), [odom]), 10)
     # A command published before the node has been discovered is lost.
+    patience = time.monotonic() + 3.0
     while not (commands.get_subscription_count() and newest):
         rclpy.spin_once(node, timeout_sec=0.1)
+        if time.monotonic() > patience:
+            print(f"no node on {commands.topic_name} yet; start: rb-dynamics node config/free_flyer.yaml", flush=True)
+            patience = float("inf")
 
     command = WrenchStamped()
     command.header.frame_id = "body"  # the header decides the axes, not the name of the topic
@@ -35,4 +44,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with contextlib.suppress(KeyboardInterrupt):
+        main()

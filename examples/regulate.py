@@ -5,9 +5,13 @@ Start the node first, in the same environment:
     rb-dynamics node config/free_flyer.yaml
 """
 
+import contextlib
+
 import rclpy
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
+from rclpy.executors import ExternalShutdownException
+from rclpy.signals import SignalHandlerOptions
 
 TARGET, STIFFNESS, DAMPING = (0.5, 0.5, 0.5, 0.5), 5.0, 1.6  # x, y, z, w; N m; N m s/rad
 
@@ -27,8 +31,9 @@ def regulate(odom: Odometry) -> None:
     commands.publish(command)
 
 
-rclpy.init()
+rclpy.init(signal_handler_options=SignalHandlerOptions.SIGINT)  # SIGTERM ends it at once
 node = rclpy.create_node("attitude_controller")
 commands = node.create_publisher(WrenchStamped, "wrench", 1)
 node.create_subscription(Odometry, "odom", regulate, 1)
-rclpy.spin(node)
+with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
+    rclpy.spin(node)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+import signal
 import subprocess
 import sys
+import time
 
 import pytest
 from nav_msgs.msg import Odometry
@@ -26,6 +28,25 @@ def test_the_controller_turns_the_tumbling_body_to_its_target(peer: Peer) -> Non
             finally:
                 controller.kill()
         assert node.stop() == 0
+
+
+@pytest.mark.parametrize("name", ["regulate.py", "command.py"])
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+def test_an_example_that_waits_for_a_node_ends_quietly(peer: Peer, name: str, how: signal.Signals) -> None:
+    with subprocess.Popen(
+        [sys.executable, ROOT / "examples" / name], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as example:
+        try:
+            assert example.stdout is not None
+            if name == "command.py":
+                assert "no node on /wrench yet; start: rb-dynamics node" in example.stdout.readline()
+            else:
+                peer.until(lambda: peer.node.count_subscribers("odom") > 0, "the controller listening")
+                time.sleep(1.0)  # until it spins
+            example.send_signal(how)
+            assert "Traceback" not in example.communicate(timeout=10.0)[1]
+        finally:
+            example.kill()
 
 
 def test_the_tutorial_shows_the_controller_as_it_is() -> None:
