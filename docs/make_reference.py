@@ -336,9 +336,7 @@ def cli_page() -> str:
             value = action.metavar if action.nargs != 0 else ""
             value = " ".join(value) if isinstance(value, tuple) else value or ""
             label = f"{', '.join(action.option_strings)} {value}".strip() or action.dest
-            rows.append(
-                (f"`{label}`", (action.help or "").replace("%%", "%").replace("%(default)s", str(action.default)))
-            )
+            rows.append((f"`{label}`", (action.help or "") % vars(action)))
         doc = inspect.cleandoc(module.__doc__ or "")
         parts += [f"## {name}\n", doc + "\n", table(("argument", ""), rows)] if rows else [f"## {name}\n", doc + "\n"]
     return "\n".join(parts)
