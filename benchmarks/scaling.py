@@ -297,7 +297,7 @@ Time of 10 s of free motion over the number of outputs, by what is told:
 Between the last two columns, an output costs
 
 {each}
-An output is 8 messages in MCAP, compressed with zstd where that is installed. Rerun keeps about 200 000 samples of a
+An output is 9 messages in MCAP, compressed with zstd where that is installed. Rerun keeps about 200 000 samples of a
 run at most, evenly thinned, so that its size is bounded.
 
 ## Memory
