@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
@@ -10,15 +9,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rb_dynamics.errors import MissingExtraError
-from rb_dynamics.report.svg import COLORS, SETTINGS, TEXT, inline, tick
+from rb_dynamics.report.svg import COLORS, TEXT, document_of, inline, tick
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 Numbers = NDArray[np.float64]
 
-BAD, GOOD, ACCENT = COLORS[0], COLORS[1], COLORS[2]
+BAD, ACCENT = COLORS[0], COLORS[2]
 _WIDTH, _ROW = 690.0, 168.0
 _MOST_POINTS = 1500
 _BINS = 60
@@ -113,25 +112,19 @@ def scatters(pairs: Sequence[tuple[str, str, Numbers, Numbers, NDArray[np.bool_]
 
 
 def _draw(panels: Sequence[tuple[str, Callable[[Any], None]]], name: str, columns: int) -> str:
-    try:
-        from matplotlib import style
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise MissingExtraError("matplotlib", "plot", "a figure") from None
     columns = min(columns, len(panels))
     rows = math.ceil(len(panels) / columns)
     height = rows * (_ROW if columns > 1 else 190.0)
-    buffer = io.BytesIO()
-    settings = {**SETTINGS, "svg.hashsalt": "|".join([name, *(title for title, _ in panels)])}
-    with style.context(["default", settings]):
-        figure = Figure(figsize=(_WIDTH / 72.0, height / 72.0), layout="constrained")
+
+    def fill(figure: Figure) -> None:
         for number, (title, plot) in enumerate(panels):
             axes = figure.add_subplot(rows, columns, number + 1)
             plot(axes)
             axes.set_title(title, loc="left", color=TEXT, fontsize=10.5)
             _quiet(axes)
-        figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
-    return inline(buffer.getvalue(), name)
+
+    salt = "|".join([name, *(title for title, _ in panels)])
+    return inline(document_of(fill, (_WIDTH, height), salt, "constrained"), name)
 
 
 def _quiet(axes: Axes) -> None:

@@ -13,6 +13,7 @@ from rb_dynamics.scene import document
 from rb_dynamics.scene.document import Node
 from rb_dynamics.scene.fields import Field, Rule, Section
 from rb_dynamics.scene.model import Scene
+from rb_dynamics.scene.overrides import PART
 from rb_dynamics.scene.problems import Problems
 
 _FORMS = ("normal", "uniform", "log_uniform", "choice")
@@ -20,7 +21,6 @@ _NUMBER = Rule("a finite number")
 _DEVIATION = Rule("a number of 0 or more", lambda v: v >= 0.0, "write a standard deviation")
 _POSITIVE = Rule("a number greater than 0", lambda v: v > 0.0, "write a positive number, or use uniform")
 _COEFFICIENT = Rule("a number between -1 and 1", lambda v: -1.0 < v < 1.0, "write a correlation such as 0.5")
-_PART = re.compile(r"([^.\[\]]+)((?:\[[0-9]{1,6}\])*)")
 
 
 def inputs(field: Field | None, base: Scene, control: Mapping[str, float]) -> tuple[Input, ...]:
@@ -70,7 +70,7 @@ def _values(key: str, tree: Node, control: Mapping[str, float]) -> dict[str, flo
         return found
     node: Node | None = tree
     for part in key.split("."):
-        match = _PART.fullmatch(part)
+        match = PART.fullmatch(part)
         node = node.value.get(match[1]) if match and node and isinstance(node.value, dict) else None
         for index in re.findall(r"\d+", match[2]) if match else ():
             items = node.value if node else None

@@ -12,7 +12,7 @@ from rb_dynamics.scene.document import Node, from_python, join, show
 from rb_dynamics.scene.problems import Problems
 
 # A dotted key, with [n] for an item of a list, as messages write it: wrenches[0].timeout
-_PART = re.compile(r"([^.\[\]]+)((?:\[[0-9]{1,6}\])*)")
+PART = re.compile(r"([^.\[\]]+)((?:\[[0-9]{1,6}\])*)")
 
 
 def apply_overrides(document: Node, overrides: Mapping[str, object], problems: Problems) -> None:
@@ -65,7 +65,7 @@ def _steps(key: str) -> list[str | int]:
     """Return the names and indices that `key` walks along; none where it is not a dotted key."""
     steps: list[str | int] = []
     for part in key.split("."):
-        match = _PART.fullmatch(part)
+        match = PART.fullmatch(part)
         if match is None:
             return []
         steps.append(match[1])
