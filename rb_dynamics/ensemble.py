@@ -324,6 +324,7 @@ def driven_motion(
     torque_body: npt.ArrayLike = 0.0,
     force_world: npt.ArrayLike = 0.0,
     torque_world: npt.ArrayLike = 0.0,
+    last_only: bool = False,
 ) -> Samples:
     """Return the motion of `body` from `state` on under K wrenches, at the K times until which each of them is held.
 
@@ -340,6 +341,7 @@ def driven_motion(
         torque_body: N m, likewise.
         force_world: likewise, world axes.
         torque_world: likewise.
+        last_only: return the last time alone, as a row of its own: the others are not kept.
 
     Raises:
         ValueError: a shape does not fit, times do not grow, or there is no such method or step.
@@ -352,6 +354,12 @@ def driven_motion(
     parts = (force_body, torque_body, force_world, torque_world)
     wrenches = _wrenches(len(times), 1, _particles([body]), *parts)
     constants, start = _constants([body]), np.array([numbers_of(Phase.of(body, state))], dtype=np.float64)
+    if last_only:
+        now = start
+        for schedule in steps.schedules(state.time_ns, times, wrenches):
+            now, before = np.empty_like(start), now
+            steps.mover.move(constants, schedule, before, now, 1)
+        return Samples(body, start, now, times[-1:])
     # The numbers of one time side by side, as they are written.
     trace, now, first = np.empty((len(times), STATE)), start, 0
     for schedule in steps.schedules(state.time_ns, times, wrenches):

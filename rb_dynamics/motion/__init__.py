@@ -9,6 +9,7 @@ from rb_dynamics.motion.cf import CF4
 from rb_dynamics.motion.composition import MIDPOINT4, MIDPOINT6
 from rb_dynamics.motion.dlm import DLM2, DLM4, DLM6
 from rb_dynamics.motion.dop853 import DOP853
+from rb_dynamics.motion.dverk import DVERK
 from rb_dynamics.motion.euler import EULER
 from rb_dynamics.motion.exact import EXACT
 from rb_dynamics.motion.method import Increment, Inertia, Method
@@ -28,7 +29,7 @@ _ALL = (
     *(DLM2, DLM4, DLM6),
     *(MIDPOINT, MIDPOINT4, MIDPOINT6),
     *(RKMK4, RKMK54, CF4),
-    *(RK4, DOP853, RADAU, EULER),
+    *(RK4, DVERK, DOP853, RADAU, EULER),
 )
 
 

@@ -20,6 +20,7 @@ def test_doubling_takes_three_steps_for_a_stride_and_a_pair_one() -> None:
     assert evaluations_in("rk4", 7, by_accuracy=True) == 7 * 3 * 4
     # Dormand and Prince: 12 stages, of which both results are made; rkmk54: 7, the last for the comparison.
     assert evaluations_in("dop853", 7, by_accuracy=True) == 7 * 12
+    assert evaluations_in("dverk", 7, by_accuracy=True) == 7 * 8
     assert evaluations_in("rkmk54", 7, by_accuracy=True) == 7 * 7
 
 
