@@ -78,15 +78,17 @@ def sncndn(u: float, m1: float) -> tuple[float, float, float]:
 
 def rf(x: float, y: float, z: float) -> float:
     """Return Carlson's R_F, at most one argument 0 (Carlson 1995, algorithm 1)."""
-    while True:
-        mean = (x + y + z) / 3.0
-        dx, dy = (mean - x) / mean, (mean - y) / mean
-        dz = -(dx + dy)
-        if not max(abs(dx), abs(dy), abs(dz)) >= _SPREAD:
-            break
+    mean, power = (x + y + z) / 3.0, 1.0
+    # Each turn brings the arguments four times closer to each other.
+    dx, dy = mean - x, mean - y
+    spread = max(abs(dx), abs(dy), abs(mean - z))
+    while power * spread / mean >= _SPREAD:
         rx, ry, rz = math.sqrt(x), math.sqrt(y), math.sqrt(z)
         lam = rx * ry + ry * rz + rz * rx
-        x, y, z = 0.25 * (x + lam), 0.25 * (y + lam), 0.25 * (z + lam)
+        x, y, z, mean = 0.25 * (x + lam), 0.25 * (y + lam), 0.25 * (z + lam), 0.25 * (mean + lam)
+        power *= 0.25
+    dx, dy = power * dx / mean, power * dy / mean
+    dz = -(dx + dy)
     e2, e3 = dx * dy - dz * dz, dx * dy * dz
     return (1.0 - e2 / 10.0 + e3 / 14.0 + e2 * e2 / 24.0 - 3.0 * e2 * e3 / 44.0) / math.sqrt(mean)
 
@@ -94,19 +96,20 @@ def rf(x: float, y: float, z: float) -> float:
 def rj(x: float, y: float, z: float, p: float) -> float:
     """Return Carlson's R_J for p > 0, at most one of x, y, z being 0 (Carlson 1995, algorithm 3)."""
     total, power = 0.0, 1.0
-    while True:
-        mean = (x + y + z + 2.0 * p) / 5.0
-        dx, dy, dz = (mean - x) / mean, (mean - y) / mean, (mean - z) / mean
-        dp = -0.5 * (dx + dy + dz)
-        if not max(abs(dx), abs(dy), abs(dz), abs(dp)) >= _SPREAD:
-            break
+    mean = (x + y + z + 2.0 * p) / 5.0
+    dx, dy, dz = mean - x, mean - y, mean - z
+    spread = max(abs(dx), abs(dy), abs(dz), abs(mean - p))
+    while power * spread / mean >= _SPREAD:
         rx, ry, rz, rp = math.sqrt(x), math.sqrt(y), math.sqrt(z), math.sqrt(p)
         lam = rx * ry + ry * rz + rz * rx
         d = (rp + rx) * (rp + ry) * (rp + rz)
         # e = (p - x)(p - y)(p - z)/d^2 and 1 + e, both without cancellation.
         total += power / d * _rc1((rp - rx) * (rp - ry) * (rp - rz) / d, 2.0 * rp * (p + lam) / d)
-        power *= 0.25
         x, y, z, p = 0.25 * (x + lam), 0.25 * (y + lam), 0.25 * (z + lam), 0.25 * (p + lam)
+        mean = 0.25 * (mean + lam)
+        power *= 0.25
+    dx, dy, dz = power * dx / mean, power * dy / mean, power * dz / mean
+    dp = -0.5 * (dx + dy + dz)
     e2 = dx * dy + dx * dz + dy * dz - 3.0 * dp * dp
     e3 = dx * dy * dz + 2.0 * e2 * dp + 4.0 * dp * dp * dp
     e4 = (2.0 * dx * dy * dz + e2 * dp + 3.0 * dp * dp * dp) * dp

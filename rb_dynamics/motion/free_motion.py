@@ -8,15 +8,20 @@ from typing import TYPE_CHECKING
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import ConvergenceError
-from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion.exact import step
-from rb_dynamics.motion.phase import Phase, inertia_of
+from rb_dynamics.motion.free import free_rotation
+from rb_dynamics.motion.kernel import OnDemand
+from rb_dynamics.motion.phase import Phase, inertia_of, of_origin
 from rb_dynamics.motion.refusal import LARGEST_FREE_TURN
-from rb_dynamics.vector import norm, scale
+from rb_dynamics.rotation import multiply, normalize
+from rb_dynamics.vector import add_scaled, norm, scale
 
 if TYPE_CHECKING:
+    from collections.abc import MutableSequence, Sequence
+
     import numpy as np
     import numpy.typing as npt
+
+    Numbers = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -40,33 +45,72 @@ def free_motion(body: RigidBody, state: State, t: npt.ArrayLike) -> FreeMotion:
     """Return the torque-free motion of `body` that passes through `state`, at times `t` (s, from there, any sign).
 
     Constant work for each time; `t` is a number or an array of any shape. The error of the attitude is below
-    100 eps (1 + |w| t), those of energy and |L| are below 20 eps, see `FreeRotation`.
+    100 eps (1 + |w| t), those of energy and |L| are below 20 eps, see `FreeRotation`; the same to the bit,
+    compiled by numba or not (`kernel.py`).
 
     Raises:
         ConvergenceError: a time is not finite, or so long that the turn has no correct digit left.
     """
     import numpy as np
 
-    times = np.asarray(t, dtype=np.float64)
-    rate = norm(state.angular_velocity_body)
-    if times.size and not (np.isfinite(times).all() and float(np.abs(times).max()) * rate < LARGEST_FREE_TURN):
+    times = np.array(t, dtype=np.float64)
+    rate, longest = norm(state.angular_velocity_body), float(np.abs(times).max(initial=0.0))
+    if not longest * rate < LARGEST_FREE_TURN:
         raise ConvergenceError(
-            f"t reaches {np.abs(times).max():g} s at {rate:g} rad/s, expected finite times and less than "
+            f"t reaches {longest:g} s at {rate:g} rad/s, expected finite times and less than "
             f"{LARGEST_FREE_TURN:g} rad of turn; beyond that no digit of the attitude is known"
         )
-    inertia, start = inertia_of(body), Phase.of(body, state)
-    velocity = scale(1.0 / body.mass, start.linear_momentum_world)
-    rows = []
-    for time in times.ravel().tolist():
-        increment = step(inertia, HeldWrench(), time, velocity, start.orientation, start.angular_velocity)
-        moved = start.after(increment, time).state(body, state.time_ns)
-        rows.append(
-            (
-                *moved.position_world,
-                *moved.orientation_xyzw,
-                *moved.linear_velocity_world,
-                *moved.angular_velocity_body,
-            )
-        )
-    table = np.array(rows, dtype=np.float64).reshape(*times.shape, 13)
+    start = Phase.of(body, state)
+    numbers = (
+        *inertia_of(body).moments,
+        *start.angular_velocity,
+        *start.orientation,
+        *start.center_of_mass_world,
+        *scale(1.0 / body.mass, start.linear_momentum_world),
+        *body.center_of_mass,
+        *body.principal_orientation_xyzw,
+    )
+    table = _table(numbers, times.ravel()).reshape(*times.shape, _ROW)
     return FreeMotion(table[..., :3], table[..., 3:7], table[..., 7:10], table[..., 10:])
+
+
+def _table(numbers: tuple[float, ...], times: Numbers) -> Numbers:
+    import numpy as np
+
+    compiled = _KERNEL.get(times.size, times.size)
+    if compiled is not None:
+        table = np.empty(_ROW * times.size)
+        compiled(np.array(numbers), times, table)
+        if np.isfinite(table).all():
+            return table
+    # What has no answer is said here.
+    rows = [0.0] * (_ROW * times.size)
+    _free_states(numbers, times.tolist(), rows)
+    return np.array(rows)
+
+
+_ROW = 13
+
+
+def _free_states(numbers: Sequence[float], times: Sequence[float], rows: MutableSequence[float]) -> None:
+    """Write position, attitude, velocity and angular velocity, of body origin and axes, at each of `times`.
+
+    `numbers` are the principal moments; at the start, the angular velocity in principal axes, their attitude, position
+    and velocity of the centre of mass; then where this is and how the principal axes stand, in the body.
+    """
+    c = numbers
+    moments, spin, start = (c[0], c[1], c[2]), (c[3], c[4], c[5]), (c[6], c[7], c[8], c[9])
+    position, velocity = (c[10], c[11], c[12]), (c[13], c[14], c[15])
+    center_of_mass, axes = (c[16], c[17], c[18]), (c[19], c[20], c[21], c[22])
+    for i in range(len(times)):
+        turn, omega = free_rotation(moments, spin, times[i])
+        at, orientation = add_scaled(position, times[i], velocity), normalize(multiply(start, turn))
+        x, q, v, w = of_origin(center_of_mass, axes, at, orientation, velocity, omega)
+        k = _ROW * i
+        rows[k], rows[k + 1], rows[k + 2] = x
+        rows[k + 3], rows[k + 4], rows[k + 5], rows[k + 6] = q
+        rows[k + 7], rows[k + 8], rows[k + 9] = v
+        rows[k + 10], rows[k + 11], rows[k + 12] = w
+
+
+_KERNEL = OnDemand("exact", _free_states, "void(float64[::1], float64[::1], float64[::1])")

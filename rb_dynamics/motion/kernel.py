@@ -51,7 +51,7 @@ _PLAIN_PRICE = {
     for price, names in (
         (0.4, "euler"),
         (2.0, "rkmk4 cf4"),
-        (3.0, "dverk rkmk54 dlm4 dmv82 strang2"),
+        (3.0, "dverk rkmk54 dlm4 dmv82 strang2 exact"),
         (4.5, "taylor dop853 dlm6 dmv864 dmv104 midpoint4"),
         (8.5, "midpoint6"),
         (14.0, "strang4 aba82 aba84"),

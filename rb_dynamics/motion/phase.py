@@ -101,17 +101,37 @@ class Phase(NamedTuple):
 
     def state(self, body: RigidBody, time_ns: int) -> State:
         """Return the state of `body` in this phase: body origin and body axes again."""
-        axes = body.principal_orientation_xyzw
-        orientation = multiply(self.orientation, conjugate(axes))
-        omega = rotate(axes, self.angular_velocity)
         velocity = scale(1.0 / body.mass, self.linear_momentum_world)
-        return State(
-            time_ns,
-            subtract(self.center_of_mass_world, rotate(orientation, body.center_of_mass)),
-            orientation,
-            subtract(velocity, rotate(orientation, cross(omega, body.center_of_mass))),
-            omega,
-        )
+        at, q, w = self.center_of_mass_world, self.orientation, self.angular_velocity
+        return State(time_ns, *of_origin(body.center_of_mass, body.principal_orientation_xyzw, at, q, velocity, w))
+
+
+def of_origin(
+    center_of_mass: Vector,
+    axes: Quaternion,
+    position: Vector,
+    orientation: Quaternion,
+    velocity: Vector,
+    angular_velocity: Vector,
+) -> tuple[Vector, Quaternion, Vector, Vector]:
+    """Return position, attitude, velocity and angular velocity of body origin and body axes.
+
+    Args:
+        center_of_mass: from the body origin, body axes, m.
+        axes: principal to body axes.
+        position: of the centre of mass, world axes, m.
+        orientation: principal to world axes.
+        velocity: of the centre of mass, world axes, m/s.
+        angular_velocity: principal axes, rad/s.
+    """
+    orientation = multiply(orientation, conjugate(axes))
+    omega = rotate(axes, angular_velocity)
+    return (
+        subtract(position, rotate(orientation, center_of_mass)),
+        orientation,
+        subtract(velocity, rotate(orientation, cross(omega, center_of_mass))),
+        omega,
+    )
 
 
 def total(phase: Phase, first: int) -> Vector:

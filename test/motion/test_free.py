@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import random
+from dataclasses import fields
 from pathlib import Path
 
 import mpmath as mp
@@ -12,9 +13,11 @@ import numpy as np
 import pytest
 from free_reference import angle, free_rotation
 
-from rb_dynamics import ConvergenceError, RigidBody, State, free_motion
+from rb_dynamics import ConvergenceError, RigidBody, State, compiled, free_motion
 from rb_dynamics.elliptic import complete_k, rf, rj, sncndn
 from rb_dynamics.motion.free import FreeRotation
+from rb_dynamics.motion.free_motion import FreeMotion
+from rb_dynamics.rotation import normalize
 
 EPS = 2.0**-52
 NEXT = math.nextafter(1.0, 2.0)
@@ -130,6 +133,40 @@ def test_a_time_without_an_answer_is_refused(t: float) -> None:
     body = RigidBody.from_diagonal(1.0, (1.0, 2.0, 3.0))
     with pytest.raises(ConvergenceError, match="finite times"):
         free_motion(body, State(angular_velocity_body=(0.1, 2.0, 0.1)), t)
+
+
+@pytest.mark.skipif(not compiled.available(), reason="nothing to compare with: numba is not installed")
+def test_compiled_has_the_bits_of_plain_python(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    # Apart from the user's cache.
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    compiled.cache_folder.cache_clear()
+    found: dict[str, list[object]] = {}
+    for when in ("never", "always"):
+        monkeypatch.setenv("RB_DYNAMICS_COMPILE", when)
+        found[when] = [end(body, spin, seed) for seed in range(8) for body in BODIES for spin in SPINS]
+    compiled.cache_folder.cache_clear()
+
+    assert found["always"] == found["never"]
+    assert sum(isinstance(one, str) for one in found["never"]) > 500
+    assert any(isinstance(one, tuple) for one in found["never"])
+
+
+def end(body_kind: str, spin_kind: str, seed: int) -> object:
+    """Return where some free motions lead, bit for bit, or why they do not."""
+    r = random.Random(f"{body_kind} {spin_kind} {seed}")
+    moments = BODIES[body_kind](r)
+    r.shuffle(moments)
+    turn = normalize((r.gauss(0.0, 1.0), r.gauss(0.0, 1.0), r.gauss(0.0, 1.0), r.gauss(0.0, 1.0)))
+    arm, position, velocity = ((r.gauss(0.0, 1.0), r.gauss(0.0, 1.0), r.gauss(0.0, 1.0)) for _ in range(3))
+    spin = SPINS[spin_kind](r, moments)
+    body = RigidBody.from_matrix(10.0 ** r.uniform(-3.0, 3.0), np.diag(moments).tolist(), arm)
+    times = [10.0 ** r.uniform(-3.0, 9.5) * r.choice((-1.0, 1.0)) for _ in range(4)]
+    try:
+        motion = free_motion(body, State(0, position, turn, velocity, (spin[0], spin[1], spin[2])), times)
+    except ConvergenceError as error:
+        return str(error), times
+    # By repr, which shows the sign of a zero too.
+    return repr([getattr(motion, field.name).tolist() for field in fields(FreeMotion)])
 
 
 def test_elliptic_functions_and_integrals() -> None:
