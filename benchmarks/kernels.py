@@ -2,7 +2,8 @@
 
 Usage: python benchmarks/kernels.py [name ...]
 
-A forced body, through `Arc`, as in a run; best of some repeats. Apart from that, what is paid once: the import of
+A forced body, through `Arc`, as in a run, by equal steps of 1 ms and by strides as long as `ACCURACY` allows (a stride
+is up to three steps, and what chooses it); best of some repeats. Apart from that, what is paid once: the import of
 numba, the first compilation ever (into an empty folder), and loading the result in a process that finds it there. Times
 are of this machine.
 """
@@ -14,64 +15,89 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
+from itertools import pairwise
 
 from rb_dynamics.compiled import available
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Inertia, Method
 from rb_dynamics.motion.arc import Arc
 from rb_dynamics.motion.phase import Phase
-from rb_dynamics.motion.step_control import NANOSECONDS, FixedStep
+from rb_dynamics.motion.step_control import NANOSECONDS, AccuracyControl, FixedStep, OwnControl, StepControl
 from rb_dynamics.rotation import normalize
 
 INERTIA = Inertia(3.7, (1.6, 2.1, 2.9))
-HELD = HeldWrench((0.9, -0.4, 0.6), (0.3, -0.2, 0.25), (0.1, 0.2, -0.3), (0.2, 0.35, -0.3))
+# So weak that the spin stays what it is: the cost of a step may depend on it.
+HELD = HeldWrench((0.009, -0.004, 0.006), (0.003, -0.002, 0.0025), (0.001, 0.002, -0.003), (0.002, 0.0035, -0.003))
 START = Phase(normalize((0.5, -0.1, 0.7, 0.5)), (0.7, -1.1, 0.9), (0.0,) * 14, (0.0,) * 14)
 STEP = 0.001
+# For a horizon of 1 s; where the order is lower, what its steps can reach.
+ACCURACY, COARSER = 1e-7, {1: 1e-3, 2: 1e-5}
+DURATION = {"never": 1, "always": 100}
 REPEATS = 5
 
 
-def seconds(method: Method, steps: int, when: str) -> float:
-    """Return the time that `steps` steps take."""
+def by_accuracy(method: Method) -> StepControl:
+    """Return what chooses the strides of a run without end, as `scene/compile.py` does."""
+    if method.longest_step is not None:
+        return OwnControl(ACCURACY, 1.0, ends=False)
+    order = method.order or 0
+    accuracy, pair = COARSER.get(order, ACCURACY), method.pair is not None
+    return AccuracyControl(accuracy, 1.0, order, INERTIA, embedded=pair, ends=False)
+
+
+CONTROLS = (lambda _: FixedStep(STEP), by_accuracy)
+
+
+def per_stride(method: Method, control: Callable[[Method], StepControl], when: str) -> float:
+    """Return the time (s) of a stride."""
     os.environ["RB_DYNAMICS_COMPILE"] = when
-    arc = Arc(method, INERTIA, HELD, FixedStep(STEP), 0, START)
+    arc, end_ns = Arc(method, INERTIA, HELD, control(method), 0, START), DURATION[when] * NANOSECONDS
     begin = time.perf_counter()
-    arc.advance(round(steps * STEP * NANOSECONDS))
-    return time.perf_counter() - begin
+    arc.advance(end_ns)
+    return (time.perf_counter() - begin) / arc.steps_to(end_ns)
 
 
 def first(name: str) -> None:
-    """Print how long the import of numba takes here, and the first step after it."""
-    begin = time.perf_counter()
+    """Print how long the import of numba takes here, and what comes before the first stride of each kind."""
+    times = [time.perf_counter()]
     import numba  # noqa: F401
 
-    imported = time.perf_counter() - begin
-    print(imported, seconds(METHODS[name], 1, "always"))
+    times.append(time.perf_counter())
+    os.environ["RB_DYNAMICS_COMPILE"] = "always"
+    method = METHODS[name]
+    for control in CONTROLS:
+        Arc(method, INERTIA, HELD, control(method), 0, START).advance(NANOSECONDS // 100)
+        times.append(time.perf_counter())
+    print(*(end - begin for begin, end in pairwise(times)))
 
 
-def first_in_new_process(name: str, cache: str) -> tuple[float, float]:
+def first_in_new_process(name: str, cache: str) -> list[float]:
     environment = os.environ | {"XDG_CACHE_HOME": cache, "NUMBA_DISABLE_INTEL_SVML": "1"}
     command = [sys.executable, __file__, "--first", name]
     found = subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout.split()
-    return float(found[0]), float(found[1])
+    return [float(text) for text in found]
 
 
 def main(names: list[str]) -> None:
     if not available():
         sys.exit("numba is not installed: pip install 'rb_dynamics[fast]'")
-    print(f"{'':10} {'us per step':^17} {'':7} {'s, once':^24}")
-    print(f"{'method':10} {'plain':>8} {'compiled':>8} {'ratio':>7} {'import':>8} {'compile':>8} {'load':>6}")
+    print(f"{'':10} {'us, a step of 1 ms':^25} {'us, a stride by accuracy':^25} {'s, once: import, then':^33}")
+    kind = f" {'plain':>8} {'compiled':>8} {'ratio':>7}"
+    print(f"{'method':10}{kind}{kind} {'numba':>6} {'compile':>7} {'load':>4}  {'compile':>7} {'load':>4}")
     for method in METHODS.values():
         if method.compiles and (not names or method.name in names):
             with tempfile.TemporaryDirectory() as cache:
-                imported, compiled = first_in_new_process(method.name, cache)
-                again, loaded = first_in_new_process(method.name, cache)
-            plain = min(seconds(method, 1000, "never") for _ in range(REPEATS)) / 1000
-            seconds(method, 1, "always")
-            fast = min(seconds(method, 100_000, "always") for _ in range(REPEATS)) / 100_000
-            print(
-                f"{method.name:10} {plain * 1e6:8.1f} {fast * 1e6:8.3f} {plain / fast:7.0f} "
-                f"{min(imported, again):8.2f} {compiled:8.2f} {loaded:6.2f}"
-            )
+                imported, *compiled = first_in_new_process(method.name, cache)
+                again, *loaded = first_in_new_process(method.name, cache)
+            line = f"{method.name:10}"
+            for control in CONTROLS:
+                plain = min(per_stride(method, control, "never") for _ in range(REPEATS))
+                per_stride(method, control, "always")
+                fast = min(per_stride(method, control, "always") for _ in range(REPEATS))
+                line += f" {plain * 1e6:8.1f} {fast * 1e6:8.3f} {plain / fast:7.0f}"
+            line += f" {min(imported, again):6.2f}"
+            print(line + " ".join(f" {a:7.2f} {b:4.2f}" for a, b in zip(compiled, loaded, strict=True)), flush=True)
 
 
 if __name__ == "__main__":
