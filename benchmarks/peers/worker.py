@@ -77,8 +77,9 @@ class Worker:
         return self._ask("kernels", problem, h, n)
 
     def close(self) -> None:
-        """End the process."""
+        """End the process: by itself, so that what it holds is given back, or else by force."""
         self._connection.close()
+        self._process.join(2.0)
         self._process.terminate()
         self._process.join()
 
