@@ -157,7 +157,8 @@ def _advance(
     return require_finite(name, h, end)
 
 
-def _method(name: str, order: int, table: Table, source: str) -> Method:
+def method(name: str, order: int, table: Table, source: str) -> Method:
+    """Return the method of a table, from `source`."""
     rows = (*map(weights, table.stages), weights(table.end))
 
     def step(
@@ -181,6 +182,6 @@ def _method(name: str, order: int, table: Table, source: str) -> Method:
     return Method(name, order, frozenset({"angular_momentum", "unit_quaternion"}), step, takes=Takes.ANY, compiles=True)
 
 
-CF4 = _method(
+CF4 = method(
     "cf4", 4, CF4_TABLE, "Celledoni, Marthinsen & Owren, Future Gener. Comput. Syst. 19 (2003) 341; cf. HLW IV.8"
 )

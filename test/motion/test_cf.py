@@ -35,7 +35,7 @@ def test_order_drops_without(part: str) -> None:
         "last stage in one exponential": table._replace(stages=(*table.stages[:2], (cf.weights(table.stages[2]),))),
     }[part]
 
-    assert measured_orders(forced(), cf._method("wrong", 4, wrong, ""))["attitude"] <= 3.3
+    assert measured_orders(forced(), cf.method("wrong", 4, wrong, ""))["attitude"] <= 3.3
 
 
 def test_momentum_balances_close_to_round_off() -> None:

@@ -1,0 +1,32 @@
+"""The comparison of methods: those that are left out of the package still step, and are of their order."""
+
+from __future__ import annotations
+
+import math
+import sys
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from rb_dynamics.motion import METHODS
+from rb_dynamics.rotation import angle_between
+
+
+@pytest.fixture(scope="module")
+def methods(root: Path) -> ModuleType:
+    sys.path.insert(0, str(root / "benchmarks"))
+    try:
+        return import_module("methods")
+    finally:
+        sys.path.remove(str(root / "benchmarks"))
+
+
+def test_what_is_left_out_is_of_its_order(methods: ModuleType) -> None:
+    driven = methods.WORKLOADS[1]
+    expected = methods.run(METHODS["taylor"], driven, 400)
+
+    for method in methods.LEFT_OUT:
+        coarse, fine = (angle_between(methods.run(method, driven, n), expected) for n in (50, 100))
+        assert math.log2(coarse / fine) == pytest.approx(method.order, abs=0.4), method.name
