@@ -194,9 +194,14 @@ def test_long_stretches_and_schedules_come_in_pieces(monkeypatch: pytest.MonkeyP
         many.advance(0.02)
         return [*rows(many.samples()), *rows(driven(BODY, STATE, times, method="rk4", step=0.001, **held))]
 
+    def last() -> list[str]:
+        return rows(driven(BODY, STATE, times, method="rk4", step=0.001, last_only=True, **held))
+
     whole = ends()
+    assert last() == whole[-1:]
     monkeypatch.setattr("rb_dynamics.ensemble.LONGEST_STRETCH", 7)
     assert ends() == whole
+    assert last() == whole[-1:]
 
 
 def test_lengths_beyond_53_bits_are_exact() -> None:
@@ -224,9 +229,11 @@ def test_a_step_that_cannot_be_solved_names_the_body_and_changes_nothing() -> No
 
 
 @pytest.mark.usefixtures("_compile")
-def test_a_schedule_that_cannot_be_solved_says_why() -> None:
-    with pytest.raises(ConvergenceError, match=r"rk4: after a step of 0.01 s"):
-        driven(OTHER, STATE, [10**9, 2 * 10**9], method="rk4", step=0.01, torque_body=[[0, 0, 0], [1e9, 1e8, 1e7]])
+@pytest.mark.parametrize("last_only", [False, True])
+def test_a_schedule_that_cannot_be_solved_says_why(last_only: bool) -> None:
+    torques = [[0, 0, 0], [1e9, 1e8, 1e7]]
+    with pytest.raises(ConvergenceError, match=r"^rk4: after a step of 0.01 s"):
+        driven(OTHER, STATE, [10**9, 2 * 10**9], method="rk4", step=0.01, torque_body=torques, last_only=last_only)
 
 
 def test_exact_takes_what_has_a_closed_form_alone() -> None:

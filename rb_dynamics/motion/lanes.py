@@ -233,7 +233,7 @@ class Mover:
             threads: at most so many; the bits do not depend on it.
 
         Raises:
-            ConvergenceError: a step of a body cannot be solved; names the first such body.
+            ConvergenceError: a step of a body cannot be solved; names the first such body of several.
         """
         import numpy as np
 
@@ -263,7 +263,7 @@ class Mover:
                 for numbers in self._in_plain_python(constants, schedule, state[i].tolist(), i):
                     after[i] = numbers
             except ConvergenceError as error:
-                raise ConvergenceError(f"body {i}: {error}") from error
+                raise ConvergenceError(f"body {i}: {error}" if bodies > 1 else str(error)) from error
 
     def trace(self, constants: Numbers, schedule: Schedule, state: Numbers, trace: Numbers) -> None:
         """Write the state of one body after each interval of `schedule` to the rows of `trace`; see `move`."""
