@@ -55,14 +55,14 @@ out/demo.rrd: | $(VENV)/installed-demo
 	$(BIN)/rb-dynamics demo
 
 test: $(VENV)/installed-test
-	$(BIN)/python -m pytest -m 'not slow' $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -n 2 --dist loadgroup -m 'not slow' $(PYTEST_ARGS)
 
 test-slow: $(VENV)/installed-test
 	$(BIN)/python -m pytest -m slow $(PYTEST_ARGS)
 
 # The property tests with new examples each time, ten times as many: what it finds becomes a test of its own.
 search: $(VENV)/installed-test
-	$(BIN)/python -m pytest -m 'not slow' --hypothesis-profile search $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -n 2 --dist loadgroup -m 'not slow' --hypothesis-profile search $(PYTEST_ARGS)
 
 lint: $(VENV)/installed-test
 	$(BIN)/ruff check .

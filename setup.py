@@ -37,6 +37,7 @@ EXTRAS = {
         "mpmath>=1.3",
         "pytest>=8",
         "pytest-timeout>=2.3",
+        "pytest-xdist>=3.5",
         "rosbags>=0.10",
         "setuptools>=70.1",
         "trimesh>=4",
