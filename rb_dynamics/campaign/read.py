@@ -19,7 +19,7 @@ from rb_dynamics.campaign.bodies import CHANNEL, step_ns
 from rb_dynamics.campaign.metrics import QUANTITIES, REDUCTIONS, Judge
 from rb_dynamics.campaign.model import SAMPLINGS, Campaign, Control, Metric, Requirement
 from rb_dynamics.campaign.named import named
-from rb_dynamics.campaign.read_dispersions import correlations, inputs
+from rb_dynamics.campaign.read_dispersions import NOT_NEGATIVE, NUMBER, POSITIVE, correlations, inputs
 from rb_dynamics.errors import SceneError
 from rb_dynamics.motion.step_control import NANOSECONDS
 from rb_dynamics.rotation import IDENTITY
@@ -50,9 +50,6 @@ _RATE = Rule(
     "write how many times per second, such as 10",
 )
 _DELAY = Rule(f"a number from 0 to {LONGEST:.1e} (s)", lambda v: 0.0 <= v <= LONGEST, "write a time of 0 or more")
-_POSITIVE = Rule("a number greater than 0", lambda v: v > 0.0, "write a size, or remove the key")
-_NOT_NEGATIVE = Rule("a number of 0 or more", lambda v: v >= 0.0, "write a size without a sign")
-_NUMBER = Rule("a finite number")
 
 _MOST_SOBOL = 2**30
 
@@ -181,10 +178,10 @@ def _control(field: Field | None) -> Control | None:
     saturation = section.get("saturation")
     numbers = {
         "control.delay": section.number("delay", _DELAY, 0.0),
-        "control.saturation": math.inf if saturation is None else saturation.number(_POSITIVE, 1.0),
-        **{f"control.bias[{i}]": value for i, value in enumerate(section.vector("bias", _NUMBER))},
-        "control.noise.attitude": noise.number("attitude", _NOT_NEGATIVE, 0.0),
-        "control.noise.rate": noise.number("rate", _NOT_NEGATIVE, 0.0),
+        "control.saturation": math.inf if saturation is None else saturation.number(POSITIVE, 1.0),
+        **{f"control.bias[{i}]": value for i, value in enumerate(section.vector("bias", NUMBER))},
+        "control.noise.attitude": noise.number("attitude", NOT_NEGATIVE, 0.0),
+        "control.noise.rate": noise.number("rate", NOT_NEGATIVE, 0.0),
     }
     given = section.get("parameters")
     parameters = given.mapping("parameters of the law") if given else {}
@@ -209,10 +206,10 @@ def _parameter(field: Field, key: str) -> dict[str, float]:
     value = field.node.value
     if isinstance(value, list):
         items = field.items("a list", "write numbers")
-        return {f"{key}[{i}]": item.number(_NUMBER, 0.0) for i, item in enumerate(items)}
+        return {f"{key}[{i}]": item.number(NUMBER, 0.0) for i, item in enumerate(items)}
     if isinstance(value, dict):
         return {f"{key}[{i}]": part for i, part in enumerate(field.quaternion())}
-    return {key: field.number(_NUMBER, 0.0)}
+    return {key: field.number(NUMBER, 0.0)}
 
 
 def _check_parameters(section: Section, law: str, parameters: Mapping[str, Field]) -> None:
@@ -271,7 +268,7 @@ def _metrics(root: Section, control: Control | None, taken: Container[str]) -> t
             entry.reject("a name that no other column has", "rename the metric", f"the name {name}")
         quantity = section.get(given[0])
         aim, stays = section.get("target"), section.get("stays")
-        below, above = section.number("below", _NUMBER, math.inf), section.number("above", _NUMBER, -math.inf)
+        below, above = section.number("below", NUMBER, math.inf), section.number("above", NUMBER, -math.inf)
         if given[0] == "time_to" and not ({"below", "above"} & section.values.keys()):
             entry.reject("a threshold for time_to", "add below: or above:", "no threshold")
         found.append(
@@ -299,6 +296,6 @@ def _requirements(field: Field | None, metrics: Sequence[Metric]) -> tuple[Requi
         limits = section.section(name, ("below", "above"))
         if not limits.values:
             limits.field.reject("below or above", "write for example {below: 0.01}")
-        low, high = limits.number("above", _NUMBER, -math.inf), limits.number("below", _NUMBER, math.inf)
+        low, high = limits.number("above", NUMBER, -math.inf), limits.number("below", NUMBER, math.inf)
         found.append(Requirement(name, high, low))
     return tuple(found)

@@ -17,9 +17,9 @@ from rb_dynamics.scene.overrides import PART
 from rb_dynamics.scene.problems import Problems
 
 _FORMS = ("normal", "uniform", "log_uniform", "choice")
-_NUMBER = Rule("a finite number")
-_DEVIATION = Rule("a number of 0 or more", lambda v: v >= 0.0, "write a standard deviation")
-_POSITIVE = Rule("a number greater than 0", lambda v: v > 0.0, "write a positive number, or use uniform")
+NUMBER = Rule("a finite number")
+NOT_NEGATIVE = Rule("a number of 0 or more", lambda v: v >= 0.0, "write a size without a sign")
+POSITIVE = Rule("a number greater than 0", lambda v: v > 0.0, "write a size, neither 0 nor with a sign")
 _COEFFICIENT = Rule("a number between -1 and 1", lambda v: -1.0 < v < 1.0, "write a correlation such as 0.5")
 
 
@@ -48,7 +48,7 @@ def _inertia(entry: Field, base: Scene) -> list[Input]:
         entry.reject("a body that turns", "add body.inertia to the scene", "the inertia of a particle")
     if not section.values:
         entry.reject("second_moments or axes", "write for example {second_moments: 0.05, axes: 0.02}")
-    spread, turn = section.number("second_moments", _DEVIATION, 0.0), section.number("axes", _DEVIATION, 0.0)
+    spread, turn = section.number("second_moments", NOT_NEGATIVE, 0.0), section.number("axes", NOT_NEGATIVE, 0.0)
     factors = [Input(name, LogNormal(spread), INERTIA) for name in FACTORS]
     return factors + [Input(name, Normal(0.0, turn), INERTIA) for name in AXES]
 
@@ -59,7 +59,7 @@ def _orientation(entry: Field) -> list[Input]:
     if not isinstance(entry.node.value, dict):
         entry.reject("any, or {turn: deviation in rad}", "write any for attitudes all alike")
         return []
-    turn = entry.section(("turn",)).number("turn", _DEVIATION, 0.0, required=True)
+    turn = entry.section(("turn",)).number("turn", NOT_NEGATIVE, 0.0, required=True)
     return [Input(name, Normal(0.0, turn), ORIENTATION) for name in TURNS]
 
 
@@ -102,11 +102,11 @@ def _numbers(key: str, entry: Field, values: Mapping[str, float]) -> list[Input]
 
 def _normal(field: Field, value: float) -> Distribution:
     section = field.section(("mean", "deviation", "relative", "low", "high"))
-    mean = section.number("mean", _NUMBER, value)
+    mean = section.number("mean", NUMBER, value)
     if ("deviation" in section.values) == ("relative" in section.values) and isinstance(field.node.value, dict):
         field.reject("exactly one of deviation and relative", "write deviation, or relative as a fraction of the mean")
-    deviation = section.number("deviation", _DEVIATION, 0.0)
-    relative = section.number("relative", _DEVIATION, 0.0)
+    deviation = section.number("deviation", NOT_NEGATIVE, 0.0)
+    relative = section.number("relative", NOT_NEGATIVE, 0.0)
     low, high = _edges(section, -math.inf, math.inf)
     return Normal(mean, deviation or relative * abs(mean), low, high)
 
@@ -116,7 +116,7 @@ def _uniform(field: Field, value: float) -> Distribution:
     if "half_width" in section.values:
         if len(section.values) > 1:
             field.reject("half_width alone, or low and high", "remove half_width")
-        width = section.number("half_width", _DEVIATION, 0.0)
+        width = section.number("half_width", NOT_NEGATIVE, 0.0)
         return Uniform(value - width, value + width)
     _both(section)
     return Uniform(*_edges(section, 0.0, 1.0))
@@ -125,7 +125,7 @@ def _uniform(field: Field, value: float) -> Distribution:
 def _log_uniform(field: Field, value: float) -> Distribution:  # noqa: ARG001
     section = field.section(("low", "high"))
     _both(section)
-    return LogUniform(*_edges(section, 1.0, 10.0, _POSITIVE))
+    return LogUniform(*_edges(section, 1.0, 10.0, POSITIVE))
 
 
 def _choice(field: Field, value: float) -> Distribution:  # noqa: ARG001
@@ -134,10 +134,10 @@ def _choice(field: Field, value: float) -> Distribution:  # noqa: ARG001
     if listed is None:
         section.missing("values", "a list of numbers", "add values: [1, 2]")
         return Uniform(0.0, 1.0)
-    values = [item.number(_NUMBER, 0.0) for item in listed.items("a list of numbers", "write [1, 2]")]
+    values = [item.number(NUMBER, 0.0) for item in listed.items("a list of numbers", "write [1, 2]")]
     weights = [1.0] * len(values)
     if weighed is not None:
-        weights = [item.number(_DEVIATION, 0.0) for item in weighed.items("a list of numbers", "write [1, 2]")]
+        weights = [item.number(NOT_NEGATIVE, 0.0) for item in weighed.items("a list of numbers", "write [1, 2]")]
     if not values or len(weights) != len(values) or not sum(weights) > 0.0:
         field.reject("at least one value, and as many weights, of which one is greater than 0", "correct the lists")
         return Uniform(0.0, 1.0)
@@ -159,7 +159,7 @@ def _both(section: Section) -> None:
             section.missing(name, "a number", f"add {name}:")
 
 
-def _edges(section: Section, low: float, high: float, rule: Rule = _NUMBER) -> tuple[float, float]:
+def _edges(section: Section, low: float, high: float, rule: Rule = NUMBER) -> tuple[float, float]:
     low, high = section.number("low", rule, low), section.number("high", rule, max(high, low))
     if not low < high and not section.field.problems:
         section.field.reject("low less than high", "exchange them")

@@ -9,36 +9,38 @@ Exit code 1: the run that was flown again differs from its row.
 from __future__ import annotations
 
 import argparse
-import contextlib
 import sys
-from collections.abc import Iterator
 from typing import TYPE_CHECKING
+
+from rb_dynamics.cli.numbers import whole
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from rb_dynamics.campaign.engine import Progress
     from rb_dynamics.campaign.flight import Columns
     from rb_dynamics.campaign.model import Campaign
 
 HELP = "fly a scene many times with dispersed numbers"
 
+_COUNT = whole("a whole number of 0 or more", lambda value: value >= 0)
+_POSITIVE = whole("a whole number of 1 or more", lambda value: value >= 1)
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `campaign`."""
     parser.add_argument("campaign", metavar="CAMPAIGN", help="campaign file (YAML)")
-    parser.add_argument("--runs", type=int, metavar="N", help="number of runs, instead of the campaign's")
-    parser.add_argument("--seed", type=int, metavar="N", help="seed, instead of the campaign's")
+    parser.add_argument("--runs", type=_POSITIVE, metavar="N", help="number of runs, instead of the campaign's")
+    parser.add_argument("--seed", type=_COUNT, metavar="N", help="seed, instead of the campaign's")
     parser.add_argument("--out", metavar="F", help="Parquet file for the rows; default: out/<name>.parquet")
     parser.add_argument("--html", metavar="F", help="page of the results; default: beside the rows (extra: plot)")
     parser.add_argument("--overwrite", action="store_true", help="begin anew, whatever is there")
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--scheduler", metavar="ADDRESS", help="dask scheduler of a cluster, such as tcp://host:8786")
     where.add_argument(
-        "--workers", type=_count, metavar="N", help="processes here; default: one a core; 0: threads of this process"
+        "--workers", type=_COUNT, metavar="N", help="processes here; default: one a core; 0: threads of this process"
     )
-    parser.add_argument("--block", type=_positive, metavar="N", help="runs in a block; default: chosen")
-    parser.add_argument("--rerun", type=_count, metavar="RUN", help="fly this run alone, with a full log")
+    parser.add_argument("--block", type=_POSITIVE, metavar="N", help="runs in a block; default: chosen")
+    parser.add_argument("--rerun", type=_COUNT, metavar="RUN", help="fly this run alone, with a full log")
     parser.add_argument("--mcap", metavar="F", help="log of --rerun; default: out/<name>-RUN.mcap")
     parser.add_argument("--json", action="store_true", help="print the summary as one JSON object, floats in full")
 
@@ -61,6 +63,7 @@ def _run_all(args: argparse.Namespace, campaign: Campaign, out: Path) -> int:
     from rb_dynamics.campaign.engine import flies_side_by_side, run_campaign
     from rb_dynamics.campaign.store import Store, read_rows
     from rb_dynamics.campaign.summary import as_text, summarise
+    from rb_dynamics.cli.output import counting
 
     store = Store(out, campaign, args.overwrite)
     if store.done:
@@ -71,7 +74,7 @@ def _run_all(args: argparse.Namespace, campaign: Campaign, out: Path) -> int:
             "effects, and solver.step (see docs/campaigns.md)",
             file=sys.stderr,
         )
-    with _progress(args.campaign, store.done, campaign.runs) as progress:
+    with counting(args.campaign, "run", store.done, campaign.runs) as progress:
         run_campaign(
             campaign, store, workers=args.workers, scheduler=args.scheduler, block=args.block, progress=progress
         )
@@ -124,36 +127,3 @@ def _run_again(args: argparse.Namespace, campaign: Campaign, out: Path) -> int:
     if found.row is None:
         print(f"note: no row of run {args.rerun} in {out} to compare with", file=sys.stderr)
     return 1 if found.differs else 0
-
-
-@contextlib.contextmanager
-def _progress(what: str, done: int, total: int) -> Iterator[Progress | None]:
-    """Yield what shows runs done, runs a second and the time left on a terminal; None in a pipe or without tqdm."""
-    if not sys.stderr.isatty():
-        yield None
-        return
-    try:
-        from tqdm import tqdm
-    except ImportError:
-        yield None
-        return
-    with tqdm(desc=what, unit="run", initial=done, total=total, leave=False, smoothing=0.1) as bar:
-
-        def show(runs: int, _: int) -> None:
-            bar.update(runs - bar.n)
-
-        yield show
-
-
-def _count(text: str) -> int:
-    value = int(text)
-    if value < 0:
-        raise argparse.ArgumentTypeError(f"found {text!r}, expected a whole number of 0 or more")
-    return value
-
-
-def _positive(text: str) -> int:
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"found {text!r}, expected a whole number of 1 or more")
-    return value

@@ -77,6 +77,22 @@ def warn_rejected(run: Run, commands: int) -> None:
 @contextlib.contextmanager
 def progress(what: str) -> Iterator[Callable[[float], None] | None]:
     """Yield a function that shows the fraction done as a bar on a terminal; None in a pipe or without tqdm."""
+    with _bar(
+        desc=what, total=100, unit="%", bar_format="{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"
+    ) as move:
+        yield None if move is None else lambda fraction: move(round(100.0 * fraction))
+
+
+@contextlib.contextmanager
+def counting(what: str, unit: str, done: int, total: int) -> Iterator[Callable[[int, int], None] | None]:
+    """Yield a function of (done, total) that also shows how many units a second, and the time left; likewise."""
+    with _bar(desc=what, total=total, unit=unit, initial=done, smoothing=0.1) as move:
+        yield None if move is None else lambda done, _: move(done)
+
+
+@contextlib.contextmanager
+def _bar(**options: Any) -> Iterator[Callable[[int], None] | None]:
+    """Yield what moves a bar of tqdm with these `options` to a place."""
     if not sys.stderr.isatty():
         yield None
         return
@@ -85,11 +101,5 @@ def progress(what: str) -> Iterator[Callable[[float], None] | None]:
     except ImportError:
         yield None
         return
-    with tqdm(
-        total=100,
-        desc=what,
-        unit="%",
-        leave=False,
-        bar_format="{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}",
-    ) as bar:
-        yield lambda fraction: bar.update(round(100.0 * fraction) - bar.n)
+    with tqdm(leave=False, **options) as bar:
+        yield lambda place: bar.update(place - bar.n)
