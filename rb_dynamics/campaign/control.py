@@ -61,7 +61,7 @@ class Loop:
         self._bias = np.stack([numbers[f"control.bias[{i}]"] for i in range(3)], axis=-1)
         self._sizes = np.stack([numbers["control.noise.attitude"], numbers["control.noise.rate"]], axis=-1)
         self._noise = [generator(campaign.seed, run, NOISE) for run in runs] if self._sizes.any() else []
-        self._drawn: Numbers = np.empty((count, 0, 2, 3))
+        self._drawn: Numbers = np.empty((0, count, 2, 3))
         self._sample = 0
 
     def torque(self, samples: Samples) -> Numbers:
@@ -91,9 +91,10 @@ class Loop:
             return Measurement(float(time_s), samples.orientation_xyzw, samples.angular_velocity_body)
         k = self._sample % _AHEAD
         if k == 0:
-            self._drawn = np.array([each.standard_normal((_AHEAD, 2, 3)) for each in self._noise])
+            # By sample first: what is taken at a time then lies together.
+            self._drawn = np.stack([each.standard_normal((_AHEAD, 2, 3)) for each in self._noise], axis=1)
         self._sample += 1
-        noise = self._drawn[:, k] * self._sizes[:, :, None]
+        noise = self._drawn[k] * self._sizes[:, :, None]
         attitude = samples.orientation_xyzw
         if self._sizes[:, 0].any():
             attitude = _turned(attitude, noise[:, 0])

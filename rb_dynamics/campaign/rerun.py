@@ -10,7 +10,8 @@ from typing import Any
 
 from rb_dynamics.campaign.flight import fly_alone
 from rb_dynamics.campaign.model import Campaign
-from rb_dynamics.campaign.store import check_same_campaign, read_row
+from rb_dynamics.campaign.same import check_same
+from rb_dynamics.campaign.store import read_facts, read_row
 from rb_dynamics.errors import LogError, SceneError
 from rb_dynamics.recording.mcap_sink import McapSink
 
@@ -76,7 +77,7 @@ def rerun(campaign: Campaign, run: int, log: Path, rows: Path) -> Rerun:
         raise SceneError(f"--rerun: found {run}, expected a run from 0 to {campaign.runs - 1}; correct the number")
     compared = rows.exists()
     if compared:
-        check_same_campaign(rows, campaign)
+        check_same(read_facts(rows), rows, campaign, "give --runs and --seed as they were given then, or another --out")
     try:
         log.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:

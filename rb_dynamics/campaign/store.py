@@ -7,7 +7,6 @@ alone, not on how its runs were divided, interrupted or ordered. Never flies a r
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import json
 import os
 import re
@@ -18,8 +17,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rb_dynamics.campaign.model import Campaign
+from rb_dynamics.campaign.same import Facts, check_same, facts_of
 from rb_dynamics.errors import LogError, MissingExtraError
-from rb_dynamics.recording.provenance import version
 
 if TYPE_CHECKING:
     from rb_dynamics.campaign.flight import Columns
@@ -28,13 +27,8 @@ ROWS = 1 << 16
 """Rows in a group of the last file, and so what is in memory at a time when it is written."""
 
 _METADATA = b"rb_dynamics"
+_ANEW = "give another file with --out, or --overwrite to begin anew"
 _PART = re.compile(r"runs-(\d+)-(\d+)\.parquet")
-
-
-def fingerprint(campaign: Campaign) -> str:
-    """Return a hash of all that the rows depend on, as far as it is in the campaign: not of the user's own modules."""
-    facts = [campaign.text, campaign.scene_text, version()]
-    return hashlib.sha256(json.dumps(facts).encode()).hexdigest()
 
 
 class Store:
@@ -54,7 +48,7 @@ class Store:
             if overwrite:
                 self.path.unlink(missing_ok=True)
                 shutil.rmtree(self._parts, ignore_errors=True)
-            self.complete = self.path.exists() and self._check(_facts(self.path), self.path)
+            self.complete = self.path.exists() and self._take_up()
             if not self.complete:
                 self._begin()
         except OSError as error:
@@ -62,27 +56,34 @@ class Store:
                 f"cannot write {self._parts}: {error.strerror or error}; give another file with --out"
             ) from error
 
+    def _take_up(self) -> bool:
+        """Return whether the file at `path` holds all runs; those of a smaller campaign become a block of this one."""
+        check_same(read_facts(self.path), self.path, self._campaign, _ANEW)
+        runs = self._parquet.read_metadata(self.path).num_rows
+        self._check_not_more(runs, self.path)
+        if runs == self._campaign.runs:
+            return True
+        # A kill may have left blocks of which the file is made.
+        shutil.rmtree(self._parts, ignore_errors=True)
+        self._parts.mkdir()
+        os.replace(self.path, self._part(0, runs))
+        return False
+
     def _begin(self) -> None:
         self._parts.mkdir(parents=True, exist_ok=True)
         facts = self._parts / "campaign.json"
         if facts.exists():
-            self._check(json.loads(facts.read_text(encoding="utf-8")), self._parts)
-        else:
-            with _renamed(facts) as new:
-                new.write_text(json.dumps(self._as_facts()), encoding="utf-8")
+            check_same(json.loads(facts.read_text(encoding="utf-8")), self._parts, self._campaign, _ANEW)
+        self._check_not_more(max((last for _, last in self._on_disk()), default=0), self._parts)
+        with _renamed(facts) as new:
+            new.write_text(json.dumps(facts_of(self._campaign)), encoding="utf-8")
 
-    def _check(self, facts: dict[str, str], place: Path) -> bool:
-        _check(facts, place, self._campaign, "give another file with --out, or --overwrite to begin anew")
-        return True
-
-    def _as_facts(self) -> dict[str, str]:
-        campaign = self._campaign
-        return {
-            "fingerprint": fingerprint(campaign),
-            "campaign": campaign.text,
-            "scene": campaign.scene_text,
-            "version": version(),
-        }
+    def _check_not_more(self, runs: int, place: Path) -> None:
+        if runs > self._campaign.runs:
+            raise LogError(
+                f"{place} holds rows up to run {runs - 1} of this campaign, which has {self._campaign.runs} runs now; "
+                f"give at least --runs {runs}, or {_ANEW}"
+            )
 
     @property
     def done(self) -> int:
@@ -135,7 +136,7 @@ class Store:
         writer, waiting = None, None
         for first, last in self._on_disk():
             table = self._parquet.read_table(self._part(first, last))
-            table = table.replace_schema_metadata({_METADATA: json.dumps(self._as_facts())})
+            table = table.replace_schema_metadata({_METADATA: json.dumps(facts_of(self._campaign))})
             waiting = table if waiting is None else pa.concat_tables([waiting, table])
             writer = writer or self._parquet.ParquetWriter(target, table.schema, compression="zstd")
             while waiting.num_rows >= ROWS:
@@ -192,30 +193,18 @@ def read_row(path: str | os.PathLike[str], run: int) -> dict[str, Any] | None:
     return rows[0] if rows else None
 
 
-def check_same_campaign(path: str | os.PathLike[str], campaign: Campaign) -> None:
-    """Check that the rows in `path` are of this very campaign.
+def read_facts(path: str | os.PathLike[str]) -> Facts:
+    """Return what is kept beside the rows of a complete campaign; nothing where they are no campaign's.
 
     Raises:
-        LogError: they are not, or the file cannot be read.
+        LogError: the file cannot be read.
         MissingExtraError: pyarrow is not installed.
     """
-    place = Path(path)
-    _check(_facts(place), place, campaign, "give --runs and --seed as they were given then, or another file with --out")
-
-
-def _check(facts: dict[str, str], place: Path, campaign: Campaign, remedy: str) -> None:
-    if facts.get("fingerprint") != fingerprint(campaign):
-        raise LogError(
-            f"{place} holds runs of another campaign, or of another version of this one or of the package; {remedy}"
-        )
-
-
-def _facts(path: Path) -> dict[str, str]:
     try:
         metadata = _parquet().read_schema(path).metadata or {}
     except (OSError, ValueError) as error:
         raise LogError(f"cannot read {path}: {error}; remove it, or give another file with --out") from error
-    facts: dict[str, str] = json.loads(metadata.get(_METADATA, b"{}"))
+    facts: Facts = json.loads(metadata.get(_METADATA, b"{}"))
     return facts
 
 

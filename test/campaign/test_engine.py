@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from campaigns import CAMPAIGN, write
+from campaigns import CAMPAIGN, SCENE, write
 
 from rb_dynamics.campaign.engine import run_campaign
 from rb_dynamics.campaign.read import read_campaign
@@ -77,10 +77,79 @@ def test_runs_of_another_campaign_are_not_mixed(tmp_path: Path) -> None:
     campaign, out = write(tmp_path), tmp_path / "rows.parquet"
     fly(campaign, out)
     write(tmp_path, CAMPAIGN.replace("seed: 7", "seed: 8"))
-    with pytest.raises(LogError, match=r"rows.parquet holds runs of another campaign, .* --overwrite to begin anew"):
+    with pytest.raises(LogError, match=r"another campaign: seed is 7 there and 8 here; .* --overwrite to begin anew"):
         fly(campaign, out)
     read = read_campaign(campaign)
     assert not Store(out, read, overwrite=True).complete
+
+
+def changed(text: str) -> str:
+    """Put two of the dispersed numbers in another order: each then has the other's random numbers."""
+    first, second = "  body.mass: {uniform: {low: 1.5, high: 2.5}}\n", "  initial.orientation: any\n"
+    assert first in text
+    return text.replace(first, "").replace(second, second + first)
+
+
+@pytest.mark.parametrize(
+    ("text", "scene", "message"),
+    [
+        (CAMPAIGN.replace("deviation: 0.2", "deviation: 0.3"), SCENE, r"deviation is 0.2 there and 0.3 here; "),
+        (CAMPAIGN, SCENE.replace("mass: 2.0", "mass: 2.1"), r"scene.body.mass is 2.0 there and 2.1 here; "),
+        (CAMPAIGN.replace("scene.yaml\n", "scene.yaml\nset: {duration: 1}\n"), SCENE, r": scene.duration is 2.0 there"),
+        (CAMPAIGN.replace("gain: 1.0}\n", "gain: 1.0}\nobserve_rate: 2\n"), SCENE, r"observe_rate is absent"),
+        (changed(CAMPAIGN), SCENE, "the keys stand in another order; "),
+    ],
+)  # fmt: skip
+def test_what_differs_is_said(tmp_path: Path, text: str, scene: str, message: str) -> None:
+    out = tmp_path / "rows.parquet"
+    Store(out, read_campaign(write(tmp_path)))
+    with pytest.raises(LogError, match=message):
+        Store(out, read_campaign(write(tmp_path, text, scene)))
+
+
+def test_words_of_the_file_do_not_count(tmp_path: Path) -> None:
+    campaign, out = write(tmp_path), tmp_path / "rows.parquet"
+    fly(campaign, out)
+    read = read_campaign(write(tmp_path, "# Said better.\n" + CAMPAIGN.replace("runs: 24", "runs: 2.4e+1")))
+    assert Store(out, read).complete
+
+
+def test_rows_of_no_campaign(tmp_path: Path) -> None:
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    parquet.write_table(pa.table({"run": [1]}), tmp_path / "rows.parquet")
+    with pytest.raises(LogError, match=r"found no facts of a campaign in .*rows.parquet, expected its rows; give an"):
+        fly(write(tmp_path), tmp_path / "rows.parquet")
+
+
+@pytest.mark.parametrize("sampling", ["random", "sobol"])
+def test_a_campaign_grows(tmp_path: Path, sampling: str) -> None:
+    campaign, out = write(tmp_path, CAMPAIGN.replace("random", sampling)), tmp_path / "rows.parquet"
+    whole = fly(campaign, tmp_path / "whole.parquet")
+
+    def grow(runs: int) -> list[int]:
+        seen: list[int] = []
+        read = read_campaign(campaign, {"runs": runs} if runs < 24 else {})
+        run_campaign(read, Store(out, read), workers=0, block=10, progress=lambda done, _: seen.append(done))
+        return seen
+
+    assert grow(11) == [10, 11]
+    assert grow(24) == [21, 24]
+    assert out.read_bytes() == whole
+    with pytest.raises(
+        LogError, match=r"holds rows up to run 23 of this campaign, which has 11 runs now; give at leas"
+    ):
+        grow(11)
+    assert out.read_bytes() == whole
+
+
+def test_a_latin_hypercube_does_not_grow(tmp_path: Path) -> None:
+    campaign, out = write(tmp_path, CAMPAIGN.replace("random", "latin_hypercube")), tmp_path / "rows.parquet"
+    fly(campaign, out)
+    more = read_campaign(campaign, {"runs": 30})
+    with pytest.raises(LogError, match=r"runs is 24 there and 30 here; a Latin hypercube .* with another --seed "):
+        Store(out, more)
 
 
 def test_rows_in_many_groups(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -135,7 +204,7 @@ def test_the_command_printed_for_a_failed_run_flies_that_run(
     without = [word for word in words[1:] if word not in ("--runs", "12")]
     log = tmp_path / "another.mcap"
     assert main([*without, "--mcap", str(log)]) == 2
-    assert f"{out} holds runs of another campaign" in capsys.readouterr().err
+    assert f"{out} holds runs of another campaign: runs is 12 there and 24 here; " in capsys.readouterr().err
     assert not log.exists()
 
 
