@@ -1,12 +1,16 @@
-"""What a run of a campaign costs: by number of runs, by workers, and beside a Monte Carlo of Basilisk.
+"""What a run of a campaign costs: by number of runs, by workers, to who commands, and beside a Monte Carlo of Basilisk.
 
-Usage: python benchmarks/campaign.py runs [MOST] | workers | peer [RUNS] [--basilisk PYTHON] | memory
+Usage: python benchmarks/campaign.py WHAT [COUNT] [--basilisk PYTHON]
 
-`runs`: 10 s of closed loop, 1 to MOST runs (default 100000) in blocks on one worker. `workers`: 10 000 runs of
-config/campaigns/detumble.yaml on one process and on two. `peer`: 300 s of rate damping with steps of 0.05 s and samples
-of 0.5 s, no delay, no noise; Basilisk by its own RK4 and its compiled modules, one simulation after the other, in the
-interpreter that --basilisk names. `memory`: what a worker holds. Times are of one core of this machine, best of some
-repeats, and of the clock for `workers`.
+`runs`: 10 s of closed loop, 1 to COUNT runs (default 100000) in blocks on one worker.
+`workers`: COUNT runs (default 10000) of config/campaigns/detumble.yaml on one worker and on two, twice, and beside them
+    two processes without dask; says how much of the machine others took.
+`limits`: what a block costs the process that commands, with workers that make rows up; COUNT blocks (default 200).
+`peer`: COUNT runs (default 20) of 300 s of rate damping with steps of 0.05 s and samples of 0.5 s, no delay, no noise;
+    Basilisk by its own RK4 and its compiled modules, one simulation after the other, in the interpreter that
+    --basilisk names.
+`memory`: what a worker holds.
+Times are of one core of this machine, best of some repeats, and of the clock for `workers`.
 """
 
 from __future__ import annotations
@@ -14,6 +18,8 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import multiprocessing
+import os
 import resource
 import subprocess
 import sys
@@ -21,7 +27,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 ROOT = Path(__file__).resolve().parent.parent
 DETUMBLE = ROOT / "config" / "campaigns" / "detumble.yaml"
@@ -84,36 +90,143 @@ def by_runs(most: int) -> None:
             print(f"{runs:8d} {seconds(fly, REPEATS if runs <= 10_000 else 1) / runs * 1e6:10.1f}", flush=True)
 
 
+class Flown(NamedTuple):
+    """What a campaign took: runs a second once every worker is at work, and seconds from beginning to end."""
+
+    rate: float
+    clock: float
+    processors: float
+    commanding: float
+    others: float
+
+
 def by_workers(runs: int) -> None:
     from rb_dynamics.campaign.engine import run_campaign
     from rb_dynamics.campaign.read import read_campaign
     from rb_dynamics.campaign.store import Store
 
-    def processor_time() -> float:
-        usages = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-        return sum(usage.ru_utime + usage.ru_stime for usage in usages)
+    found, best = read_campaign(DETUMBLE, {"runs": runs}), dict[int, Flown]()
 
-    def fly(count: int, workers: int, folder: str) -> tuple[float, float]:
-        """Return the time of all processors, and the rate by the clock once all have started."""
-        found, seen = read_campaign(DETUMBLE, {"runs": count}), []
-        store, begin = Store(Path(folder, "rows.parquet"), found, overwrite=True), processor_time()
+    def fly(workers: int, folder: str) -> Flown:
+        seen: list[tuple[float, int]] = []
+        store = Store(Path(folder, "rows.parquet"), found, overwrite=True)
+        begin, used, own, busy = time.perf_counter(), processor_time(), time.process_time(), machine_time()
+        run_campaign(found, store, workers=workers, progress=lambda done, _: seen.append((time.perf_counter(), done)))
+        clock, own, used = time.perf_counter() - begin, time.process_time() - own, processor_time() - used
+        # From when each worker has given its first block.
+        (first, before), (last, done) = seen[workers - 1], seen[-1]
+        return Flown((done - before) / (last - first), clock, used, own, (machine_time() - busy - used) / clock)
 
-        def note(done: int, _: int) -> None:
-            seen.append((time.perf_counter(), done))
-
-        run_campaign(found, store, workers=workers, block=max(1, runs // 16), progress=note)
-        first, last = seen[len(seen) // 4], seen[-1]
-        return processor_time() - begin, (last[1] - first[1]) / (last[0] - first[0])
-
-    each = {}
     with tempfile.TemporaryDirectory() as folder:
-        for workers in (1, 2):
-            # What starting costs drops out of the difference.
-            (few, _), (many, rate) = fly(runs // 4, workers, folder), fly(runs, workers, folder)
-            each[workers] = (many - few) / (runs - runs // 4)
-            cost = f"{each[workers] * 1e3:.3f} ms of processors a run"
-            print(f"{workers} workers: {cost}, {rate:.0f} runs a second", flush=True)
-    print(f"two take {each[2] / each[1]:.2f} of the time of one: efficiency {each[1] / each[2]:.0%} on free cores")
+        for workers in (1, 2) * 2:
+            took = fly(workers, folder)
+            whole = f"{took.rate:6.0f} runs a second, {took.clock:5.1f} s with start and end"
+            spent = f"processors {took.processors / runs * 1e3:.3f} ms a run, {took.commanding:.1f} s of who commands"
+            print(f"{workers} at work: {whole}; {spent}; others took {took.others:.0%} of a core", flush=True)
+            best[workers] = max(took, best.get(workers, took))
+    one, two = best[1], best[2]
+    print(f"efficiency of two {two.rate / one.rate / 2:.0%}, with start and end {one.clock / two.clock / 2:.0%}")
+    bare = {count: side_by_side(count) for count in (1, 2)}
+    print(f"two processes that know nothing of each other: {bare[1] / bare[2]:.0%}")
+
+
+def processor_time() -> float:
+    """Return the processor time (s) of this process and of its children that have ended."""
+    usages = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(usage.ru_utime + usage.ru_stime for usage in usages)
+
+
+def machine_time() -> float:
+    """Return the processor time (s) of all processes of this machine, of Linux alone."""
+    user, nice, system = map(int, Path("/proc/stat").read_text().split()[1:4])
+    return (user + nice + system) / os.sysconf("SC_CLK_TCK")
+
+
+def side_by_side(processes: int) -> float:
+    """Return the time (s) that blocks take in so many processes without dask: what the machine itself allows."""
+    context = multiprocessing.get_context("spawn")
+    with context.Pool(processes, wait_for_all, (context.Barrier(processes),)) as pool:
+        return min(max(pool.map(alone, range(processes), 1)) for _ in range(REPEATS))
+
+
+def wait_for_all(barrier: Any) -> None:
+    global ready  # noqa: PLW0603
+    ready = barrier.wait
+
+
+def alone(_: int) -> float:
+    from rb_dynamics.campaign.engine import SIDE_BY_SIDE
+    from rb_dynamics.campaign.flight import fly_block
+    from rb_dynamics.campaign.read import read_campaign
+
+    found = read_campaign(DETUMBLE)
+    fly_block(found, 0, 20, 1)
+    ready()
+    begin = time.perf_counter()
+    for first in range(0, 2 * SIDE_BY_SIDE, SIDE_BY_SIDE):
+        fly_block(found, first, first + SIDE_BY_SIDE, 1)
+    return time.perf_counter() - begin
+
+
+def limits(blocks: int) -> None:
+    """Measure what the commanding process does for each block and row, with workers that make rows up at once."""
+    from rb_dynamics.campaign import engine
+    from rb_dynamics.campaign.page import campaign_report
+    from rb_dynamics.campaign.read import read_campaign
+    from rb_dynamics.campaign.store import Store, read_rows
+    from rb_dynamics.campaign.summary import summarise
+
+    size, fly_block = engine.SIDE_BY_SIDE, engine.fly_block
+    runs = blocks * size
+    found = read_campaign(DETUMBLE, {"runs": runs, "sampling": "random"})
+    sample = fly_block(found, 0, 20, 1)
+    flying = seconds(lambda: fly_block(found, 0, size, 1)) / size
+    names = [name for name in sample if name not in ("run", "seed", "passed", "error")]
+
+    def made_up(_: Any, first: int, last: int, __: int) -> dict[str, Any]:
+        import numpy as np
+
+        random, count = np.random.default_rng(first), last - first
+        whole = {"run": np.arange(first, last), "seed": np.ones(count, dtype=np.int64)}
+        columns = {name: random.random(count) for name in names}
+        return {**whole, **columns, "passed": np.ones(count, dtype=np.bool_), "error": [""] * count}
+
+    with tempfile.TemporaryDirectory() as folder:
+        out, seen = Path(folder, "rows.parquet"), []
+        engine.fly_block = made_up
+        try:
+            engine.run_campaign(
+                found,
+                Store(out, found),
+                workers=2,
+                block=size,
+                progress=lambda *_: seen.append((time.perf_counter(), time.process_time())),
+            )
+        finally:
+            engine.fly_block = fly_block
+        joining = (time.process_time() - seen[-1][1]) / runs
+        clock, block = ((last - first) / (len(seen) - 1) for first, last in zip(seen[0], seen[-1], strict=True))
+        store, rows = Store(Path(folder, "again.parquet"), found), made_up(None, 0, size, 1)
+        writing = seconds(lambda: store.write(rows), 20)
+        disk = out.stat().st_size / runs
+        table = read_rows(out)
+
+        def tell(count: int) -> None:
+            some = {name: column[:count] for name, column in table.items()}
+            summarise(found, some)
+            campaign_report(found, some)
+
+        few, before = seconds(lambda: tell(size)), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        telling = (seconds(lambda: tell(runs), 1) - few) / (runs - size)
+        memory = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024 / runs
+    print(f"flying                     {flying * 1e3:8.3f} ms a run")
+    print(
+        f"commanding                 {block * 1e3:8.3f} ms a block of {size}, of which writing {writing * 1e3:.3f} ms"
+    )
+    print(f"  by the clock             {clock * 1e3:8.3f} ms a block")
+    print(f"making one file            {joining * 1e6:8.3f} us a row, {disk:.0f} bytes a row")
+    print(f"summary and page           {telling * 1e6:8.3f} us a row, {memory:.0f} bytes a row of memory")
+    print(f"one commanding process feeds {size * flying / block:.0f} cores")
 
 
 def beside(runs: int, python: str) -> None:
@@ -214,7 +327,7 @@ def memory() -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("runs", "workers", "peer", "memory", "basilisk"))
+    parser.add_argument("what", choices=("runs", "workers", "limits", "peer", "memory", "basilisk"))
     parser.add_argument("count", nargs="?", type=int)
     parser.add_argument("--basilisk", default=sys.executable, metavar="PYTHON")
     args = parser.parse_args()
@@ -222,6 +335,8 @@ def main() -> None:
         by_runs(args.count or 100_000)
     elif args.what == "workers":
         by_workers(args.count or 10_000)
+    elif args.what == "limits":
+        limits(args.count or 200)
     elif args.what == "peer":
         beside(args.count or 20, args.basilisk)
     elif args.what == "memory":

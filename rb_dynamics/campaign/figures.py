@@ -99,8 +99,8 @@ def scatters(pairs: Sequence[tuple[str, str, Numbers, Numbers, NDArray[np.bool_]
             # The runs that failed first: they are few, and what one looks for.
             order = np.argsort(passed, kind="stable")[:_MOST_POINTS]
             order = order[np.isfinite(y[order])]
-            for chosen, color in ((passed[order], ACCENT), (~passed[order], BAD)):
-                axes.scatter(x[order][chosen], y[order][chosen], s=4.0, color=color, alpha=0.55, linewidths=0)
+            for chosen, color, size, alpha in ((passed[order], ACCENT, 4.0, 0.55), (~passed[order], BAD, 12.0, 0.9)):
+                axes.scatter(x[order][chosen], y[order][chosen], s=size, color=color, alpha=alpha, linewidths=0)
             if len(order) and _is_wide(y[order]):
                 axes.set_yscale("log")
             axes.set_xlabel(_short(name), color=TEXT)

@@ -13,9 +13,11 @@ from rb_dynamics.campaign.metrics import QUANTITIES, quantity
 from rb_dynamics.campaign.model import Campaign, Metric
 from rb_dynamics.campaign.summary import (
     CONFIDENCE,
+    SHOWN,
     MetricSummary,
-    Quantile,
     Summary,
+    interval_text,
+    percent,
     rerun_commands,
     summarise,
 )
@@ -84,8 +86,10 @@ def campaign_report(campaign: Campaign, rows: Columns, options: Sequence[str] = 
 
 
 _SPREAD = (
-    "Runs by value; orange ones failed. The dashed line is what is required. The table gives quantiles; in brackets "
-    f"the interval that holds the true quantile with {CONFIDENCE:.0%} confidence, whatever the distribution."
+    "How many runs have which value; orange ones failed. The dashed line is what is required. The table gives "
+    "the value that so many of the runs stay below, and where the one of 99 % lies for all possible runs, with "
+    f"{CONFIDENCE:.0%} confidence, whatever the distribution; the file .json has this of all of them. A run "
+    "has no value where it never met the condition, or could not be flown."
 )
 _DRIVERS = (
     "Spearman's rank correlation, the strongest inputs first: +1 where a metric only grows with an input, -1 where it "
@@ -114,10 +118,11 @@ def _range(below: float, above: float) -> str:
 
 
 def _tiles(summary: Summary) -> list[Tile]:
-    interval = f"{summary.pass_low:.3%} to {summary.pass_high:.3%} at {CONFIDENCE:.0%} confidence"
+    low, high = percent(summary.pass_low, summary.runs), percent(summary.pass_high, summary.runs)
+    interval = f"of all possible runs {low} to {high}, with {CONFIDENCE:.0%} confidence"
     failed = summary.runs - summary.passed
     tiles = [
-        Tile("Passed", f"{summary.pass_rate:.2%}", interval, "bad" if failed else "good"),
+        Tile("Passed", percent(summary.pass_rate, summary.runs), interval, "bad" if failed else "good"),
         Tile("Failed", f"{failed}", f"of {summary.runs} runs", "bad" if failed else "good"),
     ]
     if summary.errors:
@@ -133,7 +138,7 @@ def _tiles(summary: Summary) -> list[Tile]:
 
 def _note(metric: MetricSummary) -> str:
     middle = next(each.value for each in metric.quantiles if each.probability == 0.5)
-    missing = f", never met in {metric.missing}" if metric.missing else ""
+    missing = f", no value in {metric.missing} runs" if metric.missing else ""
     return f"median {middle:.4g}, most {metric.most:.4g}{missing}"
 
 
@@ -188,27 +193,22 @@ def _scatters(campaign: Campaign, summary: Summary, rows: Columns) -> list[Figur
 
 
 def _quantiles(summary: Summary) -> Table:
-    probabilities = sorted({each.probability for metric in summary.metrics for each in metric.quantiles})
-    header = ["metric", *(f"{probability:.0%}" for probability in probabilities), "mean", "deviation", "not met"]
+    below = [f"{probability:.0%} below" if probability != 0.5 else "median" for probability in SHOWN]
+    header = ["metric", *below, "true 99% in", "deviation", "no value"]
     rows = []
     for metric in summary.metrics:
         at = {each.probability: each for each in metric.quantiles}
-        cells = [_interval(at.get(probability)) for probability in probabilities]
+        cells = [f"{at[probability].value:.3g}" if at else "-" for probability in SHOWN]
         name = f"{metric.name} [{metric.unit}]" if metric.unit else metric.name
-        rows.append([name, *cells, f"{metric.mean:.4g}", f"{metric.deviation:.3g}", f"{metric.missing}"])
+        deviation = f"{metric.deviation:.3g}" if at else "-"
+        rows.append([name, *cells, interval_text(at.get(0.99)), deviation, f"{metric.missing}"])
     return Table(header, rows)
-
-
-def _interval(quantile: Quantile | None) -> str:
-    if quantile is None:
-        return "-"
-    low, high = ("-" if edge is None else f"{edge:.3g}" for edge in (quantile.low, quantile.high))
-    return f"{quantile.value:.4g} [{low}, {high}]"
 
 
 def _failed_text(summary: Summary) -> str:
     if not summary.failed:
-        return f"None. With {CONFIDENCE:.0%} confidence fewer than {1.0 - summary.pass_low:.3%} of all runs would fail."
+        most = percent(1.0 - summary.pass_low, summary.runs)
+        return f"None. With {CONFIDENCE:.0%} confidence fewer than {most} of all possible runs would fail."
     more = len(summary.failed) - _LISTED
     rest = f" The first {_LISTED} are listed." if more > 0 else ""
     return f"Each command flies that run again, to the bit, with a full log of its motion and of its commands.{rest}"

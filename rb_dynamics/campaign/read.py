@@ -79,6 +79,11 @@ def parse_campaign(text: str, source: str = "<campaign>", overrides: Mapping[str
     """
     problems = Problems(source)
     tree = document.parse(text, problems)
+    if document.holds(tree, ("body",), "scene"):
+        raise SceneError(
+            f"{source}: found a scene, expected a campaign; run it with rb-dynamics simulate {source}, or write a campaign "
+            "with scene, runs and metrics (docs/campaigns.md)"
+        )
     apply_overrides(tree, overrides, problems)
     if overrides:
         text = document.to_text(tree, f"{source} with overrides of {', '.join(overrides)}")

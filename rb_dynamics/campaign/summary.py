@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 CONFIDENCE = 0.95
 PROBABILITIES = (0.01, 0.05, 0.5, 0.95, 0.99)
+SHOWN = (0.01, 0.5, 0.95, 0.99)
+"""Of these, what a table has room for."""
 
 
 @dataclass(frozen=True)
@@ -212,33 +214,47 @@ def as_text(campaign: Campaign, summary: Summary, options: Sequence[str] = (), m
     lines = [
         f"runs        {summary.runs}, seed {campaign.seed}, {campaign.sampling.replace('_', ' ')}",
         f"passed      {summary.passed} of {summary.runs}: {_percents(summary)}",
-        f"  {'metric':24}{'1 %':>12}{'median':>12}{'95 %':>12}{'99 %':>12}  {'99 % lies between':28}not met",
+        f"  {'metric':24}{'1 % below':>12}{'median':>12}{'95 % below':>12}{'99 % below':>12}  {_TRUE:24}no value",
     ]
     for metric in summary.metrics:
         at = {each.probability: each for each in metric.quantiles}
-        cells = "".join(f"{at[p].value:>12.4g}" for p in (0.01, 0.5, 0.95, 0.99)) if at else f"{'-':>12}" * 4
+        cells = "".join(f"{at[p].value:>12.4g}" for p in SHOWN) if at else f"{'-':>12}" * 4
         name = f"{metric.name} [{metric.unit}]" if metric.unit else metric.name
-        lines.append(f"  {name:24}{cells}  {_between(at.get(0.99)):28}{metric.missing or ''}".rstrip())
+        lines.append(f"  {name:24}{cells}  {interval_text(at.get(0.99)):24}{metric.missing or ''}".rstrip())
+    lines += [
+        f"  99 % below: so many of the runs have a smaller value. {_TRUE}: where it lies for all possible runs, with",
+        f"  {CONFIDENCE:.0%} confidence. no value: runs that never met the condition, or could not be flown.",
+    ]
     for metric in summary.metrics:
         strongest = [f"{name} {value:+.2f}" for name, value in metric.sensitivity[:3] if abs(value) > summary.noise]
         if strongest:
-            lines.append(f"depends     {metric.name} on {', '.join(strongest)} (rank correlation)")
+            lines.append(f"depends     {metric.name} on {', '.join(strongest)} (rank correlation, -1 to 1)")
     lines += [f"not flown   run {run}: {text}" for run, text in summary.errors[:most]]
-    lines += [f"failed      {command}" for command in rerun_commands(campaign, summary.failed[:most], options)]
-    if len(summary.failed) > most:
-        lines.append(f"            and {summary.runs - summary.passed - most} more")
+    if summary.failed:
+        some = f", the first {most} of them" if len(summary.failed) > most else ""
+        lines.append(f"failed      {summary.runs - summary.passed}; to fly one again with a full log{some}:")
+    lines += [f"            {command}" for command in rerun_commands(campaign, summary.failed[:most], options)]
     return "\n".join(lines)
 
 
+def percent(part: float, runs: int) -> str:
+    """Return a part of `runs` in per cent, with the digits that so many runs can tell."""
+    return f"{part:.{max(1, math.ceil(math.log10(runs)) - 2)}%}"
+
+
 def _percents(summary: Summary) -> str:
-    low, high = summary.pass_low, summary.pass_high
-    return f"{summary.pass_rate:.4%} ({low:.4%} to {high:.4%} at {CONFIDENCE:.0%} confidence)"
+    rate, low, high = (percent(part, summary.runs) for part in (summary.pass_rate, summary.pass_low, summary.pass_high))
+    return f"{rate}; of all possible runs {low} to {high}, with {CONFIDENCE:.0%} confidence"
 
 
-def _between(quantile: Quantile | None) -> str:
+_TRUE = "true 99 % in"
+
+
+def interval_text(quantile: Quantile | None) -> str:
+    """Return where the true quantile lies, "-" where so few runs do not tell."""
     if quantile is None or quantile.low is None:
         return "-"
-    return f"{quantile.low:.4g} and " + ("no bound" if quantile.high is None else f"{quantile.high:.4g}")
+    return f"{quantile.low:.4g} " + ("or more" if quantile.high is None else f"to {quantile.high:.4g}")
 
 
 def rerun_commands(campaign: Campaign, runs: Sequence[int], options: Sequence[str] = ()) -> list[str]:

@@ -7,7 +7,7 @@ nothing is ever constructed from a file. Never knows which keys a scene may have
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from numbers import Real
 from typing import Any, TypeAlias
@@ -70,6 +70,12 @@ def parse(text: str, problems: Problems) -> Node:
             "check that this is a scene file"
         )
     return document
+
+
+def holds(document: Node, keys: Iterable[str], absent: str) -> bool:
+    """Return whether `document` is a mapping with all of these `keys`, and without the one that is `absent`."""
+    value = document.value
+    return isinstance(value, dict) and absent not in value and all(key in value for key in keys)
 
 
 def value_of(text: str, source: str) -> object:

@@ -95,6 +95,11 @@ def parse_scene(text: str, source: str = "<scene>", overrides: Mapping[str, obje
     """
     problems = Problems(source)
     tree = document.parse(text, problems)
+    if document.holds(tree, ("scene", "runs"), "body"):
+        raise SceneError(
+            f"{source}: found a campaign, expected a scene; fly it with rb-dynamics campaign {source}, or give the "
+            "scene that it names"
+        )
     apply_overrides(tree, overrides, problems)
     changes = [f"overrides of {', '.join(overrides)}"] if overrides else []
     return scene_of(tree, problems, text, changes)

@@ -10,6 +10,7 @@ from campaigns import CAMPAIGN, SCENE, write
 from rb_dynamics.campaign.distributions import Choice, LogUniform, Normal, Uniform
 from rb_dynamics.campaign.read import read_campaign
 from rb_dynamics.errors import SceneError
+from rb_dynamics.scene import read_scene
 
 ROOT = Path(__file__).parents[2]
 BARE = "scene: scene.yaml\nruns: 3\nmetrics: {final_rate: {final: rate}}\n"
@@ -111,3 +112,16 @@ def test_a_particle_has_no_controller(tmp_path: Path) -> None:
 def test_a_scene_without_an_end(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match=r"scene: found no duration in it, expected a scene that ends"):
         read_campaign(write(tmp_path, BARE, SCENE.replace("duration: 2.0\n", "")))
+
+
+def test_a_scene_given_for_a_campaign_and_a_campaign_for_a_scene(tmp_path: Path) -> None:
+    campaign = write(tmp_path)
+    scene = tmp_path / "scene.yaml"
+    with pytest.raises(
+        SceneError, match=rf"^{scene}: found a scene, .* rb-dynamics simulate {scene}, or write [^\n]*$"
+    ):
+        read_campaign(scene)
+    with pytest.raises(
+        SceneError, match=rf"^{campaign}: found a campaign, .* rb-dynamics campaign {campaign}, [^\n]*$"
+    ):
+        read_scene(campaign)

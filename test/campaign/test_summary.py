@@ -60,7 +60,7 @@ def test_what_rows_show(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     json.dumps(summary.as_dict(), allow_nan=False)
     assert f"{summary.passed} of 24" in as_text(campaign, summary)
     assert f"--rerun {summary.failed[0]}" in as_text(campaign, summary)
-    assert "(rank correlation)" in as_text(campaign, summary)
+    assert "(rank correlation, -1 to 1)" in as_text(campaign, summary)
 
 
 def test_a_condition_that_is_never_met_is_no_number(tmp_path: Path) -> None:
