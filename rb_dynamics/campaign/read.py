@@ -81,8 +81,8 @@ def parse_campaign(text: str, source: str = "<campaign>", overrides: Mapping[str
     tree = document.parse(text, problems)
     if document.holds(tree, ("body",), "scene"):
         raise SceneError(
-            f"{source}: found a scene, expected a campaign; run it with rb-dynamics simulate {source}, or write a campaign "
-            "with scene, runs and metrics (docs/campaigns.md)"
+            f"{source}: found a scene, expected a campaign; run it with rb-dynamics simulate {source}, or write "
+            "a campaign with scene, runs and metrics (docs/campaigns.md)"
         )
     apply_overrides(tree, overrides, problems)
     if overrides:
