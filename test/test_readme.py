@@ -18,6 +18,7 @@ from rb_dynamics import parse_scene
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [
     ROOT / "README.md",
+    ROOT / "docs" / "campaigns.md",
     ROOT / "docs" / "logs.md",
     *sorted((ROOT / "docs" / "tutorials").glob("*.md")),
     *sorted((ROOT / "docs" / "how-to").glob("*.md")),

@@ -29,6 +29,9 @@ Progress = Callable[[int, int], None]
 SIDE_BY_SIDE, ALONE = 2000, 20
 """Runs in a block: enough that numpy's calls do not count; few enough for memory, and that little is lost by a kill."""
 
+_FEW = 250
+"""Runs side by side that one process flies sooner than others can be started."""
+
 _BLOCKS_EACH = 4
 _AHEAD = 3
 
@@ -83,8 +86,8 @@ def flies_side_by_side(campaign: Campaign) -> bool:
 
 
 def _block(campaign: Campaign, workers: int) -> int:
-    most = SIDE_BY_SIDE if flies_side_by_side(campaign) else ALONE
-    return max(1, min(most, math.ceil(campaign.runs / (workers * _BLOCKS_EACH))))
+    least, most = (_FEW, SIDE_BY_SIDE) if flies_side_by_side(campaign) else (1, ALONE)
+    return max(least, min(most, math.ceil(campaign.runs / (workers * _BLOCKS_EACH))))
 
 
 def _here(campaign: Campaign, blocks: Iterator[tuple[int, int]]) -> Generator[Columns, None, None]:

@@ -73,6 +73,14 @@ def test_one_that_was_interrupted_goes_on(tmp_path: Path) -> None:
     assert seen == [19, 23, 24]
 
 
+def test_few_runs_start_no_other_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def start(*_: object) -> None:
+        raise AssertionError("workers were started")
+
+    monkeypatch.setattr("rb_dynamics.campaign.engine._on_workers", start)
+    assert len(fly(write(tmp_path), tmp_path / "rows.parquet", workers=2)) > 0
+
+
 def test_runs_of_another_campaign_are_not_mixed(tmp_path: Path) -> None:
     campaign, out = write(tmp_path), tmp_path / "rows.parquet"
     fly(campaign, out)
