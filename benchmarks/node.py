@@ -1,15 +1,20 @@
 """How well the node keeps its rate, what that costs, and how fast it answers; beside a node that does nothing else.
 
-Usage: python benchmarks/node.py [--seconds 60] [--rounds 3] [--bodies 4]
+Usage: python benchmarks/node.py [--seconds 60] [--rounds 3] [--bodies 4] [--priority 10]
 
 Two runs: steps of 1 ms with every one published (pose, twist, odom, momenta, energies: eight topics, all of them read),
 and steps of 0.25 ms published at 200 Hz. The reader is this process; it takes the bytes and commands a force now and
 then. "Late" is a message published more than a period after its time, by the middleware's time of publishing; "lost" is
-one that never came. Latency is from the publishing of a wrench to the taking of the first pose that shows it.
+one that never came. Latency is from the publishing of a wrench to the arrival of the first pose that shows it, by the
+middleware's time of receiving.
 
 The node to compare with is plain rclpy: a timer, the same messages made once, stamped and published at each tick. It
 simulates nothing and hears nothing. Both take turns, so that what else the machine does disturbs both; CPU is user and
-system time of the whole process.
+system time of the whole process. What the machine itself is late shows a third, bare process, without ROS, that only
+sleeps from one time to the next.
+
+`--priority` runs all of them, and the reader below them, at a real-time priority (SCHED_FIFO, as `chrt -f` does), which
+takes a right that root has.
 
 At last several bodies at 100 Hz, pose and odometry of each read: a process for each, and one for all. Memory is the
 proportional set size: what processes share is counted once.
@@ -73,29 +78,44 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=60.0, help="of each measurement")
     parser.add_argument("--rounds", type=int, default=1, help="of node and empty node in turn")
     parser.add_argument("--bodies", type=int, default=4, help="side by side, 0: none")
+    parser.add_argument("--priority", type=int, default=0, help="real-time priority, 2 to 99; 0: none")
     parser.add_argument("--empty", type=float, metavar="HZ", help=argparse.SUPPRESS)
+    parser.add_argument("--bare", type=float, nargs=2, metavar=("HZ", "S"), help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.empty:
         empty_node(arguments.empty)
+        return
+    if arguments.bare:
+        bare(*arguments.bare)
         return
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     os.environ.setdefault("ROS_DOMAIN_ID", "87")
     if available():
         os.environ["RB_DYNAMICS_COMPILE"] = "always"
     steps = "compiled" if available() else "in plain Python"
-    print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f} before; steps {steps}; {arguments.seconds:g} s each")
+    print(
+        f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f} before; steps {steps}; {arguments.seconds:g} s each; "
+        f"{f'real-time priority {arguments.priority}' if arguments.priority else 'no priority'}"
+    )
+    at = []
+    if arguments.priority:
+        at = ["chrt", "-f", str(arguments.priority)]
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(arguments.priority - 1))
     with tempfile.TemporaryDirectory() as folder:
         scene = Path(folder) / "scene.yaml"
         scene.write_text(SCENE, encoding="utf-8")
+        me = [*at, sys.executable, str(Path(__file__).resolve())]
         for steps, rate in CASES:
             ratios = []
             for _ in range(arguments.rounds):
-                node = [sys.executable, "-m", "rb_dynamics", "node", str(scene), "--ros-args"]
+                node = [*at, sys.executable, "-m", "rb_dynamics", "node", str(scene), "--ros-args"]
                 node += ["-p", f"solver.step:={1 / steps}", "-p", "solver.method:=rkmk4", "-p", f"output_rate:={rate}"]
                 ours = measured(f"node, {steps} Hz steps", node, rate, arguments.seconds, commanded=True)
-                empty = [sys.executable, str(Path(__file__).resolve()), "--empty", str(rate)]
-                theirs = measured("empty rclpy node", empty, rate, arguments.seconds, commanded=False)
+                theirs = measured(
+                    "empty rclpy node", [*me, "--empty", str(rate)], rate, arguments.seconds, commanded=False
+                )
                 ratios.append(ours / theirs)
+                subprocess.run([*me, "--bare", str(rate), str(arguments.seconds)], check=True)
             print(f"CPU of the node / CPU of the empty node at {rate} Hz: {median(ratios):.2f}")
         if arguments.bodies:
             several(scene, arguments.bodies, min(20.0, arguments.seconds))
@@ -123,6 +143,25 @@ def empty_node(rate: float) -> None:
     node.create_timer(1.0 / rate, tick)
     with suppress(ExternalShutdownException):
         rclpy.spin(node)
+
+
+def bare(rate: float, seconds: float) -> None:
+    """Sleep until each of the times of `rate`, do nothing, and print how late that was."""
+    begun, delays = time.monotonic_ns(), []
+    for count in range(1, round(rate * seconds) + 1):
+        due = begun + round(count * 1e9 / rate)
+        time.sleep(max(0, due - time.monotonic_ns()) / 1e9)
+        delays.append(time.monotonic_ns() - due)
+    print(f"{'bare sleeper':20s} {rate:5g} Hz: {punctuality(delays, 1e9 / rate)}", flush=True)
+
+
+def punctuality(delays: list[int], period_ns: float) -> str:
+    """Return how many of `delays` (ns) are longer than a period, and how long they are."""
+    late, delays = sum(delay > period_ns for delay in delays), sorted(delays)
+    return (
+        f"{late} of {len(delays)} ticks late ({100 * late / len(delays):.3f} %), behind p50 {_at(delays, 0.5):.2f} "
+        f"p99 {_at(delays, 0.99):.2f} max {delays[-1] / 1e6:.1f} ms"
+    )
 
 
 def several(scene: Path, count: int, seconds: float) -> None:
@@ -228,12 +267,12 @@ class Reader:
 
     def forget(self) -> None:
         """Measure from now on."""
-        self._delays: list[float] = []
-        self._recent: deque[float] = deque(maxlen=round(1e9 / self._period_ns))
-        self._late = self._lost = self._received = 0
-        self._latencies: list[float] = []
+        self._delays: list[int] = []
+        self._recent: deque[int] = deque(maxlen=round(1e9 / self._period_ns))
+        self._lost = self._received = 0
+        self._latencies: list[int] = []
         self._positions: deque[float] = deque(maxlen=3)
-        self._commanded = 0.0
+        self._commanded_ns = 0
         self._next = time.monotonic() + COMMAND
 
     def watch(self, seconds: float) -> None:
@@ -241,21 +280,17 @@ class Reader:
         end = time.monotonic() + seconds
         while (now := time.monotonic()) < end:
             self._take()
-            if self._commands is not None and now >= self._next and not self._commanded:
+            if self._commands is not None and now >= self._next and not self._commanded_ns:
                 self._command.wrench.force.x = 0.0 if self._command.wrench.force.x else 1.0
-                self._commanded = time.monotonic()
+                self._commanded_ns = time.time_ns()
                 self._commands.publish(self._command)
                 self._next = now + COMMAND * random.uniform(0.8, 1.2)
             time.sleep(LOOK)
 
     def summary(self) -> str:
         """Return what was found."""
-        delays, latencies = sorted(self._delays), sorted(self._latencies)
-        text = (
-            f"{self._received} messages, {self._lost} lost, {self._late} of {len(delays)} ticks late "
-            f"({100 * self._late / len(delays):.3f} %), behind p50 {_at(delays, 0.5):.2f} p99 {_at(delays, 0.99):.2f} "
-            f"max {delays[-1] / 1e6:.1f} ms"
-        )
+        latencies = sorted(self._latencies)
+        text = f"{self._received} messages, {self._lost} lost, {punctuality(self._delays, self._period_ns)}"
         if latencies:
             text += (
                 f"; wrench to pose p50 {_at(latencies, 0.5):.2f} p99 {_at(latencies, 0.99):.2f} ms of {len(latencies)}"
@@ -276,33 +311,32 @@ class Reader:
                 self._received += 1
                 self._sequence[topic] = number
                 if topic == "pose":
-                    self._see(data, facts["source_timestamp"])
+                    self._see(data, facts["source_timestamp"], facts["received_timestamp"])
 
-    def _see(self, data: bytes, published_ns: int) -> None:
+    def _see(self, data: bytes, published_ns: int, received_ns: int) -> None:
         seconds, nanoseconds = struct.unpack_from("<iI", data, 4)
         # How far the clocks are apart is taken from the most punctual of the last second.
         apart = published_ns - seconds * 10**9 - nanoseconds
         self._recent.append(apart)
-        delay = apart - min(self._recent)
-        self._delays.append(delay)
-        self._late += delay > self._period_ns
+        self._delays.append(apart - min(self._recent))
         (x,) = struct.unpack_from("<d", data, cdr.first_number("geometry_msgs/msg/PoseStamped", data))
         positions = self._positions
         positions.append(x)
-        if self._commanded and len(positions) == 3:
+        if self._commanded_ns and len(positions) == 3:
             # A force that is held makes this a constant: another value shows a new command.
             acceleration = (positions[2] - 2 * positions[1] + positions[0]) / (self._period_ns * 1e-9) ** 2
             old = 0.0 if self._command.wrench.force.x else 0.5
-            if abs(acceleration - old) > 1e-3:
-                self._latencies.append((time.monotonic() - self._commanded) * 1e9)
-                self._commanded = 0.0
+            # Rounding of the positions is below 1e-6; a command shows where it acted for a hundredth of the period.
+            if abs(acceleration - old) > 1e-5:
+                self._latencies.append(received_ns - self._commanded_ns)
+                self._commanded_ns = 0
 
 
 def _taken_elsewhere(_: bytes) -> None:
     raise AssertionError("nothing spins this node")
 
 
-def _at(values: list[float], part: float) -> float:
+def _at(values: list[int], part: float) -> float:
     """Return a quantile of sorted ns, in ms."""
     return values[min(len(values) - 1, int(part * len(values)))] / 1e6
 

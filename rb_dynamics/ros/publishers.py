@@ -122,7 +122,7 @@ class TopicSink:
             for publisher, make in self._samples:
                 if publisher.get_subscription_count():
                     publisher.publish(make(*self._newest))
-        elif isinstance(event, Status):
+        elif isinstance(event, Status) and self._diagnostics.get_subscription_count():
             status = replace(event, time_ns=self._stamp_ns(event.time_ns) or 1)
             self._diagnostics.publish(conversions.diagnostics(status, self._frames.body_frame))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import os
 import resource
@@ -22,6 +23,7 @@ from std_srvs.srv import Trigger
 from rb_dynamics.recording.mcap_reader import read_bag
 
 pytestmark = pytest.mark.ros
+_log = logging.getLogger(__name__)
 
 # Publishes so many wrenches a second for so long (s), of force 1 N but the last, which is 2 N.
 STORM = """
@@ -285,7 +287,10 @@ def test_a_thousand_starts_and_stops_leak_nothing(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.timeout(7200)
 def test_a_soak_keeps_its_memory_and_its_books(scene: Path, peer: Peer, tmp_path: Path) -> None:
-    """Half an hour at 200 Hz with a log, readers and 50 commands a second; RB_DYNAMICS_SOAK_S makes it shorter."""
+    """Half an hour at 200 Hz with a log, readers and 50 commands a second; RB_DYNAMICS_SOAK_S makes it shorter.
+
+    `--log-cli-level=INFO` shows the memory.
+    """
     seconds = float(os.environ.get("RB_DYNAMICS_SOAK_S", "1800"))
     log = tmp_path / "run.mcap"
     with running(scene, output_rate=200.0, mcap=log) as node:
@@ -301,6 +306,7 @@ def test_a_soak_keeps_its_memory_and_its_books(scene: Path, peer: Peer, tmp_path
         peer.until(lambda: int(values(diagnostics[-1])["wrench: accepted"]) == sent, "every command counted")
         told = values(diagnostics[-1])
         assert node.stop() == 0, node.err
+    _log.info("%d commands in %g s; memory over that time, kB: %s", sent, seconds, memories)
     assert (told["wrench: lost"], told["wrench: rejected"]) == ("0", "0")
     assert float(told["energy defect"].split()[0]) < 1e-9
     # kB; the first tenth is for what is allocated once.
