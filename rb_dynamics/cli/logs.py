@@ -89,12 +89,10 @@ def log_sinks(args: argparse.Namespace) -> list[GuardedSink]:
     from rb_dynamics.recording.guard import GuardedSink
     from rb_dynamics.recording.logs import Logs
     from rb_dynamics.recording.mcap_sink import FLUSH_S, LogSettings
-    from rb_dynamics.recording.sinks import sink
 
     settings = LogSettings(FLUSH_S if args.flush is None else args.flush, args.verify, args.accel)
-    logs = Logs(args.mcap, args.bag, args.rerun, args.max_bag_size, args.max_bag_duration, settings)
-    sinks = [*logs.sinks(), *map(sink, args.sink)]
-    return [GuardedSink(log, _warn, guard_open=False) for log in sinks]
+    logs = Logs(args.mcap, args.bag, args.rerun, args.max_bag_size, args.max_bag_duration, settings, args.sink)
+    return [GuardedSink(log, _warn, guard_open=False) for log in logs.sinks()]
 
 
 def _warn(error: Exception) -> None:

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.recording.bag_sink import BagSink
 from rb_dynamics.recording.mcap_sink import LogSettings, McapSink
+from rb_dynamics.recording.sinks import sink
 
 if TYPE_CHECKING:
-    from rb_dynamics.recording.rerun_sink import RerunSink
+    from rb_dynamics.recording.sink import Sink
 
 
 @dataclass(frozen=True)
@@ -25,6 +26,7 @@ class Logs:
         max_bag_size: bytes at which a bag begins its next file; 0: no bound.
         max_bag_duration: s of simulation time in one file of a bag; 0: no bound.
         settings: how MCAP is kept.
+        named: further sinks, such as those of plug-ins, as NAME=TARGET.
     """
 
     mcap: str = ""
@@ -33,6 +35,7 @@ class Logs:
     max_bag_size: int = 0
     max_bag_duration: float = 0.0
     settings: LogSettings = field(default_factory=LogSettings)
+    named: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         """Check that they go together.
@@ -50,19 +53,21 @@ class Logs:
 
     @property
     def names(self) -> list[str]:
-        """The files and folders that are written."""
-        return [name for name in (self.mcap, self.bag, self.rerun) if name]
+        """What is written to: files and folders, and the further sinks."""
+        return [name for name in (self.mcap, self.bag, self.rerun, *self.named) if name]
 
-    def sinks(
-        self, namespace: str = "", remap: Mapping[str, str] | None = None
-    ) -> list[McapSink | BagSink | RerunSink]:
+    def sinks(self, namespace: str = "", remap: Mapping[str, str] | None = None) -> list[Sink]:
         """Return new sinks.
 
         Args:
             namespace: put before relative topic names.
             remap: absolute names of single topics, by relative name; they win over `namespace`.
+
+        Raises:
+            LogError: there is no sink of a name.
+            PluginError: a sink is of a plug-in that cannot be loaded.
         """
-        sinks: list[McapSink | BagSink | RerunSink] = []
+        sinks: list[Sink] = []
         if self.mcap:
             sinks.append(McapSink(self.mcap, namespace, remap, self.settings))
         if self.bag:
@@ -72,4 +77,4 @@ class Logs:
             from rb_dynamics.recording.rerun_sink import RerunSink
 
             sinks.append(RerunSink(self.rerun))
-        return sinks
+        return [*sinks, *map(sink, self.named)]

@@ -20,6 +20,8 @@ from rb_dynamics.errors import RigidBodyError
 from rb_dynamics.ros.arguments import parameter
 from rb_dynamics.ros.node import RigidBodyNode, spin
 
+_LOGS = ("mcap", "bag", "rerun", "sink")
+
 
 def bodies(count: int, prefix: str, spacing: float) -> list[RigidBodyNode]:
     """Return `count` nodes: namespace, frame and names of logs with a number, side by side along y of the world (m).
@@ -31,20 +33,28 @@ def bodies(count: int, prefix: str, spacing: float) -> list[RigidBodyNode]:
     return [_body(f"{prefix}{index + 1}", spacing * index, logs) for index in range(count)]
 
 
-def _body(name: str, y: float, logs: dict[str, Path]) -> RigidBodyNode:
+def _body(name: str, y: float, logs: dict[str, object]) -> RigidBodyNode:
     own: dict[str, object] = {"body.frame": name, "initial.position_world": [0.0, y, 0.0]}
-    own |= {log: str(path.with_stem(f"{path.stem}_{name}")) for log, path in logs.items()}
+    own |= {log: _apart(target, name) for log, target in logs.items()}
     return RigidBodyNode(
         namespace=name, parameter_overrides=[Parameter(key, value=value) for key, value in own.items()]
     )
 
 
-def _logs() -> dict[str, Path]:
+def _apart(target: object, name: str) -> object:
+    """Return the target of a log, or of several, with the name of a body: out/run.mcap is out/run_body_1.mcap."""
+    if isinstance(target, list):
+        return [_apart(each, name) for each in target]
+    path = Path(str(target))
+    return str(path.with_stem(f"{path.stem}_{name}"))
+
+
+def _logs() -> dict[str, object]:
     """Return the logs that the arguments ask for, which each body has to itself."""
     asking = Node("rigid_body", allow_undeclared_parameters=True, automatically_declare_parameters_from_overrides=True)
     try:
-        found = {log: asking.get_parameter_or(log, Parameter(log, value="")).value for log in ("mcap", "rerun")}
-        return {log: Path(str(path)) for log, path in found.items() if path}
+        found = {log: asking.get_parameter_or(log, Parameter(log, value="")).value for log in _LOGS}
+        return {log: target for log, target in found.items() if target}
     finally:
         asking.destroy_node()
 

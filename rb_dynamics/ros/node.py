@@ -131,7 +131,9 @@ class RigidBodyNode(Node):
 
     def _introduction(self) -> str:
         settings, scene, factor = self._settings, self._settings.scene, self._settings.mode.real_time_factor
-        mode = f"at {factor:g} times real time" if factor else "as fast as possible"
+        mode = "as fast as possible"
+        if factor:
+            mode = "in real time" if factor == 1.0 else f"at {factor:g} times real time"
         if settings.mode.lockstep:
             mode = "in lockstep"
         if settings.use_sim_time:
@@ -140,7 +142,7 @@ class RigidBodyNode(Node):
         end = "until stopped" if scene.duration is None else f"for {scene.duration:g} s"
         logs = ", ".join(settings.logs.names)
         return (
-            f"{scene.source}: {self.driver.simulation.plan.description}; {mode}, {end}; listening on {heard}"
+            f"{scene.source} by {self.driver.simulation.plan.name}, {mode}, {end}; listening on {heard}"
             f"{f'; logging to {logs}' if logs else ''}{'; paused' if self.driver.paused else ''}"
         )
 
@@ -151,19 +153,21 @@ class RigidBodyNode(Node):
         names = ["inertia", *(name for name, _ in (*SAMPLE_TOPICS, ACCEL)), *self._topics]
         resolved = {name: self.resolve_topic_name(name) for name in names}
         sinks = self._settings.logs.sinks(self.get_namespace(), resolved)
-        self._logs = [log.path for log in sinks]
+        # A sink of a plug-in may write no file.
+        paths = [Path(log.path) if hasattr(log, "path") else None for log in sinks]
+        self._logs = [path for path in paths if path]
         return [
             GuardedSink(
                 log,
                 lambda error: self._health.failed(f"a log has stopped: {error}"),
-                before_open=partial(self._keep_earlier, log.path),
+                before_open=partial(self._keep_earlier, path),
             )
-            for log in sinks
+            for log, path in zip(sinks, paths, strict=True)
         ]
 
-    def _keep_earlier(self, path: Path) -> None:
+    def _keep_earlier(self, path: Path | None) -> None:
         """Move an earlier log aside: what flew cannot be flown again."""
-        kept = move_aside(path)
+        kept = path and move_aside(path)
         if kept is not None:
             self.get_logger().info(f"{path} was there already and is kept as {kept.name}")
 

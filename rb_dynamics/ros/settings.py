@@ -38,6 +38,7 @@ _PARAMETERS: dict[str, tuple[object, str]] = {
     "flush": (FLUSH_S, "s of wall time after which what was logged survives a kill; 0 = whole chunks only"),
     "verify": (False, "read each finished log again and count its messages"),
     "rerun": ("", "write a Rerun recording to this file"),
+    "sink": ("", "tell the run to a sink by name, such as one of a plug-in: NAME=TARGET, or a list of these"),
 }
 # Those that may be set while the node runs.
 _SETTABLE = ("real_time_factor",)
@@ -108,6 +109,7 @@ def read_settings(node: Node) -> Settings:
             round(number("max_bag_size", values["max_bag_size"])),
             number("max_bag_duration", values["max_bag_duration"]),
             LogSettings(number("flush", values["flush"]), flags["verify"], flags["publish_accel"]),
+            _texts("sink", values["sink"]),
         ),
     )
 
@@ -229,3 +231,7 @@ def _text(name: str, value: object) -> str:
     if not isinstance(value, str):
         raise SceneError(f"parameter {name}: found {value!r}, expected text; quote it: -p '{name}:=\"{value}\"'")
     return value
+
+
+def _texts(name: str, value: object) -> list[str]:
+    return [_text(name, text) for text in (value if isinstance(value, list) else [value]) if text]

@@ -20,6 +20,7 @@ pytestmark = pytest.mark.ros
 def test_each_body_hears_its_own_commands_and_keeps_its_own_log(scene: Path, peer: Peer, tmp_path: Path) -> None:
     command = [sys.executable, "-m", "rb_dynamics.ros.bodies", str(scene), "--count", "3", "--spacing", "2.0"]
     command += ["--ros-args", "-p", f"mcap:={tmp_path}/run.mcap", "-p", "output_rate:=200.0"]
+    command += ["-p", f"sink:=[bag={tmp_path}/flight]"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         try:
             odometry = [peer.listen(Odometry, f"/body_{k}/odom") for k in (1, 2, 3)]
@@ -37,6 +38,7 @@ def test_each_body_hears_its_own_commands_and_keeps_its_own_log(scene: Path, pee
         bag = read_bag(tmp_path / f"run_body_{k}.mcap")
         assert bag.complete
         assert len(bag.wrenches(f"/body_{k}/wrench")) == (k == 2)
+        assert read_bag(tmp_path / f"flight_body_{k}").complete
 
 
 def test_a_body_that_cannot_start_ends_them_all_with_one_message(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 import signal
 import subprocess
@@ -199,6 +200,8 @@ def test_namespace_remapping_and_scene_overrides(scene: Path, peer: Peer, tmp_pa
         ({"body__mass": -1.0}, "body.mass"),
         ({"mcap": "/proc/no/run.mcap"}, "/proc/no"),
         ({"mcap": "run.mcap", "bag": "run"}, "expected one"),
+        ({"sink": "rows=run.txt"}, "found 'rows', expected one of mcap, bag, rerun"),
+        ({"sink": "[mcap]"}, "expected NAME=TARGET"),
     ],
 )
 def test_bad_parameters_end_with_one_message(scene: Path, parameters: dict[str, object], expected: str) -> None:
@@ -304,6 +307,24 @@ def test_a_later_node_keeps_the_logs_of_the_earlier_one(scene: Path, tmp_path: P
     assert [each.poses("/pose")[0][-1] for each in (earlier, newest)] == [500_000_000, 1_000_000_000]
     assert len(list(bag.glob("*.mcap"))) == 3
     assert newest.topics["/accel"].count == newest.topics["/tf"].count == newest.topics["/pose"].count
+
+
+def test_the_sink_of_a_plug_in_is_told_the_run(scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # What pip would install.
+    facts = tmp_path / "rb_dynamics_example-0.1.0.dist-info"
+    facts.mkdir()
+    (facts / "METADATA").write_text("Metadata-Version: 2.1\nName: rb-dynamics-example\nVersion: 0.1.0\n")
+    (facts / "entry_points.txt").write_text("[rb_dynamics.sinks]\nlines = rb_dynamics_example.lines:Lines\n")
+    paths = (str(tmp_path), str(ROOT / "examples" / "plugin"), os.environ.get("PYTHONPATH", ""))
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(paths))
+    sinks = f"[lines={tmp_path}/run.txt, mcap={tmp_path}/run.mcap]"
+    for duration in (1.0, 2.0):
+        node = NodeProcess(scene, real_time_factor=0, duration=duration, sink=sinks)
+        assert node.wait() == 0, node.err
+    assert "run.txt was there already and is kept as run.1.txt" in node.err
+    lines = (tmp_path / "run.txt").read_text().splitlines()[1:]
+    assert [line.split()[0] for line in lines] == ["0", "1", "2"]
+    assert read_bag(tmp_path / "run.mcap").complete
 
 
 def test_a_reset_whose_log_cannot_be_opened_is_answered_and_survived(scene: Path, peer: Peer, tmp_path: Path) -> None:
