@@ -6,11 +6,12 @@ Start the node first, in the same environment:
 """
 
 import contextlib
+import signal
 
 import rclpy
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
-from rclpy.executors import ExternalShutdownException
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 TARGET, STIFFNESS, DAMPING = (0.5, 0.5, 0.5, 0.5), 5.0, 1.6  # x, y, z, w; N m; N m s/rad
@@ -31,9 +32,15 @@ def regulate(odom: Odometry) -> None:
     commands.publish(command)
 
 
-rclpy.init(signal_handler_options=SignalHandlerOptions.SIGINT)  # SIGTERM ends it at once
+# Not by rclpy's handlers: they wake the executor before they end the context, and one that waits again sleeps for ever.
+rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+signal.signal(signal.SIGTERM, signal.default_int_handler)
 node = rclpy.create_node("attitude_controller")
 commands = node.create_publisher(WrenchStamped, "wrench", 1)
 node.create_subscription(Odometry, "odom", regulate, 1)
-with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
-    rclpy.spin(node)
+executor = SingleThreadedExecutor()
+executor.add_node(node)
+with contextlib.suppress(KeyboardInterrupt):
+    while True:
+        executor.spin_once(timeout_sec=0.1)
+rclpy.shutdown()

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 from nav_msgs.msg import Odometry
@@ -45,8 +46,29 @@ def test_an_example_that_waits_for_a_node_ends_quietly(peer: Peer, name: str, ho
                 time.sleep(1.0)  # until it spins
             example.send_signal(how)
             assert "Traceback" not in example.communicate(timeout=10.0)[1]
+            assert name == "command.py" or example.returncode == 0
         finally:
             example.kill()
+
+
+def test_control_pauses_steps_and_resets(scene: Path) -> None:
+    def control(word: str, *more: str) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, str(ROOT / "examples" / "control.py"), word, *more]
+        return subprocess.run(command, capture_output=True, text=True, check=False, timeout=60.0)
+
+    ros_args = ("-r", "__ns:=/robot_1")
+    with running(scene, *ros_args) as node:
+        said = [control(word, "--ros-args", *ros_args) for word in ("step", "pause", "step", "go", "reset")]
+        assert node.stop() == 0
+    assert [(each.returncode, each.stdout.strip()) for each in said] == [
+        (1, ""),
+        (0, "paused"),
+        (0, "one output period more"),
+        (0, "running"),
+        (0, "time 0 s, initial state, commands cleared"),
+    ]
+    assert "only while paused" in said[0].stderr
+    assert "expected one of pause, go, step, reset, found jump" in control("jump").stderr
 
 
 def test_the_tutorial_shows_the_controller_as_it_is() -> None:

@@ -1,0 +1,56 @@
+"""Pause, step or reset the node from Python, where there is no `ros2` command.
+
+In the same environment as the node, of which --ros-args tells the namespace where it has one:
+
+    python examples/control.py {pause,go,step,reset} [--ros-args -r __ns:=/robot_1]
+"""
+
+from __future__ import annotations
+
+import sys
+
+import rclpy
+from rclpy.node import Node
+from rclpy.utilities import remove_ros_args
+from std_srvs.srv import SetBool, Trigger
+
+# What to say: the service, its type and the request.
+WORDS = {
+    "pause": ("pause", SetBool, SetBool.Request(data=True)),
+    "go": ("pause", SetBool, SetBool.Request(data=False)),
+    "step": ("step", Trigger, Trigger.Request()),
+    "reset": ("reset", Trigger, Trigger.Request()),
+}
+PATIENCE = 5.0  # s
+
+
+def main() -> str | None:
+    """Say one of the words to the node; return what is wrong."""
+    words = remove_ros_args(sys.argv)[1:]
+    if len(words) != 1 or words[0] not in WORDS:
+        return f"expected one of {', '.join(WORDS)}, found {' '.join(words) or 'nothing'}"
+    rclpy.init(args=sys.argv)
+    try:
+        return ask(rclpy.create_node("control"), *WORDS[words[0]])
+    finally:
+        rclpy.try_shutdown()
+
+
+def ask(node: Node, name: str, kind: type, request: object) -> str | None:
+    """Call a service of the node and print its answer; return what is wrong."""
+    client = node.create_client(kind, f"rigid_body/{name}")
+    if not client.wait_for_service(PATIENCE):
+        return f"no service {client.srv_name} yet; start: rb-dynamics node config/free_flyer.yaml"
+    future = client.call_async(request)
+    rclpy.spin_until_future_complete(node, future, timeout_sec=PATIENCE)
+    if not future.done():
+        return f"no answer of {client.srv_name} within {PATIENCE:g} s"
+    answer = future.result()
+    if not answer.success:
+        return answer.message
+    print(answer.message)
+    return None
+
+
+if __name__ == "__main__":
+    sys.exit(main())
