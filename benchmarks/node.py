@@ -1,6 +1,6 @@
 """How well the node keeps its rate, what that costs, and how fast it answers; beside a node that does nothing else.
 
-Usage: python benchmarks/node.py [--seconds 60] [--rounds 3] [--bodies 4] [--priority 10]
+Usage: python benchmarks/node.py [--seconds 60] [--rounds 3] [--bodies 4] [--rate 1000] [--priority 10]
 
 Two runs: steps of 1 ms with every one published (pose, twist, odom, momenta, energies: eight topics, all of them read),
 and steps of 0.25 ms published at 200 Hz. The reader is this process; it takes the bytes and commands a force now and
@@ -78,6 +78,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=60.0, help="of each measurement")
     parser.add_argument("--rounds", type=int, default=1, help="of node and empty node in turn")
     parser.add_argument("--bodies", type=int, default=4, help="side by side, 0: none")
+    parser.add_argument("--rate", type=float, help="Hz: only the run with this output rate")
     parser.add_argument("--priority", type=int, default=0, help="real-time priority, 2 to 99; 0: none")
     parser.add_argument("--empty", type=float, metavar="HZ", help=argparse.SUPPRESS)
     parser.add_argument("--bare", type=float, nargs=2, metavar=("HZ", "S"), help=argparse.SUPPRESS)
@@ -105,7 +106,7 @@ def main() -> None:
         scene = Path(folder) / "scene.yaml"
         scene.write_text(SCENE, encoding="utf-8")
         me = [*at, sys.executable, str(Path(__file__).resolve())]
-        for steps, rate in CASES:
+        for steps, rate in (case for case in CASES if arguments.rate in (None, case[1])):
             ratios = []
             for _ in range(arguments.rounds):
                 node = [*at, sys.executable, "-m", "rb_dynamics", "node", str(scene), "--ros-args"]
