@@ -415,11 +415,11 @@ class _Steps:
             splits = [self.split(length) for length in found.tolist()]
             counts = np.array([count for count, _ in splits])[where]
             rests = np.array([rest for _, rest in splits])[where]
-        whole, total = self.schedule(counts, rests, wrenches), np.cumsum(counts + 1)
+        whole, total = self.schedule(counts, rests, wrenches), np.cumsum(counts + (rests > 0.0))
         first = 0
         while first < len(times):
             done = int(total[first - 1]) if first else 0
-            last = max(first + 1, int(np.searchsorted(total, done + LONGEST_STRETCH)))
+            last = max(first + 1, int(np.searchsorted(total, done + LONGEST_STRETCH, side="right")))
             yield whole.between(first, last)
             first = last
 
