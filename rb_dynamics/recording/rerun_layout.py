@@ -6,7 +6,7 @@ Imports `rerun` only inside its functions.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -151,7 +151,7 @@ def no_wrench_line() -> rr.SeriesLines:
     return rr.SeriesLines(names=["none"], colors=[GREY])
 
 
-def path_line(name: str, points: Sequence[Vector]) -> rr.LineStrips3D:
+def path_line(name: str, points: Array) -> rr.LineStrips3D:
     """Return the path of the centre of mass, or a thinner one of the body origin."""
     import rerun as rr
 

@@ -121,7 +121,10 @@ def curves(pieces: list[Piece]) -> Iterator[tuple[str, rr.ComponentColumnList]]:
         strips = [strip[:, axes] for row in lines for strip in row]
         points = [strip[0, axes] for row in dots for strip in row]
         if strips:
-            yield entity, rr.LineStrips3D.columns(strips=strips).partition([len(row) for row in lines])
+            # One array goes many times as fast as a list; pieces are of one length where the curve has no gap.
+            alike = len({len(strip) for strip in strips}) == 1
+            columns = rr.LineStrips3D.columns(strips=np.array(strips) if alike else strips)
+            yield entity, columns.partition([len(row) for row in lines])
         if points:
             yield f"{entity}/dots", rr.Points3D.columns(positions=points).partition([len(row) for row in dots])
 

@@ -45,7 +45,7 @@ Array = NDArray[np.float64]
 Times = NDArray[np.int64]
 
 MAX_ROWS = 200_000
-BATCH_ROWS = 2048
+BATCH_ROWS = 4096
 PATH_POINTS = 8192
 
 
@@ -282,7 +282,7 @@ class Recorder:
         self._send("world/center_of_mass", times, rr.Transform3D.columns(translation=center))
         for name, points in (("center_of_mass", center), ("body_origin", position)):
             if name in self.paths:
-                self.paths[name].extend((x, y, z) for x, y, z in points.tolist())
+                self.paths[name].extend(points)
                 if self.paths[name].due():
                     self._send_path(name)
 
@@ -296,7 +296,8 @@ class Recorder:
         """Put the frame of the overview into the middle of the path so far; its unit is a quarter of the extent."""
         import rerun as rr
 
-        points = np.array(self.paths["center_of_mass"].line() or [ZERO])
+        points = self.paths["center_of_mass"].line()
+        points = points if len(points) else np.zeros((1, 3))
         low, high = points.min(axis=0), points.max(axis=0)
         unit = max(0.25 * float(np.linalg.norm(high - low)), self.size)
         self.stream.log(OVERVIEW, rr.Transform3D(translation=0.5 * (low + high), scale=unit), static=True)
@@ -323,7 +324,7 @@ class Recorder:
 
     def _send_path(self, name: str) -> None:
         path = self.paths[name]
-        path.sent = path.seen
+        path.sent()
         self.stream.log(f"world/path/{name}", layout.path_line(name, path.line()), static=True)
 
     def _send_wrench_looks(self, part: WrenchPart) -> None:
@@ -365,8 +366,7 @@ class Recorder:
     def _send_scalars(self, entity: str, times: list[rr.TimeColumn], values: Array) -> None:
         import rerun as rr
 
-        columns = rr.Scalars.columns(scalars=values.ravel()).partition(np.full(len(values), values.shape[1]))
-        self._send(entity, times, columns)
+        self._send(entity, times, rr.Scalars.columns(scalars=values))
 
     def _send(self, entity: str, times: list[rr.TimeColumn], columns: rr.ComponentColumnList) -> None:
         self.stream.send_columns(entity, times, columns, strict=True)

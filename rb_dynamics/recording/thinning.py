@@ -6,7 +6,6 @@ Chooses among what happened and never makes a value up; knows no file format. Of
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -46,35 +45,37 @@ class Thinner:
         return True
 
 
-@dataclass
 class Polyline:
     """A path in at most 2 `max_points` points, evenly thinned; the newest point is always its end."""
 
-    max_points: int
-    points: list[Vector] = field(default_factory=list)
-    stride: int = 1
-    seen: int = 0
-    last: Vector = ZERO
-    sent: int = 0
+    def __init__(self, max_points: int) -> None:
+        """Start before the first point."""
+        self.stride = 1
+        self._max_points = max_points
+        self._points: Array = np.zeros((0, 3))
+        self._last: Array = np.zeros((0, 3))
+        self._seen = self._sent = 0
 
-    def extend(self, points: Iterable[Vector]) -> None:
-        """Take the next points."""
-        for point in points:
-            self.last = point
-            if self.seen % self.stride == 0:
-                self.points.append(point)
-            self.seen += 1
-            if len(self.points) > 2 * self.max_points:
-                self.points = self.points[::2]
-                self.stride *= 2
+    def extend(self, points: Array) -> None:
+        """Take the next points, (n, 3)."""
+        self._points = np.concatenate([self._points, points[-self._seen % self.stride :: self.stride]])
+        self._last = points[-1:] if len(points) else self._last
+        self._seen += len(points)
+        while len(self._points) > 2 * self._max_points:
+            self._points = self._points[::2]
+            self.stride *= 2
 
     def due(self) -> bool:
         """Return whether it has doubled since it was last sent: then all sendings together cost no more than two."""
-        return self.seen >= 2 * self.sent
+        return self._seen >= 2 * self._sent
 
-    def line(self) -> list[Vector]:
-        """Return the points kept and the newest one."""
-        return [*self.points, self.last] if self.points else []
+    def sent(self) -> None:
+        """Take note that it has been sent."""
+        self._sent = self._seen
+
+    def line(self) -> Array:
+        """Return the points kept and the newest one, (n, 3)."""
+        return np.concatenate([self._points, self._last])
 
 
 class WrenchPart(NamedTuple):

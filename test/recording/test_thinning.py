@@ -51,7 +51,7 @@ def test_length_of_a_run_that_logs_every_step_is_not_known() -> None:
 def test_polyline_keeps_both_ends_and_evenly_what_lies_between(max_points: int, batches: list[int]) -> None:
     line, count = Polyline(max_points), 0
     for batch in batches:
-        line.extend((float(i), 0.0, 0.0) for i in range(count, count + batch))
+        line.extend(np.arange(count, count + batch, dtype=float)[:, None] * (1.0, 0.0, 0.0))
         count += batch
     places = [int(point[0]) for point in line.line()]
     if not count:
@@ -66,10 +66,10 @@ def test_polyline_keeps_both_ends_and_evenly_what_lies_between(max_points: int, 
 def test_polyline_is_sent_again_when_it_has_doubled() -> None:
     line, sent = Polyline(10), []
     for i in range(1000):
-        line.extend([(float(i), 0.0, 0.0)])
+        line.extend(np.array([[float(i), 0.0, 0.0]]))
         if line.due():
-            line.sent = line.seen
-            sent.append(line.seen)
+            line.sent()
+            sent.append(i + 1)
     assert sent == [2**k for k in range(10)]
 
 
