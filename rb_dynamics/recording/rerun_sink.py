@@ -120,6 +120,8 @@ class RerunSink:
         if recorder is not None:
             with recorder.writing():
                 recorder.end(result)
+            del recorder
+            _release()
 
 
 class Recorder:
@@ -370,6 +372,13 @@ class Recorder:
 
     def _send(self, entity: str, times: list[rr.TimeColumn], columns: rr.ComponentColumnList) -> None:
         self.stream.send_columns(entity, times, columns, strict=True)
+
+
+def _release() -> None:
+    """Free what Rerun keeps of recordings that nobody holds any more: some MB and two threads of each."""
+    from rerun_bindings import flush_and_cleanup_orphaned_recordings
+
+    flush_and_cleanup_orphaned_recordings()  # as `rerun.init` does; nothing else of its interface frees them
 
 
 def _recentre(start: Vector, size: float) -> Vector:

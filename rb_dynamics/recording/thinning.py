@@ -6,7 +6,7 @@ Chooses among what happened and never makes a value up; knows no file format. Of
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
