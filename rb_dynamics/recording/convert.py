@@ -24,7 +24,7 @@ from rb_dynamics.recording.log_file import LogFile, require_other
 from rb_dynamics.recording.mcap_reader import decode_wrench
 from rb_dynamics.recording.mcap_records import Message
 from rb_dynamics.recording.mcap_writer import McapWriter
-from rb_dynamics.recording.messages import WRENCH, qos_profile
+from rb_dynamics.recording.messages import COMMAND_DEPTH, WRENCH, qos_profile
 from rb_dynamics.recording.own_log import Row, received_commands, row_columns, rows, scene_and_names
 from rb_dynamics.recording.provenance import version
 from rb_dynamics.recording.ros2msg import TYPE_HASHES, schema_text
@@ -109,7 +109,7 @@ def table_to_bag(table: Path, target: Path) -> int:
     """
     require_other(target, table)
     commands = list(_read_wrenches(table))
-    qos, kind = qos_profile(), (WRENCH, "ros2msg", schema_text(WRENCH).encode())
+    qos, kind = qos_profile(COMMAND_DEPTH), (WRENCH, "ros2msg", schema_text(WRENCH).encode())
     with contextlib.closing(LogFile(target)) as file:
         writer = McapWriter(file, f"rb_dynamics {version()}")
         writer.begin()

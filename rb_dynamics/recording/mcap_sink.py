@@ -29,6 +29,7 @@ from rb_dynamics.recording.log_file import LogFile
 from rb_dynamics.recording.mcap_records import Channel, McapFile, Schema
 from rb_dynamics.recording.mcap_writer import McapWriter
 from rb_dynamics.recording.messages import (
+    COMMAND_DEPTH,
     DIAGNOSTICS,
     INERTIA,
     TF_STATIC,
@@ -36,6 +37,7 @@ from rb_dynamics.recording.messages import (
     encode_applied,
     encode_fixed,
     qos_profile,
+    sample_depth,
     sample_encoder,
     sample_topics,
 )
@@ -247,11 +249,12 @@ class McapSink:
         Raises:
             LogError: two of them have one absolute name.
         """
-        usual, latched = qos_profile(), qos_profile(1, "transient_local")
+        usual, latched = qos_profile(sample_depth(scene)), qos_profile(1, "transient_local")
+        command = qos_profile(COMMAND_DEPTH)
         topics = [
             *((name, type_name, usual) for name, type_name in samples),
-            *((name, WRENCH, usual) for each in scene.channels for name in (each.topic, each.topic + _APPLIED)),
-            *((name + _APPLIED, WRENCH, usual) for name, _ in scene.acting.schedules()),
+            *((name, WRENCH, command) for each in scene.channels for name in (each.topic, each.topic + _APPLIED)),
+            *((name + _APPLIED, WRENCH, command) for name, _ in scene.acting.schedules()),
             ("inertia", INERTIA, latched),
             *([(*TF_STATIC, latched)] if scene.frames.fixed else []),
             ("/diagnostics", DIAGNOSTICS, qos_profile(1)),

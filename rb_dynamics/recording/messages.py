@@ -50,12 +50,21 @@ ACCEL = ("accel", ACCELERATION)
 TF_STATIC = ("/tf_static", TRANSFORMS)
 """Where the scene has frames fixed on the body."""
 
+COMMAND_DEPTH = 1000
+"""How many commands the node keeps until it reads them: what plays a log to a node must keep as many."""
+
 _FOREVER = "\n    sec: 9223372036\n    nsec: 854775807\n"
 
 Acceleration = Callable[[], tuple[Vector, Vector]]
 
 
-def qos_profile(depth: int = 10, durability: str = "volatile") -> str:
+def sample_depth(scene: Scene) -> int:
+    """Return how many samples are kept for a reader that is busy: those of half a second, but 10 to 1000."""
+    rate = scene.output_rate or 1.0 / (scene.solver.step or 1.0)
+    return min(1000, max(10, round(rate / 2)))
+
+
+def qos_profile(depth: int, durability: str = "volatile") -> str:
     """Return a reliable profile in the words of rosbag2 in Jazzy (bag metadata version 9)."""
     return (
         f"- history: keep_last\n  depth: {depth}\n  reliability: reliable\n  durability: {durability}\n"

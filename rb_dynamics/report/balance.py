@@ -78,7 +78,7 @@ def _energy(track: Track) -> Balance | None:
     kinetic, logged, work = track.kinetic_energy, track.energy_defect, track.work
     if logged is not None and len(logged.time_ns):
         sizes = [np.abs(series.values).max(initial=0.0) for series in (kinetic, work) if series is not None]
-        basis = "T − T₀ − W, with the work W of everything that acted as the run booked it"
+        basis = "T − T₀ − W, with the work W of everything that acted as the run itself counted it"
         return Balance("energy", "J", logged.time_ns, logged.values, 1.0, float(max(sizes, default=0.0)), basis)
     if kinetic is None or not len(kinetic.time_ns) or not track.acted:
         return None

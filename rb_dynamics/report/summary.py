@@ -166,7 +166,7 @@ def summarize(track: Track, bound: float = BOUND) -> Summary:
 def _explained(left: Residual | None) -> list[Check]:
     if left is None:
         return []
-    detail = f"left over {left.relative:.3g} of the momentum from sample to sample, {left.best:.3g} with the best fit"
+    detail = f"from sample to sample {left.relative:.3g} of the angular momentum has no cause; with the best fit {left.best:.3g}"
     return [Check("inertia explains the motion", left.explained, detail)]
 
 

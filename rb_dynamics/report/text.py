@@ -14,17 +14,23 @@ from rb_dynamics.report.summary import Summary
 
 WIDTH = 100
 
+DEFECT = "Defect: what is missing for the balance to hold exactly; relative: over the largest value."
+UNKNOWN = "-: the recording does not say."
+
 
 def as_text(summary: Summary) -> str:
     """Return the summary as lines of at most `WIDTH` columns."""
     lines = [*_wrap(headline(summary)), ""]
-    lines += _table("topic", topic_rows(summary), (37, 17, 10, 11, 13, 12))
+    lines += _table("topic", topic_rows(summary), (35, 17, 10, 11, 16, 11))
     lines += _table("state", state_rows(summary), (37, 6, 14, 14, 14, 14))
     lines += _table("extremes", range_rows(summary), (35, 16, 16, 16, 16))
     lines += _table("balance", balance_rows(summary), (30, 14, 14, 14, 14, 14))
+    lines += [f"  {DEFECT}"] if summary.balances else []
     lines += [line for row in summary.balances for line in _wrap(f"  {row.name}: {row.basis}", "    ")]
     lines += [""] if summary.balances else []
     lines += _table("wrench channel", channel_rows(summary), (26, 10, 10, 9, 10, 10, 12, 13))
+    if any("-" in row for row in channel_rows(summary)):
+        lines[-1:] = [f"  {UNKNOWN}", ""]
     if summary.health:
         lines += [*_wrap(f"diagnostics: {health_sentence(summary)}"), ""]
     for remark in (*summary.missing, *summary.notes):
@@ -33,7 +39,7 @@ def as_text(summary: Summary) -> str:
     for check in summary.checks:
         lines += _wrap(f"{'ok  ' if check.passed else 'FAIL'}  {check.name}: {check.detail}", "      ")
     if summary.residual:
-        lines = [*lines, *_wrap(residual_sentence(summary.residual)), ""]
+        lines += ["", *_wrap(residual_sentence(summary.residual)), ""]
     lines += [line for warning in summary.warnings for line in _wrap(f"warning: {warning}", "  ")]
     failed, count = sum(not check.passed for check in summary.checks), len(summary.checks)
     return "\n".join([*lines, f"{failed} of {count} checks failed" if failed else f"all {count} checks passed"])
@@ -41,11 +47,12 @@ def as_text(summary: Summary) -> str:
 
 def headline(summary: Summary) -> str:
     """Return what the file is, in one or two sentences."""
-    source = f"log of rb_dynamics {summary.version}".rstrip() if summary.own else "recording"
-    scene = f" of {summary.scene}" if summary.scene else ""
+    own = f"log of rb_dynamics {summary.version}".rstrip()
+    source = own if summary.own else "recording by another program"
+    scene = f", scene {summary.scene}" if summary.scene else ""
     samples = f"{summary.duration_s:.9g} s in {summary.samples} samples" if summary.samples else "no motion recorded"
     method = f"; {summary.method}" if summary.method else ""
-    steps = f", {summary.steps} steps" if summary.steps is not None else ""
+    steps = "" if summary.steps is None else f", {summary.steps} step{'' if summary.steps == 1 else 's'}"
     start = "" if summary.start_ns == 0 else f", from t = {summary.start_ns / 1e9:.9f} s"
     state = "" if summary.complete else ", cut off"
     return f"{summary.path}: {source}{scene}{state}: {samples}{start}{method}{steps}"
@@ -53,7 +60,7 @@ def headline(summary: Summary) -> str:
 
 def topic_rows(summary: Summary) -> list[list[str]]:
     """Return header and rows: how messages come."""
-    rows = [["", "type", "messages", "rate [Hz]", "longest [s]", "at t [s]"]]
+    rows = [["", "type", "messages", "rate [Hz]", "longest gap [s]", "at t [s]"]]
     for t in summary.topics:
         kind = t.type_name.rpartition("/")[2]
         spaced = t.count > 1
@@ -92,7 +99,7 @@ def range_rows(summary: Summary) -> list[list[str]]:
 
 def balance_rows(summary: Summary) -> list[list[str]]:
     """Return header and rows: defects; empty where nothing is balanced."""
-    rows = [["", "worst defect", "at t [s]", "largest seen", "relative", "known for"]]
+    rows = [["", "worst defect", "at t [s]", "largest value", "relative", "of the run"]]
     for b in summary.balances:
         worst = [f"{b.worst:.3e}", _short((b.worst_ns - summary.start_ns) * 1e-9)] if b.covered else ["", ""]
         relative = f"{b.relative:.3e}" if b.covered else ""

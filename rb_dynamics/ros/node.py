@@ -39,6 +39,7 @@ from std_srvs.srv import SetBool, Trigger
 from rb_dynamics.errors import RigidBodyError, SceneError
 from rb_dynamics.recording.guard import GuardedSink
 from rb_dynamics.recording.log_file import move_aside
+from rb_dynamics.recording.messages import COMMAND_DEPTH
 from rb_dynamics.ros import conversions
 from rb_dynamics.ros.driver import Driver
 from rb_dynamics.ros.health import ERROR, Health
@@ -49,8 +50,6 @@ from rb_dynamics.scene.model import Scene
 from rb_dynamics.simulate import Simulation
 
 _NANOSECONDS = 1_000_000_000
-# How many commands of a channel may wait, and are taken at once.
-_LARGEST_BATCH = 1000
 # s: up to so long it sleeps instead of waiting for messages, and so often it then looks at services.
 _LONGEST_SLEEP, _BETWEEN_TURNS = 0.006, 0.02
 # Of prctl(2): by how many ns Linux may end a sleep late, to end it together with others; 50 000 otherwise.
@@ -174,7 +173,7 @@ class RigidBodyNode(Node):
     def _subscribe(self, topic: str) -> Subscription:
         # In lockstep no command may be lost, however far the commander is ahead: the reader keeps them all.
         lockstep = self._settings.mode.lockstep
-        qos = QoSProfile(history=HistoryPolicy.KEEP_ALL) if lockstep else QoSProfile(depth=_LARGEST_BATCH)
+        qos = QoSProfile(history=HistoryPolicy.KEEP_ALL) if lockstep else QoSProfile(depth=COMMAND_DEPTH)
         events = SubscriptionEventCallbacks(
             incompatible_qos=lambda event: self._health.mismatched(
                 topic,
@@ -204,7 +203,7 @@ class RigidBodyNode(Node):
         """
         for topic, subscription in self._wrench_subscriptions.items():
             with subscription.handle:
-                for _ in range(_LARGEST_BATCH):
+                for _ in range(COMMAND_DEPTH):  # all that may wait
                     taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
                     if taken is None:
                         break

@@ -15,6 +15,7 @@ from rclpy.parameter import Parameter
 from rb_dynamics.errors import SceneError
 from rb_dynamics.recording.logs import Logs
 from rb_dynamics.recording.mcap_sink import FLUSH_S, LogSettings
+from rb_dynamics.recording.messages import sample_depth
 from rb_dynamics.ros.driver import Mode
 from rb_dynamics.ros.publishers import Topics
 from rb_dynamics.scene import document, read_scene
@@ -100,7 +101,7 @@ def read_settings(node: Node) -> Settings:
     return Settings(
         scene,
         Mode(factor, flags["lockstep"], flags["start_paused"], apply_at),
-        Topics(_depth(scene), flags["publish_clock"], flags["publish_tf"], flags["publish_accel"]),
+        Topics(sample_depth(scene), flags["publish_clock"], flags["publish_tf"], flags["publish_accel"]),
         use_sim_time,
         Logs(
             _text("mcap", values["mcap"]),
@@ -112,12 +113,6 @@ def read_settings(node: Node) -> Settings:
             _texts("sink", values["sink"]),
         ),
     )
-
-
-def _depth(scene: Scene) -> int:
-    """Return how many samples are kept for a reader that is busy: those of half a second, but 10 to 1000."""
-    rate = scene.output_rate or 1.0 / (scene.solver.step or 1.0)
-    return min(1000, max(10, round(rate / 2)))
 
 
 def scene_values(scene: Scene) -> dict[str, object]:

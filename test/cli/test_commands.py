@@ -95,7 +95,7 @@ def test_json_has_the_promised_keys_in_full_precision(scene: Path) -> None:
 
 def test_text_says_state_and_defects(scene: Path) -> None:
     text = command("simulate", scene, "--duration", "0.5").stdout
-    assert "after 0.5 s: 1 steps of exact" in text
+    assert "after 0.5 s: 1 step of exact" in text
     assert "energy_defect" in text
 
 

@@ -28,11 +28,12 @@ from rb_dynamics.recording.mcap_reader import read_bag
 from rb_dynamics.recording.mcap_sink import LogSettings, McapSink, verify
 from rb_dynamics.recording.mcap_writer import CHUNK_BYTES
 from rb_dynamics.recording.memory import MemorySink
+from rb_dynamics.recording.messages import COMMAND_DEPTH, sample_depth
 from rb_dynamics.recording.ros2msg import TYPE_HASHES
 from rb_dynamics.recording.sink import AppliedWrench, Event, RejectedWrench, RunInfo, Status
 from rb_dynamics.recording.state_hash import StateHash
 from rb_dynamics.replay import replay
-from rb_dynamics.scene.model import Channel, Scene
+from rb_dynamics.scene.model import Channel, Scene, Solver
 from rb_dynamics.scene.read import parse_scene
 from rb_dynamics.simulate import simulate
 
@@ -248,6 +249,9 @@ def test_container_says_what_ros_expects(tmp_path: Path) -> None:
         assert dump_qos_v9(connection.ext.offered_qos_profiles) == yaml.safe_load(written)
         (profile,) = yaml.safe_load(written)
         assert profile["durability"] == ("transient_local" if topic == "/inertia" else "volatile")
+        latest_only, commands = topic in ("/inertia", "/diagnostics"), TYPES[topic].endswith("WrenchStamped")
+        assert profile["depth"] == (1 if latest_only else COMMAND_DEPTH if commands else sample_depth(make_run().scene))
+
         assert (profile["history"], profile["reliability"]) == ("keep_last", "reliable")
         for duration in ("deadline", "lifespan", "liveliness_lease_duration"):
             # What rmw calls infinite: 2^63 - 1 ns.
@@ -255,6 +259,14 @@ def test_container_says_what_ros_expects(tmp_path: Path) -> None:
     assert metadata["rb_dynamics"] == {"method": "rk4", "seed": "", "platform": "here", "scene_file": "gr?n.yaml"}
     assert metadata["rb_dynamics.result"]["steps"] == "7"
     assert attachments == [("scene.yaml", "application/yaml", make_run().scene.text.encode())]
+
+
+@pytest.mark.parametrize(
+    ("rate", "step", "depth"), [(1e2, None, 50), (1.0, None, 10), (1e4, None, 1000), (0.0, 0.01, 50)]
+)
+def test_half_a_second_of_samples_waits_for_a_busy_reader(rate: float, step: float | None, depth: int) -> None:
+    scene = dataclasses.replace(make_run().scene, output_rate=rate, solver=Solver(step=step))
+    assert sample_depth(scene) == depth
 
 
 def test_hash_of_the_states_is_over_all_numbers_in_order(tmp_path: Path) -> None:
