@@ -35,6 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print the summary; exit code 0, or 1 where a check fails."""
+    from rb_dynamics.cli import output
     from rb_dynamics.recording.log_file import require_other
     from rb_dynamics.recording.mcap_reader import read_bag
     from rb_dynamics.report.checks import BOUND
@@ -49,15 +50,17 @@ def run(args: argparse.Namespace) -> int:
     track = read_track(read_bag(args.log), scene)
     summary = summarize(track, BOUND if args.bound is None else args.bound)
     encoding = sys.stdout.encoding or "utf-8"
-    print(as_text(summary).encode(encoding, "backslashreplace").decode(encoding))
+    print(as_text(summary).encode(encoding, "backslashreplace").decode(encoding), flush=True)
     if args.html:
         from rb_dynamics.report.html import write_html
         from rb_dynamics.report.run import run_report
 
         write_html(args.html, run_report(track, summary))
+        print(f"wrote {args.html}")
     if args.video:
         from rb_dynamics.report.video import write_video
 
-        frames = write_video(args.video, track)
+        with output.progress(f"rendering {args.video}") as progress:
+            frames = write_video(args.video, track, progress=progress)
         print(f"wrote {args.video}: {frames} frames")
     return 0 if summary.passed else 1

@@ -41,9 +41,8 @@ def as_text(run: Run) -> str:
     """Return the final state and the books for a person."""
     sample = _known(run)
     seconds = sample.pop("time_ns") / 1e9
-    lines = [
-        f"after {seconds:.9g} s: {run.steps} {'step' if run.steps == 1 else 'steps'} of {run.method} in {run.wall_time_s:.3g} s of computing"
-    ]
+    steps = f"{run.steps} step{'' if run.steps == 1 else 's'}"
+    lines = [f"after {seconds:.9g} s: {steps} of {run.method} in {run.wall_time_s:.3g} s of computing"]
     for name, value in sample.items():
         numbers = value if isinstance(value, tuple) else (value,)
         lines.append(f"  {name:30}{''.join(f'{number:>18.9g}' for number in numbers)}  {_UNITS[name]}".rstrip())

@@ -46,6 +46,7 @@ class BagSink:
         self._namespace, self._remap, self._settings = namespace, remap, settings or LogSettings()
         self._sink: McapSink | None = None
         self._files: list[BagFile] = []
+        self._end_ns: int | None = None
 
     def open(self, run: RunInfo) -> None:
         """Begin the first file.
@@ -56,6 +57,8 @@ class BagSink:
         earlier = self._earlier()
         self._run, self._states = run, StateHash()
         self._files = []
+        duration = run.scene.duration
+        self._end_ns = None if duration is None else round(duration * 1e9)
         self._begin_file(0)
         for file in earlier:
             if file.name != self._files[0].name:
@@ -107,6 +110,8 @@ class BagSink:
 
     def _full(self, time_ns: int) -> bool:
         assert self._sink is not None
+        if time_ns == self._end_ns:
+            return False  # the last sample belongs to what it ends: no file of its own
         too_long = self._max_ns and time_ns - self._files[-1].start_ns >= self._max_ns
         return bool(too_long or (self._max_bytes and self._sink.size >= self._max_bytes))
 

@@ -20,7 +20,7 @@ from rb_dynamics.loads.channels import AppliedWrench
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.recording import cdr
 from rb_dynamics.recording.bag_source import open_source
-from rb_dynamics.recording.log_file import LogFile, require_other
+from rb_dynamics.recording.log_file import LogFile, make_folder, require_other
 from rb_dynamics.recording.mcap_reader import decode_wrench
 from rb_dynamics.recording.mcap_records import Message
 from rb_dynamics.recording.mcap_writer import McapWriter
@@ -246,7 +246,7 @@ def _write_parquet(path: Path, columns: Sequence[str], lines: Iterable[Sequence[
     types = {"time_ns": pa.int64(), "topic": pa.string(), "frame_id": pa.string()}
     schema = pa.schema([(name, types.get(name, pa.float64())) for name in columns])
     count = 0
-    path.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(path)
     try:
         with parquet.ParquetWriter(path, schema) as writer:
             for batch in _batches(lines):

@@ -13,6 +13,22 @@ from pathlib import Path
 from rb_dynamics.errors import LogError
 
 
+def make_folder(path: Path) -> None:
+    """Make the folders above a file that is to be written.
+
+    Raises:
+        LogError: one of them cannot be made.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        why = "it is a file" if path.parent.is_file() else error.strerror or error
+        raise LogError(
+            f"cannot write {path}: the folder {path.parent} cannot be made ({why}); give a file in a folder that you "
+            "may write to"
+        ) from error
+
+
 class LogFile:
     """One new file, written front to back."""
 
@@ -25,8 +41,8 @@ class LogFile:
         self._path = path
         self._position = 0
         self._failure: LogError | None = None
+        make_folder(path)
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
             self._file = path.open("wb", buffering=0)
         except OSError as error:
             raise LogError(f"cannot write {path}: {error.strerror or error}; give a file you may write") from error

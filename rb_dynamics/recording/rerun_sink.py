@@ -29,6 +29,7 @@ from rb_dynamics.diagnostics import Sample
 from rb_dynamics.errors import LogError, MissingExtraError
 from rb_dynamics.recording import rerun_layout as layout
 from rb_dynamics.recording import rerun_poinsot as poinsot
+from rb_dynamics.recording.log_file import make_folder
 from rb_dynamics.recording.rerun_blueprint import CLOSE_UP, OVERVIEW, blueprint
 from rb_dynamics.recording.rerun_columns import Columns, gather
 from rb_dynamics.recording.sink import AppliedWrench, Event, RejectedWrench, RunInfo, Status
@@ -159,7 +160,7 @@ class Recorder:
         """Create the file, with all that does not change."""
         import rerun as rr
 
-        self.path.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(self.path)
         self.path.open("ab").close()  # a path that cannot be written fails here, before Rerun has anything to lose
         # A recording id of its own: two files with one id would be merged by the viewer.
         self.stream = rr.RecordingStream("rb_dynamics", recording_id=uuid.uuid4())

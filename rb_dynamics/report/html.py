@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from rb_dynamics.errors import LogError, MissingExtraError
+from rb_dynamics.recording.log_file import make_folder
 
 # All but text: what HTML does not allow, and the marks that turn the writing direction (202a.., 2066..).
 _UNSHOWABLE = re.compile(
@@ -124,8 +125,8 @@ def write_html(path: str | os.PathLike[str], report: Report) -> None:
     """
     page = render_html(report)
     target = Path(path)
+    make_folder(target)
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
         target.write_text(page, encoding="utf-8")
     except OSError as error:
         raise LogError(

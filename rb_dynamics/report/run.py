@@ -255,7 +255,8 @@ def _conservation(track: Track, summary: Summary) -> list[Section]:
     if kinetic is not None:
         figures.append(_energy(track, kinetic))
     figures += _defects(track, summary)
-    basis = "\n\n".join(f"{_capital(balance.name)}: {balance.basis}." for balance in summary.balances)
+    parts = [f"{_capital(balance.name)}: {balance.basis}." for balance in summary.balances]
+    basis = "\n\n".join([*parts, text.DEFECT] if parts else [])
     rows = text.balance_rows(summary)
     table = Table(rows[0], rows[1:]) if rows else None
     return [Section("Momentum and energy", basis, figures=figures, table=table)] if figures or table else []

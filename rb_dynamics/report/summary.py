@@ -166,7 +166,8 @@ def summarize(track: Track, bound: float = BOUND) -> Summary:
 def _explained(left: Residual | None) -> list[Check]:
     if left is None:
         return []
-    detail = f"from sample to sample {left.relative:.3g} of the angular momentum has no cause; with the best fit {left.best:.3g}"
+    unexplained = f"from sample to sample {left.relative:.3g} of the angular momentum has no cause"
+    detail = f"{unexplained}; with the best fit {left.best:.3g}"
     return [Check("inertia explains the motion", left.explained, detail)]
 
 

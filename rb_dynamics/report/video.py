@@ -11,7 +11,7 @@ import io
 import os
 import shutil
 import subprocess
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,6 +22,7 @@ from rb_dynamics.body.properties import equivalent_box
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.contact import DISC, Contact, contact, half_axes, separatrices
 from rb_dynamics.errors import LogError, MissingExtraError
+from rb_dynamics.recording.log_file import make_folder
 from rb_dynamics.recording.rerun_poinsot import EYE, Eye, eye
 from rb_dynamics.report.plots import continuous
 from rb_dynamics.report.rolling import outline
@@ -44,13 +45,16 @@ _ARMS = ("#ec5c5c", "#66c266", "#6094f5")
 _L, _W, _POLHODE, _HERPOLHODE = "#ffaa33", "#40d0dc", "#66c266", "#f0dc50"
 
 
-def write_video(path: str | os.PathLike[str], track: Track, rate: int = RATE) -> int:
+def write_video(
+    path: str | os.PathLike[str], track: Track, rate: int = RATE, progress: Callable[[float], None] | None = None
+) -> int:
     """Write the motion as .mp4 or .gif and return the number of frames; folders above it are made.
 
     Args:
         path: of the video; its ending says which kind.
         track: what is seen.
         rate: pictures per second.
+        progress: hears of the fraction done.
 
     Raises:
         LogError: the motion or the mass properties are not known, or the file cannot be written.
@@ -60,12 +64,12 @@ def write_video(path: str | os.PathLike[str], track: Track, rate: int = RATE) ->
     motion = _motion(track)
     if target.suffix.lower() not in FORMATS:
         raise LogError(f"found {str(target)!r}, expected a file name that ends in {' or '.join(FORMATS)}; give another")
+    make_folder(target)
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
         target.open("ab").close()  # a path that cannot be written fails before the work
         if target.suffix.lower() == ".gif":
-            return _write_gif(target, _frames(motion, rate), rate)
-        return _write_mp4(target, _frames(motion, rate), rate)
+            return _write_gif(target, _frames(motion, rate, progress), rate)
+        return _write_mp4(target, _frames(motion, rate, progress), rate)
     except OSError as error:
         raise LogError(f"cannot write {target}: {error.strerror or error}; give a file that can be written") from error
 
@@ -106,7 +110,7 @@ def _motion(track: Track) -> _Motion:
     return _Motion(body, track.seconds(time_ns), attitude, rates, contact(body, attitude, rates))
 
 
-def _frames(motion: _Motion, rate: int) -> Iterator[bytes]:
+def _frames(motion: _Motion, rate: int, progress: Callable[[float], None] | None) -> Iterator[bytes]:
     """Give one RGBA picture after the other."""
     try:
         from matplotlib import style
@@ -126,6 +130,8 @@ def _frames(motion: _Motion, rate: int) -> Iterator[bytes]:
             picture = io.BytesIO()
             figure.savefig(picture, format="rgba", dpi=100)
             yield picture.getvalue()
+            if progress is not None:
+                progress((time_s - start) / (end - start))
 
 
 def _axes(figure: Figure, place: int, reach: float, title: str) -> Axes:

@@ -32,7 +32,7 @@ def log(tmp_path: Path) -> Path:
 def test_own_run(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["inspect", str(log)]) == 0
     out, err = capsys.readouterr()
-    assert "of spin.yaml" in out
+    assert "scene spin.yaml" in out
     assert "101 samples" in out
     assert out.endswith("checks passed\n")
     assert max(map(len, out.splitlines())) <= 100

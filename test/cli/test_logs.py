@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from rb_dynamics.cli import main
 from rb_dynamics.recording.mcap_reader import read_bag
 
 SCENE = (
@@ -143,3 +144,21 @@ def test_convert_goes_by_the_endings(scene: Path, tmp_path: Path) -> None:
     refused = command("convert", log, tmp_path / "run.xlsx")
     assert refused.returncode == 2
     assert "expected a log to .rrd, .csv or .parquet" in refused.stderr
+
+
+@pytest.mark.parametrize("ending", ["mcap", "bag", "rrd", "html", "csv", "parquet", "r.mcap"])
+def test_missing_folders_are_made_and_a_file_in_the_way_is_named(
+    tmp_path: Path, ending: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if ending in ("html", "parquet"):
+        pytest.importorskip({"html": "matplotlib", "parquet": "pyarrow"}[ending])
+    log, blocked = tmp_path / "log.mcap", tmp_path / "blocked"
+    fly = ["simulate", "config/dzhanibekov.yaml", "--set", "duration=0.1"]
+    assert main([*fly, "--mcap", str(log)]) == 0
+    blocked.write_text("a file")
+    for folder, code in ((tmp_path / "new" / "folder", 0), (blocked, 2)):
+        target = str(folder / f"run.{ending}")
+        option = {"mcap": "--mcap", "bag": "--bag", "rrd": "--rerun", "html": "--html"}.get(ending)
+        command = [*fly, option, target] if option else ["convert", str(log), target]
+        assert main(["recover", str(log), target] if ending == "r.mcap" else command) == code
+    assert f"the folder {blocked}" in capsys.readouterr().err

@@ -49,6 +49,14 @@ def test_a_split_bag_holds_what_one_file_holds(tmp_path: Path) -> None:
     assert all(bag.attachments == one.attachments for bag in firsts)
 
 
+def test_the_last_sample_has_no_file_of_its_own(tmp_path: Path) -> None:
+    folder = tmp_path / "spin"
+    simulate(SCENE, COMMANDS, [BagSink(folder, max_duration_s=2.5)])
+    assert len(list(folder.glob("*.mcap"))) == 4
+    ends = [read_bag(folder / f"spin_{number}.mcap").topics["/pose"].log_times[-1] for number in range(4)]
+    assert ends == [2_450_000_000, 4_950_000_000, 7_450_000_000, 10_000_000_000]
+
+
 def test_metadata_is_what_rosbag2_wants_to_know(tmp_path: Path) -> None:
     folder = tmp_path / "spin"
     simulate(SCENE, COMMANDS, [BagSink(folder, max_duration_s=4.0, settings=LogSettings(verify=True))])
