@@ -27,9 +27,9 @@ if TYPE_CHECKING:
 
 Array: TypeAlias = NDArray[np.float64]
 
-# Vermilion, green, blue, violet: told apart by colour-blind readers, 3:1 and better against white and near-black;
-# red, green, blue for x, y, z as everywhere in robotics.
-COLORS = ("#d9591b", "#12916a", "#3b86d1", "#a86fc0")
+# Vermilion, green, blue, violet: told apart by colour-blind readers; red, green, blue for x, y, z as everywhere in
+# robotics. Three more for whoever has more lines. All have 3:1 and better against white and near-black.
+COLORS = ("#d9591b", "#12916a", "#3b86d1", "#a86fc0", "#c7508f", "#8a7a1f", "#0e8f9e")
 
 # Per line; four points to a bucket.
 MAX_POINTS = 2000
@@ -151,9 +151,9 @@ def _span(panels: Sequence[Panel], span_s: Array | None) -> tuple[float, float]:
 def _plot(axes: Axes, panel: Panel, end: float) -> None:
     from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-    for line, color in zip(panel.lines, _cycle(len(panel.lines)), strict=True):
+    for line, (color, dashed) in zip(panel.lines, _looks(panel.lines), strict=True):
         time_s, values = _points(line, panel.log, end)
-        look = (0, (4, 3)) if line.dashed else "solid"
+        look = (0, (4, 3)) if dashed else "solid"
         drawn = "steps-post" if line.step else "default"
         axes.plot(time_s, values, color=color, linewidth=1.3, linestyle=look, drawstyle=drawn)
     axes.spines[["top", "right"]].set_visible(False)
@@ -170,8 +170,10 @@ def _plot(axes: Axes, panel: Panel, end: float) -> None:
         axis.set_major_formatter(FuncFormatter(lambda value, _, axis=axis: tick(value, axis.get_majorticklocs())))
 
 
-def _cycle(count: int) -> list[str]:
-    return [COLORS[i % len(COLORS)] for i in range(count)]
+def _looks(lines: Sequence[Line]) -> list[tuple[str, bool]]:
+    """Return colour, and whether dashed, of each line: where the colours begin again, dashes tell them apart."""
+    rounds = (divmod(i, len(COLORS)) for i in range(len(lines)))
+    return [(COLORS[i], line.dashed or turn % 2 == 1) for line, (turn, i) in zip(lines, rounds, strict=True)]
 
 
 def _points(line: Line, log: bool, end: float) -> tuple[Array, Array]:
@@ -268,9 +270,9 @@ def _heading(panel: Panel, y: float) -> list[ElementTree.Element]:
         return [title]
     style = f"font-size: {_FONT:g}px; text-anchor: end"
     legend = ElementTree.Element("text", {**common, "x": f"{_WIDTH - _RIGHT:g}", "style": style})
-    for line, color in zip(panel.lines, _cycle(len(panel.lines)), strict=True):
+    for line, (color, dashed) in zip(panel.lines, _looks(panel.lines), strict=True):
         swatch = ElementTree.SubElement(legend, "tspan", {"fill": color, "style": "font-weight: 700"})
-        swatch.text = "\N{EN DASH}\N{EN DASH}" if line.dashed else "\N{EM DASH}"
+        swatch.text = "\N{EN DASH}\N{EN DASH}" if dashed else "\N{EM DASH}"
         # Spaces that stay: a shift by dx would not count where the text ends.
         swatch.tail = f"\N{NO-BREAK SPACE}{printable(line.label)}" + 3 * "\N{NO-BREAK SPACE}"
     legend[-1].tail = (legend[-1].tail or "").rstrip()

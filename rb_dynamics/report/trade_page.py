@@ -15,8 +15,6 @@ from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, printa
 from rb_dynamics.report.svg import COLORS
 from rb_dynamics.trade import Row, Trade
 
-# Three more that can be told apart and have 3:1 and better against white and near-black.
-_COLORS = (*COLORS, "#c7508f", "#8a7a1f", "#0e8f9e")
 _DASHES = ("", "6 3", "2 2.5", "8 3 2 3", "1 3")
 
 _WIDTH, _LEFT, _RIGHT, _TOP, _HEIGHT, _BOTTOM = 690.0, 58.0, 14.0, 24.0, 360.0, 42.0
@@ -196,8 +194,8 @@ class _Style:
     """What the line and the marks of a method look like: a colour and a mark for the family, a dash for the member."""
 
     def __init__(self, family: int, member: int) -> None:
-        self._color = _COLORS[family % len(_COLORS)]
-        self._shape = _SHAPES[family // len(_COLORS) % len(_SHAPES)]
+        self._color = COLORS[family % len(COLORS)]
+        self._shape = _SHAPES[family // len(COLORS) % len(_SHAPES)]
         self._dash = _DASHES[member % len(_DASHES)]
 
     def line(self, parent: Element, points: Sequence[tuple[float, float]]) -> None:

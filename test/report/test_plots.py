@@ -142,3 +142,9 @@ def test_quaternions_do_not_jump() -> None:
     flipped = attitude * np.where(attitude[:, 3:] < 0.0, -1.0, 1.0)
     assert np.abs(np.diff(flipped, axis=0)).max() > 1.0
     np.testing.assert_allclose(plots.continuous(flipped), attitude, atol=1e-15)
+
+
+def test_lines_of_one_panel_all_look_different() -> None:
+    lines = [svg.Line(str(i), np.zeros(1), np.zeros(1)) for i in range(2 * len(svg.COLORS))]
+    assert len(set(svg._looks(lines))) == len(lines)
+    assert svg._looks([svg.Line("x", np.zeros(1), np.zeros(1), dashed=True)]) == [(svg.COLORS[0], True)]

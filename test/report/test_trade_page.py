@@ -148,7 +148,7 @@ def test_colours_can_be_read_on_light_and_on_dark() -> None:
         return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
 
     light, dark = luminance("#ffffff"), luminance("#12161c")
-    for color in trade_page._COLORS:
+    for color in trade_page.COLORS:
         assert (light + 0.05) / (luminance(color) + 0.05) > 3.0
         assert (luminance(color) + 0.05) / (dark + 0.05) > 3.0
 
