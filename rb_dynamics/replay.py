@@ -209,7 +209,9 @@ class _Comparison:
         for message in self._log:
             if message.channel.topic in self._waiting:
                 self._waiting[message.channel.topic].append(message)
-        for topic, messages in self._waiting.items():
+        for topic, waiting in self._waiting.items():
+            # A log that is still being written has grown since its end was looked for.
+            messages = [each for each in waiting if self._facts.complete or each.log_time <= self._facts.end_ns]
             if messages:
                 self._miss(topic, messages[0].log_time, f"{len(messages)} messages that the replay has not")
         if self._facts.complete:

@@ -12,6 +12,7 @@ import pytest
 from rb_dynamics import Wrench, parse_scene, simulate
 from rb_dynamics.errors import LogError
 from rb_dynamics.recording.bag_sink import BagSink
+from rb_dynamics.recording.bag_source import Source, open_source
 from rb_dynamics.recording.log_file import LogFile
 from rb_dynamics.recording.mcap_reader import read_bag
 from rb_dynamics.recording.mcap_records import McapFile, Message
@@ -140,6 +141,25 @@ def test_the_states_of_a_log_that_was_cut_off_are_proven_up_to_its_last_checkpoi
     path.write_bytes(path.read_bytes().replace(checkpoint, b"0" * 64))
     assert replay(path).proven_ns is None
     assert not replay(path).identical
+
+
+def test_a_log_that_is_still_being_written_is_compared_up_to_where_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = parse_scene(SCENE.text.replace("duration: 2", "duration: 40"))
+    simulate(scene, COMMANDS, [McapSink(tmp_path / "whole.mcap", settings=LogSettings(flush_s=0.0))])
+    data, growing = (tmp_path / "whole.mcap").read_bytes(), tmp_path / "growing.mcap"
+    lengths = iter((len(data) // 2, 3 * len(data) // 4))
+
+    def grown(path: Path) -> Source:
+        growing.write_bytes(data[: next(lengths)])
+        return open_source(path)
+
+    monkeypatch.setattr("rb_dynamics.replay.open_source", grown)
+    found = replay(growing)
+    assert found.identical
+    assert not found.complete
+    assert 0 < found.samples < 1200
 
 
 def test_one_changed_bit_is_found_where_it_is(tmp_path: Path, log: Path) -> None:
