@@ -24,6 +24,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    __version__: str
     from rb_dynamics.body.doctor import Finding as Finding
     from rb_dynamics.body.doctor import Symmetry as Symmetry
     from rb_dynamics.body.doctor import examine as examine
@@ -130,7 +131,9 @@ __all__ = list(_HOMES)
 
 
 def __getattr__(name: str) -> object:
-    """Import what stands behind a public name, or a submodule, when it is first asked for."""
+    """Import what stands behind a public name, or a submodule, when it is first asked for; so too the version."""
+    if name == "__version__":
+        return import_module(f"{__name__}.recording.provenance").version()
     home = _HOMES.get(name, name)
     try:
         module = import_module(f"{__name__}.{home}")
@@ -146,7 +149,7 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted({*globals(), *__all__, "__version__"})
 
 
 class _Package(ModuleType):

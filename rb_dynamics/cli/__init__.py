@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import os
+import re
 import sys
 from collections.abc import Sequence
 
@@ -38,7 +39,7 @@ def parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     top.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
-    commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    commands = top.add_subparsers(dest="command", metavar="COMMAND")
     for name in COMMANDS:
         module = importlib.import_module(f"rb_dynamics.cli.{name}")
         command = commands.add_parser(
@@ -48,7 +49,7 @@ def parser() -> argparse.ArgumentParser:
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
         module.add_arguments(command)
-        command.set_defaults(run=module.run)
+        command.set_defaults(run=module.run, parser=command)
     return top
 
 
@@ -65,10 +66,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = list(sys.argv[1:] if argv is None else argv)
     # What stands behind --ros-args is rcl's to read.
     split = arguments.index("--ros-args") if "--ros-args" in arguments else len(arguments)
-    top = parser()
-    args = top.parse_args(arguments[:split])
+    args = _parsed(parser(), arguments[:split])
+    if args is None:
+        return 2
     if arguments[split:] and args.command not in ("node", "replay"):
-        top.error(f"--ros-args belongs to the commands node and replay, not to {args.command}")
+        args.parser.error(f"--ros-args belongs to the commands node and replay, not to {args.command}")
     args.ros_args = arguments[split:]
     try:
         code: int = args.run(args)
@@ -83,3 +85,31 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     return code
+
+
+def _parsed(top: argparse.ArgumentParser, arguments: Sequence[str]) -> argparse.Namespace | None:
+    """Return what `arguments` say, or None where they name no command: then the help has been shown on stderr.
+
+    argparse itself answers an unknown option with the usage of all commands, not with that of the one it was given to.
+    """
+    command = next((argument for argument in arguments if not argument.startswith("-")), None)
+    if command is not None and command not in COMMANDS:
+        top.error(f"found {command!r}, expected a command{_near(command, COMMANDS)}; rb-dynamics --help lists them")
+    args, unknown = top.parse_known_args(arguments)
+    if unknown:
+        asked: argparse.ArgumentParser = top if command is None else args.parser
+        known = ["--help", *re.findall(r"--[\w-]+", asked.format_usage())]
+        found = ", ".join(argument + _near(argument.partition("=")[0], known) for argument in unknown)
+        asked.error(f"unrecognized arguments: {found}; {asked.prog} --help explains what there is")
+    if command is None:
+        top.print_help(sys.stderr)
+        return None
+    return args
+
+
+def _near(found: str, known: Sequence[str]) -> str:
+    """Return the question whether the nearest of `known` was meant; "" where nothing is near."""
+    import difflib
+
+    near = difflib.get_close_matches(found[:60], known, n=1)
+    return f" (did you mean {near[0]}?)" if near else ""
