@@ -8,13 +8,13 @@ other in plain Python, some hundred times slower.
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property, wraps
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.arguments import as_array, instance, instances, number, shown, whole
+from rb_dynamics.body.rigid_body import RigidBody, require_body
 from rb_dynamics.body.state import State
 from rb_dynamics.diagnostics import kinetic_energy
 from rb_dynamics.errors import WrenchError
@@ -181,9 +181,14 @@ class Ensemble:
             threads: at most so many, by default one for each core that may be used; the bits do not depend on it.
 
         Raises:
-            ValueError: numbers of bodies and states, times, method, step or threads do not fit.
+            TypeError: an argument is not of its type.
+            ValueError: numbers of bodies and states, times, method, step, threads or a state do not fit.
         """
-        many = [bodies] * len(states) if isinstance(bodies, RigidBody) else list(bodies)
+        states = [state.checked(f"states[{k}]") for k, state in enumerate(instances(states, State, "states", _STATE))]
+        if isinstance(bodies, RigidBody):
+            many = [bodies] * len(states)
+        else:
+            many = list(instances(bodies, RigidBody, "bodies", "give one, or a list with one for each state"))
         if not states or len(many) != len(states):
             raise ValueError(
                 f"there are {len(many)} bodies and {len(states)} states, expected at least one state and one body for "
@@ -226,8 +231,7 @@ class Ensemble:
 
     def advance(self, seconds: float) -> None:
         """Advance by `seconds`, rounded to whole nanoseconds; see `advance_to`."""
-        if not (math.isfinite(seconds) and seconds >= 0.0):
-            raise ValueError(f"seconds is {seconds!r}, expected a finite number of 0 or more")
+        seconds = number(seconds, "seconds", "a finite number of 0 or more (s)", least=0.0)
         self.advance_to(self.time_ns + round(seconds * NANOSECONDS))
 
     def advance_to(self, time_ns: int) -> None:
@@ -237,7 +241,7 @@ class Ensemble:
             ValueError: the time has passed.
             ConvergenceError: a step of a body cannot be solved; names the body. The ensemble stays where it was.
         """
-        if time_ns < self.time_ns:
+        if whole(time_ns, "time_ns", "give nanoseconds: round(1e9 * seconds)") < self.time_ns:
             raise ValueError(f"time_ns is {time_ns}, expected {self.time_ns} or later: time only grows")
         self._hold, self._state = self._advanced(self._hold, time_ns)
         self.time_ns = time_ns
@@ -344,12 +348,15 @@ def driven_motion(
         last_only: return the last time alone, as a row of its own: the others are not kept.
 
     Raises:
-        ValueError: a shape does not fit, times do not grow, or there is no such method or step.
+        TypeError: an argument is not of its type.
+        ValueError: a shape or the state does not fit, times do not grow, or there is no such method or step.
         WrenchError: a number is not finite, or a torque acts on a particle.
         ConvergenceError: a step cannot be solved.
     """
     import numpy as np
 
+    require_body(body)
+    state = instance(state, State, "state", _STATE).checked("state")
     steps, times = _Steps(method, step), _times(times_ns, state.time_ns)
     parts = (force_body, torque_body, force_world, torque_world)
     wrenches = _wrenches(len(times), 1, _particles([body]), *parts)
@@ -369,6 +376,10 @@ def driven_motion(
     return Samples(body, start, trace, times)
 
 
+_STATE = "write State(...), or take scene.initial"
+_PARTS = ("force_body", "torque_body", "force_world", "torque_world")
+
+
 class _Steps:
     """Full steps of one length and a shorter one, as `Arc` takes them with `FixedStep`; `exact` has shorter ones only.
 
@@ -376,10 +387,10 @@ class _Steps:
         mover: takes them.
     """
 
-    def __init__(self, name: str, step: float | None) -> None:
-        method = METHODS.get(name)
+    def __init__(self, name: object, step: float | None) -> None:
+        method = METHODS.get(name) if isinstance(name, str) else None
         if method is None:
-            raise ValueError(f"method is {name!r}, expected one of {', '.join(METHODS)}; steps are fixed here")
+            raise ValueError(f"method is {shown(name)}, expected one of {', '.join(METHODS)}; steps are fixed here")
         self._length, self._denominator = _grid(method, step)
         self._h = self._length / (self._denominator * NANOSECONDS)
         self.mover = mover(method)
@@ -429,8 +440,7 @@ def _grid(method: Method, step: float | None) -> tuple[int, int]:
     if method.order is None:
         # None of the length of any run: every time is reached from where the hold began.
         return 2**64, 1
-    if step is None or not (math.isfinite(step) and step > 0.0):
-        raise ValueError(f"step is {step!r}, expected a finite number greater than 0 (s): {method.name} needs one")
+    step = number(step, "step", f"a finite number greater than 0 (s), as {method.name} needs one", above=0.0)
     control = FixedStep(step)
     return control.length, control.denominator
 
@@ -438,7 +448,7 @@ def _grid(method: Method, step: float | None) -> tuple[int, int]:
 def _threads(threads: int | None) -> int:
     if threads is None:
         return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    if threads < 1:
+    if whole(threads, "threads", "write how many, or None for one for each core") < 1:
         raise ValueError(f"threads is {threads!r}, expected a whole number of at least 1")
     return threads
 
@@ -446,7 +456,7 @@ def _threads(threads: int | None) -> int:
 def _times(times_ns: npt.ArrayLike, start_ns: int) -> Times:
     import numpy as np
 
-    times = np.asarray(times_ns)
+    times = as_array(times_ns, "times_ns", "times in whole nanoseconds", None)
     if times.ndim != 1 or times.size == 0 or times.dtype.kind not in "iu":
         raise ValueError(
             f"times_ns has shape {times.shape} and type {times.dtype}, expected (K,) integers, K > 0: nanoseconds; "
@@ -464,7 +474,7 @@ def _copies(*parts: npt.ArrayLike) -> list[Numbers]:
     """Return what is held on when the user's arrays may have changed."""
     import numpy as np
 
-    return [np.array(part, dtype=np.float64) for part in parts]
+    return [np.array(as_array(part, name, "numbers")) for name, part in zip(_PARTS, parts, strict=True)]
 
 
 def _wrenches(
@@ -474,8 +484,8 @@ def _wrenches(
     import numpy as np
 
     found = []
-    for name, part in zip(("force_body", "torque_body", "force_world", "torque_world"), parts, strict=True):
-        array = given = np.asarray(part, dtype=np.float64)
+    for name, part in zip(_PARTS, parts, strict=True):
+        array = given = as_array(part, name, "numbers")
         if intervals > 1 and array.ndim == 2:
             array = array[:, np.newaxis]
         try:
@@ -484,8 +494,10 @@ def _wrenches(
             expected = f"({bodies}, 3)" if intervals == 1 else f"({intervals}, 3) or ({intervals}, {bodies}, 3)"
             raise ValueError(f"{name} has shape {given.shape}, expected one that broadcasts to {expected}") from None
         if not np.isfinite(given).all():
-            bad = given[~np.isfinite(given)][0]
-            raise WrenchError(f"{name} contains {bad}, expected finite numbers")
+            where = tuple(map(int, np.argwhere(~np.isfinite(given))[0]))
+            raise WrenchError(
+                f"{name}{list(where) if where else ''} is {given[where]}, expected finite numbers; mend what made it"
+            )
         if name.startswith("torque") and particles.any() and array[:, particles].any():
             raise WrenchError(
                 f"{name} acts on body {int(np.flatnonzero(particles)[0])}, expected none: it has no inertia, it is a "

@@ -7,9 +7,11 @@ it, and a second time more finely, for a bounded time. Never changes anything.
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 
+from rb_dynamics.arguments import items, number
 from rb_dynamics.body.doctor import Symmetry, symmetry
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.effects import EFFECTS
@@ -20,9 +22,10 @@ from rb_dynamics.motion.exact import EXACT
 from rb_dynamics.motion.kernel import counted_by
 from rb_dynamics.motion.step_control import NANOSECONDS
 from rb_dynamics.rotation import angle_between
+from rb_dynamics.scene import opened
 from rb_dynamics.scene.compile import OPEN_END_HORIZON
 from rb_dynamics.scene.model import Scene, Solver
-from rb_dynamics.simulate import Simulation
+from rb_dynamics.simulate import Simulation, as_command
 from rb_dynamics.stopwatch import Stopwatch
 from rb_dynamics.vector import norm, scale, subtract
 
@@ -98,18 +101,25 @@ class Explanation:
         return "\n".join(lines)
 
 
-def explain(scene: Scene, commands: Sequence[tuple[str, Wrench]] = (), budget: float = 2.0) -> Explanation:
+def explain(
+    scene: Scene | str | os.PathLike[str], commands: Sequence[tuple[str, Wrench]] = (), budget: float = 2.0
+) -> Explanation:
     """Return what `scene` models, leaves out and costs.
 
     Args:
-        scene: is not changed.
+        scene: is not changed; or its file.
         commands: wrench commands of the scene's channels; without any, the channels are tried with a probe.
         budget: about how long the trial may compute, s.
 
     Raises:
-        SceneError: the solver makes no sense for the scene.
+        TypeError: an argument is not of its type.
+        ValueError: the budget is not greater than 0.
+        SceneError: the file says no valid scene, or the solver makes no sense for it.
         ConvergenceError: the scene cannot be run as it asks to be.
     """
+    scene = opened(scene)
+    commands = list(map(as_command, items(commands, "commands", "(topic, wrench) pairs")))
+    number(budget, "budget", "a finite number greater than 0 (s)", above=0.0)
     remarks = []
     if scene.channels and not commands and not scene.effects:
         commands = probe_commands(scene, scene.duration or OPEN_END_HORIZON)

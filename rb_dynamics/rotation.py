@@ -19,6 +19,9 @@ Matrix = tuple[Vector, Vector, Vector]
 
 IDENTITY: Quaternion = (0.0, 0.0, 0.0, 1.0)
 
+NORM_TOLERANCE = 1e-3
+"""How far from 1 the norm of an attitude that somebody gives may be."""
+
 
 def hat(v: Vector) -> Matrix:
     """Return the skew matrix with hat(v) u = v x u."""
@@ -71,6 +74,21 @@ def normalize(q: Quaternion) -> Quaternion:
     """Return q / |q|."""
     n = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return (q[0] / n, q[1] / n, q[2] / n, q[3] / n)
+
+
+def unit(q: Quaternion) -> Quaternion | None:
+    """Return q / |q|, and q itself where |q| is 1 to round-off; None where it is not 1 within `NORM_TOLERANCE`.
+
+    A recorded attitude keeps its digits, and what this returns it returns again.
+    """
+    off = abs(math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]) - 1.0)
+    if off <= _UNIT:
+        return q
+    return normalize(q) if off <= NORM_TOLERANCE else None
+
+
+# Twice what `normalize` may leave.
+_UNIT = 4.0 * 2.0**-52
 
 
 def matrix(q: Quaternion) -> Matrix:

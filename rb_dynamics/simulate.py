@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import contextlib
 import math
+import os
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
+from rb_dynamics.arguments import instance, items, shown, whole
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.diagnostics import Observer, Sample, acceleration, kinetic_energy
 from rb_dynamics.errors import ConvergenceError, SceneError, WrenchError
@@ -23,6 +25,7 @@ from rb_dynamics.motion.phase import Phase, in_principal_axes
 from rb_dynamics.motion.step_control import NANOSECONDS
 from rb_dynamics.recording.provenance import InputHash, run_metadata
 from rb_dynamics.recording.sink import Event, RunInfo, Sink
+from rb_dynamics.scene import opened
 from rb_dynamics.scene.compile import Plan
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.vector import Vector
@@ -36,14 +39,19 @@ class Simulation:
     """
 
     def __init__(self, scene: Scene, sinks: Sequence[Sink] = ()) -> None:
-        """Prepare a run; `start` begins it."""
-        self.scene = scene
+        """Prepare a run; `start` begins it.
+
+        Raises:
+            TypeError: an argument is not of its type.
+            SceneError: the solver makes no sense for the scene.
+        """
+        self.scene = instance(scene, Scene, "scene", "read one with read_scene(path)")
         self.plan = Plan(scene)
         self.time_ns = 0
         self._computed_ns = 0
         self._finished = False
         self.end_ns = None if scene.duration is None else _nanoseconds(scene.duration)
-        self._sinks = tuple(sinks)
+        self._sinks = tuple(map(_sink, items(sinks, "sinks", "a sequence of sinks")))
         self._effects = scene.acting
         self._channels = _channels(scene, self._effects)
         self._knots = [_nanoseconds(knot) for knot in self._effects.knots()]
@@ -118,9 +126,12 @@ class Simulation:
         One that lies behind the end is not kept.
 
         Raises:
+            TypeError: an argument is not of its type.
             WrenchError: the command cannot be honoured; the run goes on without it.
         """
-        time_ns = max(self._computed_ns, time_ns)
+        instance(topic, str, "topic", "write the name of a channel")
+        instance(wrench, Wrench, "wrench", "write Wrench(force, torque)")
+        time_ns = max(self._computed_ns, whole(time_ns, "time_ns", _REMEDY))
         if self.end_ns is not None and time_ns > self.end_ns:
             self._channels.check(topic, wrench)
         else:
@@ -139,6 +150,7 @@ class Simulation:
         Raises:
             ConvergenceError: a step could not be solved; `time_ns` and `sample` stand at the last good state.
         """
+        until_ns = whole(until_ns, "until_ns", _REMEDY)
         output = self.next_output_ns()
         while True:
             change = self._next_change_ns()
@@ -220,6 +232,8 @@ class Simulation:
         return arc
 
 
+_REMEDY = "give nanoseconds: round(1e9 * seconds)"
+
 # Hz: the first output after the start lies behind the end of time.
 _NEVER = 2.0**-31
 
@@ -227,6 +241,13 @@ _NEVER = 2.0**-31
 def _nanoseconds(seconds: float) -> int:
     """Return seconds, as the decimal number that the user wrote, in whole nanoseconds."""
     return round(Fraction(repr(float(seconds))) * NANOSECONDS)
+
+
+def _sink(sink: Sink) -> Sink:
+    for name in ("open", "write", "close"):
+        if isinstance(sink, type) or not callable(getattr(sink, name, None)):
+            raise TypeError(f"sinks has {shown(sink)}, expected what can open, write and close; give [MemorySink()]")
+    return sink
 
 
 def _channels(scene: Scene, effects: ActingEffects) -> WrenchChannels:
@@ -269,7 +290,7 @@ class Run:
 
 
 def simulate(
-    scene: Scene,
+    scene: Scene | str | os.PathLike[str],
     commands: Iterable[tuple[str, Wrench]] = (),
     sinks: Sequence[Sink] = (),
     progress: Callable[[float], None] | None = None,
@@ -277,7 +298,7 @@ def simulate(
     """Run `scene` to the end of its duration; each of `commands` (topic, wrench) takes effect at its stamp.
 
     Args:
-        scene: what is simulated; its `duration` must be given.
+        scene: what is simulated, or its file; its `duration` must be given.
         commands: wrench commands for the scene's channels; those after the end have no effect, those that cannot be
             honoured are left out and named in the result, as the node does. A sequence may be in any order; anything
             else is read as the run goes on, `LOOK_AHEAD` commands ahead of it, and not kept.
@@ -285,12 +306,16 @@ def simulate(
         progress: called now and then with the fraction done.
 
     Raises:
-        SceneError: the scene has no duration.
+        TypeError: an argument is not of its type.
+        SceneError: the file says no valid scene, or the scene has no duration.
         LogError: a log cannot be written.
         ConvergenceError: a step could not be solved; what was logged until then is complete.
         ValueError: `commands` are no sequence, and one came after the run had gone beyond its stamp.
     """
     started = time.perf_counter()
+    scene = opened(scene)
+    if not (progress is None or callable(progress)):
+        raise TypeError(f"progress is {shown(progress)}, expected a function of the fraction done, or None")
     # Outputs that nobody is told are not computed; they change nothing.
     run = Simulation(scene if sinks or scene.output_rate == 0.0 else replace(scene, output_rate=_NEVER), sinks)
     if run.end_ns is None:
@@ -314,6 +339,22 @@ def simulate(
     return Run(run.sample, run.methods, run.steps, time.perf_counter() - started, tuple(rejected))
 
 
+def as_command(command: object) -> tuple[str, Wrench]:
+    """Return `command`.
+
+    Raises:
+        TypeError: it is no pair of a topic and a wrench.
+    """
+    if isinstance(command, (tuple, list)) and len(command) == 2:
+        topic, wrench = command
+        if isinstance(topic, str) and isinstance(wrench, Wrench):
+            whole(wrench.stamp_ns, "commands: stamp_ns", _REMEDY)
+            return topic, wrench
+    raise TypeError(
+        f"commands has {shown(command)}, expected (topic, wrench) pairs; write [('wrench', Wrench(force, torque))]"
+    )
+
+
 LOOK_AHEAD = 1000
 """Commands that wait for their time in `simulate`: so many may come in any order, and more take no more memory."""
 
@@ -321,7 +362,11 @@ LOOK_AHEAD = 1000
 def _post_ahead(run: Simulation, commands: Iterable[tuple[str, Wrench]], rejected: list[str]) -> Iterator[int]:
     """Post commands, and yield now and then the time (ns) until which all have been posted; at last the end."""
     if isinstance(commands, Sequence):
-        commands = sorted(commands, key=lambda command: command[1].stamp_ns)
+        commands = sorted(map(as_command, commands), key=lambda command: command[1].stamp_ns)
+    elif not isinstance(commands, Iterable):
+        raise TypeError(f"commands is {shown(commands)}, expected (topic, wrench) pairs; give a list of them")
+    else:
+        commands = map(as_command, commands)
     known_ns, newest_ns, waiting = -1, 0, 0
     for topic, wrench in commands:
         stamp_ns = wrench.stamp_ns

@@ -12,7 +12,7 @@ from enum import Enum
 from typing import TYPE_CHECKING
 
 from rb_dynamics.body import slips
-from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.body.rigid_body import RigidBody, require_body
 from rb_dynamics.rotation import Matrix
 from rb_dynamics.vector import Vector, norm
 
@@ -61,7 +61,7 @@ class Symmetry(str, Enum):
 
 def symmetry(body: RigidBody) -> Symmetry:
     """Return the symmetry class of `body`, with moments equal within `SAME_MOMENT`."""
-    if body.is_particle:
+    if require_body(body).is_particle:
         return Symmetry.PARTICLE
     low, middle, high = sorted(body.principal_moments)
     same = SAME_MOMENT * high
@@ -88,7 +88,7 @@ class Finding:
 
 def examine(body: RigidBody) -> tuple[Finding, ...]:
     """Return what is suspicious about `body`, from its mass properties alone; a particle never is."""
-    if body.is_particle:
+    if require_body(body).is_particle:
         return ()
     found = (_flat(body), _about_origin(body), _size(body))
     return tuple(finding for finding in found if finding)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 
+from rb_dynamics.arguments import items, number, vector
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import BodyError
 from rb_dynamics.moments import moment_of_force, moment_of_momentum
@@ -78,11 +79,14 @@ def body_of_particles(masses: Sequence[float], positions: Sequence[Vector]) -> R
     Raises:
         BodyError: a mass is not positive, a number is not finite or too large, or all particles are on one line.
     """
-    for k, (mass, position) in enumerate(zip(masses, positions, strict=True)):
-        if not (math.isfinite(mass) and mass > 0.0):
-            raise BodyError(f"mass of particle {k} is {mass!r}, expected a finite number greater than 0 (kg)")
-        if not all(map(math.isfinite, position)):
-            raise BodyError(f"position of particle {k} is {list(position)}, expected three finite numbers (m)")
+    masses, positions = items(masses, "masses", "numbers (kg)"), items(positions, "positions", "points (m)")
+    expected = "a finite number greater than 0 (kg)"
+    masses = [number(mass, f"masses[{k}]", expected, BodyError, above=0.0) for k, mass in enumerate(masses)]
+    positions = [vector(x, f"positions[{k}]", "a point (m)", BodyError) for k, x in enumerate(positions)]
+    if len(masses) != len(positions):
+        raise BodyError(
+            f"masses has {len(masses)} entries and positions {len(positions)}, expected one of each for each particle"
+        )
     if not masses:
         raise BodyError("found no particles, expected at least 3 that are not on one line; add them")
     inertia = inertia_matrix(masses, positions)

@@ -9,8 +9,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
+from rb_dynamics.arguments import vector
 from rb_dynamics.body.doctor import Finding, examine, symmetry
-from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.body.rigid_body import RigidBody, require_body
 from rb_dynamics.errors import BodyError
 from rb_dynamics.moments import unit
 from rb_dynamics.rotation import Matrix, matrix, rotate_inverse
@@ -32,17 +33,18 @@ def scalar_inertia(body: RigidBody, axis: Vector, through: Vector | None = None)
     Raises:
         BodyError: the axis has no direction, or the point is not finite.
     """
-    n = unit(axis)
+    n = unit(vector(axis, "axis", "a direction", BodyError))
+    require_body(body)
     inertia = dot(n, (dot(body.inertia[0], n), dot(body.inertia[1], n), dot(body.inertia[2], n)))
     if through is None:
         return inertia
-    if not all(map(math.isfinite, through)):
-        raise BodyError(f"through is {list(through)}, expected a point of the axis: three finite numbers (m)")
-    return inertia + body.mass * norm(cross(subtract(body.center_of_mass, through), n)) ** 2
+    point = vector(through, "through", "a point of the axis (m)", BodyError)
+    return inertia + body.mass * norm(cross(subtract(body.center_of_mass, point), n)) ** 2
 
 
 def radius_of_gyration(body: RigidBody, axis: Vector, through: Vector | None = None) -> float:
     """Return k_n = sqrt(I_n / m), m: the distance of a point mass with the same inertia (eq. 13)."""
+    require_body(body)
     return math.sqrt(scalar_inertia(body, axis, through) / body.mass)
 
 
@@ -51,7 +53,7 @@ def inertia_ellipsoid(body: RigidBody) -> Vector:
 
     Eqs. 14 to 16: r = sqrt(a / I_n), long where the inertia is small.
     """
-    if body.is_particle:
+    if require_body(body).is_particle:
         return ZERO
     i1, i2, i3 = body.principal_moments
     a = max(i1, i2, i3)

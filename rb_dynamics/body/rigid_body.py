@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rb_dynamics import rotation
+from rb_dynamics.arguments import instance, items, number, quaternion, vector
 from rb_dynamics.body.principal import diagonalize
 from rb_dynamics.errors import BodyError
 from rb_dynamics.rotation import IDENTITY, Matrix, Quaternion
@@ -53,8 +54,7 @@ class RigidBody:
         Raises:
             BodyError: the mass is not a finite number greater than 0.
         """
-        _check_mass(mass)
-        return cls(float(mass), (ZERO, ZERO, ZERO), ZERO, ZERO, IDENTITY)
+        return cls(_mass(mass), (ZERO, ZERO, ZERO), ZERO, ZERO, IDENTITY)
 
     @classmethod
     def from_matrix(
@@ -69,8 +69,8 @@ class RigidBody:
         """
         rows = _symmetric(inertia)
         moments, axes = diagonalize(rows)
-        _check(mass, moments, center_of_mass, rows)
-        return cls(float(mass), rows, _vector(center_of_mass), moments, axes)
+        _check(moments, rows)
+        return cls(_mass(mass), rows, _center(center_of_mass), moments, axes)
 
     @classmethod
     def from_diagonal(cls, mass: float, moments: Sequence[float], center_of_mass: Sequence[float] = ZERO) -> RigidBody:
@@ -96,19 +96,21 @@ class RigidBody:
         Raises:
             BodyError: no body has such moments, or the quaternion is not of unit length within 1e-3.
         """
-        diagonal = _vector(moments)
-        _check(mass, diagonal, center_of_mass, None)
-        x, y, z, w = (float(c) for c in orientation_xyzw)
-        length = math.hypot(x, y, z, w)
-        if not abs(length - 1.0) <= 1e-3:
-            raise BodyError(f"orientation has norm {length!r}, expected a unit quaternion; divide it by its norm")
-        axes = IDENTITY if (x, y, z) == ZERO else rotation.normalize((x, y, z, w))
-        return cls(float(mass), _in_body_axes(diagonal, axes), _vector(center_of_mass), diagonal, axes)
+        diagonal = vector(moments, "moments", "the principal moments (kg m^2)", BodyError)
+        _check(diagonal, None)
+        axes = quaternion(orientation_xyzw, "orientation_xyzw", BodyError)
+        if axes[:3] == ZERO:
+            axes = IDENTITY
+        return cls(_mass(mass), _in_body_axes(diagonal, axes), _center(center_of_mass), diagonal, axes)
 
 
-def _vector(values: Sequence[float]) -> Vector:
-    x, y, z = (float(v) for v in values)
-    return (x, y, z)
+def require_body(body: RigidBody, name: str = "body") -> RigidBody:
+    """Return `body`.
+
+    Raises:
+        TypeError: it is something else.
+    """
+    return instance(body, RigidBody, name, "make one with RigidBody.from_diagonal(mass, moments), or take scene.body")
 
 
 def _in_body_axes(moments: Vector, axes: Quaternion) -> Matrix:
@@ -123,13 +125,11 @@ def _in_body_axes(moments: Vector, axes: Quaternion) -> Matrix:
 
 
 def _symmetric(inertia: Sequence[Sequence[float]]) -> Matrix:
-    rows = [[float(v) for v in row] for row in inertia]
-    if len(rows) != 3 or any(len(row) != 3 for row in rows):
-        raise BodyError(
-            f"inertia matrix has rows of lengths {[len(row) for row in rows]}, expected 3 rows of 3 numbers"
-        )
-    if not all(math.isfinite(v) for row in rows for v in row):
-        raise BodyError(f"inertia matrix is {rows}, expected finite numbers (kg m^2)")
+    given = items(inertia, "inertia", "a matrix (kg m^2)")
+    if len(given) != 3:
+        raise BodyError(f"inertia has {len(given)} rows, expected a matrix: write 3 rows of 3 numbers (kg m^2)")
+    expected = "a row of the inertia matrix (kg m^2)"
+    rows = [list(vector(row, f"inertia[{k}]", expected, BodyError)) for k, row in enumerate(given)]
     largest = max(abs(v) for row in rows for v in row)
     for i, j in ((0, 1), (0, 2), (1, 2)):
         if abs(rows[i][j] - rows[j][i]) > SYMMETRY_TOLERANCE * largest:
@@ -138,18 +138,19 @@ def _symmetric(inertia: Sequence[Sequence[float]]) -> Matrix:
                 "an inertia matrix is symmetric, write each product twice"
             )
         rows[i][j] = rows[j][i] = 0.5 * (rows[i][j] + rows[j][i])
-    return (_vector(rows[0]), _vector(rows[1]), _vector(rows[2]))
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rows
+    return ((xx, xy, xz), (yx, yy, yz), (zx, zy, zz))
 
 
-def _check_mass(mass: float) -> None:
-    if not (math.isfinite(mass) and mass > 0.0):
-        raise BodyError(f"mass is {mass!r}, expected a finite number greater than 0 (kg)")
+def _mass(mass: float) -> float:
+    return number(mass, "mass", "a finite number greater than 0 (kg)", BodyError, above=0.0)
 
 
-def _check(mass: float, moments: Vector, center_of_mass: Sequence[float], rows: Matrix | None) -> None:
-    _check_mass(mass)
-    if not all(map(math.isfinite, center_of_mass)):
-        raise BodyError(f"center_of_mass is {list(center_of_mass)}, expected three finite numbers (m)")
+def _center(center_of_mass: Sequence[float]) -> Vector:
+    return vector(center_of_mass, "center_of_mass", "a point (m)", BodyError)
+
+
+def _check(moments: Vector, rows: Matrix | None) -> None:
     if problem := _moments_problem(moments):
         raise BodyError(problem + (_negated_products_hint(rows) if rows else ""))
 

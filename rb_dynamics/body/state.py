@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from rb_dynamics.arguments import quaternion, vector, whole
 from rb_dynamics.rotation import IDENTITY, Quaternion
 from rb_dynamics.vector import ZERO, Vector
 
@@ -25,3 +26,21 @@ class State:
     orientation_xyzw: Quaternion = IDENTITY
     linear_velocity_world: Vector = ZERO
     angular_velocity_body: Vector = ZERO
+
+    def checked(self, name: str) -> State:
+        """Return it with plain floats and an attitude of norm 1 to round-off; messages call it `name`.
+
+        Raises:
+            TypeError: a field is not of its type.
+            ValueError: a number is not finite, or the norm of the attitude not 1 within `NORM_TOLERANCE`.
+        """
+        return replace(
+            self,
+            time_ns=whole(self.time_ns, f"{name}.time_ns", "give nanoseconds: round(1e9 * seconds)"),
+            position_world=vector(self.position_world, f"{name}.position_world", "a position (m)"),
+            orientation_xyzw=quaternion(self.orientation_xyzw, f"{name}.orientation_xyzw"),
+            linear_velocity_world=vector(
+                self.linear_velocity_world, f"{name}.linear_velocity_world", "a velocity (m/s)"
+            ),
+            angular_velocity_body=vector(self.angular_velocity_body, f"{name}.angular_velocity_body", "a rate (rad/s)"),
+        )

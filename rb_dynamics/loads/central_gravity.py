@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
+from rb_dynamics.arguments import number, vector
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.effect import Effect, Point, Potential, Wrenching
@@ -49,14 +49,17 @@ class CentralGravity(Effect):
         """Refuse a centre that does not attract.
 
         Raises:
+            TypeError: an argument is not of its type.
             SceneError: a number is not finite, or the gravitational parameter not greater than 0.
         """
-        numbers = (self.gravitational_parameter, *self.center_world)
-        if not (all(map(math.isfinite, numbers)) and self.gravitational_parameter > 0.0):
-            raise SceneError(
-                f"central_gravity: gravitational_parameter is {self.gravitational_parameter!r}, center_world "
-                f"{self.center_world}; expected finite numbers and mu = G M greater than 0 (m^3/s^2)"
-            )
+        name, expected = (
+            "central_gravity: gravitational_parameter",
+            "mu = G M, a finite number greater than 0 (m^3/s^2)",
+        )
+        mu = number(self.gravitational_parameter, name, expected, SceneError, above=0.0)
+        object.__setattr__(self, "gravitational_parameter", mu)
+        center = vector(self.center_world, "central_gravity: center_world", "a point (m)", SceneError)
+        object.__setattr__(self, "center_world", center)
 
     def wrenching(self, body: RigidBody, start: float) -> Wrenching:
         """Return force and torque at a point.

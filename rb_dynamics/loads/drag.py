@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
+from rb_dynamics.arguments import vector
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.effect import Effect, Point, Wrenching
@@ -52,15 +52,19 @@ class _Drag(Effect):
         """Refuse coefficients that are none.
 
         Raises:
+            TypeError: one is not three numbers.
             SceneError: one is negative, or not finite.
         """
-        coefficients = (*self.translation, *self.rotation)
-        if not (all(map(math.isfinite, (*coefficients, *self.medium_velocity_world))) and min(coefficients) >= 0.0):
-            raise SceneError(
-                f"{self.kind}: translation is {self.translation}, rotation {self.rotation}, medium_velocity_world "
-                f"{self.medium_velocity_world}; expected coefficients of 0 or more and finite numbers: drag takes "
-                "energy out, write it without a sign"
-            )
+        for name in ("translation", "rotation"):
+            found = vector(getattr(self, name), f"{self.kind}: {name}", "a coefficient for each body axis", SceneError)
+            if min(found) < 0.0:
+                raise SceneError(
+                    f"{self.kind}: {name} is {found}, expected coefficients of 0 or more: drag takes energy out, write "
+                    "them without a sign"
+                )
+            object.__setattr__(self, name, found)
+        wind = vector(self.medium_velocity_world, f"{self.kind}: medium_velocity_world", "a velocity (m/s)", SceneError)
+        object.__setattr__(self, "medium_velocity_world", wind)
 
     def check(self, body: RigidBody) -> None:
         """Refuse to turn a particle.

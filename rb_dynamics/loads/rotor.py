@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from itertools import chain, pairwise
+from itertools import count, pairwise
 from typing import TYPE_CHECKING, ClassVar
 
+from rb_dynamics.arguments import items, number, shown, vector
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.effect import Effect, Point, Stored, Storing, Wrenching, on_nanosecond
@@ -18,6 +18,16 @@ if TYPE_CHECKING:
     from rb_dynamics.scene.entry import Entry
 
 _RATE = "a finite number (rad/s)"
+
+
+def _knot(k: int, pair: object) -> tuple[float, float]:
+    """Return entry `k` of a spin rate, its time on a whole nanosecond."""
+    name, expected = f"rotor: spin_rate[{k}]", "a pair of time (s) and rate (rad/s)"
+    found = items(pair, name, expected)
+    if len(found) != 2:
+        raise TypeError(f"{name} is {shown(pair)}, expected {expected}; write (0.0, 100.0)")
+    time, rate = (number(value, name, expected, SceneError) for value in found)
+    return on_nanosecond(time), rate
 
 
 @dataclass(frozen=True)
@@ -61,15 +71,17 @@ class Rotor(Effect):
         """Put the knots on whole nanoseconds, where steps can end.
 
         Raises:
+            TypeError: an argument is not of its type.
             SceneError: no rotor is like that.
         """
-        numbers = (*self.axis_body, self.axial_inertia, *chain.from_iterable(self.spin_rate))
-        if not (all(map(math.isfinite, numbers)) and norm(self.axis_body) > 0.0 and self.axial_inertia > 0.0):
-            raise SceneError(
-                f"rotor: axis_body is {self.axis_body}, axial_inertia {self.axial_inertia!r}, spin_rate "
-                f"{self.spin_rate}; expected finite numbers, a direction and an inertia greater than 0 (kg m^2)"
-            )
-        knots = tuple((on_nanosecond(time), rate) for time, rate in self.spin_rate)
+        axis = vector(self.axis_body, "rotor: axis_body", "the direction of its axis", SceneError)
+        if axis == ZERO:
+            raise SceneError("rotor: axis_body is zero, expected the direction of its axis; write one, as (0, 0, 1)")
+        expected = "its inertia about its axis, a finite number greater than 0 (kg m^2)"
+        inertia = number(self.axial_inertia, "rotor: axial_inertia", expected, SceneError, above=0.0)
+        object.__setattr__(self, "axis_body", axis)
+        object.__setattr__(self, "axial_inertia", inertia)
+        knots = tuple(map(_knot, count(), items(self.spin_rate, "rotor: spin_rate", "(time, rate) pairs")))
         times = [time for time, _ in knots]
         if not knots or times[0] < 0.0 or any(later <= earlier for earlier, later in pairwise(times)):
             raise SceneError(

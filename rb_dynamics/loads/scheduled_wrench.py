@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
+from rb_dynamics.arguments import items, number, shown
 from rb_dynamics.body.rigid_body import RigidBody
-from rb_dynamics.errors import WrenchError
+from rb_dynamics.errors import SceneError, WrenchError
 from rb_dynamics.loads.effect import Effect
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.vector import ZERO
@@ -26,6 +27,20 @@ class ScheduledWrench(Effect):
     keys: ClassVar[tuple[str, ...]] = ("frame_id", "schedule")
 
     entries: tuple[tuple[float, Wrench], ...]
+
+    def __post_init__(self) -> None:
+        """Refuse what is no schedule.
+
+        Raises:
+            TypeError: an entry is no pair of a time and a wrench.
+            SceneError: a time is not finite, or negative.
+        """
+        for k, entry in enumerate(items(self.entries, "scheduled_wrench: entries", "(time, wrench) pairs")):
+            name, expected = f"scheduled_wrench: entries[{k}]", "a pair of time (s, 0 or more) and Wrench"
+            found = items(entry, name, expected)
+            if len(found) != 2 or not isinstance(found[1], Wrench):
+                raise TypeError(f"{name} is {shown(entry)}, expected {expected}; write (0.0, Wrench(...))")
+            number(found[0], name, expected, SceneError, least=0.0)
 
     @classmethod
     def read(cls, entry: Entry) -> ScheduledWrench:

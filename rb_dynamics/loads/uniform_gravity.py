@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
+from rb_dynamics.arguments import vector
 from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.effect import Effect, Point, Potential
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.vector import Vector, dot, scale
@@ -23,6 +25,16 @@ class UniformGravity(Effect):
 
     acceleration_world: Vector
     world_frame: str = "world"
+
+    def __post_init__(self) -> None:
+        """Refuse what is no acceleration.
+
+        Raises:
+            TypeError: it is not three numbers.
+            SceneError: one of them is not finite.
+        """
+        name, expected = "uniform_gravity: acceleration_world", "an acceleration (m/s^2)"
+        object.__setattr__(self, "acceleration_world", vector(self.acceleration_world, name, expected, SceneError))
 
     @classmethod
     def read(cls, entry: Entry) -> UniformGravity:

@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from rb_dynamics import rotation
+from rb_dynamics.arguments import instance, mapping, quaternion, vector
 from rb_dynamics.errors import WrenchError
 from rb_dynamics.moments import moment_of_force
 from rb_dynamics.rotation import Quaternion
@@ -40,6 +41,16 @@ class FixedFrame:
 
     position: Vector = ZERO
     orientation_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        """Refuse what is no frame.
+
+        Raises:
+            TypeError: an argument is not of its type.
+            ValueError: a number is not finite, or the norm of the quaternion not 1 within `NORM_TOLERANCE`.
+        """
+        object.__setattr__(self, "position", vector(self.position, "position", "a point (m)"))
+        object.__setattr__(self, "orientation_xyzw", quaternion(self.orientation_xyzw, "orientation_xyzw"))
 
 
 class HeldWrench(NamedTuple):
@@ -82,12 +93,26 @@ class WrenchFrames:
     center_of_mass: Vector = ZERO
     turns: bool = True
 
+    def __post_init__(self) -> None:
+        """Refuse what is no set of frames.
+
+        Raises:
+            TypeError: a field is not of its type.
+            ValueError: a coordinate is not finite.
+        """
+        for name in ("world_frame", "body_frame"):
+            instance(getattr(self, name), str, name, "write the name of a frame")
+        for name, frame in mapping(self.fixed or {}, "fixed", "write {'thruster': FixedFrame(...)}").items():
+            instance(frame, FixedFrame, f"fixed[{name!r}]", "write FixedFrame(position, orientation_xyzw)")
+        object.__setattr__(self, "center_of_mass", vector(self.center_of_mass, "center_of_mass", "a point (m)"))
+
     def hold(self, wrench: Wrench) -> HeldWrench:
         """Return what `wrench` does about the centre of mass: tau_com = R tau + (p - c) x (R f) for a fixed frame.
 
         Body and world wrenches act through the centre of mass. Moment of a force about a point: lecture 24, page 9.
 
         Raises:
+            TypeError: force or torque is not three numbers.
             WrenchError: a component is not finite, `frame_id` is not a known frame, or a torque acts on a particle.
         """
         held = self._hold(wrench)
@@ -100,11 +125,7 @@ class WrenchFrames:
         return held
 
     def _hold(self, wrench: Wrench) -> HeldWrench:
-        for name, vector in (("force", wrench.force), ("torque", wrench.torque)):
-            if not all(map(math.isfinite, vector)):
-                raise WrenchError(
-                    f"wrench {name} is {list(vector)}, expected three finite numbers; the command is ignored"
-                )
+        wrench = _plain(wrench)
         if wrench.frame_id in ("", self.body_frame):
             return HeldWrench(force_body=wrench.force, torque_body=wrench.torque)
         if wrench.frame_id == self.world_frame:
@@ -120,3 +141,24 @@ class WrenchFrames:
         torque = rotation.rotate(frame.orientation_xyzw, wrench.torque)
         moment = moment_of_force(force, frame.position, self.center_of_mass)
         return HeldWrench(force_body=force, torque_body=add(torque, moment))
+
+
+def _plain(wrench: Wrench) -> Wrench:
+    """Return `wrench` with force and torque of plain floats.
+
+    Raises:
+        TypeError: one of them is not three numbers.
+        WrenchError: a component is not finite.
+    """
+    instance(wrench, Wrench, "wrench", "write Wrench(force, torque)")
+    force, torque = wrench.force, wrench.torque
+    if type(force) is tuple is type(torque) and len(force) == 3 == len(torque):
+        numbers = (*force, *torque)
+        # A run may have a million commands: most of them are what they should be.
+        if all(type(number) is float for number in numbers) and all(map(math.isfinite, numbers)):
+            return wrench
+    return replace(
+        wrench,
+        force=vector(force, "wrench force", "three components (N)", WrenchError),
+        torque=vector(torque, "wrench torque", "three components (N m)", WrenchError),
+    )

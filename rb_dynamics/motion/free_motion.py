@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.arguments import as_array, instance
+from rb_dynamics.body.rigid_body import RigidBody, require_body
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.motion.free import free_rotation
@@ -49,11 +50,16 @@ def free_motion(body: RigidBody, state: State, t: npt.ArrayLike) -> FreeMotion:
     compiled by numba or not (`kernel.py`).
 
     Raises:
+        TypeError: an argument is not of its type.
+        ValueError: a number in `state` is not finite, or the norm of its attitude is not 1.
         ConvergenceError: a time is not finite, or so long that the turn has no correct digit left.
     """
     import numpy as np
 
-    times = np.array(t, dtype=np.float64)
+    require_body(body)
+    state = instance(state, State, "state", "make one with State(...), or take scene.initial").checked("state")
+    # A copy: the kernel takes no array that is read-only.
+    times = np.array(as_array(t, "t", "a time or times (s)"))
     rate, longest = norm(state.angular_velocity_body), float(np.abs(times).max(initial=0.0))
     if not longest * rate < LARGEST_FREE_TURN:
         raise ConvergenceError(

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 
+from rb_dynamics.arguments import shown
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.effect import Effect
 from rb_dynamics.loads.load import Takes
@@ -33,10 +33,11 @@ class Plan:
         """Find the least that `scene.solver` asks for.
 
         Raises:
-            SceneError: the solver, the duration or the output rate makes no sense, or the method cannot take the
-                effects of the scene.
+            SceneError: there is no such method, or it cannot take the effects of the scene.
         """
-        _check(scene)
+        method = scene.solver.method
+        if method != "auto" and method not in METHODS:
+            raise SceneError(f"solver.method is {shown(method)}, expected auto or one of {', '.join(METHODS)}")
         self._scene = scene
         self._inertia = inertia_of(scene.body)
         self._accuracy = scene.solver.accuracy or 1e-9
@@ -135,20 +136,3 @@ def _cannot_take(scene: Scene, method: Method, takes: Takes) -> str:
         f"{scene.source}: solver.method: found {method.name}, expected a method that can take {acting}: auto or one of "
         f"{', '.join(able)}; write one of these, or remove the effect"
     )
-
-
-def _check(scene: Scene) -> None:
-    """Refuse what would never end; a scene from a file has been checked with the line at fault, one made in Python not.
-
-    Raises:
-        SceneError: names the value, what was expected and the remedy.
-    """
-    solver = scene.solver
-    if solver.method != "auto" and solver.method not in METHODS:
-        raise SceneError(f"solver.method is {solver.method!r}, expected auto or one of {sorted(METHODS)}")
-    for name, value in (("solver.step", solver.step), ("solver.accuracy", solver.accuracy)):
-        if value is not None and not (math.isfinite(value) and value > 0.0):
-            raise SceneError(f"{name} is {value!r}, expected a finite number greater than 0")
-    for name, value in (("duration", scene.duration), ("output_rate", scene.output_rate)):
-        if value is not None and not (math.isfinite(value) and value >= 0.0):
-            raise SceneError(f"{name} is {value!r}, expected a finite number of 0 or more")

@@ -12,12 +12,10 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from rb_dynamics.rotation import IDENTITY, Matrix, Quaternion, normalize
+from rb_dynamics.rotation import IDENTITY, NORM_TOLERANCE, Matrix, Quaternion, unit
 from rb_dynamics.scene.document import Node, is_decimal, join, show
 from rb_dynamics.scene.problems import Problems, printable
 from rb_dynamics.vector import ZERO, Vector
-
-NORM_TOLERANCE = 1e-3
 
 # Times are whole nanoseconds, and the seconds of a stamp end at 2^31, in ROS messages and in the log. In seconds:
 SHORTEST = 1e-9
@@ -137,15 +135,14 @@ class Field:
         norm = math.hypot(x, y, z, w)
         if math.isnan(norm):  # a component is missing or wrong, and has been noted
             return IDENTITY
-        if abs(norm - 1.0) > NORM_TOLERANCE:
+        found = unit((x, y, z, w))
+        if found is None:
             self.reject(
                 f"a unit quaternion, norm 1 within {NORM_TOLERANCE:g}",
                 "divide each component by the norm",
                 f"norm {norm!r} of {show(self.node)}",
             )
-            return IDENTITY
-        # A recorded attitude that is a unit quaternion to the last bit keeps its digits.
-        return (x, y, z, w) if abs(norm - 1.0) <= math.ulp(1.0) else normalize((x, y, z, w))
+        return found or IDENTITY
 
     def _list(self, nodes: list[Node]) -> list[Field]:
         return [Field(node, f"{self.key}[{i}]", self.problems) for i, node in enumerate(nodes)]

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from rb_dynamics.arguments import instance, instances, number
 from rb_dynamics.body.doctor import Finding
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
+from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.acting import ActingEffects
 from rb_dynamics.loads.channels import Channel
 from rb_dynamics.loads.effect import Effect
@@ -54,6 +56,33 @@ class Scene:
     effects: tuple[Effect, ...] = ()
     findings: tuple[Finding, ...] = field(default=(), compare=False)
     surface: tuple[str, float] | None = field(default=None, compare=False)
+
+    def __post_init__(self) -> None:
+        """Refuse what is no scene; whether the solver can run it is seen where a run is planned.
+
+        Raises:
+            TypeError: a field is not of its type.
+            ValueError: a number in `initial` is not finite, or the norm of its attitude is not 1.
+            SceneError: a channel has no topic, or a number of channels, solver, duration or outputs makes no sense.
+        """
+        instance(self.body, RigidBody, "body", "make one with RigidBody.from_diagonal(mass, moments)")
+        instance(self.frames, WrenchFrames, "frames", "write WrenchFrames()")
+        instance(self.initial, State, "initial", "write State()")
+        object.__setattr__(self, "initial", self.initial.checked("initial"))
+        object.__setattr__(self, "channels", instances(self.channels, Channel, "channels", "write Channel(topic)"))
+        object.__setattr__(self, "effects", instances(self.effects, Effect, "effects", "write one, as LinearDrag(...)"))
+        solver = instance(self.solver, Solver, "solver", "write Solver(method, step=..., accuracy=...)")
+        for name, value in (("solver.step", solver.step), ("solver.accuracy", solver.accuracy)):
+            if value is not None:
+                number(value, name, "a finite number greater than 0, or None", SceneError, above=0.0)
+        if self.duration is not None:
+            number(self.duration, "duration", "a finite number of 0 or more (s), or None", SceneError, least=0.0)
+        number(self.output_rate, "output_rate", "a finite number of 0 or more (Hz)", SceneError, least=0.0)
+        for k, channel in enumerate(self.channels):
+            if not instance(channel.topic, str, f"channels[{k}].topic", "write the name of a topic"):
+                raise SceneError(f"channels[{k}].topic is '', expected the name of a topic; write one, as 'wrench'")
+            expected = "a time of 0 (hold for ever) or more (s)"
+            number(channel.timeout, f"channels[{k}].timeout", expected, SceneError, least=0.0)
 
     @property
     def acting(self) -> ActingEffects:

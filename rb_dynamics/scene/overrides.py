@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 
+from rb_dynamics.arguments import mapping
 from rb_dynamics.scene.document import Node, from_python, join, show
 from rb_dynamics.scene.problems import Problems
 
@@ -20,7 +21,7 @@ def apply_overrides(document: Node, overrides: Mapping[str, object], problems: P
 
     `solver.step` takes the place of `solver.accuracy` and the other way round, unless both are overridden.
     """
-    for key, value in overrides.items():
+    for key, value in mapping(overrides, "overrides", "write {'body.mass': 2.0}").items():
         _set(document, str(key), from_python(value), problems)
     for given, other in (("step", "accuracy"), ("accuracy", "step")):
         if f"solver.{given}" in overrides and f"solver.{other}" not in overrides:

@@ -10,6 +10,7 @@ import os
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
+from rb_dynamics.arguments import instance, shown
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import PluginError, SceneError
@@ -53,12 +54,26 @@ _OUTPUT_RATE = Rule(
 )
 
 
+def opened(scene: Scene | str | os.PathLike[str]) -> Scene:
+    """Return `scene`, read if it is the path of a file.
+
+    Raises:
+        TypeError: it is neither.
+        SceneError: the file cannot be read, or is not a valid scene.
+    """
+    if isinstance(scene, (str, os.PathLike)):
+        return read_scene(scene)
+    return instance(scene, Scene, "scene", "give one, or the path of its file")
+
+
 def read_scene(path: str | os.PathLike[str], overrides: Mapping[str, object] = _NO_OVERRIDES) -> Scene:
     """Return the scene in the YAML file `path`, with dotted keys replaced as `overrides` says.
 
     Raises:
         SceneError: the file cannot be read, or is not a valid scene; one line for each problem.
     """
+    if not isinstance(path, (str, os.PathLike)):
+        raise TypeError(f"path is {shown(path)}, expected the path of a scene file; write a str or a Path")
     source = os.fspath(path)
     try:
         with open(source, "rb") as file:
@@ -94,6 +109,7 @@ def parse_scene(text: str, source: str = "<scene>", overrides: Mapping[str, obje
         SceneError: `text` is not a valid scene; one line for each problem, headed by `source` and its line.
     """
     problems = Problems(source)
+    instance(text, str, "text", "give the scene as YAML; a file is read with read_scene(path)")
     tree = document.parse(text, problems)
     if document.holds(tree, ("scene", "runs"), "body"):
         raise SceneError(

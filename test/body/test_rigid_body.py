@@ -53,10 +53,13 @@ class TestFromMatrix:
     @pytest.mark.parametrize(
         ("inertia", "says"),
         [
-            ([[1, 0, 0], [0, 1, 0]], "rows of lengths [3, 3], expected 3 rows of 3"),
-            ([[1, 0, 0], [0, 1], [0, 0, 1]], "rows of lengths [3, 2, 3], expected 3 rows of 3"),
-            ([[1, 0, 0], [0, math.nan, 0], [0, 0, 1]], "expected finite numbers"),
-            ([[1, 0, 0], [0, math.inf, 0], [0, 0, 1]], "expected finite numbers"),
+            ([[1, 0, 0], [0, 1, 0]], "has 2 rows, expected a matrix: write 3 rows of 3"),
+            (
+                [[1, 0, 0], [0, 1], [0, 0, 1]],
+                "inertia[1] is [0, 1], expected a row of the inertia matrix (kg m^2): write three numbers",
+            ),
+            ([[1, 0, 0], [0, math.nan, 0], [0, 0, 1]], "expected three finite numbers"),
+            ([[1, 0, 0], [0, math.inf, 0], [0, 0, 1]], "expected three finite numbers"),
             ([[1, 0.1, 0], [0.2, 1, 0], [0, 0, 1]], "I[0][1] = 0.1 but I[1][0] = 0.2"),
             ([[1, 0, 0], [0, 1, 1e-8], [0, 0, 1]], "not symmetric"),
             ([[1, 0, 0], [0, 1, 0], [0, 0, 0]], "positive definite"),
@@ -128,7 +131,7 @@ class TestMoments:
 
     @pytest.mark.parametrize("bad", [0.0, -1.0, math.nan, math.inf])
     def test_moments_are_positive(self, bad: float) -> None:
-        with pytest.raises(BodyError, match="three finite numbers greater than 0"):
+        with pytest.raises(BodyError, match=r"(three finite numbers|greater than 0)"):
             RigidBody.from_diagonal(1.0, (1.0, 1.0, bad))
 
     def test_negated_products_are_suspected(self) -> None:

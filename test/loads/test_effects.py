@@ -379,14 +379,14 @@ class TestFromPython:
     @pytest.mark.parametrize(
         ("make", "message"),
         [
-            (lambda: Rotor((0.0, 0.0, 0.0), 0.1, ((0.0, 1.0),)), "expected finite numbers, a direction"),
-            (lambda: Rotor((0.0, 0.0, 1.0), math.nan, ((0.0, 1.0),)), "axial_inertia nan"),
+            (lambda: Rotor((0.0, 0.0, 0.0), 0.1, ((0.0, 1.0),)), "expected the direction of its axis"),
+            (lambda: Rotor((0.0, 0.0, 1.0), math.nan, ((0.0, 1.0),)), "axial_inertia is nan"),
             (lambda: Rotor((0.0, 0.0, 1.0), 0.1, ()), "expected at least one"),
             (lambda: Rotor((0.0, 0.0, 1.0), 0.1, ((-1.0, 1.0), (0.5, 3.0))), "not negative"),
             (lambda: Rotor((0.0, 0.0, 1.0), 0.1, ((1.0, 1.0), (0.5, 3.0))), "each later than the one before"),
             (lambda: Rotor((0.0, 0.0, 1.0), 0.1, ((1.0, 1.0), (1.0 + 1e-12, 3.0))), "by a nanosecond or more"),
             (lambda: LinearDrag((-1.0, 0.0, 0.0)), "drag takes energy out"),
-            (lambda: QuadraticDrag(rotation=(0.0, math.inf, 0.0)), "drag takes energy out"),
+            (lambda: QuadraticDrag(rotation=(0.0, math.inf, 0.0)), "three finite numbers"),
             (lambda: CentralGravity(-1.0), "greater than 0"),
             (lambda: CentralGravity(math.inf), "finite"),
         ],
