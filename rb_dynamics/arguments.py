@@ -161,7 +161,7 @@ def _numbers(value: object, count: int, name: str, expected: str, error: type[Ex
         kind = error if found and len(found) == len(listed) else TypeError
         raise kind(f"{name} is {shown(value)}, expected {expected}: write {_COUNTS[count]} numbers, {names}")
     if not all(map(math.isfinite, found)):
-        raise error(f"{name} is {shown(tuple(found))}, expected {_COUNTS[count]} finite numbers: {expected}")
+        raise error(f"{name} is {shown(tuple(found))}, expected {expected}: {_COUNTS[count]} finite numbers")
     return found
 
 

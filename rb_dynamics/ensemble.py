@@ -440,6 +440,8 @@ def _grid(method: Method, step: float | None) -> tuple[int, int]:
     if method.order is None:
         # None of the length of any run: every time is reached from where the hold began.
         return 2**64, 1
+    if step is None:
+        raise ValueError(f"step is None, expected a finite number greater than 0 (s), as {method.name} needs one")
     step = number(step, "step", f"a finite number greater than 0 (s), as {method.name} needs one", above=0.0)
     control = FixedStep(step)
     return control.length, control.denominator

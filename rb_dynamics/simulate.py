@@ -238,6 +238,11 @@ _REMEDY = "give nanoseconds: round(1e9 * seconds)"
 _NEVER = 2.0**-31
 
 
+def without_outputs(scene: Scene) -> Scene:
+    """Return `scene` as it is run where nobody is told: outputs are not computed, which changes nothing else."""
+    return scene if scene.output_rate == 0.0 else replace(scene, output_rate=_NEVER)
+
+
 def _nanoseconds(seconds: float) -> int:
     """Return seconds, as the decimal number that the user wrote, in whole nanoseconds."""
     return round(Fraction(repr(float(seconds))) * NANOSECONDS)
@@ -316,8 +321,7 @@ def simulate(
     scene = opened(scene)
     if not (progress is None or callable(progress)):
         raise TypeError(f"progress is {shown(progress)}, expected a function of the fraction done, or None")
-    # Outputs that nobody is told are not computed; they change nothing.
-    run = Simulation(scene if sinks or scene.output_rate == 0.0 else replace(scene, output_rate=_NEVER), sinks)
+    run = Simulation(scene if sinks else without_outputs(scene), sinks)
     if run.end_ns is None:
         raise SceneError(
             f"{scene.source}: duration: missing, expected the length of the run in s; add it or give --duration"

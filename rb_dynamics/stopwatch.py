@@ -22,10 +22,15 @@ class Stopwatch:
         kernels: time (s) that this took, by the name of the kernel.
     """
 
-    def __init__(self, clock: Clock = time.perf_counter, room: float = math.inf) -> None:
-        """Measure by `clock`; no kernel is begun when those before it took `room` s."""
+    def __init__(
+        self,
+        clock: Clock = time.perf_counter,
+        room: float = math.inf,
+        compiling: Callable[[str], None] | None = None,
+    ) -> None:
+        """Measure by `clock`; no kernel is begun when those before it took `room` s, and `compiling` is told before."""
         self.kernels: dict[str, float] = {}
-        self._clock, self._room = clock, room
+        self._clock, self._room, self._compiling = clock, room, compiling
 
     def __call__(self) -> float:
         """Return the time (s) that counts."""
@@ -35,4 +40,4 @@ class Stopwatch:
         """Return a tally (see there) that notes what is compiled or loaded here."""
         if math.fsum(self.kernels.values()) >= self._room:
             worth = math.inf
-        return Tally(scale, worth, self._clock, self.kernels)
+        return Tally(scale, worth, self._clock, self.kernels, self._compiling)

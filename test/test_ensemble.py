@@ -257,7 +257,7 @@ def test_a_particle_moves_and_takes_no_torque() -> None:
 def test_what_is_no_number_is_no_wrench() -> None:
     many = Ensemble(BODY, [STATE], "rk4", 0.1)
 
-    with pytest.raises(WrenchError, match="force_world contains nan, expected finite numbers"):
+    with pytest.raises(WrenchError, match=r"force_world.* is nan, expected finite numbers"):
         many.hold(force_world=(math.nan, 0.0, 0.0))
 
 

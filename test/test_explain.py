@@ -94,7 +94,23 @@ def test_channels_are_tried_with_the_commands_of_a_bag_or_a_probe() -> None:
 def test_a_scene_without_end_is_tried_for_the_budget() -> None:
     found = explain(parse_scene(RIGID + "effects: [{type: linear_drag, rotation: 0.1}]\nwrenches: []"), budget=0.2)
     assert 0.0 < found.trial_s < 3600.0
-    assert any("its time was up" in remark for remark in found.remarks)
+    assert any(remark.startswith("measured over the first ") and "of 3600 s" in remark for remark in found.remarks)
+
+
+def test_a_trial_with_time_enough_reaches_the_end() -> None:
+    """Whatever the length: pieces that double end there, not a little before."""
+    found = explain(
+        parse_scene(RIGID + "effects: [{type: linear_drag, rotation: 0.1}]\nduration: 0.30001"), budget=60.0
+    )
+    assert found.trial_s == 0.30001
+    assert not any("measured over" in remark for remark in found.remarks)
+
+
+def test_outputs_have_a_cost_of_their_own() -> None:
+    """The closed form needs one step for the end, and one for each output."""
+    found = explain(parse_scene(RIGID + "wrenches: []\nduration: 10"), budget=60.0)
+    assert found.cost_per_s > 10.0 * found.bare_cost_per_s > 0.0
+    assert "with all outputs" in found.as_text()
 
 
 @needs_numba

@@ -3,7 +3,8 @@
 Every method goes from coarse settings to fine ones, in turns, for --time seconds altogether. Errors are those at the
 end of the run, against a reference on which two methods of different families agree; the first lines say how well.
 Steps are compiled where a run of the whole scene with the same setting would compile them; what compiling takes, once
-and at most as long again, is in no time of the table and comes on top of --time. Printed are the runs that no other one
+for each method, is in no time of the table and comes on top of --time, which is said when it begins; nothing more is
+compiled after as long again. Printed are the runs that no other one
 beats in both speed and accuracy, and the line to write into the scene; all runs are in --json and --html. Exit code 1:
 nothing measured does what is asked for.
 """
@@ -12,13 +13,15 @@ from __future__ import annotations
 
 import argparse
 import math
+import re
+import sys
 from typing import TYPE_CHECKING
 
 from rb_dynamics.cli.numbers import real
 from rb_dynamics.cli.scene import add_scene, read, read_commands
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from rb_dynamics.trade import Trade
 
@@ -49,7 +52,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Measure and print; exit code 0, or 1 where nothing can be recommended."""
     import json
-    import sys
 
     from rb_dynamics.cli import output
     from rb_dynamics.trade import trade
@@ -57,7 +59,15 @@ def run(args: argparse.Namespace) -> int:
     scene = read(args)
     commands = list(read_commands(args.wrench, scene)) if args.wrench else []
     with output.progress(args.scene) as progress:
-        found = trade(scene, commands, target=args.target, budget=args.budget, time_s=args.time, progress=progress)
+        found = trade(
+            scene,
+            commands,
+            target=args.target,
+            budget=args.budget,
+            time_s=args.time,
+            progress=progress,
+            compiling=_say_once("compiling kernels: some seconds each, once, on top of --time"),
+        )
     if args.html:
         from rb_dynamics.report.trade_page import write_trade_page
 
@@ -69,6 +79,18 @@ def run(args: argparse.Namespace) -> int:
         print(f"rb-dynamics: {found.shortfall}", file=sys.stderr)
         return 1
     return 0
+
+
+def _say_once(text: str) -> Callable[[str], None]:
+    """Return what says so on stderr when it is first called."""
+    said: list[str] = []
+
+    def say(kernel: str) -> None:
+        if not said:
+            print(f"note: {text}", file=sys.stderr, flush=True)
+        said.append(kernel)
+
+    return say
 
 
 def as_text(found: Trade) -> str:
@@ -86,7 +108,7 @@ def as_text(found: Trade) -> str:
     if found.kernels:
         took, count = math.fsum(found.kernels.values()), len(found.kernels)
         lines.append(f"kernels     {count} compiled or loaded in {took:.3g} s, which is in no time above")
-    lines += [f"left out    {method}: {why}" for method, why in found.ended.items() if method not in measured]
+    lines += _left_out({method: why for method, why in found.ended.items() if method not in measured})
     lines += [f"note        {remark}" for remark in found.remarks]
     if found.recommended is not None:
         row, least = found.recommended.row, "<=" if found.recommended.row.within_trust else ""
@@ -96,6 +118,15 @@ def as_text(found: Trade) -> str:
             f"            error {least}{row.error:.1e}, {row.real_time_factor:.3g} times real time",
         ]
     return "\n".join(lines)
+
+
+def _left_out(ended: Mapping[str, str]) -> list[str]:
+    """Return a line for each reason, which is cut to what was found; --html has all of it."""
+    methods: dict[str, list[str]] = {}
+    for method, why in ended.items():
+        found = why.removeprefix("refused: ").removeprefix(f"{method}: ")
+        methods.setdefault(re.split(r", expected|; ", found)[0], []).append(method)
+    return [f"left out    {', '.join(names)}: {why}" for why, names in methods.items()]
 
 
 def _table(found: Trade) -> list[str]:

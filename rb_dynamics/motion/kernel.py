@@ -173,6 +173,7 @@ class Tally:
         worth: float | None = None,
         clock: Callable[[], float] = time.perf_counter,
         built: dict[str, float] | None = None,
+        compiling: Callable[[str], None] | None = None,
     ) -> None:
         """Begin with no steps.
 
@@ -181,10 +182,11 @@ class Tally:
             worth: steps that compiling is worth, for `WORTH_COMPILING`; infinite: neither is loading.
             clock: s.
             built: where to note the times.
+            compiling: called before a kernel is compiled that is in no cache, with its name.
         """
         self.used: set[OnDemand] = set()
         self.built = {} if built is None else built
-        self.worth, self.clock = worth, clock
+        self.worth, self.clock, self.compiling = worth, clock, compiling
         self._scale = scale
         self._steps: dict[OnDemand, float] = {}
 
@@ -271,6 +273,8 @@ class OnDemand:
 
     def _build(self, tally: Tally) -> None:
         if self._compiled is None:
+            if tally.compiling is not None and not is_cached(self._function.__name__):
+                tally.compiling(self._function.__name__)
             begin = tally.clock()
             self._compiled = compile_kernel(self._function, self._signature)
             self._is_cached = True

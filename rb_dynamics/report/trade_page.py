@@ -15,6 +15,8 @@ from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, printa
 from rb_dynamics.report.svg import COLORS
 from rb_dynamics.trade import Row, Trade
 
+# Three more, with the same contrast.
+_COLORS = (*COLORS, "#7b73d9", "#5b9122", "#7d828a")
 _DASHES = ("", "6 3", "2 2.5", "8 3 2 3", "1 3")
 
 _WIDTH, _LEFT, _RIGHT, _TOP, _HEIGHT, _BOTTOM = 690.0, 58.0, 14.0, 24.0, 360.0, 42.0
@@ -22,6 +24,9 @@ _LEGEND_COLUMNS, _LEGEND_ROW = 6, 17.0
 
 # What is worse than a whole turn need not be told apart.
 _WORST = 10.0
+
+# Height of a name beside a mark.
+_NAME = 11.0
 
 
 def write_trade_page(found: Trade, path: str | os.PathLike[str]) -> None:
@@ -160,8 +165,19 @@ def work_precision(found: Trade) -> str:
             SubElement(
                 mark, "title"
             ).text = f"{row.method}, {row.setting}: error {row.error:.1e}, {row.real_time_factor:.3g} times real time"
+    lowest = -math.inf
     for row in found.front:
-        _ring(root, *at[row], 5.5)
+        x, y = at[row]
+        _ring(root, x, y, 5.5)
+        # From top to bottom: a name that would stand on the one before it is left out.
+        if y >= lowest + _NAME:
+            lowest = y
+            # At the left of the front there is nothing.
+            name = f"{row.method}, {row.setting}"
+            if x - 9.0 - 5.0 * len(name) > _LEFT:
+                _text(root, x - 9.0, y + 3.0, name, "font-size: 9px; text-anchor: end")
+            else:
+                _text(root, x + 9.0, y - 7.0, name, "font-size: 9px")
     if found.recommended is not None:
         for row in found.rows:
             if row == found.recommended.row:
@@ -194,8 +210,9 @@ class _Style:
     """What the line and the marks of a method look like: a colour and a mark for the family, a dash for the member."""
 
     def __init__(self, family: int, member: int) -> None:
-        self._color = COLORS[family % len(COLORS)]
-        self._shape = _SHAPES[family // len(COLORS) % len(_SHAPES)]
+        self._color = _COLORS[family % len(_COLORS)]
+        # The numbers of colours and of shapes have no common factor: a colour comes again with another shape.
+        self._shape = _SHAPES[family % len(_SHAPES)]
         self._dash = _DASHES[member % len(_DASHES)]
 
     def line(self, parent: Element, points: Sequence[tuple[float, float]]) -> None:
@@ -227,15 +244,15 @@ _Shape = Callable[[float, float], tuple[str, dict[str, str]]]
 
 
 def _circle(x: float, y: float) -> tuple[str, dict[str, str]]:
-    return "circle", {"cx": f"{x:.1f}", "cy": f"{y:.1f}", "r": "2.4"}
+    return "circle", {"cx": f"{x:.1f}", "cy": f"{y:.1f}", "r": "3"}
 
 
 def _square(x: float, y: float) -> tuple[str, dict[str, str]]:
-    return "rect", {"x": f"{x - 2.3:.1f}", "y": f"{y - 2.3:.1f}", "width": "4.6", "height": "4.6"}
+    return "rect", {"x": f"{x - 2.7:.1f}", "y": f"{y - 2.7:.1f}", "width": "5.4", "height": "5.4"}
 
 
 def _triangle(x: float, y: float) -> tuple[str, dict[str, str]]:
-    return "path", {"d": f"M{x - 3.0:.1f},{y + 2.2:.1f}h6l-3,-5.2z"}
+    return "path", {"d": f"M{x - 3.6:.1f},{y + 2.7:.1f}h7.2l-3.6,-6.3z"}
 
 
 _SHAPES: tuple[_Shape, ...] = (_circle, _square, _triangle)
@@ -260,11 +277,12 @@ def _bounds(root: Element, found: Trade, across: _Axis, up: _Axis) -> None:
     right = _WIDTH - _RIGHT
     y = up.place(found.reference.error)
     _stroke(root, [(_LEFT, y), (right, y)], "1", "0.8", "5 4")
-    _text(root, right, y - 4.0, "the reference is good to here", "font-size: 9px; text-anchor: end")
+    # At the left, where what is fast and accurate would stand, there is room.
+    _text(root, _LEFT + 4.0, y - 4.0, "the reference is good to here", "font-size: 9px")
     if found.target:
         y = up.place(min(found.target, _WORST))
         _stroke(root, [(_LEFT, y), (right, y)], "1", "0.8", "1 3")
-        _text(root, right, y - 4.0, f"asked for: {found.target:g}", "font-size: 9px; text-anchor: end")
+        _text(root, _LEFT + 4.0, y - 4.0, f"asked for: {found.target:g}", "font-size: 9px")
     if found.budget:
         x = across.place(1.0 / found.budget)
         _stroke(root, [(x, _TOP), (x, _TOP + _HEIGHT)], "1", "0.8", "1 3")

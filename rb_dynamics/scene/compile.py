@@ -37,7 +37,9 @@ class Plan:
         """
         method = scene.solver.method
         if method != "auto" and method not in METHODS:
-            raise SceneError(f"solver.method is {shown(method)}, expected auto or one of {', '.join(METHODS)}")
+            raise SceneError(
+                f"solver.method is {shown(method)}, expected auto or one of {', '.join(METHODS)}; write one"
+            )
         self._scene = scene
         self._inertia = inertia_of(scene.body)
         self._accuracy = scene.solver.accuracy or 1e-9

@@ -39,6 +39,7 @@ def trade(
     time_s: float = 30.0,
     progress: Callable[[float], None] | None = None,
     clock: Clock = time.perf_counter,
+    compiling: Callable[[str], None] | None = None,
 ) -> Trade:
     """Return how fast and how accurate each method that can run `scene` is on it.
 
@@ -50,12 +51,13 @@ def trade(
         time_s: about how long all of it may take, s; compiling kernels may take as long again, once.
         progress: called now and then with the fraction done.
         clock: what is measured with, s.
+        compiling: called before a kernel is compiled that is in no cache, with its name.
 
     Raises:
         SceneError: the scene has nothing to measure.
         ConvergenceError: no two methods can run the scene in the time.
     """
-    stopwatch = Stopwatch(clock, _KERNELS * time_s)
+    stopwatch = Stopwatch(clock, _KERNELS * time_s, compiling)
     begin = stopwatch()
 
     def told() -> None:

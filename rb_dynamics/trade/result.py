@@ -13,6 +13,10 @@ USELESS = 1e-3
 """A reference whose two methods differ by more is none: rad, or relative to the path."""
 
 
+HOPELESS = 1.0
+"""A run with a larger error (rad, or relative to the path) has lost the motion: however fast, it is on no front."""
+
+
 @dataclass(frozen=True)
 class Row:
     """One run: a method with one setting.
@@ -36,7 +40,8 @@ class Row:
         evaluations: of torque and force in these steps and in what they were compared with; None for a method without
             a fixed number of them: an implicit one iterates, a Taylor series has derivatives instead.
         compiled: whether kernels took some of the steps, as they would in a run of the whole scene.
-        front: whether no other row is as fast and as accurate, and better in one of the two.
+        front: whether no other row is as fast and as accurate, and better in one of the two, and the error not
+            `HOPELESS`.
     """
 
     method: str
@@ -196,7 +201,7 @@ class Trade:
 def with_front(rows: Sequence[Row]) -> tuple[Row, ...]:
     """Return the rows, those on the Pareto front of error and time marked."""
     fastest: dict[float, float] = {}
-    least = math.inf
+    least = math.nextafter(HOPELESS, math.inf)
     for row in sorted(rows, key=lambda row: (row.time_per_s, row.error)):
         if row.error < least:
             least = row.error

@@ -188,12 +188,14 @@ def test_a_long_scene_is_measured_as_it_would_run_and_no_time_holds_what_compili
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     compiled.cache_folder.cache_clear()
     scene, commands = parse_scene(SPINNING + "duration: 1.0e+5"), [("wrench", Wrench(torque=(0.01, 0.02, 0.0)))]
+    told: list[str] = []
     try:
-        found = trade(scene, commands, time_s=1.0, clock=lambda: CLOCK() + sum(hours))
+        found = trade(scene, commands, time_s=1.0, clock=lambda: CLOCK() + sum(hours), compiling=told.append)
     finally:
         compiled.cache_folder.cache_clear()
     assert found.trial_s < 1e4
     assert len(found.kernels) == len(hours)
+    assert told == list(found.kernels)
     assert all(one.time_per_s < 1.0 for one in found.rows)
     if room == 1.0:
         assert len(hours) == 1
@@ -298,3 +300,10 @@ def test_text_shows_the_front_and_the_line_to_paste(free_trade: Trade) -> None:
     assert f"take        {found.recommended.solver}" in lines
     assert sum(" step " in line for line in lines) == len(found.front) > 10
     assert max(map(len, lines)) <= 120
+
+
+def test_text_says_in_a_line_what_was_left_out(free_trade: Trade) -> None:
+    why = "refused: one: a torque acts, expected free motion; use method auto, which takes any"
+    found = replace(free_trade, ended={"one": why, "two": "its time was up", "three": "its time was up"})
+    lines = [line for line in as_text(found).splitlines() if line.startswith("left out")]
+    assert lines == ["left out    one: a torque acts", "left out    two, three: its time was up"]
