@@ -214,7 +214,8 @@ class Simulation:
         self._knots = ahead
         changes = self._channels.apply(self.time_ns)
         for change in changes:
-            if isinstance(change, AppliedWrench):
+            # Only sinks are told the hash of the inputs, at the end.
+            if self._sinks and isinstance(change, AppliedWrench):
                 self._inputs.update(change)
             self.write(change)
         # What was rejected leaves no trace in the motion: no edge either.
