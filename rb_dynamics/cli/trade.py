@@ -4,9 +4,8 @@ Every method goes from coarse settings to fine ones, in turns, for --time second
 end of the run, against a reference on which two methods of different families agree; the first lines say how well.
 Steps are compiled where a run of the whole scene with the same setting would compile them; what compiling takes, once
 for each method, is in no time of the table and comes on top of --time, which is said when it begins; nothing more is
-compiled after as long again. Printed are the runs that no other one
-beats in both speed and accuracy, and the line to write into the scene; all runs are in --json and --html. Exit code 1:
-nothing measured does what is asked for.
+compiled after as long again. Printed are the runs that no other one beats in both speed and accuracy, and the line to
+write into the scene; all runs are in --json and --html. Exit code 1: nothing measured does what is asked for.
 """
 
 from __future__ import annotations
