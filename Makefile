@@ -85,7 +85,7 @@ $(VENV)/created:
 INSTALL := PYTHONWARNINGS=ignore::UserWarning $(PIP) install --quiet --no-build-isolation --editable
 EXTRAS_demo := ros,log,plot
 EXTRAS_test := $(EXTRAS_demo),fast,scale,test,dev,docs
-EXTRAS_docs := $(EXTRAS_demo),docs,dev
+EXTRAS_docs := docs
 
 # Peers are installed one by one: not every one has wheels for every machine.
 PEERS = $(BIN)/python -c "import importlib.metadata as m; \

@@ -54,7 +54,7 @@ EXTRAS = {
         "numba>=0.59",
         "pin>=3",
     ],
-    "docs": ["mkdocs>=1.6,<2", "mkdocs-material>=9.5", "mkdocstrings[python]>=0.27"],
+    "docs": ["mkdocs>=1.6,<2", "mkdocs-material>=9.5"],
     "dev": ["mypy>=1.11", "ruff>=0.17,<0.18", "types-PyYAML>=6"],
 }
 

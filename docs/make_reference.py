@@ -21,10 +21,10 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from importlib.util import find_spec
-from itertools import groupby
 from pathlib import Path
 from typing import Any
 
+import python_api
 import yaml
 
 import rb_dynamics as rb
@@ -77,12 +77,6 @@ message and no traceback. A progress bar appears on a terminal, none in a pipe.
 LOG = """\
 One MCAP file of profile `ros2`: CDR, `ros2msg` schemas, QoS and type hashes on every channel. All times are simulation
 nanoseconds from 0. [Logs](../logs.md) says how it is written, proven and looked at.
-"""
-
-PYTHON = """\
-Everything here is a name of `rb_dynamics` itself: `import rb_dynamics as rb`. Two modules stand beside it,
-`rb_dynamics.poinsot` and `rb_dynamics.euler_equations`: [the lecture](../lecture.md) uses each of their functions.
-`rb.METHODS` holds the methods by name; [Extending](../extending.md) says how to add to them.
 """
 
 NODE = """\
@@ -197,19 +191,6 @@ METADATA = {
     "rb_dynamics.topics": "names of the topics after remapping",
     "rb_dynamics.checkpoint": "behind each chunk: samples so far, and the SHA-256 of all of them",
     "rb_dynamics.result": "how it ended: steps, hash of inputs and of all states",
-}
-
-PARTS = {
-    "body": "Body and state",
-    "loads": "What acts",
-    "motion": "Methods and free motion",
-    "scene": "Scenes",
-    "simulate": "Runs",
-    "diagnostics": "Runs",
-    "ensemble": "Many bodies at once",
-    "explain": "Runs",
-    "recording": "Sinks",
-    "errors": "Errors",
 }
 
 
@@ -387,35 +368,8 @@ def log_page() -> str:
     )
 
 
-def first_sentence(thing: object) -> str:
-    text = " ".join((inspect.getdoc(thing) or "").split("\n\n")[0].split())
-    return re.split(r"(?<=\.) (?=[A-Z])", text)[0]
-
-
 def python_page() -> str:
-    homes = []
-    for name in rb.__all__:
-        thing = getattr(rb, name)
-        home = getattr(thing, "__module__", "")
-        if home.startswith("rb_dynamics.") and (inspect.isclass(thing) or inspect.isfunction(thing)):
-            homes.append((PARTS[home.split(".")[1]], name, home, thing))
-    order = list(dict.fromkeys(PARTS.values()))
-    homes.sort(key=lambda entry: order.index(entry[0]))
-    parts = [
-        "# Python API\n",
-        NOTE,
-        PYTHON,
-    ]
-    grouped = [(part, list(group)) for part, group in groupby(homes, key=lambda entry: entry[0])]
-    for part, group in grouped:
-        parts += [
-            f"## {part}\n",
-            table(("name", ""), [(f"`{name}`", first_sentence(thing)) for _, name, _, thing in group]),
-        ]
-    parts += ["## In full\n", "The site made by `make docs` shows here what each of them takes, returns and raises.\n"]
-    parts += [f"::: {home}.{name}\n" for _, group in grouped for _, name, home, _ in group]
-    modules = ("poinsot", "euler_equations")
-    return "\n".join([*parts, *(f"::: rb_dynamics.{module}\n" for module in modules)])
+    return "\n".join(("# Python API\n", NOTE, *python_api.page()))
 
 
 def shown(value: object) -> str:
