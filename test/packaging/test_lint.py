@@ -26,6 +26,27 @@ def test_tool_is_content(root: Path, command: tuple[str, ...]) -> None:
     assert done.returncode == 0, f"{' '.join(command)}:\n{done.stdout}{done.stderr}"
 
 
+SOURCES = ("examples", "launch", "rb_dynamics", "setup.py")  # what is installed
+
+
+@pytest.mark.parametrize(
+    ("linter", "options"),
+    [
+        ("ament_flake8", ("--config", "setup.cfg")),
+        ("ament_pep257", ("--convention", "google", "--add-ignore", "D1", "D202", "D401", "D402", "D403", "--")),
+    ],
+)
+def test_ament_linter_is_content(root: Path, linter: str, options: tuple[str, ...]) -> None:
+    pytest.importorskip(f"{linter}.main", reason="extra 'dev' is not installed")
+    command = f"import sys; from {linter}.main import main; sys.exit(main())"
+
+    done = subprocess.run(
+        [sys.executable, "-c", command, *options, *SOURCES], cwd=root, capture_output=True, text=True, check=False
+    )
+
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
 def test_package_xml_is_valid(root: Path) -> None:
     catkin_package = pytest.importorskip("catkin_pkg.package", reason="extra 'test' is not installed")
     complaints: list[str] = []

@@ -6,8 +6,6 @@ from pathlib import Path
 
 import pytest
 import yaml
-from rosbags.rosbag2 import Reader
-from rosbags.rosbag2.metadata import dump_qos_v9
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.loads.wrench import Wrench
@@ -17,6 +15,11 @@ from rb_dynamics.recording.mcap_sink import LogSettings, McapSink
 from rb_dynamics.recording.recover import recover
 from rb_dynamics.scene.read import parse_scene
 from rb_dynamics.simulate import simulate
+
+pytest.importorskip("rosbags")
+
+from rosbags.rosbag2 import Reader
+from rosbags.rosbag2.metadata import dump_qos_v9
 
 SCENE = parse_scene(
     "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\ninitial: {angular_velocity_body: [0.1, 2, 0.1]}\n"

@@ -5,12 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.recording.mcap_reader import read_bag, read_wrenches
+
+pytest.importorskip("rosbags")
+
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 COMMANDS = [Wrench((float(i), 0.0, 0.5), (0.0, -float(i), 0.0), "body", i * 1000) for i in range(20)]

@@ -13,17 +13,18 @@ from typing import Any
 
 import pytest
 from log_killer import samples
-from rosbags.highlevel import AnyReader
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.recording.mcap_reader import read_bag
 from rb_dynamics.recording.recover import recover
 
 pytest.importorskip("mcap")
+pytest.importorskip("rosbags")
 if not hasattr(os, "fork"):
     pytest.skip("this system has no SIGKILL to send", allow_module_level=True)
 
 from mcap.reader import make_reader
+from rosbags.highlevel import AnyReader
 
 KILLER = Path(__file__).resolve().parent.parent / "log_killer.py"
 

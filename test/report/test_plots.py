@@ -5,11 +5,12 @@ from __future__ import annotations
 import re
 from xml.etree import ElementTree
 
-import matplotlib as mpl
 import numpy as np
 import pytest
 
 from rb_dynamics.report import plots, svg
+
+mpl = pytest.importorskip("matplotlib", reason="extra 'plot' is not installed")
 
 TIME = np.linspace(0.0, 10.0, 20_001)
 WAVE = np.stack([np.sin(TIME), np.cos(TIME), 0.1 * TIME], axis=1)
