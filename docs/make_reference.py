@@ -194,6 +194,17 @@ METADATA = {
 }
 
 
+def told(texts: dict[str, str], name: str) -> str:
+    """Return what one of the tables above says of a name.
+
+    Raises:
+        SystemExit: it says nothing; names what to write, and where.
+    """
+    if name not in texts:
+        sys.exit(f"docs/make_reference.py says nothing of {name!r}: write a line beside those of {list(texts)[:3]}")
+    return texts[name]
+
+
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Return a table of Markdown."""
     lines = [list(head), ["---"] * len(head), *(list(row) for row in rows)]
@@ -266,7 +277,7 @@ def scene_page() -> str:
         for key in keys(tree, path):
             name = f"{path}.{key}".lstrip(".")
             default = f"`{DEFAULTS[name](smallest)}`" if name in DEFAULTS else ""
-            rows.append((f"`{key}`", expected(tree, path, key), default, MEANING[name]))
+            rows.append((f"`{key}`", expected(tree, path, key), default, told(MEANING, name)))
         heading = title if not path else f"`{title}`"
         parts += [f"## {heading}\n", table(("key", "expected", "default", ""), rows)]
     shapes = [
@@ -284,8 +295,8 @@ def scene_page() -> str:
         names = [key for key in keys(tree, "effects[0]") if key != "type"]
         parts += [
             f"### `{kind}`\n",
-            f"{ACTS[kind]} Example: [{EXAMPLES[kind]}](../../{EXAMPLES[kind]}).\n",
-            table(("key", ""), [(f"`{name}`", MEANING[name]) for name in names]),
+            f"{told(ACTS, kind)} Example: [{EXAMPLES[kind]}](../../{EXAMPLES[kind]}).\n",
+            table(("key", ""), [(f"`{name}`", told(MEANING, name)) for name in names]),
         ]
     return "\n".join(parts)
 
@@ -344,9 +355,9 @@ def log_page() -> str:
     for topic in bag.topics.values():
         name = topic.name.replace("wrench/body", "wrench").replace("uniform_gravity", "TYPE")
         known = name if name in TOPICS else name.removeprefix("/")
-        rows.append((f"`{known}`", f"`{topic.type_name}`", TOPICS[known]))
+        rows.append((f"`{known}`", f"`{topic.type_name}`", told(TOPICS, known)))
     data = [
-        (f"`{name}`", ", ".join(f"`{key}`" for key in dict.fromkeys(map(anywhere, values))), METADATA[name])
+        (f"`{name}`", ", ".join(f"`{key}`" for key in dict.fromkeys(map(anywhere, values))), told(METADATA, name))
         for name, values in bag.metadata.items()
     ]
     return "\n".join(
@@ -411,17 +422,17 @@ def ros_page() -> str:
 
     def row(name: str, direction: str, end: Any) -> tuple[str, ...]:
         durability = end.qos_profile.durability.name.lower().replace("_", " ")
-        return (f"`{short(name)}`", direction, type_name(end.msg_type), durability, TOPICS[short(name)])
+        return (f"`{short(name)}`", direction, type_name(end.msg_type), durability, told(TOPICS, short(name)))
 
     rows = [row(name, "in", end) for name, end in sorted(inward.items())]
     rows += [row(name, "out", end) for name, end in sorted(outward.items())]
     if "/tf" not in outward:
         tf = "`tf2_msgs/msg/TFMessage`"
-        rows += [("`/tf`", "out", tf, "volatile", TOPICS["/tf"])]
-        rows += [("`/tf_static`", "out", tf, "transient local", TOPICS["/tf_static"])]
+        rows += [("`/tf`", "out", tf, "volatile", told(TOPICS, "/tf"))]
+        rows += [("`/tf_static`", "out", tf, "transient local", told(TOPICS, "/tf_static"))]
     listed = [each for each in rows if each[-1]]
     parameters = [(f"`{name}`", shown(value), text) for name, value, text in settings.documented()]
-    own = [(short(name), kind) for name, kind in sorted(services.items()) if short(name) in SERVICES]
+    own = [(short(name), type_name(kind)) for name, kind in sorted(services.items()) if short(name) in SERVICES]
     return "\n".join(
         (
             "# Topics, parameters and services\n",
@@ -433,7 +444,7 @@ def ros_page() -> str:
             table(("parameter", "default", ""), parameters),
             PARAMETERS,
             "## Services\n",
-            table(("service", "type", ""), [(f"`{name}`", type_name(kind), SERVICES[name]) for name, kind in own]),
+            table(("service", "type", ""), [(f"`{name}`", kind, SERVICES[name]) for name, kind in own]),
             "Besides, those of [simulation_interfaces](../ros.md#simulation_interfaces) where that is installed.\n",
         )
     )  # fmt: skip

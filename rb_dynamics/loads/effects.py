@@ -10,7 +10,14 @@ from rb_dynamics.loads.scheduled_wrench import ScheduledWrench
 from rb_dynamics.loads.uniform_gravity import UniformGravity
 from rb_dynamics.plugins import Registry
 
-_ALL: tuple[type[Effect], ...] = (UniformGravity, CentralGravity, LinearDrag, QuadraticDrag, Rotor, ScheduledWrench)
+_ALL: tuple[type[Effect], ...] = (
+    UniformGravity,
+    CentralGravity,
+    LinearDrag,
+    QuadraticDrag,
+    Rotor,
+    ScheduledWrench,
+)
 
 
 def _fault(name: str, found: object) -> str:
