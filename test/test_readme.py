@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -144,6 +145,23 @@ def test_every_page_but_the_one_on_installing_asks_for_something() -> None:
 )
 def test_step(step: Step, reader: Reader) -> None:
     reader.do(step)
+
+
+INSTALLS = [
+    pytest.param(line, id=f"{name(page)}-{i}")
+    for page in [*PAGES, ROOT / "docs" / "campaigns.md", ROOT / "docs" / "extending.md"]
+    for i, line in enumerate(re.findall(r"pip install [^`\n]+", page.read_text("utf-8")))
+]
+
+
+@pytest.mark.parametrize("line", INSTALLS)
+def test_install_line_names_what_there_is(line: str) -> None:
+    """What it brings is in test/packaging; that it installs takes the network: `make wheels`."""
+    target, _, asked = shlex.split(line)[-1].rstrip("]").partition("[")
+    known = re.findall(r'^    "(\w+)": \[', (ROOT / "setup.py").read_text("utf-8"), re.MULTILINE)
+    assert target.startswith(".")
+    assert (ROOT / target).is_dir()
+    assert {*filter(None, asked.split(","))} <= {*known}
 
 
 SCENES = [
