@@ -70,11 +70,10 @@ lint: $(VENV)/installed-test
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy --strict rb_dynamics
 
-# What of the package the tests run, processes that they start included: twice as long as the tests. Steps are not
-# compiled, so that they are counted.
+# What of the package the tests run, processes that they start included; it takes twice as long as the tests.
 coverage: $(VENV)/installed-test
 	$(BIN)/python -m coverage erase
-	-RB_DYNAMICS_COMPILE=never $(BIN)/python -m coverage run -m pytest --timeout 600 $(PYTEST_ARGS)
+	-$(BIN)/python -m coverage run -m pytest --timeout 600 $(PYTEST_ARGS)
 	$(BIN)/python -m coverage combine --quiet
 	$(BIN)/python -m coverage report
 

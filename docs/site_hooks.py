@@ -15,7 +15,7 @@ from mkdocs.structure.pages import Page
 
 DOCS = Path(__file__).resolve().parent
 ROOT = DOCS.parent
-BESIDE = ("CHANGELOG.md", "CONTRIBUTING.md", "LICENSE", "QUALITY_DECLARATION.md")
+BESIDE = ("CHANGELOG.rst", "CONTRIBUTING.md", "LICENSE", "QUALITY_DECLARATION.md")
 LINK = re.compile(r"\]\(([^)\s#]+)(#[^)\s]*)?\)")
 
 
@@ -25,19 +25,18 @@ def on_files(files: Files, config: MkDocsConfig, **_: object) -> Files:
     targets = {_in_tree(place, match[1]) for place, path in pages for match in LINK.finditer(path.read_text("utf-8"))}
     for target in sorted({*targets, *BESIDE}):
         if not target.startswith("docs/") and target != "README.md" and (ROOT / target).is_file():
-            files.append(File.generated(config, target, abs_src_path=str(ROOT / target)))
+            files.append(File.generated(config, _on_site(target), abs_src_path=str(ROOT / target)))
     return files
 
 
 def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
     """Turn links of the source tree into links of the site."""
-    place = page.file.src_uri if page.file.src_uri in BESIDE else f"docs/{page.file.src_uri}"
+    place = page.file.src_uri if page.file.src_uri in map(_on_site, BESIDE) else f"docs/{page.file.src_uri}"
 
     def link(match: re.Match[str]) -> str:
         if "://" in match[1]:
             return match[0]
-        on_site = _in_tree(place, match[1]).removeprefix("docs/").replace("README.md", "index.md")
-        relative = posixpath.relpath(on_site, posixpath.dirname(page.file.src_uri) or ".")
+        relative = posixpath.relpath(_on_site(_in_tree(place, match[1])), posixpath.dirname(page.file.src_uri) or ".")
         return f"]({relative}{match[2] or ''})"
 
     return LINK.sub(link, markdown)
@@ -46,3 +45,8 @@ def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
 def _in_tree(place: str, target: str) -> str:
     """Return where in the source tree a link of the page at `place` leads."""
     return posixpath.normpath(posixpath.join(posixpath.dirname(place), target))
+
+
+def _on_site(path: str) -> str:
+    """Return where on the site a file of the source tree is; the changelog is ReStructuredText and Markdown at once."""
+    return path.removeprefix("docs/").replace("README.md", "index.md").replace("CHANGELOG.rst", "CHANGELOG.md")

@@ -9,7 +9,7 @@ import pytest
 
 FOLDERS = ("config", "examples", "launch", "rb_dynamics", "resource")
 FILES = (
-    "CHANGELOG.md",
+    "CHANGELOG.rst",
     "CONTRIBUTING.md",
     "LICENSE",
     "MANIFEST.in",

@@ -58,6 +58,21 @@ def test_package_xml_is_valid(root: Path) -> None:
     assert package.get_build_type() == "ament_python"
 
 
+@pytest.mark.filterwarnings("ignore:nodes.Node.traverse:DeprecationWarning")  # catkin_pkg
+def test_changelog_is_one_that_bloom_reads_after_a_release(root: Path) -> None:
+    """`catkin_prepare_release` puts version and date for "Forthcoming"."""
+    changelog = pytest.importorskip("catkin_pkg.changelog", reason="extra 'test' is not installed")
+    text = (root / "CHANGELOG.rst").read_text("utf-8")
+    assert "\nForthcoming\n-----------\n" in text
+    released = text.replace("Forthcoming\n-----------", "0.1.0 (2026-01-31)\n------------------", 1)
+
+    read = changelog.populate_changelog_from_rst(changelog.Changelog("rb_dynamics"), released)
+
+    first, changes = read.get_content_of_version("0.1.0")
+    assert str(first) == "First version."
+    assert len(changes.bullets) > 10
+
+
 def test_launch_file_offers_its_arguments(root: Path) -> None:
     """`launch` is not on PyPI, so the file is read, not run."""
     path = root / "launch" / "rigid_body.launch.py"
