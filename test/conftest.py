@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import fcntl
 import os
+import re
 import shutil
 import tempfile
+from collections.abc import Generator
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -26,6 +29,10 @@ INHERITED = {
     "MFLAGS",
     "PYTHONPATH",
 }
+
+
+OPTIONAL = {"PIL", "mcap", "rerun", "rosbags", "zstandard"}
+MODULES = {"rerun-sdk": "rerun", "imageio-ffmpeg": "imageio_ffmpeg"}
 
 
 def _claim_domain() -> tuple[int, IO[str]]:
@@ -70,6 +77,27 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         group = "ros" if item.get_closest_marker("ros") else str(item.path.relative_to(ROOT))
         item.add_marker(pytest.mark.xdist_group(group))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item, call: pytest.CallInfo[None]
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Skip what fails for want of an optional package: `colcon test` has only those that rosdep knows."""
+    report = yield
+    missing = _missing(call.excinfo.value, report.capstderr) if call.excinfo and report.failed else ""
+    if missing:
+        report.outcome = "skipped"
+        report.longrepr = (str(item.path), item.location[1] or 0, f"{missing} is not installed")
+    return report
+
+
+def _missing(error: BaseException, printed: str) -> str:
+    """Return the optional package that `error` or what a command `printed` asks for, and that is not here."""
+    if isinstance(error, ModuleNotFoundError):
+        return error.name if error.name in OPTIONAL else ""
+    asked = re.search(r"needs the package '([\w-]+)'", f"{error}{printed}")
+    return asked[1] if asked and find_spec(MODULES.get(asked[1], asked[1])) is None else ""
 
 
 @pytest.fixture(scope="session")
