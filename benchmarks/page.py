@@ -24,7 +24,10 @@ PICTURES = DOCS / "benchmarks"
 GREY, DARK = "#8a949e", "#24292f"
 
 # Ours in cold colours, one for each way; the others in warm ones and grey, one for each peer, in all pictures the same.
-OURS = (("#0b3d91", "o"), ("#00a0c6", "s"), ("#12916a", "D"), ("#6a4cd6", "^"), ("#3b86d1", "v"))
+OURS = (
+    *(("#0b3d91", "o"), ("#00a0c6", "s"), ("#12916a", "D")),
+    *(("#6a4cd6", "^"), ("#3b86d1", "v"), ("#4d7c8a", "*")),
+)
 THEIRS = {
     "scipy": ("#e07b00", "P"),
     "Basilisk": ("#9a7d0a", "X"),

@@ -124,7 +124,7 @@ def _close(a: str, b: str) -> bool:
 
 # --- Figures ----------------------------------------------------------------------------------------------------------
 
-RED, GREEN, BLUE, _ = COLORS
+RED, GREEN, BLUE = COLORS[:3]
 GREY, DARK = "#9a9a9a", "#333333"
 TUMBLER = rb.RigidBody.from_diagonal(1.0, (1.0, 2.0, 3.0))
 

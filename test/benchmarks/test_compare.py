@@ -57,6 +57,22 @@ def test_error_is_the_angle_between_attitudes(peers: ModuleType) -> None:
     assert peers.attitude_error(turned(np.nan), turned(0.3)) == np.inf
 
 
+def test_every_way_of_ours_has_a_look_of_its_own(peers: ModuleType, root: Path) -> None:
+    pytest.importorskip("matplotlib")
+    ours, found = part(peers, root, "ours"), _page(root).OURS
+    assert len(set(found)) == len(found)
+    for name in peers.PROBLEMS:
+        assert len(ours.ways(peers.problem(name))) <= len(found), name
+
+
+def _page(root: Path) -> ModuleType:
+    sys.path.insert(0, str(root / "benchmarks"))
+    try:
+        return import_module("page")
+    finally:
+        sys.path.remove(str(root / "benchmarks"))
+
+
 @pytest.mark.parametrize("bodies", [1, 64])
 def test_c_takes_our_step_to_the_bit(peers: ModuleType, root: Path, bodies: int) -> None:
     """The bar on the time of a step is against the same arithmetic, or it means nothing."""

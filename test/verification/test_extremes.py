@@ -547,14 +547,13 @@ class TestSteps:
         with pytest.raises(ConvergenceError):
             simulate(scene(forced().body, spin, Solver(method, step=1.0), 10.0))
 
-    @each_method
     @pytest.mark.parametrize("field", ["position_world", "linear_velocity_world", "angular_velocity_body"])
     @pytest.mark.parametrize("bad", [math.nan, math.inf])
-    def test_a_state_that_is_not_finite_is_an_error(self, method: str, field: str, bad: float) -> None:
+    def test_a_state_that_is_not_finite_is_an_error(self, field: str, bad: float) -> None:
         start = dataclasses.replace(State(), **{field: (bad, 0.0, 0.0)})
 
-        with pytest.raises(ConvergenceError):
-            simulate(scene(forced().body, start, Solver(method, step=0.1), 1.0))
+        with pytest.raises(ValueError, match=rf"initial\.{field} is .* expected .* three finite numbers"):
+            scene(forced().body, start, Solver("auto"), 1.0)
 
     @each_method
     def test_an_energy_that_is_not_finite_is_an_error(self, method: str) -> None:
