@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 from rb_dynamics.campaign.model import Campaign
 from rb_dynamics.campaign.same import Facts, check_same, facts_of
 from rb_dynamics.errors import LogError, MissingExtraError
+from rb_dynamics.recording.log_file import make_folder
 
 if TYPE_CHECKING:
     from rb_dynamics.campaign.flight import Columns
@@ -48,29 +49,32 @@ class Store:
             if overwrite:
                 self.path.unlink(missing_ok=True)
                 shutil.rmtree(self._parts, ignore_errors=True)
-            self.complete = self.path.exists() and self._take_up()
-            if not self.complete:
+            make_folder(self.path)
+            self.complete = False
+            if self.path.exists():
+                self._take_up()
+            else:
                 self._begin()
         except OSError as error:
             raise LogError(
                 f"cannot write {self._parts}: {error.strerror or error}; give another file with --out"
             ) from error
 
-    def _take_up(self) -> bool:
-        """Return whether the file at `path` holds all runs; those of a smaller campaign become a block of this one."""
+    def _take_up(self) -> None:
+        """Use the file at `path`, which holds all runs; those of a smaller campaign become a block of this one."""
         check_same(read_facts(self.path), self.path, self._campaign, _ANEW)
         runs = self._parquet.read_metadata(self.path).num_rows
         self._check_not_more(runs, self.path)
-        if runs == self._campaign.runs:
-            return True
         # A kill may have left blocks of which the file is made.
         shutil.rmtree(self._parts, ignore_errors=True)
-        self._parts.mkdir()
-        os.replace(self.path, self._part(0, runs))
-        return False
+        self.complete = runs == self._campaign.runs
+        if not self.complete:
+            # First what says whose rows these are: a kill between the two must not leave rows without it.
+            self._begin()
+            os.replace(self.path, self._part(0, runs))
 
     def _begin(self) -> None:
-        self._parts.mkdir(parents=True, exist_ok=True)
+        self._parts.mkdir(exist_ok=True)
         facts = self._parts / "campaign.json"
         if facts.exists():
             check_same(json.loads(facts.read_text(encoding="utf-8")), self._parts, self._campaign, _ANEW)
@@ -134,9 +138,7 @@ class Store:
         import pyarrow as pa
 
         writer, waiting = None, None
-        for first, last in self._on_disk():
-            table = self._parquet.read_table(self._part(first, last))
-            table = table.replace_schema_metadata({_METADATA: json.dumps(facts_of(self._campaign))})
+        for table in self._tables():
             waiting = table if waiting is None else pa.concat_tables([waiting, table])
             writer = writer or self._parquet.ParquetWriter(target, table.schema, compression="zstd")
             while waiting.num_rows >= ROWS:
@@ -147,6 +149,14 @@ class Store:
             if waiting.num_rows:
                 writer.write_table(waiting.combine_chunks(), ROWS)
             writer.close()
+
+    def _tables(self) -> Iterator[Any]:
+        """Yield all rows in order, never more than a group of a file at a time: a block may be a whole campaign."""
+        facts = {_METADATA: json.dumps(facts_of(self._campaign))}
+        for first, last in self._on_disk():
+            with self._parquet.ParquetFile(self._part(first, last)) as file:
+                for group in range(file.num_row_groups):
+                    yield file.read_row_group(group).replace_schema_metadata(facts)
 
     def _table(self, columns: Columns) -> Any:
         import pyarrow as pa

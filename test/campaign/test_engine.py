@@ -152,6 +152,39 @@ def test_a_campaign_grows(tmp_path: Path, sampling: str) -> None:
     assert out.read_bytes() == whole
 
 
+def test_growing_rows_keep_whose_they_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A kill right after the finished file became a block: another campaign must not go on from it."""
+
+    class KilledError(Exception):
+        pass
+
+    def killed(source: Path, target: Path) -> None:
+        replace(source, target)
+        if Path(target).name.startswith("runs-"):
+            raise KilledError
+
+    campaign, out, replace = write(tmp_path), tmp_path / "rows.parquet", os.replace
+    read = read_campaign(campaign, {"runs": 11})
+    run_campaign(read, Store(out, read), workers=0)
+    with monkeypatch.context() as patched:
+        patched.setattr("rb_dynamics.campaign.store.os.replace", killed)
+        with pytest.raises(KilledError):
+            Store(out, read_campaign(campaign))
+    assert not out.exists()
+    with pytest.raises(LogError, match="seed is 7 there and 8 here"):
+        Store(out, read_campaign(campaign, {"seed": 8}))
+    assert fly(campaign, out) == fly(campaign, tmp_path / "whole.parquet")
+
+
+def test_blocks_left_beside_a_complete_file_go(tmp_path: Path) -> None:
+    campaign, out = write(tmp_path), tmp_path / "rows.parquet"
+    whole, left = fly(campaign, out), Path(f"{out}.parts")
+    left.mkdir()
+    (left / "runs-000000000000-000000000024.parquet").write_bytes(whole)
+    assert fly(campaign, out) == whole
+    assert not left.exists()
+
+
 def test_a_latin_hypercube_does_not_grow(tmp_path: Path) -> None:
     campaign, out = write(tmp_path, CAMPAIGN.replace("random", "latin_hypercube")), tmp_path / "rows.parquet"
     fly(campaign, out)
@@ -166,6 +199,9 @@ def test_rows_in_many_groups(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     assert fly(campaign, tmp_path / "a.parquet", block=3) == fly(campaign, tmp_path / "b.parquet", block=24)
     found = [read_row(tmp_path / "a.parquet", run) for run in range(25)]
     assert [None if row is None else row["run"] for row in found] == [*range(24), None]
+    read = read_campaign(campaign, {"runs": 17})
+    run_campaign(read, Store(tmp_path / "c.parquet", read), workers=0)
+    assert fly(campaign, tmp_path / "c.parquet") == (tmp_path / "a.parquet").read_bytes()
 
 
 def command(*arguments: object) -> list[str]:
