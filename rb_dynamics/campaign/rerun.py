@@ -12,7 +12,7 @@ from rb_dynamics.campaign.flight import fly_alone
 from rb_dynamics.campaign.model import Campaign
 from rb_dynamics.campaign.same import check_same
 from rb_dynamics.campaign.store import read_facts, read_row
-from rb_dynamics.errors import LogError, SceneError
+from rb_dynamics.errors import SceneError
 from rb_dynamics.recording.mcap_sink import McapSink
 
 
@@ -78,10 +78,6 @@ def rerun(campaign: Campaign, run: int, log: Path, rows: Path) -> Rerun:
     compared = rows.exists()
     if compared:
         check_same(read_facts(rows), rows, campaign, "give --runs and --seed as they were given then, or another --out")
-    try:
-        log.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise LogError(f"cannot write {log}: {error.strerror or error}; give another file with --mcap") from error
     metrics = fly_alone(campaign, run, [McapSink(log)])
     found = read_row(rows, run) if compared else None
     row = None if found is None else {name: float(found[name]) for name in metrics}

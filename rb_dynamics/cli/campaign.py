@@ -9,6 +9,7 @@ Exit code 1: the run that was flown again differs from its row.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
 from typing import TYPE_CHECKING
 
@@ -59,12 +60,16 @@ def run(args: argparse.Namespace) -> int:
 
 def _run_all(args: argparse.Namespace, campaign: Campaign, out: Path) -> int:
     import json
+    from pathlib import Path
 
     from rb_dynamics.campaign.engine import flies_side_by_side, run_campaign
     from rb_dynamics.campaign.store import Store, read_rows
     from rb_dynamics.campaign.summary import as_text, summarise
     from rb_dynamics.cli.output import counting
+    from rb_dynamics.recording.log_file import LogFile, make_folder
 
+    if args.html:
+        make_folder(Path(args.html))
     store = Store(out, campaign, args.overwrite)
     if store.done:
         print(f"note: {store.done} of {campaign.runs} runs are on disk already", file=sys.stderr)
@@ -81,7 +86,8 @@ def _run_all(args: argparse.Namespace, campaign: Campaign, out: Path) -> int:
     rows = read_rows(out)
     summary = summarise(campaign, rows)
     found = summary.as_dict()
-    out.with_suffix(".json").write_text(json.dumps(found, allow_nan=False), encoding="utf-8")
+    with contextlib.closing(LogFile(out.with_suffix(".json"))) as file:
+        file.write(json.dumps(found, allow_nan=False).encode())
     print(json.dumps(found, allow_nan=False) if args.json else as_text(campaign, summary, _options(args)))
     page = _write_page(args, campaign, rows, out)
     if not args.json:

@@ -36,6 +36,7 @@ def run(args: argparse.Namespace) -> int:
     from pathlib import Path
 
     from rb_dynamics.cli import output
+    from rb_dynamics.recording.log_file import make_folder
     from rb_dynamics.recording.mcap_reader import read_bag, read_wrenches
     from rb_dynamics.recording.rerun_sink import RerunSink
     from rb_dynamics.report.comparison import Comparison
@@ -48,8 +49,8 @@ def run(args: argparse.Namespace) -> int:
     scene = read_scene(scene_file)
     commands = read_wrenches(bag_file, [channel.topic for channel in scene.channels])
     out = Path(args.out)
-    out.mkdir(parents=True, exist_ok=True)
     mcap, rrd = out / "demo.mcap", out / "demo.rrd"
+    make_folder(mcap)
     for earlier in (mcap, rrd):
         earlier.unlink(missing_ok=True)
     print(

@@ -36,6 +36,7 @@ def run(args: argparse.Namespace) -> int:
     from pathlib import Path
 
     from rb_dynamics.cli import output
+    from rb_dynamics.recording.log_file import make_folder
     from rb_dynamics.simulate import simulate
 
     scene = read(args)
@@ -45,6 +46,8 @@ def run(args: argparse.Namespace) -> int:
         if args.html and not mcap:
             mcap = args.mcap = str(Path(stack.enter_context(tempfile.TemporaryDirectory())) / "run.mcap")
         sinks = log_sinks(args)
+        if args.html:
+            make_folder(Path(args.html))
         with output.progress(args.scene) as progress:
             result = simulate(scene, commands, sinks, progress)
         output.warn_rejected(result, len(commands))

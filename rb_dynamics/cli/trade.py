@@ -51,11 +51,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Measure and print; exit code 0, or 1 where nothing can be recommended."""
     import json
+    from pathlib import Path
 
     from rb_dynamics.cli import output
+    from rb_dynamics.recording.log_file import make_folder
     from rb_dynamics.trade import trade
 
     scene = read(args)
+    if args.html:
+        make_folder(Path(args.html))
     commands = list(read_commands(args.wrench, scene)) if args.wrench else []
     with output.progress(args.scene) as progress:
         found = trade(

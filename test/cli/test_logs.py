@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from campaigns import write as write_campaign
 
 from rb_dynamics.cli import main
 from rb_dynamics.recording.mcap_reader import read_bag
@@ -55,7 +56,8 @@ def test_a_script_runs_twice_and_never_replaces_what_it_reads(scene: Path, tmp_p
 
 def test_a_full_disk_stops_the_log_and_not_the_run(scene: Path, tmp_path: Path) -> None:
     log = tmp_path / "run.mcap"
-    limited = command("simulate", scene, "--mcap", log, "--json", prefix="ulimit -f 200; exec")
+    # 400 KiB: room for whole chunks, compressed or not.
+    limited = command("simulate", scene, "--mcap", log, "--json", prefix="ulimit -f 800; exec")
     assert limited.returncode == 1, limited.stderr
     assert "warning: a log has stopped, the run goes on without it" in limited.stderr
     assert "Traceback" not in limited.stderr
@@ -73,6 +75,34 @@ def test_a_log_that_cannot_be_begun_is_bad_input(scene: Path, tmp_path: Path) ->
     assert result.returncode == 2
     assert "cannot write" in result.stderr
     assert result.stdout == ""
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["demo", "--out", "file/out"],
+        ["campaign", "campaign.yaml", "--out", "file/rows.parquet"],
+        ["campaign", "campaign.yaml", "--html", "file/page.html"],
+        ["campaign", "campaign.yaml", "--rerun", "0", "--mcap", "file/run.mcap"],
+        ["trade", "scene.yaml", "--html", "file/page.html"],
+        ["simulate", "scene.yaml", "--html", "file/page.html"],
+    ],
+)
+def test_a_folder_that_cannot_be_made_is_said_before_the_work(
+    arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if arguments[0] == "campaign":
+        pytest.importorskip("pyarrow")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").write_text("in the way")
+    write_campaign(tmp_path)
+    before = sorted(tmp_path.iterdir())
+    assert main(arguments) == 2
+    said = capsys.readouterr()
+    assert f"cannot write {arguments[-1]}" in said.err  # demo: a file in it
+    assert "cannot be made (" in said.err
+    assert said.out == ""
+    assert sorted(tmp_path.iterdir()) == before
 
 
 def test_a_bag_drives_a_channel_of_another_name(scene: Path, tmp_path: Path, example_dir: Path) -> None:
