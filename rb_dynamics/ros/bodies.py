@@ -9,9 +9,9 @@ all: where one core is not enough for them, take the launch file.
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -35,18 +35,19 @@ def bodies(count: int, prefix: str, spacing: float) -> list[RigidBodyNode]:
 
 def _body(name: str, y: float, logs: dict[str, object]) -> RigidBodyNode:
     own: dict[str, object] = {"body.frame": name, "initial.position_world": [0.0, y, 0.0]}
-    own |= {log: _apart(target, name) for log, target in logs.items()}
+    own |= {log: apart(target, name) for log, target in logs.items()}
     return RigidBodyNode(
         namespace=name, parameter_overrides=[Parameter(key, value=value) for key, value in own.items()]
     )
 
 
-def _apart(target: object, name: str) -> object:
+def apart(target: object, name: str) -> object:
     """Return the target of a log, or of several, with the name of a body: out/run.mcap is out/run_body_1.mcap."""
     if isinstance(target, list):
-        return [_apart(each, name) for each in target]
-    path = Path(str(target))
-    return str(path.with_stem(f"{path.stem}_{name}"))
+        return [apart(each, name) for each in target]
+    # Not by Path, which would take the target of a plug-in's sink, tcp://host/run, for a path.
+    stem, suffix = os.path.splitext(str(target).rstrip("/"))
+    return f"{stem}_{name}{suffix}"
 
 
 def _logs() -> dict[str, object]:

@@ -13,6 +13,7 @@ from nav_msgs.msg import Odometry
 from ros_harness import Peer
 
 from rb_dynamics.recording.mcap_reader import read_bag
+from rb_dynamics.ros.bodies import apart
 
 pytestmark = pytest.mark.ros
 
@@ -39,6 +40,18 @@ def test_each_body_hears_its_own_commands_and_keeps_its_own_log(scene: Path, pee
         assert bag.complete
         assert len(bag.wrenches(f"/body_{k}/wrench")) == (k == 2)
         assert read_bag(tmp_path / f"flight_body_{k}").complete
+
+
+@pytest.mark.parametrize(
+    ("target", "expected"),
+    [
+        ("out/run.mcap", "out/run_b.mcap"),
+        (["bag=out/flight/", "rerun=run.rrd"], ["bag=out/flight_b", "rerun=run_b.rrd"]),
+        ("store=tcp://host:9/run", "store=tcp://host:9/run_b"),
+    ],
+)
+def test_targets_of_logs_are_kept_apart(target: object, expected: object) -> None:
+    assert apart(target, "b") == expected
 
 
 def test_a_body_that_cannot_start_ends_them_all_with_one_message(tmp_path: Path) -> None:
