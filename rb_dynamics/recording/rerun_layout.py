@@ -57,6 +57,11 @@ POTENTIAL = Series("energy/potential", "potential_energy", ("potential energy",)
 """Where an effect has one."""
 
 
+def series_of(scene: Scene) -> tuple[Series, ...]:
+    """Return what is plotted of each sample of `scene`."""
+    return SERIES if scene.acting.potential() is None else (*SERIES, POTENTIAL)
+
+
 @dataclass(frozen=True)
 class Arrow:
     """A vector at the centre of mass; where it is largest it is `length` half diagonals of the box long."""
@@ -99,7 +104,7 @@ def fixed_looks(scene: Scene, half_sizes: Vector, size: float) -> Iterator[tuple
     yield COMMANDS_ON_PATH, [rr.Points3D.from_fields(colors=[MAGENTA], radii=[-2.0])]
     points = rr.SeriesPoints(names=["command"], colors=[MAGENTA], markers=["diamond"], marker_sizes=[2.0])
     yield "energy/commands", [points]
-    for series in SERIES:
+    for series in series_of(scene):
         yield series.entity, [rr.SeriesLines(names=series.names, colors=series.colors[: len(series.names)])]
     yield "scene", [rr.TextDocument(f"```yaml\n{scene.text}\n```", media_type=rr.MediaType.MARKDOWN)]
 

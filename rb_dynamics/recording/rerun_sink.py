@@ -139,7 +139,7 @@ class Recorder:
         self.paths = {"center_of_mass": Polyline(PATH_POINTS)}
         if any(scene.body.center_of_mass):
             self.paths["body_origin"] = Polyline(PATH_POINTS)
-        self.series = layout.SERIES if scene.acting.potential() is None else (*layout.SERIES, layout.POTENTIAL)
+        self.series = layout.series_of(scene)
         self.peaks = {series.entity: 0.0 for series in self.series}
         self.arrow_peaks = dict.fromkeys(layout.ARROWS, 0.0)
         self.notes: list[Note] = []

@@ -18,7 +18,7 @@ from rb_dynamics.errors import LogError, MissingExtraError
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.recording.rerun_sink import RerunSink
 from rb_dynamics.recording.sink import AppliedWrench, Event, RunInfo, Status
-from rb_dynamics.scene import read_scene
+from rb_dynamics.scene import parse_scene, read_scene
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.vector import ZERO
 
@@ -198,6 +198,12 @@ def test_series_have_names_and_colors(tmp_path: Path) -> None:
     assert rrd.static("angular_momentum", "SeriesLines:names") == ["x", "y", "z"]
     assert len(set(rrd.static("angular_momentum", "SeriesLines:colors"))) == 3
     assert rrd.static("force/wrench/body", "SeriesLines:names")[0] == "wrench x (body)"
+    falling = parse_scene(
+        "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\nduration: 0.1\n"
+        "effects: [{type: uniform_gravity, acceleration_world: [0, 0, -9.8]}]\n"
+    )
+    rrd, _ = logged(tmp_path, falling, ())
+    assert rrd.static("energy/potential", "SeriesLines:names") == ["potential energy"]
 
 
 def test_warnings_are_logged_and_good_health_is_not(tmp_path: Path) -> None:
