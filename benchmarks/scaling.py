@@ -307,10 +307,10 @@ included:
 
 {memory}
 A run keeps neither what it has told nor commands that are done, but for the reasons of those it rejected. MCAP holds a
-chunk (128 KiB) and, of each chunk written, about 1 kB for the index at the end. Rerun holds a batch of 4096 samples,
-paths of at most 16 384 points and, for the index at the end, what it knows of each chunk: 200 000 outputs took 138 MB
-and 2 million, thinned as they come, 136 MB. `MemorySink` keeps everything: that is what it
-is for. `test/test_memory.py` holds runs to this.
+chunk (128 KiB) and, of each chunk written, some 300 bytes for the index at the end. Rerun holds a batch of 4096
+samples, paths of at most 16 384 points and, for the index at the end, what it knows of each chunk: 200 000 outputs took
+138 MB and 2 million, thinned as they come, 136 MB. `MemorySink` keeps everything: that is what it is for.
+`test/test_memory.py` holds runs to this.
 """
 
 

@@ -1,6 +1,7 @@
 """`McapWriter`: the MCAP container, written front to back with index and statistics; the twin of `mcap_records`.
 
-Never looks inside a message, and holds in memory one chunk and the index (less than 1 % of the file).
+Never looks inside a message, and holds in memory one chunk and, until the end of the file, its index: some 300 bytes
+for each chunk, which is 1 to 3 % of the file.
 
 Format: the MCAP specification, version 0: a record is one byte of opcode, the length of its content, the content.
 """

@@ -530,6 +530,29 @@ def test_viewers_find_the_body_in_space_and_the_acceleration_where_asked(tmp_pat
     assert replay(path).identical
 
 
+def test_the_loader_of_rerun_shows_all_of_it(tmp_path: Path) -> None:
+    chunk = pytest.importorskip("rerun.chunk", reason="this rerun-sdk cannot read MCAP from Python")
+    if not hasattr(chunk, "McapReader"):
+        pytest.skip("this rerun-sdk cannot read MCAP from Python")
+    path, memory = write(tmp_path / "run.mcap", make_samples(20)), make_samples(20)
+    found: dict[tuple[str, str], list[Any]] = {}
+    for each in chunk.McapReader(path).stream().to_chunks():
+        batch = each.to_record_batch()
+        for name in batch.schema.names:
+            rows = [row for row in batch.column(name).to_pylist() if row is not None]
+            found.setdefault((each.entity_path, name), []).extend(rows)
+    twists = [row["twist"] for (row,) in found["/twist", "geometry_msgs.msg.TwistStamped:message"]]
+    assert [twist["angular"]["y"] for twist in twists] == [sample.angular_velocity_body[1] for sample in memory]
+    # What has a place in space is shown there, in single precision.
+    for topic, name in (("/pose", "InstancePoses3D:translations"), ("/tf", "Transform3D:translation")):
+        places = [np.float32(sample.position_world).tolist() for sample in memory]
+        assert [place for (place,) in found[topic, name]] == places
+    told = {name for name, topic in read_bag(path).topics.items() if topic.count}
+    assert {topic for topic, name in found if name == "McapChannel:topic"} == told
+    assert found["/__mcap_attachments", "media_type"] == [["application/yaml"]]
+    assert ("/__mcap_metadata", "rb_dynamics.result") in found
+
+
 def test_effects_are_in_the_log(tmp_path: Path) -> None:
     """Potential energy as a topic of its own, what is held as applied wrench, what is not logged by name."""
     scene = parse_scene(
