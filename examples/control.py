@@ -11,6 +11,7 @@ import sys
 
 import rclpy
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 from std_srvs.srv import SetBool, Trigger
 
@@ -29,7 +30,8 @@ def main() -> str | None:
     words = remove_ros_args(sys.argv)[1:]
     if len(words) != 1 or words[0] not in WORDS:
         return f"expected one of {', '.join(WORDS)}, found {' '.join(words) or 'nothing'}"
-    rclpy.init(args=sys.argv)
+    # By rclpy's own handlers a signal ends the context under whatever waits for it.
+    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
     try:
         return ask(rclpy.create_node("control"), *WORDS[words[0]])
     finally:
@@ -53,4 +55,7 @@ def ask(node: Node, name: str, kind: type, request: object) -> str | None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        sys.exit(130)

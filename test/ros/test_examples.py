@@ -71,6 +71,18 @@ def test_control_pauses_steps_and_resets(scene: Path) -> None:
     assert "expected one of pause, go, step, reset, found jump" in control("jump").stderr
 
 
+def test_control_that_waits_for_a_node_is_interrupted_quietly(peer: Peer) -> None:
+    command = [sys.executable, str(ROOT / "examples" / "control.py"), "pause"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as control:
+        try:
+            peer.until(lambda: peer.node.count_clients("rigid_body/pause") > 0, "the client waiting")
+            control.send_signal(signal.SIGINT)
+            assert "Traceback" not in control.communicate(timeout=10.0)[1]
+            assert control.returncode == 130
+        finally:
+            control.kill()
+
+
 def test_the_tutorial_shows_the_controller_as_it_is() -> None:
     page = ROOT / "docs" / "tutorials" / "attitude-loop.md"
     (shown,) = re.findall(r"```py\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
