@@ -27,14 +27,14 @@ from rb_dynamics.ros.pacing import Pacer
 
 # A reader that is slow for a moment loses nothing.
 _DEPTH = 1000
-# s: how long nobody may be there, and how long the next reader may take after the last.
-_PATIENCE, _NEXT = 2.0, 0.5
+# s: how long nobody may be there, and how long the next reader may take after the last, also on a busy machine.
+_PATIENCE, _NEXT = 3.0, 1.5
 
 
 def publish(log: str | Path, rate: float = 1.0, clock: bool = False, ros_args: Sequence[str] = ()) -> int:
     """Publish every message of `log`; return how many.
 
-    Begins when no further reader has come for half a second, or after two seconds without any.
+    Begins when no further reader has come for 1.5 s, or after 3 s without any.
 
     Args:
         log: a bag, see `open_source`.
