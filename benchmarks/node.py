@@ -4,9 +4,9 @@ Usage: python benchmarks/node.py [--seconds 60] [--rounds 3] [--bodies 4] [--rat
 
 Two runs: steps of 1 ms with every one published (pose, twist, odom, momenta, energies: eight topics, all of them read),
 and steps of 0.25 ms published at 200 Hz. The reader is this process; it takes the bytes and commands a force now and
-then. "Late" is a message published more than a period after its time, by the middleware's time of publishing; "lost" is
-one that never came. Latency is from the publishing of a wrench to the arrival of the first pose that shows it, by the
-middleware's time of receiving.
+then. "Late" is a message published more than a period after its time, by the middleware's time of publishing, or left
+out because the next one was due; "lost" is one that was published and never came. Latency is from the publishing of a
+wrench to the arrival of the first pose that shows it, by the middleware's time of receiving.
 
 The node to compare with is plain rclpy: a timer, the same messages made once, stamped and published at each tick. It
 simulates nothing and hears nothing. Both take turns, so that what else the machine does disturbs both; CPU is user and
@@ -130,10 +130,12 @@ def empty_node(rate: float) -> None:
     messages = [(node.create_publisher(kind, topic, 10), kind()) for topic, kind in TOPICS.items()]
     period_ns = round(1e9 / rate)
     count = 0
+    begun = time.monotonic_ns()
 
     def tick() -> None:
         nonlocal count
-        count += 1
+        # A timer that is late leaves ticks out: the stamp is that of the one that is due, not of those before it.
+        count = max(count + 1, (time.monotonic_ns() - begun) // period_ns)
         seconds, nanoseconds = divmod(count * period_ns, 1_000_000_000)
         stamp = Time(sec=seconds, nanosec=nanoseconds)
         for publisher, message in messages:
@@ -270,6 +272,7 @@ class Reader:
         """Measure from now on."""
         self._delays: list[int] = []
         self._recent: deque[int] = deque(maxlen=round(1e9 / self._period_ns))
+        self._newest_ns: int | None = None
         self._lost = self._received = 0
         self._latencies: list[int] = []
         self._positions: deque[float] = deque(maxlen=3)
@@ -316,8 +319,14 @@ class Reader:
 
     def _see(self, data: bytes, published_ns: int, received_ns: int) -> None:
         seconds, nanoseconds = struct.unpack_from("<iI", data, 4)
+        stamp_ns = seconds * 10**9 + nanoseconds
+        if self._newest_ns is not None:
+            passed_ns = stamp_ns - self._newest_ns
+            # What was left out is as late as the one that came in its place is behind.
+            self._delays += [passed_ns] * (round(passed_ns / self._period_ns) - 1)
+        self._newest_ns = stamp_ns
         # How far the clocks are apart is taken from the most punctual of the last second.
-        apart = published_ns - seconds * 10**9 - nanoseconds
+        apart = published_ns - stamp_ns
         self._recent.append(apart)
         self._delays.append(apart - min(self._recent))
         (x,) = struct.unpack_from("<d", data, cdr.first_number("geometry_msgs/msg/PoseStamped", data))
