@@ -177,11 +177,13 @@ def test_a_killed_node_leaves_a_log_that_opens(scene: Path, peer: Peer, tmp_path
     with running(scene, mcap=log) as node:
         momenta = peer.listen(Vector3Stamped, "angular_momentum")
         peer.until(lambda: bool(momenta) and stamp(momenta[-1]) > 2_000_000_000, "two seconds of motion")
+        heard = stamp(momenta[-1])
         assert node.stop(signal.SIGKILL) == -signal.SIGKILL
     bag = read_bag(log)
     assert not bag.complete
     times, _ = bag.poses("/pose")
-    assert times[-1] > 500_000_000
+    # Half a second, and as much again for a machine that is busy.
+    assert times[-1] > heard - 1_000_000_000
 
 
 def test_a_full_disk_stops_the_log_and_not_the_body(scene: Path, peer: Peer, tmp_path: Path) -> None:
