@@ -90,7 +90,8 @@ def main() -> None:
         bare(*arguments.bare)
         return
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    os.environ.setdefault("ROS_DOMAIN_ID", "87")
+    # Two of these on one machine would measure each other's nodes.
+    os.environ.setdefault("ROS_DOMAIN_ID", str(random.randrange(1, 100)))
     if available():
         os.environ["RB_DYNAMICS_COMPILE"] = "always"
     steps = "compiled" if available() else "in plain Python"
