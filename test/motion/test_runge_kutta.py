@@ -285,6 +285,35 @@ class TestPair:
 
         assert found == {quantity: pytest.approx(order, abs=0.2) for quantity in found}
 
+    @pytest.mark.parametrize(("name", "orders_of_both"), [("dverk", (6, 5)), ("rkmk54", (5, 4))])
+    def test_both_are_of_their_order_under_a_held_wrench_alone(
+        self, name: str, orders_of_both: tuple[int, int]
+    ) -> None:
+        """Where the displacement may be made of forces, and the work of the mean velocity."""
+        pair, time, counts = METHODS[name].pair, 2.0, (32, 48, 64, 96)
+        assert pair is not None
+        expected = run(lambda *arguments: METHODS["taylor"].step(*arguments[:-1]), time, 64).quantities()
+        for k, order in enumerate(orders_of_both):
+            errors = [differences(run(lambda *a, k=k: pair(*a[:-1])[k], time, n), expected) for n in counts]
+            for quantity in errors[0]:
+                found = slope([time / n for n in counts], [error[quantity] for error in errors])
+                assert found >= order - 0.35, quantity
+
+    @pytest.mark.parametrize("loaded", [True, False])
+    @pytest.mark.parametrize("h", [0.4, 0.2, 0.1])
+    def test_the_estimate_of_dop853_is_no_smaller_than_the_error(self, h: float, loaded: bool) -> None:
+        """Of each quantity that the control of steps looks at, with a load of nothing and without."""
+        method, start = METHODS["dop853"], Motion()
+        assert method.pair is not None
+        at = (start.velocity, start.orientation, start.angular_velocity)
+
+        step, other = method.pair(INERTIA, HELD, h, *at, (lambda *_: (ZERO, ZERO)) if loaded else None)
+
+        right = METHODS["taylor"].step(INERTIA, HELD, h, *at)
+        for name in ("displacement", "orientation", "angular_velocity", "impulse"):
+            error = math.dist(getattr(step, name), getattr(right, name))
+            assert math.dist(getattr(step, name), getattr(other, name)) >= error - 4.0 * EPS, name
+
     def test_the_estimate_of_dop853_falls_as_an_error_of_order_seven(self) -> None:
         """And it is no smaller than the error of the step, against steps of half the length."""
         method, start = METHODS["dop853"], Motion()

@@ -222,6 +222,15 @@ class TestNeedle:
 
         assert move(case, METHODS["rk4"], 0.01, 10.0).angular_velocity[0] == pytest.approx(0.3, rel=1e-12)
 
+    @pytest.mark.parametrize("method", ["dverk", "dop853"])
+    @pytest.mark.parametrize("ratio", [1e-3, 1e-6, 1e-9, 1e-12])
+    def test_its_spin_takes_no_part_in_the_rounding_of_larger_products(self, method: str, ratio: float) -> None:
+        """What turns it about the long axis is the difference of two equal moments, not of their products."""
+        body = RigidBody.from_diagonal(1.0, (1.3 * ratio, 1.3, 1.3))
+        case = Case(body, State(angular_velocity_body=(0.3, 0.5, -0.4)), HeldWrench(), {})
+
+        assert move(case, METHODS[method], 0.01, 10.0).angular_velocity[0] == 0.3
+
     @each_stepped
     @pytest.mark.parametrize("ratio", [1e-3, 1e-6, 1e-9, 1e-12])
     def test_is_never_wrong_in_silence_by_more_than_its_energy_says(self, method: str, ratio: float) -> None:
