@@ -241,7 +241,9 @@ class Ensemble:
             ValueError: the time has passed.
             ConvergenceError: a step of a body cannot be solved; names the body. The ensemble stays where it was.
         """
-        if whole(time_ns, "time_ns", "give nanoseconds: round(1e9 * seconds)") < self.time_ns:
+        # Numbers of numpy overflow where those of Python grow.
+        time_ns = whole(time_ns, "time_ns", "give nanoseconds: round(1e9 * seconds)")
+        if time_ns < self.time_ns:
             raise ValueError(f"time_ns is {time_ns}, expected {self.time_ns} or later: time only grows")
         self._hold, self._state = self._advanced(self._hold, time_ns)
         self.time_ns = time_ns
@@ -450,9 +452,10 @@ def _grid(method: Method, step: float | None) -> tuple[int, int]:
 def _threads(threads: int | None) -> int:
     if threads is None:
         return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    if whole(threads, "threads", "write how many, or None for one for each core") < 1:
-        raise ValueError(f"threads is {threads!r}, expected a whole number of at least 1")
-    return threads
+    count = whole(threads, "threads", "write how many, or None for one for each core")
+    if count < 1:
+        raise ValueError(f"threads is {count}, expected a whole number of at least 1")
+    return count
 
 
 def _times(times_ns: npt.ArrayLike, start_ns: int) -> Times:

@@ -216,6 +216,18 @@ def test_lengths_beyond_53_bits_are_exact() -> None:
     assert rows(many.samples()) == rows(driven(BODY, STATE, times, method="rk4", step=step, **held))[-1:]
 
 
+def test_a_time_of_numpy_is_as_good_as_one_of_python() -> None:
+    """The step is a decimal number of so many digits that its multiples are no longer 64 bits."""
+    ends = []
+    for kind in (int, np.int64):
+        many = Ensemble(BODY, [STATE], "rk4", 0.01234567890123456)
+        many.advance_to(kind(250_000_000))
+        ends.append(rows(many.samples()))
+        assert type(many.time_ns) is int
+
+    assert ends[0] == ends[1]
+
+
 @pytest.mark.usefixtures("_compile")
 def test_a_step_that_cannot_be_solved_names_the_body_and_changes_nothing() -> None:
     fast = State(angular_velocity_body=(1e4, 1e4, 1e4))
