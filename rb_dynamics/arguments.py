@@ -146,7 +146,7 @@ def as_array(value: object, name: str, expected: str, kind: str | None = "f8") -
 
     try:
         found = np.asarray(value)
-        if found.dtype.kind in "fiub":
+        if found.dtype.kind in "fiu":
             return found if kind is None else found.astype(kind, copy=False)
     except ValueError:
         pass

@@ -13,13 +13,14 @@ from dataclasses import asdict, dataclass, replace
 
 from rb_dynamics.arguments import items, number
 from rb_dynamics.body.doctor import Symmetry, symmetry
-from rb_dynamics.errors import ConvergenceError
+from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.effects import EFFECTS
 from rb_dynamics.loads.load import Takes
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.exact import EXACT
 from rb_dynamics.motion.kernel import Tally, counted_by
+from rb_dynamics.motion.remembered import forget
 from rb_dynamics.motion.step_control import NANOSECONDS
 from rb_dynamics.rotation import angle_between
 from rb_dynamics.scene import opened
@@ -61,7 +62,7 @@ class Explanation:
         bare_cost_per_s: the same without outputs: where nobody is told, only the end is computed.
         compiled: whether kernels have a part in it.
         attitude_error: at the end of the trial, rad; against a finer run, or the bound of the closed form.
-        position_error: likewise, m.
+        position_error: likewise, m; None where nothing tells it.
         error_basis: what the errors were found by.
         remarks: what else a user should know.
     """
@@ -76,7 +77,7 @@ class Explanation:
     bare_cost_per_s: float
     compiled: bool
     attitude_error: float
-    position_error: float
+    position_error: float | None
     error_basis: str
     remarks: tuple[str, ...]
 
@@ -99,7 +100,7 @@ class Explanation:
             f"  computing           {_speed(self.bare_cost_per_s)}: for its end alone, as simulate without a log",
             f"  with all outputs    {_speed(self.cost_per_s)}: as with a log, to which its writing comes",
             f"  attitude error      {self.attitude_error:.2g} rad",
-            f"  position error      {self.position_error:.2g} m",
+            f"  position error      {'not known' if self.position_error is None else f'{self.position_error:.2g} m'}",
             f"  ({self.error_basis})",
             *(f"note: {remark}" for remark in self.remarks),
         ]
@@ -124,20 +125,23 @@ def explain(
     Raises:
         TypeError: an argument is not of its type.
         ValueError: the budget is not greater than 0.
-        SceneError: the file says no valid scene, or the solver makes no sense for it.
+        SceneError: the file says no valid scene, the solver makes no sense for it, or there is no motion to measure.
         ConvergenceError: the scene cannot be run as it asks to be.
     """
     scene = opened(scene)
     commands = list(map(as_command, items(commands, "commands", "(topic, wrench) pairs")))
     number(budget, "budget", "a finite number greater than 0 (s)", above=0.0)
+    length = measured_length(scene)
     remarks = []
     if scene.channels and not commands and not scene.effects:
-        commands = probe_commands(scene, scene.duration or OPEN_END_HORIZON)
+        commands = probe_commands(scene, length)
         remarks.append(
             "the channels were tried with a probe: a force of the body's weight and a torque that turns it at about "
             "1 rad/s after 1 s, reversed every second; with --wrench BAG the commands of a bag are tried instead"
         )
-    length = scene.duration or OPEN_END_HORIZON
+    if scene.duration is None and scene.output_rate > 0.0:
+        # What has no end of its own is looked at where the trial ends.
+        scene = replace(scene, output_rate=max(scene.output_rate, 1.0 / length))
     stopwatch = Stopwatch()
     _, bare_cost, _ = _measured(scene, commands, length, 0.5 * budget, stopwatch, with_outputs=False)
     run, cost, tally = _measured(scene, commands, length, budget, stopwatch)
@@ -166,6 +170,21 @@ def explain(
         basis,
         tuple(remarks),
     )
+
+
+def measured_length(scene: Scene) -> float:
+    """Return how long (s) a run of `scene` is taken to be.
+
+    Raises:
+        SceneError: it is over at once.
+    """
+    if scene.duration is None:
+        return OPEN_END_HORIZON
+    if round(scene.duration * NANOSECONDS) == 0:
+        raise SceneError(
+            f"{scene.source}: duration: found {scene.duration:g}, expected a motion to measure; give a longer one"
+        )
+    return scene.duration
 
 
 def _modelled(scene: Scene) -> tuple[str, ...]:
@@ -256,6 +275,8 @@ def _timed(
     With outputs, it has reached one.
     """
     end = round(length * NANOSECONDS)
+    # No trial may find there what another one has computed.
+    forget()
     begin = stopwatch()
     run = _start(scene, commands)
     least = run.next_output_ns() if with_outputs else 0
@@ -276,7 +297,7 @@ def _start(scene: Scene, commands: Sequence[tuple[str, Wrench]]) -> Simulation:
     return run
 
 
-def _errors(scene: Scene, commands: Sequence[tuple[str, Wrench]], run: Simulation) -> tuple[float, float, str]:
+def _errors(scene: Scene, commands: Sequence[tuple[str, Wrench]], run: Simulation) -> tuple[float, float | None, str]:
     """Return the errors of attitude and position at the end of `run`, and what they were found by."""
     rate = norm(run.sample.angular_velocity_body)
     seconds = run.time_ns / NANOSECONDS
@@ -295,7 +316,7 @@ def _errors(scene: Scene, commands: Sequence[tuple[str, Wrench]], run: Simulatio
         position = norm(subtract(run.sample.position_world, check.sample.position_world))
         return attitude, position, f"difference from a run with {_setting(finer)}"
     accuracy = scene.solver.accuracy or 0.0
-    return accuracy, math.nan, "the accuracy asked for: no finer run could be made"
+    return accuracy, None, "the accuracy asked for: no finer run could be made"
 
 
 def _finer(solver: Solver, factor: float) -> Solver:

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 import rb_dynamics as rb
 from rb_dynamics.loads.effects import EFFECTS
 from rb_dynamics.rotation import normalize, unit
+from rb_dynamics.trade import trade
 
 BODY = rb.RigidBody.from_diagonal(1.0, (1.0, 2.0, 3.0))
 SCENE = rb.parse_scene("body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\nduration: 0.1")
@@ -60,7 +61,7 @@ NO_QUATERNIONS = [*NO_VECTORS, (0.0, 0.0, 0.0, 1.4), (0.0, 0.0, 0.0, 0.0), (math
 NO_LIST_OF_THEM = [None, 1.0, "text", Anything(), [Anything()], [None]]
 POSITIVE = [*NO_NUMBERS, *NOT_FINITE, -1.0, 0.0]
 NOT_NEGATIVE = [*NO_NUMBERS, *NOT_FINITE, -1.0]
-NO_WRENCHES = ["text", Anything(), math.nan, [math.inf, 0.0, 0.0], [1.0, 2.0], [[1.0], [2.0, 3.0]]]
+NO_WRENCHES = ["text", True, Anything(), math.nan, [math.inf, 0.0, 0.0], [1.0, 2.0], [[1.0], [2.0, 3.0]]]
 
 # What takes the argument, and what may not be given for it.
 WRONG: Mapping[tuple[Callable[..., object], str], list[Any]] = {
@@ -88,7 +89,14 @@ WRONG: Mapping[tuple[Callable[..., object], str], list[Any]] = {
     (_from_state, "angular_velocity_body"): NO_VECTORS,
     (lambda body: rb.free_motion(body, rb.State(), 1.0), "body"): NO_OBJECTS,
     (lambda state: rb.free_motion(BODY, state, 1.0), "state"): NO_OBJECTS,
-    (lambda t: rb.free_motion(BODY, rb.State(), t), "t"): [None, "text", Anything(), *NOT_FINITE, [[1.0], [1.0, 2.0]]],
+    (lambda t: rb.free_motion(BODY, rb.State(), t), "t"): [
+        None,
+        "text",
+        True,
+        Anything(),
+        *NOT_FINITE,
+        [[1.0], [1.0, 2.0]],
+    ],
     (_driven, "body"): NO_OBJECTS,
     (_driven, "state"): [*NO_OBJECTS, rb.State(position_world=(math.nan, 0.0, 0.0))],
     (_driven, "times_ns"): [*NO_NUMBERS, 1.5, [1.5], [], [-1], [2, 1]],
@@ -145,6 +153,11 @@ WRONG: Mapping[tuple[Callable[..., object], str], list[Any]] = {
     (rb.explain, "scene"): [None, 1.0, Anything(), SCENE.body],
     (lambda commands: rb.explain(SCENE, commands), "commands"): [*NO_LIST_OF_THEM, [rb.Wrench()]],
     (lambda budget: rb.explain(SCENE, budget=budget), "budget"): POSITIVE,
+    (trade, "scene"): [None, 1.0, Anything(), SCENE.body],
+    (lambda commands: trade(SCENE, commands), "commands"): [*NO_LIST_OF_THEM, [rb.Wrench()]],
+    (lambda target: trade(SCENE, target=target), "target"): POSITIVE[1:],
+    (lambda budget: trade(SCENE, budget=budget), "budget"): POSITIVE[1:],
+    (lambda time_s: trade(SCENE, time_s=time_s), "time_s"): POSITIVE,
     (rb.read_scene, "path"): [None, 1.0, Anything()],
     (rb.parse_scene, "text"): [None, 1.0, Anything()],
     (lambda overrides: rb.parse_scene("body: {mass: 1}", overrides=overrides), "overrides"): [None, 1.0, ["a"]],

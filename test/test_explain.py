@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from rb_dynamics import compiled
 from rb_dynamics.cli import main
+from rb_dynamics.errors import SceneError
 from rb_dynamics.explain import explain
 from rb_dynamics.loads.effects import EFFECTS
 from rb_dynamics.motion import kernel
@@ -104,6 +106,17 @@ def test_a_trial_with_time_enough_reaches_the_end() -> None:
     )
     assert found.trial_s == 0.30001
     assert not any("measured over" in remark for remark in found.remarks)
+
+
+def test_a_scene_without_end_whose_first_output_is_hours_away() -> None:
+    assert explain(parse_scene(RIGID + "wrenches: []\noutput_rate: 1.0e-4"), budget=60.0).trial_s == 3600.0
+
+
+@pytest.mark.parametrize("duration", [0.0, 1e-10])
+def test_a_scene_that_is_over_at_once_is_refused(duration: float) -> None:
+    scene = replace(parse_scene(RIGID + "wrenches: []"), duration=duration)
+    with pytest.raises(SceneError, match=r"duration: found .* expected a motion to measure"):
+        explain(scene)
 
 
 def test_outputs_have_a_cost_of_their_own() -> None:

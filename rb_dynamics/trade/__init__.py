@@ -6,15 +6,17 @@ is compared with a reference on which two methods of different families agree. N
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from rb_dynamics.errors import SceneError
-from rb_dynamics.explain import probe_commands
+from rb_dynamics.arguments import items, number
+from rb_dynamics.explain import measured_length, probe_commands
 from rb_dynamics.loads.wrench import Wrench
-from rb_dynamics.scene.compile import OPEN_END_HORIZON
+from rb_dynamics.scene import opened
 from rb_dynamics.scene.model import Scene
+from rb_dynamics.simulate import as_command
 from rb_dynamics.stopwatch import Clock, Stopwatch
 from rb_dynamics.trade.climb import climb
 from rb_dynamics.trade.reference import find_reference
@@ -31,7 +33,7 @@ _KERNELS = 1.0
 
 
 def trade(
-    scene: Scene,
+    scene: Scene | str | os.PathLike[str],
     commands: Sequence[tuple[str, Wrench]] = (),
     *,
     target: float | None = None,
@@ -44,7 +46,7 @@ def trade(
     """Return how fast and how accurate each method that can run `scene` is on it.
 
     Args:
-        scene: is not changed; its solver gives the target where none is asked for.
+        scene: is not changed, or its file; its solver gives the target where none is asked for.
         commands: wrench commands of the scene's channels; without any, the channels are tried with a probe.
         target: error to be kept, in attitude (rad) and in position relative to the path.
         budget: real-time factor to be kept; then the most accurate row is recommended.
@@ -54,9 +56,18 @@ def trade(
         compiling: called before a kernel is compiled that is in no cache, with its name.
 
     Raises:
-        SceneError: the scene has nothing to measure.
+        TypeError: an argument is not of its type.
+        ValueError: target, budget or time is not greater than 0.
+        SceneError: the file says no valid scene, or the scene has nothing to measure.
         ConvergenceError: no two methods can run the scene in the time.
     """
+    scene = opened(scene)
+    commands = list(map(as_command, items(commands, "commands", "(topic, wrench) pairs")))
+    number(time_s, "time_s", "a finite number greater than 0 (s)", above=0.0)
+    for name, wish in (("target", target), ("budget", budget)):
+        if wish is not None:
+            number(wish, name, "a finite number greater than 0, or None", above=0.0)
+    length = measured_length(scene)
     stopwatch = Stopwatch(clock, _KERNELS * time_s, compiling)
     begin = stopwatch()
 
@@ -64,13 +75,11 @@ def trade(
         if progress is not None:
             progress(min(1.0, (stopwatch() - begin) / time_s))
 
-    if scene.duration == 0.0:
-        raise SceneError(f"{scene.source}: duration: found 0, expected a motion to measure; give a longer one")
     if target is None and budget is None:
         target = scene.solver.accuracy or 1e-9
     remarks = []
     if scene.channels and not commands:
-        commands = probe_commands(scene, scene.duration or OPEN_END_HORIZON)
+        commands = probe_commands(scene, length)
         remarks.append(
             "the channels were tried with a probe, a force and a torque that reverse every second; with --wrench BAG "
             "the commands of a bag are tried instead"
