@@ -181,10 +181,10 @@ class Trade:
                 "shorter duration or more time (--time)"
             )
         if self.budget is not None:
-            best = max((row.real_time_factor for row in self.rows), default=0.0)
+            best = max((row.real_time_factor for row in self.rows if row.error <= HOPELESS), default=0.0)
             return (
-                f"{self.scene}: nothing measured runs at {self.budget:g} times real time, the fastest at {best:.3g}; "
-                "ask for less (--budget)"
+                f"{self.scene}: nothing measured follows the motion at {self.budget:g} times real time, the fastest "
+                f"that does at {best:.3g}; ask for less (--budget)"
             )
         least = min((row.error for row in self.rows), default=math.inf)
         return (
@@ -210,9 +210,12 @@ def with_front(rows: Sequence[Row]) -> tuple[Row, ...]:
 
 
 def recommend(rows: Sequence[Row], target: float | None, budget: float | None) -> Recommendation | None:
-    """Return the fastest row that keeps `target`, or the most accurate that keeps `budget`; None where none does."""
+    """Return the fastest row that keeps `target`, or the most accurate that keeps `budget`; None where none does.
+
+    None that is `HOPELESS` keeps a budget.
+    """
     if budget is not None:
-        fast = [row for row in rows if row.real_time_factor >= budget]
+        fast = [row for row in rows if row.real_time_factor >= budget and row.error <= HOPELESS]
         row = min(fast, key=lambda row: (row.error, row.time_per_s), default=None)
         reason = f"the most accurate that runs at {budget:g} times real time or faster"
     else:
