@@ -52,7 +52,8 @@ def free_motion(body: RigidBody, state: State, t: npt.ArrayLike) -> FreeMotion:
     Raises:
         TypeError: an argument is not of its type.
         ValueError: a number in `state` is not finite, or the norm of its attitude is not 1.
-        ConvergenceError: a time is not finite, or so long that the turn has no correct digit left.
+        ConvergenceError: a time is not finite, or so long that the turn has no correct digit left, or the position is
+            beyond the range of numbers.
     """
     import numpy as np
 
@@ -92,7 +93,13 @@ def _table(numbers: tuple[float, ...], times: Numbers) -> Numbers:
     # What has no answer is said here.
     rows = [0.0] * (_ROW * times.size)
     _free_states(numbers, times.tolist(), rows)
-    return np.array(rows)
+    table = np.array(rows)
+    if not np.isfinite(table).all():
+        raise ConvergenceError(
+            "t is so long that the position is no finite number, expected one in the range of double precision; use "
+            "shorter times, or check the velocity"
+        )
+    return table
 
 
 _ROW = 13

@@ -135,6 +135,11 @@ def test_a_time_without_an_answer_is_refused(t: float) -> None:
         free_motion(body, State(angular_velocity_body=(0.1, 2.0, 0.1)), t)
 
 
+def test_a_position_beyond_the_range_of_numbers_is_refused() -> None:
+    with pytest.raises(ConvergenceError, match="position is no finite number"):
+        free_motion(RigidBody.particle(1.0), State(linear_velocity_world=(1e200, 0.0, 0.0)), [1.0, 1e200])
+
+
 @pytest.mark.skipif(not compiled.available(), reason="nothing to compare with: numba is not installed")
 def test_compiled_has_the_bits_of_plain_python(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     # Apart from the user's cache.
