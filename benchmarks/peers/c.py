@@ -72,7 +72,7 @@ def _one(problem: Problem, flags: str, function: str) -> Callable[[float], Run]:
         wrenches = np.array([np.concatenate(held) for held in held_of(problem)])
         h = problem.hold / count
 
-        def solve() -> Answer:
+        def solve() -> Callable[[], Answer]:
             state = start.copy()
             run(constants, wrenches, problem.holds, h, int(count), state)
             return lambda: answer(problem, state[None])
@@ -89,7 +89,7 @@ def _many(problem: Problem, flags: str) -> Callable[[float], Run]:
         start = np.ascontiguousarray(numbers_of(problem).T)
         h = problem.duration / count
 
-        def solve() -> Answer:
+        def solve() -> Callable[[], Answer]:
             state = start.copy()
             run_many(lib, constants, h, int(count), state)
             return lambda: answer(problem, state.T)

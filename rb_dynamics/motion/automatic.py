@@ -7,7 +7,6 @@ lead to the same choice, and it never looks ahead at commands.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
@@ -83,4 +82,4 @@ def longest_stride(control: StepControl, advance: Advance, phase: Phase) -> floa
         if stride < 1.2 * longest:
             break
         longest = stride
-    return longest if math.isfinite(longest) else math.inf
+    return longest
