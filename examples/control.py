@@ -2,7 +2,7 @@
 
 In the same environment as the node, of which --ros-args tells the namespace where it has one:
 
-    python examples/control.py {pause,go,step,reset} [--ros-args -r __ns:=/robot_1]
+    .venv/bin/python examples/control.py {pause,go,step,reset} [--ros-args -r __ns:=/robot_1]
 """
 
 from __future__ import annotations

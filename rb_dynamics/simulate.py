@@ -356,7 +356,7 @@ def as_command(command: object) -> tuple[str, Wrench]:
             whole(wrench.stamp_ns, "commands: stamp_ns", _REMEDY)
             return topic, wrench
     raise TypeError(
-        f"commands has {shown(command)}, expected (topic, wrench) pairs; write [('wrench', Wrench(force, torque))]"
+        f"commands has {shown(command)}, expected a channel and a Wrench; write [('wrench', Wrench(force, torque))]"
     )
 
 

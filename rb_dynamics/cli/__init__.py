@@ -37,6 +37,7 @@ def parser() -> argparse.ArgumentParser:
         description="Simulate one free-floating rigid body: offline, or as a ROS 2 node, with logs to trust.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
     )
     top.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     commands = top.add_subparsers(dest="command", metavar="COMMAND")
@@ -47,6 +48,8 @@ def parser() -> argparse.ArgumentParser:
             help=module.HELP,
             description=module.__doc__,
             formatter_class=argparse.RawDescriptionHelpFormatter,
+            # What is cut short may mean another option tomorrow: `--run` is neither `--runs` nor `--rerun`.
+            allow_abbrev=False,
         )
         module.add_arguments(command)
         command.set_defaults(run=module.run, parser=command)

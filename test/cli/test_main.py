@@ -40,7 +40,13 @@ def test_unknown_option_before_the_command(capsys: pytest.CaptureFixture[str]) -
 
 @pytest.mark.parametrize(
     ("given", "meant"),
-    [("simulate s.yaml --metod rk4", "--method"), ("trade s.yaml --tiem=3", "--time"), ("body s.yaml --qq", "")],
+    [
+        ("simulate s.yaml --metod rk4", "--method"),
+        ("trade s.yaml --tiem=3", "--time"),
+        ("body s.yaml --qq", ""),
+        # Not cut short for another option, --rerun or --runs.
+        ("campaign c.yaml --run 5", "--runs"),
+    ],
 )
 def test_unknown_option_shows_the_usage_of_its_command(
     capsys: pytest.CaptureFixture[str], given: str, meant: str
