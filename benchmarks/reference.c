@@ -61,10 +61,9 @@ INLINE Slope slope(const double c[CONSTANTS], const double inverse[3], const dou
     out.spin[1] = q[3] * b + q[2] * a - q[0] * g;
     out.spin[2] = q[3] * g + q[0] * b - q[1] * a;
     out.spin[3] = -q[0] * a - q[1] * b - q[2] * g;
-    double L[3] = {I[0] * w[0], I[1] * w[1], I[2] * w[2]};
-    out.angular[0] = (torque[0] - (w[1] * L[2] - w[2] * L[1])) * inverse[0];
-    out.angular[1] = (torque[1] - (w[2] * L[0] - w[0] * L[2])) * inverse[1];
-    out.angular[2] = (torque[2] - (w[0] * L[1] - w[1] * L[0])) * inverse[2];
+    out.angular[0] = (torque[0] + (I[1] - I[2]) * w[1] * w[2]) * inverse[0];
+    out.angular[1] = (torque[1] + (I[2] - I[0]) * w[2] * w[0]) * inverse[1];
+    out.angular[2] = (torque[2] + (I[0] - I[1]) * w[0] * w[1]) * inverse[2];
     rotate(q[0], q[1], q[2], q[3], twice, torque, out.torque);
     out.power = (out.force[0] * v[0] + out.force[1] * v[1] + out.force[2] * v[2])
                 + (torque[0] * w[0] + torque[1] * w[1] + torque[2] * w[2]);

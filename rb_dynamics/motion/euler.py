@@ -5,9 +5,10 @@ from __future__ import annotations
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
 from rb_dynamics.motion.refusal import LARGEST_TURN, require_finite, turns_too_far
+from rb_dynamics.motion.rk4 import differences_of, gyroscopic
 from rb_dynamics.rotation import Quaternion, exp, normalize, rotate, rotate_inverse
 from rb_dynamics.rotation import multiply as compose
-from rb_dynamics.vector import ZERO, Vector, add, add_scaled, cross, divide, dot, multiply, norm, scale, subtract
+from rb_dynamics.vector import ZERO, Vector, add, add_scaled, divide, dot, norm, scale
 
 
 def step(
@@ -33,8 +34,8 @@ def step(
     if load is not None:
         push, twist = load(0.0, ZERO, velocity, orientation, angular_velocity)
         force, torque = add(force, push), add(torque, twist)
-    gyroscopic = cross(angular_velocity, multiply(inertia.moments, angular_velocity))
-    omega = add_scaled(angular_velocity, h, divide(subtract(torque, gyroscopic), inertia.moments))
+    free = gyroscopic(differences_of(inertia.moments), angular_velocity)
+    omega = add_scaled(angular_velocity, h, divide(add(torque, free), inertia.moments))
     gain = scale(h / inertia.mass, force)
     rate = norm(omega)
     if not rate * abs(h) < LARGEST_TURN:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Load
 from rb_dynamics.motion.refusal import no_rotation, require_finite
-from rb_dynamics.motion.rk4 import turned
+from rb_dynamics.motion.rk4 import differences_of, gyroscopic, turned
 from rb_dynamics.rotation import Quaternion, normalize, rotate, rotate_inverse
 from rb_dynamics.rotation import multiply as compose
 from rb_dynamics.vector import ZERO, Vector, add, add_scaled, dot, multiply, norm, scale
@@ -30,7 +30,7 @@ Row = tuple[float, ...]
 class Frame(NamedTuple):
     """What the stages of a step share; force and torque are those of the world in the axes R0.
 
-    `differences` are I2 - I3, I3 - I1 and I1 - I2, and `inverse` is 1 / I.
+    `differences` are those of the moments, and `inverse` is 1 / I.
     """
 
     differences: Vector
@@ -74,7 +74,7 @@ def frame(
     """Return what the stages of the step share."""
     a, b, c = inertia.moments
     return Frame(
-        (b - c, c - a, a - b),
+        differences_of(inertia.moments),
         (1.0 / a, 1.0 / b, 1.0 / c),
         1.0 / inertia.mass,
         held,
@@ -199,9 +199,7 @@ def _slope(f: Frame, node: float, reached: Turn, carried: Carried, load: Load | 
     # Rare, and everything that follows in the stage would wait for it.
     if f.held.torque_world != ZERO:
         all_torque = add(torque, turned((-x, -y, -z, q[3]), twice, f.torque))
-    # Differences of moments are no larger than the third: divided by it, their rounding stays small for a needle too.
-    (d1, d2, d3), (w1, w2, w3) = f.differences, omega
-    omega_dot = multiply(add(all_torque, (d1 * w2 * w3, d2 * w3 * w1, d3 * w1 * w2)), f.inverse)
+    omega_dot = multiply(add(all_torque, gyroscopic(f.differences, omega)), f.inverse)
     w, (a, b, c) = q[3], scale(0.5, omega)
     # q omega / 2.
     spin = (w * a + y * c - z * b, w * b + z * a - x * c, w * c + x * b - y * a, -x * a - y * b - z * c)

@@ -8,7 +8,7 @@ from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
 from rb_dynamics.motion.refusal import no_rotation, require_finite
 from rb_dynamics.rotation import Quaternion, normalize
-from rb_dynamics.vector import ZERO, Vector, add, add_scaled, cross, dot, multiply, norm, scale, subtract
+from rb_dynamics.vector import ZERO, Vector, add, add_scaled, dot, multiply, norm, scale
 
 
 def step(
@@ -28,25 +28,25 @@ def step(
     Raises:
         ConvergenceError: the step turns the body so far that a stage is no rotation any more, or diverges.
     """
-    inverse_mass, moments = 1.0 / inertia.mass, inertia.moments
+    inverse_mass, differences, moments = 1.0 / inertia.mass, differences_of(inertia.moments), inertia.moments
     inverse = (1.0 / moments[0], 1.0 / moments[1], 1.0 / moments[2])
     half = 0.5 * h
 
     # The stages are written out: the compiler then takes many bodies at once (`lanes.py`), and Python has less to do.
     q, w, v = orientation, angular_velocity, velocity
-    one = _slope(moments, inverse, held, 0.0, ZERO, v, q, w, load)
+    one = _slope(differences, inverse, held, 0.0, ZERO, v, q, w, load)
     ahead = scale(half, v)
     q, w = _add_scaled(orientation, half, one.spin), add_scaled(angular_velocity, half, one.angular)
     v = add_scaled(velocity, half * inverse_mass, one.force)
-    two = _slope(moments, inverse, held, half, ahead, v, q, w, load)
+    two = _slope(differences, inverse, held, half, ahead, v, q, w, load)
     ahead = scale(half, v)
     q, w = _add_scaled(orientation, half, two.spin), add_scaled(angular_velocity, half, two.angular)
     v = add_scaled(velocity, half * inverse_mass, two.force)
-    three = _slope(moments, inverse, held, half, ahead, v, q, w, load)
+    three = _slope(differences, inverse, held, half, ahead, v, q, w, load)
     ahead = scale(h, v)
     q, w = _add_scaled(orientation, h, three.spin), add_scaled(angular_velocity, h, three.angular)
     v = add_scaled(velocity, h * inverse_mass, three.force)
-    four = _slope(moments, inverse, held, h, ahead, v, q, w, load)
+    four = _slope(differences, inverse, held, h, ahead, v, q, w, load)
 
     sixth = h / 6.0
     a, b, c, d = one.spin, two.spin, three.spin, four.spin
@@ -88,7 +88,7 @@ class _Slope(NamedTuple):
 
 
 def _slope(
-    moments: Vector,
+    differences: Vector,
     inverse: Vector,
     held: HeldWrench,
     t: float,
@@ -113,11 +113,27 @@ def _slope(
     return _Slope(
         # q omega / 2.
         (w * a + y * c - z * b, w * b + z * a - x * c, w * c + x * b - y * a, -x * a - y * b - z * c),
-        multiply(subtract(torque, cross(omega, multiply(moments, omega))), inverse),
+        multiply(add(torque, gyroscopic(differences, omega)), inverse),
         force,
         turned(q, twice, torque),
         dot(force, velocity) + dot(torque, omega),
     )
+
+
+def differences_of(moments: Vector) -> Vector:
+    """Return I2 - I3, I3 - I1 and I1 - I2."""
+    a, b, c = moments
+    return (b - c, c - a, a - b)
+
+
+def gyroscopic(differences: Vector, omega: Vector) -> Vector:
+    """Return I w x w, which turns the axis of a free body (lecture 24, eq. 18), from `differences_of` the moments.
+
+    None of them is larger than the moment that divides it: a needle does not multiply their rounding, as it would that
+    of w x I w, the difference of two products.
+    """
+    (d1, d2, d3), (w1, w2, w3) = differences, omega
+    return (d1 * w2 * w3, d2 * w3 * w1, d3 * w1 * w2)
 
 
 def turned(q: Quaternion, twice: float, v: Vector) -> Vector:
