@@ -212,9 +212,9 @@ def read_facts(path: str | os.PathLike[str]) -> Facts:
     """
     try:
         metadata = _parquet().read_schema(path).metadata or {}
+        facts: Facts = json.loads(metadata.get(_METADATA, b"{}"))
     except (OSError, ValueError) as error:
         raise LogError(f"cannot read {path}: {error}; remove it, or give another file with --out") from error
-    facts: Facts = json.loads(metadata.get(_METADATA, b"{}"))
     return facts
 
 

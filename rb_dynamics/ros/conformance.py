@@ -269,20 +269,47 @@ def _numbers(text: str) -> Array:
     return np.array([float(part) for part in text.split(",")])
 
 
+def _vector(text: str) -> Array:
+    numbers = _numbers(text)
+    if numbers.size != 3:
+        raise ValueError
+    return numbers
+
+
+# Argparse shows what a ValueError is about as "invalid ... value", with the name of the function.
+def _timed(text: str) -> tuple[str, float]:
+    topic, _, seconds = text.partition(":")
+    return topic, float(seconds)
+
+
+def _frame(text: str) -> tuple[str, Array]:
+    name, _, position = text.partition(":")
+    return name, _vector(position)
+
+
+_timed.__name__, _frame.__name__, _vector.__name__ = "TOPIC:SECONDS", "NAME:X,Y,Z", "X,Y,Z"
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m rb_dynamics.ros.conformance", description=__doc__)
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("--topic", default="wrench", help="a channel that holds its command (default: wrench)")
     parser.add_argument("--second", default="", metavar="TOPIC", help="another one, to add up with")
-    parser.add_argument("--timed", default="", metavar="TOPIC:SECONDS", help="a channel with a timeout")
     parser.add_argument(
-        "--frame", default="", metavar="NAME:X,Y,Z", help="a fixed frame with the body's axes, and where"
+        "--timed", type=_timed, default=("", 0.0), metavar="TOPIC:SECONDS", help="a channel with a timeout"
+    )
+    parser.add_argument(
+        "--frame",
+        type=_frame,
+        default=("", _NONE),
+        metavar="NAME:X,Y,Z",
+        help="a fixed frame with the body's axes, and where",
     )
     parser.add_argument("--mass", type=float, help="kg; left out: from the topic inertia, as the next two")
     parser.add_argument(
         "--inertia", type=_numbers, metavar="XX,XY,XZ,YY,YZ,ZZ", help="kg m^2, about the centre of mass"
     )
-    parser.add_argument("--center", type=_numbers, metavar="X,Y,Z", help="centre of mass, m from the body origin")
+    parser.add_argument("--center", type=_vector, metavar="X,Y,Z", help="centre of mass, m from the body origin")
     return parser
 
 
@@ -292,8 +319,7 @@ def main(args: Sequence[str] | None = None) -> int:
     known, ros = parser.parse_known_args(args)
     if (known.mass is None) != (known.inertia is None) or (known.inertia is not None and known.inertia.size != 6):
         parser.error("--mass and --inertia (six numbers) come together, or not at all")
-    frame, _, position = known.frame.partition(":")
-    timed, _, timeout = known.timed.partition(":")
+    (frame, position), (timed, timeout) = known.frame, known.timed
     rclpy.init(args=ros)
     node = Conformance([known.topic, known.second, timed])
     try:
@@ -309,9 +335,9 @@ def main(args: Sequence[str] | None = None) -> int:
             known.topic,
             known.second,
             timed,
-            float(timeout or 0.0),
+            timeout,
             frame,
-            _numbers(position) if position else _NONE,
+            position,
         )
         passed = True
         for finding in node.run(subject):

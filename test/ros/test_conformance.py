@@ -33,8 +33,11 @@ def test_a_lever_and_a_timeout_that_are_not_there_are_found_out() -> None:
     assert ["lever arm" in failed[0], "watchdog" in failed[1], len(failed)] == [True, True, 2]
 
 
-def test_mass_properties_half_given_are_refused() -> None:
-    done = conformance("--mass", "2.0")
+@pytest.mark.parametrize(
+    ("option", "value"), [("--mass", "2.0"), ("--timed", "burst"), ("--frame", "thruster:0,1"), ("--center", "1")]
+)
+def test_options_that_are_not_whole_are_refused(option: str, value: str) -> None:
+    done = conformance(option, value)
     assert done.returncode == 2
-    assert "--inertia" in done.stderr
+    assert option in done.stderr
     assert "Traceback" not in done.stderr
