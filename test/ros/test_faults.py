@@ -102,7 +102,8 @@ def test_a_storm_of_commands_leaves_the_last_one_acting(scene: Path, peer: Peer,
         with script(STORM, "20000", "1.5") as storm:
             assert storm.stdout is not None
             sent = int(storm.stdout.readline())
-            assert sent > 1000
+            # 30 000 are asked for; a busy machine sends fewer.
+            assert sent > 5_000
             peer.spin(2.0)
             begun = stamp(momenta[-1])
             peer.until(lambda: stamp(momenta[-1]) > begun + 500_000_000, "motion after the storm")
@@ -118,7 +119,7 @@ def test_a_storm_of_commands_leaves_the_last_one_acting(scene: Path, peer: Peer,
     assert sent / 2 < accepted + lost <= sent
     bag = read_bag(log)
     assert bag.complete
-    assert len(bag.wrenches("/wrench")) <= accepted
+    assert len(bag.wrenches("/wrench")) == accepted
 
 
 def test_a_timeout_ends_the_command_of_a_commander_that_died(tmp_path: Path, peer: Peer) -> None:
