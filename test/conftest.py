@@ -16,19 +16,10 @@ import hypothesis
 import pytest
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from typing import IO
 
 ROOT = Path(__file__).resolve().parent.parent
-INHERITED = {
-    "_ROS_WHEELS_BOOTSTRAP_COMPLETE",
-    "AMENT_PREFIX_PATH",
-    "COLCON_PREFIX_PATH",
-    "LD_LIBRARY_PATH",
-    "MAKEFLAGS",
-    "MAKELEVEL",
-    "MFLAGS",
-    "PYTHONPATH",
-}
 
 
 OPTIONAL = {"PIL", "mcap", "rerun", "rosbags", "zstandard"}
@@ -116,6 +107,18 @@ def scene_dir() -> Path:
 def example_dir() -> Path:
     """Return the folder of the recorded wrench logs that ship with the package."""
     return ROOT / "examples"
+
+
+@pytest.fixture(scope="module")
+def kernel_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Keep what a module compiles away from the user's cache."""
+    from rb_dynamics import compiled
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        compiled.cache_folder.cache_clear()
+        yield
+    compiled.cache_folder.cache_clear()
 
 
 @pytest.fixture

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -34,14 +33,7 @@ FIELDS = [name for name in Sample.__slots__ if hasattr(Samples, name)]
 needs_numba = pytest.mark.skipif(not compiled.available(), reason="numba is not installed")
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Keep what is compiled here away from the user's cache."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
-        compiled.cache_folder.cache_clear()
-        yield
-    compiled.cache_folder.cache_clear()
+pytestmark = pytest.mark.usefixtures("kernel_cache")
 
 
 @pytest.fixture(params=["never", pytest.param("always", marks=needs_numba)])

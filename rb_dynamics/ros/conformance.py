@@ -266,28 +266,30 @@ def _is_heard(publisher: Publisher) -> bool:
 
 
 def _numbers(text: str) -> Array:
-    return np.array([float(part) for part in text.split(",")])
+    try:
+        return np.array([float(part) for part in text.split(",")])
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"found {text!r}, expected numbers with commas between") from None
 
 
 def _vector(text: str) -> Array:
     numbers = _numbers(text)
     if numbers.size != 3:
-        raise ValueError
+        raise argparse.ArgumentTypeError(f"found {text!r}, expected three numbers X,Y,Z")
     return numbers
 
 
-# Argparse shows what a ValueError is about as "invalid ... value", with the name of the function.
 def _timed(text: str) -> tuple[str, float]:
     topic, _, seconds = text.partition(":")
-    return topic, float(seconds)
+    try:
+        return topic, float(seconds)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"found {text!r}, expected TOPIC:SECONDS, such as burst:0.2") from None
 
 
 def _frame(text: str) -> tuple[str, Array]:
     name, _, position = text.partition(":")
     return name, _vector(position)
-
-
-_timed.__name__, _frame.__name__, _vector.__name__ = "TOPIC:SECONDS", "NAME:X,Y,Z", "X,Y,Z"
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -7,7 +7,7 @@ import math
 import os
 import random
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -33,14 +33,7 @@ COMPILED = [name for name, method in METHODS.items() if method.compiles]
 needs_numba = pytest.mark.skipif(not compiled.available(), reason="nothing to compare with: numba is not installed")
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Keep what is compiled here away from the user's cache."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
-        compiled.cache_folder.cache_clear()
-        yield
-    compiled.cache_folder.cache_clear()
+pytestmark = pytest.mark.usefixtures("kernel_cache")
 
 
 def case(r: random.Random, longest: float = 0.1) -> tuple[Inertia, HeldWrench, float, Phase]:

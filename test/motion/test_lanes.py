@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -23,14 +22,7 @@ LANE_METHODS = [name for name in METHODS if name in lanes._LANE_STEPS]
 needs_numba = pytest.mark.skipif(not compiled.available(), reason="nothing to compare with: numba is not installed")
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Keep what is compiled here away from the user's cache."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
-        compiled.cache_folder.cache_clear()
-        yield
-    compiled.cache_folder.cache_clear()
+pytestmark = pytest.mark.usefixtures("kernel_cache")
 
 
 def case(r: random.Random, fastest: float) -> tuple[Inertia, HeldWrench, Phase]:
