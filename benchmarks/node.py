@@ -10,8 +10,12 @@ wrench to the arrival of the first pose that shows it, by the middleware's time 
 
 The node to compare with is plain rclpy: a timer, the same messages made once, stamped and published at each tick. It
 simulates nothing and hears nothing. Both take turns, so that what else the machine does disturbs both; CPU is user and
-system time of the whole process. What the machine itself is late shows a third, bare process, without ROS, that only
-sleeps from one time to the next.
+system time of the whole process.
+
+What the machine itself is late is seen by bare processes, without ROS, that run beside each node, one to a processor
+and above it in priority: they only sleep from one time to the next. Where one of them oversleeps by 0.3 of a period,
+the machine stalled, at most since the time before; a tick that comes late in a stall, or within as long again after it,
+is the machine's, any other is the node's own.
 
 `--priority` runs all of them, and the reader below them, at a real-time priority (SCHED_FIFO, as `chrt -f` does), which
 takes a right that root has.
@@ -70,6 +74,8 @@ CASES = ((1000, 1000), (4000, 200))
 PATIENCE, SETTLE = 30.0, 1.0
 # s between two looks of the reader, and between two commands.
 LOOK, COMMAND = 0.0002, 0.0473
+# Periods that a bare process oversleeps where the machine stalls.
+STALL = 0.3
 KEEP_ALL = QoSProfile(history=HistoryPolicy.KEEP_ALL)
 
 
@@ -81,13 +87,13 @@ def main() -> None:
     parser.add_argument("--rate", type=float, help="Hz: only the run with this output rate")
     parser.add_argument("--priority", type=int, default=0, help="real-time priority, 2 to 99; 0: none")
     parser.add_argument("--empty", type=float, metavar="HZ", help=argparse.SUPPRESS)
-    parser.add_argument("--bare", type=float, nargs=2, metavar=("HZ", "S"), help=argparse.SUPPRESS)
+    parser.add_argument("--bare", type=float, nargs=2, metavar=("HZ", "CPU"), help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.empty:
         empty_node(arguments.empty)
         return
     if arguments.bare:
-        bare(*arguments.bare)
+        bare(arguments.bare[0], int(arguments.bare[1]))
         return
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     # Two of these on one machine would measure each other's nodes.
@@ -99,25 +105,24 @@ def main() -> None:
         f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f} before; steps {steps}; {arguments.seconds:g} s each; "
         f"{f'real-time priority {arguments.priority}' if arguments.priority else 'no priority'}"
     )
-    at = []
+    at, above = [], []
     if arguments.priority:
-        at = ["chrt", "-f", str(arguments.priority)]
+        at, above = (["chrt", "-f", str(arguments.priority + more)] for more in (0, 1))
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(arguments.priority - 1))
     with tempfile.TemporaryDirectory() as folder:
         scene = Path(folder) / "scene.yaml"
         scene.write_text(SCENE, encoding="utf-8")
-        me = [*at, sys.executable, str(Path(__file__).resolve())]
+        me = [sys.executable, str(Path(__file__).resolve())]
         for steps, rate in (case for case in CASES if arguments.rate in (None, case[1])):
             ratios = []
             for _ in range(arguments.rounds):
                 node = [*at, sys.executable, "-m", "rb_dynamics", "node", str(scene), "--ros-args"]
                 node += ["-p", f"solver.step:={1 / steps}", "-p", "solver.method:=rkmk4", "-p", f"output_rate:={rate}"]
-                ours = measured(f"node, {steps} Hz steps", node, rate, arguments.seconds, commanded=True)
-                theirs = measured(
-                    "empty rclpy node", [*me, "--empty", str(rate)], rate, arguments.seconds, commanded=False
-                )
+                empty = [*at, *me, "--empty", str(rate)]
+                watcher = [*above, *me, "--bare", str(rate)]
+                ours = measured(f"node, {steps} Hz steps", node, watcher, rate, arguments.seconds, commanded=True)
+                theirs = measured("empty rclpy node", empty, watcher, rate, arguments.seconds, commanded=False)
                 ratios.append(ours / theirs)
-                subprocess.run([*me, "--bare", str(rate), str(arguments.seconds)], check=True)
             print(f"CPU of the node / CPU of the empty node at {rate} Hz: {median(ratios):.2f}")
         if arguments.bodies:
             several(scene, arguments.bodies, min(20.0, arguments.seconds))
@@ -149,23 +154,37 @@ def empty_node(rate: float) -> None:
         rclpy.spin(node)
 
 
-def bare(rate: float, seconds: float) -> None:
-    """Sleep until each of the times of `rate`, do nothing, and print how late that was."""
-    begun, delays = time.monotonic_ns(), []
-    for count in range(1, round(rate * seconds) + 1):
-        due = begun + round(count * 1e9 / rate)
-        time.sleep(max(0, due - time.monotonic_ns()) / 1e9)
-        delays.append(time.monotonic_ns() - due)
-    print(f"{'bare sleeper':20s} {rate:5g} Hz: {punctuality(delays, 1e9 / rate)}", flush=True)
+def bare(rate: float, cpu: int) -> None:
+    """On one processor sleep until each of the times of `rate`, do nothing; at SIGTERM print when that was how late."""
+    os.sched_setaffinity(0, {cpu})
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit())
+    late, count, begun = [], 0, time.time_ns()
+    try:
+        while True:
+            count += 1
+            due = begun + round(count * 1e9 / rate)
+            time.sleep(max(0, due - time.time_ns()) / 1e9)
+            now = time.time_ns()
+            if now - due > STALL * 1e9 / rate:
+                late.append((due, now))
+    finally:
+        print(*(moment for pair in late for moment in pair), flush=True)
 
 
-def punctuality(delays: list[int], period_ns: float) -> str:
-    """Return how many of `delays` (ns) are longer than a period, and how long they are."""
-    late, delays = sum(delay > period_ns for delay in delays), sorted(delays)
+def punctuality(delays: list[tuple[int, int]], period_ns: float, stalls: list[tuple[int, int]]) -> str:
+    """Return how many of `delays` (when, and how long, ns) are longer than a period, in `stalls` and outside them."""
+    late = [when for when, delay in delays if delay > period_ns]
+    excused = sum(any(since <= when <= 2 * woken - since for since, woken in stalls) for when in late)
+    lengths = sorted(delay for _, delay in delays)
     return (
-        f"{late} of {len(delays)} ticks late ({100 * late / len(delays):.3f} %), behind p50 {_at(delays, 0.5):.2f} "
-        f"p99 {_at(delays, 0.99):.2f} max {delays[-1] / 1e6:.1f} ms"
+        f"{len(late)} of {len(delays)} ticks late ({_percent(late, delays)}; {_percent(late[excused:], delays)} "
+        f"outside the machine's {len(stalls)} stalls), behind p50 {_at(lengths, 0.5):.2f} "
+        f"p99 {_at(lengths, 0.99):.2f} max {lengths[-1] / 1e6:.1f} ms"
     )
+
+
+def _percent(part: list[int], whole: list[tuple[int, int]]) -> str:
+    return f"{100 * len(part) / len(whole):.3f} %"
 
 
 def several(scene: Path, count: int, seconds: float) -> None:
@@ -221,19 +240,33 @@ def process(command: list[str]) -> Iterator[int]:
         child.wait(PATIENCE)
 
 
-def measured(name: str, command: list[str], rate: float, seconds: float, commanded: bool) -> float:
-    """Measure one node, print it, and return its CPU time in s per s."""
-    with process(command) as pid:
+def measured(name: str, command: list[str], watcher: list[str], rate: float, seconds: float, commanded: bool) -> float:
+    """Measure one node, print it, and return its CPU time in s per s; `watcher` is a bare process but for its CPU."""
+    with process(command) as pid, ExitStack() as stack:
         reader = Reader(rate, commanded)
-        try:
-            reader.watch(SETTLE)
-            reader.forget()
-            before, begun = cpu_seconds(pid), time.monotonic()
-            reader.watch(seconds)
-            cpu = (cpu_seconds(pid) - before) / (time.monotonic() - begun)
-            print(f"{name:20s} {rate:5g} Hz: CPU {100 * cpu:5.1f} %; {reader.summary()}", flush=True)
-        finally:
-            reader.close()
+        stack.callback(reader.close)
+        reader.watch(SETTLE)
+        watchers = [
+            stack.enter_context(subprocess.Popen([*watcher, str(cpu)], stdout=subprocess.PIPE, text=True))
+            for cpu in os.sched_getaffinity(0)
+        ]
+        for child in watchers:
+            stack.callback(child.kill)
+        reader.watch(SETTLE)
+        reader.forget()
+        before, begun, begun_ns = cpu_seconds(pid), time.monotonic(), time.time_ns()
+        reader.watch(seconds)
+        cpu = (cpu_seconds(pid) - before) / (time.monotonic() - begun)
+        period_ns, stalls, slept_over = round(1e9 / rate), [], []
+        for child in watchers:
+            child.terminate()
+            moments = [int(word) for word in child.communicate(timeout=PATIENCE)[0].split()]
+            found = [pair for pair in zip(moments[::2], moments[1::2], strict=True) if pair[0] > begun_ns]
+            stalls += [(due - period_ns, woken) for due, woken in found]
+            late = sum(woken - due > period_ns for due, woken in found)
+            slept_over.append(f"{100 * late / (seconds * rate):.3f} %")
+        print(f"{name:20s} {rate:5g} Hz: CPU {100 * cpu:5.1f} %; {reader.summary(stalls)}")
+        print(f"{'bare sleepers':20s} {rate:5g} Hz: late {' and '.join(slept_over)}", flush=True)
     return cpu
 
 
@@ -271,7 +304,7 @@ class Reader:
 
     def forget(self) -> None:
         """Measure from now on."""
-        self._delays: list[int] = []
+        self._delays: list[tuple[int, int]] = []
         self._recent: deque[int] = deque(maxlen=round(1e9 / self._period_ns))
         self._newest_ns: int | None = None
         self._lost = self._received = 0
@@ -292,10 +325,10 @@ class Reader:
                 self._next = now + COMMAND * random.uniform(0.8, 1.2)
             time.sleep(LOOK)
 
-    def summary(self) -> str:
-        """Return what was found."""
+    def summary(self, stalls: list[tuple[int, int]]) -> str:
+        """Return what was found, while the machine had `stalls` (from when until when, ns of the wall clock)."""
         latencies = sorted(self._latencies)
-        text = f"{self._received} messages, {self._lost} lost, {punctuality(self._delays, self._period_ns)}"
+        text = f"{self._received} messages, {self._lost} lost, {punctuality(self._delays, self._period_ns, stalls)}"
         if latencies:
             text += (
                 f"; wrench to pose p50 {_at(latencies, 0.5):.2f} p99 {_at(latencies, 0.99):.2f} ms of {len(latencies)}"
@@ -324,12 +357,12 @@ class Reader:
         if self._newest_ns is not None:
             passed_ns = stamp_ns - self._newest_ns
             # What was left out is as late as the one that came in its place is behind.
-            self._delays += [passed_ns] * (round(passed_ns / self._period_ns) - 1)
+            self._delays += [(published_ns, passed_ns)] * (round(passed_ns / self._period_ns) - 1)
         self._newest_ns = stamp_ns
         # How far the clocks are apart is taken from the most punctual of the last second.
         apart = published_ns - stamp_ns
         self._recent.append(apart)
-        self._delays.append(apart - min(self._recent))
+        self._delays.append((published_ns, apart - min(self._recent)))
         (x,) = struct.unpack_from("<d", data, cdr.first_number("geometry_msgs/msg/PoseStamped", data))
         positions = self._positions
         positions.append(x)

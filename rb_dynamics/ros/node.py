@@ -51,7 +51,7 @@ from rb_dynamics.simulate import Simulation
 
 _NANOSECONDS = 1_000_000_000
 # s: up to so long it sleeps instead of waiting for messages, and so often it then looks at services.
-_LONGEST_SLEEP, _BETWEEN_TURNS = 0.006, 0.02
+_LONGEST_SLEEP, _BETWEEN_TURNS = 0.006, 0.05
 # Of prctl(2): by how many ns Linux may end a sleep late, to end it together with others; 50 000 otherwise.
 _PR_SET_TIMERSLACK, _SLACK_NS = 29, 1
 
