@@ -9,6 +9,7 @@ from rb_dynamics.loads.acting import ActingEffects
 from rb_dynamics.loads.load import Load
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.phase import Phase, inertia_of
+from rb_dynamics.motion.rk4 import differences_of, gyroscopic
 from rb_dynamics.rotation import Quaternion, rotate, rotate_inverse
 from rb_dynamics.vector import ZERO, Vector, add, cross, divide, dot, multiply, scale, subtract
 
@@ -113,7 +114,7 @@ def acceleration(body: RigidBody, phase: Phase, held: HeldWrench, load: Load | N
         velocity = scale(1.0 / body.mass, phase.linear_momentum_world)
         varying_force, varying_torque = load(0.0, ZERO, velocity, phase.orientation, omega)
         push, torque = add(push, varying_force), add(torque, varying_torque)
-    omega_dot = rotate(axes, divide(subtract(torque, cross(omega, multiply(moments, omega))), moments))
+    omega_dot = rotate(axes, divide(add(torque, gyroscopic(differences_of(moments), omega)), moments))
     force = rotate(axes, add(held.force_body, rotate_inverse(phase.orientation, push)))
     spin, arm = rotate(axes, omega), body.center_of_mass
     turning = add(cross(omega_dot, arm), cross(spin, cross(spin, arm)))

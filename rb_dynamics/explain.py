@@ -25,7 +25,7 @@ from rb_dynamics.motion.step_control import NANOSECONDS
 from rb_dynamics.rotation import angle_between
 from rb_dynamics.scene import opened
 from rb_dynamics.scene.compile import OPEN_END_HORIZON
-from rb_dynamics.scene.model import Scene, Solver
+from rb_dynamics.scene.model import DEFAULT_ACCURACY, Scene, Solver
 from rb_dynamics.simulate import Simulation, as_command, without_outputs
 from rb_dynamics.stopwatch import Stopwatch
 from rb_dynamics.vector import norm, scale, subtract
@@ -119,7 +119,7 @@ def explain(
 
     Args:
         scene: is not changed; or its file.
-        commands: wrench commands of the scene's channels; without any, the channels are tried with a probe.
+        commands: wrench commands of the scene's channels; see `probed` for what is done without any.
         budget: about how long the trial may compute, s.
 
     Raises:
@@ -132,13 +132,7 @@ def explain(
     commands = list(map(as_command, items(commands, "commands", "(topic, wrench) pairs")))
     number(budget, "budget", "a finite number greater than 0 (s)", above=0.0)
     length = measured_length(scene)
-    remarks = []
-    if scene.channels and not commands and not scene.effects:
-        commands = probe_commands(scene, length)
-        remarks.append(
-            "the channels were tried with a probe: a force of the body's weight and a torque that turns it at about "
-            "1 rad/s after 1 s, reversed every second; with --wrench BAG the commands of a bag are tried instead"
-        )
+    commands, remarks = probed(scene, commands, length)
     if scene.duration is None and scene.output_rate > 0.0:
         # What has no end of its own is looked at where the trial ends.
         scene = replace(scene, output_rate=max(scene.output_rate, 1.0 / length))
@@ -222,11 +216,24 @@ def _left_out(scene: Scene) -> tuple[str, ...]:
     return tuple(items)
 
 
-def probe_commands(scene: Scene, length: float) -> list[tuple[str, Wrench]]:
-    """Return wrench commands that try the first channel of `scene` for `length` s, or for the first thousand of them.
+def probed(
+    scene: Scene, commands: Sequence[tuple[str, Wrench]], length: float
+) -> tuple[Sequence[tuple[str, Wrench]], list[str]]:
+    """Return `commands` to try `scene` with for `length` s, and remarks about them.
 
-    A force of the body's weight and a torque that turns it at about 1 rad/s after 1 s, reversed every second.
+    Where there are none, the scene has a channel for them, and nothing else acts, they are a probe: a force of the
+    body's weight and a torque that turns it at about 1 rad/s after 1 s, reversed every second, for a thousand seconds.
     """
+    if commands or scene.effects or not scene.channels:
+        return commands, []
+    remark = (
+        "the channels were tried with a probe: a force of the body's weight and a torque that turns it at about "
+        "1 rad/s after 1 s, reversed every second; with --wrench BAG the commands of a bag are tried instead"
+    )
+    return _probe(scene, length), [remark]
+
+
+def _probe(scene: Scene, length: float) -> list[tuple[str, Wrench]]:
     topic, body = scene.channels[0].topic, scene.body
     moment, weight = max(body.principal_moments), 9.80665 * body.mass
     commands = []
@@ -323,7 +330,7 @@ def _finer(solver: Solver, factor: float) -> Solver:
     if solver.step is not None:
         order = None if solver.method == "auto" else METHODS[solver.method].order
         return Solver(solver.method, step=solver.step / factor ** (1.0 / (order or 4)))
-    return Solver(solver.method, accuracy=(solver.accuracy or 1e-9) / factor)
+    return Solver(solver.method, accuracy=(solver.accuracy or DEFAULT_ACCURACY) / factor)
 
 
 def _setting(solver: Solver) -> str:

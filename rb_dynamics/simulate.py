@@ -30,6 +30,11 @@ from rb_dynamics.scene.compile import Plan
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.vector import Vector
 
+_REMEDY = "give nanoseconds: round(1e9 * seconds)"
+
+# Hz: the first output after the start lies behind the end of time.
+_NEVER = 2.0**-31
+
 
 class Simulation:
     """One run of a scene: takes commands, advances time, feeds sinks.
@@ -231,12 +236,6 @@ class Simulation:
         expected = [time for time in (self._next_change_ns(), self.end_ns) if time is not None]
         arc.expected_ns = min(expected, default=self.time_ns)
         return arc
-
-
-_REMEDY = "give nanoseconds: round(1e9 * seconds)"
-
-# Hz: the first output after the start lies behind the end of time.
-_NEVER = 2.0**-31
 
 
 def without_outputs(scene: Scene) -> Scene:

@@ -15,7 +15,7 @@ from rb_dynamics.motion.automatic import CANDIDATES, cheapest
 from rb_dynamics.motion.exact import EXACT, has_closed_form, is_free
 from rb_dynamics.motion.phase import Phase, inertia_of
 from rb_dynamics.motion.step_control import AccuracyControl, FixedStep, OwnControl, StepControl, WholeArc
-from rb_dynamics.scene.model import Scene
+from rb_dynamics.scene.model import DEFAULT_ACCURACY, Scene
 
 OPEN_END_HORIZON = 3600.0
 """The time (s) over which `accuracy` is kept where a scene has no duration."""
@@ -42,7 +42,7 @@ class Plan:
             )
         self._scene = scene
         self._inertia = inertia_of(scene.body)
-        self._accuracy = scene.solver.accuracy or 1e-9
+        self._accuracy = scene.solver.accuracy or DEFAULT_ACCURACY
         self._ends = bool(scene.duration)
         self._horizon = scene.duration or OPEN_END_HORIZON
         self.takes = scene.acting.takes

@@ -14,6 +14,9 @@ from rb_dynamics.loads.channels import Channel
 from rb_dynamics.loads.effect import Effect
 from rb_dynamics.loads.wrench import WrenchFrames
 
+DEFAULT_ACCURACY = 1e-9
+"""The error (rad, and relative to the path) accepted at the end of a run that says neither a step nor an accuracy."""
+
 
 @dataclass(frozen=True, slots=True)
 class Solver:
@@ -21,7 +24,7 @@ class Solver:
 
     method: str = "auto"
     step: float | None = None
-    accuracy: float | None = 1.0e-9
+    accuracy: float | None = DEFAULT_ACCURACY
 
 
 @dataclass(frozen=True)

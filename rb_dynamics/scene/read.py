@@ -16,7 +16,7 @@ from rb_dynamics.body.state import State
 from rb_dynamics.errors import PluginError, SceneError
 from rb_dynamics.scene import document
 from rb_dynamics.scene.fields import LONGEST, SHORTEST, Field, Rule, Section
-from rb_dynamics.scene.model import Scene, Solver
+from rb_dynamics.scene.model import DEFAULT_ACCURACY, Scene, Solver
 from rb_dynamics.scene.overrides import apply_overrides
 from rb_dynamics.scene.problems import Problems, printable
 from rb_dynamics.scene.read_body import body_and_frames
@@ -178,9 +178,9 @@ def _solver(section: Section) -> Solver:
     method = _method(section.get("method"))
     step, accuracy = section.get("step"), section.get("accuracy")
     if step is None:
-        return Solver(method, None, section.number("accuracy", _ACCURACY, 1e-9))
+        return Solver(method, None, section.number("accuracy", _ACCURACY, DEFAULT_ACCURACY))
     if accuracy is not None:
-        accuracy.number(_ACCURACY, 1e-9)
+        accuracy.number(_ACCURACY, DEFAULT_ACCURACY)
         section.field.reject("one of step and accuracy", "remove the other", "both step and accuracy")
     return Solver(method, step.number(_STEP, 1.0), None)
 

@@ -12,10 +12,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from rb_dynamics.arguments import items, number
-from rb_dynamics.explain import measured_length, probe_commands
+from rb_dynamics.explain import measured_length, probed
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.scene import opened
-from rb_dynamics.scene.model import Scene
+from rb_dynamics.scene.model import DEFAULT_ACCURACY, Scene
 from rb_dynamics.simulate import as_command
 from rb_dynamics.stopwatch import Clock, Stopwatch
 from rb_dynamics.trade.climb import climb
@@ -47,7 +47,7 @@ def trade(
 
     Args:
         scene: is not changed, or its file; its solver gives the target where none is asked for.
-        commands: wrench commands of the scene's channels; without any, the channels are tried with a probe.
+        commands: wrench commands of the scene's channels; see `explain.probed` for what is done without any.
         target: error to be kept, in attitude (rad) and in position relative to the path.
         budget: real-time factor to be kept; then the most accurate row is recommended.
         time_s: about how long all of it may take, s; compiling kernels may take as long again, once.
@@ -76,14 +76,8 @@ def trade(
             progress(min(1.0, (stopwatch() - begin) / time_s))
 
     if target is None and budget is None:
-        target = scene.solver.accuracy or 1e-9
-    remarks = []
-    if scene.channels and not commands:
-        commands = probe_commands(scene, length)
-        remarks.append(
-            "the channels were tried with a probe, a force and a torque that reverse every second; with --wrench BAG "
-            "the commands of a bag are tried instead"
-        )
+        target = scene.solver.accuracy or DEFAULT_ACCURACY
+    commands, remarks = probed(scene, commands, length)
     kept = accepted(scene, commands)
     if len(kept) < len(commands):
         remarks.append(f"{len(commands) - len(kept)} of {len(commands)} wrench commands were rejected")
