@@ -5,7 +5,8 @@ Never simulates and never changes a message.
 
 from __future__ import annotations
 
-import importlib
+import importlib.util
+import re
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,6 +15,7 @@ from typing import Any
 import rclpy
 import yaml
 from rclpy.duration import Duration
+from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -29,6 +31,7 @@ from rb_dynamics.ros.pacing import Pacer
 _DEPTH = 1000
 # s: how long nobody may be there, and how long the next reader may take after the last, also on a busy machine.
 _PATIENCE, _NEXT = 3.0, 1.5
+_TYPE = re.compile(r"([a-z][a-z0-9_]*)/(?:msg/)?([A-Za-z][A-Za-z0-9]*)")
 
 
 def publish(log: str | Path, rate: float = 1.0, clock: bool = False, ros_args: Sequence[str] = ()) -> int:
@@ -85,18 +88,43 @@ def _play(log: str | Path, rate: float, publishers: dict[str, Publisher], ticks:
 
 
 def _publisher(node: Node, channel: Channel) -> Publisher | None:
-    """Return a publisher for a channel; None, with a warning, where its type is not installed."""
-    package, _, name = channel.type_name.partition("/")
-    try:
-        type_: Any = getattr(importlib.import_module(f"{package}.msg"), name.rpartition("/")[2])
-    except (ImportError, AttributeError, ValueError):
+    """Return a publisher for a channel; None, with a warning, where its type is not installed or its name no topic."""
+    kind = _message_type(channel.type_name)
+    if kind is None:
         node.get_logger().warning(f"{channel.topic}: left out, its type {channel.type_name!r} is not installed")
         return None
-    (offered, *_) = yaml.safe_load(channel.metadata.get("offered_qos_profiles", "")) or [{}]
-    # Before version 9 of the metadata the policies were numbers.
-    kept = offered.get("durability") in ("transient_local", 1)
-    durability = DurabilityPolicy.TRANSIENT_LOCAL if kept else DurabilityPolicy.VOLATILE
-    return node.create_publisher(type_, channel.topic, QoSProfile(depth=_DEPTH, durability=durability))
+    durability = DurabilityPolicy.TRANSIENT_LOCAL if _is_kept(channel) else DurabilityPolicy.VOLATILE
+    try:
+        return node.create_publisher(kind, channel.topic, QoSProfile(depth=_DEPTH, durability=durability))
+    except NameValidationException as error:
+        node.get_logger().warning(f"{channel.topic}: left out, this is no name of a topic: {error}")
+        return None
+
+
+def _message_type(name: str) -> Any | None:
+    """Return the message type that a log names; None where it is not installed.
+
+    Nothing is imported for a log but a package of messages: a file may name any module there is.
+    """
+    found = _TYPE.fullmatch(name)
+    spec = importlib.util.find_spec(found[1]) if found else None
+    if not found or spec is None or not any(Path(at, "msg").is_dir() for at in spec.submodule_search_locations or ()):
+        return None
+    try:
+        kind = getattr(importlib.import_module(f"{found[1]}.msg"), found[2], None)
+    except ImportError:
+        return None
+    return kind if hasattr(kind, "get_fields_and_field_types") else None
+
+
+def _is_kept(channel: Channel) -> bool:
+    """Return whether the log says that its publisher kept the newest message for readers that come later."""
+    try:
+        (offered, *_) = yaml.safe_load(channel.metadata.get("offered_qos_profiles", "")) or [{}]
+        # Before version 9 of the metadata the policies were numbers.
+        return offered.get("durability") in ("transient_local", 1)
+    except (yaml.YAMLError, AttributeError, TypeError, ValueError):
+        return False
 
 
 def _wait_for_readers(publishers: Sequence[Publisher]) -> None:

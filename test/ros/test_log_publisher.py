@@ -13,6 +13,7 @@ import pytest
 pytest.importorskip("rclpy", reason="rclpy is not installed: pip install '.[ros]'")
 
 from geometry_msgs.msg import InertiaStamped, PoseStamped, WrenchStamped
+from mcap.writer import Writer
 from ros_harness import KEEP_ALL, TRANSIENT, Peer
 from rosgraph_msgs.msg import Clock
 
@@ -64,3 +65,37 @@ def test_a_log_is_published_with_its_stamps(tmp_path: Path, peer: Peer) -> None:
     assert peer.heard["/inertia"][0].inertia.m == 2.0
     ticks = [each.clock.sec * 10**9 + each.clock.nanosec for each in peer.heard["/clock"]]
     assert ticks == sorted(set(ticks))
+
+
+def test_a_log_neither_imports_what_it_names_nor_ends_the_replay(tmp_path: Path) -> None:
+    log, package = tmp_path / "odd.mcap", tmp_path / "innocent"
+    package.mkdir()
+    (package / "__init__.py").write_text("raise SystemExit('a log had me imported')\n", encoding="utf-8")
+    channels = {
+        "/imports": ("innocent/msg/Pose", ""),
+        "/no_such_message": ("geometry_msgs/msg/Nope", ""),
+        "/a module": ("geometry_msgs/msg/Pose", ""),
+        "/good": ("geometry_msgs/msg/Vector3", "[not: yaml"),
+        "/a_list": ("geometry_msgs/msg/Vector3", "[1, 2]"),
+    }
+    with log.open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile="ros2")
+        for topic, (kind, qos) in channels.items():
+            schema = writer.register_schema(kind, "ros2msg", b"float64 x\nfloat64 y\nfloat64 z\n")
+            channel = writer.register_channel(topic, "cdr", schema, {"offered_qos_profiles": qos})
+            writer.add_message(channel, log_time=1, publish_time=1, data=bytes([0, 1, 0, 0]) + bytes(24))
+        writer.finish()
+    done = subprocess.run(
+        [sys.executable, "-m", "rb_dynamics", "replay", str(log), "--into", "ros", "--rate", "0"],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "published 2 messages" in done.stdout
+    said = done.stdout + done.stderr
+    for topic in ("/imports", "/no_such_message", "/a module"):
+        assert f"{topic}: left out" in said
