@@ -19,8 +19,9 @@ from rb_dynamics.body.state import State
 from rb_dynamics.diagnostics import kinetic_energy
 from rb_dynamics.errors import WrenchError
 from rb_dynamics.motion import METHODS
-from rb_dynamics.motion.kernel import LONGEST_STRETCH, numbers_of, phase_of
-from rb_dynamics.motion.lanes import STATE, Schedule, mover
+from rb_dynamics.motion.kernel import LONGEST_STRETCH
+from rb_dynamics.motion.lanes import Schedule, mover
+from rb_dynamics.motion.layout import PHASE, phase_numbers, phase_of
 from rb_dynamics.motion.method import Method
 from rb_dynamics.motion.phase import Phase, inertia_of
 from rb_dynamics.motion.step_control import NANOSECONDS, FixedStep
@@ -58,7 +59,7 @@ class Samples:
     """
 
     def __init__(self, body: RigidBody, start: Numbers, state: Numbers, time_ns: int | Times) -> None:
-        """Look at what `body` (of arrays) does in `state`, with books that began at `start`: (..., 35), see `Phase`."""
+        """Look at what `body` (of arrays) does in `state`, whose books began at `start`: (..., `PHASE`)."""
         self.time_ns = time_ns
         self._body, self._began, self._state = body, start, state
 
@@ -362,7 +363,7 @@ def driven_motion(
     steps, times = _Steps(method, step), _times(times_ns, state.time_ns)
     parts = (force_body, torque_body, force_world, torque_world)
     wrenches = _wrenches(len(times), 1, _particles([body]), *parts)
-    constants, start = _constants([body]), np.array([numbers_of(Phase.of(body, state))], dtype=np.float64)
+    constants, start = _constants([body]), np.array([phase_numbers(Phase.of(body, state))], dtype=np.float64)
     if last_only:
         now = start
         for schedule in steps.schedules(state.time_ns, times, wrenches):
@@ -370,7 +371,7 @@ def driven_motion(
             steps.mover.move(constants, schedule, before, now, 1)
         return Samples(body, start, now, times[-1:])
     # The numbers of one time side by side, as they are written.
-    trace, now, first = np.empty((len(times), STATE)), start, 0
+    trace, now, first = np.empty((len(times), PHASE)), start, 0
     for schedule in steps.schedules(state.time_ns, times, wrenches):
         last = first + len(schedule.counts)
         steps.mover.trace(constants, schedule, now, trace[first:last])
@@ -551,7 +552,7 @@ def _initial(body: RigidBody, states: Sequence[State]) -> Numbers:
     fields = State.__slots__[1:]
     columns: Any = [tuple(np.array([getattr(s, field) for s in states], dtype=np.float64).T) for field in fields]
     phase = Phase.of(body, State(0, *columns))
-    return np.stack([np.broadcast_to(row, (len(states),)) for row in numbers_of(phase)], axis=-1)
+    return np.stack([np.broadcast_to(row, (len(states),)) for row in phase_numbers(phase)], axis=-1)
 
 
 def _phase(state: Numbers) -> Phase:

@@ -25,6 +25,16 @@ from typing import TYPE_CHECKING, Any
 from rb_dynamics.compiled import available, compile_kernel, is_cached, specialise
 from rb_dynamics.errors import MissingExtraError, RigidBodyError
 from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.motion.layout import (
+    ACTING,
+    PHASE,
+    acting_at,
+    acting_numbers,
+    phase_at,
+    phase_numbers,
+    phase_of,
+    write_phase,
+)
 from rb_dynamics.motion.method import Increment, Inertia, Method
 from rb_dynamics.motion.phase import Phase, Sums, grown
 from rb_dynamics.rotation import Quaternion
@@ -63,9 +73,7 @@ _PLAIN_PRICE = {
 _SIGNATURE = "void(float64[::1], float64, int64)"
 
 # What a stretch is handed: body and wrench, and the phase. To pack them so takes a third of the time of numpy.array.
-_NUMBERS = Struct("51d")
-_PHASE = Struct("35d")
-_PHASE_AT = 16
+_NUMBERS, _PHASE = Struct(f"{ACTING + PHASE}d"), Struct(f"{PHASE}d")
 _log = logging.getLogger(__name__)
 
 
@@ -100,56 +108,10 @@ def _step(*arguments: Any) -> Increment:
 
 def _run_on_numbers(numbers: Numbers, h: float, n: int) -> None:
     """Do the same on an array: 25 times faster to hand over than tuples."""
-    inertia, held = body_at(numbers)
-    start = phase_at(numbers, _PHASE_AT)
+    inertia, held = acting_at(numbers)
+    start = phase_at(numbers, ACTING)
     q, w, high, low = run(inertia, held, h, n, start.orientation, start.angular_velocity, start.high, start.low)
-    store(numbers, _PHASE_AT, Phase(q, w, high, low))
-
-
-def body_at(numbers: Numbers) -> tuple[Inertia, HeldWrench]:
-    """Return the body and the wrench that `numbers` begin with, see `constants`."""
-    c = numbers
-    held = HeldWrench((c[4], c[5], c[6]), (c[7], c[8], c[9]), (c[10], c[11], c[12]), (c[13], c[14], c[15]))
-    return Inertia(c[0], (c[1], c[2], c[3])), held
-
-
-def phase_at(numbers: Numbers, i: int) -> Phase:
-    """Return the phase that begins at number i, see `numbers_of`."""
-    s = numbers
-    high = (
-        *(s[i + 7], s[i + 8], s[i + 9], s[i + 10], s[i + 11], s[i + 12], s[i + 13]),
-        *(s[i + 14], s[i + 15], s[i + 16], s[i + 17], s[i + 18], s[i + 19], s[i + 20]),
-    )
-    low = (
-        *(s[i + 21], s[i + 22], s[i + 23], s[i + 24], s[i + 25], s[i + 26], s[i + 27]),
-        *(s[i + 28], s[i + 29], s[i + 30], s[i + 31], s[i + 32], s[i + 33], s[i + 34]),
-    )
-    return Phase((s[i], s[i + 1], s[i + 2], s[i + 3]), (s[i + 4], s[i + 5], s[i + 6]), high, low)
-
-
-def store(numbers: Numbers, i: int, phase: Phase) -> None:
-    """Write `phase` from number i on."""
-    numbers[i], numbers[i + 1], numbers[i + 2], numbers[i + 3] = phase.orientation
-    numbers[i + 4], numbers[i + 5], numbers[i + 6] = phase.angular_velocity
-    for k in range(14):
-        numbers[i + 7 + k] = phase.high[k]
-        numbers[i + 21 + k] = phase.low[k]
-
-
-def constants(inertia: Inertia, held: HeldWrench) -> tuple[float, ...]:
-    """Return the numbers that `body_at` takes apart."""
-    return (inertia.mass, *inertia.moments, *held[0], *held[1], *held[2], *held[3])
-
-
-def numbers_of(phase: Phase) -> tuple[float, ...]:
-    """Return the numbers that `phase_at` takes apart."""
-    return (*phase.orientation, *phase.angular_velocity, *phase.high, *phase.low)
-
-
-def phase_of(numbers: tuple[float, ...]) -> Phase:
-    """Return the phase of the 35 `numbers_of` it."""
-    s = numbers
-    return Phase((s[0], s[1], s[2], s[3]), (s[4], s[5], s[6]), s[7:21], s[21:])
+    write_phase(numbers, ACTING, Phase(q, w, high, low))
 
 
 def plain(method: Method) -> Callable[..., tuple[Quaternion, Vector, Sums, Sums]]:
@@ -302,10 +264,10 @@ class Kernel(OnDemand):
             return None
         import numpy as np
 
-        numbers = np.empty(51)
-        _NUMBERS.pack_into(numbers.data, 0, *constants(inertia, held), *numbers_of(phase))
+        numbers = np.empty(ACTING + PHASE)
+        _NUMBERS.pack_into(numbers.data, 0, *acting_numbers(inertia, held), *phase_numbers(phase))
         compiled(numbers, h, n)
-        end = _PHASE.unpack_from(numbers.data, 8 * _PHASE_AT)
+        end = _PHASE.unpack_from(numbers.data, 8 * ACTING)
         return phase_of(end) if all(map(math.isfinite, end)) else None
 
 

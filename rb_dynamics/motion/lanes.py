@@ -22,8 +22,18 @@ from rb_dynamics.compiled import block, compiled_as, lane, specialise
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import dlm, exact, kernel, midpoint, rk4
+from rb_dynamics.motion.layout import (
+    ACTING,
+    PHASE,
+    acting_in,
+    phase_in,
+    phase_numbers,
+    phase_of,
+    write_held,
+    write_phase_in,
+)
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Step
-from rb_dynamics.motion.phase import Sums
+from rb_dynamics.motion.phase import Phase, Sums
 from rb_dynamics.motion.refusal import LARGEST_FREE_TURN, NO_INCREMENT
 from rb_dynamics.rotation import Quaternion, rotate_inverse
 from rb_dynamics.vector import Vector, norm
@@ -37,13 +47,6 @@ if TYPE_CHECKING:
 
 LANES = 64
 """Bodies in a block: enough to hide the latency of divisions, few enough for the first cache."""
-
-CONSTANTS = 8
-"""Numbers of each body: mass, principal moments, principal to body axes."""
-
-STATE = 35
-"""Numbers of each body: attitude, angular velocity, high and low sums, as in `Phase`."""
-
 
 FEWEST = 12
 """Bodies for which a block is worth it: one takes about as long as this many bodies one by one."""
@@ -118,21 +121,15 @@ def one_by_one(
     """
     for i in range(first, last):
         inertia = Inertia(constants[i, 0], (constants[i, 1], constants[i, 2], constants[i, 3]))
-        axes = (constants[i, 4], constants[i, 5], constants[i, 6], constants[i, 7])
-        q, w, high, low = _read(state.T, i)
+        q, w, high, low = phase_in(state.T, i)
         for k in range(len(counts)):
-            held = HeldWrench(
-                rotate_inverse(axes, _held(force_body, k, i)),
-                rotate_inverse(axes, _held(torque_body, k, i)),
-                _held(force_world, k, i),
-                _held(torque_world, k, i),
-            )
+            held = _held(constants, force_body, torque_body, force_world, torque_world, k, i)
             count, rest = counts[k], rests[k]
             for j in range(count + (1 if rest > 0.0 else 0)):
                 q, w, high, low = run(inertia, held, h if j < count else rest, 1, q, w, high, low)
             if len(trace) > 0:
-                _write(trace.T, k, q, w, high, low)
-        _write(after.T, i, q, w, high, low)
+                write_phase_in(trace.T, k, q, w, high, low)
+        write_phase_in(after.T, i, q, w, high, low)
 
 
 def lanes(
@@ -153,8 +150,8 @@ def lanes(
 
     Return whether every number is finite, their sum too.
     """
-    c = block(16, LANES)
-    s = block(STATE, LANES)
+    c = block(ACTING, LANES)
+    s = block(PHASE, LANES)
     finite = True
     for start in range(first, last, LANES):
         bodies = min(LANES, last - start)
@@ -162,40 +159,49 @@ def lanes(
             b = start + min(i, bodies - 1)
             for r in range(4):
                 c[r, i] = constants[b, r]
-            for r in range(STATE):
+            for r in range(PHASE):
                 s[r, i] = state[b, r]
         for k in range(len(counts)):
             for i in range(LANES):
                 b = start + min(i, bodies - 1)
-                axes = (constants[b, 4], constants[b, 5], constants[b, 6], constants[b, 7])
-                c[4, i], c[5, i], c[6, i] = rotate_inverse(axes, _held(force_body, k, b))
-                c[7, i], c[8, i], c[9, i] = rotate_inverse(axes, _held(torque_body, k, b))
-                c[10, i], c[11, i], c[12, i] = _held(force_world, k, b)
-                c[13, i], c[14, i], c[15, i] = _held(torque_world, k, b)
+                write_held(c, i, _held(constants, force_body, torque_body, force_world, torque_world, k, b))
             count, rest = counts[k], rests[k]
             for j in range(count + (1 if rest > 0.0 else 0)):
                 t = h if j < count else rest
                 for i in range(LANES):
                     o = lane(i)
-                    inertia = Inertia(c[0, o], (c[1, o], c[2, o], c[3, o]))
-                    held = HeldWrench(
-                        (c[4, o], c[5, o], c[6, o]),
-                        (c[7, o], c[8, o], c[9, o]),
-                        (c[10, o], c[11, o], c[12, o]),
-                        (c[13, o], c[14, o], c[15, o]),
-                    )
-                    q, w, high, low = _read(s, o)
+                    inertia, held = acting_in(c, o)
+                    q, w, high, low = phase_in(s, o)
                     q, w, high, low = run(inertia, held, t, 1, q, w, high, low)
-                    _write(s, o, q, w, high, low)
+                    write_phase_in(s, o, q, w, high, low)
         for i in range(bodies):
-            for r in range(STATE):
+            for r in range(PHASE):
                 after[start + i, r] = s[r, i]
         finite = _all_finite(s, c) and finite
     return finite
 
 
-def _held(part: Numbers, k: int, i: int) -> Vector:
-    """Return what acts on body i in interval k: 0 for -0, which channels that add up leave no trace of either."""
+def _held(
+    constants: Numbers,
+    force_body: Numbers,
+    torque_body: Numbers,
+    force_world: Numbers,
+    torque_world: Numbers,
+    k: int,
+    i: int,
+) -> HeldWrench:
+    """Return what acts on body i in interval k, body parts in principal axes."""
+    axes = (constants[i, 4], constants[i, 5], constants[i, 6], constants[i, 7])
+    return HeldWrench(
+        rotate_inverse(axes, _part(force_body, k, i)),
+        rotate_inverse(axes, _part(torque_body, k, i)),
+        _part(force_world, k, i),
+        _part(torque_world, k, i),
+    )
+
+
+def _part(part: Numbers, k: int, i: int) -> Vector:
+    """Return one part for body i in interval k: 0 for -0, of which channels that add up leave no trace either."""
     return (part[k, i, 0] + 0.0, part[k, i, 1] + 0.0, part[k, i, 2] + 0.0)
 
 
@@ -203,7 +209,7 @@ def _all_finite(s: Numbers, sums: Numbers) -> bool:
     """Return whether the sum of each column of `s` is finite, which is left in the first row of `sums`."""
     for i in range(LANES):
         sums[0, i] = s[0, i]
-    for r in range(1, STATE):
+    for r in range(1, PHASE):
         for i in range(LANES):
             sums[0, i] += s[r, i]
     finite = True
@@ -226,9 +232,9 @@ class Mover:
         """Write the state of all bodies after `schedule` to `after`; that before it is left as it is.
 
         Args:
-            constants: (N, `CONSTANTS`).
+            constants: (N, 8), of each body mass, principal moments, principal to body axes.
             schedule: what is done.
-            state: (N, `STATE`).
+            state: (N, `PHASE`).
             after: likewise.
             threads: at most so many; the bits do not depend on it.
 
@@ -238,7 +244,7 @@ class Mover:
         import numpy as np
 
         bodies = len(state)
-        left, no_trace = np.arange(bodies), np.empty((0, STATE))
+        left, no_trace = np.arange(bodies), np.empty((0, PHASE))
         if self._lanes is not None and bodies >= FEWEST:
             blocks = self._lanes.get(bodies * schedule.steps, bodies * schedule.steps)
             if blocks is not None:
@@ -287,9 +293,9 @@ class Mover:
         self, constants: Numbers, schedule: Schedule, state: list[float], i: int
     ) -> Iterator[tuple[float, ...]]:
         """Yield the state of body i after each interval."""
-        mass, *rest = constants[i].tolist()
-        inertia, axes = Inertia(mass, tuple(rest[:3])), tuple(rest[3:])
-        q, w, high, low = tuple(state[:4]), tuple(state[4:7]), tuple(state[7:21]), tuple(state[21:])
+        mass, i1, i2, i3, *axes = constants[i].tolist()
+        inertia, axes = Inertia(mass, (i1, i2, i3)), tuple(axes)
+        q, w, high, low = phase_of(tuple(state))
         h, counts, rests, *wrenches = schedule
         for k, (count, rest) in enumerate(zip(counts.tolist(), rests.tolist(), strict=True)):
             force, torque, force_world, torque_world = (tuple((wrench[k, i] + 0.0).tolist()) for wrench in wrenches)
@@ -300,7 +306,7 @@ class Mover:
                     q, w, high, low = self._plain(inertia, held, rest, 1, q, w, high, low)
             except ArithmeticError as error:
                 raise _out_of_range() from error
-            numbers = (*q, *w, *high, *low)
+            numbers = phase_numbers(Phase(q, w, high, low))
             if not all(map(math.isfinite, numbers)):
                 raise _out_of_range()
             yield numbers
@@ -385,26 +391,3 @@ def _out_of_range() -> ConvergenceError:
         "the state is no longer finite: a momentum, a position or an energy has left the range of double precision; "
         "check the size of wrench, mass and inertia, or use a smaller step"
     )
-
-
-def _read(s: Numbers, i: int) -> tuple[Quaternion, Vector, Sums, Sums]:
-    return (s[0, i], s[1, i], s[2, i], s[3, i]), (s[4, i], s[5, i], s[6, i]), _sums(s, 7, i), _sums(s, 21, i)
-
-
-def _sums(s: Numbers, r: int, i: int) -> Sums:
-    return (
-        *(s[r, i], s[r + 1, i], s[r + 2, i], s[r + 3, i], s[r + 4, i], s[r + 5, i], s[r + 6, i]),
-        *(s[r + 7, i], s[r + 8, i], s[r + 9, i], s[r + 10, i], s[r + 11, i], s[r + 12, i], s[r + 13, i]),
-    )
-
-
-def _write(s: Numbers, i: int, q: Quaternion, w: Vector, high: Sums, low: Sums) -> None:
-    s[0, i], s[1, i], s[2, i], s[3, i] = q
-    s[4, i], s[5, i], s[6, i] = w
-    _write_sums(s, 7, i, high)
-    _write_sums(s, 21, i, low)
-
-
-def _write_sums(s: Numbers, r: int, i: int, a: Sums) -> None:
-    s[r, i], s[r + 1, i], s[r + 2, i], s[r + 3, i], s[r + 4, i], s[r + 5, i], s[r + 6, i] = a[:7]
-    s[r + 7, i], s[r + 8, i], s[r + 9, i], s[r + 10, i], s[r + 11, i], s[r + 12, i], s[r + 13, i] = a[7:]

@@ -11,9 +11,19 @@ from struct import Struct
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rb_dynamics.compiled import specialise
-from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion.kernel import OnDemand, body_at, constants, numbers_of, phase_at, phase_of, store
-from rb_dynamics.motion.method import Increment, Inertia, Method
+from rb_dynamics.motion.kernel import OnDemand
+from rb_dynamics.motion.layout import (
+    ACTING,
+    PHASE,
+    Acting,
+    acting_at,
+    acting_numbers,
+    phase_at,
+    phase_numbers,
+    phase_of,
+    write_phase,
+)
+from rb_dynamics.motion.method import Increment, Method
 from rb_dynamics.motion.phase import MOMENTUM, Phase, grown, is_finite, total
 from rb_dynamics.motion.step_control import (
     NANOSECONDS,
@@ -35,14 +45,15 @@ if TYPE_CHECKING:
 
     Numbers = npt.NDArray[np.float64]
 
-Acting = tuple[Inertia, HeldWrench]
-
 _SIGNATURE = "UniTuple(int64, 3)(float64[::1], int64, int64)"
 
 # What a kernel is handed: body and wrench, goal, phase and what is learnt. It puts back the last two, and behind them
 # both again as they are after the stride that comes next.
-_HANDED, _PUT_BACK = Struct("60d"), Struct("74d")
-_GOAL_AT, _PHASE_AT, _AFTER_AT = 16, 23, 60
+_GOAL_AT = ACTING
+_PHASE_AT = _GOAL_AT + len(Goal._fields)
+_KNOWN = PHASE + len(Learnt._fields)
+_AFTER_AT = _PHASE_AT + _KNOWN
+_HANDED, _PUT_BACK = Struct(f"{_AFTER_AT}d"), Struct(f"{2 * _KNOWN}d")
 
 # Beyond any run, and so far below 2^63 that sums of two do not overflow.
 _FOREVER = 2**62
@@ -153,11 +164,12 @@ def _run_on_numbers(numbers: Numbers, room: int, count: int) -> tuple[int, int, 
     """Do the same on an array."""
     c, g, i, k = numbers, _GOAL_AT, _PHASE_AT, _AFTER_AT
     goal = Goal(c[g], c[g + 1], c[g + 2] != 0.0, c[g + 3], c[g + 4], c[g + 5], c[g + 6])
-    progress = run(body_at(c), goal, Learnt(c[i + 35], c[i + 36]), phase_at(c, i), room, count)
-    store(c, i, progress.phase)
-    c[i + 35], c[i + 36] = progress.learnt
-    store(c, k, progress.after)
-    c[k + 35], c[k + 36] = progress.following
+    learnt = Learnt(c[i + PHASE], c[i + PHASE + 1])
+    progress = run(acting_at(c), goal, learnt, phase_at(c, i), room, count)
+    write_phase(c, i, progress.phase)
+    c[i + PHASE], c[i + PHASE + 1] = progress.learnt
+    write_phase(c, k, progress.after)
+    c[k + PHASE], c[k + PHASE + 1] = progress.following
     return progress.strides, progress.reached, progress.next_stride
 
 
@@ -200,13 +212,17 @@ class Strides(OnDemand):
             return None
         import numpy as np
 
-        numbers = np.empty(_AFTER_AT + 37)
+        numbers = np.empty(_AFTER_AT + _KNOWN)
         goal, learnt = control.goal, control.learnt
-        _HANDED.pack_into(numbers.data, 0, *constants(*acting), *goal, *numbers_of(phase), *learnt)
+        _HANDED.pack_into(numbers.data, 0, *acting_numbers(*acting), *goal, *phase_numbers(phase), *learnt)
         strides, reached, next_stride = compiled(numbers, min(room, _FOREVER), count)
         s = _PUT_BACK.unpack_from(numbers.data, 8 * _PHASE_AT)
-        end, after = phase_of(s[:35]), phase_of(s[37:72])
-        return Progress(strides, reached, end, Learnt(*s[35:37]), next_stride, after, Learnt(*s[72:]))
+        (end, learnt), (after, following) = _known(s[:_KNOWN]), _known(s[_KNOWN:])
+        return Progress(strides, reached, end, learnt, next_stride, after, following)
+
+
+def _known(numbers: tuple[float, ...]) -> tuple[Phase, Learnt]:
+    return phase_of(numbers[:PHASE]), Learnt(*numbers[PHASE:])
 
 
 def strides_by(method: Method, control: StepControl) -> Strides | None:
