@@ -201,12 +201,13 @@ class Ensemble:
         self._steps = _Steps(method, step)
         self._threads = _threads(threads)
         self._body = _body_of_arrays(many)
-        self._constants = _constants(many)
+        self._mass_properties = _mass_properties(many)
         self._particles = _particles(many)
         self._start = self._state = _initial(self._body, states)
         self._memory: list[Numbers] = []
         self.time_ns = times[0]
-        self._hold = self._new_hold(self.time_ns, self._state, _wrenches(1, len(many), self._particles, 0, 0, 0, 0))
+        nothing = _wrenches(1, len(many), self._particles, 0, 0, 0, 0)
+        self._hold = _Hold(self.time_ns, nothing, 0, self._state)
 
     def __len__(self) -> int:
         """Return the number of bodies."""
@@ -228,7 +229,7 @@ class Ensemble:
             WrenchError: a number is not finite, or a torque acts on a particle.
         """
         parts = _copies(force_body, torque_body, force_world, torque_world)
-        self._hold = self._new_hold(self.time_ns, self._state, _wrenches(1, len(self), self._particles, *parts))
+        self._hold = _Hold(self.time_ns, _wrenches(1, len(self), self._particles, *parts), 0, self._state)
 
     def advance(self, seconds: float) -> None:
         """Advance by `seconds`, rounded to whole nanoseconds; see `advance_to`."""
@@ -279,7 +280,7 @@ class Ensemble:
         for schedule in self._steps.schedules(self.time_ns, times[:-1], before):
             state = self._taken(schedule, state)
         start_ns = int(times[-2]) if len(times) > 1 else self.time_ns
-        last = self._new_hold(start_ns, state, tuple(wrench[-1:] for wrench in wrenches))
+        last = _Hold(start_ns, tuple(wrench[-1:] for wrench in wrenches), 0, state)
         self._hold, self._state = self._advanced(last, int(times[-1]))
         self.time_ns = int(times[-1])
 
@@ -288,10 +289,6 @@ class Ensemble:
         # They look at the state when they are asked: its memory is theirs from now on.
         self._memory = [array for array in self._memory if array is not self._state]
         return Samples(self._body, self._start, self._state, self.time_ns)
-
-    @staticmethod
-    def _new_hold(start_ns: int, state: Numbers, wrenches: tuple[Numbers, ...]) -> _Hold:
-        return _Hold(start_ns, wrenches, 0, state)
 
     def _advanced(self, hold: _Hold, time_ns: int) -> tuple[_Hold, Numbers]:
         """Return `hold` with the full steps before `time_ns`, and the state then."""
@@ -316,7 +313,7 @@ class Ensemble:
 
             after = np.empty_like(state)
             self._memory.append(after)
-        self._steps.mover.move(self._constants, schedule, state, after, self._threads)
+        self._steps.mover.move(self._mass_properties, schedule, state, after, self._threads)
         return after
 
 
@@ -363,18 +360,18 @@ def driven_motion(
     steps, times = _Steps(method, step), _times(times_ns, state.time_ns)
     parts = (force_body, torque_body, force_world, torque_world)
     wrenches = _wrenches(len(times), 1, _particles([body]), *parts)
-    constants, start = _constants([body]), np.array([phase_numbers(Phase.of(body, state))], dtype=np.float64)
+    properties, start = _mass_properties([body]), np.array([phase_numbers(Phase.of(body, state))], dtype=np.float64)
     if last_only:
         now = start
         for schedule in steps.schedules(state.time_ns, times, wrenches):
             now, before = np.empty_like(start), now
-            steps.mover.move(constants, schedule, before, now, 1)
+            steps.mover.move(properties, schedule, before, now, 1)
         return Samples(body, start, now, times[-1:])
     # The numbers of one time side by side, as they are written.
     trace, now, first = np.empty((len(times), PHASE)), start, 0
     for schedule in steps.schedules(state.time_ns, times, wrenches):
         last = first + len(schedule.counts)
-        steps.mover.trace(constants, schedule, now, trace[first:last])
+        steps.mover.trace(properties, schedule, now, trace[first:last])
         now, first = trace[last - 1 : last], last
     return Samples(body, start, trace, times)
 
@@ -519,7 +516,7 @@ def _particles(bodies: Sequence[RigidBody]) -> npt.NDArray[np.bool_]:
     return np.array([body.is_particle for body in bodies])
 
 
-def _constants(bodies: Sequence[RigidBody]) -> Numbers:
+def _mass_properties(bodies: Sequence[RigidBody]) -> Numbers:
     """Return what a step needs to know of each body: mass, moments, principal to body axes, as (N, 8)."""
     import numpy as np
 

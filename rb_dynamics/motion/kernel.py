@@ -26,10 +26,10 @@ from rb_dynamics.compiled import available, compile_kernel, is_cached, specialis
 from rb_dynamics.errors import MissingExtraError, RigidBodyError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.layout import (
-    ACTING,
+    CONSTANTS,
     PHASE,
-    acting_at,
-    acting_numbers,
+    constant_numbers,
+    constants_at,
     phase_at,
     phase_numbers,
     phase_of,
@@ -73,7 +73,7 @@ _PLAIN_PRICE = {
 _SIGNATURE = "void(float64[::1], float64, int64)"
 
 # What a stretch is handed: body and wrench, and the phase. To pack them so takes a third of the time of numpy.array.
-_NUMBERS, _PHASE = Struct(f"{ACTING + PHASE}d"), Struct(f"{PHASE}d")
+_NUMBERS, _PHASE = Struct(f"{CONSTANTS + PHASE}d"), Struct(f"{PHASE}d")
 _log = logging.getLogger(__name__)
 
 
@@ -108,10 +108,10 @@ def _step(*arguments: Any) -> Increment:
 
 def _run_on_numbers(numbers: Numbers, h: float, n: int) -> None:
     """Do the same on an array: 25 times faster to hand over than tuples."""
-    inertia, held = acting_at(numbers)
-    start = phase_at(numbers, ACTING)
+    inertia, held = constants_at(numbers)
+    start = phase_at(numbers, CONSTANTS)
     q, w, high, low = run(inertia, held, h, n, start.orientation, start.angular_velocity, start.high, start.low)
-    write_phase(numbers, ACTING, Phase(q, w, high, low))
+    write_phase(numbers, CONSTANTS, Phase(q, w, high, low))
 
 
 def plain(method: Method) -> Callable[..., tuple[Quaternion, Vector, Sums, Sums]]:
@@ -264,10 +264,10 @@ class Kernel(OnDemand):
             return None
         import numpy as np
 
-        numbers = np.empty(ACTING + PHASE)
-        _NUMBERS.pack_into(numbers.data, 0, *acting_numbers(inertia, held), *phase_numbers(phase))
+        numbers = np.empty(CONSTANTS + PHASE)
+        _NUMBERS.pack_into(numbers.data, 0, *constant_numbers(inertia, held), *phase_numbers(phase))
         compiled(numbers, h, n)
-        end = _PHASE.unpack_from(numbers.data, 8 * ACTING)
+        end = _PHASE.unpack_from(numbers.data, 8 * CONSTANTS)
         return phase_of(end) if all(map(math.isfinite, end)) else None
 
 

@@ -23,9 +23,9 @@ from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import dlm, exact, kernel, midpoint, rk4
 from rb_dynamics.motion.layout import (
-    ACTING,
+    CONSTANTS,
     PHASE,
-    acting_in,
+    constants_in,
     phase_in,
     phase_numbers,
     phase_of,
@@ -100,7 +100,7 @@ def run(*_: Any) -> tuple[Quaternion, Vector, Sums, Sums]:
 
 
 def one_by_one(
-    constants: Numbers,
+    properties: Numbers,
     h: float,
     counts: Counts,
     rests: Numbers,
@@ -120,10 +120,10 @@ def one_by_one(
     the states after each interval; there is one body then.
     """
     for i in range(first, last):
-        inertia = Inertia(constants[i, 0], (constants[i, 1], constants[i, 2], constants[i, 3]))
+        inertia = Inertia(properties[i, 0], (properties[i, 1], properties[i, 2], properties[i, 3]))
         q, w, high, low = phase_in(state.T, i)
         for k in range(len(counts)):
-            held = _held(constants, force_body, torque_body, force_world, torque_world, k, i)
+            held = _held(properties, force_body, torque_body, force_world, torque_world, k, i)
             count, rest = counts[k], rests[k]
             for j in range(count + (1 if rest > 0.0 else 0)):
                 q, w, high, low = run(inertia, held, h if j < count else rest, 1, q, w, high, low)
@@ -133,7 +133,7 @@ def one_by_one(
 
 
 def lanes(
-    constants: Numbers,
+    properties: Numbers,
     h: float,
     counts: Counts,
     rests: Numbers,
@@ -150,7 +150,7 @@ def lanes(
 
     Return whether every number is finite, their sum too.
     """
-    c = block(ACTING, LANES)
+    c = block(CONSTANTS, LANES)
     s = block(PHASE, LANES)
     finite = True
     for start in range(first, last, LANES):
@@ -158,19 +158,19 @@ def lanes(
         for i in range(LANES):
             b = start + min(i, bodies - 1)
             for r in range(4):
-                c[r, i] = constants[b, r]
+                c[r, i] = properties[b, r]
             for r in range(PHASE):
                 s[r, i] = state[b, r]
         for k in range(len(counts)):
             for i in range(LANES):
                 b = start + min(i, bodies - 1)
-                write_held(c, i, _held(constants, force_body, torque_body, force_world, torque_world, k, b))
+                write_held(c, i, _held(properties, force_body, torque_body, force_world, torque_world, k, b))
             count, rest = counts[k], rests[k]
             for j in range(count + (1 if rest > 0.0 else 0)):
                 t = h if j < count else rest
                 for i in range(LANES):
                     o = lane(i)
-                    inertia, held = acting_in(c, o)
+                    inertia, held = constants_in(c, o)
                     q, w, high, low = phase_in(s, o)
                     q, w, high, low = run(inertia, held, t, 1, q, w, high, low)
                     write_phase_in(s, o, q, w, high, low)
@@ -182,7 +182,7 @@ def lanes(
 
 
 def _held(
-    constants: Numbers,
+    properties: Numbers,
     force_body: Numbers,
     torque_body: Numbers,
     force_world: Numbers,
@@ -191,7 +191,7 @@ def _held(
     i: int,
 ) -> HeldWrench:
     """Return what acts on body i in interval k, body parts in principal axes."""
-    axes = (constants[i, 4], constants[i, 5], constants[i, 6], constants[i, 7])
+    axes = (properties[i, 4], properties[i, 5], properties[i, 6], properties[i, 7])
     return HeldWrench(
         rotate_inverse(axes, _part(force_body, k, i)),
         rotate_inverse(axes, _part(torque_body, k, i)),
@@ -228,11 +228,11 @@ class Mover:
         step = method.step if method.compiles else _COMPILED_STEPS.get(method.name)
         self._one_by_one = _on_demand(one_by_one, _ONE_BY_ONE, method.name, step)
 
-    def move(self, constants: Numbers, schedule: Schedule, state: Numbers, after: Numbers, threads: int) -> None:
+    def move(self, properties: Numbers, schedule: Schedule, state: Numbers, after: Numbers, threads: int) -> None:
         """Write the state of all bodies after `schedule` to `after`; that before it is left as it is.
 
         Args:
-            constants: (N, 8), of each body mass, principal moments, principal to body axes.
+            properties: (N, 8), of each body mass, principal moments, principal to body axes.
             schedule: what is done.
             state: (N, `PHASE`).
             after: likewise.
@@ -249,7 +249,7 @@ class Mover:
             blocks = self._lanes.get(bodies * schedule.steps, bodies * schedule.steps)
             if blocks is not None:
                 parts = _parts(bodies, LANES, threads, schedule.steps)
-                finite = _each(lambda part: blocks(constants, *schedule, state, after, *part), parts)
+                finite = _each(lambda part: blocks(properties, *schedule, state, after, *part), parts)
                 left = left[:0] if all(finite) else _not_finite(after)
         if self._one_by_one is not None and len(left) > 0:
             single = self._one_by_one.get(len(left) * schedule.steps, len(left) * schedule.steps)
@@ -257,28 +257,28 @@ class Mover:
 
                 def some(part: tuple[int, int]) -> None:
                     if len(left) == bodies:
-                        single(constants, *schedule, state, after, no_trace, *part)
+                        single(properties, *schedule, state, after, no_trace, *part)
                         return
                     for i in left[part[0] : part[1]].tolist():
-                        single(constants, *schedule, state, after, no_trace, i, i + 1)
+                        single(properties, *schedule, state, after, no_trace, i, i + 1)
 
                 _each(some, _parts(len(left), 1, threads, schedule.steps))
                 left = _not_finite(after)
         for i in left.tolist():
             try:
-                for numbers in self._in_plain_python(constants, schedule, state[i].tolist(), i):
+                for numbers in self._in_plain_python(properties, schedule, state[i].tolist(), i):
                     after[i] = numbers
             except ConvergenceError as error:
                 raise ConvergenceError(f"body {i}: {error}" if bodies > 1 else str(error)) from error
 
-    def trace(self, constants: Numbers, schedule: Schedule, state: Numbers, trace: Numbers) -> None:
+    def trace(self, properties: Numbers, schedule: Schedule, state: Numbers, trace: Numbers) -> None:
         """Write the state of one body after each interval of `schedule` to the rows of `trace`; see `move`."""
         import numpy as np
 
         good, intervals = 0, len(schedule.counts)
         single = None if self._one_by_one is None else self._one_by_one.get(schedule.steps, schedule.steps)
         if single is not None:
-            single(constants, *schedule, state, np.empty_like(state), trace, 0, 1)
+            single(properties, *schedule, state, np.empty_like(state), trace, 0, 1)
             # What is not finite stays so: the last state tells whether there is anything to look for.
             good = intervals
             if len(_not_finite(trace[-1:])) > 0:
@@ -286,14 +286,14 @@ class Mover:
         if good < intervals:
             before = (trace[good - 1] if good else state[0]).tolist()
             rest = schedule.between(good, intervals)
-            for k, numbers in enumerate(self._in_plain_python(constants, rest, before, 0), start=good):
+            for k, numbers in enumerate(self._in_plain_python(properties, rest, before, 0), start=good):
                 trace[k] = numbers
 
     def _in_plain_python(
-        self, constants: Numbers, schedule: Schedule, state: list[float], i: int
+        self, properties: Numbers, schedule: Schedule, state: list[float], i: int
     ) -> Iterator[tuple[float, ...]]:
         """Yield the state of body i after each interval."""
-        mass, i1, i2, i3, *axes = constants[i].tolist()
+        mass, i1, i2, i3, *axes = properties[i].tolist()
         inertia, axes = Inertia(mass, (i1, i2, i3)), tuple(axes)
         q, w, high, low = phase_of(tuple(state))
         h, counts, rests, *wrenches = schedule

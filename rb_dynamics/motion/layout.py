@@ -20,29 +20,29 @@ if TYPE_CHECKING:
 
     Numbers = npt.NDArray[np.float64]
 
-Acting = tuple[Inertia, HeldWrench]
-"""What a step takes beside the phase: the body, and what is held."""
+Constants = tuple[Inertia, HeldWrench]
+"""What stays the same from step to step: the body, and what is held."""
 
-ACTING = 16
+CONSTANTS = 16
 """Its numbers: mass, principal moments, then force and torque in principal axes, force and torque in world axes."""
 
 PHASE = 35
 """Numbers of a phase: attitude, angular velocity, high sums, low sums; see `Phase`."""
 
 
-def acting_numbers(inertia: Inertia, held: HeldWrench) -> tuple[float, ...]:
-    """Return the `ACTING` numbers of body and wrench."""
+def constant_numbers(inertia: Inertia, held: HeldWrench) -> tuple[float, ...]:
+    """Return the `CONSTANTS` numbers of body and wrench."""
     return (inertia.mass, *inertia.moments, *held[0], *held[1], *held[2], *held[3])
 
 
-def acting_at(numbers: Numbers) -> Acting:
+def constants_at(numbers: Numbers) -> Constants:
     """Return the body and the wrench that `numbers` begin with."""
     c = numbers
     held = HeldWrench((c[4], c[5], c[6]), (c[7], c[8], c[9]), (c[10], c[11], c[12]), (c[13], c[14], c[15]))
     return Inertia(c[0], (c[1], c[2], c[3])), held
 
 
-def acting_in(rows: Numbers, i: int) -> Acting:
+def constants_in(rows: Numbers, i: int) -> Constants:
     """Return the body and the wrench in column i."""
     c = rows
     held = HeldWrench(

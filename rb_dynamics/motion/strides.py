@@ -13,17 +13,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from rb_dynamics.compiled import specialise
 from rb_dynamics.motion.kernel import OnDemand
 from rb_dynamics.motion.layout import (
-    ACTING,
+    CONSTANTS,
     PHASE,
-    Acting,
-    acting_at,
-    acting_numbers,
+    Constants,
+    constant_numbers,
+    constants_at,
     phase_at,
     phase_numbers,
     phase_of,
     write_phase,
 )
-from rb_dynamics.motion.method import Increment, Method
+from rb_dynamics.motion.method import Increment, Inertia, Method
 from rb_dynamics.motion.phase import MOMENTUM, Phase, grown, is_finite, total
 from rb_dynamics.motion.step_control import (
     NANOSECONDS,
@@ -37,7 +37,7 @@ from rb_dynamics.motion.step_control import (
     by_trial,
     rounding,
 )
-from rb_dynamics.vector import scale
+from rb_dynamics.vector import Vector, scale
 
 if TYPE_CHECKING:
     import numpy as np
@@ -49,7 +49,7 @@ _SIGNATURE = "UniTuple(int64, 3)(float64[::1], int64, int64)"
 
 # What a kernel is handed: body and wrench, goal, phase and what is learnt. It puts back the last two, and behind them
 # both again as they are after the stride that comes next.
-_GOAL_AT = ACTING
+_GOAL_AT = CONSTANTS
 _PHASE_AT = _GOAL_AT + len(Goal._fields)
 _KNOWN = PHASE + len(Learnt._fields)
 _AFTER_AT = _PHASE_AT + _KNOWN
@@ -81,14 +81,14 @@ class Progress(NamedTuple):
     following: Learnt
 
 
-def run(acting: Acting, goal: Goal, learnt: Learnt, phase: Phase, room: int, count: int) -> Progress:
+def run(constants: Constants, goal: Goal, learnt: Learnt, phase: Phase, room: int, count: int) -> Progress:
     """Take at most `count` strides from `phase` on, of those that end in `room` ns.
 
     Stops, with `next_stride` 0, before one that cannot be taken or whose accuracy cannot be reached.
     """
     strides = reached = 0
     while strides < count:
-        chosen = _choose(goal, learnt, phase, acting)
+        chosen = _choose(goal, learnt, phase, constants)
         if chosen.length == 0 or rounding(goal, phase, chosen.length) > goal.accuracy or not is_finite(chosen.after):
             break
         if chosen.length > room - reached:
@@ -98,46 +98,50 @@ def run(acting: Acting, goal: Goal, learnt: Learnt, phase: Phase, room: int, cou
     return Progress(strides, reached, phase, learnt, 0, phase, learnt)
 
 
-def _choose(goal: Goal, learnt: Learnt, phase: Phase, acting: Acting) -> Stride:
+def _choose(goal: Goal, learnt: Learnt, phase: Phase, constants: Constants) -> Stride:
     """Stand where `by_trial` will, or the next function."""
     raise NotImplementedError
 
 
-def _by_method(goal: Goal, learnt: Learnt, phase: Phase, acting: Acting) -> Stride:
+def _by_method(goal: Goal, learnt: Learnt, phase: Phase, constants: Constants) -> Stride:
     """Return a stride that the method knows, and take it."""
-    chosen = by_method(goal, learnt, phase, acting)
-    return Stride(chosen.length, _stepped(acting, phase, chosen.length / NANOSECONDS), learnt, 0.0)
+    chosen = by_method(goal, learnt, phase, constants)
+    return Stride(chosen.length, _stepped(constants, phase, chosen.length / NANOSECONDS), learnt, 0.0)
 
 
-def _halves_and_whole(acting: Acting, phase: Phase, h: float) -> tuple[Phase, Phase]:
+def _halves_and_whole(constants: Constants, phase: Phase, h: float) -> tuple[Phase, Phase]:
     """Return the phase after two steps of h/2 s and after one of h s."""
     kept = other = phase
     # A loop, so that there is but one step to compile.
     for part in range(3):
         whole = part == 2
-        end = _stepped(acting, phase if whole else kept, h if whole else 0.5 * h)
+        end = _stepped(constants, phase if whole else kept, h if whole else 0.5 * h)
         kept, other = (kept, end) if whole else (end, other)
     return kept, other
 
 
-def _pair_of_steps(acting: Acting, phase: Phase, h: float) -> tuple[Phase, Phase]:
+def _pair_of_steps(constants: Constants, phase: Phase, h: float) -> tuple[Phase, Phase]:
     """Return the phase after a step of h s, and the same of one order less."""
-    inertia, held = acting
-    velocity = scale(1.0 / inertia.mass, total(phase, MOMENTUM))
+    inertia, held = constants
+    velocity = _velocity(inertia, phase)
     step, comparison = _pair(inertia, held, h, velocity, phase.orientation, phase.angular_velocity, None)
     return _grown(phase, step, h), _grown(phase, comparison, h)
 
 
-def _longest(acting: Acting, phase: Phase, accuracy: float, horizon: float) -> float:
-    inertia, held = acting
-    velocity = scale(1.0 / inertia.mass, total(phase, MOMENTUM))
+def _longest(constants: Constants, phase: Phase, accuracy: float, horizon: float) -> float:
+    inertia, held = constants
+    velocity = _velocity(inertia, phase)
     return _longest_step(inertia, held, velocity, phase.orientation, phase.angular_velocity, accuracy, horizon)
 
 
-def _stepped(acting: Acting, phase: Phase, h: float) -> Phase:
-    inertia, held = acting
-    velocity = scale(1.0 / inertia.mass, total(phase, MOMENTUM))
+def _stepped(constants: Constants, phase: Phase, h: float) -> Phase:
+    inertia, held = constants
+    velocity = _velocity(inertia, phase)
     return _grown(phase, _step(inertia, held, h, velocity, phase.orientation, phase.angular_velocity, None), h)
+
+
+def _velocity(inertia: Inertia, phase: Phase) -> Vector:
+    return scale(1.0 / inertia.mass, total(phase, MOMENTUM))
 
 
 def _grown(phase: Phase, step: Increment, h: float) -> Phase:
@@ -165,7 +169,7 @@ def _run_on_numbers(numbers: Numbers, room: int, count: int) -> tuple[int, int, 
     c, g, i, k = numbers, _GOAL_AT, _PHASE_AT, _AFTER_AT
     goal = Goal(c[g], c[g + 1], c[g + 2] != 0.0, c[g + 3], c[g + 4], c[g + 5], c[g + 6])
     learnt = Learnt(c[i + PHASE], c[i + PHASE + 1])
-    progress = run(acting_at(c), goal, learnt, phase_at(c, i), room, count)
+    progress = run(constants_at(c), goal, learnt, phase_at(c, i), room, count)
     write_phase(c, i, progress.phase)
     c[i + PHASE], c[i + PHASE + 1] = progress.learnt
     write_phase(c, k, progress.after)
@@ -199,7 +203,7 @@ class Strides(OnDemand):
 
     def after(
         self,
-        acting: Acting,
+        constants: Constants,
         control: OwnControl | AccuracyControl,
         phase: Phase,
         room: int,
@@ -214,7 +218,7 @@ class Strides(OnDemand):
 
         numbers = np.empty(_AFTER_AT + _KNOWN)
         goal, learnt = control.goal, control.learnt
-        _HANDED.pack_into(numbers.data, 0, *acting_numbers(*acting), *goal, *phase_numbers(phase), *learnt)
+        _HANDED.pack_into(numbers.data, 0, *constant_numbers(*constants), *goal, *phase_numbers(phase), *learnt)
         strides, reached, next_stride = compiled(numbers, min(room, _FOREVER), count)
         s = _PUT_BACK.unpack_from(numbers.data, 8 * _PHASE_AT)
         (end, learnt), (after, following) = _known(s[:_KNOWN]), _known(s[_KNOWN:])
