@@ -39,22 +39,22 @@ def weights(product: Product) -> tuple[float, ...]:
 
 
 class _Frame(NamedTuple):
-    """What the stages of a step share; momentum, velocity, force and torque of the world in the axes of R0."""
+    """What the stages of a step share; `momentum`, the angular one, and `*_0` in the axes of R0."""
 
     name: str
     inertia: Inertia
     held: HeldWrench
     h: float
-    drift: Vector
+    velocity: Vector
     orientation: Quaternion
     momentum: Vector
-    velocity: Vector
-    force: Vector
-    torque: Vector
+    velocity_0: Vector
+    force_0: Vector
+    torque_0: Vector
 
 
 class _Slope(NamedTuple):
-    """What changes with time at a stage: turn, momenta less what is uniform, in the axes of R0, place and work."""
+    """What changes with time at a stage: turn, momenta and place less what is uniform, in the axes of R0, and work."""
 
     omega: Vector
     push: Vector
@@ -90,20 +90,20 @@ def _reached(h: float, product: Product, row: tuple[float, ...], slopes: tuple[_
 
 def _slope(frame: _Frame, at: _Reached, load: Load | None) -> _Slope:
     (mass, moments), held, axes = frame.inertia, frame.held, frame.orientation
-    gain = scale(1.0 / mass, add_scaled(at.pushed, at.ahead, frame.force))
-    lever = add(frame.momentum, add_scaled(at.twisted, at.ahead, frame.torque))
-    omega = divide(rotate_inverse(at.turn, lever), moments)
+    gain = scale(1.0 / mass, add_scaled(at.pushed, at.ahead, frame.force_0))
+    momentum = add(frame.momentum, add_scaled(at.twisted, at.ahead, frame.torque_0))
+    omega = divide(rotate_inverse(at.turn, momentum), moments)
     rate = norm(omega)
     if not rate * abs(frame.h) < LARGEST_TURN:
         omega = turns_too_far(frame.name, frame.h, rate).angular_velocity
     push, torque = rotate(at.turn, held.force_body), held.torque_body
     if load is not None:
-        place = add_scaled(rotate(axes, at.moved), at.ahead, frame.drift)
-        v = add(frame.drift, rotate(axes, gain))
+        place = add_scaled(rotate(axes, at.moved), at.ahead, frame.velocity)
+        v = add(frame.velocity, rotate(axes, gain))
         force, more = load(at.ahead, place, v, compose(axes, at.turn), omega)
         push, torque = add(push, rotate_inverse(axes, force)), add(torque, more)
-    power = dot(add(push, frame.force), add(frame.velocity, gain)) + dot(torque, omega)
-    power += dot(frame.torque, rotate(at.turn, omega))
+    power = dot(add(push, frame.force_0), add(frame.velocity_0, gain)) + dot(torque, omega)
+    power += dot(frame.torque_0, rotate(at.turn, omega))
     return _Slope(omega, push, rotate(at.turn, torque), gain, power)
 
 
@@ -149,7 +149,7 @@ def _advance(
     end = Increment(
         add_scaled(rotate(orientation, at.moved), h, velocity),
         normalize(compose(orientation, at.turn)),
-        divide(rotate_inverse(at.turn, add(frame.momentum, add_scaled(at.twisted, h, frame.torque))), moments),
+        divide(rotate_inverse(at.turn, add(frame.momentum, add_scaled(at.twisted, h, frame.torque_0))), moments),
         add_scaled(rotate(orientation, at.pushed), h, held.force_world),
         add_scaled(rotate(orientation, at.twisted), h, held.torque_world),
         h * (a * k1.power + b * k2.power + c * k3.power + d * k4.power),

@@ -28,7 +28,7 @@ Row = tuple[float, ...]
 
 
 class Frame(NamedTuple):
-    """What the stages of a step share; force and torque are those of the world in the axes R0.
+    """What the stages of a step share; `*_0` in the axes R0.
 
     `differences` are those of the moments, and `inverse` is 1 / I.
     """
@@ -41,8 +41,8 @@ class Frame(NamedTuple):
     velocity: Vector
     orientation: Quaternion
     angular_velocity: Vector
-    force: Vector
-    torque: Vector
+    force_0: Vector
+    torque_0: Vector
 
 
 class Slope(NamedTuple):
@@ -51,7 +51,7 @@ class Slope(NamedTuple):
     Attributes:
         turn: of the state.
         push: the force, less the one that is held in the world; axes R0.
-        gain: of velocity since the start, m/s; axes R0; of loads only.
+        gain: of velocity since the start, m/s; axes R0; zero where there is no load.
         twist: the torque, less the one that is held in the world; axes R0.
         power: of the torques, and of the forces where there is a load.
     """
@@ -189,7 +189,7 @@ def _slope(f: Frame, node: float, reached: Turn, carried: Carried, load: Load | 
     push, torque = turned(q, twice, f.held.force_body), f.held.torque_body
     if load is not None:
         ahead, (pushed, shifted) = node * f.h, carried
-        gain = scale(f.inverse_mass, add_scaled(pushed, ahead, f.force))
+        gain = scale(f.inverse_mass, add_scaled(pushed, ahead, f.force_0))
         turn = normalize(q)
         place = add_scaled(rotate(f.orientation, shifted), ahead, f.velocity)
         v = add(f.velocity, rotate(f.orientation, gain))
@@ -198,12 +198,12 @@ def _slope(f: Frame, node: float, reached: Turn, carried: Carried, load: Load | 
     all_torque = torque
     # Rare, and everything that follows in the stage would wait for it.
     if f.held.torque_world != ZERO:
-        all_torque = add(torque, turned((-x, -y, -z, q[3]), twice, f.torque))
+        all_torque = add(torque, turned((-x, -y, -z, q[3]), twice, f.torque_0))
     omega_dot = multiply(add(all_torque, gyroscopic(f.differences, omega)), f.inverse)
     w, (a, b, c) = q[3], scale(0.5, omega)
     # q omega / 2.
     spin = (w * a + y * c - z * b, w * b + z * a - x * c, w * c + x * b - y * a, -x * a - y * b - z * c)
     power = dot(all_torque, omega)
     if load is not None:
-        power += dot(add(push, f.force), gain)
+        power += dot(add(push, f.force_0), gain)
     return Slope((spin, omega_dot), push, gain, turned(q, twice, torque), power)

@@ -72,9 +72,9 @@ def step(
         """Return turn, angular velocity and gain of velocity (axes of R0) at a stage."""
         ahead = node * h
         turn = exp((y[0], y[1], y[2]))
-        lever = add_scaled(add_scaled(momentum, ahead, torque_0), spin_unit, (y[3], y[4], y[5]))
+        carried = add_scaled(add_scaled(momentum, ahead, torque_0), spin_unit, (y[3], y[4], y[5]))
         gain = scale(1.0 / mass, add_scaled(scale(push_unit, (y[6], y[7], y[8])), ahead, force_0))
-        return turn, divide(rotate_inverse(turn, lever), moments), gain
+        return turn, divide(rotate_inverse(turn, carried), moments), gain
 
     def slope(node: float, y: list[float]) -> list[float]:
         """Return h y': of theta, torque impulse, impulse, displacement, all in the axes of R0."""

@@ -71,21 +71,30 @@ _COMPARISON_SECOND = DORMAND_PRINCE.second(DORMAND_PRINCE.comparison)
 
 
 class _Frame(NamedTuple):
-    """What the stages of a step share; force, torque and velocity are those of the world in the axes of R0."""
+    """What the stages of a step share; `momentum`, the angular one, and `*_0` in the axes of R0."""
 
     name: str
     inertia: Inertia
     held: HeldWrench
     h: float
+    velocity: Vector
     orientation: Quaternion
     momentum: Vector
-    velocity: Vector
-    force: Vector
-    torque: Vector
+    velocity_0: Vector
+    force_0: Vector
+    torque_0: Vector
 
 
 class _Reached(NamedTuple):
-    """Where a stage stands: s into the step, theta, torque impulse and place less what is uniform, and velocity."""
+    """Where a stage stands, in the axes of R0.
+
+    Attributes:
+        ahead: s into the step.
+        theta: rotation vector.
+        gained: torque impulse, less that of the torque of the world.
+        place: since the start of the step.
+        velocity: of the centre of mass.
+    """
 
     ahead: float
     theta: Vector
@@ -118,6 +127,7 @@ def _frame(
         inertia,
         held,
         h,
+        velocity,
         orientation,
         multiply(inertia.moments, angular_velocity),
         rotate_inverse(orientation, velocity),
@@ -128,7 +138,7 @@ def _frame(
 
 def _slope(frame: _Frame, at: _Reached, load: Load | None) -> _Slope:
     turn, v = exp(at.theta), at.velocity
-    impulse = add_scaled(at.gained, at.ahead, frame.torque)
+    impulse = add_scaled(at.gained, at.ahead, frame.torque_0)
     omega = divide(rotate_inverse(turn, add(frame.momentum, impulse)), frame.inertia.moments)
 
     push, torque, axes = rotate(turn, frame.held.force_body), frame.held.torque_body, frame.orientation
@@ -139,7 +149,7 @@ def _slope(frame: _Frame, at: _Reached, load: Load | None) -> _Slope:
     rate = norm(theta_dot)
     if not rate * abs(frame.h) < LARGEST_TURN:
         theta_dot = turns_too_far(frame.name, frame.h, rate).angular_velocity
-    power = dot(add(push, frame.force), v) + dot(torque, omega) + dot(frame.torque, rotate(turn, omega))
+    power = dot(add(push, frame.force_0), v) + dot(torque, omega) + dot(frame.torque_0, rotate(turn, omega))
     return _Slope(theta_dot, push, rotate(turn, torque), v, power)
 
 
@@ -153,13 +163,12 @@ def _reached(frame: _Frame, node: float, row: tuple[float, ...], slopes: tuple[_
         g, i, j = g + s * g1, i + s * i1, j + s * j1
         k, m, n = k + s * k1, m + s * m1, n + s * n1
     ahead = node * frame.h
-    v = add_scaled(frame.velocity, 1.0 / frame.inertia.mass, add_scaled((d, e, f), ahead, frame.force))
+    v = add_scaled(frame.velocity_0, 1.0 / frame.inertia.mass, add_scaled((d, e, f), ahead, frame.force_0))
     return _Reached(ahead, (a, b, c), (g, i, j), (k, m, n), v)
 
 
 def _end(
     frame: _Frame,
-    velocity: Vector,
     weights: tuple[float, ...],
     second: tuple[float, ...],
     slopes: tuple[_Slope, ...],
@@ -176,9 +185,9 @@ def _end(
     turn, torque_impulse = exp(scale(h, theta)), scale(h, twisted)
     displacement = rotate(orientation, scale(h * h / mass, moved))
     end = Increment(
-        add(scale(h, velocity), add_scaled(displacement, 0.5 * h * h / mass, held.force_world)),
+        add(scale(h, frame.velocity), add_scaled(displacement, 0.5 * h * h / mass, held.force_world)),
         normalize(compose(orientation, turn)),
-        divide(rotate_inverse(turn, add(frame.momentum, add_scaled(torque_impulse, h, frame.torque))), moments),
+        divide(rotate_inverse(turn, add(frame.momentum, add_scaled(torque_impulse, h, frame.torque_0))), moments),
         add_scaled(rotate(orientation, scale(h, pushed)), h, held.force_world),
         add_scaled(rotate(orientation, torque_impulse), h, held.torque_world),
         work,
@@ -206,11 +215,11 @@ def _rkmk4(
         ConvergenceError: the step turns the body further than exp can be inverted, or diverges.
     """
     f = _frame("rkmk4", inertia, held, h, velocity, orientation, angular_velocity)
-    k1 = _slope(f, _Reached(0.0, ZERO, ZERO, ZERO, f.velocity), load)
+    k1 = _slope(f, _Reached(0.0, ZERO, ZERO, ZERO, f.velocity_0), load)
     k2 = _slope(f, _reached(f, CLASSICAL.nodes[1], CLASSICAL.stages[1], (k1,)), load)
     k3 = _slope(f, _reached(f, CLASSICAL.nodes[2], CLASSICAL.stages[2], (k1, k2)), load)
     k4 = _slope(f, _reached(f, CLASSICAL.nodes[3], CLASSICAL.stages[3], (k1, k2, k3)), load)
-    return _end(f, velocity, CLASSICAL.weights, _CLASSICAL_SECOND, (k1, k2, k3, k4))
+    return _end(f, CLASSICAL.weights, _CLASSICAL_SECOND, (k1, k2, k3, k4))
 
 
 def _rkmk54(
@@ -230,7 +239,7 @@ def _rkmk54(
         ConvergenceError: the step turns the body further than exp can be inverted, or diverges.
     """
     frame = _frame("rkmk54", inertia, held, h, velocity, orientation, angular_velocity)
-    return _end(frame, velocity, DORMAND_PRINCE.weights, _SECOND, _slopes(frame, load))
+    return _end(frame, DORMAND_PRINCE.weights, _SECOND, _slopes(frame, load))
 
 
 def _pair(
@@ -252,14 +261,14 @@ def _pair(
     end = DORMAND_PRINCE.nodes[6], DORMAND_PRINCE.stages[6], (k1, k2, k3, k4, k5, k6)
     k7 = _slope(frame, _reached(frame, *end), load)
     return (
-        _end(frame, velocity, DORMAND_PRINCE.weights, _SECOND, (k1, k2, k3, k4, k5, k6)),
-        _end(frame, velocity, DORMAND_PRINCE.comparison, _COMPARISON_SECOND, (k1, k2, k3, k4, k5, k6, k7)),
+        _end(frame, DORMAND_PRINCE.weights, _SECOND, (k1, k2, k3, k4, k5, k6)),
+        _end(frame, DORMAND_PRINCE.comparison, _COMPARISON_SECOND, (k1, k2, k3, k4, k5, k6, k7)),
     )
 
 
 def _slopes(f: _Frame, load: Load | None) -> tuple[_Slope, _Slope, _Slope, _Slope, _Slope, _Slope]:
     nodes, rows = DORMAND_PRINCE.nodes, DORMAND_PRINCE.stages
-    k1 = _slope(f, _Reached(0.0, ZERO, ZERO, ZERO, f.velocity), load)
+    k1 = _slope(f, _Reached(0.0, ZERO, ZERO, ZERO, f.velocity_0), load)
     k2 = _slope(f, _reached(f, nodes[1], rows[1], (k1,)), load)
     k3 = _slope(f, _reached(f, nodes[2], rows[2], (k1, k2)), load)
     k4 = _slope(f, _reached(f, nodes[3], rows[3], (k1, k2, k3)), load)
