@@ -33,7 +33,7 @@ from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Inertia
 from rb_dynamics.motion.arc import Arc
-from rb_dynamics.motion.free import FreeRotation
+from rb_dynamics.motion.free import free_rotation
 from rb_dynamics.motion.phase import Phase
 from rb_dynamics.motion.step_control import NANOSECONDS, FixedStep
 from rb_dynamics.rotation import IDENTITY, rotate
@@ -256,7 +256,7 @@ class Exactness:
 
 
 def exactness(moments: Sequence[float], spin: Sequence[float], t: float, digits: int = 80) -> Exactness:
-    turn, omega = FreeRotation((*moments,), (*spin,)).at(t)
+    turn, omega = free_rotation((*moments,), (*spin,), t)
     expected, _ = free_reference.free_rotation(moments, spin, t, digits)
     rate = math.hypot(*spin)
     error, changes = free_reference.angle(expected, turn), []

@@ -27,7 +27,7 @@ from rb_dynamics.elliptic import complete_k, rj
 from rb_dynamics.errors import BodyError
 from rb_dynamics.euler_equations import angular_momentum, euler_equations, moments_of
 from rb_dynamics.moments import unit
-from rb_dynamics.motion.free import FreeRotation
+from rb_dynamics.motion.free import free_rotation
 from rb_dynamics.motion.free_motion import free_motion
 from rb_dynamics.rotation import Quaternion, matrix, rotate, rotate_inverse
 from rb_dynamics.rotations import rotate_all
@@ -97,7 +97,7 @@ def energy_ellipsoid(body: RigidBody, state: State) -> Array:
         BodyError: the body is at rest or a particle, or its angular velocity is not finite.
     """
     invariants = _Invariants(body, state)
-    return np.array([_sqrt(invariants.energy / moment) for moment in invariants.moments])
+    return np.array([_sqrt(invariants.twice_energy / moment) for moment in invariants.moments])
 
 
 @dataclass(frozen=True)
@@ -130,8 +130,8 @@ def polhode(body: RigidBody, state: State, n: int = 361, times: npt.ArrayLike | 
     """
     invariants = _Invariants(body, state)
     instants = invariants.times(n) if times is None else np.asarray(times, dtype=np.float64)
-    rotation = FreeRotation(body.principal_moments, invariants.spin)
-    principal = np.array([rotation.at(t)[1] for t in instants.tolist()], dtype=np.float64).reshape(-1, 3)
+    spins = [free_rotation(body.principal_moments, invariants.spin, t)[1] for t in instants.tolist()]
+    principal = np.array(spins, dtype=np.float64).reshape(-1, 3)
     in_body = principal @ np.array(matrix(body.principal_orientation_xyzw)).T
     return Polhode(invariants.kind, invariants.period, instants, principal, in_body)
 
@@ -293,8 +293,8 @@ class _Invariants:
         spin: angular velocity in principal axes, rad/s.
         rate: |w|, rad/s.
         moments: of the principal axes.
-        energy: 2 T = w . I w.
-        momentum: L^2.
+        twice_energy: 2 T = w . I w.
+        squared_momentum: L^2.
         squared_distance: of the invariable plane, (2 T)^2 / L^2.
         tumble: the elliptic motion; None where w stays what it is.
     """
@@ -309,13 +309,13 @@ class _Invariants:
             )
         self.moments = i = [Fraction(moment) for moment in moments_of(body)]
         w = [Fraction(component) for component in self.spin]
-        self.energy = i[0] * w[0] ** 2 + i[1] * w[1] ** 2 + i[2] * w[2] ** 2
-        self.momentum = (i[0] * w[0]) ** 2 + (i[1] * w[1]) ** 2 + (i[2] * w[2]) ** 2
-        self.squared_distance = self.energy**2 / self.momentum
+        self.twice_energy = i[0] * w[0] ** 2 + i[1] * w[1] ** 2 + i[2] * w[2] ** 2
+        self.squared_momentum = (i[0] * w[0]) ** 2 + (i[1] * w[1]) ** 2 + (i[2] * w[2]) ** 2
+        self.squared_distance = self.twice_energy**2 / self.squared_momentum
         # Of a point of contact that does not move.
         self._squared_radius = w[0] ** 2 + w[1] ** 2 + w[2] ** 2 - self.squared_distance
         steady = all((i[k - 1] - i[k - 2]) * w[k - 1] * w[k - 2] == 0 for k in range(3))
-        self.tumble = None if steady else _tumble(i, self.energy, self.momentum)
+        self.tumble = None if steady else _tumble(i, self.twice_energy, self.squared_momentum)
 
     @property
     def kind(self) -> PolhodeKind:
@@ -336,9 +336,9 @@ class _Invariants:
             radius = _sqrt(self._squared_radius)
             return radius, radius
         a, b, c = self.tumble[:3]
-        short, long = self.energy * c - self.momentum, self.momentum - self.energy * a
+        short, long = self.twice_energy * c - self.squared_momentum, self.squared_momentum - self.twice_energy * a
         start = short / (a * (c - a)) + long / (c * (c - a))
-        quarter = short / (b * (c - b)) + (self.momentum - self.energy * b) / (c * (c - b))
+        quarter = short / (b * (c - b)) + (self.squared_momentum - self.twice_energy * b) / (c * (c - b))
         return (
             _sqrt(min(start, quarter) - self.squared_distance),
             _sqrt(max(start, quarter) - self.squared_distance),
@@ -350,7 +350,7 @@ class _Invariants:
         if self.tumble is None or self.tumble.m1 == 0.0:
             return 0.0 if self.tumble is None else math.inf
         a, b, c, m1, rate = self.tumble
-        precession, beta = _sqrt(self.momentum / (b * b)), float(b * (c - a) / (a * (c - b)))
+        precession, beta = _sqrt(self.squared_momentum / (b * b)), float(b * (c - a) / (a * (c - b)))
         third_kind = m1 / (3.0 * beta) * rj(0.0, m1, 1.0, m1 / beta)
         return precession * (self.period + 4.0 * float((b - a) / a) / rate * third_kind)
 
@@ -380,15 +380,15 @@ class _Tumble(NamedTuple):
     rate: float
 
 
-def _tumble(moments: list[Fraction], energy: Fraction, momentum: Fraction) -> _Tumble:
+def _tumble(moments: list[Fraction], twice_energy: Fraction, squared_momentum: Fraction) -> _Tumble:
     """Return the motion with these moments, 2 T and L^2 (Landau & Lifshitz, section 37).
 
     With e = (I_c - I_b)(L^2 - 2 T I_a): (du/dt)^2 = e / (I_a I_b I_c) and m1 = (I_c - I_a)(L^2 - 2 T I_b) / e.
     """
     low, b, high = sorted(moments)
-    beyond = momentum - energy * b
+    beyond = squared_momentum - twice_energy * b
     a, c = (low, high) if beyond > 0 or (beyond == 0 and high > b) else (high, low)
-    excess = (c - b) * (momentum - energy * a)
+    excess = (c - b) * (squared_momentum - twice_energy * a)
     return _Tumble(a, b, c, float((c - a) * beyond / excess), _sqrt(excess / (a * b * c)))
 
 

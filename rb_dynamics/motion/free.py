@@ -17,6 +17,7 @@ from typing import NamedTuple
 from rb_dynamics.compiled import compiled_as
 from rb_dynamics.elliptic import agm, rf, rj, sncndn
 from rb_dynamics.errors import ConvergenceError
+from rb_dynamics.motion.refusal import NO_ATTITUDE, NOWHERE
 from rb_dynamics.motion.remembered import remembered
 from rb_dynamics.rotation import Quaternion, exp, multiply, normalize
 from rb_dynamics.vector import ZERO, Vector, add, add_scaled, dot, norm, positive_zeros, scale, subtract
@@ -66,22 +67,11 @@ class _Tumble(NamedTuple):
     gain: float
 
 
-class FreeRotation:
-    """The torque-free rotation that begins with an angular velocity in principal axes (rad/s)."""
-
-    def __init__(self, moments: Vector, angular_velocity: Vector) -> None:
-        """Take the moments in kg m^2."""
-        self._moments, self._spin = moments, angular_velocity
-
-    def at(self, t: float) -> tuple[Quaternion, Vector]:
-        """Return what `free_rotation` does."""
-        return free_rotation(self._moments, self._spin, t)
-
-
 def free_rotation(moments: Vector, angular_velocity: Vector, t: float) -> tuple[Quaternion, Vector]:
     """Return the rotation r of the first t s, q(t) = q(0) r, and the angular velocity after them.
 
-    The error of the attitude is below 100 eps (1 + |w| t), those of energy and |L| are below 20 eps.
+    Moments in kg m^2, angular velocities in principal axes, rad/s; t of any sign. The error of the attitude is below
+    100 eps (1 + |w| t), those of energy and |L| are below 20 eps.
 
     Raises:
         ConvergenceError: the angle turned is no finite number.
@@ -103,10 +93,7 @@ def free_rotation(moments: Vector, angular_velocity: Vector, t: float) -> tuple[
     return turn, _in_units(_balanced(moments, w, omega), -unit)
 
 
-_NOWHERE = ((math.nan, math.nan, math.nan, math.nan), (math.nan, math.nan, math.nan))
-
-
-@compiled_as(_NOWHERE)
+@compiled_as((NO_ATTITUDE, NOWHERE))
 def _beyond_range(rate: float, t: float) -> tuple[Quaternion, Vector]:
     raise ConvergenceError(
         f"exact: {rate:.3g} rad/s for {t:.3g} s is an angle beyond the range of double precision; "
@@ -114,7 +101,7 @@ def _beyond_range(rate: float, t: float) -> tuple[Quaternion, Vector]:
     )
 
 
-@compiled_as(_NOWHERE)
+@compiled_as((NO_ATTITUDE, NOWHERE))
 def _unresolved(t: float) -> tuple[Quaternion, Vector]:
     raise ConvergenceError(
         f"exact: after {t:.3g} s the precession angle is no finite number: the spin is closer to the middle axis "

@@ -46,7 +46,7 @@ def free_motion(body: RigidBody, state: State, t: npt.ArrayLike) -> FreeMotion:
     """Return the torque-free motion of `body` that passes through `state`, at times `t` (s, from there, any sign).
 
     Constant work for each time; `t` is a number or an array of any shape. The error of the attitude is below
-    100 eps (1 + |w| t), those of energy and |L| are below 20 eps, see `FreeRotation`; the same to the bit,
+    100 eps (1 + |w| t), those of energy and |L| are below 20 eps, see `free_rotation`; the same to the bit,
     compiled by numba or not (`kernel.py`).
 
     Raises:

@@ -14,7 +14,7 @@ from rb_dynamics.loads.acting import ActingEffects
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Inertia, dlm
 from rb_dynamics.motion.composition import SUZUKI4
-from rb_dynamics.motion.free import FreeRotation
+from rb_dynamics.motion.free import free_rotation
 from rb_dynamics.motion.phase import Phase
 from rb_dynamics.motion.splitting import kick_free_kick
 from rb_dynamics.rotation import IDENTITY, angle_between, rotate
@@ -32,7 +32,7 @@ class TestFlow:
     def test_of_a_symmetric_body_is_exact(self, moments: Vector, t: float) -> None:
         q, omega = dlm.flow(moments, IDENTITY, OMEGA, t)
 
-        turn, spin = FreeRotation(moments, OMEGA).at(t)
+        turn, spin = free_rotation(moments, OMEGA, t)
         assert angle_between(q, turn) <= 32.0 * EPS
         assert math.dist(omega, spin) <= 32.0 * EPS
 
@@ -54,7 +54,7 @@ class TestFlow:
         moments = (1.5, 2.1, 3.1)
 
         def error(t: float) -> float:
-            return angle_between(dlm.flow(moments, IDENTITY, OMEGA, t)[0], FreeRotation(moments, OMEGA).at(t)[0])
+            return angle_between(dlm.flow(moments, IDENTITY, OMEGA, t)[0], free_rotation(moments, OMEGA, t)[0])
 
         assert math.log2(error(0.1) / error(0.05)) == pytest.approx(3.0, abs=0.1)
 

@@ -15,7 +15,7 @@ from free_reference import angle, free_rotation
 
 from rb_dynamics import ConvergenceError, RigidBody, State, compiled, free_motion
 from rb_dynamics.elliptic import complete_k, rf, rj, sncndn
-from rb_dynamics.motion.free import FreeRotation
+from rb_dynamics.motion import free
 from rb_dynamics.motion.free_motion import FreeMotion
 from rb_dynamics.rotation import normalize
 
@@ -81,7 +81,7 @@ def test_attitude_energy_and_momentum_at_the_extremes(body_kind: str, spin_kind:
         spin = SPINS[spin_kind](r, moments)
         t = longest * r.random()
 
-        turn, omega = FreeRotation((*moments,), (*spin,)).at(t)
+        turn, omega = free.free_rotation((*moments,), (*spin,), t)
 
         expected, _ = free_rotation(moments, spin, t)
         rate = math.hypot(*spin)
