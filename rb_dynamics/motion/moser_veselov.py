@@ -7,11 +7,11 @@ like the true one to order 10. Never turns the body by more than about a radian 
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 
 from rb_dynamics.compiled import compiled_as
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.motion.refusal import NO_ATTITUDE, NOWHERE
+from rb_dynamics.motion.remembered import remembered
 from rb_dynamics.motion.splitting import ABA82_STAGES, ABA104_STAGES, ABA864_STAGES, method
 from rb_dynamics.rotation import Quaternion, multiply
 from rb_dynamics.vector import Vector, norm
@@ -115,7 +115,7 @@ def _out_of_reach(t: float, turn: float) -> tuple[Quaternion, Vector]:
     )
 
 
-@lru_cache(maxsize=8)
+@remembered(8)
 def _preprocessing(moments: Vector) -> _Rows:
     """Return the coefficients of s_k and d_k for k = 1 to 4, times their denominators.
 

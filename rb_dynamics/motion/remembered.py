@@ -1,4 +1,4 @@
-"""Memories of what has just been computed of a motion, as it is often looked at twice; all can be emptied at once.
+"""Memories of what has just been computed of a body and its motion, as it is often asked again; all can be emptied.
 
 Never changes a result, and never holds more than a few of them.
 """
@@ -18,7 +18,7 @@ _forget: list[Callable[[], None]] = []
 
 
 def remembered(count: int) -> Callable[[Callable[..., _T]], _lru_cache_wrapper[_T]]:
-    """Let a function of the state of a motion remember its last `count` results."""
+    """Let a function remember its last `count` results."""
 
     def decorate(function: Callable[..., _T]) -> _lru_cache_wrapper[_T]:
         memory = lru_cache(maxsize=count)(function)
