@@ -49,7 +49,7 @@ def euler_equations(body: RigidBody, angular_velocity_body: npt.ArrayLike, torqu
         BodyError: the body is a particle.
     """
     moments, omega = moments_of(body), _in_principal_axes(body, angular_velocity_body)
-    rate = (_in_principal_axes(body, torque_body) - _gyroscopic(moments, omega)) / moments
+    rate = (_in_principal_axes(body, torque_body) - _transport(moments, omega)) / moments
     return _in_body_axes(body, rate)
 
 
@@ -73,7 +73,7 @@ def euler_torque(
     """
     moments, omega = body.principal_moments, _in_principal_axes(body, angular_velocity_body)
     return _in_body_axes(
-        body, moments * _in_principal_axes(body, angular_acceleration_body) + _gyroscopic(moments, omega)
+        body, moments * _in_principal_axes(body, angular_acceleration_body) + _transport(moments, omega)
     )
 
 
@@ -250,8 +250,12 @@ def _history(t: npt.ArrayLike, rate: float, at: Callable[[float], tuple[Quaterni
     return RotationHistory(table[..., :4], table[..., 4:])
 
 
-def _gyroscopic(moments: Vector, omega: Array) -> Array:
-    """Return w x I w in principal axes by differences of moments, which vanish exactly where moments are equal."""
+def _transport(moments: Vector, omega: Array) -> Array:
+    """Return w x I w in principal axes by differences of moments, which vanish exactly where moments are equal.
+
+    What the turning of the axes adds to the rate of I w (eq. 3); the gyroscopic torque of `motion/rk4.py` is its
+    opposite.
+    """
     (i1, i2, i3), (w1, w2, w3) = moments, np.moveaxis(omega, -1, 0)
     return np.stack([(i3 - i2) * w2 * w3, (i1 - i3) * w3 * w1, (i2 - i1) * w1 * w2], axis=-1)
 

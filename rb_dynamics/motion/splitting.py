@@ -31,10 +31,10 @@ Stages = tuple[tuple[float, float], ...]
 
 
 # A wrench that turns further than this between two kicks is not seen by them.
-_LARGEST_TURN = 3.0
+_LARGEST_TURN_BETWEEN_KICKS = 3.0
 
 # Where there are no kicks, the rounding of the angle alone is the limit: 1e-7 rad.
-_LARGEST_FREE_TURN = 1e9
+_LARGEST_TURN_WITHOUT_KICKS = 1e9
 
 
 def kick_free_kick(coefficients: tuple[float, ...]) -> Stages:
@@ -168,7 +168,7 @@ def kick_and_free(
     if free != 0.0:
         t = free * h
         rate = norm(omega)
-        if not rate * abs(free) * abs(h) < _LARGEST_TURN:
+        if not rate * abs(free) * abs(h) < _LARGEST_TURN_BETWEEN_KICKS:
             omega = _kicks_miss(name, h, abs(free), rate)
         moved, moment, elapsed = add_scaled(moved, t, pushed), moment + t * kicked, elapsed + t
         turn, omega = flow(moments, turn, omega, t)
@@ -192,12 +192,12 @@ def arrived(name: str, start: Start, h: float, way: Way, load: Load | None) -> I
 
 @compiled_as(NOWHERE)
 def _kicks_miss(name: str, h: float, free: float, rate: float) -> Vector:
-    raise _turns_too_far(name, h, free, rate, _LARGEST_TURN)
+    raise _turns_too_far(name, h, free, rate, _LARGEST_TURN_BETWEEN_KICKS)
 
 
 @compiled_as(NO_INCREMENT)
 def _no_kicks(name: str, h: float, rate: float) -> Increment:
-    raise _turns_too_far(name, h, 1.0, rate, _LARGEST_FREE_TURN)
+    raise _turns_too_far(name, h, 1.0, rate, _LARGEST_TURN_WITHOUT_KICKS)
 
 
 def _turns_too_far(name: str, h: float, free: float, rate: float, largest: float) -> ConvergenceError:
@@ -244,7 +244,7 @@ def method(
     ) -> Increment:
         if load is None and exact.is_free(held):
             rate = norm(angular_velocity)
-            if not rate * abs(h) < _LARGEST_FREE_TURN:
+            if not rate * abs(h) < _LARGEST_TURN_WITHOUT_KICKS:
                 return _no_kicks(name, h, rate)
             return exact.free_step(inertia, held, h, velocity, orientation, angular_velocity)
         return advance(name, flow, stages, inertia, held, h, velocity, orientation, angular_velocity, load)
