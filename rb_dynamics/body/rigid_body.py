@@ -104,13 +104,13 @@ class RigidBody:
         return cls(_mass(mass), _in_body_axes(diagonal, axes), _center(center_of_mass), diagonal, axes)
 
 
-def require_body(body: RigidBody, name: str = "body") -> RigidBody:
+def require_body(body: RigidBody) -> RigidBody:
     """Return `body`.
 
     Raises:
         TypeError: it is something else.
     """
-    return instance(body, RigidBody, name, "make one with RigidBody.from_diagonal(mass, moments), or take scene.body")
+    return instance(body, RigidBody, "body", "make one with RigidBody.from_diagonal(mass, moments), or take scene.body")
 
 
 def _in_body_axes(moments: Vector, axes: Quaternion) -> Matrix:

@@ -22,7 +22,7 @@ from rb_dynamics.vector import ZERO, Vector, norm, subtract
 
 MAX_BYTES = 4 << 20
 
-_PRODUCTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+_ENTRIES = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,7 @@ def parse_urdf(data: bytes, link: str, source: str = "<urdf>") -> Inertial:
     position, turn = _origin(inertial, place)
     mass = _number(_child(inertial, "mass", place), "value", place)
     entries = _child(inertial, "inertia", place)
-    xx, xy, xz, yy, yz, zz = (_number(entries, name, place) for name in _PRODUCTS)
+    xx, xy, xz, yy, yz, zz = (_number(entries, name, place) for name in _ENTRIES)
     try:
         own = RigidBody.from_matrix(mass, ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)), position)
     except BodyError as error:

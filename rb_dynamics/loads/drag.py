@@ -23,7 +23,7 @@ class _Drag(Effect):
     """Force -c |v - u|^power (v - u) and torque -k |w|^power w; it takes energy out at the rate of their powers.
 
     Attributes:
-        power: of the speed that the resistance grows with, beyond the first.
+        power: of the speed that the resistance grows with, beyond the first: 0 or 1.
         translation: c along each body axis; acts through the centre of mass.
         rotation: k about each body axis.
         medium_velocity_world: u, m/s.

@@ -193,7 +193,7 @@ class Arc:
 
 
 class Stepper:
-    """A method with the body and what it moves it under."""
+    """An `Advance`: a method, the body that it moves and what acts on it; and the kernel of the method."""
 
     def __init__(self, method: Method, inertia: Inertia, held: HeldWrench, load_from: LoadFrom | None) -> None:
         self._method, self._inertia, self._held, self._load_from = method, inertia, held, load_from

@@ -59,7 +59,7 @@ def step(
 
     Raises:
         ConvergenceError: there is no closed form: a torque or a force in body axes tilts the axis, or a load acts that
-            changes inside the step.
+            changes inside the step; or the turn is so long that no digit of the attitude is left.
     """
     if load is not None:
         raise ConvergenceError(

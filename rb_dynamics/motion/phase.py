@@ -146,7 +146,10 @@ def elapsed(phase: Phase) -> float:
 
 
 def is_finite(phase: Phase) -> bool:
-    """Return whether every number in `phase` is finite, and none so large that their sum is not."""
+    """Return whether attitude, rate and sums are finite, and none so large that together they are not.
+
+    What rounding took from a sum that is finite is finite.
+    """
     (a, b, c, d), (e, f, g), h = phase.orientation, phase.angular_velocity, phase.high
     rotation = a + b + c + d + e + f + g
     sums = h[0] + h[1] + h[2] + h[3] + h[4] + h[5] + h[6] + h[7] + h[8] + h[9] + h[10] + h[11] + h[12] + h[13]

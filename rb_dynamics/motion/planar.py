@@ -39,7 +39,7 @@ def advance(
     angular_velocity: Vector,
     axis: int,
 ) -> Increment:
-    """Advance by theta = w h + N h^2 / 2 I about `axis` (lecture 24, page 12) and the parabola of a constant force."""
+    """Advance by theta = w h + N h^2 / 2 I about `axis` (lecture 24, page 3) and the parabola of a constant force."""
     mass, moments = inertia
     torque = _torque(held, orientation)[axis]
     slope = torque / moments[axis]

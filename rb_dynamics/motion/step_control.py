@@ -19,7 +19,7 @@ from rb_dynamics.vector import norm, scale, subtract
 
 
 class Advance(Protocol):
-    """A method under a held wrench."""
+    """A method, the body that it moves and what acts on it."""
 
     def __call__(self, phase: Phase, h: float) -> Phase:
         """Return the phase after a step of h s."""
@@ -270,13 +270,16 @@ class _Trials:
             return nowhere, nowhere
 
 
-def by_trial(goal: Goal, learnt: Learnt, phase: Phase, advance: Any) -> Stride:
-    """Return a stride from `phase` on that keeps to `goal`, found by trial; its length is 0 if there is none."""
+def by_trial(goal: Goal, learnt: Learnt, phase: Phase, trials: Any) -> Stride:
+    """Return a stride from `phase` on that keeps to `goal`, found by trial; its length is 0 if there is none.
+
+    `trials` is what `_attempt` takes strides by: in a kernel body and wrench.
+    """
     h = learnt.step if learnt.step > 0.0 else _first(goal, phase)
     while True:
         length = max(1, round(min(h * NANOSECONDS, _LONGEST)))
         h = length / NANOSECONDS
-        kept, other = _attempt(advance, phase, h)
+        kept, other = _attempt(trials, phase, h)
         error, fastest = _estimate(goal, learnt.fastest, phase, kept, other)
         allowed = goal.share * goal.accuracy * h / goal.horizon
         following = 5.0 * h
@@ -291,7 +294,10 @@ def by_trial(goal: Goal, learnt: Learnt, phase: Phase, advance: Any) -> Stride:
 
 
 def by_method(goal: Goal, learnt: Learnt, phase: Phase, advance: Any) -> Stride:
-    """Return the longest step from `phase` on that keeps to `goal` by what the method itself knows of its error."""
+    """Return the longest step from `phase` on that keeps to `goal` by what the method itself knows of its error.
+
+    `advance` is what `_longest_step` asks: in a kernel body and wrench.
+    """
     rest = _rest(goal, phase)
     # The same share of the accuracy for each second, errors grow for the rest of the run.
     longest = _longest_step(advance, phase, goal.accuracy * rest / goal.horizon, rest) * NANOSECONDS

@@ -100,6 +100,7 @@ def step(
         return _no_recurrences()
     rate = _rate(inertia, held, angular_velocity)
     unit, order = _clock(rate), _order(rate * abs(h))
+    # Here and in `longest_step`, as it lives no longer than the function that asks for it.
     memory = _Expansion(
         (workspace(_TERMS), workspace(_TERMS), workspace(_TERMS), workspace(_TERMS)),
         (workspace(_TERMS), workspace(_TERMS), workspace(_TERMS)),
