@@ -2,15 +2,15 @@
  * `grown` in rb_dynamics/motion/phase.py, operation by operation, so that -ffp-contract=off leaves the same bits
  * (benchmarks/peers/c.py checks it). With books = 0 it is what one writes by hand who wants the state alone.
  *
+ * Numbers as in rb_dynamics/motion/layout.py:
  * constants (16): mass, three moments, force and torque in principal axes, force and torque in world axes.
- * state (35): quaternion (x, y, z, w), angular velocity, 14 sums and their 14 rests, as in `Phase`.
+ * state (35): quaternion (x, y, z, w), angular velocity, 14 sums and their 14 rests.
  */
 #include <math.h>
 #include <string.h>
 
 #define CONSTANTS 16
 #define STATE 35
-#define SUMS 14
 #define LANES 64 /* bodies that are taken through all steps before the next ones: they stay in the first cache */
 #define INLINE static inline __attribute__((always_inline))
 
@@ -122,23 +122,17 @@ INLINE void step(const double *constants, double *s, int stride, double h, int b
 }
 
 /* n steps of one body under one wrench. */
-void run(const double *constants, double h, long n, double *state)
-{
-    double s[STATE];
-    memcpy(s, state, sizeof s);
-    for (long i = 0; i < n; i++)
-        step(constants, s, 1, h, 1);
-    memcpy(state, s, sizeof s);
-}
-
-void run_bare(const double *constants, double h, long n, double *state)
-{
-    double s[STATE];
-    memcpy(s, state, sizeof s);
-    for (long i = 0; i < n; i++)
-        step(constants, s, 1, h, 0);
-    memcpy(state, s, sizeof s);
-}
+#define RUN(name, books)                                                                                              \
+    void name(const double *constants, double h, long n, double *state)                                               \
+    {                                                                                                                 \
+        double s[STATE];                                                                                              \
+        memcpy(s, state, sizeof s);                                                                                   \
+        for (long i = 0; i < n; i++)                                                                                  \
+            step(constants, s, 1, h, books);                                                                          \
+        memcpy(state, s, sizeof s);                                                                                   \
+    }
+RUN(run, 1)
+RUN(run_bare, 0)
 
 /* `count` wrenches (12 numbers each), n steps of h s under each. */
 #define SCHEDULE(name, books)                                                                                         \

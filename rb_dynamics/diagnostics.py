@@ -11,7 +11,8 @@ from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.phase import Phase, inertia_of
 from rb_dynamics.motion.rk4 import differences_of, gyroscopic
 from rb_dynamics.rotation import Quaternion, rotate, rotate_inverse
-from rb_dynamics.vector import ZERO, Vector, add, cross, divide, dot, multiply, scale, subtract
+from rb_dynamics.vector import ZERO, Vector, add, cross, divide, dot, scale, subtract
+from rb_dynamics.vector import multiply as times
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +53,7 @@ class Sample:
 def kinetic_energy(body: RigidBody, phase: Phase) -> float:
     """Return T = p . p / 2m + w . I w / 2, J: translation (lecture 24, page 6) and rotation (eq. 26)."""
     momentum, omega = phase.linear_momentum_world, phase.angular_velocity
-    return 0.5 * (dot(momentum, scale(1.0 / body.mass, momentum)) + dot(omega, multiply(body.principal_moments, omega)))
+    return 0.5 * (dot(momentum, scale(1.0 / body.mass, momentum)) + dot(omega, times(body.principal_moments, omega)))
 
 
 class Observer:

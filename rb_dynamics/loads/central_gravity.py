@@ -11,7 +11,8 @@ from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.effect import Effect, Point, Potential, Wrenching
 from rb_dynamics.loads.load import Takes
 from rb_dynamics.rotation import rotate, rotate_inverse
-from rb_dynamics.vector import ZERO, Vector, add, add_scaled, cross, dot, multiply, norm, scale, subtract
+from rb_dynamics.vector import ZERO, Vector, add, add_scaled, cross, dot, norm, scale, subtract
+from rb_dynamics.vector import multiply as times
 
 if TYPE_CHECKING:
     from rb_dynamics.scene.entry import Entry
@@ -76,7 +77,7 @@ class CentralGravity(Effect):
             if not self.gravity_gradient:
                 return pull, ZERO
             n = rotate_inverse(point.orientation, direction)
-            i_n = multiply(moments, n)
+            i_n = times(moments, n)
             cubed = mu / distance / distance / distance
             tide = add_scaled(scale(trace - 5.0 * dot(n, i_n), n), 2.0, i_n)
             force = rotate(point.orientation, scale(-1.5 * cubed / distance, tide))
@@ -95,7 +96,7 @@ class CentralGravity(Effect):
             if not self.gravity_gradient:
                 return energy
             n = rotate_inverse(point.orientation, direction)
-            return energy - 0.5 * mu * (trace - 3.0 * dot(n, multiply(moments, n))) / distance / distance / distance
+            return energy - 0.5 * mu * (trace - 3.0 * dot(n, times(moments, n))) / distance / distance / distance
 
         return at
 

@@ -10,9 +10,9 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.effect import Effect, Point, Wrenching
 from rb_dynamics.loads.load import Takes
-from rb_dynamics.rotation import conjugate, rotate, rotate_inverse
-from rb_dynamics.rotation import multiply as compose
-from rb_dynamics.vector import ZERO, Vector, multiply, norm, scale, subtract
+from rb_dynamics.rotation import conjugate, multiply, rotate, rotate_inverse
+from rb_dynamics.vector import ZERO, Vector, norm, scale, subtract
+from rb_dynamics.vector import multiply as times
 
 if TYPE_CHECKING:
     from rb_dynamics.scene.entry import Entry
@@ -88,10 +88,10 @@ class _Drag(Effect):
 
         def resistance(point: Point) -> tuple[Vector, Vector]:
             wind = subtract(point.velocity, medium)
-            to_world = compose(point.orientation, conjugate(axes))
-            force = rotate(to_world, scale(-size(wind), multiply(translation, rotate_inverse(to_world, wind))))
+            to_world = multiply(point.orientation, conjugate(axes))
+            force = rotate(to_world, scale(-size(wind), times(translation, rotate_inverse(to_world, wind))))
             omega = point.angular_velocity
-            torque = rotate_inverse(axes, scale(-size(omega), multiply(rotation, rotate(axes, omega))))
+            torque = rotate_inverse(axes, scale(-size(omega), times(rotation, rotate(axes, omega))))
             return force, torque
 
         return resistance

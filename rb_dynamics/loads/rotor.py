@@ -12,7 +12,8 @@ from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.effect import Effect, Point, Stored, Storing, Wrenching, on_nanosecond
 from rb_dynamics.loads.load import Takes
 from rb_dynamics.rotation import rotate_inverse
-from rb_dynamics.vector import ZERO, Vector, cross, dot, multiply, norm, scale, subtract
+from rb_dynamics.vector import ZERO, Vector, cross, dot, norm, scale, subtract
+from rb_dynamics.vector import multiply as times
 
 if TYPE_CHECKING:
     from rb_dynamics.scene.entry import Entry
@@ -97,7 +98,7 @@ class Rotor(Effect):
             SceneError: the body is a particle, or its inertia about the axis is smaller than the rotor's.
         """
         axis = self._axis(body)
-        whole = dot(axis, multiply(body.principal_moments, axis))
+        whole = dot(axis, times(body.principal_moments, axis))
         if self.axial_inertia > whole * (1.0 + 1e-9):
             raise SceneError(
                 f"rotor: axial_inertia is {self.axial_inertia!r}, expected at most {whole:.6g} kg m^2, the inertia of "

@@ -11,9 +11,9 @@ from typing import NamedTuple
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
 from rb_dynamics.motion.refusal import LARGEST_TURN, require_finite, turns_too_far
-from rb_dynamics.rotation import IDENTITY, Quaternion, exp, normalize, rotate, rotate_inverse
-from rb_dynamics.rotation import multiply as compose
-from rb_dynamics.vector import ZERO, Vector, add, add_scaled, divide, dot, multiply, norm, scale
+from rb_dynamics.rotation import IDENTITY, Quaternion, exp, multiply, normalize, rotate, rotate_inverse
+from rb_dynamics.vector import ZERO, Vector, add, add_scaled, divide, dot, norm, scale
+from rb_dynamics.vector import multiply as times
 
 # The exponentials of one product, each by the weights of the slopes of the stages before, in units of the step; rows of
 # equal length.
@@ -79,7 +79,7 @@ def _reached(h: float, product: Product, row: tuple[float, ...], slopes: tuple[_
         theta = ZERO
         for stage, weight in enumerate(weights_of_one):
             theta = add_scaled(theta, weight * h, slopes[stage].omega)
-        turn = compose(turn, exp(theta))
+        turn = multiply(turn, exp(theta))
     ahead, pushed, twisted, moved = 0.0, ZERO, ZERO, ZERO
     for stage, weight in enumerate(row):
         s, k = weight * h, slopes[stage]
@@ -100,7 +100,7 @@ def _slope(frame: _Frame, at: _Reached, load: Load | None) -> _Slope:
     if load is not None:
         place = add_scaled(rotate(axes, at.moved), at.ahead, frame.velocity)
         v = add(frame.velocity, rotate(axes, gain))
-        force, more = load(at.ahead, place, v, compose(axes, at.turn), omega)
+        force, more = load(at.ahead, place, v, multiply(axes, at.turn), omega)
         push, torque = add(push, rotate_inverse(axes, force)), add(torque, more)
     power = dot(add(push, frame.force_0), add(frame.velocity_0, gain)) + dot(torque, omega)
     power += dot(frame.torque_0, rotate(at.turn, omega))
@@ -135,7 +135,7 @@ def _advance(
         h,
         velocity,
         orientation,
-        multiply(moments, angular_velocity),
+        times(moments, angular_velocity),
         rotate_inverse(orientation, velocity),
         rotate_inverse(orientation, held.force_world),
         rotate_inverse(orientation, held.torque_world),
@@ -148,7 +148,7 @@ def _advance(
     a, b, c, d = rows[3]
     end = Increment(
         add_scaled(rotate(orientation, at.moved), h, velocity),
-        normalize(compose(orientation, at.turn)),
+        normalize(multiply(orientation, at.turn)),
         divide(rotate_inverse(at.turn, add(frame.momentum, add_scaled(at.twisted, h, frame.torque_0))), moments),
         add_scaled(rotate(orientation, at.pushed), h, held.force_world),
         add_scaled(rotate(orientation, at.twisted), h, held.torque_world),

@@ -13,9 +13,9 @@ from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Load
 from rb_dynamics.motion.refusal import no_rotation, require_finite
 from rb_dynamics.motion.rk4 import differences_of, gyroscopic, turned
-from rb_dynamics.rotation import Quaternion, normalize, rotate, rotate_inverse
-from rb_dynamics.rotation import multiply as compose
-from rb_dynamics.vector import ZERO, Vector, add, add_scaled, dot, multiply, norm, scale
+from rb_dynamics.rotation import Quaternion, multiply, normalize, rotate, rotate_inverse
+from rb_dynamics.vector import ZERO, Vector, add, add_scaled, dot, norm, scale
+from rb_dynamics.vector import multiply as times
 
 Turn = tuple[Quaternion, Vector]
 """What a step has added to the quaternion since R0 and to the angular velocity."""
@@ -165,7 +165,7 @@ def increment(
         work += 0.5 * f.inverse_mass * dot(impulse, impulse)
     found = Increment(
         path,
-        normalize(compose(orientation, normalize((x, y, z, w)))),
+        normalize(multiply(orientation, normalize((x, y, z, w)))),
         add(f.angular_velocity, spin_up),
         impulse,
         add_scaled(rotate(orientation, twisted), h, f.held.torque_world),
@@ -193,13 +193,13 @@ def _slope(f: Frame, node: float, reached: Turn, carried: Carried, load: Load | 
         turn = normalize(q)
         place = add_scaled(rotate(f.orientation, shifted), ahead, f.velocity)
         v = add(f.velocity, rotate(f.orientation, gain))
-        force, more = load(ahead, place, v, compose(f.orientation, turn), omega)
+        force, more = load(ahead, place, v, multiply(f.orientation, turn), omega)
         push, torque = add(push, rotate_inverse(f.orientation, force)), add(torque, more)
     all_torque = torque
     # Rare, and everything that follows in the stage would wait for it.
     if f.held.torque_world != ZERO:
         all_torque = add(torque, turned((-x, -y, -z, q[3]), twice, f.torque_0))
-    omega_dot = multiply(add(all_torque, gyroscopic(f.differences, omega)), f.inverse)
+    omega_dot = times(add(all_torque, gyroscopic(f.differences, omega)), f.inverse)
     w, (a, b, c) = q[3], scale(0.5, omega)
     # q omega / 2.
     spin = (w * a + y * c - z * b, w * b + z * a - x * c, w * c + x * b - y * a, -x * a - y * b - z * c)

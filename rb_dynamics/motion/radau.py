@@ -11,9 +11,9 @@ from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
 from rb_dynamics.motion.refusal import require_finite, require_small_turn
-from rb_dynamics.rotation import Quaternion, dexpinv, exp, normalize, rotate, rotate_inverse
-from rb_dynamics.rotation import multiply as compose
-from rb_dynamics.vector import ZERO, Vector, add, add_scaled, divide, dot, multiply, norm, scale
+from rb_dynamics.rotation import Quaternion, dexpinv, exp, multiply, normalize, rotate, rotate_inverse
+from rb_dynamics.vector import ZERO, Vector, add, add_scaled, divide, dot, norm, scale
+from rb_dynamics.vector import multiply as times
 
 if TYPE_CHECKING:
     import numpy as np
@@ -61,7 +61,7 @@ def step(
         ConvergenceError: Newton's method finds no stages for this step, or the step diverges.
     """
     mass, moments = inertia
-    momentum = multiply(moments, angular_velocity)
+    momentum = times(moments, angular_velocity)
     force_0 = rotate_inverse(orientation, held.force_world)
     torque_0 = rotate_inverse(orientation, held.torque_world)
     # Units that give all unknowns the size of turn and displacement, so that no pivot of Newton's matrix mixes what
@@ -83,7 +83,7 @@ def step(
         if load is not None:
             place = add_scaled(rotate(orientation, (y[9], y[10], y[11])), node * h, velocity)
             v = add(velocity, rotate(orientation, gain))
-            force, more = load(node * h, place, v, compose(orientation, turn), omega)
+            force, more = load(node * h, place, v, multiply(orientation, turn), omega)
             push, torque = add(push, rotate_inverse(orientation, force)), add(torque, more)
         theta_dot = dexpinv((-y[0], -y[1], -y[2]), omega)
         return [
@@ -114,7 +114,7 @@ def step(
     impulse = add_scaled(rotate(orientation, scale(push_unit, (y[6], y[7], y[8]))), h, held.force_world)
     end = Increment(
         add_scaled(rotate(orientation, moved), h, velocity),
-        normalize(compose(orientation, turn)),
+        normalize(multiply(orientation, turn)),
         omega,
         impulse,
         add_scaled(rotate(orientation, scale(spin_unit, (y[3], y[4], y[5]))), h, held.torque_world),

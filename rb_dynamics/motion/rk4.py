@@ -8,7 +8,8 @@ from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
 from rb_dynamics.motion.refusal import no_rotation, require_finite
 from rb_dynamics.rotation import Quaternion, normalize
-from rb_dynamics.vector import ZERO, Vector, add, add_scaled, dot, multiply, norm, scale
+from rb_dynamics.vector import ZERO, Vector, add, add_scaled, dot, norm, scale
+from rb_dynamics.vector import multiply as times
 
 
 def step(
@@ -113,7 +114,7 @@ def _slope(
     return _Slope(
         # q omega / 2.
         (w * a + y * c - z * b, w * b + z * a - x * c, w * c + x * b - y * a, -x * a - y * b - z * c),
-        multiply(add(torque, gyroscopic(differences, omega)), inverse),
+        times(add(torque, gyroscopic(differences, omega)), inverse),
         force,
         turned(q, twice, torque),
         dot(force, velocity) + dot(torque, omega),

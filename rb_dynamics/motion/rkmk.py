@@ -11,9 +11,9 @@ from typing import NamedTuple
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
 from rb_dynamics.motion.refusal import LARGEST_TURN, require_finite, turns_too_far
-from rb_dynamics.rotation import Quaternion, dexpinv, exp, normalize, rotate, rotate_inverse
-from rb_dynamics.rotation import multiply as compose
-from rb_dynamics.vector import ZERO, Vector, add, add_scaled, divide, dot, multiply, norm, scale
+from rb_dynamics.rotation import Quaternion, dexpinv, exp, multiply, normalize, rotate, rotate_inverse
+from rb_dynamics.vector import ZERO, Vector, add, add_scaled, divide, dot, norm, scale
+from rb_dynamics.vector import multiply as times
 
 
 class Tableau(NamedTuple):
@@ -129,7 +129,7 @@ def _frame(
         h,
         velocity,
         orientation,
-        multiply(inertia.moments, angular_velocity),
+        times(inertia.moments, angular_velocity),
         rotate_inverse(orientation, velocity),
         rotate_inverse(orientation, held.force_world),
         rotate_inverse(orientation, held.torque_world),
@@ -143,7 +143,7 @@ def _slope(frame: _Frame, at: _Reached, load: Load | None) -> _Slope:
 
     push, torque, axes = rotate(turn, frame.held.force_body), frame.held.torque_body, frame.orientation
     if load is not None:
-        force, more = load(at.ahead, rotate(axes, at.place), rotate(axes, v), compose(axes, turn), omega)
+        force, more = load(at.ahead, rotate(axes, at.place), rotate(axes, v), multiply(axes, turn), omega)
         push, torque = add(push, rotate_inverse(axes, force)), add(torque, more)
     theta_dot = dexpinv(scale(-1.0, at.theta), omega)
     rate = norm(theta_dot)
@@ -186,7 +186,7 @@ def _end(
     displacement = rotate(orientation, scale(h * h / mass, moved))
     end = Increment(
         add(scale(h, frame.velocity), add_scaled(displacement, 0.5 * h * h / mass, held.force_world)),
-        normalize(compose(orientation, turn)),
+        normalize(multiply(orientation, turn)),
         divide(rotate_inverse(turn, add(frame.momentum, add_scaled(torque_impulse, h, frame.torque_0))), moments),
         add_scaled(rotate(orientation, scale(h, pushed)), h, held.force_world),
         add_scaled(rotate(orientation, torque_impulse), h, held.torque_world),

@@ -5,9 +5,9 @@ from __future__ import annotations
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
 from rb_dynamics.motion.refusal import require_finite, require_small_turn
-from rb_dynamics.rotation import Quaternion, exp, normalize, rotate, rotate_inverse
-from rb_dynamics.rotation import multiply as compose
-from rb_dynamics.vector import ZERO, Vector, add, add_scaled, cross, divide, dot, multiply, norm, scale, subtract
+from rb_dynamics.rotation import Quaternion, exp, multiply, normalize, rotate, rotate_inverse
+from rb_dynamics.vector import ZERO, Vector, add, add_scaled, cross, divide, dot, norm, scale, subtract
+from rb_dynamics.vector import multiply as times
 
 
 def step(
@@ -36,14 +36,14 @@ def step(
         return add(force, push), add(torque, twist)
 
     def turning(w: Vector, torque: Vector) -> Vector:
-        return divide(subtract(torque, cross(w, multiply(inertia.moments, w))), inertia.moments)
+        return divide(subtract(torque, cross(w, times(inertia.moments, w))), inertia.moments)
 
     require_small_turn("heun", h, norm(angular_velocity))
     force, torque = wrench(0.0, ZERO, velocity, orientation, angular_velocity)
     alpha = turning(angular_velocity, torque)
     # A step of Euler, and what acts at its end.
     v = add_scaled(velocity, h / inertia.mass, force)
-    q = compose(orientation, exp(scale(h, angular_velocity)))
+    q = multiply(orientation, exp(scale(h, angular_velocity)))
     w = add_scaled(angular_velocity, h, alpha)
     force_then, torque_then = wrench(h, scale(h, velocity), v, q, w)
     alpha_then = turning(w, torque_then)
@@ -52,7 +52,7 @@ def step(
     half = 0.5 * h
     end = Increment(
         displacement=scale(half, add(velocity, v)),
-        orientation=normalize(compose(orientation, exp(scale(half, add(angular_velocity, w))))),
+        orientation=normalize(multiply(orientation, exp(scale(half, add(angular_velocity, w))))),
         angular_velocity=add_scaled(angular_velocity, half, add(alpha, alpha_then)),
         impulse=scale(half, add(force, force_then)),
         torque_impulse=scale(half, add(rotate(orientation, torque), rotate(q, torque_then))),
