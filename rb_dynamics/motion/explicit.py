@@ -12,7 +12,7 @@ from typing import NamedTuple
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Load
 from rb_dynamics.motion.refusal import no_rotation, require_finite
-from rb_dynamics.motion.rk4 import differences_of, gyroscopic, turned
+from rb_dynamics.motion.rk4 import differences_of, gyroscopic, half_product, turned
 from rb_dynamics.rotation import Quaternion, multiply, normalize, rotate, rotate_inverse
 from rb_dynamics.vector import ZERO, Vector, add, add_scaled, dot, norm, scale
 from rb_dynamics.vector import multiply as times
@@ -200,10 +200,7 @@ def _slope(f: Frame, node: float, reached: Turn, carried: Carried, load: Load | 
     if f.held.torque_world != ZERO:
         all_torque = add(torque, turned((-x, -y, -z, q[3]), twice, f.torque_0))
     omega_dot = times(add(all_torque, gyroscopic(f.differences, omega)), f.inverse)
-    w, (a, b, c) = q[3], scale(0.5, omega)
-    # q omega / 2.
-    spin = (w * a + y * c - z * b, w * b + z * a - x * c, w * c + x * b - y * a, -x * a - y * b - z * c)
     power = dot(all_torque, omega)
     if load is not None:
         power += dot(add(push, f.force_0), gain)
-    return Slope((spin, omega_dot), push, gain, turned(q, twice, torque), power)
+    return Slope((half_product(q, omega), omega_dot), push, gain, turned(q, twice, torque), power)

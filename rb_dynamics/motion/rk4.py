@@ -110,10 +110,8 @@ def _slope(
     if load is not None:
         push, twist = load(t, displacement, velocity, normalize(q), omega)
         force, torque = add(force, push), add(torque, twist)
-    a, b, c = scale(0.5, omega)
     return _Slope(
-        # q omega / 2.
-        (w * a + y * c - z * b, w * b + z * a - x * c, w * c + x * b - y * a, -x * a - y * b - z * c),
+        half_product(q, omega),
         times(add(torque, gyroscopic(differences, omega)), inverse),
         force,
         turned(q, twice, torque),
@@ -135,6 +133,12 @@ def gyroscopic(differences: Vector, omega: Vector) -> Vector:
     """
     (d1, d2, d3), (w1, w2, w3) = differences, omega
     return (d1 * w2 * w3, d2 * w3 * w1, d3 * w1 * w2)
+
+
+def half_product(q: Quaternion, omega: Vector) -> Quaternion:
+    """Return q omega / 2, the rate of q for angular velocity in the axes that q turns."""
+    (x, y, z, w), (a, b, c) = q, scale(0.5, omega)
+    return (w * a + y * c - z * b, w * b + z * a - x * c, w * c + x * b - y * a, -x * a - y * b - z * c)
 
 
 def turned(q: Quaternion, twice: float, v: Vector) -> Vector:
