@@ -24,7 +24,7 @@ from rb_dynamics.motion.lanes import Schedule, mover
 from rb_dynamics.motion.layout import PHASE, phase_numbers, phase_of
 from rb_dynamics.motion.method import Method
 from rb_dynamics.motion.phase import Phase, inertia_of
-from rb_dynamics.motion.step_control import NANOSECONDS, FixedStep
+from rb_dynamics.motion.step_control import NANOSECONDS, FixedStep, WholeArc
 
 if TYPE_CHECKING:
     import numpy as np
@@ -438,8 +438,7 @@ class _Steps:
 def _grid(method: Method, step: float | None) -> tuple[int, int]:
     """Return the length of a full step in units of 1/denominator ns, and the denominator."""
     if method.order is None:
-        # None of the length of any run: every time is reached from where the hold began.
-        return 2**64, 1
+        return WholeArc.length, WholeArc.denominator
     if step is None:
         raise ValueError(f"step is None, expected a finite number greater than 0 (s), as {method.name} needs one")
     step = number(step, "step", f"a finite number greater than 0 (s), as {method.name} needs one", above=0.0)

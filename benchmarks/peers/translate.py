@@ -7,7 +7,8 @@ import numpy as np
 import rb_dynamics as rb
 from peers.problem import Answer, Problem
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion.phase import Phase, in_principal_axes
+from rb_dynamics.motion.layout import constant_numbers, phase_numbers, phase_of
+from rb_dynamics.motion.phase import Phase, in_principal_axes, inertia_of
 
 
 def body_of(problem: Problem) -> rb.RigidBody:
@@ -23,8 +24,7 @@ def states_of(problem: Problem) -> list[rb.State]:
 
 def constants_of(problem: Problem) -> np.ndarray:
     """Return the 16 constants under the first wrench; gravity is a force in world axes."""
-    body = body_of(problem)
-    return np.array([body.mass, *body.principal_moments, *np.concatenate(held_of(problem)[0])])
+    return np.array(constant_numbers(inertia_of(body_of(problem)), held_of(problem)[0]))
 
 
 def held_of(problem: Problem) -> list[HeldWrench]:
@@ -38,15 +38,14 @@ def held_of(problem: Problem) -> list[HeldWrench]:
 
 def numbers_of(problem: Problem) -> np.ndarray:
     """Return the initial states as the kernels have them: (n, 35)."""
-    phases = [Phase.of(body_of(problem), state) for state in states_of(problem)]
-    return np.array([(*p.orientation, *p.angular_velocity, *p.high, *p.low) for p in phases])
+    body = body_of(problem)
+    return np.array([phase_numbers(Phase.of(body, state)) for state in states_of(problem)])
 
 
 def answer(problem: Problem, numbers: np.ndarray) -> Answer:
     """Return the answer in rows of 35 numbers."""
     body = body_of(problem)
-    phases = [Phase(tuple(r[:4]), tuple(r[4:7]), tuple(r[7:21]), tuple(r[21:])) for r in numbers.tolist()]
-    states = [phase.state(body, 0) for phase in phases]
+    states = [phase_of(tuple(row)).state(body, 0) for row in numbers.tolist()]
     return Answer.of(
         [s.orientation_xyzw for s in states],
         [s.angular_velocity_body for s in states],

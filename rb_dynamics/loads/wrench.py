@@ -10,11 +10,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from rb_dynamics import rotation
 from rb_dynamics.arguments import instance, mapping, quaternion, vector
 from rb_dynamics.errors import WrenchError
 from rb_dynamics.moments import moment_of_force
-from rb_dynamics.rotation import Quaternion
+from rb_dynamics.rotation import IDENTITY, Quaternion, rotate
 from rb_dynamics.vector import ZERO, Vector, add
 
 
@@ -40,7 +39,7 @@ class FixedFrame:
     """A frame fixed to the body: position of its origin from the body origin (m) and its axes, both in body axes."""
 
     position: Vector = ZERO
-    orientation_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0)
+    orientation_xyzw: Quaternion = IDENTITY
 
     def __post_init__(self) -> None:
         """Refuse what is no frame.
@@ -137,8 +136,8 @@ class WrenchFrames:
                 f"wrench frame_id is {wrench.frame_id!r}, expected one of {known}; "
                 "declare the frame under body.frames in the scene or transform the wrench before sending it"
             )
-        force = rotation.rotate(frame.orientation_xyzw, wrench.force)
-        torque = rotation.rotate(frame.orientation_xyzw, wrench.torque)
+        force = rotate(frame.orientation_xyzw, wrench.force)
+        torque = rotate(frame.orientation_xyzw, wrench.torque)
         moment = moment_of_force(force, frame.position, self.center_of_mass)
         return HeldWrench(force_body=force, torque_body=add(torque, moment))
 

@@ -134,13 +134,18 @@ class FixedStep:
 
 
 class WholeArc:
-    """One stride for the whole arc, for a method in closed form: every time is reached from the start."""
+    """One stride for the whole arc, for a method in closed form: every time is reached from the start.
+
+    Attributes:
+        length: of the stride, ns: longer than any run.
+    """
 
     denominator = parts = 1
+    length = 2**64
 
     def stride(self, phase: Phase, advance: Advance) -> tuple[int, Phase | None]:
-        """Return a stride longer than any run."""
-        return 2**64, None
+        """Return the whole arc; it has not been taken."""
+        return self.length, None
 
     def begin(self) -> None:
         """Learn nothing."""
