@@ -107,7 +107,7 @@ def _step(*arguments: Any) -> Increment:
 
 
 def _run_on_numbers(numbers: Numbers, h: float, n: int) -> None:
-    """Do the same on an array: 25 times faster to hand over than tuples."""
+    """Do what `run` does, on an array: 25 times faster to hand over than tuples."""
     inertia, held = constants_at(numbers)
     start = phase_at(numbers, CONSTANTS)
     q, w, high, low = run(inertia, held, h, n, start.orientation, start.angular_velocity, start.high, start.low)

@@ -165,7 +165,7 @@ def _longest_step(*arguments: Any) -> float:
 
 
 def _run_on_numbers(numbers: Numbers, room: int, count: int) -> tuple[int, int, int]:
-    """Do the same on an array."""
+    """Do what `run` does, on an array."""
     c, g, i, k = numbers, _GOAL_AT, _PHASE_AT, _AFTER_AT
     goal = Goal(c[g], c[g + 1], c[g + 2] != 0.0, c[g + 3], c[g + 4], c[g + 5], c[g + 6])
     learnt = Learnt(c[i + PHASE], c[i + PHASE + 1])
