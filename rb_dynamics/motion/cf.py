@@ -11,9 +11,9 @@ from typing import NamedTuple
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
 from rb_dynamics.motion.refusal import LARGEST_TURN, require_finite, turns_too_far
+from rb_dynamics.motion.rkmk import Frame, frame_of
 from rb_dynamics.rotation import IDENTITY, Quaternion, exp, multiply, normalize, rotate, rotate_inverse
 from rb_dynamics.vector import ZERO, Vector, add, add_scaled, divide, dot, norm, scale
-from rb_dynamics.vector import multiply as times
 
 # The exponentials of one product, each by the weights of the slopes of the stages before, in units of the step; rows of
 # equal length.
@@ -36,21 +36,6 @@ CF4_TABLE = Table(
 def weights(product: Product) -> tuple[float, ...]:
     """Return what the product comes to where everything commutes: its weights, summed for each slope."""
     return tuple(map(math.fsum, zip(*product, strict=True)))
-
-
-class _Frame(NamedTuple):
-    """What the stages of a step share; `momentum`, the angular one, and `*_0` in the axes of R0."""
-
-    name: str
-    inertia: Inertia
-    held: HeldWrench
-    h: float
-    velocity: Vector
-    orientation: Quaternion
-    momentum: Vector
-    velocity_0: Vector
-    force_0: Vector
-    torque_0: Vector
 
 
 class _Slope(NamedTuple):
@@ -88,7 +73,7 @@ def _reached(h: float, product: Product, row: tuple[float, ...], slopes: tuple[_
     return _Reached(ahead, turn, pushed, twisted, moved)
 
 
-def _slope(frame: _Frame, at: _Reached, load: Load | None) -> _Slope:
+def _slope(frame: Frame, at: _Reached, load: Load | None) -> _Slope:
     (mass, moments), held, axes = frame.inertia, frame.held, frame.orientation
     gain = scale(1.0 / mass, add_scaled(at.pushed, at.ahead, frame.force_0))
     momentum = add(frame.momentum, add_scaled(at.twisted, at.ahead, frame.torque_0))
@@ -128,18 +113,7 @@ def _advance(
         ConvergenceError: the step turns the body too far, or diverges.
     """
     moments = inertia.moments
-    frame = _Frame(
-        name,
-        inertia,
-        held,
-        h,
-        velocity,
-        orientation,
-        times(moments, angular_velocity),
-        rotate_inverse(orientation, velocity),
-        rotate_inverse(orientation, held.force_world),
-        rotate_inverse(orientation, held.torque_world),
-    )
+    frame = frame_of(name, inertia, held, h, velocity, orientation, angular_velocity)
     k1 = _slope(frame, _Reached(0.0, IDENTITY, ZERO, ZERO, ZERO), load)
     k2 = _slope(frame, _reached(h, table.stages[0], rows[0], (k1,)), load)
     k3 = _slope(frame, _reached(h, table.stages[1], rows[1], (k1, k2)), load)

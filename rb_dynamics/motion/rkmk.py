@@ -70,8 +70,8 @@ _SECOND = DORMAND_PRINCE.second(DORMAND_PRINCE.weights)
 _COMPARISON_SECOND = DORMAND_PRINCE.second(DORMAND_PRINCE.comparison)
 
 
-class _Frame(NamedTuple):
-    """What the stages of a step share; `momentum`, the angular one, and `*_0` in the axes of R0."""
+class Frame(NamedTuple):
+    """What the stages of a step share; the angular `momentum` and `*_0` are in the axes of R0. `cf.py` has the same."""
 
     name: str
     inertia: Inertia
@@ -113,7 +113,7 @@ class _Slope(NamedTuple):
     power: float
 
 
-def _frame(
+def frame_of(
     name: str,
     inertia: Inertia,
     held: HeldWrench,
@@ -121,8 +121,9 @@ def _frame(
     velocity: Vector,
     orientation: Quaternion,
     angular_velocity: Vector,
-) -> _Frame:
-    return _Frame(
+) -> Frame:
+    """Return what the stages of a step of the method `name` share."""
+    return Frame(
         name,
         inertia,
         held,
@@ -136,7 +137,7 @@ def _frame(
     )
 
 
-def _slope(frame: _Frame, at: _Reached, load: Load | None) -> _Slope:
+def _slope(frame: Frame, at: _Reached, load: Load | None) -> _Slope:
     turn, v = exp(at.theta), at.velocity
     impulse = add_scaled(at.gained, at.ahead, frame.torque_0)
     omega = divide(rotate_inverse(turn, add(frame.momentum, impulse)), frame.inertia.moments)
@@ -153,7 +154,7 @@ def _slope(frame: _Frame, at: _Reached, load: Load | None) -> _Slope:
     return _Slope(theta_dot, push, rotate(turn, torque), v, power)
 
 
-def _reached(frame: _Frame, node: float, row: tuple[float, ...], slopes: tuple[_Slope, ...]) -> _Reached:
+def _reached(frame: Frame, node: float, row: tuple[float, ...], slopes: tuple[_Slope, ...]) -> _Reached:
     a = b = c = d = e = f = g = i = j = k = m = n = 0.0
     for stage, weight in enumerate(row):
         s = weight * frame.h
@@ -168,7 +169,7 @@ def _reached(frame: _Frame, node: float, row: tuple[float, ...], slopes: tuple[_
 
 
 def _end(
-    frame: _Frame,
+    frame: Frame,
     weights: tuple[float, ...],
     second: tuple[float, ...],
     slopes: tuple[_Slope, ...],
@@ -214,7 +215,7 @@ def _rkmk4(
     Raises:
         ConvergenceError: the step turns the body further than exp can be inverted, or diverges.
     """
-    f = _frame("rkmk4", inertia, held, h, velocity, orientation, angular_velocity)
+    f = frame_of("rkmk4", inertia, held, h, velocity, orientation, angular_velocity)
     k1 = _slope(f, _Reached(0.0, ZERO, ZERO, ZERO, f.velocity_0), load)
     k2 = _slope(f, _reached(f, CLASSICAL.nodes[1], CLASSICAL.stages[1], (k1,)), load)
     k3 = _slope(f, _reached(f, CLASSICAL.nodes[2], CLASSICAL.stages[2], (k1, k2)), load)
@@ -238,7 +239,7 @@ def _rkmk54(
     Raises:
         ConvergenceError: the step turns the body further than exp can be inverted, or diverges.
     """
-    frame = _frame("rkmk54", inertia, held, h, velocity, orientation, angular_velocity)
+    frame = frame_of("rkmk54", inertia, held, h, velocity, orientation, angular_velocity)
     return _end(frame, DORMAND_PRINCE.weights, _SECOND, _slopes(frame, load))
 
 
@@ -256,7 +257,7 @@ def _pair(
     Raises:
         ConvergenceError: as for the step.
     """
-    frame = _frame("rkmk54", inertia, held, h, velocity, orientation, angular_velocity)
+    frame = frame_of("rkmk54", inertia, held, h, velocity, orientation, angular_velocity)
     k1, k2, k3, k4, k5, k6 = _slopes(frame, load)
     end = DORMAND_PRINCE.nodes[6], DORMAND_PRINCE.stages[6], (k1, k2, k3, k4, k5, k6)
     k7 = _slope(frame, _reached(frame, *end), load)
@@ -266,7 +267,7 @@ def _pair(
     )
 
 
-def _slopes(f: _Frame, load: Load | None) -> tuple[_Slope, _Slope, _Slope, _Slope, _Slope, _Slope]:
+def _slopes(f: Frame, load: Load | None) -> tuple[_Slope, _Slope, _Slope, _Slope, _Slope, _Slope]:
     nodes, rows = DORMAND_PRINCE.nodes, DORMAND_PRINCE.stages
     k1 = _slope(f, _Reached(0.0, ZERO, ZERO, ZERO, f.velocity_0), load)
     k2 = _slope(f, _reached(f, nodes[1], rows[1], (k1,)), load)
