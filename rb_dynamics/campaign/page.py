@@ -24,8 +24,7 @@ from rb_dynamics.campaign.summary import (
 from rb_dynamics.campaign.units import unit_of
 from rb_dynamics.errors import RigidBodyError
 from rb_dynamics.motion.step_control import NANOSECONDS
-from rb_dynamics.recording.provenance import version
-from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, write_html
+from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, made_by, write_html
 
 if TYPE_CHECKING:
     from rb_dynamics.ensemble import Samples
@@ -82,7 +81,7 @@ def campaign_report(campaign: Campaign, rows: Columns, options: Sequence[str] = 
         Section("The campaign", source=campaign.text, source_title="The campaign file"),
         Section("The scene", source=campaign.scene_text, source_title="The base scene, as it is flown"),
     ]
-    return Report(f"Campaign: {os.path.basename(campaign.source)}", lead, sections, f"rb_dynamics {version()}")
+    return Report(f"Campaign: {os.path.basename(campaign.source)}", lead, sections, made_by())
 
 
 _SPREAD = (

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from rb_dynamics.errors import LogError, MissingExtraError
 from rb_dynamics.recording.log_file import make_folder
+from rb_dynamics.recording.provenance import version
 
 # All but text: what HTML does not allow, and the marks that turn the writing direction (202a.., 2066..).
 _UNSHOWABLE = re.compile(
@@ -23,7 +24,7 @@ _UNSHOWABLE = re.compile(
 
 @dataclass(frozen=True)
 class Figure:
-    """A picture as inline SVG, as `rb_dynamics.report.plots` draws it, with one sentence on what to see in it."""
+    """A picture as inline SVG, with what to see in it."""
 
     svg: str
     caption: str
@@ -84,6 +85,11 @@ class Report:
     lead: str
     sections: Sequence[Section] = field(default_factory=tuple)
     footer: str = ""
+
+
+def made_by() -> str:
+    """Return what made a page: the package, with its version where it is installed."""
+    return f"rb_dynamics {version()}".removesuffix(" not installed")
 
 
 def printable(text: object) -> str:

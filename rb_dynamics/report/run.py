@@ -337,8 +337,9 @@ def _tables(summary: Summary) -> list[Section]:
 
 
 def _provenance(track: Track) -> list[Section]:
-    """Return every metadata record of the file."""
-    facts = [
-        [key, value] for name in sorted(track.bag.metadata) for key, value in track.bag.metadata[name].items() if value
-    ]
-    return [Section("Provenance", table=Table(["", ""], facts, numeric=False))] if facts else []
+    """Return every metadata record of the file, its name at its first fact."""
+    facts = []
+    for name, record in sorted(track.bag.metadata.items()):
+        told = [[key, value] for key, value in record.items() if value]
+        facts += [["" if number else name, *fact] for number, fact in enumerate(told)]
+    return [Section("Provenance", table=Table(["record", "fact", ""], facts, numeric=False))] if facts else []

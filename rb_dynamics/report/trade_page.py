@@ -11,7 +11,7 @@ import os
 from collections.abc import Callable, Iterable, Sequence
 from xml.etree.ElementTree import Element, SubElement, tostring
 
-from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, printable, write_html
+from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, made_by, printable, write_html
 from rb_dynamics.report.svg import COLORS
 from rb_dynamics.trade import Row, Trade
 
@@ -63,7 +63,7 @@ def trade_report(found: Trade) -> Report:
         Section("All runs", table=_table(found, found.rows)),
         Section("How far each method went", table=Table(["method", "ended by"], ended, numeric=False)),
     ]
-    return Report(f"Trade: {found.scene}", lead, sections, "rb_dynamics")
+    return Report(f"Trade: {found.scene}", lead, sections, made_by())
 
 
 _CAPTION = (
@@ -161,29 +161,32 @@ def work_precision(found: Trade) -> str:
         rows = [row for row in found.rows if row.method == method]
         style.line(root, [at[row] for row in rows])
         for row in rows:
-            mark = style.mark(root, *at[row])
-            SubElement(
-                mark, "title"
-            ).text = f"{row.method}, {row.setting}: error {row.error:.1e}, {row.real_time_factor:.3g} times real time"
+            error = f"error {row.error:.1e}, {row.real_time_factor:.3g} times real time"
+            SubElement(style.mark(root, *at[row]), "title").text = f"{_name(row)}: {error}"
+    _mark_front(root, [(_name(row), *at[row]) for row in found.front])
+    if found.recommended is not None:
+        _ring(root, *at[found.recommended.row], 8.5)
+    _legend(root, styles)
+    return tostring(root, encoding="unicode")
+
+
+def _name(row: Row) -> str:
+    return f"{row.method}, {row.setting}"
+
+
+def _mark_front(root: Element, points: Sequence[tuple[str, float, float]]) -> None:
+    """Draw rings round the runs of the front, and their names beside them."""
     lowest = -math.inf
-    for row in found.front:
-        x, y = at[row]
+    for name, x, y in points:
         _ring(root, x, y, 5.5)
         # From top to bottom: a name that would stand on the one before it is left out.
         if y >= lowest + _NAME:
             lowest = y
-            # At the left of the front there is nothing.
-            name = f"{row.method}, {row.setting}"
-            if x - 9.0 - 5.0 * len(name) > _LEFT:
-                _text(root, x - 9.0, y + 3.0, name, "font-size: 9px; text-anchor: end")
+            # At the left of the front there is nothing. A double ring has room, too.
+            if x - 11.0 - 5.0 * len(name) > _LEFT:
+                _text(root, x - 11.0, y + 3.0, name, "font-size: 9px; text-anchor: end")
             else:
-                _text(root, x + 9.0, y - 7.0, name, "font-size: 9px")
-    if found.recommended is not None:
-        for row in found.rows:
-            if row == found.recommended.row:
-                _ring(root, *at[row], 8.5)
-    _legend(root, styles)
-    return tostring(root, encoding="unicode")
+                _text(root, x + 11.0, y - 7.0, name, "font-size: 9px")
 
 
 class _Axis:
