@@ -14,8 +14,8 @@ import numpy as np
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.report.impulse import Impulse, impulses
-from rb_dynamics.report.track import Array, Times, Track, unit_rows
-from rb_dynamics.rotations import rotate_all, rotate_all_inverse
+from rb_dynamics.report.track import Array, Times, Track, motion_of
+from rb_dynamics.rotations import rotate_all
 
 # A fit of six numbers improves on the body given by chance: its F statistic exceeds 3.75 once in 1000 times.
 _CHANCE = 3.75
@@ -64,16 +64,13 @@ def residual(track: Track, bound: float) -> Residual | None:
     pose, twist, body = track.pose, track.twist, track.body
     if track.own or pose is None or twist is None or body is None or body.is_particle:
         return None
-    time_ns, at_pose, at_twist = np.intersect1d(pose.time_ns, twist.time_ns, return_indices=True)
-    attitude = unit_rows(pose.values[at_pose, 3:])
-    velocity, omega = twist.values[at_twist, :3], twist.values[at_twist, 3:]
-    if track.twist_in_world:
-        velocity, omega = rotate_all_inverse(attitude, velocity), rotate_all_inverse(attitude, omega)
+    motion = motion_of(pose, twist, track.twist_in_world)
+    time_ns, attitude, omega = motion.time_ns, motion.orientation_xyzw, motion.angular_velocity_body
     push, turn = (impulses(track, kind, time_ns) for kind in ("force", "torque"))
     known = np.isfinite(push.error) & np.isfinite(turn.error) & (np.diff(time_ns, prepend=time_ns[:1]) > 0)
     if int(known.sum()) < _LEAST_INTERVALS:
         return None
-    speed = rotate_all(attitude, velocity + np.cross(omega, np.array(body.center_of_mass)))
+    speed = rotate_all(attitude, motion.linear_velocity_body + np.cross(omega, np.array(body.center_of_mass)))
     seconds = np.diff(time_ns, prepend=time_ns[:1])[known, None] * 1e-9
     force, mass = _of_mass(body, np.diff(speed, axis=0, prepend=speed[:1])[known], _impulse(push)[known])
     basis = np.stack([rotate_all(attitude, omega @ unit) for unit in _UNITS], axis=2)

@@ -18,8 +18,7 @@ from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, write_
 from rb_dynamics.report.rolling import poinsot_view
 from rb_dynamics.report.summary import Summary, summarize
 from rb_dynamics.report.topics import read_track
-from rb_dynamics.report.track import APPLIED, Array, Series, Track, unit_rows
-from rb_dynamics.rotations import rotate_all_inverse
+from rb_dynamics.report.track import APPLIED, Array, Series, Track, motion_of
 from rb_dynamics.scene.model import Scene
 
 
@@ -232,11 +231,8 @@ def _poinsot(track: Track) -> list[Section]:
     pose, twist, body = track.pose, track.twist, track.body
     if pose is None or twist is None or body is None:
         return []
-    time_ns, at_pose, at_twist = np.intersect1d(pose.time_ns, twist.time_ns, return_indices=True)
-    attitude, rates = unit_rows(pose.values[at_pose, 3:]), twist.values[at_twist, 3:]
-    if track.twist_in_world:
-        rates = rotate_all_inverse(attitude, rates)
-    view = poinsot_view(body, track.seconds(time_ns), attitude, rates)
+    motion = motion_of(pose, twist, track.twist_in_world)
+    view = poinsot_view(body, track.seconds(motion.time_ns), motion.orientation_xyzw, motion.angular_velocity_body)
     caption = (
         "Where the ellipsoid of inertia touches the invariable plane: the tip of the angular velocity, on the "
         "ellipsoid and in the plane, each from its dot on. While no torque acts the ellipsoid rolls on the plane "

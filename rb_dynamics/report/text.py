@@ -28,7 +28,7 @@ def as_text(summary: Summary) -> str:
     lines += [f"  {DEFECT}"] if summary.balances else []
     lines += [line for row in summary.balances for line in _wrap(f"  {row.name}: {row.basis}", "    ")]
     lines += [""] if summary.balances else []
-    lines += _table("wrench channel", channel_rows(summary), (26, 10, 10, 9, 10, 10, 12, 13))
+    lines += _table("wrench channel", channel_rows(summary), (25, 10, 10, 9, 10, 10, 12, 14))
     if any("-" in row for row in channel_rows(summary)):
         lines[-1:] = [f"  {UNKNOWN}", ""]
     if summary.health:
@@ -109,7 +109,7 @@ def balance_rows(summary: Summary) -> list[list[str]]:
 
 def channel_rows(summary: Summary) -> list[list[str]]:
     """Return header and rows: what came on each wrench channel; empty without channels."""
-    rows = [["", "frame", "received", "applied", "timeouts", "rejected", "max |F| [N]", "max |τ| [Nm]"]]
+    rows = [["", "frame", "received", "applied", "timeouts", "rejected", "max |F| [N]", "max |τ| [N m]"]]
     for c in summary.channels:
         counts = ["-" if n is None else str(n) for n in (c.received, c.applied, c.timeouts, c.rejected)]
         frames = ", ".join(frame or '""' for frame in c.frames)

@@ -16,8 +16,8 @@ from rb_dynamics.errors import BodyError, LogError, WrenchError
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, WrenchFrames
 from rb_dynamics.recording.mcap_reader import Bag
 from rb_dynamics.recording.messages import INERTIA, ODOMETRY, POSE, SCALAR, TWIST, VECTOR, WRENCH
-from rb_dynamics.report.track import APPLIED, LARGEST, Array, Series, Times, Track, WrenchSteps, unit_rows
-from rb_dynamics.rotations import rotate_all, rotate_all_inverse
+from rb_dynamics.report.track import APPLIED, LARGEST, Array, Series, Times, Track, WrenchSteps, motion_of
+from rb_dynamics.rotations import rotate_all
 from rb_dynamics.scene.model import Scene
 
 WRENCHES = (WRENCH, "geometry_msgs/msg/Wrench")
@@ -43,17 +43,14 @@ class Momenta:
 
 
 def momenta(pose: Series, twist: Series, twist_in_world: bool, body: RigidBody) -> Momenta:
-    """Return L = R I w (about the centre of mass), p = m (v + R (w x c)) and T, in world axes."""
-    time_ns, at_pose, at_twist = np.intersect1d(pose.time_ns, twist.time_ns, return_indices=True)
-    attitude = unit_rows(pose.values[at_pose, 3:])
-    velocity, omega = twist.values[at_twist, :3], twist.values[at_twist, 3:]
-    if twist_in_world:
-        velocity, omega = rotate_all_inverse(attitude, velocity), rotate_all_inverse(attitude, omega)
-    velocity = velocity + np.cross(omega, np.array(body.center_of_mass))
+    """Return L = R I w (about the centre of mass) and p = m R (v + w x c), world axes, and T; v, w, c in body axes."""
+    motion = motion_of(pose, twist, twist_in_world)
+    attitude, omega = motion.orientation_xyzw, motion.angular_velocity_body
+    velocity = motion.linear_velocity_body + np.cross(omega, np.array(body.center_of_mass))
     spin = omega @ np.array(body.inertia)
     kinetic: Array = np.sum(0.5 * (body.mass * velocity**2 + omega * spin), axis=1)
     linear: Array = body.mass * rotate_all(attitude, velocity)
-    return Momenta(time_ns, rotate_all(attitude, spin), linear, kinetic)
+    return Momenta(motion.time_ns, rotate_all(attitude, spin), linear, kinetic)
 
 
 class _Finder:

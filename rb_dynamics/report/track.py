@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.recording.mcap_reader import Bag
+from rb_dynamics.rotations import rotate_all_inverse
 
 Array: TypeAlias = NDArray[np.float64]
 Times: TypeAlias = NDArray[np.int64]
@@ -118,6 +119,33 @@ class Track:
         """Return times as s from the start of the motion; the difference is taken in integers."""
         start, _ = self.span_ns
         return (time_ns - start).astype(np.float64) * 1e-9
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Pose and twist at the stamps that both have.
+
+    Attributes:
+        time_ns: the stamps, (n,).
+        orientation_xyzw: (n, 4), body to world, of unit length.
+        linear_velocity_body: (n, 3), of the body origin, m/s, body axes.
+        angular_velocity_body: (n, 3), rad/s.
+    """
+
+    time_ns: Times
+    orientation_xyzw: Array
+    linear_velocity_body: Array
+    angular_velocity_body: Array
+
+
+def motion_of(pose: Series, twist: Series, twist_in_world: bool) -> Motion:
+    """Return what pose and twist say together; `twist_in_world` as in `Track`."""
+    time_ns, at_pose, at_twist = np.intersect1d(pose.time_ns, twist.time_ns, return_indices=True)
+    attitude = unit_rows(pose.values[at_pose, 3:])
+    velocity, omega = twist.values[at_twist, :3], twist.values[at_twist, 3:]
+    if twist_in_world:
+        velocity, omega = rotate_all_inverse(attitude, velocity), rotate_all_inverse(attitude, omega)
+    return Motion(time_ns, attitude, velocity, omega)
 
 
 def unit_rows(orientation_xyzw: Array) -> Array:

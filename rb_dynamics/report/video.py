@@ -23,12 +23,13 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.contact import DISC, Contact, contact, half_axes, separatrices
 from rb_dynamics.errors import LogError, MissingExtraError
 from rb_dynamics.recording.log_file import make_folder
+from rb_dynamics.recording.rerun_layout import BLUE, CYAN, GREEN, ORANGE, RED, YELLOW
 from rb_dynamics.recording.rerun_poinsot import EYE, Eye, eye
 from rb_dynamics.report.plots import continuous
 from rb_dynamics.report.rolling import outline
-from rb_dynamics.report.track import Array, Track, unit_rows
+from rb_dynamics.report.track import Array, Track, motion_of
 from rb_dynamics.rotation import matrix
-from rb_dynamics.rotations import rotate_all, rotate_all_inverse
+from rb_dynamics.rotations import rotate_all
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -41,8 +42,9 @@ FORMATS = (".mp4", ".gif")
 
 _SIZE = (960, 540)
 _PAGE, _TEXT, _GREY = "#12161c", "#e4e8ee", "#8a94a3"
-_ARMS = ("#ec5c5c", "#66c266", "#6094f5")
-_L, _W, _POLHODE, _HERPOLHODE = "#ffaa33", "#40d0dc", "#66c266", "#f0dc50"
+# The colours of the Rerun viewer, so that one description fits both.
+_ARMS = tuple("#{:02x}{:02x}{:02x}".format(*color) for color in (RED, GREEN, BLUE))
+_L, _W, _POLHODE, _HERPOLHODE = ("#{:02x}{:02x}{:02x}".format(*color) for color in (ORANGE, CYAN, GREEN, YELLOW))
 
 
 def write_video(
@@ -61,7 +63,7 @@ def write_video(
         MissingExtraError: matplotlib or ffmpeg is not installed.
     """
     target = Path(path)
-    motion = _motion(track)
+    motion = _seen(track)
     if target.suffix.lower() not in FORMATS:
         raise LogError(f"found {str(target)!r}, expected a file name that ends in {' or '.join(FORMATS)}; give another")
     make_folder(target)
@@ -75,7 +77,7 @@ def write_video(
 
 
 @dataclass(frozen=True)
-class _Motion:
+class _Seen:
     """What is seen: attitude and rate of a body over time, with the points of contact of Poinsot's construction."""
 
     body: RigidBody
@@ -93,24 +95,21 @@ class _Motion:
         return row, attitude / np.linalg.norm(attitude), rate
 
 
-def _motion(track: Track) -> _Motion:
+def _seen(track: Track) -> _Seen:
     pose, twist, body = track.pose, track.twist, track.body
     if pose is None or twist is None or body is None or body.is_particle:
         raise LogError(
             f"{track.bag.path}: a video shows how a body turns, which needs pose, twist and mass properties with an "
             "inertia; give a scene with --scene SCENE where the recording has none"
         )
-    time_ns, at_pose, at_twist = np.intersect1d(pose.time_ns, twist.time_ns, return_indices=True)
-    if len(time_ns) < 2:
-        raise LogError(f"{track.bag.path}: pose and twist share {len(time_ns)} stamps, expected at least 2")
-    attitude = continuous(unit_rows(pose.values[at_pose, 3:]))
-    rates = twist.values[at_twist, 3:]
-    if track.twist_in_world:
-        rates = rotate_all_inverse(attitude, rates)
-    return _Motion(body, track.seconds(time_ns), attitude, rates, contact(body, attitude, rates))
+    motion = motion_of(pose, twist, track.twist_in_world)
+    if len(motion.time_ns) < 2:
+        raise LogError(f"{track.bag.path}: pose and twist share {len(motion.time_ns)} stamps, expected at least 2")
+    attitude, rates = continuous(motion.orientation_xyzw), motion.angular_velocity_body
+    return _Seen(body, track.seconds(motion.time_ns), attitude, rates, contact(body, attitude, rates))
 
 
-def _frames(motion: _Motion, rate: int, progress: Callable[[float], None] | None) -> Iterator[bytes]:
+def _frames(motion: _Seen, rate: int, progress: Callable[[float], None] | None) -> Iterator[bytes]:
     """Give one RGBA picture after the other."""
     try:
         from matplotlib import style
@@ -160,7 +159,7 @@ def _line(axes: Axes, color: str, width: float = 1.5) -> Line2D:
 class _Body:
     """The box with the inertia of the body, its axes, and the directions of L and of the angular velocity."""
 
-    def __init__(self, figure: Figure, motion: _Motion) -> None:
+    def __init__(self, figure: Figure, motion: _Seen) -> None:
         from matplotlib.collections import PolyCollection
 
         axes = _axes(figure, 0, 1.9, "The body, with L (orange) and ω (cyan)")
@@ -196,7 +195,7 @@ class _Body:
 class _Rolling:
     """The ellipsoid of inertia on the invariable plane, with the part of both curves that has been drawn."""
 
-    def __init__(self, figure: Figure, motion: _Motion) -> None:
+    def __init__(self, figure: Figure, motion: _Seen) -> None:
         from matplotlib.patches import Polygon
 
         axes = _axes(figure, 1, 1.6, "Poinsot: the ellipsoid of inertia rolls on the invariable plane")

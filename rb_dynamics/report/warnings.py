@@ -42,7 +42,7 @@ class Channel:
 
 @dataclass(frozen=True)
 class Health:
-    """The last diagnostics status, and the worst level of all: 0 OK, 1 WARN, 2 ERROR."""
+    """The last diagnostics status, and the worst level of all: 0 OK, 1 WARN, 2 ERROR, 3 STALE."""
 
     worst_level: int
     message: str
@@ -67,9 +67,7 @@ def warnings(track: Track, channels: Sequence[Channel], health: Health | None) -
             dropped = values.get("time dropped", "some time")
             found.append(f"The machine was too slow {values['overruns']}×; {dropped} was dropped.")
         if health.worst_level > 0:
-            found.append(
-                f"The diagnostics came to level {('ok', 'warning', 'error', 'stale')[min(health.worst_level, 3)]}."
-            )
+            found.append(f"The diagnostics came to level {health.level}.")
     return found
 
 
