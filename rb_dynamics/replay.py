@@ -21,6 +21,7 @@ from rb_dynamics.recording.bag_source import Source, open_source
 from rb_dynamics.recording.mcap_records import Message
 from rb_dynamics.recording.messages import (
     ACCEL,
+    APPLIED,
     SAMPLE_TOPICS,
     WRENCH,
     encode_applied,
@@ -28,7 +29,7 @@ from rb_dynamics.recording.messages import (
     sample_topics,
 )
 from rb_dynamics.recording.own_log import received_commands, scene_and_names
-from rb_dynamics.recording.provenance import CHECKPOINT, INTERRUPTED, version
+from rb_dynamics.recording.provenance import CHECKPOINT, INTERRUPTED, RESULT, RUN, version
 from rb_dynamics.recording.sink import Event, RunInfo, Sample
 from rb_dynamics.recording.state_hash import StateHash
 from rb_dynamics.scene.model import Scene
@@ -147,11 +148,13 @@ class _Facts:
         """Read a log through.
 
         Raises:
-            LogError: it has no scene or no sample.
+            LogError: it has no scene or no sample, or is not all of a run.
         """
-        end_ns = -1
+        begin_ns, end_ns = 0, -1
         received: list[Message] = []
-        for message in source.messages():
+        for number, message in enumerate(source.messages()):
+            if number == 0:
+                begin_ns = message.log_time
             if message.channel.type_name == WRENCH:
                 received.append(message)
             elif message.channel.type_name == SAMPLE_TOPICS[0][1]:
@@ -161,8 +164,15 @@ class _Facts:
             raise LogError(f"{source.path} holds no pose: there is nothing to compare; give the log of a run")
         commands = list(received_commands(scene, names, received))
         complete = source.complete and INTERRUPTED not in source.metadata
-        # A change of wrench may be behind the last sample.
-        end_ns = int(source.metadata["rb_dynamics.result"]["end_time_ns"]) if complete else end_ns
+        if complete:
+            result = source.metadata.get(RESULT, {})
+            if begin_ns > 0 or "end_time_ns" not in result:
+                raise LogError(
+                    f"{source.path}: found one file of a bag, expected a run from its start to its end; give the "
+                    "folder of the bag"
+                )
+            # A change of wrench may be behind the last sample.
+            end_ns = int(result["end_time_ns"])
         return cls(scene, names, commands, source.metadata, complete, end_ns)
 
 
@@ -184,7 +194,7 @@ class _Comparison:
         frames, acceleration = scene.frames, run.acceleration if accel else None
         self._encode = sample_encoder(frames.world_frame, frames.body_frame, acceleration)
         held = [name for name, _ in scene.acting.schedules()]
-        applied = [names[f"{topic}/applied"] for topic in [*(c.topic for c in scene.channels), *held]]
+        applied = [names[topic + APPLIED] for topic in [*(c.topic for c in scene.channels), *held]]
         self._waiting = {topic: deque() for topic in [*self._sample_topics, *applied]}
 
     def write(self, event: Event) -> None:
@@ -199,7 +209,7 @@ class _Comparison:
             for topic, message in zip(self._sample_topics, self._encode(event), strict=True):
                 self._compare(topic, event.time_ns, message)
         elif isinstance(event, AppliedWrench):
-            topic = self._facts.names[f"{event.topic}/applied"]
+            topic = self._facts.names[event.topic + APPLIED]
             self._compare(topic, event.time_ns, encode_applied(event))
 
     def close(self, result: Mapping[str, str]) -> None:
@@ -215,7 +225,7 @@ class _Comparison:
             if messages:
                 self._miss(topic, messages[0].log_time, f"{len(messages)} messages that the replay has not")
         if self._facts.complete:
-            logged = self._facts.metadata["rb_dynamics.result"]
+            logged = self._facts.metadata[RESULT]
             self._hold_states(logged)
             self._found.hashes["inputs_sha256"] = logged.get("inputs_sha256", ""), result["inputs_sha256"]
 
@@ -273,7 +283,7 @@ def _numbers(message: Message) -> list[float]:
 
 def _changed(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, tuple[str, str]]:
     """Return what bits depend on and is not as it was."""
-    logged = metadata["rb_dynamics"]
+    logged = metadata[RUN]
     here = {
         "platform": platform.platform(),
         "machine": platform.machine(),

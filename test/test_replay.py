@@ -243,6 +243,13 @@ def test_another_version_is_named(tmp_path: Path, log: Path) -> None:
     assert here == old.metadata["rb_dynamics"]["version.numpy"]
 
 
+def test_a_file_of_a_split_bag_is_not_all_of_the_run(tmp_path: Path) -> None:
+    simulate(SCENE, COMMANDS, [BagSink(tmp_path / "bag", max_duration_s=0.7)])
+    for number in range(3):
+        with pytest.raises(LogError, match="found one file of a bag"):
+            replay(tmp_path / "bag" / f"bag_{number}.mcap")
+
+
 def test_a_bag_of_others_is_refused_with_the_remedy(example_dir: Path) -> None:
     with pytest.raises(LogError, match=r"cannot be run again; .*simulate SCENE --wrench BAG"):
         replay(example_dir / "slew.mcap")

@@ -22,7 +22,7 @@ MAX_METADATA_BYTES = 4 << 20
 
 
 class Source(Protocol):
-    """A bag, as `McapFile` is one: what stands below `path` fills while `messages` runs."""
+    """A bag, as `McapFile` is one: what stands below `path` is there when `messages` has run."""
 
     path: Path
     complete: bool

@@ -24,9 +24,9 @@ from rb_dynamics.recording.log_file import LogFile, make_folder, require_other
 from rb_dynamics.recording.mcap_reader import decode_wrench
 from rb_dynamics.recording.mcap_records import Message
 from rb_dynamics.recording.mcap_writer import McapWriter
-from rb_dynamics.recording.messages import COMMAND_DEPTH, WRENCH, qos_profile
+from rb_dynamics.recording.messages import APPLIED, COMMAND_DEPTH, WRENCH, qos_profile
 from rb_dynamics.recording.own_log import Row, received_commands, row_columns, rows, scene_and_names
-from rb_dynamics.recording.provenance import version
+from rb_dynamics.recording.provenance import RESULT, RUN, version
 from rb_dynamics.recording.ros2msg import TYPE_HASHES, schema_text
 from rb_dynamics.recording.sink import RunInfo, Sample
 from rb_dynamics.rotation import rotate
@@ -80,9 +80,9 @@ def log_to_rerun(log: str | Path, target: Path) -> int:
     for _ in source.messages():
         pass
     scene, names = scene_and_names(source)
-    facts = source.metadata["rb_dynamics"]
-    applied = {names[f"{each.topic}/applied"]: each.topic for each in scene.channels}
-    applied |= {names[f"{name}/applied"]: name for name, _ in scene.acting.schedules()}
+    facts = source.metadata[RUN]
+    applied = {names[each.topic + APPLIED]: each.topic for each in scene.channels}
+    applied |= {names[name + APPLIED]: name for name, _ in scene.acting.schedules()}
     sink, count = RerunSink(target), 0
     sink.open(RunInfo(scene, facts.get("method", ""), facts))
     try:
@@ -94,7 +94,7 @@ def log_to_rerun(log: str | Path, target: Path) -> int:
             else:
                 sink.write(item)
     finally:
-        sink.close(source.metadata.get("rb_dynamics.result", {}))
+        sink.close(source.metadata.get(RESULT, {}))
     return count
 
 

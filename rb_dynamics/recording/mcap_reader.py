@@ -24,6 +24,7 @@ from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.recording import cdr
 from rb_dynamics.recording.bag_source import Source, open_source
 from rb_dynamics.recording.mcap_records import Channel, Message
+from rb_dynamics.recording.messages import ODOMETRY, PLAIN_WRENCH, POSE, SCALAR, TWIST, VECTOR, WRENCH
 from rb_dynamics.recording.provenance import INTERRUPTED
 
 Times = NDArray[np.int64]
@@ -31,15 +32,12 @@ Values = NDArray[np.float64]
 
 _logger = logging.getLogger(__name__)
 
-WRENCH = "geometry_msgs/msg/Wrench"
-WRENCH_STAMPED = "geometry_msgs/msg/WrenchStamped"
-
 # Of each kind of quantity: the types that carry it, and where it stands in their decoded values.
-_POSES = {"geometry_msgs/msg/PoseStamped": 2, "nav_msgs/msg/Odometry": 3}
-_TWISTS = {"geometry_msgs/msg/TwistStamped": 2, "nav_msgs/msg/Odometry": 5}
-_VECTORS = {"geometry_msgs/msg/Vector3Stamped": 2}
-_SCALARS = {"std_msgs/msg/Float64": 0}
-_WRENCHES = {WRENCH: 0, WRENCH_STAMPED: 2}
+_POSES = {POSE: 2, ODOMETRY: 3}
+_TWISTS = {TWIST: 2, ODOMETRY: 5}
+_VECTORS = {VECTOR: 2}
+_SCALARS = {SCALAR: 0}
+_WRENCHES = {PLAIN_WRENCH: 0, WRENCH: 2}
 
 
 @dataclass
@@ -345,7 +343,7 @@ def decode_wrench(type_name: str, log_time: int, data: bytes) -> Wrench:
         LogError: the message is cut short or not CDR.
     """
     values = cdr.decode(type_name, data)
-    stamp, frame, numbers = values if type_name == WRENCH_STAMPED else (log_time, "", *values)
+    stamp, frame, numbers = values if type_name == WRENCH else (log_time, "", *values)
     return Wrench(numbers[:3], numbers[3:], frame, stamp)
 
 

@@ -94,7 +94,7 @@ class Message(NamedTuple):
 
 @dataclass
 class McapFile:
-    """One MCAP file; the attributes below `path` fill while `messages` runs.
+    """One MCAP file; the attributes below `salvage` fill while `messages` runs.
 
     Attributes:
         path: the file.

@@ -29,6 +29,7 @@ from rb_dynamics.recording.log_file import LogFile
 from rb_dynamics.recording.mcap_records import Channel, McapFile, Schema
 from rb_dynamics.recording.mcap_writer import McapWriter
 from rb_dynamics.recording.messages import (
+    APPLIED,
     COMMAND_DEPTH,
     DIAGNOSTICS,
     INERTIA,
@@ -41,7 +42,7 @@ from rb_dynamics.recording.messages import (
     sample_encoder,
     sample_topics,
 )
-from rb_dynamics.recording.provenance import CHECKPOINT, INTERRUPTED, TOPICS, version
+from rb_dynamics.recording.provenance import CHECKPOINT, INTERRUPTED, RESULT, RUN, SCENE, TOPICS, version
 from rb_dynamics.recording.ros2msg import TYPE_HASHES, schema_text
 from rb_dynamics.recording.sink import AppliedWrench, Event, RejectedWrench, RunInfo, Status
 from rb_dynamics.recording.state_hash import StateHash
@@ -52,8 +53,6 @@ if TYPE_CHECKING:
 
 FLUSH_S = 0.5
 """s of wall time: what a kill costs at most."""
-
-_APPLIED = "/applied"
 
 # Relative name, message type, QoS.
 _Topic = tuple[str, str, str]
@@ -199,9 +198,9 @@ class McapSink:
     def _begin(self, run: RunInfo, topics: list[_Topic]) -> None:
         self._body_frame = run.scene.frames.body_frame
         self._writer.begin()
-        self._writer.add_metadata("rb_dynamics", {"method": run.method, **run.metadata})
+        self._writer.add_metadata(RUN, {"method": run.method, **run.metadata})
         self._writer.add_metadata(TOPICS, {name: self._absolute(name) for name, _, _ in topics})
-        self._writer.add_attachment("scene.yaml", "application/yaml", run.scene.text.encode("utf-8", "replace"))
+        self._writer.add_attachment(SCENE, "application/yaml", run.scene.text.encode("utf-8", "replace"))
         self._register(topics)
         self._write_inertia(run.scene.body, self._start_ns)
         if run.scene.frames.fixed:
@@ -236,7 +235,7 @@ class McapSink:
     def _finish(self, result: Mapping[str, str]) -> None:
         assert self._file is not None
         self._writer.end_chunk()
-        self._writer.add_metadata("rb_dynamics.result", {**result, "states_sha256": self._states.hexdigest()})
+        self._writer.add_metadata(RESULT, {**result, "states_sha256": self._states.hexdigest()})
         self._writer.finish()
         self._file.close()
 
@@ -253,8 +252,8 @@ class McapSink:
         command = qos_profile(COMMAND_DEPTH)
         topics = [
             *((name, type_name, usual) for name, type_name in samples),
-            *((name, WRENCH, command) for each in scene.channels for name in (each.topic, each.topic + _APPLIED)),
-            *((name + _APPLIED, WRENCH, command) for name, _ in scene.acting.schedules()),
+            *((name, WRENCH, command) for each in scene.channels for name in (each.topic, each.topic + APPLIED)),
+            *((name + APPLIED, WRENCH, command) for name, _ in scene.acting.schedules()),
             ("inertia", INERTIA, latched),
             *([(*TF_STATIC, latched)] if scene.frames.fixed else []),
             ("/diagnostics", DIAGNOSTICS, qos_profile(1)),
@@ -272,8 +271,8 @@ class McapSink:
         """Return the name under which ROS knows a topic."""
         if name in self._remap:
             return self._remap[name]
-        if name.endswith(_APPLIED) and name.removesuffix(_APPLIED) in self._remap:
-            return self._remap[name.removesuffix(_APPLIED)] + _APPLIED
+        if name.endswith(APPLIED) and name.removesuffix(APPLIED) in self._remap:
+            return self._remap[name.removesuffix(APPLIED)] + APPLIED
         return name if name.startswith("/") else f"{self._namespace}/{name}"
 
     def _register(self, topics: list[_Topic]) -> None:
@@ -294,7 +293,7 @@ class McapSink:
             self._add(event.topic, message, event.time_ns)
 
     def _write_applied(self, event: AppliedWrench) -> None:
-        self._add(event.topic + _APPLIED, encode_applied(event), event.time_ns)
+        self._add(event.topic + APPLIED, encode_applied(event), event.time_ns)
 
     def _write_status(self, event: Status) -> None:
         status = (event.level, event.name, event.message, self._body_frame, list(event.values.items()))

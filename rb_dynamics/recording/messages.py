@@ -25,6 +25,7 @@ VECTOR = "geometry_msgs/msg/Vector3Stamped"
 SCALAR = "std_msgs/msg/Float64"
 INERTIA = "geometry_msgs/msg/InertiaStamped"
 WRENCH = "geometry_msgs/msg/WrenchStamped"
+PLAIN_WRENCH = "geometry_msgs/msg/Wrench"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 ACCELERATION = "geometry_msgs/msg/AccelStamped"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
@@ -40,6 +41,9 @@ SAMPLE_TOPICS = (
     ("energy/defect", SCALAR),
     ("/tf", TRANSFORMS),
 )
+
+APPLIED = "/applied"
+"""What the name of a channel is followed by in the name of the topic that has what acted."""
 
 POTENTIAL = ("energy/potential", SCALAR)
 """Where an effect has a potential energy."""

@@ -15,12 +15,12 @@ from rb_dynamics.recording import cdr
 from rb_dynamics.recording.bag_source import Source
 from rb_dynamics.recording.mcap_reader import decode_wrench
 from rb_dynamics.recording.mcap_records import Message
-from rb_dynamics.recording.messages import POTENTIAL, SAMPLE_TOPICS, WRENCH
-from rb_dynamics.recording.provenance import TOPICS
+from rb_dynamics.recording.messages import APPLIED, POTENTIAL, SAMPLE_TOPICS, WRENCH
+from rb_dynamics.recording.provenance import RUN, SCENE, TOPICS
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.scene.read import parse_scene
 
-# The columns of a row, by topic; `odom` says again what pose and twist say.
+# The columns of a row, by topic; `odom` and `/tf` say again what pose and twist say.
 COLUMNS: dict[str, tuple[str, ...]] = {
     "pose": (
         *(f"position_world_{axis}" for axis in "xyz"),
@@ -53,15 +53,15 @@ def scene_and_names(source: Source) -> tuple[Scene, dict[str, str]]:
         LogError: it is not a log of this package.
         SceneError: the scene in it is not valid.
     """
-    if "scene.yaml" not in source.attachments or "rb_dynamics" not in source.metadata:
+    if SCENE not in source.attachments or RUN not in source.metadata:
         raise LogError(
             f"{source.path} is no log of this package: expected scene.yaml attached and metadata rb_dynamics, so it "
             "cannot be run again; a bag of others is run with simulate SCENE --wrench BAG"
         )
-    scene = parse_scene(source.attachments["scene.yaml"].decode(), f"{source.path}: scene.yaml")
+    scene = parse_scene(source.attachments[SCENE].decode(), f"{source.path}: {SCENE}")
     topics = [name for name, _ in (*SAMPLE_TOPICS, POTENTIAL)]
     for topic in [*(c.topic for c in scene.channels), *(name for name, _ in scene.acting.schedules())]:
-        topics += [topic, f"{topic}/applied"]
+        topics += [topic, topic + APPLIED]
     usual = {name: name if name.startswith("/") else f"/{name}" for name in topics}
     return scene, usual | source.metadata.get(TOPICS, {})
 

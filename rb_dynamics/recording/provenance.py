@@ -9,6 +9,15 @@ if TYPE_CHECKING:
     from rb_dynamics.loads.channels import AppliedWrench
     from rb_dynamics.scene.model import Scene
 
+SCENE = "scene.yaml"
+"""Name of the attachment of a log that is its scene."""
+
+RUN = "rb_dynamics"
+"""Name of the metadata of a log that says what was run: `run_metadata`."""
+
+RESULT = "rb_dynamics.result"
+"""Name of the metadata of a log that says how its run ended."""
+
 INTERRUPTED = "rb_dynamics.interrupted"
 """Name of the metadata that a log has whose run, disk or power ended before the log was finished."""
 

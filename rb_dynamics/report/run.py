@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from rb_dynamics.recording.mcap_reader import read_bag
+from rb_dynamics.recording.messages import APPLIED
 from rb_dynamics.report import plots, text
 from rb_dynamics.report.balance import Balance
 from rb_dynamics.report.checks import BOUND
@@ -18,7 +19,7 @@ from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, write_
 from rb_dynamics.report.rolling import poinsot_view
 from rb_dynamics.report.summary import Summary, summarize
 from rb_dynamics.report.topics import read_track
-from rb_dynamics.report.track import APPLIED, Array, Series, Track, motion_of
+from rb_dynamics.report.track import Array, Series, Track, motion_of
 from rb_dynamics.scene.model import Scene
 
 

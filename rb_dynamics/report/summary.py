@@ -11,11 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from rb_dynamics.recording.mcap_reader import Bag, Topic
-from rb_dynamics.recording.messages import DIAGNOSTICS
+from rb_dynamics.recording.messages import APPLIED, DIAGNOSTICS
+from rb_dynamics.recording.provenance import RESULT, RUN
 from rb_dynamics.report.balance import Balance, balances
 from rb_dynamics.report.checks import BOUND, Check, checks, gaps
 from rb_dynamics.report.residual import Residual, residual
-from rb_dynamics.report.track import APPLIED, Series, Track, WrenchSteps
+from rb_dynamics.report.track import Series, Track, WrenchSteps
 from rb_dynamics.report.warnings import Channel, Health, warnings
 
 
@@ -129,7 +130,7 @@ class Summary:
 def summarize(track: Track, bound: float = BOUND) -> Summary:
     """Return what happened; `bound` is the largest defect accepted, relative to the largest energy or momentum."""
     bag = track.bag
-    facts, result = bag.metadata.get("rb_dynamics", {}), bag.metadata.get("rb_dynamics.result", {})
+    facts, result = bag.metadata.get(RUN, {}), bag.metadata.get(RESULT, {})
     start, end = track.span_ns
     motion = track.pose or track.twist
     topics = tuple(_topic(topic, start) for _, topic in sorted(bag.topics.items()))
@@ -289,7 +290,7 @@ def _counted(topic: str, what: str, health: Health | None) -> int | None:
 def _health(bag: Bag) -> Health | None:
     topics = [topic for topic in bag.topics.values() if topic.type_name == DIAGNOSTICS and topic.count]
     statuses = [status for topic in topics for message in topic.decoded() for status in message[2]]
-    ours = [status for status in statuses if status[1] == "rb_dynamics" or "rb_dynamics" in bag.metadata]
+    ours = [status for status in statuses if status[1] == "rb_dynamics" or RUN in bag.metadata]
     if not ours:
         return None
     _, _, message, _, values = ours[-1]

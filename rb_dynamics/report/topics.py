@@ -15,12 +15,23 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import BodyError, LogError, WrenchError
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, WrenchFrames
 from rb_dynamics.recording.mcap_reader import Bag
-from rb_dynamics.recording.messages import INERTIA, ODOMETRY, POSE, SCALAR, TWIST, VECTOR, WRENCH
-from rb_dynamics.report.track import APPLIED, LARGEST, Array, Series, Times, Track, WrenchSteps, motion_of
+from rb_dynamics.recording.messages import (
+    APPLIED,
+    INERTIA,
+    ODOMETRY,
+    PLAIN_WRENCH,
+    POSE,
+    SCALAR,
+    TWIST,
+    VECTOR,
+    WRENCH,
+)
+from rb_dynamics.recording.provenance import RUN
+from rb_dynamics.report.track import LARGEST, Array, Series, Times, Track, WrenchSteps, motion_of
 from rb_dynamics.rotations import rotate_all
 from rb_dynamics.scene.model import Scene
 
-WRENCHES = (WRENCH, "geometry_msgs/msg/Wrench")
+WRENCHES = (WRENCH, PLAIN_WRENCH)
 
 
 def read_track(bag: Bag, scene: Scene | None = None) -> Track:
@@ -58,7 +69,7 @@ class _Finder:
 
     def __init__(self, bag: Bag, scene: Scene | None) -> None:
         self.notes: list[str] = []
-        if scene is not None and "rb_dynamics" in bag.metadata:
+        if scene is not None and RUN in bag.metadata:
             self.notes.append(
                 "The scene given is not used: this log was written by rb_dynamics and brings the body, the frames and "
                 "the momenta with which it ran."
@@ -71,12 +82,12 @@ class _Finder:
     def track(self) -> Track:
         pose = self._series(("pose", "odom"), (POSE, ODOMETRY), self.bag.poses)
         twist = self._series(("twist", "odom"), (TWIST, ODOMETRY), self.bag.twists, child=True)
-        own = "rb_dynamics" in self.bag.metadata
+        own = RUN in self.bag.metadata
         world = self.scene.frames.world_frame if self.scene else pose.frame if pose else "world"
         twist_in_world = twist is not None and twist.frame == world
         frames = self._frames(world, "" if twist is None or twist_in_world else twist.frame)
         wrenches, acted = self._wrenches(frames, own)
-        facts = self.bag.metadata.get("rb_dynamics", {})
+        facts = self.bag.metadata.get(RUN, {})
         if unlogged := facts.get("effects_not_logged_as_wrench", ""):
             acted = False
             self.notes.append(

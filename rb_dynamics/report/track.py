@@ -15,9 +15,6 @@ from rb_dynamics.rotations import rotate_all_inverse
 Array: TypeAlias = NDArray[np.float64]
 Times: TypeAlias = NDArray[np.int64]
 
-APPLIED = "/applied"
-"""What the name of a topic of applied wrenches ends in."""
-
 # Larger numbers belong to no motion, and their squares would leave double precision.
 LARGEST = 1e100
 

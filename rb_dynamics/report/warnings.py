@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rb_dynamics.recording.messages import APPLIED
 from rb_dynamics.report.checks import gaps
-from rb_dynamics.report.track import APPLIED, Track
+from rb_dynamics.report.track import Track
 
 
 @dataclass(frozen=True)
