@@ -19,6 +19,7 @@ from rb_dynamics.diagnostics import Observer, Sample, acceleration, kinetic_ener
 from rb_dynamics.errors import ConvergenceError, SceneError, WrenchError
 from rb_dynamics.loads.acting import ActingEffects
 from rb_dynamics.loads.channels import AppliedWrench, WrenchChannels
+from rb_dynamics.loads.effect import nanoseconds
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion.arc import Arc
 from rb_dynamics.motion.phase import Phase, in_principal_axes
@@ -55,11 +56,11 @@ class Simulation:
         self.time_ns = 0
         self._computed_ns = 0
         self._finished = False
-        self.end_ns = None if scene.duration is None else _nanoseconds(scene.duration)
+        self.end_ns = scene.end_ns
         self._sinks = tuple(map(_sink, items(sinks, "sinks", "a sequence of sinks")))
         self._effects = scene.acting
         self._channels = _channels(scene, self._effects)
-        self._knots = [_nanoseconds(knot) for knot in self._effects.knots()]
+        self._knots = [nanoseconds(knot) for knot in self._effects.knots()]
         self._inputs = InputHash(scene.text)
         self._steps_before = 0
         self._used: dict[str, None] = {}
@@ -243,11 +244,6 @@ def without_outputs(scene: Scene) -> Scene:
     return scene if scene.output_rate == 0.0 else replace(scene, output_rate=_NEVER)
 
 
-def _nanoseconds(seconds: float) -> int:
-    """Return seconds, as the decimal number that the user wrote, in whole nanoseconds."""
-    return round(Fraction(repr(float(seconds))) * NANOSECONDS)
-
-
 def _sink(sink: Sink) -> Sink:
     for name in ("open", "write", "close"):
         if isinstance(sink, type) or not callable(getattr(sink, name, None)):
@@ -261,7 +257,7 @@ def _channels(scene: Scene, effects: ActingEffects) -> WrenchChannels:
     channels = WrenchChannels(scene.channels, scene.frames, [name for name, _ in schedules])
     for number, (_, entries) in enumerate(schedules):
         for seconds, wrench in entries:
-            time_ns = _nanoseconds(seconds)
+            time_ns = nanoseconds(seconds)
             channels.schedule(number, replace(wrench, stamp_ns=time_ns), time_ns)
     return channels
 

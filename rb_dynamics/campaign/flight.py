@@ -19,7 +19,6 @@ from rb_dynamics.campaign.sampling import inputs
 from rb_dynamics.campaign.scenes import scenes_of
 from rb_dynamics.ensemble import Samples
 from rb_dynamics.errors import ConvergenceError, SceneError
-from rb_dynamics.motion.step_control import NANOSECONDS
 from rb_dynamics.scene.model import Scene
 
 if TYPE_CHECKING:
@@ -41,7 +40,11 @@ class _Run(NamedTuple):
 
 
 def fly_block(campaign: Campaign, first: int, last: int, threads: int | None = None) -> Columns:
-    """Return the rows of the runs from `first` to `last`."""
+    """Return the rows of the runs from `first` to `last`, which is left out.
+
+    Raises:
+        SceneError: a function of the user returned what makes no sense.
+    """
     import numpy as np
 
     names, scenes = [each.name for each in campaign.inputs], scenes_of(campaign)
@@ -83,8 +86,7 @@ def fly_alone(
         ConvergenceError: a step cannot be solved.
         LogError: a log cannot be written.
     """
-    names = [each.name for each in campaign.inputs]
-    values = dict(zip(names, inputs(campaign, number, number + 1)[0].tolist(), strict=True))
+    values = _values(campaign, number)
     run = _Run(number, values, scenes_of(campaign).whole(values))
     bodies, judge = Alone(run.scene, sinks), Judge(campaign, 1)
     try:
@@ -102,15 +104,20 @@ def watch_runs(campaign: Campaign, numbers: Sequence[int], watch: Callable[[Samp
         SceneError: the inputs of one make no valid scene.
         ConvergenceError: a step of one cannot be solved.
     """
-    names = [each.name for each in campaign.inputs]
     runs = []
     for number in numbers:
-        values = dict(zip(names, inputs(campaign, number, number + 1)[0].tolist(), strict=True))
+        values = _values(campaign, number)
         runs.append(_Run(number, values, scenes_of(campaign).scene(values)))
     if not go_side_by_side([run.scene for run in runs], campaign.control is not None):
         raise ValueError("these runs cannot go side by side; fly each of them alone")
     bodies = SideBySide([run.scene for run in runs], None)
     _advance(campaign, bodies, runs, Judge(campaign, len(runs)), watch)
+
+
+def _values(campaign: Campaign, number: int) -> dict[str, float]:
+    """Return the inputs of one run by name."""
+    row = inputs(campaign, number, number + 1)[0].tolist()
+    return {each.name: value for each, value in zip(campaign.inputs, row, strict=True)}
 
 
 def _passed(
@@ -157,7 +164,7 @@ def _advance(
 ) -> None:
     """Take the bodies from edge to edge (sample of the controller, command, look) to the end of their scene."""
     scene = runs[0].scene
-    end_ns = round((scene.duration or 0.0) * NANOSECONDS)
+    end_ns = scene.end_ns or 0
     loop = _closed(campaign, runs)
     next_look_ns = next_sample_ns = 0
     while True:

@@ -56,9 +56,14 @@ Storing = Callable[[Point], Stored]
 """What moves inside the body at a point."""
 
 
+def nanoseconds(seconds: float) -> int:
+    """Return a time (s), taken as the decimal number that was written, in whole nanoseconds."""
+    return round(Fraction(repr(float(seconds))) * 1_000_000_000)
+
+
 def on_nanosecond(seconds: float) -> float:
     """Return a time (s), taken as the decimal number that was written, rounded to whole nanoseconds."""
-    return round(Fraction(repr(float(seconds))) * 1_000_000_000) / 1_000_000_000
+    return nanoseconds(seconds) / 1_000_000_000
 
 
 class Effect:

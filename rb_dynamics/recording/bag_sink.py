@@ -57,8 +57,7 @@ class BagSink:
         earlier = self._earlier()
         self._run, self._states = run, StateHash()
         self._files = []
-        duration = run.scene.duration
-        self._end_ns = None if duration is None else round(duration * 1e9)
+        self._end_ns = run.scene.end_ns
         self._begin_file(0)
         for file in earlier:
             if file.name != self._files[0].name:

@@ -11,7 +11,7 @@ from rb_dynamics.body.state import State
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.acting import ActingEffects
 from rb_dynamics.loads.channels import Channel
-from rb_dynamics.loads.effect import Effect
+from rb_dynamics.loads.effect import Effect, nanoseconds
 from rb_dynamics.loads.wrench import WrenchFrames
 
 DEFAULT_ACCURACY = 1e-9
@@ -86,6 +86,11 @@ class Scene:
                 raise SceneError(f"channels[{k}].topic is '', expected the name of a topic; write one, as 'wrench'")
             expected = "a time of 0 (hold for ever) or more (s)"
             number(channel.timeout, f"channels[{k}].timeout", expected, SceneError, least=0.0)
+
+    @property
+    def end_ns(self) -> int | None:
+        """`duration` in whole nanoseconds: the time at which a run ends."""
+        return None if self.duration is None else nanoseconds(self.duration)
 
     @property
     def acting(self) -> ActingEffects:

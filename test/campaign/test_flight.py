@@ -67,6 +67,15 @@ def test_a_run_alone_has_the_bits_of_the_block(tmp_path: Path, law: str) -> None
         }
 
 
+def test_a_run_alone_ends_when_its_scene_does(tmp_path: Path) -> None:
+    """8562165.564 * 1e9 is a nanosecond less in double precision."""
+    text = "scene: scene.yaml\nset: {duration: 8562165.564, output_rate: 1e-6}\nobserve_rate: 1e-6\nruns: 1\n"
+    scene = SCENE.replace("{method: rk4, step: 0.05}", "{method: auto}")
+    campaign = read_campaign(write(tmp_path, text + "metrics: {final_rate: {final: rate}}\n", scene))
+    fly_alone(campaign, 0, [memory := MemorySink()])
+    assert memory.time_ns[-1] == 8_562_165_564_000_000
+
+
 def test_the_controller_is_what_it_is_said_to_be(tmp_path: Path) -> None:
     """The commands of a run, made again by hand: sampled, damped, limited, biased and late."""
     text = CAMPAIGN.replace("noise: {rate: 0.01, attitude: 0.01}", "bias: [0.01, 0, -0.02]")

@@ -60,6 +60,13 @@ def test_the_last_sample_has_no_file_of_its_own(tmp_path: Path) -> None:
     assert ends == [2_450_000_000, 4_950_000_000, 7_450_000_000, 10_000_000_000]
 
 
+def test_the_end_is_that_of_the_run_to_the_nanosecond(tmp_path: Path) -> None:
+    """8562165.564 * 1e9 is a nanosecond less in double precision."""
+    scene = parse_scene(SCENE.text, overrides={"duration": 8562165.564, "output_rate": 1e-7})
+    simulate(scene, [], [BagSink(tmp_path / "long", max_duration_s=1e6)])
+    assert len(list((tmp_path / "long").glob("*.mcap"))) == 1
+
+
 def test_metadata_is_what_rosbag2_wants_to_know(tmp_path: Path) -> None:
     folder = tmp_path / "spin"
     simulate(SCENE, COMMANDS, [BagSink(folder, max_duration_s=4.0, settings=LogSettings(verify=True))])
