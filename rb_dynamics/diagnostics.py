@@ -117,6 +117,6 @@ def acceleration(body: RigidBody, phase: Phase, held: HeldWrench, load: Load | N
         push, torque = add(push, varying_force), add(torque, varying_torque)
     omega_dot = rotate(axes, divide(add(torque, gyroscopic(differences_of(moments), omega)), moments))
     force = rotate(axes, add(held.force_body, rotate_inverse(phase.orientation, push)))
-    spin, arm = rotate(axes, omega), body.center_of_mass
-    turning = add(cross(omega_dot, arm), cross(spin, cross(spin, arm)))
+    omega_body, arm = rotate(axes, omega), body.center_of_mass
+    turning = add(cross(omega_dot, arm), cross(omega_body, cross(omega_body, arm)))
     return subtract(scale(1.0 / body.mass, force), turning), omega_dot

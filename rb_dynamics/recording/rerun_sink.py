@@ -2,12 +2,13 @@
 
 A picture of the run, not its archive: rows are thinned beyond a limit and 3D poses are float32 (the scalars are
 float64). The MCAP log keeps everything. Never changes a value of the run and never imports `rerun` before `open`.
-Here are entities, batches and columns; `recording/rerun_layout.py` says what they look like,
-`recording/rerun_blueprint.py` what the viewer opens with, and `recording/thinning.py` which rows are kept.
+Here are entities and when they are sent; `recording/rerun_layout.py` says what they look like, `rerun_poinsot.py` how
+the ellipsoid rolls, `rerun_blueprint.py` what the viewer opens with, and `thinning.py` which rows are kept, which
+`rerun_columns.py` puts into columns.
 
 Entities: `world/body` (pose and mesh or equivalent box), `world/center_of_mass` (arrows of angular momentum, angular
 velocity, force, torque), `world/path`, `poinsot` (ellipsoid, plane and curves), one scalar entity for each field of
-`Sample`, and `log` (commands and warnings). Timelines: `sim_time`, `sample`.
+`Sample`, `force` and `torque` of each channel, and `log` (commands and warnings). Timelines: `sim_time`, `sample`.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import math
 import os
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -92,7 +94,7 @@ class RerunSink:
             LogError: the file cannot be written.
         """
         try:
-            import rerun  # noqa: F401
+            import_module("rerun")
         except ImportError as error:
             raise MissingExtraError("rerun-sdk", "log", "writing a .rrd file") from error
         recorder = Recorder(self.path, run, self._max_rows, self._batch_rows)
