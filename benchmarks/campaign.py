@@ -237,8 +237,8 @@ def beside(runs: int, python: str) -> None:
         fly_block(found, 0, 2000, 1)
         ours = seconds(lambda: fly_block(found, 0, 2000, 1)) / 2000
         print(f"rb_dynamics  {ours * 1e3:9.3f} ms a run, {1.0 / ours:8.0f} runs a second on one core")
-        alone = seconds(lambda: fly_block(found, 0, 1, 1))
-        print(f"   one run   {alone * 1e3:9.3f} ms")
+        one = seconds(lambda: fly_block(found, 0, 1, 1))
+        print(f"   one run   {one * 1e3:9.3f} ms")
         rows = fly_block(found, 0, runs, 1)
         tasks = {"spins": [rows[f"initial.angular_velocity_body[{i}]"].tolist() for i in range(3)]}
         tasks["inertias"] = _inertias(found, runs)

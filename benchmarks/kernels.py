@@ -16,6 +16,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from importlib import import_module
 from itertools import pairwise
 
 from rb_dynamics.compiled import available
@@ -63,8 +64,7 @@ def per_stride(method: Method, control: Callable[[Method], StepControl], when: s
 def first(name: str) -> None:
     """Print how long the import of numba takes here, and what comes before the first stride of each kind."""
     times = [time.perf_counter()]
-    import numba  # noqa: F401
-
+    import_module("numba")
     times.append(time.perf_counter())
     os.environ["RB_DYNAMICS_COMPILE"] = "always"
     method = METHODS[name]

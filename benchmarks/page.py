@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import io
 import math
 import os
 import platform
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from matplotlib import style
+from found import Row, StepRow
 from matplotlib.figure import Figure
 from peers.c import COMMON, FLAGS
+from written import processor, svg, table
 
 if TYPE_CHECKING:
-    from compare import Row, StepRow
     from peers.problem import Problem
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
@@ -41,8 +40,8 @@ THEIRS = {
 DASHES = ("-", "--", ":", "-.")
 
 STEPS = "One step of rk4"
-Results = Mapping[str, "tuple[Problem, Sequence[Row]]"]
-StepTables = Sequence["tuple[Problem, Sequence[StepRow]]"]
+Results = Mapping[str, tuple["Problem", Sequence[Row]]]
+StepTables = Sequence[tuple["Problem", Sequence[StepRow]]]
 
 
 def write(results: Results, steps: StepTables, versions: Mapping[str, str], missing: Mapping[str, str]) -> None:
@@ -69,21 +68,8 @@ def write(results: Results, steps: StepTables, versions: Mapping[str, str], miss
 
 def machine() -> str:
     """Return processor, cores, system and Python; no name and no date."""
-    model = platform.processor() or platform.machine()
-    info = Path("/proc/cpuinfo")
-    if info.exists():
-        names = [
-            line.split(":", 1)[1].strip() for line in info.read_text().splitlines() if line.startswith("model name")
-        ]
-        model = names[0] if names else model
-    cores = os.cpu_count()
-    return f"{model} ({cores} cores), {platform.system()} {platform.machine()}, Python {platform.python_version()}"
-
-
-def table(head: Sequence[str], rows: Iterable[Sequence[str]], words: int = 1) -> str:
-    """Return a table; its first `words` columns are no numbers."""
-    lines = [head, ["---"] * words + ["---:"] * (len(head) - words), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
+    system = f"{platform.system()} {platform.machine()}, Python {platform.python_version()}"
+    return f"{processor()} ({os.cpu_count()} cores), {system}"
 
 
 def seconds(value: float) -> str:
@@ -228,13 +214,6 @@ def figure(task: Problem, rows: Sequence[Row]) -> Figure:
     axes.grid(color=GREY, alpha=0.25, linewidth=0.5)
     drawn.legend(fontsize=7.5, frameon=False, loc="outside right center", handlelength=3.0)
     return drawn
-
-
-def svg(name: str, drawn: Figure) -> bytes:
-    buffer = io.BytesIO()
-    with style.context(["default", {"svg.hashsalt": name, "svg.fonttype": "path"}]):
-        drawn.savefig(buffer, format="svg", facecolor="white", metadata={"Date": None, "Creator": None})
-    return buffer.getvalue()
 
 
 PAGE = """# Benchmarks

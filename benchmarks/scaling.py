@@ -13,7 +13,6 @@ import os
 # Before numba looks: what is measured as plain Python is.
 os.environ["RB_DYNAMICS_COMPILE"] = "never"
 
-import io
 import platform
 import subprocess
 import sys
@@ -27,6 +26,7 @@ import ensemble
 import startup
 from matplotlib import style
 from matplotlib.figure import Figure
+from written import processor, svg, table
 
 from rb_dynamics.compiled import available
 from rb_dynamics.loads.wrench import Wrench
@@ -66,8 +66,8 @@ class Nowhere:
 
 
 def sink(log: str, folder: str) -> Sink:
-    paths = {"MCAP": McapSink, "Rerun": RerunSink}
-    return paths[log](file_of(log, folder)) if log in paths else HashSink() if log == "hash" else Nowhere()
+    to_files = {"MCAP": McapSink, "Rerun": RerunSink}
+    return to_files[log](file_of(log, folder)) if log in to_files else HashSink() if log == "hash" else Nowhere()
 
 
 def file_of(log: str, folder: str) -> Path:
@@ -210,11 +210,6 @@ def slope(points: dict[float, float]) -> float:
 # The page -------------------------------------------------------------------------------------------------------------
 
 
-def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [head, ["---"] + ["---:"] * (len(head) - 1), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
-
-
 def across(title: str, series: Series, unit: Callable[[float], str]) -> str:
     """Return a table with a row for each line."""
     places = sorted({x for points in series.values() for x in points})
@@ -237,13 +232,6 @@ def plot(figure: Figure, place: int, title: str, series: Series, across_: str, u
     axes.grid(color=GREY, alpha=0.25, linewidth=0.5)
     if len(series) > 1:
         axes.legend(fontsize=7, frameon=False)
-
-
-def svg(figure: Figure) -> bytes:
-    buffer = io.BytesIO()
-    with style.context(["default", {"svg.hashsalt": "scaling", "svg.fonttype": "path"}]):
-        figure.savefig(buffer, format="svg", facecolor="white", metadata={"Date": None, "Creator": None})
-    return buffer.getvalue()
 
 
 TEXT = """# What a run costs, and how that grows
@@ -325,8 +313,9 @@ def page() -> tuple[str, Figure]:
     )
     packages = ("numpy", "scipy", "mcap", "rerun-sdk", "numba")
     versions = ", ".join(f"{name} {metadata.version(name)}" for name in packages if name != "numba" or available())
+    system = f"Python {platform.python_version()}, {platform.system()} {platform.machine()}"
     text = TEXT.format(
-        machine=f"Python {platform.python_version()}, {platform.system()} {platform.machine()}, {cpu()}, {versions}",
+        machine=f"{system}, {os.cpu_count()} x {processor()}, {versions}",
         repeats=REPEATS,
         starting=table(
             ["command", "time", "import numpy = 1"],
@@ -361,20 +350,10 @@ def page() -> tuple[str, Figure]:
     return text, figure
 
 
-def cpu() -> str:
-    """Return the name of the processor."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return platform.processor()
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return f"{len(names)} x {names[0]}" if names else platform.processor()
-
-
 def main() -> None:
     with style.context(["default", {"font.size": 9.0}]):
         text, figure = page()
-        (ROOT / "docs" / "images" / "scaling.svg").write_bytes(svg(figure))
+        (ROOT / "docs" / "images" / "scaling.svg").write_bytes(svg("scaling", figure))
     (ROOT / "docs" / "scaling.md").write_text(text, encoding="utf-8")
     print(text)
 

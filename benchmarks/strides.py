@@ -20,6 +20,7 @@ from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.automatic import COST_OF_A_STEP
 from rb_dynamics.motion.phase import Phase, in_principal_axes
+from rb_dynamics.motion.step_control import NANOSECONDS
 from rb_dynamics.scene.compile import Plan
 from rb_dynamics.scene.read import parse_scene
 
@@ -55,8 +56,8 @@ def measure(name: str, takes: Takes, accuracy: float, turn: int) -> tuple[float,
     load = None if load_from is None else (lambda phase: load_from(phase.point(scene.body)))
     arc = Plan(scene).arc(in_principal_axes(scene.body, HELD), 0, Phase.of(scene.body, scene.initial), load)
     begin = time.process_time()
-    arc.advance(SECONDS * 1_000_000_000)
-    return time.process_time() - begin, arc.steps_to(SECONDS * 1_000_000_000)
+    arc.advance(SECONDS * NANOSECONDS)
+    return time.process_time() - begin, arc.steps_to(SECONDS * NANOSECONDS)
 
 
 def main() -> None:

@@ -1,0 +1,33 @@
+"""What the pages that benchmarks write have in common: the machine's name, tables in Markdown, figures as SVG."""
+
+from __future__ import annotations
+
+import io
+import platform
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from matplotlib import style
+from matplotlib.figure import Figure
+
+
+def processor() -> str:
+    """Return the name of the processor."""
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text(encoding="utf-8").splitlines() if info.exists() else []
+    names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(names, platform.processor() or platform.machine())
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]], words: int = 1) -> str:
+    """Return a table; its first `words` columns are no numbers."""
+    lines = [head, ["---"] * words + ["---:"] * (len(head) - words), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
+
+
+def svg(name: str, drawn: Figure) -> bytes:
+    """Return a figure as SVG, the same bytes in every run; ids in it depend on `name`."""
+    buffer = io.BytesIO()
+    with style.context(["default", {"svg.hashsalt": name, "svg.fonttype": "path"}]):
+        drawn.savefig(buffer, format="svg", facecolor="white", metadata={"Date": None, "Creator": None})
+    return buffer.getvalue()
