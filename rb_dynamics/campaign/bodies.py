@@ -7,7 +7,6 @@ torque, in closed form); anything that a scene can say goes alone.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Protocol
 
@@ -18,7 +17,7 @@ from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.exact import EXACT
 from rb_dynamics.motion.step_control import NANOSECONDS
 from rb_dynamics.scene.model import Scene
-from rb_dynamics.simulate import Simulation
+from rb_dynamics.simulate import Simulation, without_outputs
 from rb_dynamics.vector import subtract
 
 if TYPE_CHECKING:
@@ -100,9 +99,7 @@ class Alone:
 
     def __init__(self, scene: Scene, sinks: Sequence[Sink] = ()) -> None:
         """Start where the scene does."""
-        # Outputs that nobody is told are not computed; they change nothing.
-        quiet = scene if sinks or scene.output_rate == 0.0 else replace(scene, output_rate=2.0**-31)
-        self._run = Simulation(quiet, sinks)
+        self._run = Simulation(scene if sinks else without_outputs(scene), sinks)
         self._now_ns = 0
         self._first = self._run.sample
         self._run.start()

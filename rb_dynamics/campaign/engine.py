@@ -33,7 +33,10 @@ _FEW = 250
 """Runs side by side that one process flies sooner than others can be started."""
 
 _BLOCKS_EACH = 4
+"""Blocks for each worker, at least: they do not end all at the same time."""
+
 _AHEAD = 3
+"""Blocks for each worker that the scheduler knows of."""
 
 
 def run_campaign(
@@ -81,8 +84,10 @@ def run_campaign(
 
 def flies_side_by_side(campaign: Campaign) -> bool:
     """Return whether the runs of `campaign` go through the kernels for many bodies, and not one by one."""
-    solver = {each.name.partition(".")[0] for each in campaign.inputs} & {"solver", "duration"}
-    return not solver and go_side_by_side([Scenes(campaign).base], campaign.control is not None)
+    dispersed = {each.name.partition(".")[0] for each in campaign.inputs}
+    return dispersed.isdisjoint(("solver", "duration")) and go_side_by_side(
+        [Scenes(campaign).base], campaign.control is not None
+    )
 
 
 def _block(campaign: Campaign, workers: int) -> int:

@@ -107,7 +107,7 @@ def scatters(pairs: Sequence[tuple[str, str, Numbers, Numbers, NDArray[np.bool_]
 
         return plot
 
-    panels = [(f"{metric}", panel(name, x, y, passed)) for name, metric, x, y, passed in pairs]
+    panels = [(metric, panel(name, x, y, passed)) for name, metric, x, y, passed in pairs]
     return _draw(panels, "Each metric against the input that drives it most", 2)
 
 
@@ -164,7 +164,7 @@ def _edges(values: Numbers) -> Numbers:
 
 def _short(name: str) -> str:
     """Return the end of a dotted key, by which one knows it."""
-    for start in ("control.parameters.", "control.", "initial.", "body.", "effects"):
-        if name.startswith(start) and start != "effects":
+    for start in ("control.parameters.", "control.", "initial.", "body."):
+        if name.startswith(start):
             return name.removeprefix(start)
     return name

@@ -93,9 +93,6 @@ def _length(vectors: Numbers) -> Numbers:
     return length
 
 
-REDUCTIONS = ("final", "worst", "least", "mean", "time_to")
-
-
 def quantity(campaign: Campaign, metric: Metric) -> Quantity:
     """Return the function that `metric` follows.
 
@@ -118,7 +115,7 @@ class Judge:
         functions: dict[tuple[object, ...], tuple[Quantity, list[_Reduction]]] = {}
         self._reductions: dict[str, _Reduction] = {}
         for metric in campaign.metrics:
-            reduction = self._reductions[metric.name] = _REDUCTIONS[metric.reduction](metric, count)
+            reduction = self._reductions[metric.name] = REDUCTIONS[metric.reduction](metric, count)
             # Looked at once, however many metrics follow it.
             key = (metric.quantity, metric.target_xyzw)
             functions.setdefault(key, (quantity(campaign, metric), []))[1].append(reduction)
@@ -209,7 +206,7 @@ class _TimeTo(_Reduction):
             self._value = np.where(holds, self._value, math.nan)
 
 
-_REDUCTIONS: Mapping[str, type[_Reduction]] = {
+REDUCTIONS: Mapping[str, type[_Reduction]] = {
     "final": _Reduction,
     "worst": _Worst,
     "least": _Least,

@@ -12,8 +12,10 @@ from rb_dynamics.campaign.flight import Columns, watch_runs
 from rb_dynamics.campaign.metrics import QUANTITIES, quantity
 from rb_dynamics.campaign.model import Campaign, Metric
 from rb_dynamics.campaign.summary import (
+    BELOW,
     CONFIDENCE,
     SHOWN,
+    TRUE,
     MetricSummary,
     Summary,
     interval_text,
@@ -21,7 +23,7 @@ from rb_dynamics.campaign.summary import (
     rerun_commands,
     summarise,
 )
-from rb_dynamics.campaign.units import unit_of
+from rb_dynamics.campaign.units import titled, unit_of
 from rb_dynamics.errors import RigidBodyError
 from rb_dynamics.motion.step_control import NANOSECONDS
 from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, made_by, write_html
@@ -67,7 +69,7 @@ def campaign_report(campaign: Campaign, rows: Columns, options: Sequence[str] = 
         [(_title(each), rows[each.name], passed, _limit(campaign, each)) for each in campaign.metrics]
     )
     sections = [
-        Section("At a glance", _glance(campaign, summary), tiles=_tiles(summary)),
+        Section("At a glance", _glance(campaign, summary), tiles=_tiles(summary, rows)),
         *_over_time(campaign, rows),
         Section("How the metrics are spread", figures=[Figure(spread, _SPREAD)], table=_quantiles(summary)),
     ]
@@ -116,7 +118,7 @@ def _range(below: float, above: float) -> str:
     return " and ".join(bounds + ([f"is above {above:g}"] if math.isfinite(above) else []))
 
 
-def _tiles(summary: Summary) -> list[Tile]:
+def _tiles(summary: Summary, rows: Columns) -> list[Tile]:
     low, high = percent(summary.pass_low, summary.runs), percent(summary.pass_high, summary.runs)
     interval = f"of all possible runs {low} to {high}, with {CONFIDENCE:.0%} confidence"
     failed = summary.runs - summary.passed
@@ -125,7 +127,9 @@ def _tiles(summary: Summary) -> list[Tile]:
         Tile("Failed", f"{failed}", f"of {summary.runs} runs", "bad" if failed else "good"),
     ]
     if summary.errors:
-        tiles.append(Tile("Could not be flown", f"{len(summary.errors)}", summary.errors[0][1][:80], "bad"))
+        # The summary names the first of them only.
+        count = sum(map(bool, rows["error"]))
+        tiles.append(Tile("Could not be flown", f"{count}", summary.errors[0][1][:80], "bad"))
     for metric in summary.metrics:
         if metric.quantiles:
             at = {each.probability: each for each in metric.quantiles}
@@ -192,14 +196,13 @@ def _scatters(campaign: Campaign, summary: Summary, rows: Columns) -> list[Figur
 
 
 def _quantiles(summary: Summary) -> Table:
-    below = [f"{probability:.0%} below" if probability != 0.5 else "median" for probability in SHOWN]
-    header = ["metric", *below, "true 99% in", "deviation", "no value"]
+    header = ["metric", *BELOW, TRUE, "deviation", "no value"]
     rows = []
     for metric in summary.metrics:
         at = {each.probability: each for each in metric.quantiles}
         cells = [f"{at[probability].value:.3g}" if at else "-" for probability in SHOWN]
-        name = f"{metric.name} [{metric.unit}]" if metric.unit else metric.name
         deviation = f"{metric.deviation:.3g}" if at else "-"
+        name = titled(metric.name, metric.unit)
         rows.append([name, *cells, interval_text(at.get(0.99)), deviation, f"{metric.missing}"])
     return Table(header, rows)
 
@@ -227,13 +230,14 @@ def _failures(campaign: Campaign, summary: Summary, rows: Columns, options: Sequ
 
 
 def _title(metric: Metric) -> str:
-    unit = unit_of(metric)
-    return f"{metric.name} [{unit}]" if unit else metric.name
+    return titled(metric.name, unit_of(metric))
 
 
 def _quantity_title(metric: Metric) -> str:
-    name, unit = QUANTITIES.get(metric.quantity, (metric.quantity, ""))
-    return f"{name[:1].upper()}{name[1:]} [{unit}]" if unit else name
+    if metric.quantity not in QUANTITIES:
+        return metric.quantity
+    name, unit = QUANTITIES[metric.quantity]
+    return titled(f"{name[:1].upper()}{name[1:]}", unit)
 
 
 def _limit(campaign: Campaign, metric: Metric) -> float | None:

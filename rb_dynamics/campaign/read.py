@@ -156,14 +156,10 @@ def _base(root: Section, controlled: bool, problems: Problems) -> Scene | None:
 def _sampling(field: Field | None) -> str:
     if field is None:
         return "random"
-    return _one_of(field, SAMPLINGS, "random")
-
-
-def _one_of(field: Field, names: Sequence[str], default: str) -> str:
     text = field.node.value if isinstance(field.node.value, str) else ""
-    near = difflib.get_close_matches(text[:60], names, n=1)
+    near = difflib.get_close_matches(text[:60], SAMPLINGS, n=1)
     remedy = f"did you mean {near[0]}?" if near else "write one of them"
-    return field.text(f"one of {', '.join(names)}", names.__contains__, remedy, default)
+    return field.text(f"one of {', '.join(SAMPLINGS)}", SAMPLINGS.__contains__, remedy, "random")
 
 
 def _control(field: Field | None) -> Control | None:

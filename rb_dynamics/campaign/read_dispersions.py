@@ -122,13 +122,13 @@ def _uniform(field: Field, value: float) -> Distribution:
     return Uniform(*_edges(section, 0.0, 1.0))
 
 
-def _log_uniform(field: Field, value: float) -> Distribution:  # noqa: ARG001
+def _log_uniform(field: Field, _: float) -> Distribution:
     section = field.section(("low", "high"))
     _both(section)
     return LogUniform(*_edges(section, 1.0, 10.0, POSITIVE))
 
 
-def _choice(field: Field, value: float) -> Distribution:  # noqa: ARG001
+def _choice(field: Field, _: float) -> Distribution:
     section = field.section(("values", "weights"))
     listed, weighed = section.get("values"), section.get("weights")
     if listed is None:

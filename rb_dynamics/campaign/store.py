@@ -111,7 +111,7 @@ class Store:
         """
         first, last = int(columns["run"][0]), int(columns["run"][-1]) + 1
         try:
-            with _renamed(self._parts / f"runs-{first:012d}-{last:012d}.parquet") as new:
+            with _renamed(self._part(first, last)) as new:
                 self._parquet.write_table(self._table(columns), new)
         except OSError as error:
             raise LogError(

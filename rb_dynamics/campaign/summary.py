@@ -27,6 +27,12 @@ PROBABILITIES = (0.01, 0.05, 0.5, 0.95, 0.99)
 SHOWN = (0.01, 0.5, 0.95, 0.99)
 """Of these, what a table has room for."""
 
+BELOW = tuple("median" if each == 0.5 else f"{100.0 * each:g} % below" for each in SHOWN)
+"""Heads of their columns."""
+
+TRUE = "true 99 % in"
+"""Head of the column that says where the quantile of all possible runs lies."""
+
 
 @dataclass(frozen=True)
 class Quantile:
@@ -74,8 +80,8 @@ class Summary:
     Attributes:
         runs: number of them.
         passed: of those that met every requirement.
-        pass_rate: of all.
-        pass_low: lower end of its interval.
+        pass_rate: their part of all.
+        pass_low: lower end of its interval, for all possible runs.
         pass_high: upper end.
         failed: the numbers of runs that did not pass, the first `MOST_FAILURES` of them.
         errors: numbers and texts of runs that could not be flown, likewise.
@@ -211,18 +217,20 @@ def _finite(value: Any) -> Any:
 
 def as_text(campaign: Campaign, summary: Summary, options: Sequence[str] = (), most: int = 5) -> str:
     """Return the summary for a person at a terminal; `options` as in `rerun_commands`."""
+    from rb_dynamics.campaign.units import titled
+
     lines = [
         f"runs        {summary.runs}, seed {campaign.seed}, {campaign.sampling.replace('_', ' ')}",
         f"passed      {summary.passed} of {summary.runs}: {_percents(summary)}",
-        f"  {'metric':24}{'1 % below':>12}{'median':>12}{'95 % below':>12}{'99 % below':>12}  {_TRUE:24}no value",
+        f"  {'metric':24}{''.join(f'{head:>12}' for head in BELOW)}  {TRUE:24}no value",
     ]
     for metric in summary.metrics:
         at = {each.probability: each for each in metric.quantiles}
         cells = "".join(f"{at[p].value:>12.4g}" for p in SHOWN) if at else f"{'-':>12}" * 4
-        name = f"{metric.name} [{metric.unit}]" if metric.unit else metric.name
+        name = titled(metric.name, metric.unit)
         lines.append(f"  {name:24}{cells}  {interval_text(at.get(0.99)):24}{metric.missing or ''}".rstrip())
     lines += [
-        f"  99 % below: so many of the runs have a smaller value. {_TRUE}: where it lies for all possible runs, with",
+        f"  99 % below: so many of the runs have a smaller value. {TRUE}: where it lies for all possible runs, with",
         f"  {CONFIDENCE:.0%} confidence. no value: runs that never met the condition, or could not be flown.",
     ]
     for metric in summary.metrics:
@@ -245,9 +253,6 @@ def percent(part: float, runs: int) -> str:
 def _percents(summary: Summary) -> str:
     rate, low, high = (percent(part, summary.runs) for part in (summary.pass_rate, summary.pass_low, summary.pass_high))
     return f"{rate}; of all possible runs {low} to {high}, with {CONFIDENCE:.0%} confidence"
-
-
-_TRUE = "true 99 % in"
 
 
 def interval_text(quantile: Quantile | None) -> str:

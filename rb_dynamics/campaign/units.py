@@ -1,4 +1,4 @@
-"""The unit of a metric, for people. Never converts a number."""
+"""The unit of a metric, and how it stands beside a name, for people. Never converts a number."""
 
 from __future__ import annotations
 
@@ -11,3 +11,8 @@ def unit_of(metric: Metric) -> str:
     if metric.reduction == "time_to":
         return "s"
     return QUANTITIES.get(metric.quantity, ("", ""))[1]
+
+
+def titled(name: str, unit: str) -> str:
+    """Return a name with its unit in brackets, where it has one."""
+    return f"{name} [{unit}]" if unit else name

@@ -95,3 +95,17 @@ def test_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert "src=" not in page
     assert "url(http" not in page
+
+
+def test_the_page_counts_every_run_that_could_not_be_flown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where the summary does not name them all."""
+    pytest.importorskip("matplotlib")
+    from rb_dynamics.campaign.page import campaign_report
+
+    monkeypatch.setattr("rb_dynamics.campaign.summary.MOST_FAILURES", 2)
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "never")
+    campaign = read_campaign(write(tmp_path))
+    rows = fly_block(campaign, 0, 24)
+    rows["error"] = [*(5 * ["too fast"]), *rows["error"][5:]]
+    (tile,) = (tile for tile in campaign_report(campaign, rows).sections[0].tiles if tile.label == "Could not be flown")
+    assert tile.value == "5"
