@@ -23,19 +23,18 @@ _MOST_POINTS = 1500
 _BINS = 60
 
 
-def over_time(time_s: Numbers, title: str, values: Numbers, failed: NDArray[np.bool_], limit: float | None) -> str:
+def over_time(time_s: Numbers, title: str, values: Numbers, failed: NDArray[np.bool_]) -> str:
     """Return the values (K, N) of N runs over time: median, the middle 90 %, and those that failed."""
 
     def plot(axes: Any) -> None:
         log = _is_wide(values)
         low, middle, high = np.nanquantile(values, (0.05, 0.5, 0.95), axis=1)
-        axes.fill_between(time_s, low, high, color=ACCENT, alpha=0.25, linewidth=0, label="middle 90 %")
+        axes.fill_between(time_s, low, high, color=ACCENT, alpha=0.25, linewidth=0)
         for column in values[:, failed].T[:8]:
             axes.plot(time_s, column, color=BAD, linewidth=0.9)
         axes.plot(time_s, middle, color=ACCENT, linewidth=1.6)
         if log:
             axes.set_yscale("log")
-        _limit(axes.axhline, limit)
         axes.set_xlabel("time [s]", color=TEXT)
         axes.set_xlim(time_s[0], time_s[-1])
 
@@ -57,7 +56,8 @@ def histograms(columns: Sequence[tuple[str, Numbers, NDArray[np.bool_], float | 
             )
             if edges[0] > 0.0 and not np.allclose(np.diff(edges), edges[1] - edges[0]):
                 axes.set_xscale("log")
-            _limit(axes.axvline, limit)
+            if limit is not None:
+                axes.axvline(limit, color=TEXT, linewidth=1.0, linestyle=(0, (4, 3)))
             axes.set_ylabel("runs", color=TEXT)
 
         return plot
@@ -139,11 +139,6 @@ def _quiet(axes: Axes) -> None:
         if axis.get_scale() == "log":
             axis.set_minor_formatter(NullFormatter())
         axis.set_major_formatter(FuncFormatter(lambda value, _, axis=axis: tick(value, axis.get_majorticklocs())))
-
-
-def _limit(line: Callable[..., Any], limit: float | None) -> None:
-    if limit is not None:
-        line(limit, color=TEXT, linewidth=1.0, linestyle=(0, (4, 3)))
 
 
 def _is_wide(values: Numbers) -> bool:

@@ -176,7 +176,7 @@ def _over_time(campaign: Campaign, rows: Columns) -> list[Section]:
     bad = np.isin(runs, failed)
     drawn = [
         Figure(
-            figures.over_time(np.array(times)[kept], _quantity_title(metric), np.array(column)[kept], bad, None),
+            figures.over_time(np.array(times)[kept], _quantity_title(metric), np.array(column)[kept], bad),
             f"{_quantity_title(metric)}: median and the middle 90 % of {len(runs)} runs; orange: runs that failed.",
         )
         for metric, column in zip(followed.values(), values, strict=True)

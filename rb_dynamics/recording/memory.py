@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import fields
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rb_dynamics.diagnostics import Sample
 from rb_dynamics.loads.channels import AppliedWrench, RejectedWrench
 from rb_dynamics.recording.sink import Event, RunInfo
 
 if TYPE_CHECKING:
-    import numpy as np
     import numpy.typing as npt
 
 _FIELDS = frozenset(field.name for field in fields(Sample))
@@ -20,7 +19,8 @@ _FIELDS = frozenset(field.name for field in fields(Sample))
 class MemorySink:
     """Keeps every sample; each field of `Sample` is an array over time with the name of the field.
 
-    `sink.time_ns` is (n,) int64; `sink.position_world` is (n, 3), `sink.kinetic_energy` (n,) float64, and so on.
+    `sink.time_ns` is (n,) int64; `sink.position_world` is (n, 3), `sink.kinetic_energy` (n,) float64, and so on;
+    `sink.potential_energy` holds None where no effect has one.
 
     Attributes:
         samples: the samples themselves.
@@ -50,7 +50,7 @@ class MemorySink:
     def close(self, result: Mapping[str, str]) -> None:
         """Keep what is there."""
 
-    def __getattr__(self, name: str) -> npt.NDArray[np.float64]:
+    def __getattr__(self, name: str) -> npt.NDArray[Any]:
         """Return the field `name` of all samples as an array."""
         if name not in _FIELDS:
             raise AttributeError(f"MemorySink has no attribute {name!r}; the fields of a sample are {sorted(_FIELDS)}")
