@@ -60,6 +60,15 @@ def test_report_of_a_run_has_everything(flight: Any, tmp_path: Path) -> None:
         assert figure in text
     assert "Zero throughout: torque of /push, force of /thrust." in text
     assert "http" not in target.read_text()
+    records = [words(row[0]) for row in page.iter("tr") if len(row) == 3 and words(row[0]).startswith("rb_dynamics")]
+    assert records == ["rb_dynamics", "rb_dynamics.checkpoint", "rb_dynamics.result", "rb_dynamics.topics"]
+
+
+def test_a_note_breaks_between_its_parts(flight: Any, tmp_path: Path) -> None:
+    write_run_report(flight.log, tmp_path / "run.html")
+    page = page_of(tmp_path / "run.html")
+    parts = [[words(part) for part in note] for note in page.iter("dd") if note.get("class") == "note"]
+    assert ["file is whole;", "/pose is whole;", "/twist is whole;", "quaternion is unit"] in parts
 
 
 def test_report_is_the_same_every_time(flight: Any, tmp_path: Path) -> None:
