@@ -174,7 +174,7 @@ def measured_length(scene: Scene) -> float:
     """
     if scene.duration is None:
         return OPEN_END_HORIZON
-    if round(scene.duration * NANOSECONDS) == 0:
+    if scene.end_ns == 0:
         raise SceneError(
             f"{scene.source}: duration: found {scene.duration:g}, expected a motion to measure; give a longer one"
         )

@@ -110,7 +110,7 @@ def _fly(
     try:
         rclpy.init(args=[])
         player = WrenchPlayer([channel.topic for channel in scene.channels])
-        player.play(commands, round((scene.duration or 0.0) * 1e9), progress)
+        player.play(commands, scene.end_ns or 0, progress)
         if code := node.wait(timeout=60):
             raise RigidBodyError(f"the node ended with exit code {code}; its message stands above")
         return player

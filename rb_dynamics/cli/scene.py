@@ -81,7 +81,7 @@ def read_commands(
         return []
     from rb_dynamics.recording.mcap_reader import RecordedWrenches
 
-    end_ns = math.inf if scene.duration is None else scene.duration * 1e9
+    end_ns = math.inf if scene.end_ns is None else scene.end_ns
     commands = RecordedWrenches(bag, topics, end_ns, mapping)
     output.warn_outside(commands, scene)
     return commands

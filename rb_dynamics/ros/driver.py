@@ -317,9 +317,9 @@ class Driver:
 
     def _rest(self, scene: Scene) -> Scene:
         """Return the scene with what is left of its duration."""
-        if scene.duration is None:
+        if scene.end_ns is None:
             return scene
-        left = max(1, round(scene.duration * _NANOSECONDS) - self._passed_ns()) / _NANOSECONDS
+        left = max(1, scene.end_ns - self._passed_ns()) / _NANOSECONDS
         return parse_scene(scene.text, scene.source, {"duration": left})
 
     def _passed_ns(self) -> int:
