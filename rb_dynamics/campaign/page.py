@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from rb_dynamics.campaign.engine import flies_side_by_side
 from rb_dynamics.campaign.flight import Columns, watch_runs
 from rb_dynamics.campaign.metrics import QUANTITIES, quantity
 from rb_dynamics.campaign.model import Campaign, Metric
+from rb_dynamics.campaign.scenes import Scenes
 from rb_dynamics.campaign.summary import (
     BELOW,
     CONFIDENCE,
@@ -35,31 +37,37 @@ _WATCHED = 200
 """Runs that are flown again for the figure over time."""
 
 _LOOKS = 600
-"""Points of a line over time."""
+"""Most points of a line over time, less the first."""
 
 _LISTED = 30
 
 
 def write_campaign_page(
-    campaign: Campaign, rows: Columns, path: str | os.PathLike[str], options: Sequence[str] = ()
+    campaign: Campaign,
+    rows: Columns,
+    path: str | os.PathLike[str],
+    options: Sequence[str] = (),
+    summary: Summary | None = None,
 ) -> None:
-    """Write the page of `rows` to `path`; `options` as in `rerun_commands`.
+    """Write the page of `rows` to `path`; `options` as in `rerun_commands`, `summary` that of the rows if it is known.
 
     Raises:
         LogError: the file cannot be written.
         MissingExtraError: matplotlib or jinja2 is not installed.
     """
-    write_html(path, campaign_report(campaign, rows, options))
+    write_html(path, campaign_report(campaign, rows, options, summary))
 
 
-def campaign_report(campaign: Campaign, rows: Columns, options: Sequence[str] = ()) -> Report:
+def campaign_report(
+    campaign: Campaign, rows: Columns, options: Sequence[str] = (), summary: Summary | None = None
+) -> Report:
     """Return the page of `rows`; where runs go side by side, the first of them are flown again to show them in time.
 
-    `options` as in `rerun_commands`.
+    `options` and `summary` as in `write_campaign_page`.
     """
     from rb_dynamics.campaign import figures
 
-    summary = summarise(campaign, rows)
+    summary = summary or summarise(campaign, rows)
     passed = rows["passed"]
     lead = (
         f"{summary.runs} runs of {len(campaign.inputs)} dispersed numbers, {campaign.sampling.replace('_', ' ')}, seed "
@@ -79,7 +87,7 @@ def campaign_report(campaign: Campaign, rows: Columns, options: Sequence[str] = 
             Section("What drives them", figures=[Figure(drivers, _DRIVERS), *_scatters(campaign, summary, rows)])
         )
     sections += [
-        Section("Runs that failed", _failed_text(summary), table=_failures(campaign, summary, rows, options)),
+        Section("Runs that failed", _failed_text(campaign, summary, options), table=_failures(campaign, summary, rows)),
         Section("The campaign", source=campaign.text, source_title="The campaign file"),
         Section("The scene", source=campaign.scene_text, source_title="The base scene, as it is flown"),
     ]
@@ -168,15 +176,17 @@ def _over_time(campaign: Campaign, rows: Columns) -> list[Section]:
         for column, function in zip(values, functions, strict=True):
             column.append(function(samples))
 
+    # No more looks than are drawn, at times at which the runs were judged too.
+    looks = (Scenes(campaign).base.end_ns or 0) / campaign.observe_ns
+    seldom = replace(campaign, observe_ns=campaign.observe_ns * max(1, math.ceil(looks / _LOOKS)))
     try:
-        watch_runs(campaign, runs, watch)
+        watch_runs(seldom, runs, watch)
     except (RigidBodyError, ValueError):
         return []
-    kept = np.unique(np.linspace(0, len(times) - 1, _LOOKS).round().astype(int))
     bad = np.isin(runs, failed)
     drawn = [
         Figure(
-            figures.over_time(np.array(times)[kept], _quantity_title(metric), np.array(column)[kept], bad),
+            figures.over_time(np.array(times), _quantity_title(metric), np.array(column), bad),
             f"{_quantity_title(metric)}: median and the middle 90 % of {len(runs)} runs; orange: runs that failed.",
         )
         for metric, column in zip(followed.values(), values, strict=True)
@@ -207,26 +217,31 @@ def _quantiles(summary: Summary) -> Table:
     return Table(header, rows)
 
 
-def _failed_text(summary: Summary) -> str:
+def _failed_text(campaign: Campaign, summary: Summary, options: Sequence[str]) -> str:
     if not summary.failed:
         most = percent(1.0 - summary.pass_low, summary.runs)
         return f"None. With {CONFIDENCE:.0%} confidence fewer than {most} of all possible runs would fail."
     more = len(summary.failed) - _LISTED
     rest = f" The first {_LISTED} are listed." if more > 0 else ""
-    return f"Each command flies that run again, to the bit, with a full log of its motion and of its commands.{rest}"
+    (command,) = rerun_commands(campaign, summary.failed[:1], options)
+    return (
+        f"The command below flies run {summary.failed[0]} again, to the bit, with a full log of its motion and of its "
+        f"commands; with another number, any other.{rest}\n\n{command}"
+    )
 
 
-def _failures(campaign: Campaign, summary: Summary, rows: Columns, options: Sequence[str]) -> Table | None:
+def _failures(campaign: Campaign, summary: Summary, rows: Columns) -> Table | None:
     shown = summary.failed[:_LISTED]
     if not shown:
         return None
     names = [metric.name for metric in campaign.metrics]
     errors = dict(summary.errors)
     cells: list[Sequence[str]] = []
-    for run, command in zip(shown, rerun_commands(campaign, shown, options), strict=True):
+    header = ["run", *names, *(["not flown"] if errors else [])]
+    for run in shown:
         values = ["never" if math.isnan(value := float(rows[name][run])) else f"{value:.4g}" for name in names]
-        cells.append([str(run), *values, errors.get(run, command)])
-    return Table(["run", *names, "again"], cells, numeric=False)
+        cells.append([str(run), *values, *([errors.get(run, "")] if errors else [])])
+    return Table(header, cells, numeric=False)
 
 
 def _title(metric: Metric) -> str:

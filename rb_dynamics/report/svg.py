@@ -270,10 +270,23 @@ def _heading(panel: Panel, y: float) -> list[ElementTree.Element]:
         return [title]
     style = f"font-size: {_FONT:g}px; text-anchor: end"
     legend = ElementTree.Element("text", {**common, "x": f"{_WIDTH - _RIGHT:g}", "style": style})
-    for line, (color, dashed) in zip(panel.lines, _looks(panel.lines), strict=True):
+    count = _named(panel)
+    for line, (color, dashed) in zip(panel.lines[:count], _looks(panel.lines), strict=False):
         swatch = ElementTree.SubElement(legend, "tspan", {"fill": color, "style": "font-weight: 700"})
         swatch.text = "\N{EN DASH}\N{EN DASH}" if dashed else "\N{EM DASH}"
         # Spaces that stay: a shift by dx would not count where the text ends.
         swatch.tail = f"\N{NO-BREAK SPACE}{printable(line.label)}" + 3 * "\N{NO-BREAK SPACE}"
     legend[-1].tail = (legend[-1].tail or "").rstrip()
+    if more := len(panel.lines) - count:
+        legend[-1].tail += f",\N{NO-BREAK SPACE}and\N{NO-BREAK SPACE}{more}\N{NO-BREAK SPACE}more"
     return [title, legend]
+
+
+def _named(panel: Panel) -> int:
+    """Return how many lines of `panel`, at least one, a legend beside the title has room for."""
+    labels = [len(printable(line.label)) + 5 for line in panel.lines]
+    room = (_WIDTH - _RIGHT - 0.6 * 11.0 * len(printable(panel.title))) / (0.55 * _FONT)
+    ends = list(itertools.accumulate(labels))
+    if ends[-1] <= room:
+        return len(ends)
+    return max(1, sum(end + len(", and 99 more") <= room for end in ends))

@@ -88,8 +88,12 @@ def test_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for section in report.sections:
         for figure in section.figures:
             assert ElementTree.fromstring(figure.svg).tag == "svg"
-    failures = next(section.table for section in report.sections if section.heading == "Runs that failed")
+    failed = next(section for section in report.sections if section.heading == "Runs that failed")
+    failures = failed.table
     assert failures is not None
+    # One command for all of them.
+    assert failed.text.count("--rerun") == 1
+    assert failed.text.endswith(f"campaign.yaml --rerun {failures.rows[0][0]}")
     assert [row[0] for row in failures.rows] == [str(run) for run in rows["run"][~rows["passed"]]]
     write_campaign_page(campaign, rows, tmp_path / "page.html")
     page = (tmp_path / "page.html").read_text(encoding="utf-8")

@@ -149,3 +149,12 @@ def test_lines_of_one_panel_all_look_different() -> None:
     lines = [svg.Line(str(i), np.zeros(1), np.zeros(1)) for i in range(2 * len(svg.COLORS))]
     assert len(set(svg._looks(lines))) == len(lines)
     assert svg._looks([svg.Line("x", np.zeros(1), np.zeros(1), dashed=True)]) == [(svg.COLORS[0], True)]
+
+
+@pytest.mark.parametrize(("count", "more"), [(2, 0), (15, 10), (30, 25)])
+def test_a_legend_stays_beside_its_title(count: int, more: int) -> None:
+    time_s = np.linspace(0.0, 1.0, 3)
+    lines = [svg.Line(f"wrench/{k} x", time_s, time_s) for k in range(count)]
+    legend = " ".join(svg.draw([svg.Panel("Force of each channel [N]", lines)], "forces").split("\N{NO-BREAK SPACE}"))
+    assert legend.count("wrench/") == count - more
+    assert (f", and {more} more" in legend) is bool(more)
