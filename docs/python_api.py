@@ -38,6 +38,7 @@ PARTS = {
     "diagnostics": "Runs",
     "ensemble": "Many bodies at once",
     "explain": "Runs",
+    "trade": "Runs",
     "recording": "Sinks",
     "errors": "Errors",
 }

@@ -74,6 +74,8 @@ if TYPE_CHECKING:
     from rb_dynamics.simulate import Run as Run
     from rb_dynamics.simulate import Simulation as Simulation
     from rb_dynamics.simulate import simulate as simulate
+    from rb_dynamics.trade import Trade as Trade
+    from rb_dynamics.trade import trade as trade
 
 _HOMES = {
     "Finding": "body.doctor",
@@ -125,6 +127,8 @@ _HOMES = {
     "Run": "simulate",
     "Simulation": "simulate",
     "simulate": "simulate",
+    "Trade": "trade",
+    "trade": "trade",
 }
 
 __all__ = list(_HOMES)
@@ -154,7 +158,7 @@ def __dir__() -> list[str]:
 
 class _Package(ModuleType):
     def __setattr__(self, name: str, value: object) -> None:
-        # Python binds a submodule to its package; `simulate` and `explain` are the functions of that name.
+        # Python binds a submodule to its package; `simulate`, `explain` and `trade` are functions.
         if not (name in _HOMES and isinstance(value, ModuleType)):
             super().__setattr__(name, value)
 

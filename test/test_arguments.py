@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 import rb_dynamics as rb
 from rb_dynamics.loads.effects import EFFECTS
 from rb_dynamics.rotation import normalize, unit
-from rb_dynamics.trade import trade
 
 BODY = rb.RigidBody.from_diagonal(1.0, (1.0, 2.0, 3.0))
 SCENE = rb.parse_scene("body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\nduration: 0.1")
@@ -142,7 +141,10 @@ WRONG: Mapping[tuple[Callable[..., object], str], list[Any]] = {
     (_simulated, "initial"): [*NO_OBJECTS, rb.State(linear_velocity_world=(0.0, 0.0, math.inf))],
     (_simulated, "channels"): [*NO_LIST_OF_THEM, rb.Channel(), [rb.Channel("")], [rb.Channel(timeout=-1.0)]],
     (_simulated, "effects"): [*NO_LIST_OF_THEM, rb.LinearDrag((1.0, 1.0, 1.0))],
-    (_simulated, "solver"): [*NO_OBJECTS, rb.Solver("rk5"), rb.Solver("rk4", step=-1.0), rb.Solver(accuracy=math.nan)],
+    (_simulated, "solver"): NO_OBJECTS,
+    (rb.Solver, "method"): [*NO_OBJECTS, "rk5", "RK4"],
+    (rb.Solver, "step"): POSITIVE[1:],
+    (rb.Solver, "accuracy"): POSITIVE[1:],
     (_simulated, "duration"): NOT_NEGATIVE,
     (_simulated, "output_rate"): NOT_NEGATIVE,
     (rb.Simulation, "scene"): NO_OBJECTS,
@@ -153,11 +155,11 @@ WRONG: Mapping[tuple[Callable[..., object], str], list[Any]] = {
     (rb.explain, "scene"): [None, 1.0, Anything(), SCENE.body],
     (lambda commands: rb.explain(SCENE, commands), "commands"): [*NO_LIST_OF_THEM, [rb.Wrench()]],
     (lambda budget: rb.explain(SCENE, budget=budget), "budget"): POSITIVE,
-    (trade, "scene"): [None, 1.0, Anything(), SCENE.body],
-    (lambda commands: trade(SCENE, commands), "commands"): [*NO_LIST_OF_THEM, [rb.Wrench()]],
-    (lambda target: trade(SCENE, target=target), "target"): POSITIVE[1:],
-    (lambda budget: trade(SCENE, budget=budget), "budget"): POSITIVE[1:],
-    (lambda time_s: trade(SCENE, time_s=time_s), "time_s"): POSITIVE,
+    (rb.trade, "scene"): [None, 1.0, Anything(), SCENE.body],
+    (lambda commands: rb.trade(SCENE, commands), "commands"): [*NO_LIST_OF_THEM, [rb.Wrench()]],
+    (lambda target: rb.trade(SCENE, target=target), "target"): POSITIVE[1:],
+    (lambda budget: rb.trade(SCENE, budget=budget), "budget"): POSITIVE[1:],
+    (lambda time_s: rb.trade(SCENE, time_s=time_s), "time_s"): POSITIVE,
     (rb.read_scene, "path"): [None, 1.0, Anything()],
     (rb.parse_scene, "text"): [None, 1.0, Anything()],
     (lambda overrides: rb.parse_scene("body: {mass: 1}", overrides=overrides), "overrides"): [None, 1.0, ["a"]],

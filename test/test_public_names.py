@@ -31,7 +31,7 @@ def test_name_stands_for_what_its_module_has(name: str) -> None:
     assert name in dir(rb_dynamics)
 
 
-@pytest.mark.parametrize("name", ["simulate", "explain"])
+@pytest.mark.parametrize("name", ["simulate", "explain", "trade"])
 def test_function_is_not_hidden_by_its_module(name: str) -> None:
     """Whichever is imported first."""
     code = (

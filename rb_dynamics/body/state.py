@@ -13,6 +13,9 @@ from rb_dynamics.vector import ZERO, Vector
 class State:
     """Motion of a rigid body at one instant; the fields carry the names of the scene's `initial` section.
 
+    One is made for every output of a run, so that nothing is checked here: a scene, an ensemble and `free_motion` check
+    what they are given.
+
     Attributes:
         time_ns: time since the start of the run, integer nanoseconds.
         position_world: position of the body origin, world axes, m.

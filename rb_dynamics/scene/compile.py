@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from rb_dynamics.arguments import shown
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.effect import Effect
 from rb_dynamics.loads.load import Takes
@@ -33,13 +32,8 @@ class Plan:
         """Find the least that `scene.solver` asks for.
 
         Raises:
-            SceneError: there is no such method, or it cannot take the effects of the scene.
+            SceneError: the method cannot take the effects of the scene.
         """
-        method = scene.solver.method
-        if method != "auto" and method not in METHODS:
-            raise SceneError(
-                f"solver.method is {shown(method)}, expected auto or one of {', '.join(METHODS)}; write one"
-            )
         self._scene = scene
         self._inertia = inertia_of(scene.body)
         self._accuracy = scene.solver.accuracy or DEFAULT_ACCURACY

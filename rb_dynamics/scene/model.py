@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from rb_dynamics.arguments import instance, instances, number
+from rb_dynamics.arguments import instance, instances, number, shown
 from rb_dynamics.body.doctor import Finding
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
@@ -25,6 +25,24 @@ class Solver:
     method: str = "auto"
     step: float | None = None
     accuracy: float | None = DEFAULT_ACCURACY
+
+    def __post_init__(self) -> None:
+        """Refuse what no run can use; whether the method can take what acts is seen where a run is planned.
+
+        Raises:
+            TypeError: a field is not of its type.
+            SceneError: there is no such method, or step or accuracy is not greater than 0.
+        """
+        # The methods are not imported for a scene that leaves the choice open.
+        if instance(self.method, str, "solver.method", "write its name") != "auto":
+            from rb_dynamics.motion import METHODS
+
+            if self.method not in METHODS:
+                known = ", ".join(METHODS)
+                raise SceneError(f"solver.method is {shown(self.method)}, expected auto or one of {known}; write one")
+        for name, value in (("solver.step", self.step), ("solver.accuracy", self.accuracy)):
+            if value is not None:
+                number(value, name, "a finite number greater than 0, or None", SceneError, above=0.0)
 
 
 @dataclass(frozen=True)
@@ -66,7 +84,7 @@ class Scene:
         Raises:
             TypeError: a field is not of its type.
             ValueError: a number in `initial` is not finite, or the norm of its attitude is not 1.
-            SceneError: a channel has no topic, or a number of channels, solver, duration or outputs makes no sense.
+            SceneError: a channel has no topic, or a number of channels, duration or outputs makes no sense.
         """
         instance(self.body, RigidBody, "body", "make one with RigidBody.from_diagonal(mass, moments)")
         instance(self.frames, WrenchFrames, "frames", "write WrenchFrames()")
@@ -74,10 +92,7 @@ class Scene:
         object.__setattr__(self, "initial", self.initial.checked("initial"))
         object.__setattr__(self, "channels", instances(self.channels, Channel, "channels", "write Channel(topic)"))
         object.__setattr__(self, "effects", instances(self.effects, Effect, "effects", "write one, as LinearDrag(...)"))
-        solver = instance(self.solver, Solver, "solver", "write Solver(method, step=..., accuracy=...)")
-        for name, value in (("solver.step", solver.step), ("solver.accuracy", solver.accuracy)):
-            if value is not None:
-                number(value, name, "a finite number greater than 0, or None", SceneError, above=0.0)
+        instance(self.solver, Solver, "solver", "write Solver(method, step=..., accuracy=...)")
         if self.duration is not None:
             number(self.duration, "duration", "a finite number of 0 or more (s), or None", SceneError, least=0.0)
         number(self.output_rate, "output_rate", "a finite number of 0 or more (Hz)", SceneError, least=0.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import itertools
 import json
 import math
@@ -15,7 +16,6 @@ from typing import Any
 import motions
 import pytest
 
-import rb_dynamics.trade
 from rb_dynamics import compiled
 from rb_dynamics.cli import main
 from rb_dynamics.cli.trade import as_text
@@ -28,6 +28,8 @@ from rb_dynamics.scene.read import parse_scene, read_scene
 from rb_dynamics.simulate import simulate
 from rb_dynamics.trade import Recommendation, Row, Trade, reference, table, trade
 
+# The package: rb_dynamics.trade is the function.
+TRADE = importlib.import_module("rb_dynamics.trade")
 ROOT = Path(__file__).parents[2]
 SPINNING = "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\ninitial: {angular_velocity_body: [0.1, 2, 0.1]}\n"
 DRAG = SPINNING + "wrenches: []\neffects: [{type: linear_drag, rotation: 0.1}]\nduration: 2\n"
@@ -53,7 +55,7 @@ def _plain() -> Iterator[None]:
 @pytest.fixture
 def by_processor_time(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let the command measure by what this process has worked."""
-    monkeypatch.setattr(rb_dynamics.trade, "trade", partial(trade, clock=CLOCK))
+    monkeypatch.setattr(TRADE, "trade", partial(trade, clock=CLOCK))
 
 
 def solver_of(line: str) -> Solver:
@@ -169,7 +171,7 @@ def test_a_long_scene_is_measured_as_it_would_run_and_no_time_holds_what_compili
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, room: float
 ) -> None:
     """An hour passes whenever a kernel is compiled, and no row has heard of it; nor do hours pass without bound."""
-    monkeypatch.setattr(rb_dynamics.trade, "_KERNELS", room)
+    monkeypatch.setattr(TRADE, "_KERNELS", room)
     hours, compile_kernel = [], kernel.compile_kernel
 
     def slowly(function: Callable[..., Any], signature: str) -> Callable[..., Any]:
@@ -180,7 +182,7 @@ def test_a_long_scene_is_measured_as_it_would_run_and_no_time_holds_what_compili
     # What other tests have loaded is not to be found, and two methods are enough.
     kernel.kernel.cache_clear()
     monkeypatch.setattr(
-        rb_dynamics.trade,
+        TRADE,
         "climbers_for",
         lambda trial: [one for one in table.climbers_for(trial) if one.method in ("euler", "rk4")],
     )
@@ -225,7 +227,7 @@ def test_where_no_two_methods_run_the_trial_in_time_a_shorter_one_is_measured(mo
         tried.append(trial.seconds)
         return find(trial, [trial.clock() - 1.0, *deadlines], after)
 
-    monkeypatch.setattr(rb_dynamics.trade, "find_reference", find_late)
+    monkeypatch.setattr(TRADE, "find_reference", find_late)
     found = trade(parse_scene(DRAG), time_s=2.0, clock=CLOCK)
     assert found.trial_s == pytest.approx(tried[0] / 8.0, rel=0.01)
     assert found.rows
