@@ -267,7 +267,8 @@ def _require_finite(body: RigidBody, phase: Phase, time_ns: int) -> None:
     if not all(map(math.isfinite, numbers)):
         raise ConvergenceError(
             f"the state is no longer finite at t = {time_ns / NANOSECONDS:.9g} s: a momentum, a position or an energy "
-            "has left the range of double precision; check the size of wrench, mass and inertia, or use a smaller step"
+            "has left the range of double precision; check the size of velocities, wrench, mass and inertia, or use a "
+            "smaller step"
         )
 
 
@@ -320,7 +321,8 @@ def simulate(
     run = Simulation(scene if sinks else without_outputs(scene), sinks)
     if run.end_ns is None:
         raise SceneError(
-            f"{scene.source}: duration: missing, expected the length of the run in s; add it or give --duration"
+            f"{scene.source}: duration: found nothing, expected the length of the run (s); add duration to the scene, "
+            "or give --duration"
         )
     rejected: list[str] = []
     run.start()

@@ -348,7 +348,7 @@ class TestTime:
 
 class TestRefusal:
     def test_simulate_needs_an_end(self) -> None:
-        with pytest.raises(SceneError, match="duration: missing"):
+        with pytest.raises(SceneError, match="duration: found nothing, expected the length"):
             simulate(driven(SOLVERS["whole step"], duration=None))
 
     @pytest.mark.parametrize("bad", [0.0, -0.1, math.nan, math.inf])

@@ -121,10 +121,10 @@ def _on_workers(
             try:
                 client = stack.enter_context(Client(scheduler, timeout=_PATIENCE_S))
                 client.wait_for_workers(1, timeout=_PATIENCE_S)
-            except (OSError, TimeoutError) as error:
+            except (OSError, TimeoutError, ValueError) as error:
                 raise LogError(
                     f"no scheduler with workers at {scheduler} within {_PATIENCE_S} s ({error}); start dask scheduler "
-                    "and dask worker, or correct the address"
+                    "and dask worker, or correct the address, such as tcp://host:8786"
                 ) from error
         workers = max(1, len(client.scheduler_info(n_workers=-1)["workers"]))
 

@@ -11,7 +11,6 @@ import math
 import os
 import re
 from collections.abc import Container, Mapping, Sequence
-from pathlib import Path
 from types import MappingProxyType
 
 from rb_dynamics.campaign import laws
@@ -29,6 +28,7 @@ from rb_dynamics.scene.model import Scene
 from rb_dynamics.scene.overrides import apply_overrides
 from rb_dynamics.scene.problems import Problems
 from rb_dynamics.scene.read import parse_scene, read_scene
+from rb_dynamics.scene.text_file import read_text
 
 _NO_OVERRIDES: Mapping[str, object] = MappingProxyType({})
 
@@ -60,15 +60,7 @@ def read_campaign(path: str | os.PathLike[str], overrides: Mapping[str, object] 
     Raises:
         SceneError: the file or the scene it names cannot be read or is not valid; one line for each problem.
     """
-    source = os.fspath(path)
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise SceneError(
-            f"{source}: found no readable file ({reason}), expected a campaign in YAML; check the path"
-        ) from error
-    return parse_campaign(text, source, overrides)
+    return parse_campaign(read_text(path, "campaign"), os.fspath(path), overrides)
 
 
 def parse_campaign(text: str, source: str = "<campaign>", overrides: Mapping[str, object] = _NO_OVERRIDES) -> Campaign:
@@ -78,7 +70,7 @@ def parse_campaign(text: str, source: str = "<campaign>", overrides: Mapping[str
         SceneError: it is not valid; one line for each problem.
     """
     problems = Problems(source)
-    tree = document.parse(text, problems)
+    tree = document.parse(text, problems, "campaign", "scene")
     if document.holds(tree, ("body",), "scene"):
         raise SceneError(
             f"{source}: found a scene, expected a campaign; run it with rb-dynamics simulate {source}, or write "
@@ -134,7 +126,11 @@ def _base(root: Section, controlled: bool, problems: Problems) -> Scene | None:
     changes: dict[str, object] = {}
     for key, value in settings.mapping("values of the scene by dotted key").items() if settings else ():
         changes[key] = document.plain(value.node)
-    base = read_scene(os.path.join(os.path.dirname(problems.source), name), changes)
+    path = os.path.join(os.path.dirname(problems.source), name)
+    if not os.path.isfile(path):
+        field.reject("the path of a scene file", "correct the path, which begins at the folder of the campaign file")
+        return None
+    base = read_scene(path, changes)
     if base.duration is None:
         field.reject("a scene that ends", "add duration to the scene, or to set", "no duration in it")
         return None

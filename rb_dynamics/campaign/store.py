@@ -181,7 +181,9 @@ def read_rows(path: str | os.PathLike[str], columns: list[str] | None = None) ->
     try:
         table = _parquet().read_table(path, columns=columns)
     except (OSError, ValueError) as error:
-        raise LogError(f"cannot read {path}: {error}; expected the Parquet file of a campaign") from error
+        raise LogError(
+            f"cannot read {path}: {_reason(error)}, expected the rows of a campaign in Parquet; check the path"
+        ) from error
     return {name: table[name].to_pylist() if name == "error" else table[name].to_numpy() for name in table.column_names}
 
 
@@ -199,7 +201,9 @@ def read_row(path: str | os.PathLike[str], run: int) -> dict[str, Any] | None:
                 return None
             rows: list[dict[str, Any]] = file.read_row_group(group).slice(run % ROWS, 1).to_pylist()
     except (OSError, ValueError) as error:
-        raise LogError(f"cannot read {path}: {error}; expected the Parquet file of a campaign") from error
+        raise LogError(
+            f"cannot read {path}: {_reason(error)}, expected the rows of a campaign in Parquet; check the path"
+        ) from error
     return rows[0] if rows else None
 
 
@@ -214,8 +218,14 @@ def read_facts(path: str | os.PathLike[str]) -> Facts:
         metadata = _parquet().read_schema(path).metadata or {}
         facts: Facts = json.loads(metadata.get(_METADATA, b"{}"))
     except (OSError, ValueError) as error:
-        raise LogError(f"cannot read {path}: {error}; remove it, or give another file with --out") from error
+        raise LogError(
+            f"cannot read {path}: {_reason(error)}, expected the rows of a campaign; give another file with --out"
+        ) from error
     return facts
+
+
+def _reason(error: Exception) -> str:
+    return str(error).rstrip(".")
 
 
 @contextlib.contextmanager

@@ -389,5 +389,5 @@ def _not_finite(state: Numbers) -> Counts:
 def _out_of_range() -> ConvergenceError:
     return ConvergenceError(
         "the state is no longer finite: a momentum, a position or an energy has left the range of double precision; "
-        "check the size of wrench, mass and inertia, or use a smaller step"
+        "check the size of velocities, wrench, mass and inertia, or use a smaller step"
     )

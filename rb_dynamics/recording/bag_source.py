@@ -113,7 +113,10 @@ class RosbagsSource:
                 for connection, time_ns, data in reader.messages():
                     yield Message(self.channels[connection.id], time_ns, time_ns, bytes(data))
         except (ReaderError, OSError, ValueError) as error:
-            raise LogError(f"cannot read {self.path}: {error}; give a bag as `ros2 bag record` leaves it") from error
+            reason = str(error).rstrip(".")
+            raise LogError(
+                f"cannot read {self.path}: {reason}; check the path, and give a bag as `ros2 bag record` leaves it"
+            ) from error
         self.complete = True
 
 

@@ -137,7 +137,7 @@ def _read_wrenches(table: Path) -> Iterator[tuple[str, Wrench]]:
                 wanted = ", ".join(("time_ns or time_s", *_NUMBERS))
                 raise LogError(
                     f"{table}: the columns are {list(found)}, expected {wanted}, and topic, frame_id if need be; "
-                    "rename the columns"
+                    "name them so, separated by commas"
                 )
             for row in reader:
                 where = f"{table}, line {reader.line_num}"
@@ -147,7 +147,8 @@ def _read_wrenches(table: Path) -> Iterator[tuple[str, Wrench]]:
                 force, torque = (six[0], six[1], six[2]), (six[3], six[4], six[5])
                 yield topic, Wrench(force, torque, row.get("frame_id") or "", time_ns)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise LogError(f"cannot read {table}: {error}; give a CSV file in UTF-8") from error
+        reason = getattr(error, "strerror", None) or str(error)
+        raise LogError(f"cannot read {table}: {reason}; check the path, and give a CSV file in UTF-8") from error
 
 
 def _time_ns(row: dict[str, str], where: str) -> int:
@@ -255,7 +256,7 @@ def _write_parquet(path: Path, columns: Sequence[str], lines: Iterable[Sequence[
                 writer.write_table(pa.Table.from_arrays(arrays, schema=schema))
                 count += len(batch)
     except OSError as error:
-        raise LogError(f"cannot write {path}: {error}; give a file you may write") from error
+        raise LogError(f"cannot write {path}: {error}; give a file you may write to") from error
     return count
 
 

@@ -17,8 +17,10 @@ def make_folder(path: Path) -> None:
     """Make the folders above a file that is to be written.
 
     Raises:
-        LogError: one of them cannot be made.
+        LogError: one of them cannot be made, or the file would be a folder.
     """
+    if path.is_dir():
+        raise LogError(f"cannot write {path}: it is a folder, expected the name of a file; give a file in it")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -45,7 +47,7 @@ class LogFile:
         try:
             self._file = path.open("wb", buffering=0)
         except OSError as error:
-            raise LogError(f"cannot write {path}: {error.strerror or error}; give a file you may write") from error
+            raise LogError(f"cannot write {path}: {error.strerror or error}; give a file you may write to") from error
 
     @property
     def closed(self) -> bool:

@@ -211,7 +211,8 @@ class RecordedWrenches:
         missing = {name.removeprefix("/") for name in mapping or {}} - {name.removeprefix("/") for name in found}
         if missing:
             raise LogError(
-                f"{source.path}: mapped are {sorted(missing)}, expected wrench topics of the bag: {_listed(found)}"
+                f"{source.path}: mapped are {sorted(missing)}, expected wrench topics of the bag: {_listed(found)}; "
+                "map one of these"
             )
         if not any(name.removeprefix("/") in self._wanted for name in found):
             raise LogError(_no_commands(source, topics, found))
@@ -310,16 +311,28 @@ def _wanted(topics: Sequence[str], mapping: Mapping[str, str]) -> dict[str, str]
     mapped = {source.removeprefix("/"): channel.removeprefix("/") for source, channel in mapping.items()}
     for source, channel in mapped.items():
         if channel not in channels:
-            raise LogError(f"topic {source} is mapped to {channel!r}, expected a channel of the scene: {list(topics)}")
+            raise LogError(
+                f"topic {source} is mapped to {channel!r}, expected a channel of the scene: {list(topics)}; name one"
+            )
     by_name = {name: topic for name, topic in channels.items() if name not in mapped.values()}
     return by_name | {source: channels[channel] for source, channel in mapped.items()}
 
 
 def _no_commands(file: Source, topics: Sequence[str], found: Counter[str]) -> str:
+    if not found:
+        remedy = "give a bag of WrenchStamped or Wrench messages"
+        if not file.complete:
+            remedy = "the file was cut off before a whole message: record it again"
+    elif not topics:
+        remedy = "add a channel under `wrenches` in the scene, or leave out the bag"
+    else:
+        remedy = (
+            "name the channel under `wrenches` in the scene like the topic in the file, or map the topic with --topic "
+            "TOPIC=CHANNEL"
+        )
     return (
         f"{file.path} has no channel of the scene: its wrench topics are {_listed(found)}, the scene expects "
-        f"{', '.join(topics) or 'none'}; name the channel under `wrenches` in the scene like the topic in the file, or "
-        "map the topic with --topic TOPIC=CHANNEL"
+        f"{', '.join(topics) or 'none'}; {remedy}"
     )
 
 

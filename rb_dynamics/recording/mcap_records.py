@@ -131,7 +131,7 @@ class McapFile:
 
     def _messages(self, file: BinaryIO) -> Iterator[Message]:
         if file.read(len(MAGIC)) != MAGIC:
-            raise LogError(f"{self.path} does not begin like an MCAP file; give an .mcap file, such as rosbag2 writes")
+            raise LogError(f"{self.path} does not begin like an MCAP file; {self._instead(file)}")
         for opcode, content in self._records(file, os.fstat(file.fileno()).st_size):
             if opcode == Opcode.CHUNK:
                 yield from self._chunk(content)
@@ -142,6 +142,17 @@ class McapFile:
                 return
             else:
                 self._note(opcode, content)
+
+    def _instead(self, file: BinaryIO) -> str:
+        """Return what to do with a file that is something else."""
+        if os.fstat(file.fileno()).st_size == 0:
+            return "it is empty, so nothing was written to it: record it again"
+        if self.path.suffix in (".yaml", ".yml"):
+            return f"a scene is run, and its log written, with rb-dynamics simulate {self.path} --mcap run.mcap"
+        if self.path.suffix == ".csv":
+            bag = self.path.with_suffix(".mcap").name
+            return f"a table of wrenches is made a bag with rb-dynamics convert {self.path} {bag}"
+        return "give an .mcap file, such as rosbag2 or simulate --mcap writes"
 
     def _records(self, file: BinaryIO, size: int) -> Iterator[tuple[int, bytes]]:
         """Yield the records that are there in full."""

@@ -54,9 +54,10 @@ def scene_and_names(source: Source) -> tuple[Scene, dict[str, str]]:
         SceneError: the scene in it is not valid.
     """
     if SCENE not in source.attachments or RUN not in source.metadata:
+        cut = "" if source.complete else ", which was cut off,"
         raise LogError(
-            f"{source.path} is no log of this package: expected scene.yaml attached and metadata rb_dynamics, so it "
-            "cannot be run again; a bag of others is run with simulate SCENE --wrench BAG"
+            f"{source.path}{cut} is no log of this package: expected scene.yaml attached and metadata rb_dynamics, so "
+            "it cannot be run again; inspect reads any bag, and its commands are flown with simulate SCENE --wrench BAG"
         )
     scene = parse_scene(source.attachments[SCENE].decode(), f"{source.path}: {SCENE}")
     topics = [name for name, _ in (*SAMPLE_TOPICS, POTENTIAL)]

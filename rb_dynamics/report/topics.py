@@ -98,7 +98,8 @@ class _Finder:
             found = ", ".join(f"{t.name} ({t.type_name})" for t in self.bag.topics.values()) or "no topics"
             raise LogError(
                 f"{self.bag.path}: found {found}, expected at least one topic of PoseStamped, TwistStamped, Odometry, "
-                "WrenchStamped or Wrench with messages; record the topics of the body"
+                "WrenchStamped or Wrench with messages; "
+                + ("record the topics of the body" if self.bag.complete else "the file was cut off: record it again")
             )
         body, body_from = self._body()
         logged = [self._vector("angular_momentum"), self._vector("linear_momentum"), self._scalar("energy/kinetic")]

@@ -48,8 +48,10 @@ class Node:
     quoted: bool = False
 
 
-def parse(text: str, problems: Problems) -> Node:
+def parse(text: str, problems: Problems, kind: str = "scene", needed: str = "body") -> Node:
     """Return the mapping that `text` holds; duplicate keys go to `problems`.
+
+    Messages call it a `kind`, with the key `needed`.
 
     Raises:
         SceneError: not YAML, not one mapping, or beyond the limits of this module.
@@ -57,17 +59,17 @@ def parse(text: str, problems: Problems) -> Node:
     source = problems.source
     if len(text) > MAX_CHARACTERS:
         raise SceneError(
-            f"{source}: found {len(text)} characters, expected at most {MAX_CHARACTERS}; a scene is a short text, "
+            f"{source}: found {len(text)} characters, expected at most {MAX_CHARACTERS}; a {kind} is a short text, "
             "check that this is the right file"
         )
     root = _compose(text, source)
     if root is None:
-        raise SceneError(f"{source}: found an empty document, expected a scene; it needs at least body.mass")
+        raise SceneError(f"{source}: found an empty document, expected a {kind}; it needs at least the key {needed}")
     document = _Converter(problems).convert(root, 0)
     if not isinstance(document.value, dict):
         raise SceneError(
-            f"{source}:{document.line}: found {show(document)}, expected a mapping with the key body; "
-            "check that this is a scene file"
+            f"{source}:{document.line}: found {show(document)}, expected a mapping with the key {needed}; "
+            f"check that this is a {kind} file"
         )
     return document
 
@@ -186,13 +188,13 @@ class _Loader(yaml.SafeLoader):
 def _check_limits(depth: int, count: int, source: str, line: int) -> None:
     if depth > MAX_DEPTH:
         raise SceneError(
-            f"{source}:{line}: found values nested more than {MAX_DEPTH} deep, expected a scene; "
+            f"{source}:{line}: found values nested more than {MAX_DEPTH} deep, expected fewer levels; "
             "check the brackets and aliases (*name)"
         )
     if count > MAX_VALUES:
         raise SceneError(
             f"{source}:{line}: found more than {MAX_VALUES} values, those behind aliases (*name) counted each time, "
-            "expected fewer; write a smaller scene"
+            "expected fewer; write a smaller file"
         )
 
 
@@ -209,11 +211,11 @@ def _compose(text: str, source: str) -> yaml.Node | None:
         line = text.count("\n", 0, error.position) + 1
         raise SceneError(
             f"{source}:{line}: found the character {chr(error.character)!a}, expected a text file in UTF-8; "
-            "check that this is a scene file"
+            "check that this is the right file"
         ) from error
     except (ValueError, OverflowError) as error:  # PyYAML's own slips, as for "\UFFFFFFFF"
         raise SceneError(
-            f"{source}: found {error}, expected valid YAML; check escapes such as \\U in quotes"
+            f"{source}: found no valid YAML ({error}), expected a text in it; check escapes such as \\U in quotes"
         ) from error
 
 
@@ -222,8 +224,15 @@ def _not_yaml(error: yaml.MarkedYAMLError, source: str) -> SceneError:
     place = f"{source}:{mark.line + 1}" if mark else source
     what = ", ".join(text for text in (error.context, error.problem) if text)
     tab = "'\\t'" in what
-    remedy = "indent with spaces, not with tabs" if tab else "correct this line or the one above it"
-    return SceneError(f"{place}: {what}, expected valid YAML; {remedy}")
+    remedy = "indent with spaces, not with tabs" if tab else _YAML_REMEDIES.get(error.problem or "", _MEND)
+    return SceneError(f"{place}: found no valid YAML ({what}), expected key: value pairs; {remedy}")
+
+
+_MEND = "correct this line or the one above it"
+_YAML_REMEDIES = {
+    "mapping values are not allowed here": "check the indentation and the colons of this line and the one above it",
+    "could not find expected ':'": "write a space after each colon, and close brackets and quotes",
+}
 
 
 @dataclass

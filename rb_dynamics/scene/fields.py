@@ -44,14 +44,17 @@ class Field:
         text = f"found {found or show(self.node)}, expected {expected}; {remedy}"
         self.problems.add(self.node.line, self.key, text)
 
-    def section(self, known: Sequence[str]) -> Section:
-        """Return the mapping that stands here, an empty one where none does; keys that are not `known` are noted."""
+    def section(self, known: Sequence[str], nested: Sequence[str] = ()) -> Section:
+        """Return the mapping that stands here, an empty one where none does; keys that are not `known` are noted.
+
+        `nested` are dotted keys of sections in it, of which one may have been meant.
+        """
         value = self.node.value
         if not isinstance(value, dict):
             self.reject(f"a mapping of {', '.join(known)}", "write key: value pairs, or remove the key")
             value = None
         section = Section(self, value or {})
-        section.check(known)
+        section.check(known, nested)
         return section
 
     def mapping(self, expected: str) -> dict[str, Field]:
@@ -156,13 +159,16 @@ class Section:
     values: dict[str, Node]
     misspelt: set[str] = dataclasses.field(default_factory=set)
 
-    def check(self, known: Sequence[str]) -> None:
-        """Note every key that is not `known`, with the nearest that is."""
+    def check(self, known: Sequence[str], nested: Sequence[str] = ()) -> None:
+        """Note every key that is not `known`, with the nearest that is, or the nearest name at the end of `nested`."""
+        ends = {key.rpartition(".")[2]: key for key in nested}
         for name, node in self.values.items():
             if name in known:
                 continue
             near = difflib.get_close_matches(printable(name), known, n=1, cutoff=0.5)
             self.misspelt.update(near)
+            if name in ends or not near:
+                near = [ends[end] for end in difflib.get_close_matches(printable(name), ends, n=1)] or near
             remedy = f"did you mean {near[0]}?" if near else "remove it"
             text = f"found an unknown key, expected one of {', '.join(known)}; {remedy}"
             self.field.problems.add(node.key_line, join(self.field.key, name) or "''", text)

@@ -18,15 +18,20 @@ from rb_dynamics.scene import document
 from rb_dynamics.scene.fields import LONGEST, SHORTEST, Field, Rule, Section
 from rb_dynamics.scene.model import DEFAULT_ACCURACY, Scene, Solver
 from rb_dynamics.scene.overrides import apply_overrides
-from rb_dynamics.scene.problems import Problems, printable
+from rb_dynamics.scene.problems import Problems
 from rb_dynamics.scene.read_body import body_and_frames
 from rb_dynamics.scene.read_channels import channels
 from rb_dynamics.scene.read_effects import effects
+from rb_dynamics.scene.text_file import read_text
 from rb_dynamics.vector import ZERO
 
 _NO_OVERRIDES: Mapping[str, object] = MappingProxyType({})
 
 _ROOT_KEYS = ("world_frame", "body", "initial", "wrenches", "effects", "solver", "duration", "output_rate")
+_NESTED_KEYS = (
+    "body.mass", "body.center_of_mass", "body.inertia", "body.frames", "initial.position_world", "initial.orientation",
+    "initial.linear_velocity_world", "initial.angular_velocity_body", "solver.method", "solver.accuracy", "solver.step",
+)  # fmt: skip
 _INITIAL_KEYS = ("position_world", "orientation", "linear_velocity_world", "angular_velocity_body")
 
 _POSITION = Rule("a finite number (m)")
@@ -74,28 +79,7 @@ def read_scene(path: str | os.PathLike[str], overrides: Mapping[str, object] = _
     """
     if not isinstance(path, (str, os.PathLike)):
         raise TypeError(f"path is {shown(path)}, expected the path of a scene file; write a str or a Path")
-    source = os.fspath(path)
-    try:
-        with open(source, "rb") as file:
-            data = file.read(document.MAX_CHARACTERS + 1)
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise SceneError(
-            f"{printable(source, 200)}: found no readable file ({reason}), expected a scene in YAML; check the path"
-        ) from error
-    if len(data) > document.MAX_CHARACTERS:
-        raise SceneError(
-            f"{source}: found more than {document.MAX_CHARACTERS} bytes, expected a scene of at most that; "
-            "a scene is a short text, check that this is the right file"
-        )
-    try:
-        text = data.decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise SceneError(
-            f"{source}: found a byte that is not UTF-8 at offset {error.start}, expected a text file; "
-            "check that this is a scene file, and save it as UTF-8"
-        ) from error
-    return parse_scene(text, source, overrides)
+    return parse_scene(read_text(path, "scene"), os.fspath(path), overrides)
 
 
 def parse_scene(text: str, source: str = "<scene>", overrides: Mapping[str, object] = _NO_OVERRIDES) -> Scene:
@@ -130,7 +114,7 @@ def scene_of(tree: document.Node, problems: Problems, text: str, changes: Sequen
     Raises:
         SceneError: it is not a valid scene; one line for each problem.
     """
-    root = Field(tree, "", problems).section(_ROOT_KEYS)
+    root = Field(tree, "", problems).section(_ROOT_KEYS, _NESTED_KEYS)
     reading, frames = body_and_frames(root)
     initial = _initial(root.section("initial", _INITIAL_KEYS), reading.body)
     wrenches = channels(root.get("wrenches"))

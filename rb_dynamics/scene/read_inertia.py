@@ -15,7 +15,7 @@ from rb_dynamics.body.particles import body_of_particles
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.shapes import SHAPES, Form
 from rb_dynamics.errors import BodyError
-from rb_dynamics.scene.document import Node, from_python
+from rb_dynamics.scene.document import Node, from_python, show
 from rb_dynamics.scene.fields import Field, Rule, Section
 from rb_dynamics.scene.problems import printable
 from rb_dynamics.vector import ZERO, Vector
@@ -63,7 +63,11 @@ def read_inertia(section: Section) -> BodyReading:
         return _READERS.get(name, _stated)(form, section)
     except BodyError as error:
         # The text may quote a file; it stays one line.
-        form.reject("the inertia of a real body", printable(str(error), 2000))
+        text = printable(str(error), 2000)
+        if name in _FILES:
+            form.problems.add(form.node.line, form.key, text)
+        else:
+            form.reject("the inertia of a real body", text)
         return BodyReading(None)
 
 
@@ -78,6 +82,9 @@ def _particle(section: Section) -> BodyReading:
 
 def _form(field: Field) -> tuple[str, Field | None]:
     """Return the one form of inertia that is given, by its name."""
+    if remedy := _form_meant(field.node):
+        field.reject(f"a mapping of {FORMS}", remedy)
+        return "", None
     section = field.section(INERTIA_FORMS)
     given = [name for name in INERTIA_FORMS if name in section.values]
     if len(given) > 1:
@@ -85,6 +92,16 @@ def _form(field: Field) -> tuple[str, Field | None]:
     elif field.node.value == {}:
         field.reject(f"exactly one of {FORMS}", "add diagonal: [Ixx, Iyy, Izz] (kg m^2)")
     return (given[0], section.get(given[0])) if len(given) == 1 else ("", None)
+
+
+def _form_meant(node: Node) -> str:
+    """Return how to write numbers that stand where their form should; "" where they do not."""
+    if isinstance(node.value, list):
+        form = "matrix" if any(isinstance(item.value, list) for item in node.value) else "diagonal"
+        return f"name the form: {{{form}: {show(node)}}}"
+    if isinstance(node.value, dict) and not {"ixx", "iyy", "izz"}.isdisjoint(map(str.lower, node.value)):
+        return "write matrix: [[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]]"
+    return ""
 
 
 def _mass(section: Section) -> float:
@@ -279,5 +296,7 @@ def _resolved(form: Field, section: Section, body: RigidBody, findings: tuple[Fi
     again = _build(Field(value, f"body.inertia.{kind}", form.problems), mass, center)
     return BodyReading(again, findings, name)
 
+
+_FILES = ("mesh", "urdf")
 
 _READERS = {"particles": _particles, "shape": _shape, "mesh": _mesh, "urdf": _urdf}

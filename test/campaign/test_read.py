@@ -70,7 +70,7 @@ def test_overrides(tmp_path: Path) -> None:
         (("final_rate: {final", "error: {final"), r"metrics.error: found the name error, expected a name"),
         (("rate, below: 0.4}", "rate}"), r"metrics.settled: found no threshold, expected a threshold for time_to"),
         (("  final_rate: {below", "  last_rate: {below"), r"require.last_rate: found an unknown key"),
-        (("scene: scene.yaml", "scene: sceen.yaml"), r"sceen.yaml: found no readable file"),
+        (("scene: scene.yaml", "scene: sceen.yaml"), r"campaign.yaml:1: scene: found sceen.yaml, expected the path of"),
         (("runs: 24", "set: {body.mass: -1}\nruns: 24"), r"scene.yaml:override: body.mass: found -1"),
     ],
 )  # fmt: skip

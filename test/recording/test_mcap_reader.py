@@ -120,6 +120,28 @@ def test_a_bag_without_any_wrench(tmp_path: Path) -> None:
         read_wrenches(path, ["wrench"])
 
 
+def test_a_scene_without_channels_is_told_so(example_dir: Path) -> None:
+    with pytest.raises(LogError, match=r"the scene expects none; add a channel under `wrenches`"):
+        read_wrenches(example_dir / "slew.mcap", [])
+
+
+@pytest.mark.parametrize(("name", "remedy"), [("w.csv", "rb-dynamics convert "), ("s.yaml", "rb-dynamics simulate ")])
+def test_what_is_no_log_is_told_what_it_may_become(tmp_path: Path, name: str, remedy: str) -> None:
+    (tmp_path / name).write_text("body: {mass: 1}")
+    with pytest.raises(LogError, match=f"{name} does not begin like an MCAP file; .*{remedy}"):
+        read_wrenches(tmp_path / name, ["wrench"])
+    (tmp_path / name).write_text("")
+    with pytest.raises(LogError, match="it is empty"):
+        read_wrenches(tmp_path / name, ["wrench"])
+
+
+def test_a_file_cut_off_before_its_first_message_is_told_apart(tmp_path: Path, example_dir: Path) -> None:
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes((example_dir / "slew.mcap").read_bytes()[:100])
+    with pytest.raises(LogError, match=r"wrench topics are none.*cut off before a whole message"):
+        read_wrenches(cut, ["wrench"])
+
+
 def test_a_channel_that_never_spoke_is_no_error(tmp_path: Path) -> None:
     assert read_wrenches(write_log(tmp_path / "coast.mcap", 0), ["wrench"]) == []
 

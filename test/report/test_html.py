@@ -77,5 +77,5 @@ def test_file_is_utf8_and_folders_are_made(tmp_path: Path) -> None:
 
 
 def test_unwritable_file_is_one_clear_error(tmp_path: Path) -> None:
-    with pytest.raises(LogError, match=r"cannot write .*expected a file name"):
+    with pytest.raises(LogError, match=r"cannot write .*expected the name of a file"):
         write_html(tmp_path, Report("t", "l"))

@@ -41,12 +41,16 @@ def mass(text: str) -> str:
 
 CASES = {
     # The document
-    "empty": ("", ["s.yaml: ", "empty", "body.mass"]),
+    "empty": ("", ["s.yaml: ", "empty", "the key body"]),
     "only a comment": ("# nothing\n", ["empty"]),
     "no mapping": ("- 1\n- 2\n", ["s.yaml:1: ", "[1, 2]", "mapping"]),
     "plain text": ("hello", ["s.yaml:1: ", "hello", "mapping"]),
     "two documents": (after("---\na: 1"), ["s.yaml:5: ", "single document"]),
-    "open bracket": ("body:\n  a: [1, 2\n  b: 1\n", ["s.yaml:3: ", "expected valid YAML"]),
+    "no space after a colon": (
+        "body:\n  mass:1\n  inertia: 2\n",
+        ["s.yaml:3: found no valid YAML (", "colons of this"],
+    ),
+    "open bracket": ("body:\n  a: [1, 2\n  b: 1\n", ["s.yaml:3: found no valid YAML (while", "correct this line"]),
     "tab": ("body:\n\tmass: 1\n", ["s.yaml:2: ", "spaces, not with tabs"]),
     "undefined alias": ("body: *b\n", ["s.yaml:1: ", "undefined alias 'b'"]),
     "bad escape": ('body: "\\UFFFFFFFF"\n', ["s.yaml: ", "escapes"]),
@@ -131,6 +135,17 @@ CASES = {
         ["did you mean angular_velocity_body?"],
     ),
     # Inertia
+    "inertia a list of moments": (
+        inertia("[1, 2, 3]"),
+        ["s.yaml:4: body.inertia: found [1, 2, 3]", "name the form: {diagonal: [1, 2, 3]}"],
+    ),
+    "inertia a bare matrix": (inertia("[[1, 0, 0], [0, 1, 0], [0, 0, 1]]"), ["name the form: {matrix: [[1, 0, 0], "]),
+    "inertia as in a URDF": (
+        inertia("{ixx: 1, iyy: 2, izz: 3}"),
+        ["body.inertia: found {ixx: 1, ", "write matrix: [["],
+    ),
+    "a key of a section": (after("mass: 2"), ["mass: found an unknown key", "did you mean body.mass?"]),
+    "nearly one": (after("angular_velocity: [1, 2, 3]"), ["did you mean initial.angular_velocity_body?"]),
     "inertia a list": (
         inertia("[1, 2, 3]"),
         ["s.yaml:4: body.inertia: found [1, 2, 3]", "matrix, diagonal, principal"],

@@ -145,8 +145,17 @@ def test_missing_file(tmp_path: Path) -> None:
 
 
 def test_directory(tmp_path: Path) -> None:
-    with pytest.raises(SceneError, match="Is a directory"):
+    with pytest.raises(SceneError, match="found a folder, expected a scene in YAML; give the path of a file"):
         read_scene(tmp_path)
+    (tmp_path / "a.yaml").write_text(SMALLEST)
+    (tmp_path / "Metadata.txt").write_text("")
+    with pytest.raises(SceneError, match=r"give a file in it, such as .*a\.yaml$"):
+        read_scene(tmp_path)
+
+
+def test_a_log_in_place_of_a_scene(example_dir: Path) -> None:
+    with pytest.raises(SceneError, match=r"slew\.mcap: found an MCAP log, expected a scene .*rb-dynamics inspect "):
+        read_scene(example_dir / "slew.mcap")
 
 
 def test_path_with_null_byte() -> None:
