@@ -13,6 +13,7 @@ import re
 import sys
 from collections.abc import Sequence
 
+from rb_dynamics.cli.usage import Parser
 from rb_dynamics.errors import RigidBodyError
 
 COMMANDS = (
@@ -32,7 +33,7 @@ exit codes: 0 done, 1 ran and failed its check, 2 bad input
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of all commands."""
-    top = argparse.ArgumentParser(
+    top = Parser(
         prog="rb-dynamics",
         description="Simulate one free-floating rigid body: offline, or as a ROS 2 node, with logs to trust.",
         epilog=_EPILOG,
@@ -73,7 +74,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     if args is None:
         return 2
     if arguments[split:] and args.command not in ("node", "replay"):
-        args.parser.error(f"--ros-args belongs to the commands node and replay, not to {args.command}")
+        args.parser.error(
+            f"found --ros-args, which belongs to the commands node and replay, not to {args.command}; leave it out"
+        )
     args.ros_args = arguments[split:]
     try:
         code: int = args.run(args)
@@ -93,21 +96,28 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _parsed(top: argparse.ArgumentParser, arguments: Sequence[str]) -> argparse.Namespace | None:
     """Return what `arguments` say, or None where they name no command: then the help has been shown on stderr.
 
-    argparse itself answers an unknown option with the usage of all commands, not with that of the one it was given to.
+    argparse itself answers an unknown option for all commands, not for the one it was given to.
     """
     command = next((argument for argument in arguments if not argument.startswith("-")), None)
     if command is not None and command not in COMMANDS:
-        top.error(f"found {command!r}, expected a command{_near(command, COMMANDS)}; rb-dynamics --help lists them")
+        top.error(f"found {command!r}, expected a command{_near(command, COMMANDS) or _meant(command)}")
     args, unknown = top.parse_known_args(arguments)
     if unknown:
         asked: argparse.ArgumentParser = top if command is None else args.parser
         known = ["--help", *re.findall(r"--[\w-]+", asked.format_usage())]
         found = ", ".join(argument + _near(argument.partition("=")[0], known) for argument in unknown)
-        asked.error(f"unrecognized arguments: {found}; {asked.prog} --help explains what there is")
+        advice = args.advice(unknown) if "advice" in args else ""
+        asked.error(f"unrecognized arguments: {found}{advice}")
     if command is None:
         top.print_help(sys.stderr)
         return None
     return args
+
+
+def _meant(found: str) -> str:
+    """Return what to do with a file where a command should stand; "" where `found` is none."""
+    use = {".yaml": "simulate", ".yml": "simulate", ".mcap": "inspect"}.get(os.path.splitext(found)[1])
+    return f" before the file, such as rb-dynamics {use} {found}" if use else ""
 
 
 def _near(found: str, known: Sequence[str]) -> str:

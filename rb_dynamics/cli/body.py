@@ -11,6 +11,7 @@ import argparse
 
 from rb_dynamics.cli.numbers import real
 from rb_dynamics.cli.scene import add_scene, read
+from rb_dynamics.cli.usage import require_with
 
 HELP = "show the mass properties of a scene's body"
 
@@ -30,7 +31,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--mesh", metavar="FILE", help="compare with this closed mesh (STL, OBJ, PLY), filled uniformly"
     )
     parser.add_argument(
-        "--scale", type=real("a finite number"), default=1.0, metavar="S", help="m per unit of the mesh; 0.001 for mm"
+        "--scale",
+        type=real("a number greater than 0", lambda v: v > 0.0),
+        metavar="S",
+        help="m per unit of the mesh (default 1); 0.001 for mm",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object, floats in full")
 
@@ -41,17 +45,16 @@ def run(args: argparse.Namespace) -> int:
     from dataclasses import asdict
 
     from rb_dynamics.body.properties import AxisProperties, MassProperties
-    from rb_dynamics.errors import BodyError
 
-    if args.through and not args.axis:
-        raise BodyError("found --through without --axis, expected the direction of the axis too; add --axis X Y Z")
+    require_with(args, "--through", bool(args.through), "--axis", args.axis)
+    require_with(args, "--scale", args.scale is not None, "--mesh", args.mesh)
     scene = read(args)
     noticed = [*scene.findings]
     if args.mesh:
         from rb_dynamics.body.doctor import compare
         from rb_dynamics.body.mesh import read_solid
 
-        noticed += compare(scene.body, read_solid(args.mesh, args.scale))
+        noticed += compare(scene.body, read_solid(args.mesh, args.scale or 1.0))
     properties = MassProperties.of(scene.body, scene.initial.angular_velocity_body, noticed)
     through = tuple(args.through) if args.through else None
     axis = AxisProperties.of(scene.body, tuple(args.axis), through) if args.axis else None

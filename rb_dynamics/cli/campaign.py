@@ -14,12 +14,14 @@ import sys
 from typing import TYPE_CHECKING
 
 from rb_dynamics.cli.numbers import whole
+from rb_dynamics.cli.usage import require_with
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from rb_dynamics.campaign.flight import Columns
     from rb_dynamics.campaign.model import Campaign
+    from rb_dynamics.campaign.summary import Summary
 
 HELP = "fly a scene many times with dispersed numbers"
 
@@ -52,6 +54,7 @@ def run(args: argparse.Namespace) -> int:
 
     from rb_dynamics.campaign.read import read_campaign
 
+    require_with(args, "--mcap", bool(args.mcap), "--rerun", args.rerun is not None)
     overrides = {name: value for name in ("runs", "seed") if (value := getattr(args, name)) is not None}
     campaign = read_campaign(args.campaign, overrides)
     out = Path(args.out or Path("out", f"{Path(args.campaign).stem}.parquet"))
@@ -89,7 +92,7 @@ def _run_all(args: argparse.Namespace, campaign: Campaign, out: Path) -> int:
     with contextlib.closing(LogFile(out.with_suffix(".json"))) as file:
         file.write(json.dumps(found, allow_nan=False).encode())
     print(json.dumps(found, allow_nan=False) if args.json else as_text(campaign, summary, _options(args)))
-    page = _write_page(args, campaign, rows, out)
+    page = _write_page(args, campaign, rows, out, summary)
     if not args.json:
         for path in (out, out.with_suffix(".json"), page):
             if path is not None:
@@ -103,7 +106,9 @@ def _options(args: argparse.Namespace) -> list[str]:
     return [word for name, value in given.items() if value is not None for word in (f"--{name}", str(value))]
 
 
-def _write_page(args: argparse.Namespace, campaign: Campaign, rows: Columns, out: Path) -> Path | None:
+def _write_page(
+    args: argparse.Namespace, campaign: Campaign, rows: Columns, out: Path, summary: Summary
+) -> Path | None:
     """Write the page; where nobody asked for it, its libraries may be missing."""
     from pathlib import Path
 
@@ -112,7 +117,7 @@ def _write_page(args: argparse.Namespace, campaign: Campaign, rows: Columns, out
 
     page = Path(args.html) if args.html else out.with_suffix(".html")
     try:
-        write_campaign_page(campaign, rows, page, _options(args))
+        write_campaign_page(campaign, rows, page, _options(args), summary)
     except MissingExtraError as error:
         if args.html:
             raise

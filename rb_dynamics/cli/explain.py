@@ -1,13 +1,14 @@
 """Say what a scene models, what it leaves out and why, which solver runs it, what that costs and how wrong it is.
 
 Cost and error are measured on the scene itself: it is run for about a second, and once more, finer, to compare with.
+Give the commands of --wrench to measure it under them; without a bag the channels are tried with a probe.
 """
 
 from __future__ import annotations
 
 import argparse
 
-from rb_dynamics.cli.scene import add_scene, add_solver, read, read_commands
+from rb_dynamics.cli.scene import add_scene, add_solver, add_wrench, read, read_commands
 
 HELP = "say what a scene models, which solver runs it, its cost and error"
 
@@ -16,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `explain`."""
     add_scene(parser)
     add_solver(parser)
-    parser.add_argument("--wrench", metavar="BAG", help="MCAP bag with wrench commands to try the scene with")
+    add_wrench(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object, floats in full")
 
 

@@ -35,8 +35,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print the summary; exit code 0, or 1 where a check fails."""
+    from pathlib import Path
+
     from rb_dynamics.cli import output
-    from rb_dynamics.recording.log_file import require_other
+    from rb_dynamics.recording.log_file import make_folder, require_other
     from rb_dynamics.recording.mcap_reader import read_bag
     from rb_dynamics.report.checks import BOUND
     from rb_dynamics.report.summary import summarize
@@ -46,6 +48,7 @@ def run(args: argparse.Namespace) -> int:
 
     for written in filter(None, (args.html, args.video)):
         require_other(written, *filter(None, (args.log, args.scene)))
+        make_folder(Path(written))
     scene = read_scene(args.scene) if args.scene else None
     track = read_track(read_bag(args.log), scene)
     summary = summarize(track, BOUND if args.bound is None else args.bound)

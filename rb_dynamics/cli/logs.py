@@ -10,11 +10,12 @@ import sys
 from typing import TYPE_CHECKING
 
 from rb_dynamics.cli.numbers import real, whole
+from rb_dynamics.cli.usage import require_with
 
 if TYPE_CHECKING:
     from rb_dynamics.recording.guard import GuardedSink
 
-_SECONDS = real("seconds, 0 or more", lambda v: v >= 0.0)
+_SECONDS = real("a number of seconds, 0 or more", lambda v: v >= 0.0)
 
 
 def add_log(parser: argparse.ArgumentParser) -> None:
@@ -33,7 +34,7 @@ def add_log(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--max-bag-size",
-        type=whole("bytes, 0 or more", lambda v: v >= 0),
+        type=whole("a whole number of bytes, 0 or more", lambda v: v >= 0),
         default=0,
         metavar="BYTES",
         help="size at which --bag begins the next file",
@@ -68,7 +69,9 @@ def mapping(args: argparse.Namespace) -> dict[str, str]:
     pairs = [text.partition("=") for text in args.topic]
     for topic, equals, channel in pairs:
         if not (topic and equals and channel):
-            raise LogError(f"--topic: found {topic + equals + channel!r}, expected TOPIC=CHANNEL such as /cmd=wrench")
+            raise LogError(
+                f"--topic: found {topic + equals + channel!r}, expected TOPIC=CHANNEL; write it as in /cmd=wrench"
+            )
     return {topic: channel for topic, _, channel in pairs}
 
 
@@ -84,7 +87,12 @@ def log_sinks(args: argparse.Namespace) -> list[GuardedSink]:
     targets = (text.partition("=")[2] for text in args.sink)
     for name in filter(None, (args.mcap, args.bag, args.rerun, args.html, *targets)):
         require_other(name, *filter(None, (args.scene, args.wrench)))
-    if not any((args.mcap, args.bag, args.rerun, args.sink, args.max_bag_size, args.max_bag_duration)):
+    logged = any((args.mcap, args.bag, args.rerun, args.sink))
+    for option, is_given in (("--flush", args.flush is not None), ("--accel", args.accel), ("--verify", args.verify)):
+        require_with(args, option, is_given, "a log (--mcap, --bag or --rerun)", logged)
+    for option, is_given in (("--max-bag-size", args.max_bag_size), ("--max-bag-duration", args.max_bag_duration)):
+        require_with(args, option, is_given > 0, "--bag", args.bag)
+    if not logged:
         return []
     from rb_dynamics.recording.guard import GuardedSink
     from rb_dynamics.recording.logs import Logs

@@ -8,6 +8,7 @@ the end of the scene's duration, or until it is stopped; SIGINT and SIGTERM clos
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 
 HELP = "run a scene as a ROS 2 node"
 
@@ -16,6 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `node`."""
     parser.add_argument("scene", metavar="SCENE", help="scene file (YAML)")
     parser.epilog = "ROS arguments: --ros-args -p NAME:=VALUE ... -r FROM:=TO ..."
+    parser.set_defaults(advice=_as_parameters)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -30,3 +32,17 @@ def run(args: argparse.Namespace) -> int:
     from rb_dynamics.ros.node import spin
 
     return spin(["--ros-args", "-p", parameter("scene", args.scene), "--", *args.ros_args])
+
+
+def _as_parameters(words: Sequence[str]) -> str:
+    """Return how a node is told what `words`, options of other commands, ask for; "" where there are no options."""
+    told = []
+    for word, after in zip(words, [*words[1:], "--"], strict=True):
+        option, equals, value = word.partition("=")
+        if not option.startswith("--"):
+            continue
+        value = value if equals else "VALUE" if after.startswith("--") else after
+        name = option.removeprefix("--").replace("-", "_")
+        name = f"solver.{name}" if name in ("method", "step", "accuracy") else name
+        told.append(f"-p {value.replace('=', ':=', 1) if name == 'set' else f'{name}:={value}'}")
+    return f"; a node takes parameters instead: --ros-args {' '.join(told)}" if told else ""

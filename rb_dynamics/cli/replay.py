@@ -13,6 +13,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from rb_dynamics.cli.numbers import real
+from rb_dynamics.cli.usage import require_with
 
 if TYPE_CHECKING:
     from rb_dynamics.replay import Replay
@@ -33,9 +34,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--rate",
         type=_NUMBER,
-        default=1.0,
         metavar="R",
-        help="with --into ros: times real time; 0 = as fast as possible",
+        help="with --into ros: times real time (default 1); 0: as fast as possible",
     )
     parser.add_argument("--clock", action="store_true", help="with --into ros: publish /clock")
 
@@ -44,6 +44,8 @@ def run(args: argparse.Namespace) -> int:
     """Replay; exit code 0, or 1 where the log and the replay differ."""
     from rb_dynamics.cli import output
 
+    require_with(args, "--rate", args.rate is not None, "--into ros", args.into)
+    require_with(args, "--clock", args.clock, "--into ros", args.into)
     if args.into == "ros":
         return _publish(args)
     from rb_dynamics.replay import replay
@@ -73,7 +75,7 @@ def _publish(args: argparse.Namespace) -> int:
         raise MissingExtraError("rclpy", "ros", "replay --into ros") from error
     from rb_dynamics.ros.log_publisher import publish
 
-    count = publish(args.log, args.rate, args.clock, args.ros_args)
+    count = publish(args.log, 1.0 if args.rate is None else args.rate, args.clock, args.ros_args)
     print(f"published {count} messages of {args.log}")
     return 0
 

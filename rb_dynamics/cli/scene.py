@@ -28,14 +28,26 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
+def add_wrench(parser: argparse.ArgumentParser) -> None:
+    """Add the bag of wrench commands."""
+    parser.add_argument(
+        "--wrench",
+        metavar="BAG",
+        help="bag with wrench commands, MCAP or a rosbag2 folder; each takes effect at its stamp",
+    )
+
+
 def add_solver(parser: argparse.ArgumentParser) -> None:
     """Add what stands for the scene's duration and solver."""
     parser.add_argument(
-        "--duration", type=real("seconds"), metavar="S", help="length of the run in s, instead of the scene's"
+        "--duration",
+        type=real("a number of seconds, such as 10"),
+        metavar="S",
+        help="length of the run in s, instead of the scene's",
     )
     parser.add_argument("--method", metavar="M", help="method of integration, instead of the scene's")
     steps = parser.add_mutually_exclusive_group()
-    steps.add_argument("--step", type=real("seconds"), metavar="S", help="fixed step in s")
+    steps.add_argument("--step", type=real("a number of seconds, such as 0.01"), metavar="S", help="fixed step in s")
     steps.add_argument(
         "--accuracy",
         type=real("a number such as 1e-9"),
@@ -76,7 +88,8 @@ def read_commands(
     if not bag:
         if topics and not scene.effects and "wrenches" in scene.text:
             print(
-                f"note: no commands on {', '.join(topics)}: the body coasts; give a bag with --wrench", file=sys.stderr
+                f"note: no commands on {', '.join(topics)}: the body coasts; give a bag of commands with --wrench",
+                file=sys.stderr,
             )
         return []
     from rb_dynamics.recording.mcap_reader import RecordedWrenches
@@ -93,5 +106,5 @@ def _override(text: str) -> tuple[str, object]:
 
     key, equals, value = text.partition("=")
     if not (key and equals and value.strip()):
-        raise SceneError(f"--set: found {text!r}, expected KEY=VALUE such as body.mass=2")
+        raise SceneError(f"--set: found {text!r}, expected KEY=VALUE; write it as in body.mass=2")
     return key, value_of(value, f"--set {key}")

@@ -9,7 +9,8 @@ from __future__ import annotations
 import argparse
 
 from rb_dynamics.cli.logs import add_log, add_mapping, log_sinks, mapping
-from rb_dynamics.cli.scene import add_scene, add_solver, read, read_commands
+from rb_dynamics.cli.scene import add_scene, add_solver, add_wrench, read, read_commands
+from rb_dynamics.cli.usage import require_with
 
 HELP = "run a scene offline and print its final state"
 
@@ -17,11 +18,7 @@ HELP = "run a scene offline and print its final state"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `simulate`."""
     add_scene(parser)
-    parser.add_argument(
-        "--wrench",
-        metavar="BAG",
-        help="bag with wrench commands, MCAP or a rosbag2 folder; each takes effect at its stamp",
-    )
+    add_wrench(parser)
     add_mapping(parser)
     add_solver(parser)
     add_log(parser)
@@ -39,6 +36,7 @@ def run(args: argparse.Namespace) -> int:
     from rb_dynamics.recording.log_file import make_folder
     from rb_dynamics.simulate import simulate
 
+    require_with(args, "--topic", bool(args.topic), "--wrench", args.wrench)
     scene = read(args)
     commands = read_commands(args.wrench, scene, mapping(args))
     with contextlib.ExitStack() as stack:
@@ -51,11 +49,11 @@ def run(args: argparse.Namespace) -> int:
         with output.progress(args.scene) as progress:
             result = simulate(scene, commands, sinks, progress)
         output.warn_rejected(result, len(commands))
+        print(output.as_json(result) if args.json else output.as_text(result), flush=True)
         if args.html:
             from rb_dynamics.report.run import write_run_report
 
             write_run_report(mcap, args.html)
-    print(output.as_json(result) if args.json else output.as_text(result))
     for written in outputs:
         if written and not args.json:
             print(f"wrote {written}")

@@ -5,7 +5,8 @@ end of the run, against a reference on which two methods of different families a
 Steps are compiled where a run of the whole scene with the same setting would compile them; what compiling takes, once
 for each method, is in no time of the table and comes on top of --time, which is said when it begins; nothing more is
 compiled after as long again. Printed are the runs that no other one beats in both speed and accuracy, and the line to
-write into the scene; all runs are in --json and --html. Exit code 1: nothing measured does what is asked for.
+write into the scene; all runs are in --json and --html. Without --wrench the channels are tried with a probe.
+Exit code 1: nothing measured does what is asked for.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from rb_dynamics.cli.numbers import real
-from rb_dynamics.cli.scene import add_scene, read, read_commands
+from rb_dynamics.cli.scene import add_scene, add_wrench, read, read_commands
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -32,7 +33,7 @@ _POSITIVE = real("a finite number greater than 0", lambda v: v > 0.0)
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `trade`."""
     add_scene(parser)
-    parser.add_argument("--wrench", metavar="BAG", help="MCAP bag with wrench commands; without it channels are probed")
+    add_wrench(parser)
     wish = parser.add_mutually_exclusive_group()
     wish.add_argument(
         "--target", type=_POSITIVE, metavar="E",
@@ -71,13 +72,13 @@ def run(args: argparse.Namespace) -> int:
             progress=progress,
             compiling=_say_once("compiling kernels: some seconds each, once, on top of --time"),
         )
+    print(json.dumps(found.as_dict(), allow_nan=False) if args.json else as_text(found), flush=True)
     if args.html:
         from rb_dynamics.report.trade_page import write_trade_page
 
         write_trade_page(found, args.html)
-    print(json.dumps(found.as_dict(), allow_nan=False) if args.json else as_text(found))
-    if args.html and not args.json:
-        print(f"wrote {args.html}")
+        if not args.json:
+            print(f"wrote {args.html}")
     if found.recommended is None:
         print(f"rb-dynamics: {found.shortfall}", file=sys.stderr)
         return 1

@@ -48,7 +48,6 @@ def test_axis(scene_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:
     ("arguments", "says"),
     [
         (["--axis", "0", "0", "0"], "expected a direction"),
-        (["--through", "0", "0", "1"], "add --axis"),
         (["--mesh", "none.stl"], "none.stl cannot be read"),
     ],
 )

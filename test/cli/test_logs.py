@@ -120,9 +120,11 @@ def test_a_bag_drives_a_channel_of_another_name(scene: Path, tmp_path: Path, exa
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["--max-bag-size", "9", "--mcap", "run.mcap"], "give a bag instead of mcap"),
+        (["--max-bag-size", "9", "--mcap", "run.mcap"], "found --max-bag-size without --bag"),
         (["--mcap", "run.mcap", "--bag", "run"], "not allowed with"),
         (["--flush", "-1"], "0 or more"),
+        (["--accel"], "found --accel without a log"),
+        (["--mcap", "."], "it is a folder, expected the name of a file"),
         (["--wrench", "BAG", "--topic", "a"], "expected TOPIC=CHANNEL"),
     ],
 )

@@ -30,12 +30,16 @@ def test_no_command_shows_the_help(capsys: pytest.CaptureFixture[str], arguments
 
 def test_unknown_command(capsys: pytest.CaptureFixture[str]) -> None:
     assert "'simulat', expected a command (did you mean simulate?)" in refusal(capsys, "simulat", "scene.yaml")
-    assert "expected a command; rb-dynamics --help" in refusal(capsys, "xyzzy")
+    assert "expected a command; see rb-dynamics --help" in refusal(capsys, "xyzzy")
 
 
 def test_unknown_option_before_the_command(capsys: pytest.CaptureFixture[str]) -> None:
-    assert "usage: rb-dynamics [-h]" in (found := refusal(capsys, "--hlp"))
-    assert "unrecognized arguments: --hlp (did you mean --help?)" in found
+    assert "rb-dynamics: unrecognized arguments: --hlp (did you mean --help?); see" in refusal(capsys, "--hlp")
+
+
+@pytest.mark.parametrize(("file", "use"), [("a/scene.yaml", "simulate"), ("run.mcap", "inspect")])
+def test_a_file_instead_of_a_command(capsys: pytest.CaptureFixture[str], file: str, use: str) -> None:
+    assert f"expected a command before the file, such as rb-dynamics {use} {file};" in refusal(capsys, file)
 
 
 @pytest.mark.parametrize(
@@ -48,19 +52,64 @@ def test_unknown_option_before_the_command(capsys: pytest.CaptureFixture[str]) -
         ("campaign c.yaml --run 5", "--runs"),
     ],
 )
-def test_unknown_option_shows_the_usage_of_its_command(
-    capsys: pytest.CaptureFixture[str], given: str, meant: str
-) -> None:
+def test_unknown_option_is_answered_by_its_command(capsys: pytest.CaptureFixture[str], given: str, meant: str) -> None:
     command, _, option = given.split()[:3]
     found = refusal(capsys, *given.split())
-    assert f"usage: rb-dynamics {command} [-h]" in found
-    assert f"{option} (did you mean {meant}?)" in found if meant else f"{option}; rb-dynamics {command} --help" in found
+    assert found.startswith(f"rb-dynamics {command}: unrecognized arguments: {option}")
+    assert found.endswith(f"; see rb-dynamics {command} --help ")
+    assert f" (did you mean {meant}?)" in found if meant else "did you mean" not in found
 
 
 def test_ros_arguments_of_another_command(capsys: pytest.CaptureFixture[str]) -> None:
     found = refusal(capsys, "body", "s.yaml", "--ros-args")
-    assert "usage: rb-dynamics body" in found
-    assert "belongs to the commands node and replay" in found
+    assert found.startswith("rb-dynamics body: found --ros-args, which belongs to the commands node and replay")
+
+
+@pytest.mark.parametrize(
+    "given", ["simulate", "simulate s.yaml --mcap", "simulate s.yaml --step 1 --accuracy 1", "replay r.mcap --into x"]
+)
+def test_what_argparse_finds_is_one_line_too(capsys: pytest.CaptureFixture[str], given: str) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(given.split())
+    (line,) = capsys.readouterr().err.splitlines()
+    command = given.partition(" ")[0]
+    assert line.startswith(f"rb-dynamics {command}: ")
+    assert line.endswith(f"; see rb-dynamics {command} --help")
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ("--mcap run.mcap", "-p mcap:=run.mcap"),
+        ("--max-bag-size=100 --lockstep", "-p max_bag_size:=100 -p lockstep:=VALUE"),
+        ("--set body.mass=2 --step 0.1", "-p body.mass:=2 -p solver.step:=0.1"),
+    ],
+)
+def test_options_of_other_commands_are_parameters_of_a_node(
+    capsys: pytest.CaptureFixture[str], given: str, told: str
+) -> None:
+    assert f"; a node takes parameters instead: --ros-args {told}; see" in refusal(
+        capsys, "node", "s.yaml", *given.split()
+    )
+    assert "parameters" not in refusal(capsys, "node", "s.yaml", "other.yaml")
+
+
+@pytest.mark.parametrize(
+    ("given", "option", "other"),
+    [
+        ("simulate s.yaml --topic a=b", "--topic", "--wrench"),
+        ("replay r.mcap --rate 0", "--rate", "--into ros"),
+        ("replay r.mcap --clock", "--clock", "--into ros"),
+        ("campaign c.yaml --mcap r.mcap", "--mcap", "--rerun"),
+        ("body s.yaml --scale 1", "--scale", "--mesh"),
+        ("body s.yaml --through 0 0 0", "--through", "--axis"),
+    ],
+)
+def test_an_option_that_would_do_nothing_is_refused(
+    capsys: pytest.CaptureFixture[str], given: str, option: str, other: str
+) -> None:
+    found = refusal(capsys, *given.split())
+    assert f"found {option} without {other}, expected both; add {other}, or leave out {option}; see" in found
 
 
 def test_version_is_that_of_the_installed_package() -> None:

@@ -10,13 +10,16 @@ from rb_dynamics.cli import main, parser
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ("simulate s.yaml --flush soon", "argument --flush: found 'soon', expected seconds, 0 or more"),
+        ("simulate s.yaml --flush soon", "argument --flush: found 'soon', expected a number of seconds, 0 or more"),
         (
             "simulate s.yaml --max-bag-duration=-1",
-            "argument --max-bag-duration: found '-1', expected seconds, 0 or more",
+            "argument --max-bag-duration: found '-1', expected a number of seconds, 0 or more",
         ),
-        ("simulate s.yaml --max-bag-size 1.5", "argument --max-bag-size: found '1.5', expected bytes, 0 or more"),
-        ("simulate s.yaml --duration 5s", "argument --duration: found '5s', expected seconds"),
+        (
+            "simulate s.yaml --max-bag-size 1.5",
+            "argument --max-bag-size: found '1.5', expected a whole number of bytes, 0 or more",
+        ),
+        ("simulate s.yaml --duration 5s", "argument --duration: found '5s', expected a number of seconds, such as 10"),
         ("simulate s.yaml --accuracy nan", "argument --accuracy: found 'nan', expected a number such as 1e-9"),
         ("inspect run.mcap --bound 0", "argument --bound: found '0', expected a number greater than 0 such as 1e-6"),
         ("replay run.mcap --rate fast", "argument --rate: found 'fast', expected a number, 0 or more"),
@@ -24,6 +27,7 @@ from rb_dynamics.cli import main, parser
         ("campaign c.yaml --seed -1", "argument --seed: found '-1', expected a whole number of 0 or more"),
         ("campaign c.yaml --workers two", "argument --workers: found 'two', expected a whole number of 0 or more"),
         ("trade s.yaml --target inf", "argument --target: found 'inf', expected a finite number greater than 0"),
+        ("body s.yaml --mesh m.stl --scale 0", "argument --scale: found '0', expected a number greater than 0"),
         ("body s.yaml --axis 1 0 z", "argument --axis: found 'z', expected a finite number"),
         ("body s.yaml --through inf 0 0", "argument --through: found 'inf', expected a finite number"),
     ],

@@ -1,0 +1,23 @@
+"""How the command line refuses what does not fit its options: in one line that says where the rest is explained.
+
+Never prints the usage of all options, behind which the line that matters would be lost.
+"""
+
+from __future__ import annotations
+
+import argparse
+from typing import NoReturn
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose errors are one line."""
+
+    def error(self, message: str) -> NoReturn:
+        """Say what is wrong and end with exit code 2."""
+        self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
+
+
+def require_with(args: argparse.Namespace, option: str, is_given: bool, other: str, is_there: object) -> None:
+    """Refuse an option that would have no effect, as the `other` that it belongs to is not there."""
+    if is_given and not is_there:
+        args.parser.error(f"found {option} without {other}, expected both; add {other}, or leave out {option}")
