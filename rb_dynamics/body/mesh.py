@@ -160,7 +160,9 @@ def _merged(vertices: Points, faces: Faces) -> tuple[Points, Faces]:
     a, b, c = triangles.T
     triangles = triangles[(a != b) & (b != c) & (c != a)]
     if len(triangles) < 4:
-        raise BodyError(f"found {len(triangles)} triangles with an area, expected at least 4: a closed surface")
+        raise BodyError(
+            f"found {len(triangles)} triangles with an area, expected at least 4: a closed surface; export it again"
+        )
     return points, triangles
 
 

@@ -85,7 +85,8 @@ def body_of_particles(masses: Sequence[float], positions: Sequence[Vector]) -> R
     positions = [vector(x, f"positions[{k}]", "a point (m)", BodyError) for k, x in enumerate(positions)]
     if len(masses) != len(positions):
         raise BodyError(
-            f"masses has {len(masses)} entries and positions {len(positions)}, expected one of each for each particle"
+            f"masses has {len(masses)} entries and positions {len(positions)}, expected one of each for each particle; "
+            "give as many"
         )
     if not masses:
         raise BodyError("found no particles, expected at least 3 that are not on one line; add them")

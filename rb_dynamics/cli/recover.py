@@ -10,6 +10,7 @@ could be read.
 from __future__ import annotations
 
 import argparse
+import sys
 
 HELP = "save what can be read of a log that was cut off"
 
@@ -21,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Recover and say what was found; exit code 0, or 1 where something within the file is lost."""
+    """Recover and say what was found; exit code 0, 1 where something within the file is lost, 2 where all of it is."""
     from pathlib import Path
 
     from rb_dynamics.recording.recover import recover
@@ -34,4 +35,11 @@ def run(args: argparse.Namespace) -> int:
         for piece in each.damage:
             print(f"  left out: {piece}")
     print(f"wrote {args.target}")
+    if not all(each.complete for each in saved) and not any(each.file.counts.total() for each in saved):
+        print(
+            f"rb-dynamics: found no whole message in {args.source}, expected at least one before it was cut off or "
+            "damaged; record it again",
+            file=sys.stderr,
+        )
+        return 2
     return 1 if any(each.damage for each in saved) else 0

@@ -321,5 +321,5 @@ def verify(path: Path, counts: Mapping[str, int]) -> None:
         raise LogError(
             f"{path} does not read back as it was written: "
             + (", ".join(f"{topic}: {found[topic]} of {written[topic]} messages" for topic in differing) or "no footer")
-            + "; keep the disk from being used and run again"
+            + "; run again, and check the disk if that helps nothing"
         )

@@ -135,6 +135,15 @@ def test_nonsense_is_answered(scene: Path, example_dir: Path, arguments: list[st
     assert "Traceback" not in result.stderr
 
 
+def test_recover_of_nothing_is_a_failure(scene: Path, tmp_path: Path) -> None:
+    log = tmp_path / "run.mcap"
+    command("simulate", scene, "--mcap", log)
+    log.write_bytes(log.read_bytes()[:60])
+    result = command("recover", log, tmp_path / "saved.mcap")
+    assert result.returncode == 2
+    assert "found no whole message in" in result.stderr
+
+
 def test_recover_gives_a_whole_file(scene: Path, tmp_path: Path) -> None:
     log = tmp_path / "run.mcap"
     command("simulate", scene, "--mcap", log)
