@@ -119,7 +119,8 @@ def explain(
 
     Args:
         scene: is not changed; or its file.
-        commands: wrench commands of the scene's channels; see `probed` for what is done without any.
+        commands: wrench commands of the scene's channels; without any, a channel is tried with a probe if no
+            effect acts.
         budget: about how long the trial may compute, s.
 
     Raises:

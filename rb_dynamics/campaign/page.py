@@ -97,7 +97,7 @@ def campaign_report(
 _SPREAD = (
     "How many runs have which value; orange ones failed. The dashed line is what is required. The table gives "
     "the value that so many of the runs stay below, and where the one of 99 % lies for all possible runs, with "
-    f"{CONFIDENCE:.0%} confidence, whatever the distribution; the file .json has this of all of them. A run "
+    f"{CONFIDENCE:.0%} confidence, whatever the distribution; the .json file has it for every quantile. A run "
     "has no value where it never met the condition, or could not be flown."
 )
 _DRIVERS = (

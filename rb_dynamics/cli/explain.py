@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import argparse
 
-from rb_dynamics.cli.scene import add_scene, add_solver, add_wrench, read, read_commands
+from rb_dynamics.cli.scene import add_scene, add_solver, add_wrench, read_with_commands
 
 HELP = "say what a scene models, which solver runs it, its cost and error"
 
@@ -27,8 +27,7 @@ def run(args: argparse.Namespace) -> int:
 
     from rb_dynamics.explain import explain
 
-    scene = read(args)
-    commands = list(read_commands(args.wrench, scene)) if args.wrench else []
-    explanation = explain(scene, commands)
+    scene, commands = read_with_commands(args)
+    explanation = explain(scene, list(commands))
     print(json.dumps(explanation.as_dict()) if args.json else explanation.as_text())
     return 0

@@ -50,31 +50,6 @@ def add_log(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--verify", action="store_true", help="read the finished log again and count its messages")
 
 
-def add_mapping(parser: argparse.ArgumentParser) -> None:
-    """Add the argument that says which topic of a bag drives which channel."""
-    parser.add_argument(
-        "--topic", action="append", default=[], metavar="TOPIC=CHANNEL",
-        help="topic of the bag that drives a channel of the scene, where their names differ; may be given again",
-    )  # fmt: skip
-
-
-def mapping(args: argparse.Namespace) -> dict[str, str]:
-    """Return the channel of each topic that `--topic` names.
-
-    Raises:
-        LogError: it is not TOPIC=CHANNEL.
-    """
-    from rb_dynamics.errors import LogError
-
-    pairs = [text.partition("=") for text in args.topic]
-    for topic, equals, channel in pairs:
-        if not (topic and equals and channel):
-            raise LogError(
-                f"--topic: found {topic + equals + channel!r}, expected TOPIC=CHANNEL; write it as in /cmd=wrench"
-            )
-    return {topic: channel for topic, _, channel in pairs}
-
-
 def log_sinks(args: argparse.Namespace) -> list[GuardedSink]:
     """Return the logs that are asked for; one that fails says so on stderr, and the run goes on without it.
 

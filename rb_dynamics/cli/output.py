@@ -54,6 +54,13 @@ def _known(run: Run) -> dict[str, Any]:
     return {name: value for name, value in asdict(run.sample).items() if value is not None}
 
 
+def note_coasting(scene: Scene) -> None:
+    """Say on stderr that nothing acts, where the scene names channels for what might."""
+    if scene.channels and not scene.effects and "wrenches" in scene.text:
+        topics = ", ".join(channel.topic for channel in scene.channels)
+        print(f"note: no commands on {topics}: the body coasts; give a bag of commands with --wrench", file=sys.stderr)
+
+
 def warn_outside(commands: RecordedWrenches, scene: Scene) -> None:
     """Say on stderr how many commands the run will never reach."""
     if commands.late and commands.first_ns is not None:

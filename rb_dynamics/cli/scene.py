@@ -7,11 +7,10 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
-from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from rb_dynamics.cli.numbers import real
+from rb_dynamics.cli.usage import require_with
 
 if TYPE_CHECKING:
     from rb_dynamics.loads.wrench import Wrench
@@ -29,12 +28,16 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
 
 
 def add_wrench(parser: argparse.ArgumentParser) -> None:
-    """Add the bag of wrench commands."""
+    """Add the bag of wrench commands, and which of its topics drives which channel."""
     parser.add_argument(
         "--wrench",
         metavar="BAG",
         help="bag with wrench commands, MCAP or a rosbag2 folder; each takes effect at its stamp",
     )
+    parser.add_argument(
+        "--topic", action="append", default=[], metavar="TOPIC=CHANNEL",
+        help="topic of the bag that drives a channel of the scene, where their names differ; may be given again",
+    )  # fmt: skip
 
 
 def add_solver(parser: argparse.ArgumentParser) -> None:
@@ -72,32 +75,37 @@ def read(args: argparse.Namespace) -> Scene:
     return read_scene(args.scene, overrides)
 
 
-def read_commands(
-    bag: str | None, scene: Scene, mapping: Mapping[str, str] | None = None
-) -> RecordedWrenches | list[tuple[str, Wrench]]:
-    """Return the commands in `bag` for the channels of `scene`, or none; says on stderr what has no effect.
-
-    `mapping` is the channel that each topic of the bag drives, where their names differ.
+def read_with_commands(args: argparse.Namespace) -> tuple[Scene, RecordedWrenches | list[tuple[str, Wrench]]]:
+    """Return the scene, and the commands of `--wrench` for its channels, or none; says on stderr which have no effect.
 
     Raises:
-        LogError: the bag cannot be read.
+        SceneError: the scene is not valid, or a value cannot be read.
+        LogError: the bag cannot be read, or `--topic` is not TOPIC=CHANNEL.
     """
+    require_with(args, "--topic", bool(args.topic), "--wrench", args.wrench)
+    scene = read(args)
+    if not args.wrench:
+        return scene, []
     from rb_dynamics.cli import output
-
-    topics = [channel.topic for channel in scene.channels]
-    if not bag:
-        if topics and not scene.effects and "wrenches" in scene.text:
-            print(
-                f"note: no commands on {', '.join(topics)}: the body coasts; give a bag of commands with --wrench",
-                file=sys.stderr,
-            )
-        return []
     from rb_dynamics.recording.mcap_reader import RecordedWrenches
 
     end_ns = math.inf if scene.end_ns is None else scene.end_ns
-    commands = RecordedWrenches(bag, topics, end_ns, mapping)
+    commands = RecordedWrenches(args.wrench, [channel.topic for channel in scene.channels], end_ns, _mapping(args))
     output.warn_outside(commands, scene)
-    return commands
+    return scene, commands
+
+
+def _mapping(args: argparse.Namespace) -> dict[str, str]:
+    """Return the channel of each topic that `--topic` names."""
+    from rb_dynamics.errors import LogError
+
+    pairs = [text.partition("=") for text in args.topic]
+    for topic, equals, channel in pairs:
+        if not (topic and equals and channel):
+            raise LogError(
+                f"--topic: found {topic + equals + channel!r}, expected TOPIC=CHANNEL; write it as in /cmd=wrench"
+            )
+    return {topic: channel for topic, _, channel in pairs}
 
 
 def _override(text: str) -> tuple[str, object]:

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import argparse
 
-from rb_dynamics.cli.logs import add_log, add_mapping, log_sinks, mapping
-from rb_dynamics.cli.scene import add_scene, add_solver, add_wrench, read, read_commands
-from rb_dynamics.cli.usage import require_with
+from rb_dynamics.cli.logs import add_log, log_sinks
+from rb_dynamics.cli.scene import add_scene, add_solver, add_wrench, read_with_commands
 
 HELP = "run a scene offline and print its final state"
 
@@ -19,7 +18,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `simulate`."""
     add_scene(parser)
     add_wrench(parser)
-    add_mapping(parser)
     add_solver(parser)
     add_log(parser)
     parser.add_argument("--html", metavar="F", help="write a report (extras: log, plot)")
@@ -36,9 +34,9 @@ def run(args: argparse.Namespace) -> int:
     from rb_dynamics.recording.log_file import make_folder
     from rb_dynamics.simulate import simulate
 
-    require_with(args, "--topic", bool(args.topic), "--wrench", args.wrench)
-    scene = read(args)
-    commands = read_commands(args.wrench, scene, mapping(args))
+    scene, commands = read_with_commands(args)
+    if not args.wrench:
+        output.note_coasting(scene)
     with contextlib.ExitStack() as stack:
         mcap, outputs = args.mcap or args.bag, (args.mcap, args.bag, args.rerun, args.html)
         if args.html and not mcap:

@@ -18,7 +18,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from rb_dynamics.cli.numbers import real
-from rb_dynamics.cli.scene import add_scene, add_wrench, read, read_commands
+from rb_dynamics.cli.scene import add_scene, add_wrench, read_with_commands
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -58,14 +58,13 @@ def run(args: argparse.Namespace) -> int:
     from rb_dynamics.recording.log_file import make_folder
     from rb_dynamics.trade import trade
 
-    scene = read(args)
+    scene, commands = read_with_commands(args)
     if args.html:
         make_folder(Path(args.html))
-    commands = list(read_commands(args.wrench, scene)) if args.wrench else []
     with output.progress(args.scene) as progress:
         found = trade(
             scene,
-            commands,
+            list(commands),
             target=args.target,
             budget=args.budget,
             time_s=args.time,

@@ -67,7 +67,7 @@ def _whole(series: Series, track: Track) -> Check:
 
 def _unit(orientation: Array, bound: float) -> Check:
     worst = float(np.abs(np.linalg.norm(orientation, axis=1) - 1.0).max())
-    return Check("quaternion is unit", worst <= bound, f"norm - 1 is at most {worst:.3g}, accepted {bound:g}")
+    return Check("quaternion is unit", worst <= bound, f"|norm - 1| is at most {worst:.3g}, accepted {bound:g}")
 
 
 def _balanced(track: Track, balance: Balance, bound: float) -> Check:

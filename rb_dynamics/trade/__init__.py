@@ -47,7 +47,8 @@ def trade(
 
     Args:
         scene: is not changed, or its file; its solver gives the target where none is asked for.
-        commands: wrench commands of the scene's channels; see `explain.probed` for what is done without any.
+        commands: wrench commands of the scene's channels; without any, a channel is tried with a probe if no
+            effect acts.
         target: error to be kept, in attitude (rad) and in position relative to the path.
         budget: real-time factor to be kept; then the most accurate row is recommended.
         time_s: about how long all of it may take, s; compiling kernels may take as long again, once.

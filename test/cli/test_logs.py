@@ -115,6 +115,9 @@ def test_a_bag_drives_a_channel_of_another_name(scene: Path, tmp_path: Path, exa
     one, two = json.loads(first.stdout), json.loads(again.stdout)
     assert one["orientation_xyzw"] == two["orientation_xyzw"]
     assert one["work"] == two["work"] != 0.0
+    explained = command("explain", scene, *drive, "--json")
+    assert explained.returncode == 0, explained.stderr
+    assert not any("probe" in remark for remark in json.loads(explained.stdout)["remarks"])
 
 
 @pytest.mark.parametrize(

@@ -98,6 +98,8 @@ def test_options_of_other_commands_are_parameters_of_a_node(
     ("given", "option", "other"),
     [
         ("simulate s.yaml --topic a=b", "--topic", "--wrench"),
+        ("explain s.yaml --topic a=b", "--topic", "--wrench"),
+        ("trade s.yaml --topic a=b", "--topic", "--wrench"),
         ("replay r.mcap --rate 0", "--rate", "--into ros"),
         ("replay r.mcap --clock", "--clock", "--into ros"),
         ("campaign c.yaml --mcap r.mcap", "--mcap", "--rerun"),
