@@ -7,9 +7,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from rb_dynamics.errors import LogError
-from rb_dynamics.recording.bag_sink import BagSink
-from rb_dynamics.recording.mcap_sink import LogSettings, McapSink
-from rb_dynamics.recording.sinks import sink
+from rb_dynamics.recording.mcap_sink import LogSettings
+from rb_dynamics.recording.sinks import Keeping, sinks
 
 if TYPE_CHECKING:
     from rb_dynamics.recording.sink import Sink
@@ -45,11 +44,17 @@ class Logs:
         """
         if self.mcap and self.bag:
             raise LogError(f"found both mcap ({self.mcap}) and bag ({self.bag}), expected one; leave out one of them")
-        if (self.max_bag_size or self.max_bag_duration) and not self.bag:
+        bags = [text for text in self._asked if text.startswith("bag=")]
+        if (self.max_bag_size or self.max_bag_duration) and not bags:
             raise LogError(
                 "found max-bag-size or max-bag-duration without bag, expected a folder to split; give a bag instead of "
                 "mcap"
             )
+
+        targets = [text.partition("=")[2] for text in self._asked]
+        for target in targets:
+            if target and targets.count(target) > 1:
+                raise LogError(f"found {target} more than once, expected a file of its own for each log; rename one")
 
     @property
     def names(self) -> list[str]:
@@ -67,14 +72,10 @@ class Logs:
             LogError: there is no sink of a name.
             PluginError: a sink is of a plug-in that cannot be loaded.
         """
-        sinks: list[Sink] = []
-        if self.mcap:
-            sinks.append(McapSink(self.mcap, namespace, remap, self.settings))
-        if self.bag:
-            split = (self.max_bag_size, self.max_bag_duration)
-            sinks.append(BagSink(self.bag, *split, namespace, remap, self.settings))
-        if self.rerun:
-            from rb_dynamics.recording.rerun_sink import RerunSink
+        return sinks(self._asked, Keeping(namespace, remap, self.max_bag_size, self.max_bag_duration, self.settings))
 
-            sinks.append(RerunSink(self.rerun))
-        return [*sinks, *map(sink, self.named)]
+    @property
+    def _asked(self) -> list[str]:
+        """All of them as NAME=TARGET."""
+        ours = {"mcap": self.mcap, "bag": self.bag, "rerun": self.rerun}
+        return [*(f"{name}={target}" for name, target in ours.items() if target), *self.named]

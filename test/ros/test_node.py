@@ -177,16 +177,17 @@ def test_as_fast_as_possible_ends_with_the_scene_and_equals_simulate(tmp_path: P
 
 
 def test_namespace_remapping_and_scene_overrides(scene: Path, peer: Peer, tmp_path: Path) -> None:
-    log = tmp_path / "run.mcap"
+    logs = tmp_path / "run.mcap", tmp_path / "named.mcap"
     ros_args = ("-r", "__ns:=/robot_1", "-r", "wrench:=/commands")
-    with running(scene, *ros_args, start_paused=True, body__mass=4, mcap=log) as node:
+    with running(scene, *ros_args, start_paused=True, body__mass=4, mcap=logs[0], sink=f"mcap={logs[1]}") as node:
         inertia = peer.listen(InertiaStamped, "/robot_1/inertia", TRANSIENT)
         peer.until(lambda: bool(inertia), "the inertia")
         assert inertia[0].inertia.m == 4.0
         peer.wrench("/commands", force=(1.0, 0.0, 0.0))
         assert peer.call("/robot_1/rigid_body/step", Trigger.Request()).success
         assert node.stop() == 0
-    assert {"/robot_1/pose", "/commands", "/commands/applied"} <= set(read_bag(log).topics)
+    for log in logs:
+        assert {"/robot_1/pose", "/commands", "/commands/applied"} <= set(read_bag(log).topics)
 
 
 @pytest.mark.parametrize(
