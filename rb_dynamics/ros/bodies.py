@@ -9,6 +9,7 @@ all: where one core is not enough for them, take the launch file.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
 import sys
 from collections.abc import Sequence
@@ -27,10 +28,18 @@ def bodies(count: int, prefix: str, spacing: float) -> list[RigidBodyNode]:
     """Return `count` nodes: namespace, frame and names of logs with a number, side by side along y of the world (m).
 
     Raises:
-        RigidBodyError: a parameter, the scene or a log file is not valid.
+        RigidBodyError: a parameter, the scene or a log file is not valid; the logs of those before are finished.
     """
     logs = _logs()
-    return [_body(f"{prefix}{index + 1}", spacing * index, logs) for index in range(count)]
+    with contextlib.ExitStack() as undo:
+        nodes = []
+        for index in range(count):
+            node = _body(f"{prefix}{index + 1}", spacing * index, logs)
+            for last_first in (node.destroy_node, node.finish):
+                undo.callback(last_first)
+            nodes.append(node)
+        undo.pop_all()
+    return nodes
 
 
 def _body(name: str, y: float, logs: dict[str, object]) -> RigidBodyNode:
@@ -60,12 +69,18 @@ def _logs() -> dict[str, object]:
         asking.destroy_node()
 
 
+def _count(text: str) -> int:
+    if not (text.isdecimal() and int(text) >= 1):
+        raise argparse.ArgumentTypeError(f"found {text!r}, expected a number of bodies, 1 or more")
+    return int(text)
+
+
 def main(args: Sequence[str] | None = None) -> int:
     """Run the bodies; exit code 0 after a clean stop, 2 if one could not start."""
     parser = argparse.ArgumentParser(prog="python -m rb_dynamics.ros.bodies", description=__doc__)
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("scene", metavar="SCENE", help="scene file (YAML)")
-    parser.add_argument("--count", type=int, default=2, help="how many bodies (default: 2)")
+    parser.add_argument("--count", type=_count, default=2, help="how many bodies (default: 2)")
     parser.add_argument("--prefix", default="body_", help="the namespaces are prefix1, prefix2, ... (default: body_)")
     parser.add_argument("--spacing", type=float, default=1.0, help="m between the bodies (default: 1)")
     known, ros = parser.parse_known_args(args)

@@ -71,6 +71,7 @@ class Driver:
         for log in logs:
             # A log that cannot even be opened is a mistake of whoever asked for it; later it only stops the log.
             if log.error:
+                self.simulation.finish()
                 raise log.error
 
     @property

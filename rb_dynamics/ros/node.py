@@ -85,13 +85,14 @@ class RigidBodyNode(Node):
             lambda: self.driver.stands_still,
         )
         _warm_up(scene)
-        self.driver = Driver(scene, settings.mode, pacer, self._health, self._publishers_sink, self._open_logs)
-        self._publishers_sink.watch(lambda: self.driver.simulation.acceleration)
+        # What may not be called so, or have such a QoS, is found out before there is a log.
         self._wrench_subscriptions = {topic: self._subscribe(topic) for topic in self._topics}
         self.create_subscription(Odometry, "~/set_state", self._on_set_state, 10)
         self.create_service(SetBool, "~/pause", self._on_pause)
         self.create_service(Trigger, "~/step", self._on_step)
         self.create_service(Trigger, "~/reset", self._on_reset)
+        self.driver = Driver(scene, settings.mode, pacer, self._health, self._publishers_sink, self._open_logs)
+        self._publishers_sink.watch(lambda: self.driver.simulation.acceleration)
         if importlib.util.find_spec("simulation_interfaces") is not None:
             from rb_dynamics.ros.simulation_services import SimulationServices
 

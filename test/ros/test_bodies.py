@@ -60,3 +60,38 @@ def test_a_body_that_cannot_start_ends_them_all_with_one_message(tmp_path: Path)
     assert result.returncode == 2
     assert "none.yaml" in result.stderr
     assert "Traceback" not in result.stderr
+
+
+@pytest.mark.parametrize("wrong", ["log", "argument"])
+def test_a_later_body_that_cannot_start_leaves_the_log_of_the_first_whole(
+    scene: Path, tmp_path: Path, wrong: str
+) -> None:
+    command = [
+        sys.executable,
+        "-m",
+        "rb_dynamics.ros.bodies",
+        str(scene),
+        "--ros-args",
+        "-p",
+        f"mcap:={tmp_path}/r.mcap",
+    ]
+    if wrong == "log":
+        (tmp_path / "r_body_2.mcap" / "full").mkdir(parents=True)
+        expected = "r_body_2.mcap: Is a directory"
+    else:
+        command += ["-p", "qos_overrides./body_2/wrench.subscription.reliability:=perhaps"]
+        expected = "perhaps"
+    result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert result.returncode == 2
+    assert expected in result.stderr.splitlines()[-1]
+    assert "Traceback" not in result.stderr
+    bag = read_bag(tmp_path / "r_body_1.mcap")
+    assert bag.complete
+    assert bag.metadata["rb_dynamics.result"]["end_time_ns"] == "0"
+
+
+def test_no_bodies_are_a_mistake(scene: Path) -> None:
+    command = [sys.executable, "-m", "rb_dynamics.ros.bodies", str(scene), "--count", "0"]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert result.returncode == 2
+    assert "1 or more" in result.stderr

@@ -212,6 +212,19 @@ def test_bad_parameters_end_with_one_message(scene: Path, parameters: dict[str, 
     assert "Traceback" not in node.err
 
 
+@pytest.mark.parametrize(
+    "wrong", [{"sink": "mcap=/proc/no/run.mcap"}, {"qos_overrides./wrench.subscription.reliability": "perhaps"}]
+)
+def test_a_node_that_cannot_start_leaves_no_log_half_written(
+    scene: Path, tmp_path: Path, wrong: dict[str, str]
+) -> None:
+    log = tmp_path / "run.mcap"
+    node = NodeProcess(scene, mcap=log, **wrong)
+    assert node.wait() == 2
+    assert "Traceback" not in node.err
+    assert not log.exists() or read_bag(log).complete
+
+
 def test_apply_at_stamp_waits_for_the_stamp_and_counts_late_ones(scene: Path, peer: Peer) -> None:
     with running(scene, start_paused=True, apply_at="stamp") as node:
         diagnostics = peer.diagnostics()
