@@ -1,8 +1,9 @@
-"""Checks what wrench commands do, on the topics of any node: frames, lever arm, hold, timeout, channels, impulse.
+"""Checks what wrench commands do, on the topics of any node: frames, lever arm, hold, timeout, channels, impulse, QoS.
 
 Needs WrenchStamped in and Odometry out, with stamps that pass while it looks; nothing else may act on the body. The
 laws judge, not a model: between two messages the momentum changes by the integral of force and torque. Where the force
-does not turn with the body that integral is exact, and so is the check. Never asks the node how it works.
+does not turn with the body that integral is exact, and so is the check. Never asks the node how it works; what it has
+to say itself is looked for on /diagnostics.
 
     python -m rb_dynamics.ros.conformance --frame thruster:0,0.5,0.2 --second push --timed burst:0.2
 """
@@ -10,6 +11,7 @@ does not turn with the body that integral is exact, and so is the check. Never a
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -20,12 +22,14 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import InertiaStamped, WrenchStamped
 from nav_msgs.msg import Odometry
+from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from rb_dynamics.errors import RigidBodyError
 from rb_dynamics.ros.conversions import to_nanoseconds
@@ -36,8 +40,11 @@ Array = npt.NDArray[np.float64]
 EXACT, TURNING = 1e-9, 2e-3
 # s of simulation that a command is watched for, and of patience for a message.
 _WINDOW, _PATIENCE = 0.25, 20.0
+# s until a publisher and a reader have found each other, and until a node that reports once a second has done so.
+_MATCHING, _REPORTING = 3.0, 5.0
 _FORCE, _TORQUE = np.array([0.8, -0.4, 0.6]), np.array([0.02, 0.03, -0.01])
 _NONE = np.zeros(3)
+_BEST_EFFORT = ReliabilityPolicy.BEST_EFFORT
 
 
 @dataclass(frozen=True)
@@ -69,12 +76,16 @@ class Subject:
 
 @dataclass(frozen=True)
 class Finding:
-    """What one check found; `error` is relative to the change of momentum that was expected."""
+    """What one check found; `error` is relative to the change of momentum that was expected.
+
+    Where nothing is measured `error` is 0 or infinite, and `note` says what was seen.
+    """
 
     name: str
     passed: bool
     error: float
     accepted: float
+    note: str = ""
 
 
 @dataclass(frozen=True)
@@ -91,13 +102,18 @@ class Conformance(Node):
     """Commands a node and watches the momenta."""
 
     def __init__(self, wrench_topics: Sequence[str]) -> None:
-        """Prepare to publish on `wrench_topics` and to read `odom` and `inertia`."""
+        """Prepare to publish on `wrench_topics` and to read `odom`, `inertia` and `/diagnostics`."""
         super().__init__("wrench_conformance")
         self._odometry: list[Odometry] = []
         self._inertia: list[InertiaStamped] = []
         self.create_subscription(Odometry, "odom", self._odometry.append, 1000)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self.create_subscription(InertiaStamped, "inertia", self._inertia.append, latched)
+        self._reports = 0
+        self._complaints: set[tuple[str, str]] = set()
+        self.create_subscription(
+            DiagnosticArray, "/diagnostics", self._on_report, QoSProfile(depth=100, reliability=_BEST_EFFORT)
+        )
         self._wrenches = {topic: self.create_publisher(WrenchStamped, topic, 10) for topic in wrench_topics if topic}
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self)
@@ -148,6 +164,40 @@ class Conformance(Node):
         self._settle({main: zero})
         if subject.timed:
             yield self._burst(subject.timed, world)
+        yield self.quality_of_service(main)
+
+    def quality_of_service(self, topic: str) -> Finding:
+        """Offer commands on `topic` as BEST_EFFORT, and look whether a node that cannot take them so says it.
+
+        Passes where they fit, or where a status of WARN or more on `/diagnostics` speaks of QoS as none did before.
+        """
+        name = "a commander whose QoS does not fit is reported on /diagnostics"
+        self._within(_REPORTING, lambda: self._reports > 0)
+        before = set(self._complaints)
+        unfit: list[object] = []
+        offered = self.create_publisher(
+            WrenchStamped,
+            topic,
+            QoSProfile(depth=1, reliability=_BEST_EFFORT),
+            event_callbacks=PublisherEventCallbacks(incompatible_qos=unfit.append),
+        )
+        try:
+            if not self._within(_MATCHING, lambda: bool(unfit)):
+                self._until(partial(_is_heard, offered), f"nobody listens on {topic}")
+                return Finding(name, True, 0.0, 0.0, "BEST_EFFORT fits, so there is nothing to report")
+            if not self._within(_REPORTING, lambda: self._complaints > before):
+                return Finding(name, False, math.inf, 0.0, "BEST_EFFORT does not fit, and nobody says so")
+            node, text = min(self._complaints - before)
+            return Finding(name, True, 0.0, 0.0, f"{node}: {text}")
+        finally:
+            self.destroy_publisher(offered)
+
+    def _on_report(self, message: DiagnosticArray) -> None:
+        self._reports += 1
+        for status in message.status:
+            if status.level > DiagnosticStatus.OK:
+                texts = (status.message, *(f"{pair.key}: {pair.value}" for pair in status.values))
+                self._complaints |= {(status.name, text) for text in texts if _of_quality(text)}
 
     def _held(self, name: str, commands: dict[str, tuple[str, Array, Array]], accepted: float) -> Finding:
         """Command, and compare once the commands act."""
@@ -254,15 +304,25 @@ class Conformance(Node):
         )
 
     def _until(self, condition: Callable[[], bool], problem: str) -> None:
-        give_up = time.monotonic() + _PATIENCE
+        if not self._within(_PATIENCE, condition):
+            raise RigidBodyError(f"{problem}, within {_PATIENCE:g} s")
+
+    def _within(self, seconds: float, condition: Callable[[], bool]) -> bool:
+        """Listen until `condition` holds, or has not for so long (s); return whether it does."""
+        give_up = time.monotonic() + seconds
         while not condition():
             if time.monotonic() > give_up:
-                raise RigidBodyError(f"{problem}, within {_PATIENCE:g} s")
+                return False
             self._executor.spin_once(timeout_sec=0.05)
+        return True
 
 
 def _is_heard(publisher: Publisher) -> bool:
     return bool(publisher.get_subscription_count())
+
+
+def _of_quality(text: str) -> bool:
+    return "qos" in text.lower() or "reliab" in text.lower()
 
 
 def _numbers(text: str) -> Array:
@@ -345,7 +405,8 @@ def main(args: Sequence[str] | None = None) -> int:
         for finding in node.run(subject):
             passed &= finding.passed
             verdict = "holds" if finding.passed else "FAILS"
-            print(f"{verdict}  {finding.name}: error {finding.error:.1e}, accepted {finding.accepted:.0e}", flush=True)
+            measured = f"error {finding.error:.1e}, accepted {finding.accepted:.0e}"
+            print(f"{verdict}  {finding.name}: {finding.note or measured}", flush=True)
     except RigidBodyError as error:
         print(f"conformance: {error}", file=sys.stderr)
         return 2

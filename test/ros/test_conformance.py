@@ -6,7 +6,10 @@ import subprocess
 import sys
 
 import pytest
+import rclpy
 from ros_harness import ROOT, running
+
+from rb_dynamics.ros.conformance import Conformance
 
 pytestmark = pytest.mark.ros
 
@@ -21,7 +24,7 @@ def test_the_node_conforms() -> None:
         done = conformance("--frame", "thruster:0,0.5,0.2", "--second", "push", "--timed", "burst:0.2")
         assert node.stop() == 0
     assert done.returncode == 0, done.stdout + done.stderr
-    assert done.stdout.count("holds") == 11
+    assert done.stdout.count("holds") == 12
 
 
 def test_a_lever_and_a_timeout_that_are_not_there_are_found_out() -> None:
@@ -31,6 +34,28 @@ def test_a_lever_and_a_timeout_that_are_not_there_are_found_out() -> None:
     assert done.returncode == 1, done.stdout + done.stderr
     failed = [line for line in done.stdout.splitlines() if line.startswith("FAILS")]
     assert ["lever arm" in failed[0], "watchdog" in failed[1], len(failed)] == [True, True, 2]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "passed", "note"),
+    [
+        ((), True, "/rigid_body: wrench: a commander's QoS"),
+        (("-r", "/diagnostics:=/elsewhere"), False, "nobody says so"),
+        (("-p", "qos_overrides./wrench.subscription.reliability:=best_effort"), True, "fits"),
+    ],
+)
+def test_a_qos_that_does_not_fit_has_to_be_reported(arguments: tuple[str, ...], passed: bool, note: str) -> None:
+    with running(ROOT / "config" / "conformance.yaml", *arguments) as node:
+        rclpy.init(args=[])
+        try:
+            asking = Conformance(["wrench"])
+            finding = asking.quality_of_service("wrench")
+            asking.destroy_node()
+        finally:
+            rclpy.try_shutdown()
+        assert node.stop() == 0
+    assert finding.passed == passed
+    assert note in finding.note
 
 
 @pytest.mark.parametrize(
