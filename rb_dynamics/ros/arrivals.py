@@ -1,9 +1,13 @@
-"""`Arrivals`: what a channel's stamped commands tell about the way they took (early, late, twice, out of order)."""
+"""What a channel's commands tell of the way they took: early, late, twice, out of order (`Arrivals`), lost (`Losses`).
+
+Never changes a command.
+"""
 
 from __future__ import annotations
 
 import enum
 import heapq
+from collections.abc import Callable
 
 
 class Arrival(enum.Enum):
@@ -44,3 +48,37 @@ class Arrivals:
             return Arrival.EARLY
         self._acted_ns = stamp_ns
         return Arrival.ON_TIME if stamp_ns == now_ns else Arrival.LATE
+
+
+class Losses:
+    """How many commands of a channel never came: by the middleware's count or by gaps in their numbers, what is more.
+
+    The middleware does not count what a full queue, the commander's or ours, replaced by something newer. The numbers
+    are the publisher's own and do not tell it from another, so they count only where it is alone.
+    """
+
+    def __init__(self) -> None:
+        """Begin with none."""
+        self._last: int | None = None
+        self._told = self._skipped = self._counted = 0
+
+    def tell(self, lost: int) -> int:
+        """Take what the middleware says was lost; return how many more that makes."""
+        self._told += lost
+        return self._more()
+
+    def take(self, number: int | None, alone: Callable[[], bool]) -> int:
+        """Take the number of a command that came, None where it has none; return how many more are missing."""
+        last, self._last = self._last, number
+        if number is None or last is None or number <= last + 1 or not alone():
+            return 0
+        self._skipped += number - last - 1
+        return self._more()
+
+    def forget(self) -> None:
+        """Another publisher has come, whose numbers are its own."""
+        self._last = None
+
+    def _more(self) -> int:
+        before, self._counted = self._counted, max(self._told, self._skipped)
+        return self._counted - before

@@ -64,7 +64,7 @@ class Health:
         self._counts[topic].rejected += 1
 
     def lost(self, topic: str, number: int) -> None:
-        """Count commands that the middleware lost."""
+        """Count commands that never came."""
         self._counts[topic].lost += number
 
     def mismatched(self, topic: str, number: int, message: str) -> None:

@@ -41,6 +41,7 @@ from rb_dynamics.recording.guard import GuardedSink
 from rb_dynamics.recording.log_file import move_aside
 from rb_dynamics.recording.messages import COMMAND_DEPTH
 from rb_dynamics.ros import conversions
+from rb_dynamics.ros.arrivals import Losses
 from rb_dynamics.ros.driver import Driver
 from rb_dynamics.ros.health import ERROR, Health
 from rb_dynamics.ros.pacing import ClockFollower, Pacer
@@ -86,6 +87,7 @@ class RigidBodyNode(Node):
         )
         _warm_up(scene)
         # What may not be called so, or have such a QoS, is found out before there is a log.
+        self._losses = {topic: Losses() for topic in self._topics}
         self._wrench_subscriptions = {topic: self._subscribe(topic) for topic in self._topics}
         self.create_subscription(Odometry, "~/set_state", self._on_set_state, 10)
         self.create_service(SetBool, "~/pause", self._on_pause)
@@ -181,7 +183,8 @@ class RigidBodyNode(Node):
                 event.total_count_change,
                 "a commander's QoS does not fit, expected RELIABLE; nothing it sends acts",
             ),
-            message_lost=lambda event: self._on_lost(topic, event.total_count_change),
+            message_lost=lambda event: self._on_lost(topic, self._losses[topic].tell(event.total_count_change)),
+            matched=lambda event: self._losses[topic].forget() if event.current_count_change > 0 else None,
         )
         return self.create_subscription(
             WrenchStamped,
@@ -193,7 +196,7 @@ class RigidBodyNode(Node):
         )
 
     def _on_wrenches(self, topic: str, message: WrenchStamped, facts: dict[str, Any]) -> None:
-        self.driver.command(topic, conversions.to_wrench(message), _age_ns(facts))
+        self._take(topic, message, facts)
         self.take_wrenches()
 
     def take_wrenches(self) -> None:
@@ -208,12 +211,20 @@ class RigidBodyNode(Node):
                     taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
                     if taken is None:
                         break
-                    self.driver.command(topic, conversions.to_wrench(taken[0]), _age_ns(taken[1]))
+                    self._take(topic, *taken)
+
+    def _take(self, topic: str, message: WrenchStamped, facts: dict[str, Any]) -> None:
+        alone = self._wrench_subscriptions[topic].get_publisher_count
+        self._on_lost(topic, self._losses[topic].take(facts["publication_sequence_number"], lambda: alone() == 1))
+        self.driver.command(topic, conversions.to_wrench(message), _age_ns(facts))
 
     def _on_lost(self, topic: str, lost: int) -> None:
+        if not lost:
+            return
         self._health.lost(topic, lost)
         message = (
-            f"{topic}: {lost} commands lost on the way; the publisher needs RELIABLE and enough depth, or KEEP_ALL"
+            f"{topic}: {lost} commands lost on the way; the publisher needs RELIABLE and enough depth, or KEEP_ALL, "
+            f"and no more than {COMMAND_DEPTH} may come at once"
         )
         if self._settings.mode.lockstep:
             self.driver.fail(f"the motion is no longer that of its commands: {message}")

@@ -9,7 +9,7 @@ pytest.importorskip("rclpy", reason="rclpy is not installed: pip install '.[ros]
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rb_dynamics.ros.arrivals import Arrival, Arrivals
+from rb_dynamics.ros.arrivals import Arrival, Arrivals, Losses
 
 
 def test_each_kind() -> None:
@@ -40,3 +40,24 @@ def test_the_kinds_are_what_they_say(commands: list[tuple[int, int]]) -> None:
         if kind is not Arrival.DUPLICATE:
             assert kind is (Arrival.EARLY if stamp > now else Arrival.LATE if stamp < now else Arrival.ON_TIME)
         taken.add(stamp)
+
+
+@given(st.lists(st.booleans(), max_size=40), st.integers(1, 9), st.integers(0, 50))
+def test_gaps_and_what_the_middleware_says_are_not_counted_twice(came: list[bool], first: int, told: int) -> None:
+    losses = Losses()
+    numbers = [first + index for index, each in enumerate(came) if each]
+    found = sum(losses.take(number, lambda: True) for number in numbers)
+    assert found == (numbers[-1] - numbers[0] + 1 - len(numbers) if numbers else 0)
+    assert found + losses.tell(told) == max(found, told)
+
+
+def test_numbers_count_for_a_commander_that_is_alone_and_known() -> None:
+    losses = Losses()
+    assert losses.take(5, lambda: True) == 0
+    assert losses.take(8, lambda: False) == 0
+    losses.forget()
+    assert losses.take(20, lambda: True) == 0
+    assert losses.take(1, lambda: True) == 0
+    assert losses.take(None, lambda: True) == 0
+    assert losses.take(9, lambda: True) == 0
+    assert losses.take(11, lambda: True) == 1

@@ -16,7 +16,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from geometry_msgs.msg import Vector3Stamped
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import Vector3Stamped, WrenchStamped
 from ros_harness import Peer, running, stamp, values
 from std_srvs.srv import Trigger
 
@@ -25,7 +26,8 @@ from rb_dynamics.recording.mcap_reader import read_bag
 pytestmark = pytest.mark.ros
 _log = logging.getLogger(__name__)
 
-# Publishes so many wrenches a second for so long (s), of force 1 N but the last, which is 2 N.
+# Publishes so many wrenches a second for so long (s), of force 1 N but the last, which is 2 N; a machine that is busy
+# takes longer for the same number. Prints how many, and in how many seconds.
 STORM = """
 import sys, time
 import rclpy
@@ -42,15 +44,17 @@ message.wrench.force.x = 1.0
 data = serialize_message(message)
 while not publisher.get_subscription_count():
     time.sleep(0.01)
-begun, sent = time.monotonic(), 0
-while (passed := time.monotonic() - begun) < seconds:
-    for _ in range(int(passed * rate) - sent):
+# The reader has to know of us too.
+time.sleep(0.5)
+begun, sent, count = time.monotonic(), 0, round(rate * seconds)
+while sent < count:
+    for _ in range(min(count, int((time.monotonic() - begun) * rate)) - sent):
         publisher.publish(data)
         sent += 1
     time.sleep(0.001)
 message.wrench.force.x = 2.0
 publisher.publish(message)
-print(sent + 1, flush=True)
+print(sent + 1, time.monotonic() - begun, flush=True)
 time.sleep(600.0)
 """
 # Reads odom and says so at the first.
@@ -81,6 +85,12 @@ def momentum_per_second(momenta: list[Vector3Stamped], since_ns: int) -> float:
     return (last.vector.x - first.vector.x) / ((stamp(last) - stamp(first)) * 1e-9)
 
 
+def came_or_lost(diagnostics: list[DiagnosticArray]) -> int:
+    """Return how many commands the newest report accounts for."""
+    told = values(diagnostics[-1]) if diagnostics else {}
+    return sum(int(told.get(f"wrench: {name}", "0")) for name in ("accepted", "rejected", "superseded", "lost"))
+
+
 def test_a_subnormal_wrench_acts_and_harms_nothing(scene: Path, peer: Peer) -> None:
     with running(scene) as node:
         diagnostics, momenta = peer.diagnostics(), peer.listen(Vector3Stamped, "linear_momentum")
@@ -95,17 +105,19 @@ def test_a_subnormal_wrench_acts_and_harms_nothing(scene: Path, peer: Peer) -> N
     assert "nan" not in " ".join(values(diagnostics[-1]).values())
 
 
-def test_a_storm_of_commands_leaves_the_last_one_acting(scene: Path, peer: Peer, tmp_path: Path) -> None:
+def test_a_storm_of_commands_leaves_the_last_one_acting_and_each_accounted_for(
+    scene: Path, peer: Peer, tmp_path: Path
+) -> None:
     log = tmp_path / "run.mcap"
     with running(scene, mcap=log) as node:
         diagnostics, momenta = peer.diagnostics(), peer.listen(Vector3Stamped, "linear_momentum")
         with script(STORM, "20000", "1.5") as storm:
             assert storm.stdout is not None
-            sent = int(storm.stdout.readline())
-            # 30 000 are asked for; a busy machine sends fewer.
-            assert sent > 5_000
-            peer.spin(2.0)
-            begun = stamp(momenta[-1])
+            sent, seconds = storm.stdout.readline().split()
+            assert sent == "30001"
+            peer.until(lambda: came_or_lost(diagnostics) == 30_001, "every command accounted for")
+            # An output period after what diagnostics saw, and more.
+            begun = stamp(diagnostics[-1]) + 100_000_000
             peer.until(lambda: stamp(momenta[-1]) > begun + 500_000_000, "motion after the storm")
             assert momentum_per_second(momenta, begun) == pytest.approx(2.0, rel=1e-9)
         # The commander is dead: what it commanded last is held, as the channel has no timeout.
@@ -115,11 +127,40 @@ def test_a_storm_of_commands_leaves_the_last_one_acting(scene: Path, peer: Peer,
         assert node.stop() == 0, node.err
     told = values(diagnostics[-1])
     accepted, lost = int(told["wrench: accepted"]), int(told["wrench: lost"])
-    # What the commander itself replaced before it was delivered nobody counts.
-    assert sent / 2 < accepted + lost <= sent
+    _log.info("%s commands in %s s: %d accepted, %d replaced by newer ones", sent, seconds, accepted, lost)
+    assert accepted + lost == int(sent)
+    assert accepted > 1000
+    assert {told[f"wrench: {name}"] for name in ("rejected", "early", "late", "duplicate", "superseded")} == {"0"}
+    if lost:
+        assert diagnostics[-1].status[0].level == b"\x01"
+        assert "commands lost on the way" in node.err
+    # N s for 1 N, then 2 N: the books close, whatever was left out.
+    assert float(told["linear momentum defect"].split()[0]) < 1e-9
+    assert float(told["energy defect"].split()[0]) < 1e-9
     bag = read_bag(log)
     assert bag.complete
     assert len(bag.wrenches("/wrench")) == accepted
+
+
+def test_in_lockstep_a_command_that_was_replaced_before_it_came_stops_time(tmp_path: Path, peer: Peer) -> None:
+    scene = tmp_path / "scene.yaml"
+    scene.write_text("body: {mass: 1, inertia: {diagonal: [1, 1, 1]}}\nwrenches: [{topic: wrench}]\n")
+    with running(scene, lockstep=True) as node:
+        diagnostics = peer.diagnostics()
+        commander = peer.node.create_publisher(WrenchStamped, "wrench", 5)
+        peer.until(lambda: commander.get_subscription_count() > 0, "a reader")
+        message = WrenchStamped()
+        commander.publish(message)
+        peer.until(lambda: came_or_lost(diagnostics) == 1, "the first command")
+        node.process.send_signal(signal.SIGSTOP)
+        for nanoseconds in range(1, 20_001):
+            message.header.stamp.nanosec = nanoseconds
+            commander.publish(message)
+        node.process.send_signal(signal.SIGCONT)
+        peer.until(lambda: came_or_lost(diagnostics) == 20_001, "every command accounted for")
+        assert node.stop() == 0, node.err
+    assert "the motion is no longer that of its commands" in diagnostics[-1].status[0].message
+    assert values(diagnostics[-1])["state"] == "paused"
 
 
 def test_a_timeout_ends_the_command_of_a_commander_that_died(tmp_path: Path, peer: Peer) -> None:
