@@ -1,6 +1,6 @@
 """Launches N bodies of one scene, each in a namespace, with a frame and logs of its own; they do not touch each other.
 
-Every argument of rigid_body.launch.py holds for all of them.
+Every argument of rigid_body.launch.py holds for all of them; a namespace is put before theirs.
 """
 
 from pathlib import Path
@@ -11,6 +11,8 @@ from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription, Opaq
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration
 
+from rb_dynamics.ros.arguments import apart, value_of, values_of
+
 ARGUMENTS = (
     ("scene", None, "scene file (YAML)"),
     ("count", "2", "how many bodies"),
@@ -18,31 +20,36 @@ ARGUMENTS = (
     ("spacing", "1.0", "m between the bodies, along y of the world"),
 )
 # Given by each body in its own way.
-LOGS = ("mcap", "rerun")
+LOGS = ("mcap", "bag", "rerun")
 RIGID_BODY = Path(__file__).with_name("rigid_body.launch.py")
 
 
 def body_arguments(index: int, prefix: str, spacing: float, given: dict[str, str]) -> dict[str, str]:
     """Return the arguments of rigid_body.launch.py for body `index`, from 1, that are its own."""
     name = f"{prefix}{index}"
-    overrides = {"body.frame": name, "initial.position_world": [0.0, spacing * (index - 1), 0.0]}
-    overrides |= yaml.safe_load(given.get("overrides") or "{}")
-    own = {"namespace": name, "overrides": yaml.safe_dump(overrides, default_flow_style=True, width=10**6).strip()}
-    logs = {log: Path(given[log]) for log in LOGS if given.get(log)}
-    return own | {log: str(path.with_stem(f"{path.stem}_{name}")) for log, path in logs.items()}
+    overrides: dict[str, object] = {"body.frame": name, "initial.position_world": [0.0, spacing * (index - 1), 0.0]}
+    overrides |= values_of("overrides", given.get("overrides", ""))
+    overrides |= {log: apart(overrides[log], name) for log in (*LOGS, "sink") if overrides.get(log)}
+    own = {
+        "namespace": f"{given.get('namespace', '')}/{name}",
+        "overrides": yaml.safe_dump(overrides, default_flow_style=True, width=10**6).strip(),
+    }
+    return own | {log: str(apart(given[log], name)) for log in LOGS if given.get(log)}
 
 
 def start(context: LaunchContext) -> list[IncludeLaunchDescription]:
     """Return one inclusion of rigid_body.launch.py for each body."""
     configurations = dict(context.launch_configurations)
-    count = int(LaunchConfiguration("count").perform(context))
-    prefix, spacing = (LaunchConfiguration(name).perform(context) for name in ("prefix", "spacing"))
+    given = {name: LaunchConfiguration(name).perform(context) for name, *_ in ARGUMENTS}
+    count, spacing = value_of("count", given["count"], int), value_of("spacing", given["spacing"], float)
+    if count < 1:
+        raise ValueError(f"argument count: found {count}, expected a number of bodies, 1 or more")
     return [
         IncludeLaunchDescription(
             PythonLaunchDescriptionSource(str(RIGID_BODY)),
             # What has no default has to be handed on; the rest is inherited.
             launch_arguments=(
-                {"scene": configurations["scene"]} | body_arguments(index, prefix, float(spacing), configurations)
+                {"scene": given["scene"]} | body_arguments(index, given["prefix"], spacing, configurations)
             ).items(),
         )
         for index in range(1, count + 1)

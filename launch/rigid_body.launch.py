@@ -1,16 +1,18 @@
 """Launches the rigid body node, and RViz where asked. Holds no defaults of its own but those of the node."""
 
-import yaml
 from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
 
+from rb_dynamics.ros.arguments import value_of, values_of
+
 # Name, default, type, meaning. An empty text leaves the parameter out.
 PARAMETERS = (
     ("scene", None, str, "scene file (YAML)"),
     ("mcap", "", str, "MCAP log to write; empty: none"),
+    ("bag", "", str, "rosbag2 folder to write instead; empty: none"),
     ("rerun", "", str, "Rerun recording to write; empty: none"),
     ("output_rate", "", float, "Hz of published and logged states; empty: the scene's"),
     ("real_time_factor", "1.0", float, "simulated seconds per second; 0: as fast as possible"),
@@ -23,36 +25,37 @@ PARAMETERS = (
 )
 OTHERS = (
     ("namespace", "", "namespace of the node and its topics"),
-    ("overrides", "{}", "further values of the scene, as in '{body.mass: 17.0, solver.step: 0.01}'"),
-    ("rviz", "false", "open RViz on the default topics"),
+    ("overrides", "{}", "values of the scene and further parameters, as in '{body.mass: 17.0, solver.step: 0.01}'"),
+    ("rviz", "false", "open RViz on the topics of the node"),
 )
-
-
-def value_of(text: str, kind: type) -> object:
-    """Return the parameter that an argument's text means."""
-    if kind is bool:
-        if text.lower() not in ("true", "false"):
-            raise ValueError(f"found {text!r}, expected true or false")
-        return text.lower() == "true"
-    return kind(text)
+# What the layout for RViz draws.
+DRAWN = ("pose", "odom", "twist", "wrench")
 
 
 def start(context: LaunchContext) -> list[Node]:
     """Return the nodes that the arguments ask for."""
     given = {name: LaunchConfiguration(name).perform(context) for name, *_ in (*PARAMETERS, *OTHERS)}
-    parameters = {name: value_of(given[name], kind) for name, _, kind, _ in PARAMETERS if given[name]}
-    namespace = given["namespace"]
+    parameters = {name: value_of(name, given[name], kind) for name, _, kind, _ in PARAMETERS if given[name]}
+    namespace = given["namespace"].strip("/")
     body = Node(
         package="rb_dynamics",
         executable="rigid_body",
         namespace=namespace,
-        parameters=[parameters | yaml.safe_load(given["overrides"])],
+        parameters=[parameters | values_of("overrides", given["overrides"])],
         output="screen",
     )
-    if not value_of(given["rviz"], bool):
+    if not value_of("rviz", given["rviz"], bool):
         return [body]
     layout = PathJoinSubstitution([FindPackageShare("rb_dynamics"), "config", "rigid_body.rviz"])
-    return [body, Node(package="rviz2", executable="rviz2", arguments=["-d", layout])]
+    rviz = Node(
+        package="rviz2",
+        executable="rviz2",
+        namespace=namespace,
+        arguments=["-d", layout],
+        remappings=[(f"/{topic}", topic) for topic in DRAWN],
+    )
+    # First, as launch would leave the body behind where RViz is not installed.
+    return [rviz, body]
 
 
 def generate_launch_description() -> LaunchDescription:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import os
 import sys
 from collections.abc import Sequence
 
@@ -18,7 +17,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from rb_dynamics.errors import RigidBodyError
-from rb_dynamics.ros.arguments import parameter
+from rb_dynamics.ros.arguments import apart, parameter
 from rb_dynamics.ros.node import RigidBodyNode, spin
 
 _LOGS = ("mcap", "bag", "rerun", "sink")
@@ -48,15 +47,6 @@ def _body(name: str, y: float, logs: dict[str, object]) -> RigidBodyNode:
     return RigidBodyNode(
         namespace=name, parameter_overrides=[Parameter(key, value=value) for key, value in own.items()]
     )
-
-
-def apart(target: object, name: str) -> object:
-    """Return the target of a log, or of several, with the name of a body: out/run.mcap is out/run_body_1.mcap."""
-    if isinstance(target, list):
-        return [apart(each, name) for each in target]
-    # Not by Path, which would take the target of a plug-in's sink, tcp://host/run, for a path.
-    stem, suffix = os.path.splitext(str(target).rstrip("/"))
-    return f"{stem}_{name}{suffix}"
 
 
 def _logs() -> dict[str, object]:

@@ -13,7 +13,7 @@ from nav_msgs.msg import Odometry
 from ros_harness import Peer
 
 from rb_dynamics.recording.mcap_reader import read_bag
-from rb_dynamics.ros.bodies import apart
+from rb_dynamics.ros.arguments import apart
 
 pytestmark = pytest.mark.ros
 

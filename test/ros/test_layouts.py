@@ -1,17 +1,12 @@
-"""The layouts in config/ open on topics that the node has, and the launch files offer and pass on what they say.
-
-`launch` is not on PyPI: what needs it runs where it is installed.
-"""
+"""The layouts in config/ open on topics that the node has."""
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import re
 from pathlib import Path
 from typing import Any
 
-import pytest
 import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -67,21 +62,3 @@ def test_foxglove_shows_fields_that_the_messages_have() -> None:
             field = dict(definitions)[name]
             kind = field[1] if isinstance(field[1], str) else field[1][0]
         assert kind == "float64", path
-
-
-@pytest.mark.skipif(importlib.util.find_spec("launch_ros") is None, reason="launch_ros is not installed: not on PyPI")
-def test_bodies_have_namespaces_frames_and_logs_of_their_own() -> None:
-    spec = importlib.util.spec_from_file_location("bodies_launch", ROOT / "launch" / "bodies.launch.py")
-    assert spec is not None
-    assert spec.loader is not None
-    bodies = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(bodies)
-    given = {"mcap": "out/run.mcap", "overrides": "{solver.step: 0.01}"}
-    own = bodies.body_arguments(3, "robot_", 2.0, given)
-    assert own["namespace"] == "robot_3"
-    assert own["mcap"] == str(Path("out/run_robot_3.mcap"))
-    assert yaml.safe_load(own["overrides"]) == {
-        "body.frame": "robot_3",
-        "initial.position_world": [0.0, 4.0, 0.0],
-        "solver.step": 0.01,
-    }

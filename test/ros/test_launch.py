@@ -1,0 +1,222 @@
+"""The launch files, run by the real launch where it is installed, from a prefix like that of a colcon workspace."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+import yaml
+
+pytest.importorskip("launch_ros", reason="launch_ros is not installed: it is not on PyPI")
+
+from geometry_msgs.msg import InertiaStamped
+from launch.launch_description_sources import get_launch_description_from_python_launch_file
+from nav_msgs.msg import Odometry
+from ros_harness import ROOT, TRANSIENT, Peer
+from rosgraph_msgs.msg import Clock
+
+from rb_dynamics.recording.mcap_reader import read_bag
+
+pytestmark = pytest.mark.ros
+
+# What `ros2 launch` does with a launch file and NAME:=VALUE.
+LAUNCH = """
+import sys
+from launch import LaunchService
+from launch.actions import IncludeLaunchDescription
+from launch.launch_description_sources import AnyLaunchDescriptionSource
+
+arguments = [tuple(each.split(":=", 1)) for each in sys.argv[2:]]
+service = LaunchService()
+service.include_launch_description(
+    IncludeLaunchDescription(AnyLaunchDescriptionSource(sys.argv[1]), launch_arguments=arguments)
+)
+sys.exit(service.run())
+"""
+NODE = f"""\
+#!/bin/sh
+exec {sys.executable} -c 'import sys; from rb_dynamics.ros.node import main; sys.exit(main())' "$@"
+"""
+# In the place of RViz: writes down what it was started with.
+RVIZ = '#!/bin/sh\necho "$@" > "$0.arguments"\n'
+
+
+def install(prefix: Path, package: str, executable: str, script: str) -> None:
+    (prefix / "lib" / package).mkdir(parents=True)
+    path = prefix / "lib" / package / executable
+    path.write_text(script)
+    path.chmod(0o755)
+    index = prefix / "share" / "ament_index" / "resource_index" / "packages"
+    index.mkdir(parents=True, exist_ok=True)
+    (index / package).touch()
+
+
+@pytest.fixture
+def prefix(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A prefix with the package in it, which launch is told of."""
+    path = tmp_path / "prefix"
+    install(path, "rb_dynamics", "rigid_body", NODE)
+    for folder in ("config", "launch"):
+        shutil.copytree(ROOT / folder, path / "share" / "rb_dynamics" / folder)
+    monkeypatch.setenv(
+        "AMENT_PREFIX_PATH", os.pathsep.join(filter(None, [str(path), os.environ.get("AMENT_PREFIX_PATH")]))
+    )
+    monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "ros"))
+    return path
+
+
+class Launch:
+    """A launch file that runs."""
+
+    def __init__(self, prefix: Path, file: str, *arguments: str) -> None:
+        self._path = prefix / "said.txt"
+        with self._path.open("w") as said:
+            self.process = subprocess.Popen(
+                [sys.executable, "-c", LAUNCH, str(prefix / "share" / "rb_dynamics" / "launch" / file), *arguments],
+                stdout=said,
+                stderr=subprocess.STDOUT,
+                cwd=ROOT,
+            )
+
+    @property
+    def said(self) -> str:
+        return self._path.read_text()
+
+    def stop(self) -> int:
+        """Interrupt as Ctrl-C does, and return the exit code."""
+        self.process.send_signal(signal.SIGINT)
+        return self.process.wait(30)
+
+
+@contextmanager
+def launched(prefix: Path, file: str, *arguments: str) -> Iterator[Launch]:
+    launch = Launch(prefix, file, *arguments)
+    try:
+        yield launch
+    finally:
+        if launch.process.poll() is None:
+            launch.stop()
+
+
+def test_the_arguments_reach_the_node_and_ctrl_c_closes_the_log(scene: Path, peer: Peer, prefix: Path) -> None:
+    log = prefix / "run.mcap"
+    with launched(
+        prefix,
+        "rigid_body.launch.py",
+        f"scene:={scene}",
+        "namespace:=robot_1",
+        "output_rate:=20",
+        "overrides:={body.mass: 17, initial.position_world: [0, 1, 2.5]}",
+        f"mcap:={log}",
+        "publish_clock:=true",
+        "launch-prefix:=nice -n 5",
+    ) as launch:
+        odometry = peer.listen(Odometry, "/robot_1/odom")
+        inertia, clock = peer.listen(InertiaStamped, "/robot_1/inertia", TRANSIENT), peer.listen(Clock, "/clock")
+        peer.until(lambda: len(odometry) > 5 and bool(inertia) and bool(clock), "motion")
+        (pid,) = re.findall(r"process started with pid \[(\d+)\]", launch.said)
+        assert os.getpriority(os.PRIO_PROCESS, int(pid)) == 5 + os.getpriority(os.PRIO_PROCESS, 0)
+        assert launch.stop() == 0, launch.said
+    assert "process has finished cleanly" in launch.said
+    assert inertia[0].inertia.m == 17.0
+    position = odometry[0].pose.pose.position
+    assert (position.x, position.y, position.z) == (0.0, 1.0, 2.5)
+    bag = read_bag(log)
+    assert bag.complete
+    times, _ = bag.poses("/robot_1/pose")
+    assert times[1] - times[0] == 50_000_000
+
+
+def test_the_clock_of_another_is_followed(scene: Path, peer: Peer, prefix: Path) -> None:
+    ticks = peer.node.create_publisher(Clock, "/clock", 1)
+    tick = Clock()
+    tick.clock.sec = 100
+    with launched(prefix, "rigid_body.launch.py", f"scene:={scene}", "use_sim_time:=true") as launch:
+        odometry = peer.listen(Odometry, "/odom")
+
+        def moved() -> bool:
+            tick.clock.nanosec += 1_000_000
+            ticks.publish(tick)
+            return len(odometry) > 2
+
+        peer.until(moved, "motion by the clock")
+        assert launch.stop() == 0, launch.said
+    assert odometry[-1].header.stamp.sec == 100
+
+
+@pytest.mark.parametrize("namespace", ["", "fleet"])
+def test_bodies_have_namespaces_frames_and_logs_of_their_own(
+    scene: Path, peer: Peer, prefix: Path, namespace: str
+) -> None:
+    arguments = (f"scene:={scene}", "count:=2", "spacing:=3.0", "prefix:=robot_", f"namespace:={namespace}")
+    logs = (f"mcap:={prefix}/run.mcap", f"overrides:={{body.mass: 4.0, sink: [bag={prefix}/flight]}}")
+    root = f"/{namespace}" if namespace else ""
+    with launched(prefix, "bodies.launch.py", *arguments, *logs) as launch:
+        odometry = [peer.listen(Odometry, f"{root}/robot_{k}/odom") for k in (1, 2)]
+        peer.until(lambda: all(odometry), "motion of both")
+        assert launch.stop() == 0, launch.said
+    assert launch.said.count("process has finished cleanly") == 2
+    assert [each[0].pose.pose.position.y for each in odometry] == [0.0, 3.0]
+    assert [each[0].child_frame_id for each in odometry] == ["robot_1", "robot_2"]
+    for k in (1, 2):
+        for log in ("run_robot_{}.mcap", "flight_robot_{}"):
+            bag = read_bag(prefix / log.format(k))
+            assert bag.complete
+            assert f"{root}/robot_{k}/pose" in bag.topics
+
+
+@pytest.mark.parametrize("namespace", ["", "robot_1"])
+def test_rviz_opens_the_layout_on_the_topics_of_the_node(scene: Path, prefix: Path, namespace: str) -> None:
+    install(prefix, "rviz2", "rviz2", RVIZ)
+    arguments = (f"scene:={scene}", "rviz:=true", f"namespace:={namespace}", "overrides:={duration: 0.1}")
+    with launched(prefix, "rigid_body.launch.py", *arguments) as launch:
+        assert launch.process.wait(60) == 0
+    said = (prefix / "lib" / "rviz2" / "rviz2.arguments").read_text()
+    layout = prefix / "share" / "rb_dynamics" / "config" / "rigid_body.rviz"
+    assert f"-d {layout} " in said
+    drawn = {
+        display["Topic"]["Value"]
+        for display in yaml.safe_load(layout.read_text())["Visualization Manager"]["Displays"]
+        if "Topic" in display
+    }
+    assert set(re.findall(r"-r (/\w+):=\w+", said)) == drawn
+    assert all(f"-r {topic}:={topic[1:]}" in said for topic in drawn)
+    assert f"__ns:=/{namespace}" in said
+
+
+@pytest.mark.parametrize(
+    ("file", "argument", "expected"),
+    [
+        ("rigid_body", "lockstep:=yes", "argument lockstep: found 'yes', expected true or false"),
+        ("rigid_body", "output_rate:=fast", "argument output_rate: found 'fast', expected a number"),
+        ("rigid_body", "overrides:=5", "argument overrides: found '5', expected values by name"),
+        ("rigid_body", "overrides:={body.mass: 1", "argument overrides: found"),
+        ("rigid_body", "rviz:=true", "rviz2"),
+        ("bodies", "count:=two", "argument count: found 'two', expected a whole number"),
+        ("bodies", "count:=0", "argument count: found 0, expected a number of bodies, 1 or more"),
+        ("bodies", "overrides:=5", "argument overrides: found '5', expected values by name"),
+    ],
+)
+def test_a_bad_argument_is_named_and_nothing_is_left_behind(
+    scene: Path, prefix: Path, file: str, argument: str, expected: str
+) -> None:
+    with launched(prefix, f"{file}.launch.py", f"scene:={scene}", argument) as launch:
+        assert launch.process.wait(60) == 1
+    assert expected in launch.said
+    assert "process started" not in launch.said
+
+
+@pytest.mark.parametrize("file", ["rigid_body", "bodies"])
+def test_every_argument_says_what_it_is_and_the_scene_is_required(file: str) -> None:
+    description = get_launch_description_from_python_launch_file(str(ROOT / "launch" / f"{file}.launch.py"))
+    arguments = description.get_launch_arguments()
+    assert [each.name for each in arguments if each.default_value is None] == ["scene"]
+    assert all(each.description for each in arguments)
