@@ -59,6 +59,41 @@ def test_a_policy_follows_namespace_remapping_and_scene(tmp_path: Path) -> None:
     assert 'path="/fleet/one"' in found
 
 
+# What `ros2 security` does to make keys, an enclave and its signed permissions.
+SECURE = """
+import sys
+from pathlib import Path
+from sros2 import keystore
+
+keys, enclave, policy = Path(sys.argv[1]), sys.argv[2], Path(sys.argv[3])
+keystore.create_keystore(keys)
+keystore.create_enclave(keys, enclave)
+keystore.create_permission(keys, enclave, policy)
+"""
+
+
+@pytest.mark.skipif(importlib.util.find_spec("sros2") is None, reason="sros2 is not installed: it is not on PyPI")
+def test_sros2_makes_permissions_of_the_policy_that_deny_all_else(tmp_path: Path) -> None:
+    shipped = ROOT / "config" / "security" / "free_flyer.policy.xml"
+    subprocess.run([sys.executable, "-c", SECURE, str(tmp_path), "/rigid_body", str(shipped)], check=True)
+    enclave = tmp_path / "enclaves" / "rigid_body"
+    assert (enclave / "permissions.p7s").stat().st_size > 0
+    (grant,) = ElementTree.parse(enclave / "permissions.xml").getroot().iter("grant")
+    assert grant.findtext("default") == "DENY"
+    allowed = {
+        right: {each.text for part in grant.iter(right) for each in part.iter("topic")} - {"ros_discovery_info"}
+        for right in ("publish", "subscribe")
+    }
+    policy = shipped.read_text(encoding="utf-8")
+    services = names(policy, "service", "reply")
+    assert allowed["publish"] == {f"rt{topic}" for topic in names(policy, "topic", "publish")} | {
+        f"rr{service}Reply" for service in services
+    }
+    assert allowed["subscribe"] == {f"rt{topic}" for topic in names(policy, "topic", "subscribe")} | {
+        f"rq{service}Request" for service in services
+    }
+
+
 def test_a_scene_that_is_none_has_no_policy(tmp_path: Path) -> None:
     scene = tmp_path / "scene.yaml"
     scene.write_text("body: 3\n")
