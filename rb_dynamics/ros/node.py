@@ -215,7 +215,7 @@ class RigidBodyNode(Node):
 
     def _take(self, topic: str, message: WrenchStamped, facts: dict[str, Any]) -> None:
         alone = self._wrench_subscriptions[topic].get_publisher_count
-        self._on_lost(topic, self._losses[topic].take(facts["publication_sequence_number"], lambda: alone() == 1))
+        self._on_lost(topic, self._losses[topic].take(facts.get("publication_sequence_number"), lambda: alone() == 1))
         self.driver.command(topic, conversions.to_wrench(message), _age_ns(facts))
 
     def _on_lost(self, topic: str, lost: int) -> None:
