@@ -329,13 +329,15 @@ def _numbers(text: str) -> Array:
     try:
         return np.array([float(part) for part in text.split(",")])
     except ValueError:
-        raise argparse.ArgumentTypeError(f"found {text!r}, expected numbers with commas between") from None
+        raise argparse.ArgumentTypeError(
+            f"found {text!r}, expected numbers with commas between; write them as in 1,2,3"
+        ) from None
 
 
 def _vector(text: str) -> Array:
     numbers = _numbers(text)
     if numbers.size != 3:
-        raise argparse.ArgumentTypeError(f"found {text!r}, expected three numbers X,Y,Z")
+        raise argparse.ArgumentTypeError(f"found {text!r}, expected three numbers X,Y,Z; write them as in 0,0,1")
     return numbers
 
 
@@ -380,7 +382,7 @@ def main(args: Sequence[str] | None = None) -> int:
     parser = _parser()
     known, ros = parser.parse_known_args(args)
     if (known.mass is None) != (known.inertia is None) or (known.inertia is not None and known.inertia.size != 6):
-        parser.error("--mass and --inertia (six numbers) come together, or not at all")
+        parser.error("found one of --mass and --inertia, expected both or none; add the other (inertia: six numbers)")
     (frame, position), (timed, timeout) = known.frame, known.timed
     rclpy.init(args=ros)
     node = Conformance([known.topic, known.second, timed])

@@ -90,7 +90,8 @@ class WrenchPlayer(Node):
         while not condition():
             if time.monotonic() > give_up:
                 raise RigidBodyError(
-                    f"{problem} within {_PATIENCE:g} s: is the node running in lockstep, in the same ROS domain?"
+                    f"{problem} within {_PATIENCE:g} s, expected the node to answer; check that it runs in lockstep "
+                    "and in the same ROS domain"
                 )
             self._executor.spin_once(timeout_sec=0.05)
 

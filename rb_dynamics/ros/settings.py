@@ -79,21 +79,21 @@ def read_settings(node: Node) -> Settings:
     values = {name: _declare(node, name, default, text) for name, (default, text) in _PARAMETERS.items()}
     path = _text("scene", values["scene"])
     if not path:
-        raise SceneError("parameter scene: missing, expected a scene file; start with: --ros-args -p scene:=FILE")
+        raise SceneError("parameter scene: found nothing, expected a scene file; start with --ros-args -p scene:=FILE")
     scene = read_scene(path, overrides)
     require_paceable(scene)
     factor = number("real_time_factor", values["real_time_factor"])
     apply_at = _text("apply_at", values["apply_at"])
     if apply_at not in ("arrival", "stamp"):
-        raise SceneError(f"parameter apply_at: found {apply_at!r}, expected 'arrival' or 'stamp'")
+        raise SceneError(f"parameter apply_at: found {apply_at!r}, expected 'arrival' or 'stamp'; write one of them")
     flags = {name: _flag(name, values[name]) for name, (default, _) in _PARAMETERS.items() if default is False}
     use_sim_time = bool(node.get_parameter("use_sim_time").value)
     if use_sim_time:
         _require_one_master(flags, factor)
     if flags["publish_tf"] and importlib.util.find_spec("tf2_msgs") is None:
         raise SceneError(
-            "parameter publish_tf: needs the package tf2_msgs, which is not installed; a sourced ROS 2 has it as "
-            "ros-jazzy-tf2-msgs, PyPI has not"
+            "parameter publish_tf: needs the package tf2_msgs, which is not installed; install ros-jazzy-tf2-msgs, which is "
+            "not on PyPI, and source ROS 2, or leave out publish_tf"
         )
     # Declared, so that `ros2 param list` shows what there is to change.
     for name, value in scene_values(scene).items():
@@ -131,10 +131,10 @@ def require_known(name: str) -> None:
         return
     known = (*_PARAMETERS, *_SECTIONS)
     near = difflib.get_close_matches(name if "." not in name else section, known, n=1)
-    hint = f"did you mean {near[0]}? " if near else ""
+    remedy = f"did you mean {near[0]}?" if near else "check the spelling"
     raise SceneError(
-        f"parameter {name}: unknown; {hint}The node knows {', '.join(_PARAMETERS)}, use_sim_time, and the values of "
-        f"the scene by their dotted keys ({', '.join(_SECTIONS)}), such as body.mass or solver.step"
+        f"parameter {name}: found an unknown name, expected one of {', '.join(_PARAMETERS)}, use_sim_time, or a dotted "
+        f"key of the scene ({', '.join(_SECTIONS)}), such as body.mass; {remedy}"
     )
 
 
@@ -177,7 +177,9 @@ def number(name: str, value: object) -> float:
         SceneError: it is not.
     """
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not (math.isfinite(value) and value >= 0):
-        raise SceneError(f"parameter {name}: found {value!r}, expected a number of 0 (no limit) or more")
+        raise SceneError(
+            f"parameter {name}: found {value!r}, expected a number of 0 (no limit) or more; write such a number"
+        )
     return float(value)
 
 
@@ -218,7 +220,7 @@ def _declare(node: Node, name: str, default: object, text: str) -> object:
 
 def _flag(name: str, value: object) -> bool:
     if not isinstance(value, bool):
-        raise SceneError(f"parameter {name}: found {value!r}, expected true or false")
+        raise SceneError(f"parameter {name}: found {value!r}, expected true or false; write {name}:=true")
     return value
 
 
