@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from typing import TYPE_CHECKING
@@ -45,6 +46,21 @@ def test_ament_linter_is_content(root: Path, linter: str, options: tuple[str, ..
     )
 
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+EXTRA = {"PIL", "distributed", "jinja2", "matplotlib", "mcap", "numba", "pyarrow", "rerun", "rosbags", "trimesh"}
+
+
+def test_files_of_tests_are_left_out_where_what_they_import_is_missing(root: Path) -> None:
+    """`colcon test` has no extras, and one file that cannot be collected keeps all others from running."""
+    unasked = {}
+    for path in (root / "test").rglob("*.py"):
+        text = path.read_text("utf-8")
+        imports = [node for node in ast.parse(text).body if isinstance(node, ast.Import | ast.ImportFrom)]
+        names = {name for node in imports for name in re.findall(r"\w+", ast.unparse(node))[1:2]}
+        unasked[str(path)] = names & EXTRA - set(re.findall(r'^\S.*importorskip\("(\w+)', text, re.MULTILINE))
+
+    assert {name: packages for name, packages in unasked.items() if packages} == {}
 
 
 def test_package_xml_is_valid(root: Path) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("rclpy", reason="rclpy is not installed: pip install '.[ros]'")
+pytest.importorskip("mcap", reason="extra 'log' is not installed")
 
 from geometry_msgs.msg import InertiaStamped, PoseStamped, WrenchStamped
 from mcap.writer import Writer
