@@ -73,6 +73,28 @@ def test_one_that_was_interrupted_goes_on(tmp_path: Path) -> None:
     assert seen == [19, 23, 24]
 
 
+@pytest.mark.parametrize(("full_at", "place"), [(12, r"broken\.parquet\.parts"), (24, r"broken\.parquet")])
+def test_a_full_disk_keeps_what_is_on_it(tmp_path: Path, full_at: int, place: str) -> None:
+    resource = pytest.importorskip("resource")
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+
+    def fill(done: int, _: int) -> None:
+        if done >= full_at:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (100, hard))
+
+    campaign, out = write(tmp_path), tmp_path / "broken.parquet"
+    try:
+        with pytest.raises(
+            LogError, match=rf"^cannot write (to )?\S+/{place}: .*File too large; make room and run again$"
+        ):
+            fly(campaign, out, block=6, progress=fill)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert not list(tmp_path.rglob("*.new"))
+    assert Store(out, read_campaign(campaign)).done == full_at
+    assert fly(campaign, out) == fly(campaign, tmp_path / "whole.parquet")
+
+
 def test_few_runs_start_no_other_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def start(*_: object) -> None:
         raise AssertionError("workers were started")
