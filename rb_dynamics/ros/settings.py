@@ -92,8 +92,8 @@ def read_settings(node: Node) -> Settings:
         _require_one_master(flags, factor)
     if flags["publish_tf"] and importlib.util.find_spec("tf2_msgs") is None:
         raise SceneError(
-            "parameter publish_tf: needs the package tf2_msgs, which is not installed; install ros-jazzy-tf2-msgs, which is "
-            "not on PyPI, and source ROS 2, or leave out publish_tf"
+            "parameter publish_tf: needs the package tf2_msgs, which is not installed; install ros-jazzy-tf2-msgs "
+            "(it is not on PyPI) and source ROS 2, or leave out publish_tf"
         )
     # Declared, so that `ros2 param list` shows what there is to change.
     for name, value in scene_values(scene).items():
