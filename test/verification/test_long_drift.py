@@ -1,4 +1,7 @@
-"""1e9 steps: the closed form drifts like the root of their number, as roundings by chance do; others have a bias."""
+"""1e9 steps: the closed form drifts like the root of their number, as roundings by chance do; others have a bias.
+
+On one core that has nothing else to do, 1e9 steps take `strang2` a quarter of an hour, the others three minutes each.
+"""
 
 from __future__ import annotations
 
