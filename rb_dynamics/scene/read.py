@@ -5,6 +5,7 @@ Never guesses: what is not understood is an error that names file, line, key, va
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import os
 from collections.abc import Mapping, Sequence
@@ -23,6 +24,7 @@ from rb_dynamics.scene.read_body import body_and_frames
 from rb_dynamics.scene.read_channels import channels
 from rb_dynamics.scene.read_effects import effects
 from rb_dynamics.scene.text_file import read_text
+from rb_dynamics.shipped import shipped
 from rb_dynamics.vector import ZERO
 
 _NO_OVERRIDES: Mapping[str, object] = MappingProxyType({})
@@ -74,12 +76,19 @@ def opened(scene: Scene | str | os.PathLike[str]) -> Scene:
 def read_scene(path: str | os.PathLike[str], overrides: Mapping[str, object] = _NO_OVERRIDES) -> Scene:
     """Return the scene in the YAML file `path`, with dotted keys replaced as `overrides` says.
 
+    A name without a folder that is no file here, such as "slew.yaml", is looked for among the scenes that ship with the
+    package.
+
     Raises:
         SceneError: the file cannot be read, or is not a valid scene; one line for each problem.
     """
     if not isinstance(path, (str, os.PathLike)):
         raise TypeError(f"path is {shown(path)}, expected the path of a scene file; write a str or a Path")
-    return parse_scene(read_text(path, "scene"), os.fspath(path), overrides)
+    source = os.fspath(path)
+    if os.path.basename(source) == source.strip() != "" and not os.path.lexists(source):
+        with contextlib.suppress(SceneError):
+            source = str(shipped(f"config/{source}"))
+    return parse_scene(read_text(source, "scene"), source, overrides)
 
 
 def parse_scene(text: str, source: str = "<scene>", overrides: Mapping[str, object] = _NO_OVERRIDES) -> Scene:

@@ -77,7 +77,7 @@ def test_a_later_body_that_cannot_start_leaves_the_log_of_the_first_whole(
     ]
     if wrong == "log":
         (tmp_path / "r_body_2.mcap" / "full").mkdir(parents=True)
-        expected = "r_body_2.mcap: Is a directory"
+        expected = "r_body_2.mcap: it is a folder"
     else:
         command += ["-p", "qos_overrides./body_2/wrench.subscription.reliability:=perhaps"]
         expected = "perhaps"

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from rb_dynamics.errors import SceneError
 from rb_dynamics.scene.model import Channel, Solver
 from rb_dynamics.scene.read import parse_scene, read_scene
 
@@ -22,6 +23,18 @@ def test_every_shipped_scene_is_valid(path: Path) -> None:
         assert parse_scene(scene.text, str(path)) == scene
     else:
         assert scene.text == path.read_text(encoding="utf-8")
+
+
+def test_a_bare_name_that_is_no_file_here_is_that_of_a_shipped_scene(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert read_scene("slew.yaml") == read_scene(ROOT / "config" / "slew.yaml")
+    for wrong in ("./slew.yaml", "config/slew.yaml", "no_such.yaml", ""):
+        with pytest.raises(SceneError, match="found no readable file"):
+            read_scene(wrong)
+    Path("slew.yaml").write_text("body: {mass: 3}\n", encoding="utf-8")
+    assert read_scene("slew.yaml").body.mass == 3.0
 
 
 def test_slew_starts_where_the_recorded_body_started() -> None:

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rb_dynamics.errors import ConvergenceError
+from rb_dynamics.motion import METHODS
 from rb_dynamics.scene.model import Solver
 from rb_dynamics.trade.climb import TIME_IS_UP, Climber, climb
 
@@ -37,9 +38,9 @@ def climber(method: str, rungs: int = 40, growth: float = 2.0) -> Climber:
 
 
 def test_methods_get_the_same_time() -> None:
-    prices = {"cheap": 1e-5, "dear": 1e-3}
+    prices = {"rk4": 1e-5, "radau": 1e-3}
     machine = Machine(lambda solver: prices[solver.method] / (solver.step or 1.0))
-    climbers = [climber("cheap"), climber("dear")]
+    climbers = [climber("rk4"), climber("radau")]
 
     climb(climbers, machine.measure, 10.0, machine.clock)
 
@@ -53,7 +54,7 @@ def test_methods_get_the_same_time() -> None:
 
 def test_what_one_leaves_the_others_get() -> None:
     machine = Machine(lambda solver: 1e-3 / (solver.step or 1.0))
-    climbers = [climber("short", rungs=2), climber("long")]
+    climbers = [climber("rk4", rungs=2), climber("radau")]
 
     climb(climbers, machine.measure, 10.0, machine.clock)
 
@@ -68,7 +69,7 @@ def test_what_one_leaves_the_others_get() -> None:
 )
 def test_no_run_is_started_that_would_not_end_in_time(prices: list[float], end: float, true_growth: float) -> None:
     """Where runs grow by no more than expected, only a first run, of which nothing is known, is ever cut off."""
-    names = [f"m{k}" for k in range(len(prices))]
+    names = list(METHODS)[: len(prices)]
     machine = Machine(lambda solver: prices[names.index(solver.method)] * true_growth ** -math.log2(solver.step or 1.0))
     climbers = [climber(name) for name in names]
 
@@ -89,7 +90,7 @@ def test_refused_at_first_a_method_goes_on_to_finer_settings_and_no_further_than
             raise ConvergenceError("too long or too short")
         return 1e-9, ""
 
-    able, unable = climber("able"), climber("unable", rungs=3)
+    able, unable = climber("rk4"), climber("radau", rungs=3)
     climb([able, unable], measure, 1.0, itertools.count(0.0, 1e-6).__next__)
 
     assert able.runs == 7
