@@ -70,13 +70,17 @@ class Losses:
     def take(self, number: int | None, alone: Callable[[], bool]) -> int:
         """Take the number of a command that came, None where it has none; return how many more are missing."""
         last, self._last = self._last, number
-        if number is None or last is None or number <= last + 1 or not alone():
+        if number is None or last is None or number == last + 1:
+            return 0
+        if number <= last or not alone():
+            # That of another publisher, which may be gone already; the next one may be from either.
+            self._last = None
             return 0
         self._skipped += number - last - 1
         return self._more()
 
     def forget(self) -> None:
-        """Another publisher has come, whose numbers are its own."""
+        """A publisher has come or gone: the last number may be that of another than the next."""
         self._last = None
 
     def _more(self) -> int:

@@ -184,7 +184,7 @@ class RigidBodyNode(Node):
                 "a commander's QoS does not fit, expected RELIABLE; nothing it sends acts",
             ),
             message_lost=lambda event: self._on_lost(topic, self._losses[topic].tell(event.total_count_change)),
-            matched=lambda event: self._losses[topic].forget() if event.current_count_change > 0 else None,
+            matched=lambda _: self._losses[topic].forget(),
         )
         return self.create_subscription(
             WrenchStamped,

@@ -61,3 +61,15 @@ def test_numbers_count_for_a_commander_that_is_alone_and_known() -> None:
     assert losses.take(None, lambda: True) == 0
     assert losses.take(9, lambda: True) == 0
     assert losses.take(11, lambda: True) == 1
+
+
+def test_a_commander_that_came_and_went_takes_nothing_from_the_other() -> None:
+    # Whether the message of the other is taken while it is there or when it has gone.
+    for there in (True, False):
+        losses = Losses()
+        assert sum(losses.take(number, lambda: True) for number in range(1, 501)) == 0
+        losses.forget()
+        assert losses.take(500, lambda: False) == 0
+        assert losses.take(1, lambda there=there: not there) == 0
+        assert losses.take(501, lambda: True) == 0
+        assert losses.take(503, lambda: True) == 1
