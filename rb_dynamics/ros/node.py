@@ -46,7 +46,7 @@ from rb_dynamics.ros.driver import Driver
 from rb_dynamics.ros.health import ERROR, Health
 from rb_dynamics.ros.pacing import ClockFollower, Pacer
 from rb_dynamics.ros.publishers import TopicSink
-from rb_dynamics.ros.settings import number, read_settings, require_paceable, scene_overrides
+from rb_dynamics.ros.settings import read_settings, real_time_factor, require_paceable, scene_overrides
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.simulate import Simulation
 
@@ -273,7 +273,7 @@ class RigidBodyNode(Node):
         factor = None
         for parameter in parameters:
             if parameter.name == "real_time_factor":
-                factor = number("real_time_factor", parameter.value)
+                factor = real_time_factor(parameter.value)
                 if self._settings.use_sim_time:
                     raise SceneError(
                         f"parameter real_time_factor: found {factor:g} while /clock is followed, expected no change, "

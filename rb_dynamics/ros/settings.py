@@ -41,6 +41,8 @@ _PARAMETERS: dict[str, tuple[object, str]] = {
     "rerun": ("", "write a Rerun recording to this file"),
     "sink": ("", "tell the run to a sink by name, such as one of a plug-in: NAME=TARGET, or a list of these"),
 }
+# Beyond these, times in ns leave the range of a double.
+_SLOWEST, _FASTEST = 1e-9, 1e9
 # Those that may be set while the node runs.
 _SETTABLE = ("real_time_factor",)
 # Declared by rclpy itself.
@@ -82,7 +84,7 @@ def read_settings(node: Node) -> Settings:
         raise SceneError("parameter scene: found nothing, expected a scene file; start with --ros-args -p scene:=FILE")
     scene = read_scene(path, overrides)
     require_paceable(scene)
-    factor = number("real_time_factor", values["real_time_factor"])
+    factor = real_time_factor(values["real_time_factor"])
     apply_at = _text("apply_at", values["apply_at"])
     if apply_at not in ("arrival", "stamp"):
         raise SceneError(f"parameter apply_at: found {apply_at!r}, expected 'arrival' or 'stamp'; write one of them")
@@ -181,6 +183,21 @@ def number(name: str, value: object) -> float:
             f"parameter {name}: found {value!r}, expected a number of 0 (no limit) or more; write such a number"
         )
     return float(value)
+
+
+def real_time_factor(value: object) -> float:
+    """Return a factor by which simulation time can be counted in steady time, or 0.
+
+    Raises:
+        SceneError: it is none.
+    """
+    factor = number("real_time_factor", value)
+    if factor and not _SLOWEST <= factor <= _FASTEST:
+        raise SceneError(
+            f"parameter real_time_factor: found {factor:g}, expected 0 (as fast as possible) or a number from "
+            f"{_SLOWEST:g} to {_FASTEST:g}; write such a number"
+        )
+    return factor
 
 
 def _require_one_master(flags: dict[str, bool], factor: float) -> None:

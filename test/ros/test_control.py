@@ -65,6 +65,8 @@ def test_a_parameter_that_cannot_be_set_is_answered_with_what_can(scene: Path, p
             ({"lockstep": True}, "read-only"),
             ({"use_sim_time": True}, "start it anew"),
             ({"real_time_factor": -1.0}, "0 (no limit) or more"),
+            ({"real_time_factor": 1e308}, "1e+09"),
+            ({"real_time_factor": 1e-310}, "1e-09"),
             ({"solver.accuracy": 1e-6, "output_rate": 0.0}, "pace"),
         ):
             done, reason = set_together(peer, **together)
