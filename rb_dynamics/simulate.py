@@ -143,6 +143,14 @@ class Simulation:
         else:
             self._channels.post(topic, wrench, time_ns)
 
+    def honours(self, topic: str, wrench: Wrench) -> bool:
+        """Return whether `post` would take the command; changes nothing."""
+        try:
+            self._channels.check(topic, wrench)
+        except WrenchError:
+            return False
+        return True
+
     def next_output_ns(self) -> int:
         """Return the next time at which a sample is due."""
         if self._period_ns is None:

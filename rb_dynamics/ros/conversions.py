@@ -28,7 +28,7 @@ from rb_dynamics.diagnostics import Sample
 from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.wrench import Wrench, WrenchFrames
 from rb_dynamics.recording.sink import Status
-from rb_dynamics.rotation import Quaternion, rotate, rotate_inverse
+from rb_dynamics.rotation import Quaternion, rotate, rotate_inverse, unit
 from rb_dynamics.vector import Vector
 
 if TYPE_CHECKING:
@@ -121,7 +121,8 @@ def to_state(message: Odometry, frames: WrenchFrames) -> State:
             raise SceneError(f"{name} is {found!r}, expected {expected!r} or nothing; transform the state before")
     p, q = message.pose.pose.position, message.pose.pose.orientation
     linear, angular = message.twist.twist.linear, message.twist.twist.angular
-    orientation = (q.x, q.y, q.z, q.w)
+    # A quaternion that is none is left for the scene to refuse.
+    orientation = unit((q.x, q.y, q.z, q.w)) or (q.x, q.y, q.z, q.w)
     return State(
         0,
         (p.x, p.y, p.z),
@@ -160,7 +161,8 @@ def with_entity_state(state: State, message: EntityState, pose: bool, twist: boo
         p, q = message.pose.position, message.pose.orientation
         # The twist stays as it is in the world.
         angular_world = rotate(state.orientation_xyzw, state.angular_velocity_body)
-        orientation = (q.x, q.y, q.z, q.w)
+        # A quaternion that is none is left for the scene to refuse.
+        orientation = unit((q.x, q.y, q.z, q.w)) or (q.x, q.y, q.z, q.w)
         state = replace(
             state,
             position_world=(p.x, p.y, p.z),

@@ -223,7 +223,9 @@ class Driver:
         # A rejected command has spoken too: time does not wait for what will never come.
         self._newest[topic] = max(stamp_ns, self._newest.get(topic) or 0)
         computed_ns = max(self.simulation.time_ns, self._reached_ns)
-        arrival = self._arrivals[topic].classify(time_ns, computed_ns) if by_stamp else None
+        # A rejected one never acts: none that comes after it is late or left out for its sake.
+        classified = by_stamp and self.simulation.honours(topic, wrench)
+        arrival = self._arrivals[topic].classify(time_ns, computed_ns) if classified else None
         if arrival is Arrival.SUPERSEDED:
             self.health.superseded(topic)
             self.health.warn(
@@ -255,13 +257,13 @@ class Driver:
         self.steps_left = 0
 
     def _post(self, topic: str, wrench: Wrench, time_ns: int) -> bool:
-        self._latest_ns[topic] = max(self._latest_ns[topic], time_ns)
         try:
             self.simulation.post(topic, wrench, time_ns)
         except WrenchError as error:
             self.health.rejected(topic)
             self.health.warn(f"{topic}: rejected: {error}")
             return False
+        self._latest_ns[topic] = max(self._latest_ns[topic], time_ns)
         commands = self._commands[topic]
         insort(commands, (time_ns, wrench), key=_time_of)
         # Of those that have acted only the newest is held.

@@ -9,8 +9,11 @@ import pytest
 
 pytest.importorskip("rclpy", reason="rclpy is not installed: pip install '.[ros]'")
 
+from nav_msgs.msg import Odometry
+
 from rb_dynamics import MemorySink, Simulation, Wrench, parse_scene
 from rb_dynamics.errors import SceneError
+from rb_dynamics.ros.conversions import to_state
 from rb_dynamics.ros.driver import Driver, Mode
 from rb_dynamics.ros.health import Health
 from rb_dynamics.ros.pacing import Pacer
@@ -263,3 +266,30 @@ def test_a_command_acts_from_when_it_came_but_not_before_what_has_been_told() ->
     applied = {wrench.topic: wrench.time_ns for wrench in memory.applied}
     assert told <= applied["wrench"] < told + 45_000_000
     assert told + 10_000_000 <= applied["push"] < body.simulation.time_ns
+
+
+def test_a_rejected_command_leaves_no_trace_in_what_the_stamps_of_others_mean() -> None:
+    nothing = Wrench(force=(float("nan"), 0.0, 0.0), frame_id="world", stamp_ns=10**18)
+    body = driver(mode=Mode(start_paused=True, apply_at="stamp"))
+    run_steps(body, 2)
+    body.command("wrench", nothing)
+    body.command("wrench", Wrench(force=(2.0, 0.0, 0.0), frame_id="world"))
+    run_steps(body, 10)
+    assert body.simulation.sample.linear_velocity_world[0] == pytest.approx(1.1, rel=1e-12), "at its arrival"
+    body.command("wrench", replace(nothing, stamp_ns=130_000_000))
+    run_steps(body, 2)
+    # Late, and the newest that was not rejected.
+    body.command("wrench", Wrench(force=(4.0, 0.0, 0.0), frame_id="world", stamp_ns=125_000_000))
+    before = body.simulation.sample.linear_velocity_world[0]
+    run_steps(body, 10)
+    assert body.simulation.sample.linear_velocity_world[0] - before == pytest.approx(0.2, rel=1e-12)
+    assert [count(body, name) for name in ("accepted", "rejected", "late", "superseded")] == [2, 2, 1, 0]
+
+
+def test_a_state_whose_quaternion_is_a_little_off_keeps_its_speed() -> None:
+    message = Odometry()
+    message.pose.pose.orientation.z = message.pose.pose.orientation.w = 0.5**0.5 * 1.0009
+    message.twist.twist.linear.x = 1.0
+    body = driver()
+    body.set_state(to_state(message, body.scene.frames))
+    assert body.state.linear_velocity_world == pytest.approx((0.0, 1.0, 0.0), abs=1e-15)
