@@ -64,6 +64,8 @@ class Driver:
         self._free_running = mode.real_time_factor == 0.0
         self._scene = scene
         self.paused, self.stopped = mode.start_paused, False
+        # How often steps that were asked for may have been cut short.
+        self.interruptions = 0
         self._topics = tuple(channel.topic for channel in scene.channels)
         logs = open_logs()
         self.simulation = Simulation(scene, [publishers, *logs])
@@ -255,6 +257,7 @@ class Driver:
     def _hold_still(self) -> None:
         self._goal_ns = self._reached_ns
         self.steps_left = 0
+        self.interruptions += 1
 
     def _post(self, topic: str, wrench: Wrench, time_ns: int) -> bool:
         try:

@@ -12,6 +12,7 @@ from typing import Any
 
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 from simulation_interfaces.action import SimulateSteps
 from simulation_interfaces.msg import EntityCategory, EntityState, Result, SimulationState, SimulatorFeatures
@@ -63,13 +64,15 @@ class SimulationServices:
             (GetEntityState, "get_entity_state", self._get_entity_state),
             (SetEntityState, "set_entity_state", self._set_entity_state),
         ):
-            node.create_service(kind, f"~/{name}", answer)
+            # A group for each: a step that is computed must not hold up ~/pause, commands or a cancellation.
+            node.create_service(kind, f"~/{name}", answer, callback_group=MutuallyExclusiveCallbackGroup())
         self._action = ActionServer(
             node,
             SimulateSteps,
             "~/simulate_steps",
             self._simulate_steps,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
+            callback_group=MutuallyExclusiveCallbackGroup(),
         )
 
     def _features(self, _: Any, response: Any) -> Any:
@@ -105,10 +108,10 @@ class SimulationServices:
     async def _step_simulation(self, request: Any, response: Any) -> Any:
         response.result = self._refusal_to_step()
         if response.result is None:
-            before = self._driver.simulation
+            before, interruptions = self._driver.simulation, self._driver.interruptions
             self._driver.step(request.steps)
             await _UntilStill(self._driver)
-            response.result = self._outcome(before)
+            response.result = self._outcome(before, interruptions)
         return response
 
     async def _simulate_steps(self, goal: ServerGoalHandle) -> Any:
@@ -116,11 +119,11 @@ class SimulationServices:
         if refusal is not None:
             goal.abort()
             return SimulateSteps.Result(result=refusal)
-        before = self._driver.simulation
+        before, interruptions = self._driver.simulation, self._driver.interruptions
         for done in range(1, goal.request.steps + 1):
             self._driver.step()
             await _UntilStill(self._driver)
-            outcome = self._outcome(before)
+            outcome = self._outcome(before, interruptions)
             if outcome.result != Result.RESULT_OK:
                 goal.abort()
                 return SimulateSteps.Result(result=outcome)
@@ -210,11 +213,13 @@ class SimulationServices:
     def _refusal_to_step(self) -> Result | None:
         return None if self._driver.paused else _failed("only while paused: set_simulation_state to paused first")
 
-    def _outcome(self, before: Simulation) -> Result:
-        """Return how steps went that began in the run `before`."""
+    def _outcome(self, before: Simulation, interruptions: int) -> Result:
+        """Return how steps went that began in the run `before`, after so many interruptions."""
         if failure := self._driver.health.failure:
             return _failed(failure)
-        return _OK if self._driver.simulation is before else _failed("the simulation was reset meanwhile")
+        if self._driver.simulation is not before:
+            return _failed("the simulation was reset meanwhile")
+        return _OK if self._driver.interruptions == interruptions else _failed("paused or resumed meanwhile")
 
     def _filtered(self, filters: Any) -> tuple[list[str], Result]:
         if filters.bounds.points:

@@ -87,6 +87,33 @@ def test_steps_only_while_paused_and_the_answer_comes_when_they_are_done(scene: 
         assert node.stop() == 0
 
 
+def test_steps_that_are_computed_hold_up_nobody_and_a_pause_or_resume_ends_them(
+    scene: Path, simulator: Simulator
+) -> None:
+    peer = simulator.peer
+    with running(scene, start_paused=True, solver__step=1e-5) as node:
+        client = peer.node.create_client(srv.StepSimulation, "rigid_body/step_simulation")
+        peer.until(client.service_is_ready, "the service")
+        poses = peer.listen(PoseStamped, "pose")
+        peer.until(lambda: bool(poses), "the greeting")
+        # Minutes of work.
+        answer = client.call_async(srv.StepSimulation.Request(steps=10_000))
+        peer.until(lambda: len(poses) > 2, "motion")
+        assert peer.call("rigid_body/pause", SetBool.Request(data=True)).success
+        peer.until(answer.done, "the answer")
+        assert answer.result().result.result == Result.RESULT_OPERATION_FAILED
+        assert "paused or resumed" in answer.result().result.error_message
+        action = ActionClient(peer.node, SimulateSteps, "rigid_body/simulate_steps")
+        peer.until(action.server_is_ready, "the action")
+        goal = action.send_goal_async(SimulateSteps.Goal(steps=10_000))
+        peer.until(goal.done, "the goal accepted")
+        result = goal.result().get_result_async()
+        assert peer.call("rigid_body/pause", SetBool.Request(data=False)).success
+        peer.until(result.done, "the result")
+        assert result.result().result.result.result == Result.RESULT_OPERATION_FAILED
+        assert node.stop() == 0
+
+
 def test_entities_and_their_state_in_world_axes(scene: Path, simulator: Simulator) -> None:
     with running(scene, start_paused=True) as node:
         assert list(simulator.call(srv.GetEntities, "get_entities").entities) == ["body"]
