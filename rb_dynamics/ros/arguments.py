@@ -7,6 +7,9 @@ from __future__ import annotations
 
 import os
 
+LOGS = ("mcap", "bag", "rerun", "sink")
+"""The parameters that ask a node for a log."""
+
 
 def parameter(name: str, text: str) -> str:
     """Return a parameter as rcl reads it: YAML, where only quotes keep a text what it is."""

@@ -17,10 +17,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from rb_dynamics.errors import RigidBodyError
-from rb_dynamics.ros.arguments import apart, parameter
+from rb_dynamics.ros.arguments import LOGS, apart, parameter
 from rb_dynamics.ros.node import RigidBodyNode, spin
-
-_LOGS = ("mcap", "bag", "rerun", "sink")
 
 
 def bodies(count: int, prefix: str, spacing: float) -> list[RigidBodyNode]:
@@ -33,9 +31,14 @@ def bodies(count: int, prefix: str, spacing: float) -> list[RigidBodyNode]:
     with contextlib.ExitStack() as undo:
         nodes = []
         for index in range(count):
-            node = _body(f"{prefix}{index + 1}", spacing * index, logs)
+            node = _body(name := f"{prefix}{index + 1}", spacing * index, logs)
             for last_first in (node.destroy_node, node.finish):
                 undo.callback(last_first)
+            if node.get_fully_qualified_name() != f"/{name}/rigid_body":
+                raise RigidBodyError(
+                    f"--ros-args: found the name {node.get_fully_qualified_name()} for every body, expected one for "
+                    "each; leave out -r __ns and __node, and give --prefix, or take bodies.launch.py with namespace"
+                )
             nodes.append(node)
         undo.pop_all()
     return nodes
@@ -53,7 +56,7 @@ def _logs() -> dict[str, object]:
     """Return the logs that the arguments ask for, which each body has to itself."""
     asking = Node("rigid_body", allow_undeclared_parameters=True, automatically_declare_parameters_from_overrides=True)
     try:
-        found = {log: asking.get_parameter_or(log, Parameter(log, value="")).value for log in _LOGS}
+        found = {log: asking.get_parameter_or(log, Parameter(log, value="")).value for log in LOGS}
         return {log: target for log, target in found.items() if target}
     finally:
         asking.destroy_node()

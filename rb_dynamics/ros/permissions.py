@@ -13,12 +13,11 @@ import sys
 from collections.abc import Iterable, Sequence
 from xml.etree import ElementTree
 
-import rclpy
-from rclpy.signals import SignalHandlerOptions
+from rclpy.parameter import Parameter
 
 from rb_dynamics.errors import RigidBodyError
-from rb_dynamics.ros.arguments import parameter
-from rb_dynamics.ros.node import RigidBodyNode
+from rb_dynamics.ros.arguments import LOGS, parameter
+from rb_dynamics.ros.node import RigidBodyNode, spin
 
 # What an action is made of stands below this name.
 _ACTION = "/_action/"
@@ -62,21 +61,22 @@ def main(args: Sequence[str] | None = None) -> int:
     parser.add_argument("--enclave", default="/rigid_body", help="path of the enclave (default: /rigid_body)")
     known, ros = parser.parse_known_args(args)
     ros = [argument for argument in ros if argument != "--ros-args"]
-    rclpy.init(
-        args=["--ros-args", "-p", parameter("scene", known.scene), *ros], signal_handler_options=SignalHandlerOptions.NO
-    )
     try:
-        node = RigidBodyNode()
-        try:
-            sys.stdout.write(policy(node, known.enclave))
-        finally:
-            node.destroy_node()
+        return spin(["--ros-args", "-p", parameter("scene", known.scene), *ros], lambda: _said(known.enclave))
     except RigidBodyError as error:
         sys.stderr.write(f"permissions: {error}\n")
         return 2
+
+
+def _said(enclave: str) -> list[RigidBodyNode]:
+    """Print the policy of a node that keeps no log, and return no node to run."""
+    node = RigidBodyNode(parameter_overrides=[Parameter(log, value="") for log in LOGS])
+    try:
+        sys.stdout.write(policy(node, enclave))
     finally:
-        rclpy.try_shutdown()
-    return 0
+        node.finish()
+        node.destroy_node()
+    return []
 
 
 if __name__ == "__main__":

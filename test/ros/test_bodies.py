@@ -90,6 +90,15 @@ def test_a_later_body_that_cannot_start_leaves_the_log_of_the_first_whole(
     assert bag.metadata["rb_dynamics.result"]["end_time_ns"] == "0"
 
 
+@pytest.mark.parametrize("name", ["__ns:=/fleet", "__node:=one"])
+def test_bodies_that_would_all_have_one_name_are_refused(scene: Path, name: str) -> None:
+    command = [sys.executable, "-m", "rb_dynamics.ros.bodies", str(scene), "--ros-args", "-r", name]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert result.returncode == 2
+    assert "expected one for each; leave out -r __ns and __node" in result.stderr.splitlines()[-1]
+    assert "Traceback" not in result.stderr
+
+
 def test_no_bodies_are_a_mistake(scene: Path) -> None:
     command = [sys.executable, "-m", "rb_dynamics.ros.bodies", str(scene), "--count", "0"]
     result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)

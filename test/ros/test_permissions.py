@@ -140,3 +140,18 @@ def test_a_node_that_is_to_be_secured_and_cannot_be_does_not_start(tmp_path: Pat
     assert result.returncode == 2
     assert "ROS 2 could not start the node" in result.stderr
     assert "Traceback" not in result.stderr
+
+
+def test_the_policy_is_made_without_a_log(scene: Path, tmp_path: Path) -> None:
+    logs = ("-p", f"mcap:={tmp_path}/run.mcap", "-p", f"sink:=[rerun={tmp_path}/run.rrd]")
+    assert "/pose" in names(generated(str(scene), "--ros-args", *logs), "topic", "publish")
+    assert list(tmp_path.glob("run.*")) == []
+
+
+@pytest.mark.parametrize("wrong", [("-r", "a b:=c"), ("-p", "solver.method:=rk9")])
+def test_a_wrong_argument_ends_it_with_one_message(scene: Path, wrong: tuple[str, str]) -> None:
+    command = [sys.executable, "-m", "rb_dynamics.ros.permissions", str(scene), "--ros-args", *wrong]
+    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert result.returncode == 2
+    assert result.stderr.splitlines()[-1].startswith("permissions: ")
+    assert "Traceback" not in result.stderr
