@@ -1,6 +1,6 @@
 """How well the node keeps its rate, what that costs, and how fast it answers; beside a node that does nothing else.
 
-Usage: python benchmarks/node.py [--seconds 60] [--rounds 3] [--bodies 4] [--rate 1000] [--priority 10]
+Usage: python benchmarks/node.py [--seconds 60] [--rounds 1] [--bodies 4] [--rate 1000] [--priority 10]
 
 Two runs: steps of 1 ms with every one published (pose, twist, odom, momenta, energies: eight topics, all of them read),
 and steps of 0.25 ms published at 200 Hz. The reader is this process; it takes the bytes and commands a force now and
@@ -12,10 +12,11 @@ The node to compare with is plain rclpy: a timer, the same messages made once, s
 simulates nothing and hears nothing. Both take turns, so that what else the machine does disturbs both; CPU is user and
 system time of the whole process.
 
-What the machine itself is late is seen by bare processes, without ROS, that run beside each node, one to a processor
-and above it in priority: they only sleep from one time to the next. Where one of them oversleeps by 0.3 of a period,
-the machine stalled, at most since the time before; a tick that comes late in a stall, or within as long again after it,
-is the machine's, any other is the node's own.
+What the machine itself is late is seen by bare processes, without ROS, that run beside each node, one to a processor:
+they only sleep from one time to the next. With `--priority` they run above the node, so that nothing but the machine
+keeps them: where one of them oversleeps by 0.3 of a period, the machine stalled, at most since the time before. It is
+then told how many of the late ticks came in a stall or within as long again after it, and, as some would by chance, how
+much of the time that is: what is left is the node's own.
 
 `--priority` runs all of them, and the reader below them, at a real-time priority (SCHED_FIFO, as `chrt -f` does), which
 takes a right that root has.
@@ -172,19 +173,31 @@ def bare(rate: float, cpu: int) -> None:
 
 
 def punctuality(delays: list[tuple[int, int]], period_ns: float, stalls: list[tuple[int, int]]) -> str:
-    """Return how many of `delays` (when, and how long, ns) are longer than a period, in `stalls` and outside them."""
+    """Return how many of `delays` (when, and how long, ns) are longer than a period, and how many of those in `stalls`.
+
+    `stalls` (from when until when, ns) are those of the machine, none where they are not known.
+    """
     late = [when for when, delay in delays if delay > period_ns]
-    excused = sum(any(since <= when <= 2 * woken - since for since, woken in stalls) for when in late)
     lengths = sorted(delay for _, delay in delays)
-    return (
-        f"{len(late)} of {len(delays)} ticks late ({_percent(late, delays)}; {_percent(late[excused:], delays)} "
-        f"outside the machine's {len(stalls)} stalls), behind p50 {_at(lengths, 0.5):.2f} "
-        f"p99 {_at(lengths, 0.99):.2f} max {lengths[-1] / 1e6:.1f} ms"
-    )
+    text = f"{len(late)} of {len(delays)} ticks late ({100 * len(late) / len(delays):.3f} %"
+    if stalls:
+        begun, ended = delays[0][0], delays[-1][0]
+        windows = _joined([(since, 2 * woken - since) for since, woken in stalls])
+        within = sum(any(since <= when <= until for since, until in windows) for when in late)
+        covered = sum(max(0, min(until, ended) - max(since, begun)) for since, until in windows) / (ended - begun)
+        text += f"; {within} of them in stalls of the machine and after, which are {100 * covered:.1f} % of the time"
+    return f"{text}), behind p50 {_at(lengths, 0.5):.2f} p99 {_at(lengths, 0.99):.2f} max {lengths[-1] / 1e6:.1f} ms"
 
 
-def _percent(part: list[int], whole: list[tuple[int, int]]) -> str:
-    return f"{100 * len(part) / len(whole):.3f} %"
+def _joined(intervals: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Return the union of intervals, those that overlap as one."""
+    union: list[tuple[int, int]] = []
+    for since, until in sorted(intervals):
+        if union and since <= union[-1][1]:
+            union[-1] = (union[-1][0], max(until, union[-1][1]))
+        else:
+            union.append((since, until))
+    return union
 
 
 def several(scene: Path, count: int, seconds: float) -> None:
@@ -265,7 +278,9 @@ def measured(name: str, command: list[str], watcher: list[str], rate: float, sec
             stalls += [(due - period_ns, woken) for due, woken in found]
             late = sum(woken - due > period_ns for due, woken in found)
             slept_over.append(f"{100 * late / (seconds * rate):.3f} %")
-        print(f"{name:20s} {rate:5g} Hz: CPU {100 * cpu:5.1f} %; {reader.summary(stalls)}")
+        # At the node's own priority, the node itself may have kept them.
+        known = stalls if watcher[0] == "chrt" else []
+        print(f"{name:20s} {rate:5g} Hz: CPU {100 * cpu:5.1f} %; {reader.summary(known)}")
         print(f"{'bare sleepers':20s} {rate:5g} Hz: late {' and '.join(slept_over)}", flush=True)
     return cpu
 
