@@ -54,7 +54,7 @@ EXTRAS = {
         "numba>=0.59",
         "pin>=3",
     ],
-    "docs": ["mkdocs>=1.6,<2", "mkdocs-material>=9.5"],
+    "docs": ["latex2mathml>=3.77", "mkdocs>=1.6,<2", "mkdocs-material>=9.5"],
     "dev": [
         "build>=1.2",
         "coverage>=7.10",

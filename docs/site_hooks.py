@@ -1,14 +1,17 @@
-"""Hooks of mkdocs: what pages link to outside of docs/ is on the site too, and links to it lead there.
+"""Hooks of mkdocs: what pages link to outside of docs/ is on the site too, links to it lead there; formulas are MathML.
 
-Pages are written for the source tree, where `../config/slew.yaml` is beside docs/. Never changes a page on disk.
+Pages are written for the source tree, where `../config/slew.yaml` is beside docs/, and for GitHub, which sets $`...`$.
+Browsers set MathML by themselves: no script is fetched. Never changes a page on disk.
 """
 
 from __future__ import annotations
 
 import posixpath
 import re
+from html import unescape
 from pathlib import Path
 
+from latex2mathml.converter import convert
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
@@ -17,6 +20,7 @@ DOCS = Path(__file__).resolve().parent
 ROOT = DOCS.parent
 BESIDE = ("CHANGELOG.rst", "CONTRIBUTING.md", "LICENSE", "QUALITY_DECLARATION.md")
 LINK = re.compile(r"\]\(([^)\s#]+)(#[^)\s]*)?\)")
+FORMULA = re.compile(r"\$<code>(.*?)</code>\$", re.DOTALL)
 
 
 def on_files(files: Files, config: MkDocsConfig, **_: object) -> Files:
@@ -40,6 +44,16 @@ def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
         return f"]({relative}{match[2] or ''})"
 
     return LINK.sub(link, markdown)
+
+
+def on_page_content(html: str, **_: object) -> str:
+    """Turn the LaTeX of formulas into MathML."""
+
+    def formula(match: re.Match[str]) -> str:
+        # A bar that is not one of a pair would carry the exponent alone.
+        return convert(unescape(match[1]).replace(r"\lvert", r"\left|").replace(r"\rvert", r"\right|"))
+
+    return FORMULA.sub(formula, html)
 
 
 def _in_tree(place: str, target: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from importlib.util import find_spec
@@ -35,13 +36,27 @@ def test_the_diagram_names_what_is_there(root: Path) -> None:
 
 @pytest.mark.skipif(find_spec("mkdocs") is None, reason="extra 'docs' is not installed")
 def test_the_site_has_no_link_to_nowhere(root: Path, tmp_path: Path) -> None:
-    run(root, "-m", "mkdocs", "build", "--quiet", "--strict", "--site-dir", str(tmp_path))
+    run(root, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path))
 
     assert (tmp_path / "config" / "slew.yaml").is_file()
     assert 'href="../config/slew.yaml"' in (tmp_path / "how-to" / "bodies.html").read_text("utf-8").replace(
         "../../", "../"
     )
     assert "angular_velocity_body" in (tmp_path / "reference" / "python.html").read_text("utf-8")
+    lecture = (tmp_path / "lecture.html").read_text("utf-8")
+    assert lecture.count("<math") == (root / "docs" / "lecture.md").read_text("utf-8").count("$`")
+    assert "$<code>" not in lecture
+
+
+@pytest.mark.skipif(find_spec("mkdocs") is None, reason="extra 'docs' is not installed")
+@pytest.mark.parametrize("target", ["missing.md", "index.md#missing", "../examples/plugin"])
+def test_a_link_to_nowhere_is_found(target: str, root: Path, tmp_path: Path) -> None:
+    shutil.copytree(root, tmp_path / "tree", ignore=shutil.ignore_patterns(".git", ".venv", "out", "build", "install"))
+    page = tmp_path / "tree" / "docs" / "limits.md"
+    page.write_text(f"{page.read_text('utf-8')}\n[x]({target})\n", "utf-8")
+
+    with pytest.raises(AssertionError, match="Aborted with 1 warnings in strict mode"):
+        run(tmp_path / "tree", "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path / "site"))
 
 
 def test_every_page_is_in_the_navigation(root: Path) -> None:
