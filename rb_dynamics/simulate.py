@@ -1,6 +1,7 @@
 """The only loop: advances a scene from edge to edge (command, timeout, output, end) and tells sinks what happens.
 
-Offline runs, the node and replay all advance through `Simulation`. It never reads a clock, a file or a message.
+Offline runs, the node and replay all advance through `Simulation`, which never reads a clock, a file or a message;
+`simulate` opens a scene by its name and times the run.
 """
 
 from __future__ import annotations
