@@ -10,6 +10,8 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
+from rb_dynamics.cli.usage import require_ros
+
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
@@ -45,6 +47,7 @@ def run(args: argparse.Namespace) -> int:
     from rb_dynamics.shipped import shipped
     from rb_dynamics.simulate import simulate
 
+    require_ros("the demo")
     scene_file, bag_file = shipped("config/slew.yaml"), shipped("examples/slew.mcap")
     scene = read_scene(scene_file)
     commands = read_wrenches(bag_file, [channel.topic for channel in scene.channels])
@@ -90,17 +93,13 @@ def _fly(
     import subprocess
     import sys
 
-    from rb_dynamics.errors import MissingExtraError, RigidBodyError
+    from rb_dynamics.errors import RigidBodyError
 
     # This machine only, and a domain of its own: the demo neither hears nor disturbs anyone.
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     os.environ.setdefault("ROS_DOMAIN_ID", str(random.randrange(1, 100)))
-    try:
-        import rclpy
-    except ImportError as error:
-        raise MissingExtraError("rclpy", "ros", "the demo") from error
     from rb_dynamics.ros.arguments import parameter
-    from rb_dynamics.ros.player import WrenchPlayer
+    from rb_dynamics.ros.player import wrench_player
 
     parameters = ("lockstep:=true", parameter("mcap", str(mcap)), parameter("rerun", str(rrd)))
     node = subprocess.Popen(
@@ -108,14 +107,12 @@ def _fly(
         + [part for value in parameters for part in ("-p", value)]
     )
     try:
-        rclpy.init(args=[])
-        player = WrenchPlayer([channel.topic for channel in scene.channels])
-        player.play(commands, scene.end_ns or 0, progress)
-        if code := node.wait(timeout=60):
-            raise RigidBodyError(f"the node ended with exit code {code}; its message stands above")
-        return player
+        with wrench_player([channel.topic for channel in scene.channels]) as player:
+            player.play(commands, scene.end_ns or 0, progress)
+            if code := node.wait(timeout=60):
+                raise RigidBodyError(f"the node ended with exit code {code}; its message stands above")
+            return player
     finally:
-        rclpy.try_shutdown()
         if node.poll() is None:
             node.terminate()
             node.wait(timeout=10)

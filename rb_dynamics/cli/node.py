@@ -10,6 +10,8 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 
+from rb_dynamics.cli.usage import require_ros
+
 HELP = "run a scene as a ROS 2 node"
 
 
@@ -22,12 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Spin the node; exit code 0 after a clean stop."""
-    try:
-        import rclpy  # noqa: F401 - only to say what is missing
-    except ImportError as error:
-        from rb_dynamics.errors import MissingExtraError
-
-        raise MissingExtraError("rclpy", "ros", "the node") from error
+    require_ros("the node")
     from rb_dynamics.ros.arguments import parameter
     from rb_dynamics.ros.node import spin
 

@@ -13,7 +13,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from rb_dynamics.cli.numbers import real
-from rb_dynamics.cli.usage import require_with
+from rb_dynamics.cli.usage import require_ros, require_with
 
 if TYPE_CHECKING:
     from rb_dynamics.replay import Replay
@@ -67,12 +67,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _publish(args: argparse.Namespace) -> int:
-    try:
-        import rclpy  # noqa: F401 - only to say what is missing
-    except ImportError as error:
-        from rb_dynamics.errors import MissingExtraError
-
-        raise MissingExtraError("rclpy", "ros", "replay --into ros") from error
+    require_ros("replay --into ros")
     from rb_dynamics.ros.log_publisher import publish
 
     count = publish(args.log, 1.0 if args.rate is None else args.rate, args.clock, args.ros_args)

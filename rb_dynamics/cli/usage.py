@@ -17,6 +17,20 @@ class Parser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
 
 
+def require_ros(purpose: str) -> None:
+    """Refuse what takes ROS where that is not installed; only `rb_dynamics.ros` imports it.
+
+    Raises:
+        MissingExtraError: it is not.
+    """
+    import importlib.util
+
+    if importlib.util.find_spec("rclpy") is None:
+        from rb_dynamics.errors import MissingExtraError
+
+        raise MissingExtraError("rclpy", "ros", purpose)
+
+
 def require_with(args: argparse.Namespace, option: str, is_given: bool, other: str, is_there: object) -> None:
     """Refuse an option that would have no effect, as the `other` that it belongs to is not there."""
     if is_given and not is_there:

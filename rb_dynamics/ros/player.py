@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
+import rclpy
 from geometry_msgs.msg import PoseStamped, TwistStamped, Vector3, WrenchStamped
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -27,6 +29,16 @@ _PATIENCE = 60.0
 
 Poses = dict[int, tuple[Vector, Quaternion]]
 Twists = dict[int, tuple[Vector, Vector]]
+
+
+@contextlib.contextmanager
+def wrench_player(topics: Sequence[str]) -> Iterator[WrenchPlayer]:
+    """Yield a player in a ROS context of its own, which ends with it."""
+    rclpy.init(args=[])
+    try:
+        yield WrenchPlayer(topics)
+    finally:
+        rclpy.try_shutdown()
 
 
 class WrenchPlayer(Node):
