@@ -241,7 +241,7 @@ What the project set out to reach, as ratios of times in one run.
 ## Where we lose
 
 {losses}
-- Compilation: without numba nothing here is compiled and a step takes some 20 us; with it the first run ever of a
+- Compilation: without numba nothing here is compiled and a step takes 30 to 100 us; with it the first run ever of a
   method waits some seconds, later processes half a second for the cache. MuJoCo, Basilisk, Drake and Pinocchio come
   compiled.
 - Contact, joints, several bodies that touch or hang together, sensors, optics, environments: MuJoCo, Drake, Basilisk
