@@ -2,6 +2,9 @@
 
 Every method goes from coarse settings to fine ones, in turns, for --time seconds altogether. Errors are those at the
 end of the run, against a reference on which two methods of different families agree; the first lines say how well.
+Where there is no time for so long a run, a part of the scene is measured; what is recommended is then flown to the end
+of the scene, for a third of --time at most, and its error is the one there, or where it could not be, grown with the
+square of time.
 Steps are compiled where a run of the whole scene with the same setting would compile them; what compiling takes, once
 for each method, is in no time of the table and comes on top of --time, which is said when it begins; nothing more is
 compiled after as long again. Printed are the runs that no other one beats in both speed and accuracy, and the line to
@@ -114,11 +117,19 @@ def as_text(found: Trade) -> str:
     lines += _left_out({method: why for method, why in found.ended.items() if method not in measured})
     lines += [f"note        {remark}" for remark in found.remarks]
     if found.recommended is not None:
-        row, least = found.recommended.row, "<=" if found.recommended.row.within_trust else ""
+        row, whole = found.recommended.row, found.recommended.whole
+        least = "<=" if row.within_trust else ""
+        error, end = f"{least}{row.error:.1e}", []
+        if not whole.measured:
+            error += f" after {found.trial_s:g} s of {found.whole:g} s"
+            end = [f"            {least}{whole.error:.1e} at the end if it grows with the square of time: not measured"]
+        elif found.trial_s < found.whole:
+            error = f"{whole.error:.1e} after all {found.whole:g} s"
         lines += [
             f"take        {found.recommended.solver}",
             f"            {found.recommended.reason}",
-            f"            error {least}{row.error:.1e}, {row.real_time_factor:.3g} times real time",
+            f"            error {error}, {row.real_time_factor:.3g} times real time",
+            *end,
         ]
     return "\n".join(lines)
 

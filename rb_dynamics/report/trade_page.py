@@ -83,7 +83,16 @@ def _taken(found: Trade) -> list[str]:
     """Return what to write into the scene."""
     if found.recommended is None:
         return [found.shortfall]
-    return [found.recommended.solver, f"This is {found.recommended.reason}."]
+    whole = found.recommended.whole
+    said = [found.recommended.solver, f"This is {found.recommended.reason}."]
+    if not whole.measured:
+        said.append(
+            f"Its error is known after {found.trial_s:g} s of {found.whole:g} s only. At the end it is "
+            f"{whole.error:.1e} if it grows with the square of time, which was not measured."
+        )
+    elif found.trial_s < found.whole:
+        said.append(f"It was flown to the end for that: the error is the one after all {found.whole:g} s.")
+    return said
 
 
 def _compiled(found: Trade) -> list[str]:
@@ -110,12 +119,14 @@ def _tiles(found: Trade) -> list[Tile]:
     trust = Tile("Reference good to", f"{reference.error:.1e}", f"{reference.method}; {reference.check}", verdict)
     if found.recommended is None:
         return [Tile("Take", "nothing measured", verdict="bad"), trust]
-    row = found.recommended.row
-    error = f"{'<= ' if row.within_trust else ''}{row.error:.1e}"
+    row, whole = found.recommended.row, found.recommended.whole
+    at_end = whole.measured and found.trial_s < found.whole
+    error = f"{whole.error:.1e}" if at_end else f"{'<= ' if row.within_trust else ''}{row.error:.1e}"
+    after = f", after {found.whole if at_end else found.trial_s:g} s of {found.whole:g} s"
     return [
         Tile("Take", row.method, row.setting, "good"),
         Tile("Its speed", f"{row.real_time_factor:.3g} x", "real time"),
-        Tile("Its error", error, "rad, or relative to the path"),
+        Tile("Its error", error, f"rad, or relative to the path{after if found.trial_s < found.whole else ''}"),
         trust,
     ]
 

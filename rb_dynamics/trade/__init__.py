@@ -20,16 +20,18 @@ from rb_dynamics.simulate import as_command
 from rb_dynamics.stopwatch import Clock, Stopwatch
 from rb_dynamics.trade.climb import climb
 from rb_dynamics.trade.reference import find_reference
-from rb_dynamics.trade.result import Recommendation, Reference, Row, Trade, recommend, with_front
+from rb_dynamics.trade.result import Recommendation, Reference, Row, Trade, as_measured, recommend, with_front
 from rb_dynamics.trade.table import Table, climbers_for
 from rb_dynamics.trade.trial import accepted, trial_of
+from rb_dynamics.trade.whole import Whole
 
 # Of the time there is: one run of the trial may take so much, and finding the reference, at the first attempt and at
 # those that follow.
 _PILOT, _REFERENCE = 1.0 / 60.0, (0.4, 0.5, 0.6)
 
-# On top of it, relative to it: what compiling and loading kernels may take.
-_KERNELS = 1.0
+# On top of it, relative to it: what compiling and loading kernels may take, and flying the whole scene where the trial
+# is a part of it.
+_KERNELS, _WHOLE = 1.0, 1.0 / 3.0
 
 
 def trade(
@@ -51,7 +53,8 @@ def trade(
             effect acts.
         target: error to be kept, in attitude (rad) and in position relative to the path.
         budget: real-time factor to be kept; then the most accurate row is recommended.
-        time_s: about how long all of it may take, s; compiling kernels may take as long again, once.
+        time_s: about how long all of it may take, s; compiling kernels may take as long again, once. A third comes on
+            top where that is not enough for the whole scene, over which what is recommended is flown then.
         progress: called now and then with the fraction done.
         clock: what is measured with, s.
         compiling: called before a kernel is compiled that is in no cache, with its name.
@@ -87,13 +90,14 @@ def trade(
     )
     if trial.seconds < trial.whole:
         remarks.append(
-            f"measured over the first {trial.seconds:.6g} s of {trial.whole:g} s: errors are those after them, and "
-            "more time (--time) measures more"
+            f"measured over the first {trial.seconds:.6g} s of {trial.whole:g} s: the errors of rows are those after "
+            "them, and more time (--time) measures more"
         )
     table = Table(replace(trial, horizon=scene.duration), reference, truth)
     climbers = climbers_for(trial) if reference.is_useful else []
     climb(climbers, table.measure, begin + time_s, stopwatch, told)
     rows = with_front([row for climber in climbers for row in table.rows.get(climber.method, ())])
+    whole = Whole(trial, kept, rows, _WHOLE * time_s) if rows and trial.seconds < trial.whole else None
     if progress is not None:
         progress(1.0)
     return Trade(
@@ -101,12 +105,14 @@ def trade(
         trial.seconds,
         reference,
         rows,
-        recommend(rows, target, budget),
+        recommend(rows, target, budget, whole.judge if whole else as_measured),
         target,
         budget,
         {climber.method: climber.ended for climber in climbers},
         stopwatch.kernels,
         tuple(remarks),
+        trial.whole,
+        whole.checked_by if whole else None,
     )
 
 

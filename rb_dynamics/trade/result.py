@@ -6,8 +6,10 @@ Never measures anything.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+
+from rb_dynamics.scene.model import Solver
 
 USELESS = 1e-3
 """A reference whose two methods differ by more is none: rad, or relative to the path."""
@@ -68,6 +70,13 @@ class Row:
         return setting(self.step, self.accuracy)
 
     @property
+    def as_solver(self) -> Solver:
+        """What ran it."""
+        if self.step is None and self.accuracy is None:
+            return Solver(self.method)
+        return Solver(self.method, self.step, self.accuracy)
+
+    @property
     def solver(self) -> str:
         """The line that says it in a scene."""
         parts = [f"method: {self.method}"]
@@ -120,18 +129,33 @@ class Reference:
 
 
 @dataclass(frozen=True)
+class Verdict:
+    """How wrong a row is at the end of the scene, of which the trial may be a part.
+
+    Attributes:
+        error: at that end, as `Row.error` counts it.
+        measured: whether it was flown so far; otherwise the error is that of the trial, grown by `grown`.
+    """
+
+    error: float
+    measured: bool
+
+
+@dataclass(frozen=True)
 class Recommendation:
     """What to write into the scene.
 
     Attributes:
         solver: the line to paste.
         reason: why this row.
-        row: what it was measured to do.
+        row: what it was measured to do in the trial.
+        whole: its error at the end of the scene, which is the one that keeps the target.
     """
 
     solver: str
     reason: str
     row: Row
+    whole: Verdict
 
 
 @dataclass(frozen=True)
@@ -140,7 +164,7 @@ class Trade:
 
     Attributes:
         scene: file name.
-        trial_s: simulated seconds that were measured; errors are those at their end.
+        trial_s: simulated seconds that were measured; the errors of rows are those at their end.
         reference: what the errors are errors against.
         rows: by method in the order of `METHODS`, "auto" last, each from coarse to fine.
         recommended: None where no row does what is asked for.
@@ -149,6 +173,9 @@ class Trade:
         ended: why each method went no further.
         kernels: time (s) that it took to compile or load each kernel that was not there, by name; part of no row.
         remarks: what else a user should know.
+        whole: length of the scene, s.
+        checked_by: what a recommended row was compared with at its end; None where the trial reaches that end, or there
+            was no time to go there.
     """
 
     scene: str
@@ -161,6 +188,8 @@ class Trade:
     ended: Mapping[str, str]
     kernels: Mapping[str, float]
     remarks: tuple[str, ...]
+    whole: float
+    checked_by: Row | None
 
     @property
     def front(self) -> tuple[Row, ...]:
@@ -187,6 +216,19 @@ class Trade:
                 f"that does at {best:.3g}; ask for less (--budget)"
             )
         least = min((row.error for row in self.rows), default=math.inf)
+        if self.trial_s < self.whole and least <= (self.target or 0.0):
+            end = grown(least, self.whole / self.trial_s)
+            found = (
+                f"those that have it after {self.trial_s:g} s are compared there with "
+                f"{self.checked_by.method}, {self.checked_by.setting}"
+                if self.checked_by is not None
+                else f"there was no time to go so far, and the best error, {least:.2g} after {self.trial_s:g} s, is "
+                f"{end:.2g} there if it grows with the square of time"
+            )
+            return (
+                f"{self.scene}: nothing measured is known to have an error of at most {self.target:g} after all "
+                f"{self.whole:g} s: {found}; ask for less (--target) or give more time (--time)"
+            )
         return (
             f"{self.scene}: nothing measured is known to have an error of at most {self.target:g}: the best has "
             f"{least:.2g}, and the reference is good to {reference.error:.2g}; ask for less (--target) or give more "
@@ -209,20 +251,47 @@ def with_front(rows: Sequence[Row]) -> tuple[Row, ...]:
     return tuple(replace(row, front=fastest.get(row.error) == row.time_per_s) for row in rows)
 
 
-def recommend(rows: Sequence[Row], target: float | None, budget: float | None) -> Recommendation | None:
+def grown(error: float, longer: float) -> float:
+    """Return an error after a run so many times as `longer`: grown with the square of time.
+
+    An error of the energy that grows with time does so to phase and to position along the path; most errors grow more
+    slowly.
+    """
+    return error * max(1.0, longer) ** 2
+
+
+def as_measured(row: Row) -> Verdict:
+    """Return the verdict where the trial reaches the end of the scene."""
+    return Verdict(row.error, measured=True)
+
+
+def recommend(
+    rows: Sequence[Row],
+    target: float | None,
+    budget: float | None,
+    judge: Callable[[Row], Verdict] = as_measured,
+) -> Recommendation | None:
     """Return the fastest row that keeps `target`, or the most accurate that keeps `budget`; None where none does.
 
-    None that is `HOPELESS` keeps a budget.
+    It keeps the target over the whole scene, of which `judge` tells. None that is `HOPELESS` keeps a budget.
     """
     if budget is not None:
-        fast = [row for row in rows if row.real_time_factor >= budget and row.error <= HOPELESS]
-        row = min(fast, key=lambda row: (row.error, row.time_per_s), default=None)
-        reason = f"the most accurate that runs at {budget:g} times real time or faster"
+        able = [row for row in rows if row.real_time_factor >= budget and row.error <= HOPELESS]
+        able.sort(key=lambda row: (row.error, row.time_per_s))
+        most, reason = HOPELESS, f"the most accurate that runs at {budget:g} times real time or faster"
     else:
-        accurate = [row for row in rows if target is not None and row.error <= target]
-        row = min(accurate, key=lambda row: row.time_per_s, default=None)
-        reason = f"the fastest with an error of at most {target:g}"
-    return None if row is None else Recommendation(row.solver, reason, row)
+        most, reason = target or 0.0, f"the fastest with an error of at most {target:g}"
+        accurate = sorted((row for row in rows if row.error <= most), key=lambda row: (row.time_per_s, row.error))
+        able = []
+        for row in accurate:
+            # What is slower and no more accurate is not worth a judgement.
+            if not able or row.error < able[-1].error:
+                able.append(row)
+    for row in able:
+        verdict = judge(row)
+        if verdict.error <= most:
+            return Recommendation(row.solver, reason, row, verdict)
+    return None
 
 
 def setting(step: float | None, accuracy: float | None) -> str:

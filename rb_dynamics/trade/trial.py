@@ -67,6 +67,7 @@ class Trial:
         path: of the body origin, m.
         farthest: from the origin of the world, m.
         rate: the largest, rad/s.
+        end: of the motion, as the pilot runs it.
     """
 
     scene: Scene
@@ -79,6 +80,7 @@ class Trial:
     path: float = 0.0
     farthest: float = 0.0
     rate: float = 0.0
+    end: Sample | None = None
 
     def fly(self, solver: Solver, tally: Tally, limit: float = math.inf, parts: int = _PARTS) -> Flight | None:
         """Return the end of a run whose kernels `tally` decides on; None if it is not over after `limit` s.
@@ -117,20 +119,28 @@ class Trial:
         with suppress(ConvergenceError):
             moment.fly(solver, self.clock.tally(worth=math.inf), parts=1)
 
-    def look(self) -> Trial:
-        """Return the trial with what its motion is like."""
+    def look(self, tally: Tally | None = None, limit: float = math.inf) -> Trial:
+        """Return the trial with what its motion is like, flown in plain Python unless `tally` decides.
+
+        Raises:
+            ConvergenceError: the pilot refuses, or it is not over after `limit` s.
+        """
         run, samples = self._new(self.pilot, _SAMPLES), []
+        begin = self.clock()
         self._post(run)
-        with counted_by(self.clock.tally(worth=math.inf)):
+        with counted_by(tally or self.clock.tally(worth=math.inf)):
             for _ in range(_SAMPLES + 1):
                 run.advance(run.next_output_ns())
                 samples.append(run.sample)
+                if self.clock() - begin > limit:
+                    raise ConvergenceError(f"{self.scene.source}: the motion takes more than {limit:.3g} s to look at")
         speeds = [norm(sample.linear_velocity_world) for sample in samples]
         return replace(
             self,
             path=math.fsum(speeds) / len(speeds) * self.seconds,
             farthest=max(norm(sample.position_world) for sample in samples),
             rate=max(norm(sample.angular_velocity_body) for sample in samples),
+            end=samples[-1],
         )
 
     def part(self, seconds: float) -> Trial:

@@ -15,6 +15,7 @@ from rb_dynamics.report import trade_page
 from rb_dynamics.report.html import render_html
 from rb_dynamics.report.trade_page import trade_report, work_precision, write_trade_page
 from rb_dynamics.trade import Reference, Row, Trade, recommend, with_front
+from rb_dynamics.trade.result import Verdict
 
 REFERENCE = Reference("taylor, accuracy 1e-13", "dop853, accuracy 1e-13", 1e-13, 2e-13, 3e-14, 1e-13, 7.0)
 
@@ -62,6 +63,8 @@ def traded(scene: str = "scene.yaml", target: float | None = 1e-6, budget: float
         {"rk4": "its time was up"},
         {"run_rk4": 2.0},
         ("a remark",),
+        10.0,
+        None,
     )
 
 
@@ -164,3 +167,13 @@ def test_one_row_can_be_drawn() -> None:
     found = traded()
     alone = replace(found, rows=found.rows[:1], recommended=None, target=1.0)
     assert len(list(parsed(alone).iter("title"))) == 1
+
+
+@pytest.mark.parametrize(("measured", "says"), [(True, "after all 60 s"), (False, "after 10 s of 60 s only")])
+def test_page_says_after_how_long_the_error_is(measured: bool, says: str) -> None:
+    found = traded()
+    assert found.recommended is not None
+    whole = Verdict(5e-7, measured)
+    page = render_html(trade_report(replace(found, whole=60.0, recommended=replace(found.recommended, whole=whole))))
+    assert says in page
+    assert f"after {60 if measured else 10} s of 60 s" in page

@@ -159,6 +159,46 @@ def test_channels_without_commands_are_probed_and_a_long_scene_is_measured_in_pa
     assert seen[-1] == 1.0
 
 
+def measured_in_part(monkeypatch: pytest.MonkeyPatch, seconds: float, flown: float = 2.0) -> tuple[Scene, Trade]:
+    """Return a scene of which the trial is the first `seconds`, and its trade with `flown` times its time on top."""
+    make = TRADE.trial_of
+    monkeypatch.setattr(TRADE, "trial_of", lambda *given: make(*given).part(seconds).look())
+    monkeypatch.setattr(TRADE, "_WHOLE", flown)
+    scene = parse_scene(DRAG.replace("duration: 2", "duration: 60").replace("0.1}", "1.0e-3}"))
+    return scene, trade(scene, target=1e-6, time_s=2.0, clock=CLOCK)
+
+
+def test_what_is_recommended_keeps_the_target_over_the_whole_scene(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The trial is a twentieth of the scene: many that keep the target over it do not keep it to the end."""
+    scene, found = measured_in_part(monkeypatch, 3.0)
+    taken = found.recommended
+    assert taken is not None
+    assert found.trial_s == 3.0
+    assert found.whole == 60.0
+    assert found.checked_by is not None
+    assert taken.whole.measured
+    ends = [simulate(replace(scene, solver=solver)).sample for solver in (taken.row.as_solver, Solver(accuracy=1e-11))]
+    error = motions.attitude_error(ends[0].orientation_xyzw, ends[1].orientation_xyzw)
+    assert error <= taken.whole.error <= 1e-6
+    assert taken.row.time_per_s > min(one.time_per_s for one in found.rows if one.error <= 1e-6)
+    assert "after all 60 s" in as_text(found)
+
+
+def test_where_the_whole_is_too_long_the_error_is_taken_to_grow_and_the_text_says_so(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    _, found = measured_in_part(monkeypatch, 3.0, flown=1e-9)
+    taken = found.recommended
+    assert taken is not None
+    assert not taken.whole.measured
+    assert taken.whole.error == taken.row.error * 20.0**2 <= 1e-6
+    (line,) = (line for line in as_text(found).splitlines() if "after 3 s of 60 s" in line)
+    assert "error" in line
+
+    none = replace(found, recommended=None, target=taken.row.error)
+    assert "grows with the square of time" in none.shortfall
+
+
 def test_commands_that_cannot_be_honoured_are_left_out_and_counted() -> None:
     commands = [("wrench", Wrench(torque=(0.1, 0.0, 0.0))), ("wrench", Wrench((1.0, 0.0, 0.0), frame_id="nowhere"))]
     found = trade(parse_scene(SPINNING + "duration: 1"), commands, time_s=1.0, clock=CLOCK)
