@@ -35,8 +35,14 @@ _EPSILON = 2.0**-52
 # The trial is over long before.
 _PROBES = 1000
 
-# A short trial (s) is timed this often, and the best counts.
+# A short trial (s) is timed this often, and the best counts; one that was ended for its time, once more.
 _SHORT, _REPEATS = 0.05, 3
+
+# Fewer steps are no measure: the first ones are shorter, and look up more.
+_LEAST_STEPS = 16
+
+# What is run before the stopwatch, to import and tabulate what a run needs.
+_WARM_UP_NS = 1000
 
 _FREE_ROTATION = {
     Symmetry.SPHERE: "uniform rotation, as the three moments are equal",
@@ -121,7 +127,7 @@ def explain(
         scene: is not changed; or its file.
         commands: wrench commands of the scene's channels; without any, a channel is tried with a probe if no
             effect acts.
-        budget: about how long the trial may compute, s.
+        budget: about how long the trial may compute, s; one that it ends is run once more, as the machine may be busy.
 
     Raises:
         TypeError: an argument is not of its type.
@@ -258,15 +264,18 @@ def _measured(
     It goes as a run of `length` s would, which is longer: what is not worth a kernel here may be there.
     """
     scene = scene if with_outputs else without_outputs(scene)
+    with counted_by(stopwatch.tally(worth=math.inf)):
+        _start(scene, commands).advance(_WARM_UP_NS)
     tally = stopwatch.tally()
     with counted_by(tally):
         run, reached, wall = _timed(scene, commands, length, budget, stopwatch, with_outputs)
-        for _ in range(_REPEATS - 1 if wall < _SHORT else 0):
-            wall = min(wall, _timed(scene, commands, reached, math.inf, stopwatch, with_outputs)[2])
+    again = _REPEATS - 1 if wall < _SHORT else int(reached < length)
     if reached < length and tally.asked:
-        tally = stopwatch.tally(length / reached)
-        with counted_by(tally):
-            _, reached, wall = _timed(scene, commands, reached, math.inf, stopwatch, with_outputs)
+        # A longer run has what is not worth it here: what was timed is not a part of it.
+        tally, wall, again = stopwatch.tally(length / reached), math.inf, again + 1
+    with counted_by(tally):
+        for _ in range(again):
+            wall = min(wall, _timed(scene, commands, reached, math.inf, stopwatch, with_outputs)[2])
     return run, wall / reached, tally
 
 
@@ -280,7 +289,7 @@ def _timed(
 ) -> tuple[Simulation, float, float]:
     """Return a run that has gone on for as long as the budget lasted, how far (s), and how long that took.
 
-    With outputs, it has reached one.
+    It has taken some steps, and with outputs, it has reached one.
     """
     end = round(length * NANOSECONDS)
     # No trial may find there what another one has computed.
@@ -292,7 +301,7 @@ def _timed(
     while True:
         run.advance(min(part, end))
         wall = stopwatch() - begin
-        if part >= end or (wall > 0.5 * budget and part >= least):
+        if part >= end or (wall > 0.5 * budget and part >= least and run.steps >= _LEAST_STEPS):
             return run, min(part, end) / NANOSECONDS, wall
         part *= 2
 

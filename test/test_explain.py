@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +18,8 @@ from rb_dynamics.motion import kernel
 from rb_dynamics.recording.mcap_reader import read_wrenches
 from rb_dynamics.rotation import angle_between
 from rb_dynamics.scene.read import parse_scene, read_scene
-from rb_dynamics.simulate import simulate
+from rb_dynamics.simulate import Simulation, simulate
+from rb_dynamics.stopwatch import Stopwatch
 
 ROOT = Path(__file__).parents[1]
 RIGID = "body: {mass: 2, inertia: {diagonal: [1, 2, 2.5]}}\ninitial: {angular_velocity_body: [0.3, 1, 0.2]}\n"
@@ -124,6 +126,32 @@ def test_outputs_have_a_cost_of_their_own() -> None:
     found = explain(parse_scene(RIGID + "wrenches: []\nduration: 10"), budget=60.0)
     assert found.cost_per_s > 10.0 * found.bare_cost_per_s > 0.0
     assert "with all outputs" in found.as_text()
+
+
+def test_no_cost_holds_what_happens_once_or_a_while_in_which_the_machine_was_busy(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """By a clock on which a step takes a millisecond, the first call of all a minute, and a trial's second one more."""
+    module = importlib.import_module("rb_dynamics.explain")
+    spent = [0.0]
+    calls: list[int] = []
+
+    class Timed(Simulation):
+        def advance(self, time_ns: int) -> None:
+            before = self.steps
+            super().advance(time_ns)
+            calls.append(time_ns)
+            spent[0] += 1e-3 * (self.steps - before) + (60.0 if len(calls) in (1, 3) else 0.0)
+
+    monkeypatch.setattr(module, "Simulation", Timed)
+    monkeypatch.setattr(module, "Stopwatch", lambda: Stopwatch(lambda: spent[0]))
+    found = explain(
+        parse_scene(RIGID + "effects: [{type: linear_drag, rotation: 1.0e-3}]\nwrenches: []\nduration: 600"), budget=0.5
+    )
+
+    assert found.bare_cost_per_s < 0.1
+    assert found.cost_per_s < 0.1
+    assert found.trial_s < 600.0
 
 
 @needs_numba
