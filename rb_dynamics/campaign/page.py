@@ -20,6 +20,7 @@ from rb_dynamics.campaign.summary import (
     TRUE,
     MetricSummary,
     Summary,
+    few_runs,
     interval_text,
     percent,
     rerun_commands,
@@ -78,11 +79,11 @@ def campaign_report(
     )
     sections = [
         Section("At a glance", _glance(campaign, summary), tiles=_tiles(summary, rows)),
-        *_over_time(campaign, rows),
+        *_over_time(campaign, summary, rows),
         Section("How the metrics are spread", figures=[Figure(spread, _SPREAD)], table=_quantiles(summary)),
     ]
     if campaign.inputs:
-        drivers = figures.sensitivities([(each.name, each.sensitivity) for each in summary.metrics], summary.noise)
+        drivers = figures.sensitivities([(each.name, each.drivers) for each in summary.metrics], summary.noise)
         sections.append(
             Section("What drives them", figures=[Figure(drivers, _DRIVERS), *_scatters(campaign, summary, rows)])
         )
@@ -102,9 +103,12 @@ _SPREAD = (
 )
 _DRIVERS = (
     "Spearman's rank correlation, the strongest inputs first: +1 where a metric only grows with an input, -1 where it "
-    "only falls. What stays within the grey band is no more than chance."
+    "only falls. What stays within the grey band is no more than chance. Left out are inputs that only go with a "
+    "stronger one in these runs; the .json file has them (echoes)."
 )
-_SCATTER = "Each metric against the input that drives it most; orange runs failed."
+_SCATTER = (
+    "Each metric against the input that drives it most, where one does so by more than chance; orange runs failed."
+)
 
 
 def _glance(campaign: Campaign, summary: Summary) -> str:
@@ -118,6 +122,8 @@ def _glance(campaign: Campaign, summary: Summary) -> str:
         if metric.sensitivity and abs(metric.sensitivity[0][1]) > max(summary.noise, 0.1):
             name, value = metric.sensitivity[0]
             parts.append(f"{metric.name} depends most on {name} (rank correlation {value:+.2f}).")
+    if few := few_runs(campaign, summary):
+        parts.append(f"{few}.")
     return "\n\n".join(parts)
 
 
@@ -153,7 +159,7 @@ def _note(metric: MetricSummary) -> str:
     return f"median {middle:.4g}, most {metric.most:.4g}{missing}"
 
 
-def _over_time(campaign: Campaign, rows: Columns) -> list[Section]:
+def _over_time(campaign: Campaign, summary: Summary, rows: Columns) -> list[Section]:
     """Fly some runs again, the failed ones among them, and show what is judged over time."""
     import numpy as np
 
@@ -184,14 +190,22 @@ def _over_time(campaign: Campaign, rows: Columns) -> list[Section]:
     except (RigidBodyError, ValueError):
         return []
     bad = np.isin(runs, failed)
+    caption = f"median and the middle 90 % of {_some(len(runs), summary.runs, 'runs')}"
+    if failed:
+        caption += f"; orange: {_some(len(failed), summary.runs - summary.passed, 'that failed')}"
     drawn = [
         Figure(
             figures.over_time(np.array(times), _quantity_title(metric), np.array(column), bad),
-            f"{_quantity_title(metric)}: median and the middle 90 % of {len(runs)} runs; orange: runs that failed.",
+            f"{_quantity_title(metric)}: {caption}.",
         )
         for metric, column in zip(followed.values(), values, strict=True)
     ]
     return [Section("Over time", figures=drawn)]
+
+
+def _some(shown: int, all_of_them: int, what: str) -> str:
+    """Return how many are shown, of how many."""
+    return f"{shown} of the {all_of_them} {what}" if shown < all_of_them else f"all {shown} {what}"
 
 
 def _scatters(campaign: Campaign, summary: Summary, rows: Columns) -> list[Figure]:
@@ -199,7 +213,7 @@ def _scatters(campaign: Campaign, summary: Summary, rows: Columns) -> list[Figur
 
     pairs = []
     for metric, found in zip(campaign.metrics, summary.metrics, strict=True):
-        if found.sensitivity:
+        if found.sensitivity and abs(found.sensitivity[0][1]) > summary.noise:
             name = found.sensitivity[0][0]
             pairs.append((name, _title(metric), rows[name], rows[metric.name], rows["passed"]))
     return [Figure(figures.scatters(pairs), _SCATTER)] if pairs else []

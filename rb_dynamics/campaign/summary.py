@@ -1,7 +1,8 @@
 """What the rows of a campaign show: quantiles and pass rate with confidence intervals, failures, sensitivities.
 
-Intervals take the runs as independent draws. A Latin hypercube or a Sobol sequence covers the inputs more evenly than
-that, so that there the intervals are on the safe side. Never draws: `page.py` does.
+Intervals take the runs as independent draws. A Latin hypercube or a Sobol sequence covers each input more evenly than
+that; a few runs of one may have inputs that go with each other far more, so that what is only such an echo is told
+apart. Never draws: `page.py` does.
 """
 
 from __future__ import annotations
@@ -59,6 +60,8 @@ class MetricSummary:
         most: likewise.
         quantiles: of the numbers.
         sensitivity: rank correlation with each input, the strongest first.
+        echoes: of these the inputs that only follow a stronger one: they correlate with it in these runs, beyond
+            chance, and with the metric no more than that brings with it; with its name and that correlation.
     """
 
     name: str
@@ -71,6 +74,13 @@ class MetricSummary:
     most: float
     quantiles: tuple[Quantile, ...]
     sensitivity: tuple[tuple[str, float], ...]
+    echoes: tuple[tuple[str, str, float], ...]
+
+    @property
+    def drivers(self) -> tuple[tuple[str, float], ...]:
+        """The sensitivities without the echoes of stronger ones."""
+        only_follow = {name for name, _, _ in self.echoes}
+        return tuple(pair for pair in self.sensitivity if pair[0] not in only_follow)
 
 
 @dataclass(frozen=True)
@@ -107,6 +117,8 @@ class Summary:
 
 MOST_FAILURES = 1000
 
+_RUNS_AN_INPUT = 10
+
 
 def summarise(campaign: Campaign, rows: Columns) -> Summary:
     """Return what `rows` show."""
@@ -118,6 +130,7 @@ def summarise(campaign: Campaign, rows: Columns) -> Summary:
     runs, passed = len(good), int(np.count_nonzero(good))
     low, high = proportion_interval(passed, runs)
     ranks = {each.name: _ranks(rows[each.name]) for each in campaign.inputs}
+    noise = min(1.0, 1.96 / math.sqrt(max(1, runs - 1)))
     errors = [(int(run), text) for run, text in zip(rows["run"], rows["error"], strict=True) if text]
     return Summary(
         runs,
@@ -127,8 +140,8 @@ def summarise(campaign: Campaign, rows: Columns) -> Summary:
         high,
         tuple(rows["run"][~good][:MOST_FAILURES].tolist()),
         tuple(errors[:MOST_FAILURES]),
-        min(1.0, 1.96 / math.sqrt(max(1, runs - 1))),
-        tuple(_metric(each.name, unit_of(each), rows[each.name], ranks) for each in campaign.metrics),
+        noise,
+        tuple(_metric(each.name, unit_of(each), rows[each.name], ranks, noise) for each in campaign.metrics),
     )
 
 
@@ -161,14 +174,15 @@ def proportion_interval(successes: int, trials: int) -> tuple[float, float]:
     return low, high
 
 
-def _metric(name: str, unit: str, column: Numbers, ranks: Mapping[str, Numbers]) -> MetricSummary:
+def _metric(name: str, unit: str, column: Numbers, ranks: Mapping[str, Numbers], noise: float) -> MetricSummary:
     import numpy as np
 
     is_number = np.isfinite(column)
     values = np.sort(column[is_number])
     count = len(values)
     if count == 0:
-        return MetricSummary(name, unit, 0, len(column), math.nan, math.nan, math.nan, math.nan, (), ())
+        return MetricSummary(name, unit, 0, len(column), math.nan, math.nan, math.nan, math.nan, (), (), ())
+    sensitivity = _sensitivity(column, is_number, ranks)
     return MetricSummary(
         name,
         unit,
@@ -179,7 +193,8 @@ def _metric(name: str, unit: str, column: Numbers, ranks: Mapping[str, Numbers])
         float(values[0]),
         float(values[-1]),
         tuple(quantile_interval(values, probability) for probability in PROBABILITIES),
-        _sensitivity(column, is_number, ranks),
+        sensitivity,
+        _echoes(sensitivity, ranks, noise),
     )
 
 
@@ -192,6 +207,25 @@ def _sensitivity(
     own = _ranks(np.where(is_number, column, math.inf))
     found = [(name, _correlation(own, other)) for name, other in ranks.items()]
     return tuple(sorted(found, key=lambda pair: -abs(pair[1])))
+
+
+def _echoes(
+    sensitivity: Sequence[tuple[str, float]], ranks: Mapping[str, Numbers], noise: float
+) -> tuple[tuple[str, str, float], ...]:
+    """Return the inputs whose correlation is that of a stronger one, times theirs with it; see `MetricSummary`."""
+    drivers: list[tuple[str, float]] = []
+    echoes = []
+    for name, value in sensitivity:
+        if abs(value) <= noise:
+            break
+        for stronger, most in drivers:
+            shared = _correlation(ranks[name], ranks[stronger])
+            if abs(shared) > noise and abs(value - shared * most) <= noise:
+                echoes.append((name, stronger, shared))
+                break
+        else:
+            drivers.append((name, value))
+    return tuple(echoes)
 
 
 def _ranks(column: Numbers) -> Numbers:
@@ -234,15 +268,32 @@ def as_text(campaign: Campaign, summary: Summary, options: Sequence[str] = (), m
         f"  {CONFIDENCE:.0%} confidence. no value: runs that never met the condition, or could not be flown.",
     ]
     for metric in summary.metrics:
-        strongest = [f"{name} {value:+.2f}" for name, value in metric.sensitivity[:3] if abs(value) > summary.noise]
+        strongest = [f"{name} {value:+.2f}" for name, value in metric.drivers[:3] if abs(value) > summary.noise]
         if strongest:
             lines.append(f"depends     {metric.name} on {', '.join(strongest)} (rank correlation, -1 to 1)")
+        lines += [
+            f"            not told apart: {name}, which goes with {stronger} in these runs by {shared:+.2f}"
+            for name, stronger, shared in metric.echoes[:3]
+        ]
+    if few := few_runs(campaign, summary):
+        lines.append(f"note        {few}")
     lines += [f"not flown   run {run}: {text}" for run, text in summary.errors[:most]]
     if summary.failed:
         some = f", the first {most} of them" if len(summary.failed) > most else ""
         lines.append(f"failed      {summary.runs - summary.passed}; to fly one again with a full log{some}:")
     lines += [f"            {command}" for command in rerun_commands(campaign, summary.failed[:most], options)]
     return "\n".join(lines)
+
+
+def few_runs(campaign: Campaign, summary: Summary) -> str:
+    """Return that the runs are too few to tell so many inputs apart; "" where they are enough."""
+    wanted = _RUNS_AN_INPUT * len(campaign.inputs)
+    if summary.runs >= wanted:
+        return ""
+    return (
+        f"{summary.runs} runs are few for {len(campaign.inputs)} inputs, some of which go with each other by chance; "
+        f"{wanted} or more tell them apart"
+    )
 
 
 def percent(part: float, runs: int) -> str:

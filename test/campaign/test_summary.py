@@ -5,15 +5,18 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from campaigns import write
+from campaigns import CAMPAIGN, write
 from scipy import stats
 
 from rb_dynamics.campaign.flight import fly_block
+from rb_dynamics.campaign.model import Campaign
 from rb_dynamics.campaign.read import read_campaign
+from rb_dynamics.campaign.sampling import inputs
 from rb_dynamics.campaign.summary import as_text, proportion_interval, quantile_interval, summarise
 
 
@@ -63,6 +66,46 @@ def test_what_rows_show(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     assert "(rank correlation, -1 to 1)" in as_text(campaign, summary)
 
 
+def by_its_inputs(folder: Path, runs: int) -> tuple[Campaign, dict[str, Any]]:
+    """Return a campaign by Sobol points, and rows of it that hold its inputs, a third of them failed."""
+    campaign = read_campaign(write(folder, CAMPAIGN.replace("random", "sobol").replace("runs: 24", f"runs: {runs}")))
+    table, numbers = inputs(campaign, 0, runs), np.arange(runs)
+    rows: dict[str, Any] = {each.name: table[:, k] for k, each in enumerate(campaign.inputs)}
+    metrics = {metric.name: np.ones(runs) for metric in campaign.metrics}
+    return campaign, {"run": numbers, **rows, **metrics, "passed": numbers % 3 > 0, "error": [""] * runs}
+
+
+def test_in_few_runs_an_input_that_goes_with_the_one_that_counts_is_told_apart(tmp_path: Path) -> None:
+    """The metric is an input; what correlates with it does so for that alone."""
+    campaign, rows = by_its_inputs(tmp_path, 16)
+    names = [each.name for each in campaign.inputs]
+    correlations = abs(stats.spearmanr(np.stack([rows[name] for name in names], axis=1)).statistic)
+    pairs = [(correlations[i, j], names[i], names[j]) for i in range(len(names)) for j in range(i)]
+    shared, driver, bystander = max(pairs)
+    assert shared > summarise(campaign, rows).noise
+    rows["final_rate"] = rows[driver]
+    metric = {each.name: each for each in summarise(campaign, rows).metrics}["final_rate"]
+
+    assert abs(dict(metric.sensitivity)[bystander]) == pytest.approx(shared)
+    assert metric.drivers[0] == (driver, pytest.approx(1.0))
+    assert bystander not in dict(metric.drivers)
+    assert (bystander, driver) in [(name, stronger) for name, stronger, _ in metric.echoes]
+    text = as_text(campaign, summarise(campaign, rows))
+    assert f"not told apart: {metric.echoes[0][0]}, which goes with {driver}" in text
+    assert f"16 runs are few for {len(names)} inputs" in text
+
+
+def test_with_runs_enough_two_that_both_count_are_both_named(tmp_path: Path) -> None:
+    campaign, rows = by_its_inputs(tmp_path, 1024)
+    one, other = (each.name for each in campaign.inputs[:2])
+    rows["final_rate"] = stats.zscore(rows[one]) + 0.5 * stats.zscore(rows[other])
+    summary = summarise(campaign, rows)
+    metric = {each.name: each for each in summary.metrics}["final_rate"]
+    assert metric.echoes == ()
+    assert [name for name, _ in metric.drivers[:2]] == [one, other]
+    assert "are few for" not in as_text(campaign, summary)
+
+
 def test_a_condition_that_is_never_met_is_no_number(tmp_path: Path) -> None:
     text = "scene: scene.yaml\nruns: 3\nmetrics: {never: {time_to: rate, above: 100}}\n"
     campaign = read_campaign(write(tmp_path, text))
@@ -99,6 +142,38 @@ def test_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert "src=" not in page
     assert "url(http" not in page
+
+
+def test_the_page_says_what_part_of_the_runs_it_shows_over_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("matplotlib")
+    from rb_dynamics.campaign import page
+
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "never")
+    monkeypatch.setattr(page, "_WATCHED", 20)
+    campaign, rows = by_its_inputs(tmp_path, 36)
+    # Of the first 12 runs, which are flown for the figure, 4 failed; those that are drawn go on to the 22nd.
+    report = page.campaign_report(campaign, rows)
+    (section,) = (section for section in report.sections if section.heading == "Over time")
+    assert all("16 of the 36 runs; orange: 8 of the 12 that failed." in figure.caption for figure in section.figures)
+
+
+def test_the_page_draws_no_input_that_drives_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("matplotlib")
+    from rb_dynamics.campaign import page
+
+    campaign, rows = by_its_inputs(tmp_path, 36)
+    monkeypatch.setattr(page, "_over_time", lambda *_: [])
+
+    def drawn() -> int:
+        (section,) = (each for each in page.campaign_report(campaign, rows).sections if each.heading.endswith("them"))
+        return len(section.figures)
+
+    # All runs have the same metrics: no input drives any.
+    assert drawn() == 1
+    rows["final_rate"] = rows[campaign.inputs[0].name]
+    assert drawn() == 2
 
 
 def test_the_page_counts_every_run_that_could_not_be_flown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
