@@ -100,7 +100,7 @@ class Alone:
     def __init__(self, scene: Scene, sinks: Sequence[Sink] = ()) -> None:
         """Start where the scene does."""
         self._run = Simulation(scene if sinks else without_outputs(scene), sinks)
-        self._now_ns = 0
+        self._now_ns, self._body_frame = 0, scene.frames.body_frame
         self._first = self._run.sample
         self._run.start()
 
@@ -126,7 +126,8 @@ class Alone:
         """Hold the torque; see `Bodies`."""
         if changed[0]:
             x, y, z = torque[0].tolist()
-            self._run.post(CHANNEL, Wrench(torque=(x, y, z), stamp_ns=self._now_ns), self._now_ns)
+            torque_body = Wrench(torque=(x, y, z), frame_id=self._body_frame, stamp_ns=self._now_ns)
+            self._run.post(CHANNEL, torque_body, self._now_ns)
 
     def advance_to(self, time_ns: int) -> None:
         """Advance; see `Bodies`."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 import heapq
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rb_dynamics.campaign.bodies import Alone, Bodies, SideBySide, go_side_by_side, step_ns
@@ -87,7 +88,9 @@ def fly_alone(
         LogError: a log cannot be written.
     """
     values = _values(campaign, number)
-    run = _Run(number, values, scenes_of(campaign).whole(values))
+    # A log and a page of it name the scene by its source.
+    name = f"{campaign.source}, run {number}, seed {campaign.seed}"
+    run = _Run(number, values, replace(scenes_of(campaign).whole(values), source=name))
     bodies, judge = Alone(run.scene, sinks), Judge(campaign, 1)
     try:
         _advance(campaign, bodies, [run], judge, watch)

@@ -23,6 +23,8 @@ from rb_dynamics.campaign.read import read_campaign
 from rb_dynamics.campaign.store import Store, read_row, read_rows
 from rb_dynamics.cli import main
 from rb_dynamics.errors import LogError
+from rb_dynamics.recording.mcap_reader import read_bag
+from rb_dynamics.recording.provenance import RUN
 
 pytest.importorskip("pyarrow")
 pytestmark = pytest.mark.filterwarnings("default::DeprecationWarning")
@@ -231,7 +233,8 @@ def command(*arguments: object) -> list[str]:
 
 
 def test_the_command_and_a_rerun(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    campaign, out = write(tmp_path), tmp_path / "out" / "rows.parquet"
+    scene = SCENE.replace("body:\n", "body:\n  frame: bus\n")
+    campaign, out = write(tmp_path, scene=scene), tmp_path / "out" / "rows.parquet"
     assert main(["campaign", str(campaign), "--workers", "0", "--out", str(out), "--json"]) == 0
     summary = json.loads(capsys.readouterr().out)
     assert summary["runs"] == 24
@@ -245,6 +248,10 @@ def test_the_command_and_a_rerun(tmp_path: Path, capsys: pytest.CaptureFixture[s
     # What was flown is in the log, and it alone gives the same run again.
     assert main(["replay", found["log"]]) == 0
     assert "the same to the last bit" in capsys.readouterr().out
+    # It says which run it is, and in which axes the controller commands.
+    log = read_bag(found["log"])
+    assert log.metadata[RUN]["scene_file"] == f"campaign.yaml, run {failed}, seed 7"
+    assert log.frame_ids("/control") == {"bus"}
 
     assert main(["campaign", str(campaign), "--rerun", "24", "--out", str(out)]) == 2
     assert "found 24, expected a run from 0 to 23" in capsys.readouterr().err
