@@ -9,8 +9,11 @@ from __future__ import annotations
 
 import math
 import shlex
+import shutil
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rb_dynamics.campaign.model import Campaign
@@ -321,5 +324,11 @@ def rerun_commands(campaign: Campaign, runs: Sequence[int], options: Sequence[st
         runs: their numbers.
         options: words of the command line that made it this campaign and say where its rows are.
     """
-    begin = shlex.join(["rb-dynamics", "campaign", campaign.source, *options])
+    begin = shlex.join([_program(), "campaign", campaign.source, *options])
     return [f"{begin} --rerun {run}" for run in runs]
+
+
+def _program() -> str:
+    """Return what starts the command line here: as it was called where a shell would not find it by its name."""
+    name, called = "rb-dynamics", sys.argv[0]
+    return called if Path(called).stem == name and shutil.which(name) != called else name

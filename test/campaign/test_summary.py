@@ -17,7 +17,7 @@ from rb_dynamics.campaign.flight import fly_block
 from rb_dynamics.campaign.model import Campaign
 from rb_dynamics.campaign.read import read_campaign
 from rb_dynamics.campaign.sampling import inputs
-from rb_dynamics.campaign.summary import as_text, proportion_interval, quantile_interval, summarise
+from rb_dynamics.campaign.summary import as_text, proportion_interval, quantile_interval, rerun_commands, summarise
 
 
 @pytest.mark.parametrize(("count", "probability"), [(60, 0.5), (200, 0.95), (400, 0.01)])
@@ -104,6 +104,22 @@ def test_with_runs_enough_two_that_both_count_are_both_named(tmp_path: Path) -> 
     assert metric.echoes == ()
     assert [name for name, _ in metric.drivers[:2]] == [one, other]
     assert "are few for" not in as_text(campaign, summary)
+
+
+def test_a_printed_command_begins_as_the_program_was_called(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    campaign = read_campaign(write(tmp_path))
+    monkeypatch.setenv("PATH", str(tmp_path))
+    (tmp_path / "rb-dynamics").touch(0o755)
+    for called, begins in (
+        (".venv/bin/rb-dynamics", ".venv/bin/rb-dynamics campaign "),
+        ("/a place/rb-dynamics", "'/a place/rb-dynamics' campaign "),
+        # As a shell calls what it has found by its name.
+        (str(tmp_path / "rb-dynamics"), "rb-dynamics campaign "),
+        ("/some/where/__main__.py", "rb-dynamics campaign "),
+    ):
+        monkeypatch.setattr("sys.argv", [called, "campaign"])
+        (command,) = rerun_commands(campaign, [3])
+        assert command.startswith(begins)
 
 
 def test_a_condition_that_is_never_met_is_no_number(tmp_path: Path) -> None:
