@@ -43,7 +43,9 @@ def _set(document: Node, key: str, new: Node, problems: Problems) -> None:
         child = _enter(node, step, new if i + 1 == len(steps) else None)
         if child is None:
             wanted = f"the key {step}" if isinstance(step, str) else f"an item [{step}]"
-            text = f"found {path or 'the scene'} to be {show(node)}, expected it to hold {wanted}; correct the override"
+            meant = isinstance(step, str) and step.isdecimal() and _enter(node, int(step), None) is not None
+            mend = f"did you mean {path}[{step}]?" if meant else "correct the override"
+            text = f"found {path or 'the scene'} to be {show(node)}, expected it to hold {wanted}; {mend}"
             problems.add(None, key, text)
             return
         node, path = child, join(path, step) if isinstance(step, str) else f"{path}[{step}]"
