@@ -23,8 +23,8 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scene", metavar="SCENE", help="scene file (YAML)")
     parser.add_argument(
         "--set", action="append", default=[], metavar="KEY=VALUE",
-        help="another value for any key of the scene, such as body.mass=2, wrenches[0].timeout=0.5 or effects=[]; may be "
-        "given again",
+        help="another value for any key of the scene, such as body.mass=2, wrenches[0].timeout=0.5 or effects=[]; may "
+        "be given again",
     )  # fmt: skip
 
 
