@@ -11,6 +11,7 @@ import contextlib
 import logging
 import math
 import os
+import time
 from collections.abc import Callable, Generator, Iterator
 from importlib.util import find_spec
 from itertools import islice
@@ -30,7 +31,10 @@ SIDE_BY_SIDE, ALONE = 2000, 20
 """Runs in a block: enough that numpy's calls do not count; few enough for memory, and that little is lost by a kill."""
 
 _FEW = 250
-"""Runs side by side that one process flies sooner than others can be started."""
+"""Runs side by side that a block has at least."""
+
+_START_S = 5.0
+"""About what starting workers takes, with what they import and load."""
 
 _BLOCKS_EACH = 4
 """Blocks for each worker, at least: they do not end all at the same time."""
@@ -53,7 +57,8 @@ def run_campaign(
     Args:
         campaign: what is flown.
         store: where its rows go.
-        workers: processes on this machine; by default one for each core, 0 for threads of this process.
+        workers: processes on this machine, 0 for threads of this process; by default one for each core, unless the
+            first block shows that this process is done before they would have been started.
         scheduler: address of a running scheduler of `dask.distributed`, such as tcp://host:8786.
         block: runs in a block, by default chosen; results do not depend on it.
         progress: told now and then how far it is.
@@ -72,7 +77,12 @@ def run_campaign(
     size = block or _block(campaign, max(1, processes))
     blocks, done = store.missing(size), store.done
     local = scheduler is None and (processes == 0 or not with_dask or campaign.runs - done <= size)
-    flown = _here(campaign, blocks) if local else _on_workers(campaign, blocks, scheduler, processes)
+    if local:
+        flown = _here(campaign, blocks)
+    elif scheduler is None and workers is None:
+        flown = _where_it_is_sooner(campaign, blocks, campaign.runs - done, processes)
+    else:
+        flown = _on_workers(campaign, blocks, scheduler, processes)
     with contextlib.closing(flown):
         for columns in flown:
             store.write(columns)
@@ -98,6 +108,20 @@ def _block(campaign: Campaign, workers: int) -> int:
 def _here(campaign: Campaign, blocks: Iterator[tuple[int, int]]) -> Generator[Columns, None, None]:
     for first, last in blocks:
         yield fly_block(campaign, first, last)
+
+
+def _where_it_is_sooner(
+    campaign: Campaign, blocks: Iterator[tuple[int, int]], left: int, processes: int
+) -> Generator[Columns, None, None]:
+    """Yield rows of the `left` runs from here, until starting workers is worth it."""
+    for first, last in blocks:
+        begin = time.perf_counter()
+        columns = fly_block(campaign, first, last)
+        took, left = time.perf_counter() - begin, left - (last - first)
+        yield columns
+        saved = took / (last - first) * left * (1.0 - 1.0 / processes)
+        if saved > _START_S:
+            yield from _on_workers(campaign, blocks, None, processes)
 
 
 def _on_workers(

@@ -40,7 +40,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--scheduler", metavar="ADDRESS", help="dask scheduler of a cluster, such as tcp://host:8786")
     where.add_argument(
-        "--workers", type=_COUNT, metavar="N", help="processes here; default: one a core; 0: threads of this process"
+        "--workers",
+        type=_COUNT,
+        metavar="N",
+        help="processes here; 0: threads of this process; default: one a core, or 0 where that is sooner",
     )
     parser.add_argument("--block", type=_POSITIVE, metavar="N", help="runs in a block; default: chosen")
     parser.add_argument("--rerun", type=_COUNT, metavar="RUN", help="fly this run alone, with a full log")

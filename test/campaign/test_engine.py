@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import json
+import math
 import os
 import shlex
 import signal
@@ -19,6 +20,8 @@ import pytest
 from campaigns import CAMPAIGN, SCENE, write
 
 from rb_dynamics.campaign.engine import run_campaign
+from rb_dynamics.campaign.flight import fly_block
+from rb_dynamics.campaign.model import Campaign
 from rb_dynamics.campaign.read import read_campaign
 from rb_dynamics.campaign.store import Store, read_row, read_rows
 from rb_dynamics.cli import main
@@ -103,6 +106,28 @@ def test_few_runs_start_no_other_process(tmp_path: Path, monkeypatch: pytest.Mon
 
     monkeypatch.setattr("rb_dynamics.campaign.engine._on_workers", start)
     assert len(fly(write(tmp_path), tmp_path / "rows.parquet", workers=2)) > 0
+
+
+@pytest.mark.parametrize(("start_s", "elsewhere"), [(math.inf, []), (0.0, [(6, 12), (12, 18), (18, 24)])])
+def test_workers_are_started_where_that_is_sooner(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, start_s: float, elsewhere: list[tuple[int, int]]
+) -> None:
+    """What the first block took tells, where nobody says how many workers."""
+    pytest.importorskip("distributed")
+    flown: list[tuple[int, int]] = []
+
+    def note(campaign: Campaign, blocks: Iterator[tuple[int, int]], *_: object) -> Iterator[Any]:
+        for block in blocks:
+            flown.append(block)
+            yield fly_block(campaign, *block)
+
+    monkeypatch.setattr("rb_dynamics.campaign.engine._on_workers", note)
+    monkeypatch.setattr("rb_dynamics.campaign.engine._START_S", start_s)
+    monkeypatch.setattr("rb_dynamics.campaign.engine._cores", lambda: 4)
+    campaign = write(tmp_path)
+    rows = fly(campaign, tmp_path / "rows.parquet", workers=None, block=6)
+    assert flown == elsewhere
+    assert rows == fly(campaign, tmp_path / "here.parquet")
 
 
 def test_runs_of_another_campaign_are_not_mixed(tmp_path: Path) -> None:
