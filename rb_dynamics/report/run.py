@@ -310,9 +310,11 @@ def _wrenches(track: Track, summary: Summary) -> list[Section]:
     rows = text.channel_rows(summary)
     if not rows:
         return []
+    if came := text.command_rows(summary):
+        rows = [[*row, *times] for row, (_, *times) in zip(rows, came, strict=True)]
     caption = (
-        "What acted, each value held until the next. In a good run it is what was meant: no spike, no channel that "
-        f"falls silent.{' Zero throughout: ' + ', '.join(idle) + '.' if idle else ''}"
+        "What acted, each value held until the next. In a good run it is what was meant: no spike, and no channel that "
+        f"falls silent, which the warnings name.{' Zero throughout: ' + ', '.join(idle) + '.' if idle else ''}"
     )
     figures = [Figure(plots.wrench_history(panels, track.seconds(np.array(track.span_ns))), caption)] if panels else []
     paragraph = "" if panels else "No force and no torque acted at any time."

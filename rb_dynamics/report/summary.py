@@ -16,7 +16,7 @@ from rb_dynamics.recording.provenance import RESULT, RUN
 from rb_dynamics.report.balance import Balance, balances
 from rb_dynamics.report.checks import BOUND, Check, checks, gaps
 from rb_dynamics.report.residual import Residual, residual
-from rb_dynamics.report.track import Series, Track, WrenchSteps
+from rb_dynamics.report.track import Array, Series, Track, WrenchSteps
 from rb_dynamics.report.warnings import Channel, Health, warnings
 
 
@@ -246,7 +246,10 @@ def _channel(track: Track, steps: WrenchSteps, health: Health | None) -> Channel
     applied = len(steps.time_ns) if steps.topic.endswith(APPLIED) else None
     source = track.bag.topics.get(name)
     received = None if source is None else source.count
-    frames = steps.frames
+    frames, commands = steps.frames, steps.time_ns
+    if applied is not None:
+        commands = np.array([] if source is None else source.log_times, dtype=np.int64)
+    at = track.seconds(commands)
     if source is not None and applied is not None and source.count:
         frames = tuple(sorted({wrench.frame_id for _, wrench in track.bag.wrenches(name)}))
     return Channel(
@@ -258,9 +261,22 @@ def _channel(track: Track, steps: WrenchSteps, health: Health | None) -> Channel
         rejected=_counted(name, "rejected", health),
         late=_counted(name, "late", health),
         lost=_counted(name, "lost", health),
+        first_s=float(at[0]) if len(at) else None,
+        last_s=float(at[-1]) if len(at) else None,
+        usual_s=float(np.median(np.diff(at))) if len(at) > 1 else None,
+        held_s=_held_at_the_end(track, steps, at),
         largest_force=float(np.linalg.norm(steps.force, axis=1).max(initial=0.0)),
         largest_torque=float(np.linalg.norm(steps.torque, axis=1).max(initial=0.0)),
     )
+
+
+def _held_at_the_end(track: Track, steps: WrenchSteps, at: Array) -> float | None:
+    """Return how long after the last command, at `at` (s), what it set was still held; None without commands."""
+    if not len(at):
+        return None
+    _, end_ns = track.span_ns
+    acts = bool(steps.force[-1:].any() or steps.torque[-1:].any())
+    return max(0.0, float(track.seconds(np.array(end_ns))) - float(at[-1])) if acts else 0.0
 
 
 def _timeouts(track: Track, steps: WrenchSteps, source: Topic) -> int | None:

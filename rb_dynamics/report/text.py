@@ -31,6 +31,7 @@ def as_text(summary: Summary) -> str:
     lines += _table("wrench channel", channel_rows(summary), (25, 10, 10, 9, 10, 10, 12, 14))
     if any("-" in row for row in channel_rows(summary)):
         lines[-1:] = [f"  {UNKNOWN}", ""]
+    lines += _table("commands", command_rows(summary), (36, 16, 16, 16, 16))
     if summary.health:
         lines += [*_wrap(f"diagnostics: {health_sentence(summary)}"), ""]
     for remark in (*summary.missing, *summary.notes):
@@ -115,6 +116,15 @@ def channel_rows(summary: Summary) -> list[list[str]]:
         frames = ", ".join(frame or '""' for frame in c.frames)
         rows.append([c.topic, frames, *counts, f"{c.largest_force:.5g}", f"{c.largest_torque:.5g}"])
     return rows if summary.channels else []
+
+
+def command_rows(summary: Summary) -> list[list[str]]:
+    """Return header and rows: when commands came on each wrench channel, in its order; empty without commands."""
+    rows = [["", "first at t [s]", "last at t [s]", "usual gap [s]", "then held [s]"]]
+    for c in summary.channels:
+        times = (c.first_s, c.last_s, c.usual_s, c.held_s)
+        rows.append([c.topic, *("" if time is None else _short(time) for time in times)])
+    return rows if any(c.first_s is not None for c in summary.channels) else []
 
 
 def residual_sentence(left: Residual) -> str:

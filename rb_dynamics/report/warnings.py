@@ -11,6 +11,11 @@ from rb_dynamics.recording.messages import APPLIED
 from rb_dynamics.report.checks import gaps
 from rb_dynamics.report.track import Track
 
+# Commands that came this often came regularly; who sends fewer may mean the last one to stay.
+_REGULAR = 5
+# The last of regular commands is held long where it is held for more than this many usual gaps, and this many seconds.
+_LONG_GAPS, _LONG_S = 10.0, 1.0
+
 
 @dataclass(frozen=True)
 class Channel:
@@ -25,6 +30,10 @@ class Channel:
         rejected: commands that were not honoured.
         late: commands whose time had passed when they came.
         lost: commands that the middleware lost.
+        first_s: when the first command took effect, s from the start of the motion.
+        last_s: the last one.
+        usual_s: median of the times from one command to the next, s.
+        held_s: how long what the last command set was still held at the end of the run; 0 where nothing acts then.
         largest_force: N.
         largest_torque: N m.
     """
@@ -37,6 +46,10 @@ class Channel:
     rejected: int | None
     late: int | None
     lost: int | None
+    first_s: float | None
+    last_s: float | None
+    usual_s: float | None
+    held_s: float | None
     largest_force: float
     largest_torque: float
 
@@ -77,6 +90,11 @@ def _commands(track: Track, channels: Sequence[Channel]) -> list[str]:
     for channel in channels:
         if channel.timeouts:
             found.append(f"{channel.topic} timed out {channel.timeouts}×{_first_timeout(track, channel.topic)}.")
+        if _fell_silent(channel):
+            found.append(
+                f"{channel.topic} fell silent: its last command, at t = {channel.last_s:.6g} s, was held for the "
+                f"remaining {channel.held_s:.6g} s; commands had come every {channel.usual_s:.3g} s."
+            )
         for count, what in (
             (channel.rejected, "rejected and had no effect"),
             (channel.late, "late and took effect at once"),
@@ -85,6 +103,12 @@ def _commands(track: Track, channels: Sequence[Channel]) -> list[str]:
             if count:
                 found.append(f"{channel.topic}: {count} command{'s' if count > 1 else ''} {what}.")
     return found
+
+
+def _fell_silent(channel: Channel) -> bool:
+    if channel.usual_s is None or channel.held_s is None or (channel.received or 0) < _REGULAR:
+        return False
+    return channel.held_s > max(_LONG_GAPS * channel.usual_s, _LONG_S)
 
 
 def _first_timeout(track: Track, topic: str) -> str:

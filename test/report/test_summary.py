@@ -91,6 +91,30 @@ def test_channels_count_commands_and_timeouts(flight: Any) -> None:
     assert thrust.rejected is None
 
 
+def test_a_channel_that_falls_silent_is_warned_of(flown: Callable[..., Any]) -> None:
+    """A commander that dies leaves its last force acting to the end where the channel has no timeout."""
+    dies = [("push", Wrench((1.0, 0.0, 0.0), frame_id="world", stamp_ns=k * 100_000_000)) for k in range(10)]
+    summary = summary_of(flown(dies).log)
+    (channel,) = (each for each in summary.channels if each.topic == "/push")
+    assert (channel.first_s, channel.last_s, channel.held_s) == pytest.approx((0.0, 0.9, 2.1))
+    assert channel.usual_s == pytest.approx(0.1)
+    said = "/push fell silent: its last command, at t = 0.9 s, was held for the remaining 2.1 s"
+    assert any(said in each for each in summary.warnings)
+
+
+@pytest.mark.parametrize(
+    ("topic", "count", "last_force"),
+    [("push", 2, 1.0), ("push", 28, 1.0), ("push", 10, 0.0), ("thrust", 10, 1.0)],
+    ids=["a single step", "to the end", "ended by zero", "timed out"],
+)
+def test_a_command_that_is_meant_to_stay_is_no_silence(
+    flown: Callable[..., Any], topic: str, count: int, last_force: float
+) -> None:
+    forces = [*[1.0] * (count - 1), last_force]
+    sent = [(topic, Wrench((x, 0.0, 0.0), stamp_ns=k * 100_000_000)) for k, x in enumerate(forces)]
+    assert not any("fell silent" in each for each in summary_of(flown(sent).log).warnings)
+
+
 def test_timeouts_of_a_log_that_was_cut_off_are_counted_up_to_its_last_sample(flight: Any, tmp_path: Path) -> None:
     """A command may be there whose applied wrench is lost; a timeout before the last sample still counts."""
     whole = McapFile(flight.log)
