@@ -53,6 +53,11 @@ class Balance:
         """The largest defect over `scale`."""
         return self.worst / self.scale if self.scale > 0.0 else (0.0 if self.worst == 0.0 else np.inf)
 
+    def onset_ns(self, bound: float) -> int | None:
+        """When the defect is first beyond `bound` times `scale`; None where it never is."""
+        beyond = self._sizes() > bound * self.scale
+        return int(self.time_ns[beyond.argmax()]) if beyond.any() else None
+
     def _sizes(self) -> Array:
         if self.defect.ndim == 1:
             return np.abs(self.defect)

@@ -71,9 +71,11 @@ def _unit(orientation: Array, bound: float) -> Check:
 
 
 def _balanced(track: Track, balance: Balance, bound: float) -> Check:
-    when = int(balance.worst_ns - track.span_ns[0]) * 1e-9
-    worst = f"worst {balance.worst:.3g} {balance.unit} at t = {when:.6g} s"
-    detail = f"{worst}, relative {balance.relative:.3g}, accepted {bound:g}"
+    start, _ = track.span_ns
+    worst = f"worst {balance.worst:.3g} {balance.unit} at t = {(balance.worst_ns - start) * 1e-9:.6g} s"
+    onset = balance.onset_ns(bound)
+    since = "" if onset is None else f", beyond it first at t = {(onset - start) * 1e-9:.6g} s"
+    detail = f"{worst}, relative {balance.relative:.3g}, accepted {bound:g}{since}"
     return Check(f"{balance.name} balance", balance.relative <= bound, detail)
 
 

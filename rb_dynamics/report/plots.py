@@ -79,12 +79,13 @@ def wrench_history(steps: Sequence[tuple[str, Array, Array]], span_s: Array) -> 
     return draw(panels, "Applied wrenches over time", span_s)
 
 
-def residual_wrench(time_s: Array, force_world: Array, torque_world: Array) -> str:
-    """Return the force (N) and torque (N m) that nothing recorded explains, world axes."""
+def residual_wrench(time_s: Array, force_world: Array, torque_world: Array, torque_body: Array) -> str:
+    """Return the force (N, world axes) and torque (N m, in both axes) that nothing recorded explains."""
     return draw(
         [
             Panel("Residual force, world axes [N]", components(time_s, force_world)),
             Panel("Residual torque about the centre of mass, world axes [N m]", components(time_s, torque_world)),
+            Panel("Residual torque about the centre of mass, body axes [N m]", components(time_s, torque_body)),
         ],
         "Residual wrench over time",
     )

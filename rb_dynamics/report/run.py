@@ -131,8 +131,10 @@ def _check_tiles(summary: Summary) -> list[Tile]:
     tiles = failed or [whole]
     if summary.residual is not None:
         left = summary.residual
+        given = left.explained or left.explainable
+        label = f"Motion, by {'the inertia given' if given else 'any inertia'}"
         value, colour = ("explained", "good") if left.explained else ("not explained", "bad")
-        tiles.append(Tile("Motion, by the inertia given", value, f"{left.relative:.2g} left over", colour))
+        tiles.append(Tile(label, value, f"{left.relative:.2g} left over", colour))
     for check in summary.checks:
         balance = summary.balance(check.name.removesuffix(" balance"))
         if balance is not None and check.name.endswith(" balance"):
@@ -214,14 +216,15 @@ def _residual(track: Track, summary: Summary) -> list[Section]:
     time_s = track.seconds(left.time_ns)
     caption = (
         "Mean force and torque between two samples that no recorded wrench explains, with the mass properties given. "
-        "In a good recording this is its noise around zero; a wrong inertia shows as a torque that turns with the body."
+        "In a good recording this is its noise around zero; a wrong inertia shows as a torque all along, "
+        "one that nobody commanded as a stretch; a thruster's is constant in body axes."
     )
-    figure = Figure(plots.residual_wrench(time_s, left.force_world, left.torque_world), caption)
+    figure = Figure(plots.residual_wrench(time_s, left.force_world, left.torque_world, left.torque_body), caption)
     header, *rows = text.inertia_rows(summary, track.body)
     return [
         Section(
             "Does the body given explain the motion?",
-            text.residual_sentence(left),
+            text.residual_sentence(left, summary.start_ns),
             figures=[figure],
             table=Table(header, rows),
         )

@@ -168,7 +168,8 @@ def _explained(left: Residual | None) -> list[Check]:
     if left is None:
         return []
     unexplained = f"from sample to sample {left.relative:.3g} of the angular momentum has no cause"
-    detail = f"{unexplained}; with the best fit {left.best:.3g}"
+    verdict = "" if left.explained or left.explainable else "; no inertia explains it"
+    detail = f"{unexplained}; with the best fit {left.best:.3g}{verdict}"
     return [Check("inertia explains the motion", left.explained, detail)]
 
 

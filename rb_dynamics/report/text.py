@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Iterable, Sequence
 
@@ -40,7 +41,7 @@ def as_text(summary: Summary) -> str:
     for check in summary.checks:
         lines += _wrap(f"{'ok  ' if check.passed else 'FAIL'}  {check.name}: {check.detail}", "      ")
     if summary.residual:
-        lines += ["", *_wrap(residual_sentence(summary.residual)), ""]
+        lines += ["", *_wrap(residual_sentence(summary.residual, summary.start_ns)), ""]
     lines += [line for warning in summary.warnings for line in _wrap(f"warning: {warning}", "  ")]
     failed, count = sum(not check.passed for check in summary.checks), len(summary.checks)
     return "\n".join([*lines, f"{failed} of {count} checks failed" if failed else f"all {count} checks passed"])
@@ -127,29 +128,53 @@ def command_rows(summary: Summary) -> list[list[str]]:
     return rows if any(c.first_s is not None for c in summary.channels) else []
 
 
-def residual_sentence(left: Residual) -> str:
-    """Return how well the body given explains the motion, and what would explain it better."""
+def residual_sentence(left: Residual, start_ns: int) -> str:
+    """Return how well the body given explains the motion, and what would explain it; times from `start_ns`."""
     force, torque = left.root_mean_square
-    size = f"residual force {force:.3g} N and torque {torque:.3g} N m (root mean square)"
+    size = f"Residual force {force:.3g} N and torque {torque:.3g} N m (root mean square)."
     if left.explained:
-        verdict = "The inertia given explains the motion"
-    else:
-        best = f"{left.best / left.relative:.2g}" if left.relative > 0.0 else "1"
+        verdict = "The inertia given explains the motion."
+    elif left.explainable:
+        rest = f"{100.0 * left.best / left.relative:.2g} %" if left.relative > 0.0 else "all"
         moments = ", ".join(f"{moment:.6g}" for moment in np.linalg.eigvalsh(left.inertia))
         scale = "" if left.scaled else ", up to a factor, as no torque tells the scale"
-        better = f"principal moments of {moments} kg m²{scale}, leave {best} of it"
-        verdict = f"The inertia given does NOT explain the motion: {better}"
+        verdict = (
+            f"The inertia given does NOT explain the motion: principal moments of {moments} kg m²{scale}, fit best; "
+            f"with them {rest} of what is unexplained stays so."
+        )
+    else:
+        verdict = f"NO inertia explains the motion: a torque acted that nobody commanded. {_strongest(left, start_ns)}"
     mass = "" if left.mass is None else f" The forces fit a mass of {left.mass:.9g} kg best."
-    return f"{verdict}; {size}.{mass}"
+    return f"{verdict} {size}{mass}"
+
+
+def _strongest(left: Residual, start_ns: int) -> str:
+    found = left.strongest
+    begin, end = (_short((time_ns - start_ns) * 1e-9) for time_ns in (found.start_ns, found.end_ns))
+    body, world = (_vector(mean.tolist()) for mean in (found.torque_body, found.torque_world))
+    return (
+        f"It was strongest from t = {begin} to {end} s: {body} N m in body axes on average, {world} in world axes; at "
+        f"most {found.peak:.3g} N m."
+    )
+
+
+def _vector(values: Sequence[float]) -> str:
+    """Return three numbers, each with the decimals that give the largest three digits."""
+    largest = max(map(abs, values))
+    decimals = 2 - math.floor(math.log10(largest)) if largest > 0.0 else 0
+    return f"({', '.join(f'{round(value, decimals) + 0.0:.3g}' for value in values)})"
 
 
 def inertia_rows(summary: Summary, body: RigidBody | None) -> list[list[str]]:
-    """Return header and rows: the inertia given and the one that fits best; empty where it is not judged."""
-    if summary.residual is None or body is None:
+    """Return header and rows: the inertia given and the one that fits best, if any; empty where it is not judged."""
+    left = summary.residual
+    if left is None or body is None:
         return []
-    rows = [["kg m², body axes", "given", "fits best"]]
+    columns = [("given", np.array(body.inertia))]
+    columns += [("fits best", left.inertia)] if left.explained or left.explainable else []
+    rows = [["kg m², body axes", *(name for name, _ in columns)]]
     for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)):
-        rows.append([f"I{'xyz'[i]}{'xyz'[j]}", f"{body.inertia[i][j]:.6g}", f"{summary.residual.inertia[i, j]:.6g}"])
+        rows.append([f"I{'xyz'[i]}{'xyz'[j]}", *(f"{inertia[i, j]:.6g}" for _, inertia in columns)])
     return rows
 
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from rb_dynamics.recording.mcap_reader import read_bag
-from rb_dynamics.report.residual import Residual, residual
+from rb_dynamics.report.residual import Residual, _possible, residual
+from rb_dynamics.report.text import residual_sentence
 from rb_dynamics.report.topics import read_track
 from rb_dynamics.rotations import rotate_all_inverse
 from rb_dynamics.scene import parse_scene
@@ -22,8 +23,9 @@ BODY = "body: {frame: base, mass: 4.0, center_of_mass: [0.1, -0.2, 0.05], inerti
 @pytest.fixture
 def judged(bagger: Any) -> Callable[..., Residual]:
     """Return a function that records a flight as another writer would and judges it by a body with this inertia."""
+    both = ("/thrust/applied", "/push/applied")
 
-    def judge(flight: Any, inertia: np.ndarray, wrenches: bool = True, noise: float = 0.0) -> Residual:
+    def judge(flight: Any, inertia: np.ndarray, wrenches: tuple[str, ...] = both, noise: float = 0.0) -> Residual:
         rows, random = [], np.random.default_rng(1)
         for sample in flight.samples.samples:
             q, t = sample.orientation_xyzw, sample.time_ns
@@ -32,7 +34,7 @@ def judged(bagger: Any) -> Callable[..., Residual]:
             rows.append(("/b/pose", "geometry_msgs/msg/PoseStamped", t, (t, "world", (*sample.position_world, *q))))
             rows.append(("/b/twist", "geometry_msgs/msg/TwistStamped", t, (t, "base", (*velocity, *rate))))
         log = read_bag(flight.log)
-        for topic in ("/thrust/applied", "/push/applied") if wrenches else ():
+        for topic in wrenches:
             for time_ns, wrench in log.wrenches(topic):
                 frame = "base" if wrench.frame_id == "body" else wrench.frame_id
                 values = (time_ns, frame, (*wrench.force, *wrench.torque))
@@ -60,6 +62,28 @@ def test_another_inertia_does_not_and_the_right_one_is_found(flight: Any, judged
     assert not left.explained
     assert left.relative > 1e-5
     np.testing.assert_allclose(left.inertia, TRUE, rtol=0, atol=1e-4)
+    assert left.explainable
+    assert "does NOT explain the motion: principal moments of " in residual_sentence(left, 0)
+
+
+def test_where_no_inertia_explains_it_the_torque_nobody_commanded_is_named(flight: Any, judged: Any) -> None:
+    left = judged(flight, TRUE, wrenches=("/push/applied",))
+    assert not left.explained
+    assert not left.explainable
+    found = left.strongest
+    assert (found.start_ns, found.end_ns) == (500_000_000, 700_000_000)
+    np.testing.assert_allclose(found.torque_body, [0.2, -0.1, 0.3], atol=2e-3)
+    assert found.peak == pytest.approx(np.linalg.norm([0.2, -0.1, 0.3]), rel=1e-2)
+    said = residual_sentence(left, 0)
+    assert "NO inertia explains the motion" in said
+    assert "from t = 0.5 to 0.7 s: (0.2" in said
+    assert "principal moments" not in said
+
+
+def test_a_body_keeps_the_triangle_inequality() -> None:
+    assert _possible(np.diag([1.0, 1.0, 2.0]))
+    assert not _possible(np.diag([0.0276, 0.2366, 0.2952]))
+    assert not _possible(np.diag([-0.1, 1.0, 1.0]))
 
 
 def test_without_a_torque_only_the_ratios_are_told(coasting: Any, judged: Any) -> None:
@@ -77,11 +101,13 @@ def test_noise_does_not_condemn_the_right_inertia(flight: Any, judged: Any) -> N
     noisy = judged(flight, TRUE, noise=1e-5)
     assert noisy.explained
     assert noisy.relative > 1e-6
-    assert not judged(flight, OTHER, noise=1e-5).explained
+    other = judged(flight, OTHER, noise=1e-5)
+    assert not other.explained
+    assert other.explainable
 
 
 def test_what_nobody_recorded_is_the_residual(flight: Any, judged: Any) -> None:
-    left = judged(flight, TRUE, wrenches=False)
+    left = judged(flight, TRUE, wrenches=())
     during = (left.time_ns > 1_000_000_000) & (left.time_ns <= 2_240_000_000)
     np.testing.assert_allclose(left.force_world[during], np.tile([1.0, -2.0, 0.5], (int(during.sum()), 1)), atol=1e-9)
     np.testing.assert_allclose(left.force_world[left.time_ns > 2_270_000_000], 0.0, atol=1e-9)

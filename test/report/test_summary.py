@@ -219,6 +219,20 @@ def test_wrong_mass_is_found(example_dir: Path, scene_dir: Path) -> None:
     assert failed(summary_of(example_dir / "slew.mcap", scene=scene)) == ["linear momentum balance"]
 
 
+def test_a_failed_balance_says_since_when(example_dir: Path, scene_dir: Path) -> None:
+    scene = read_scene(scene_dir / "slew.yaml", {"body.mass": 16.9})
+    summary = summary_of(example_dir / "slew.mcap", scene=scene)
+    balance = summary.balance("linear momentum")
+    assert balance is not None
+    onset = balance.onset_ns(1e-6)
+    assert onset is not None
+    assert onset < balance.worst_ns
+    assert np.linalg.norm(balance.defect[balance.time_ns < onset], axis=1).max(initial=0.0) <= 1e-6 * balance.scale
+    detail = next(check.detail for check in summary.checks if not check.passed)
+    assert f"beyond it first at t = {(onset - summary.start_ns) * 1e-9:.6g} s" in detail
+    assert balance.onset_ns(1.0) is None
+
+
 def test_bound_is_the_one_given(flight: Any) -> None:
     assert failed(summary_of(flight.log, bound=1e-19)) == [
         "quaternion is unit",
