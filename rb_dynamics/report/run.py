@@ -114,11 +114,11 @@ def _run_tiles(summary: Summary) -> list[Tile]:
     samples = f"{summary.samples} samples" + (f", {rate:.4g} Hz" if rate else "")
     tiles = [Tile("Duration", f"{summary.duration_s:.6g} s", samples)]
     if summary.method:
-        method, *rest = summary.method.split(", ")
+        asked = f"{summary.asked}; " if summary.asked != summary.method else ""
         steps = (
             "number of steps unknown" if summary.steps is None else f"{summary.steps} step{'s' * (summary.steps != 1)}"
         )
-        tiles.append(Tile("Method", method, ", ".join([*rest, steps])))
+        tiles.append(Tile("Method", summary.method, f"{asked}{steps}"))
     return tiles
 
 
@@ -161,7 +161,12 @@ def _capital(sentence: str) -> str:
 
 def _subject(track: Track, summary: Summary) -> list[Section]:
     """Return what the body is, how it was computed and what to know about the data."""
-    facts = [["scene", summary.scene], ["solver", summary.method], ["rb_dynamics", summary.version]]
+    facts = [
+        ["scene", summary.scene],
+        ["method", summary.method],
+        ["solver", summary.solver],
+        ["rb_dynamics", summary.version],
+    ]
     body = track.body
     if body is not None:
         facts += [

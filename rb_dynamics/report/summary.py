@@ -74,7 +74,9 @@ class Summary:
         own: written by this package.
         complete: finished by its writer, not cut off.
         scene: file name of the scene, "" where unknown.
-        method: solver, as the log describes it; "" where unknown.
+        method: which ran, of several joined by "+"; which was asked for, where a log was cut off; "" where unknown.
+        asked: the method asked for, such as "auto"; "" where unknown.
+        solver: the method asked for with its settings, as the log describes it; "" where unknown.
         version: of the package that wrote the log; "" where unknown.
         steps: None where unknown.
         start_ns: time of the first sample.
@@ -99,6 +101,8 @@ class Summary:
     complete: bool
     scene: str
     method: str
+    asked: str
+    solver: str
     version: str
     steps: int | None
     start_ns: int
@@ -143,7 +147,9 @@ def summarize(track: Track, bound: float = BOUND) -> Summary:
         own=track.own,
         complete=bag.complete,
         scene=facts.get("scene_file", ""),
-        method=facts.get("solver") or facts.get("method", ""),
+        method=result.get("method") or facts.get("method", ""),
+        asked=facts.get("method", ""),
+        solver=facts.get("solver", ""),
         version=facts.get("version.rb_dynamics", "").replace("not installed", ""),
         steps=int(result["steps"]) if result.get("steps", "").isdecimal() else None,
         start_ns=start,

@@ -21,7 +21,9 @@ UNKNOWN = "-: the recording does not say."
 
 def as_text(summary: Summary) -> str:
     """Return the summary as lines of at most `WIDTH` columns."""
-    lines = [*_wrap(headline(summary)), ""]
+    lines = [*_wrap(headline(summary))]
+    lines += _wrap(f"solver: {summary.solver}") if summary.solver else []
+    lines += [""]
     lines += _table("topic", topic_rows(summary), (35, 17, 10, 11, 16, 11))
     lines += _table("state", state_rows(summary), (37, 6, 14, 14, 14, 14))
     lines += _table("extremes", range_rows(summary), (35, 16, 16, 16, 16))
@@ -53,7 +55,8 @@ def headline(summary: Summary) -> str:
     source = own if summary.own else "recording by another program"
     scene = f", scene {summary.scene}" if summary.scene else ""
     samples = f"{summary.duration_s:.9g} s in {summary.samples} samples" if summary.samples else "no motion recorded"
-    method = f"; {summary.method}" if summary.method else ""
+    asked = f" ({summary.asked})" if summary.asked != summary.method else ""
+    method = f"; {summary.method}{asked}" if summary.method else ""
     steps = "" if summary.steps is None else f", {summary.steps} step{'' if summary.steps == 1 else 's'}"
     start = "" if summary.start_ns == 0 else f", from t = {summary.start_ns / 1e9:.9f} s"
     state = "" if summary.complete else ", cut off"

@@ -9,9 +9,20 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from rb_dynamics.recording.mcap_sink import McapSink
 from rb_dynamics.report.html import Section
 from rb_dynamics.report.run import comparison_section, write_run_report
-from rb_dynamics.scene import read_scene
+from rb_dynamics.report.text import as_text
+from rb_dynamics.scene import parse_scene, read_scene
+from rb_dynamics.simulate import simulate
+
+SPIN = """
+body: {mass: 1.0, inertia: {diagonal: [1, 2, 2.5]}}
+initial: {angular_velocity_body: [0.1, 2, 0.1]}
+wrenches: []
+solver: {method: auto}
+duration: 1.0
+"""
 
 
 def page_of(path: Path) -> ElementTree.Element:
@@ -69,6 +80,19 @@ def test_a_note_breaks_between_its_parts(flight: Any, tmp_path: Path) -> None:
     page = page_of(tmp_path / "run.html")
     parts = [[words(part) for part in note] for note in page.iter("dd") if note.get("class") == "note"]
     assert ["file is whole;", "/pose is whole;", "/twist is whole;", "quaternion is unit"] in parts
+
+
+def test_the_card_says_which_method_ran(tmp_path: Path) -> None:
+    """Of "auto" that is the one it chose; the long description of the solver stands in the table only."""
+    simulate(parse_scene(SPIN), (), [McapSink(tmp_path / "run.mcap")])
+    summary = write_run_report(tmp_path / "run.mcap", tmp_path / "run.html")
+    page = page_of(tmp_path / "run.html")
+    assert summary.asked == "auto"
+    assert summary.method == "exact"
+    tiles = {words(tile[0]): list(map(words, tile[1:])) for tile in page.iter("div") if tile.find("dt") is not None}
+    assert tiles["Method"] == ["exact", "auto; 1 step"]
+    assert summary.solver in words(page)
+    assert "; exact (auto), 1 step" in " ".join(as_text(summary).split())
 
 
 def test_report_is_the_same_every_time(flight: Any, tmp_path: Path) -> None:

@@ -54,7 +54,8 @@ def test_numbers_are_those_of_the_run(flight: Any) -> None:
     assert summary.complete
     assert summary.passed, failed(summary)
     assert summary.scene == "test.yaml"
-    assert summary.method.startswith("rkmk4")
+    assert (summary.method, summary.asked) == ("rkmk4", "rkmk4")
+    assert summary.solver.startswith("rkmk4")
     assert summary.steps == flight.result.steps
     assert summary.duration_s == 3.0
     assert summary.samples == len(samples.samples) == 151
