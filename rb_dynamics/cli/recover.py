@@ -3,6 +3,8 @@
 Writes a whole MCAP file, with index and statistics, that opens everywhere; the damaged one stays as it is. A folder
 gives a rosbag2 folder with metadata.yaml.
 
+Times are counted from the first message, as inspect counts them.
+
 Exit codes: 0 done, and nothing is missing but the end; 1 damaged pieces were left out (the lines say which); 2 nothing
 could be read.
 """
@@ -28,12 +30,17 @@ def run(args: argparse.Namespace) -> int:
     from rb_dynamics.recording.recover import recover
 
     saved = recover(Path(args.source), Path(args.target))
+    start_ns = min((each.file.start_ns for each in saved if each.file.counts.total()), default=0)
     for each in saved:
         file = each.file
-        state = "whole" if each.complete else "cut off or damaged"
-        print(f"{file.name}: {file.counts.total()} messages up to {file.end_ns / 1e9:.9g} s; the file was {state}")
+        begin, end = ((time_ns - start_ns) * 1e-9 for time_ns in (file.start_ns, file.end_ns))
+        span = f" from t = {begin:.9g} to {end:.9g} s" if file.counts.total() else ""
+        print(f"{file.name}: {file.counts.total()} messages{span}; the file was {each.state}")
         for piece in each.damage:
             print(f"  left out: {piece}")
+        for begin_ns, end_ns in each.missing:
+            begin, end = ((time_ns - start_ns) * 1e-9 for time_ns in (begin_ns, end_ns))
+            print(f"  missing: t = {begin:.9g} to {end:.9g} s")
     print(f"wrote {args.target}")
     if not all(each.complete for each in saved) and not any(each.file.counts.total() for each in saved):
         print(

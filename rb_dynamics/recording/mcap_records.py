@@ -8,6 +8,7 @@ Format: the MCAP specification, version 0. A record is one byte of opcode, the l
 
 from __future__ import annotations
 
+import contextlib
 import enum
 import os
 import struct
@@ -101,6 +102,7 @@ class McapFile:
         salvage: leave out chunks that are damaged, instead of stopping at the first.
         complete: the file was finished by its writer; False for one that was cut off.
         damage: what was left out, one line for each piece.
+        missing: first and last log time (ns) of what stood in each piece left out, where the piece still says so.
         metadata: key and value of each metadata record, by its name; of two of one name the later.
         attachments: content by name.
         channels: by channel id.
@@ -110,6 +112,7 @@ class McapFile:
     salvage: bool = False
     complete: bool = False
     damage: list[str] = field(default_factory=list)
+    missing: list[tuple[int, int]] = field(default_factory=list)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     attachments: dict[str, bytes] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
@@ -176,6 +179,10 @@ class McapFile:
             if not self.salvage or isinstance(error, MissingExtraError):
                 raise
             self.damage.append(str(error))
+            with contextlib.suppress(LogError):
+                begin_ns, end_ns = _Fields(content, self._damage).take("QQ")
+                if begin_ns <= end_ns < 2**63:
+                    self.missing.append((begin_ns, end_ns))
 
     def _chunk_messages(self, data: bytes) -> Iterator[Message]:
         end = 0

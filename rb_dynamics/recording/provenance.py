@@ -21,6 +21,9 @@ RESULT = "rb_dynamics.result"
 INTERRUPTED = "rb_dynamics.interrupted"
 """Name of the metadata that a log has whose run, disk or power ended before the log was finished."""
 
+CUT_OFF, DAMAGED = "cut off", "damaged"
+"""What `reason` says in it of a file that was recovered; "cut off and damaged" of one that was both."""
+
 TOPICS = "rb_dynamics.topics"
 """Name of the metadata of a log that gives each topic's name in the log by its name in the scene."""
 

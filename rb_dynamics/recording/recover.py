@@ -17,7 +17,9 @@ from rb_dynamics.recording.bag_source import in_order
 from rb_dynamics.recording.log_file import LogFile, require_other
 from rb_dynamics.recording.mcap_records import Channel, McapFile, Message, Schema
 from rb_dynamics.recording.mcap_writer import McapWriter
-from rb_dynamics.recording.provenance import INTERRUPTED, version
+from rb_dynamics.recording.provenance import CUT_OFF, DAMAGED, INTERRUPTED, version
+
+WHOLE = "whole"
 
 
 @dataclass
@@ -26,21 +28,29 @@ class Recovered:
 
     Attributes:
         file: name, times and messages of the new file.
-        complete: the old one was whole: nothing was lost.
+        state: of the old file: "whole", or what it was: "cut off", "damaged" or "cut off and damaged".
         channels: of the new file.
         damage: what could not be read, one line for each piece.
+        missing: first and last log time (ns) of such a piece, where it is known.
     """
 
     file: BagFile
-    complete: bool
+    state: str
     channels: list[Channel]
     damage: list[str]
+    missing: list[tuple[int, int]]
+
+    @property
+    def complete(self) -> bool:
+        """Whether nothing was lost."""
+        return self.state == WHOLE
 
 
 def recover(source: Path, target: Path) -> list[Recovered]:
     """Copy what can be read of the MCAP file `source` to `target`, or of all in a folder to a rosbag2 folder.
 
-    Where something was lost, the copy has metadata `rb_dynamics.interrupted` with the time of the last message.
+    Where something was lost, the copy has metadata `rb_dynamics.interrupted` with the time of the last message and the
+    times of what is missing within.
 
     Raises:
         LogError: `source` is no MCAP file, or `target` is `source` or cannot be written.
@@ -72,9 +82,13 @@ def _recover_file(source: Path, target: Path) -> Recovered:
             facts.end_ns = max(facts.end_ns, message.log_time)
         facts.start_ns = min(facts.start_ns, facts.end_ns)
         if not old.complete or old.damage:
-            old.metadata.setdefault(INTERRUPTED, {"reason": "cut off or damaged", "last_message_ns": str(facts.end_ns)})
+            found = [CUT_OFF] * (not old.complete) + [DAMAGED] * bool(old.damage)
+            missing = ", ".join(f"{begin_ns} {end_ns}" for begin_ns, end_ns in old.missing)
+            told = {"reason": " and ".join(found), "last_message_ns": str(facts.end_ns), "missing_ns": missing}
+            old.metadata.setdefault(INTERRUPTED, told)
         copy.finish(old)
-    return Recovered(facts, INTERRUPTED not in old.metadata, list(old.channels.values()), old.damage)
+    state = old.metadata.get(INTERRUPTED, {"reason": WHOLE}).get("reason", CUT_OFF)
+    return Recovered(facts, state, list(old.channels.values()), old.damage, old.missing)
 
 
 class _Copy:

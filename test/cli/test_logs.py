@@ -153,9 +153,19 @@ def test_recover_gives_a_whole_file(scene: Path, tmp_path: Path) -> None:
     log.write_bytes(log.read_bytes()[:-3000])
     result = command("recover", log, tmp_path / "whole.mcap")
     assert result.returncode == 0, result.stderr
-    assert "the file was cut off" in result.stdout
+    assert "the file was cut off\n" in result.stdout
+    assert "from t = 0 to " in result.stdout
     assert command("recover", log, tmp_path / "whole.mcap").returncode == 0
     assert read_bag(tmp_path / "whole.mcap").topics == read_bag(log).topics
+
+
+def test_recover_counts_from_the_first_message(tmp_path: Path) -> None:
+    """Stamps of the epoch say nothing to a reader; inspect counts from the start too."""
+    rows = "".join(f"{1_700_000_000_000_000_000 + k * 500_000_000},1,0,0,0,0,0\n" for k in range(5))
+    (tmp_path / "commands.csv").write_text("time_ns,force_x,force_y,force_z,torque_x,torque_y,torque_z\n" + rows)
+    assert command("convert", tmp_path / "commands.csv", tmp_path / "commands.mcap").returncode == 0
+    result = command("recover", tmp_path / "commands.mcap", tmp_path / "saved.mcap")
+    assert "saved.mcap: 5 messages from t = 0 to 2 s; the file was whole" in result.stdout
 
 
 def test_replay_is_the_same_to_the_last_bit_or_fails(scene: Path, tmp_path: Path) -> None:

@@ -116,7 +116,13 @@ def test_what_is_damaged_within_is_left_out_and_named(tmp_path: Path) -> None:
     kept = read_bag(tmp_path / "copy.mcap").poses("/pose")[1][:, 0].tolist()
     assert kept == sorted(kept)
     assert 0 < len(kept) < each["written"]
-    assert "rb_dynamics.interrupted" in read_bag(tmp_path / "copy.mcap").metadata
+    told = read_bag(tmp_path / "copy.mcap").metadata["rb_dynamics.interrupted"]
+    ((begin_ns, end_ns),) = saved.missing
+    assert told["missing_ns"] == f"{begin_ns} {end_ns}"
+    assert saved.state == told["reason"] == "cut off and damaged"
+    times, _ = read_bag(tmp_path / "copy.mcap").poses("/pose")
+    assert not ((times >= begin_ns) & (times <= end_ns)).any()
+    assert times[0] < begin_ns < end_ns < times[-1]
 
 
 def chunk_starts(data: bytes) -> list[int]:
