@@ -10,6 +10,7 @@ import heapq
 import logging
 import math
 import os
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -25,7 +26,7 @@ from rb_dynamics.recording import cdr
 from rb_dynamics.recording.bag_source import Source, open_source
 from rb_dynamics.recording.mcap_records import Channel, Message
 from rb_dynamics.recording.messages import ODOMETRY, PLAIN_WRENCH, POSE, SCALAR, TWIST, VECTOR, WRENCH
-from rb_dynamics.recording.provenance import INTERRUPTED
+from rb_dynamics.recording.provenance import DAMAGED, INTERRUPTED, RESULT
 
 Times = NDArray[np.int64]
 Values = NDArray[np.float64]
@@ -84,6 +85,7 @@ class Bag:
         topics: by name as recorded.
         metadata: key and value of each metadata record, by its name.
         attachments: content by name.
+        whole: the file itself has its end, which a recovered one has too.
     """
 
     path: Path
@@ -91,6 +93,19 @@ class Bag:
     topics: dict[str, Topic]
     metadata: dict[str, dict[str, str]]
     attachments: dict[str, bytes]
+    whole: bool = True
+
+    @property
+    def ended(self) -> bool:
+        """Whether the end of what was recorded is there, whatever is missing within."""
+        reason = self.metadata.get(INTERRUPTED, {}).get("reason")
+        return self.complete or RESULT in self.metadata or (self.whole and reason == DAMAGED)
+
+    @property
+    def missing(self) -> list[tuple[int, int]]:
+        """First and last log time (ns) of each damaged piece that `recover` left out."""
+        told = self.metadata.get(INTERRUPTED, {}).get("missing_ns", "")
+        return [(int(begin), int(end)) for begin, end in re.findall(r"(\d{1,19}) (\d{1,19})", told)]
 
     def poses(self, topic: str) -> tuple[Times, Values]:
         """Return stamps (ns) and rows of position (m) and quaternion x, y, z, w; of PoseStamped or Odometry.
@@ -157,7 +172,7 @@ def read_bag(path: str | os.PathLike[str]) -> Bag:
             topic.messages.append(message.data)
     for channel in file.channels.values():
         _topic_of(bag, channel)
-    bag.complete = file.complete and INTERRUPTED not in file.metadata
+    bag.whole, bag.complete = file.complete, file.complete and INTERRUPTED not in file.metadata
     return bag
 
 

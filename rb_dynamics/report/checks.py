@@ -1,4 +1,4 @@
-"""What has to hold in a recorded run: the file is whole, time runs evenly, attitudes are unit, the balances close.
+"""What has to hold in a recorded run: it is whole, time runs evenly, attitudes are unit, the balances close.
 
 Judges only what it can: a check that lacks its data is not there.
 """
@@ -10,8 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rb_dynamics.errors import RigidBodyError
+from rb_dynamics.recording.provenance import SCENE
 from rb_dynamics.report.balance import Balance
 from rb_dynamics.report.track import Array, Series, Times, Track
+from rb_dynamics.scene.read import parse_scene
 
 BOUND = 1e-6
 """Default of the largest defect accepted, relative to the largest energy or momentum seen."""
@@ -31,14 +34,45 @@ class Check:
 
 def checks(track: Track, found: Sequence[Balance], bound: float) -> list[Check]:
     """Return every check that `track` has the data for; `bound` is relative to the largest energy or momentum."""
-    complete = track.bag.complete
-    detail = "finished by its writer" if complete else "cut off: it holds what was written until then"
-    done = [Check("file is whole", complete, detail)]
+    whole = track.bag.whole
+    detail = "it has its end, with the index" if whole else "cut off: it holds what was written until then"
+    done = [Check("file is whole", whole, detail), _recorded(track)]
     done += [_whole(series, track) for series in _motion(track)]
     if track.pose is not None and len(track.pose.time_ns):
         done.append(_unit(track.pose.values[:, 3:], bound))
     done += [_balanced(track, balance, bound) for balance in found if balance.covered > 0.0]
     return done
+
+
+def _recorded(track: Track) -> Check:
+    lacks = [part for part in (cut(track), missing(track)) if part]
+    return Check("recording is whole", not lacks, "; ".join(lacks) or "nothing is known to be missing")
+
+
+def cut(track: Track) -> str:
+    """Return when a recording was cut off, and of what a run was to be; "" for one that has its end."""
+    if track.bag.ended:
+        return ""
+    start, end = track.span_ns
+    planned = _planned_s(track)
+    of = f" of {planned:.9g}" if planned is not None else ""
+    return f"cut off at t = {(end - start) * 1e-9:.9g}{of} s"
+
+
+def missing(track: Track) -> str:
+    """Return from when to when pieces of a recording are missing that were damaged; "" where none is known to be."""
+    start, _ = track.span_ns
+    times = [f"from t = {(a - start) * 1e-9:.6g} to {(b - start) * 1e-9:.6g} s" for a, b in track.bag.missing]
+    return f"{'a piece is' if len(times) == 1 else 'pieces are'} missing {', '.join(times)}" if times else ""
+
+
+def _planned_s(track: Track) -> float | None:
+    """Return the duration of the scene in a log; None where there is none, or it needs a plug-in that is not here."""
+    scene = track.bag.attachments.get(SCENE)
+    try:
+        return None if scene is None else parse_scene(scene.decode("utf-8", "replace")).duration
+    except RigidBodyError:
+        return None
 
 
 def _motion(track: Track) -> list[Series]:

@@ -47,7 +47,7 @@ class _Attitude:
 def impulses(track: Track, kind: str, time_ns: Times) -> Impulse:
     """Return the impulse of every "force" or "torque" (`kind`) of `track` between the samples at `time_ns`."""
     attitude = _attitude(track, time_ns)
-    parts = [_of_channel(steps, kind, time_ns, attitude) for steps in track.wrenches]
+    parts = [_of_channel(steps, kind, time_ns, attitude) for steps in track.acting]
     count = len(time_ns)
     nothing = Impulse(np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count), np.ones(count, dtype=bool))
     return Impulse(

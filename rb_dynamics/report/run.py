@@ -56,7 +56,7 @@ def run_report(track: Track, summary: Summary, extra: Sequence[Section] = ()) ->
     source = "logged by rb_dynamics" if summary.own else "recorded"
     lead = (
         f"{summary.duration_s:.6g} s in {summary.samples} samples, {source}"
-        f"{'' if summary.complete else ', cut off before the end'}. "
+        f"{f'; {summary.lacks}' if summary.lacks else ''}. "
         f"{'Every check passed.' if summary.passed else _failures(summary)}"
     )
     sections = [
@@ -307,12 +307,14 @@ def _series(track: Track, balance: Balance) -> tuple[Array, Array]:
 
 def _wrenches(track: Track, summary: Summary) -> list[Section]:
     panels, idle = [], []
-    for steps in track.wrenches:
+    for steps in track.acting:
         name = steps.topic.removesuffix(APPLIED)
-        axes = "world" if steps.world.all() else "mixed" if steps.world.any() else "body"
+        told = steps.world[steps.known]
+        axes = "world" if told.all() else "mixed" if told.any() else "body"
         for kind, unit, vectors in (("Force", "N", steps.force), ("Torque", "N m", steps.torque)):
             if vectors.any():
-                panels.append((f"{kind} of {name}, {axes} axes [{unit}]", track.seconds(steps.time_ns), vectors))
+                shown = np.where(steps.known[:, None], vectors, np.nan)
+                panels.append((f"{kind} of {name}, {axes} axes [{unit}]", track.seconds(steps.time_ns), shown))
             else:
                 idle.append(f"{kind.lower()} of {name}")
     rows = text.channel_rows(summary)

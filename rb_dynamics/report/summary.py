@@ -14,10 +14,10 @@ from rb_dynamics.recording.mcap_reader import Bag, Topic
 from rb_dynamics.recording.messages import APPLIED, DIAGNOSTICS
 from rb_dynamics.recording.provenance import RESULT, RUN
 from rb_dynamics.report.balance import Balance, balances
-from rb_dynamics.report.checks import BOUND, Check, checks, gaps
+from rb_dynamics.report.checks import BOUND, Check, checks, cut, gaps, missing
 from rb_dynamics.report.residual import Residual, residual
 from rb_dynamics.report.track import Array, Series, Track, WrenchSteps
-from rb_dynamics.report.warnings import Channel, Health, warnings
+from rb_dynamics.report.warnings import Channel, Health, warnings, without_command
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,8 @@ class Summary:
     Attributes:
         path: the file, as text.
         own: written by this package.
-        complete: finished by its writer, not cut off.
+        complete: nothing of what was recorded is known to be missing.
+        lacks: what is missing: "" or when it was cut off, or which pieces are missing.
         scene: file name of the scene, "" where unknown.
         method: which ran, of several joined by "+"; which was asked for, where a log was cut off; "" where unknown.
         asked: the method asked for, such as "auto"; "" where unknown.
@@ -99,6 +100,7 @@ class Summary:
     path: str
     own: bool
     complete: bool
+    lacks: str
     scene: str
     method: str
     asked: str
@@ -146,6 +148,7 @@ def summarize(track: Track, bound: float = BOUND) -> Summary:
         path=str(bag.path),
         own=track.own,
         complete=bag.complete,
+        lacks="; ".join(filter(None, (cut(track), missing(track)))),
         scene=facts.get("scene_file", ""),
         method=result.get("method") or facts.get("method", ""),
         asked=facts.get("method", ""),
@@ -271,15 +274,15 @@ def _channel(track: Track, steps: WrenchSteps, health: Health | None) -> Channel
         first_s=float(at[0]) if len(at) else None,
         last_s=float(at[-1]) if len(at) else None,
         usual_s=float(np.median(np.diff(at))) if len(at) > 1 else None,
-        held_s=_held_at_the_end(track, steps, at),
+        held_s=_held_at_the_end(track, steps.without(track.bag.missing), at),
         largest_force=float(np.linalg.norm(steps.force, axis=1).max(initial=0.0)),
         largest_torque=float(np.linalg.norm(steps.torque, axis=1).max(initial=0.0)),
     )
 
 
 def _held_at_the_end(track: Track, steps: WrenchSteps, at: Array) -> float | None:
-    """Return how long after the last command, at `at` (s), what it set was still held; None without commands."""
-    if not len(at):
+    """Return how long after the last command, at `at` (s), what it set was still held; None where not known."""
+    if not len(at) or not steps.known[-1:].all():
         return None
     _, end_ns = track.span_ns
     acts = bool(steps.force[-1:].any() or steps.torque[-1:].any())
@@ -287,13 +290,16 @@ def _held_at_the_end(track: Track, steps: WrenchSteps, at: Array) -> float | Non
 
 
 def _timeouts(track: Track, steps: WrenchSteps, source: Topic) -> int | None:
-    """Return how often a channel dropped to zero; None where a piece of the log is missing, or another wrote it."""
+    """Return how often a channel dropped to zero; outside of missing pieces; None where it cannot be told."""
     if not track.own:
         return None
     commands = np.array(source.log_times, dtype=np.int64)
     # Every applied wrench that no command stands behind is a timeout: that is how the log is written.
     if track.bag.complete:
         return len(steps.time_ns) - len(commands)
+    if pieces := track.bag.missing:
+        alone = without_command(steps, source).tolist()
+        return sum(1 for time in alone if not any(begin <= time <= end for begin, end in pieces)) or None
     if any(series is not None and gaps(series.time_ns) for series in (track.pose, track.twist)):
         return None
     # Behind the last sample a command may have lost its applied wrench.

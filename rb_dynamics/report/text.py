@@ -59,8 +59,8 @@ def headline(summary: Summary) -> str:
     method = f"; {summary.method}{asked}" if summary.method else ""
     steps = "" if summary.steps is None else f", {summary.steps} step{'' if summary.steps == 1 else 's'}"
     start = "" if summary.start_ns == 0 else f", from t = {summary.start_ns / 1e9:.9f} s"
-    state = "" if summary.complete else ", cut off"
-    return f"{summary.path}: {source}{scene}{state}: {samples}{start}{method}{steps}"
+    state = f"; {summary.lacks}" if summary.lacks else ""
+    return f"{summary.path}: {source}{scene}: {samples}{start}{method}{steps}{state}"
 
 
 def topic_rows(summary: Summary) -> list[list[str]]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -62,6 +63,22 @@ class WrenchSteps:
     known: NDArray[np.bool_]
     frames: tuple[str, ...]
 
+    def without(self, missing: Sequence[tuple[int, int]]) -> WrenchSteps:
+        """Return the same, not known from where a piece of the recording is `missing` (first and last ns) to the next.
+
+        What stood in the piece may have changed the wrench.
+        """
+        begins = np.array([begin_ns for begin_ns, _ in missing], dtype=np.int64)
+        at = np.searchsorted(self.time_ns, begins)
+        return replace(
+            self,
+            time_ns=np.insert(self.time_ns, at, begins),
+            force=np.insert(self.force, at, 0.0, axis=0),
+            torque=np.insert(self.torque, at, 0.0, axis=0),
+            world=np.insert(self.world, at, False),
+            known=np.insert(self.known, at, False),
+        )
+
 
 @dataclass(frozen=True)
 class Track:
@@ -111,6 +128,12 @@ class Track:
         if not times:
             return 0, 0
         return int(min(time[0] for time in times)), int(max(time[-1] for time in times))
+
+    @property
+    def acting(self) -> tuple[WrenchSteps, ...]:
+        """`wrenches`, not known behind a piece of the recording that is missing."""
+        missing = self.bag.missing
+        return tuple(steps.without(missing) for steps in self.wrenches)
 
     def seconds(self, time_ns: Times) -> Array:
         """Return times as s from the start of the motion; the difference is taken in integers."""

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rb_dynamics.recording.mcap_reader import Topic
 from rb_dynamics.recording.messages import APPLIED
-from rb_dynamics.report.checks import gaps
-from rb_dynamics.report.track import Track
+from rb_dynamics.report.checks import cut, gaps, missing
+from rb_dynamics.report.track import Times, Track, WrenchSteps
 
 # Commands that came this often came regularly; who sends fewer may mean the last one to stay.
 _REGULAR = 5
@@ -70,7 +71,11 @@ class Health:
 
 def warnings(track: Track, channels: Sequence[Channel], health: Health | None) -> list[str]:
     """Return warnings about commands, time and health; none for a run in which all went as it should."""
-    found = [] if track.bag.complete else ["The file was cut off: what came later is lost."]
+    found = []
+    if when := cut(track):
+        found.append(f"The run was {when}: what came later is lost.")
+    if pieces := missing(track):
+        found.append(f"{pieces[0].upper()}{pieces[1:]}: what came and acted there is not known.")
     found += _commands(track, channels)
     for series in (track.pose, track.twist):
         if series is not None and (count := gaps(series.time_ns)):
@@ -89,7 +94,8 @@ def _commands(track: Track, channels: Sequence[Channel]) -> list[str]:
     found = []
     for channel in channels:
         if channel.timeouts:
-            found.append(f"{channel.topic} timed out {channel.timeouts}×{_first_timeout(track, channel.topic)}.")
+            least = "at least " if track.bag.missing else ""
+            found.append(f"{channel.topic} timed out {least}{channel.timeouts}×{_first_timeout(track, channel.topic)}.")
         if _fell_silent(channel):
             found.append(
                 f"{channel.topic} fell silent: its last command, at t = {channel.last_s:.6g} s, was held for the "
@@ -111,11 +117,17 @@ def _fell_silent(channel: Channel) -> bool:
     return channel.held_s > max(_LONG_GAPS * channel.usual_s, _LONG_S)
 
 
+def without_command(applied: WrenchSteps, source: Topic) -> Times:
+    """Return when what acted changed with no command behind it: at a timeout, as that is how a log is written."""
+    alone: Times = applied.time_ns[~np.isin(applied.time_ns, np.array(source.log_times, dtype=np.int64))]
+    return alone
+
+
 def _first_timeout(track: Track, topic: str) -> str:
     """Return when a channel first dropped to zero with no command behind it; "" where it cannot be told."""
     applied = next((steps for steps in track.wrenches if steps.topic == topic + APPLIED), None)
     source = track.bag.topics.get(topic)
     if applied is None or source is None:
         return ""
-    alone = applied.time_ns[~np.isin(applied.time_ns, np.array(source.log_times, dtype=np.int64))]
+    alone = without_command(applied, source)
     return f", first at t = {float(track.seconds(alone[:1])[0]):.6g} s" if len(alone) else ""

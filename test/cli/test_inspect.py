@@ -79,6 +79,8 @@ def test_cut_off_run_exits_with_1_and_says_so(log: Path, capsys: pytest.CaptureF
     assert main(["inspect", str(log)]) == 1
     out = capsys.readouterr().out
     assert "FAIL  file is whole: cut off" in out
+    # Only the index is gone.
+    assert "ok    recording is whole" in out
     assert "1 of " in out.splitlines()[-1]
 
 

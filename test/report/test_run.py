@@ -79,7 +79,13 @@ def test_a_note_breaks_between_its_parts(flight: Any, tmp_path: Path) -> None:
     write_run_report(flight.log, tmp_path / "run.html")
     page = page_of(tmp_path / "run.html")
     parts = [[words(part) for part in note] for note in page.iter("dd") if note.get("class") == "note"]
-    assert ["file is whole;", "/pose is whole;", "/twist is whole;", "quaternion is unit"] in parts
+    assert [
+        "file is whole;",
+        "recording is whole;",
+        "/pose is whole;",
+        "/twist is whole;",
+        "quaternion is unit",
+    ] in parts
 
 
 def test_the_card_says_which_method_ran(tmp_path: Path) -> None:
@@ -131,7 +137,7 @@ def test_failures_stand_at_the_top(flight: Any, tmp_path: Path) -> None:
     write_run_report(cut, tmp_path / "run.html")
     page = page_of(tmp_path / "run.html")
     lead = words(next(iter(page.iter("p"))))
-    assert "cut off before the end" in lead
+    assert "; cut off at t = " in lead
     assert "Failed: file is whole" in lead
     # All of them, although some topics have one sample more than others.
     assert len(list(page.iter("svg"))) == 8

@@ -25,6 +25,12 @@ from rb_dynamics.report.topics import read_track
 from rb_dynamics.scene import parse_scene, read_scene
 from rb_dynamics.simulate import Simulation
 
+COMMANDS = (
+    ("thrust", Wrench(torque=(0.2, -0.1, 0.3), stamp_ns=700_000_000)),
+    ("push", Wrench((1.0, -2.0, 0.5), frame_id="world", stamp_ns=1_000_000_000)),
+    ("push", Wrench((0.0, 1.0, 0.0), frame_id="world", stamp_ns=2_250_000_000)),
+)
+
 POSE, TWIST = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/TwistStamped"
 ODOMETRY, WRENCH = "nav_msgs/msg/Odometry", "geometry_msgs/msg/WrenchStamped"
 STILL = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
@@ -138,8 +144,51 @@ def test_timeouts_are_not_known_where_a_piece_is_missing(flight: Any, tmp_path: 
     assert not any("timed out" in each for each in summary.warnings)
 
 
-def begun(path: Path, whole: McapFile, messages: list[Message]) -> Path:
-    """Write these messages and all else of `whole` as a file without an end."""
+def damaged(path: Path, flight: Any, begin_ns: int, end_ns: int, reason: str = "damaged") -> Summary:
+    """Return the summary of what `recover` makes of a log in which a piece was damaged."""
+    whole = McapFile(flight.log)
+    left = [each for each in whole.messages() if not begin_ns <= each.log_time <= end_ns]
+    whole.metadata["rb_dynamics.interrupted"] = {"reason": reason, "missing_ns": f"{begin_ns} {end_ns}"}
+    return summary_of(begun(path, whole, left, ended=True))
+
+
+def test_a_missing_piece_is_named_and_the_rest_judged(flown: Callable[..., Any], tmp_path: Path) -> None:
+    again = ("thrust", Wrench(torque=(0.1, 0.0, 0.0), stamp_ns=2_400_000_000))
+    flight = flown((*COMMANDS, again))
+    summary = damaged(tmp_path / "saved.mcap", flight, 1_500_000_000, 2_000_000_000)
+    piece = "a piece is missing from t = 1.5 to 2 s"
+    assert [check.detail for check in summary.checks if check.name == "recording is whole"] == [piece]
+    assert "file is whole" not in failed(summary)
+    assert f"A{piece[1:]}: what came and acted there is not known." in summary.warnings
+    assert not any("cut off" in each for each in summary.warnings)
+    assert "/thrust timed out at least 2×, first at t = 1.05 s." in summary.warnings
+    # What acts is known again when each channel has had a command.
+    for name in ("linear momentum", "angular momentum"):
+        balance = summary.balance(name)
+        assert balance is not None
+        assert balance.covered == pytest.approx((1.5 + 0.6) / 3.0, abs=0.03)
+        assert balance.relative < 1e-6
+
+
+def test_what_is_held_behind_a_missing_piece_is_not_known(flown: Callable[..., Any], tmp_path: Path) -> None:
+    sent = [("push", Wrench((1.0, 0.0, 0.0), frame_id="world", stamp_ns=k * 100_000_000)) for k in range(10)]
+    summary = damaged(tmp_path / "saved.mcap", flown(sent), 1_000_000_000, 1_200_000_000)
+    assert {channel.held_s for channel in summary.channels} == {None}
+    assert not any("fell silent" in each for each in summary.warnings)
+
+
+def test_a_log_that_was_cut_off_says_of_how_much(flight: Any, tmp_path: Path) -> None:
+    whole = McapFile(flight.log)
+    messages = [each for each in whole.messages() if each.log_time <= 1_000_000_000]
+    del whole.metadata["rb_dynamics.result"]
+    summary = summary_of(begun(tmp_path / "cut.mcap", whole, messages))
+    assert summary.lacks == "cut off at t = 1 of 3 s"
+    assert "The run was cut off at t = 1 of 3 s: what came later is lost." in summary.warnings
+    assert {"file is whole", "recording is whole"} <= {*failed(summary)}
+
+
+def begun(path: Path, whole: McapFile, messages: list[Message], *, ended: bool = False) -> Path:
+    """Write these messages and all else of `whole` as a file without an end, or with it."""
     with contextlib.closing(LogFile(path)) as file:
         writer = McapWriter(file, "test")
         writer.begin()
@@ -156,7 +205,8 @@ def begun(path: Path, whole: McapFile, messages: list[Message]) -> Path:
         for name, facts in whole.metadata.items():
             writer.add_metadata(name, facts)
         writer.finish()
-    path.write_bytes(path.read_bytes()[:-8])
+    if not ended:
+        path.write_bytes(path.read_bytes()[:-8])
     return path
 
 

@@ -32,7 +32,7 @@ def test_it_says_what_happened(flight: Any) -> None:
     flat = " ".join(text.split())
     assert "log of rb_dynamics" in flat
     assert f"{flight.result.sample.work:.7g}" in flat
-    assert "all 7 checks passed" in flat
+    assert "all 8 checks passed" in flat
     assert "force" in flat
 
 
