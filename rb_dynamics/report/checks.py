@@ -1,6 +1,6 @@
 """What has to hold in a recorded run: it is whole, time runs evenly, attitudes are unit, the balances close.
 
-Judges only what it can: a check that lacks its data is not there.
+Judges only what it can: a check that lacks its data says so, or is not there where nothing of it is recorded.
 """
 
 from __future__ import annotations
@@ -25,11 +25,12 @@ _GAP = 1.5
 
 @dataclass(frozen=True)
 class Check:
-    """One thing that has to hold, whether it does, and by how much."""
+    """One thing that has to hold, whether it does, and by how much; `judged` is False where that is not known."""
 
     name: str
     passed: bool
     detail: str
+    judged: bool = True
 
 
 def checks(track: Track, found: Sequence[Balance], bound: float) -> list[Check]:
@@ -40,7 +41,7 @@ def checks(track: Track, found: Sequence[Balance], bound: float) -> list[Check]:
     done += [_whole(series, track) for series in _motion(track)]
     if track.pose is not None and len(track.pose.time_ns):
         done.append(_unit(track.pose.values[:, 3:], bound))
-    done += [_balanced(track, balance, bound) for balance in found if balance.covered > 0.0]
+    done += [_balanced(track, balance, bound) for balance in found]
     return done
 
 
@@ -105,12 +106,15 @@ def _unit(orientation: Array, bound: float) -> Check:
 
 
 def _balanced(track: Track, balance: Balance, bound: float) -> Check:
+    name = f"{balance.name} balance"
+    if balance.covered == 0.0:
+        return Check(name, True, f"not judged; {balance.basis}", judged=False)
     start, _ = track.span_ns
     worst = f"worst {balance.worst:.3g} {balance.unit} at t = {(balance.worst_ns - start) * 1e-9:.6g} s"
     onset = balance.onset_ns(bound)
     since = "" if onset is None else f", beyond it first at t = {(onset - start) * 1e-9:.6g} s"
     detail = f"{worst}, relative {balance.relative:.3g}, accepted {bound:g}{since}"
-    return Check(f"{balance.name} balance", balance.relative <= bound, detail)
+    return Check(name, balance.relative <= bound, detail)
 
 
 def gaps(time_ns: Times) -> int:

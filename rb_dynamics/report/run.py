@@ -332,7 +332,7 @@ def _wrenches(track: Track, summary: Summary) -> list[Section]:
 
 
 def _tables(summary: Summary) -> list[Section]:
-    judged = [[check.name, "passed" if check.passed else "FAILED", check.detail] for check in summary.checks]
+    judged = [[c.name, text.verdict(c, "passed", "FAILED", "not judged"), c.detail] for c in summary.checks]
     checks = Table(["check", "result", "detail"], judged, numeric=False)
     named = [("First and last state", text.state_rows(summary)), ("Extremes", text.range_rows(summary))]
     sections = [Section("Checks", table=checks)]

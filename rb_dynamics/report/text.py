@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.report.checks import Check
 from rb_dynamics.report.html import printable
 from rb_dynamics.report.residual import Residual
 from rb_dynamics.report.summary import Summary
@@ -41,12 +42,19 @@ def as_text(summary: Summary) -> str:
         lines += _wrap(f"note: {remark}", "  ")
     lines += [""] if summary.missing or summary.notes else []
     for check in summary.checks:
-        lines += _wrap(f"{'ok  ' if check.passed else 'FAIL'}  {check.name}: {check.detail}", "      ")
+        lines += _wrap(f"{verdict(check, 'ok  ', 'FAIL', '--  ')}  {check.name}: {check.detail}", "      ")
     if summary.residual:
         lines += ["", *_wrap(residual_sentence(summary.residual, summary.start_ns)), ""]
     lines += [line for warning in summary.warnings for line in _wrap(f"warning: {warning}", "  ")]
-    failed, count = sum(not check.passed for check in summary.checks), len(summary.checks)
+    failed, count = sum(not check.passed for check in summary.checks), sum(check.judged for check in summary.checks)
     return "\n".join([*lines, f"{failed} of {count} checks failed" if failed else f"all {count} checks passed"])
+
+
+def verdict(check: Check, passed: str, failed: str, unknown: str) -> str:
+    """Return the word for how a check came out."""
+    if not check.judged:
+        return unknown
+    return passed if check.passed else failed
 
 
 def headline(summary: Summary) -> str:

@@ -21,6 +21,7 @@ from rb_dynamics.recording.mcap_writer import McapWriter
 from rb_dynamics.recording.sink import Status
 from rb_dynamics.report.checks import gaps
 from rb_dynamics.report.summary import Summary, summarize
+from rb_dynamics.report.text import as_text
 from rb_dynamics.report.topics import read_track
 from rb_dynamics.scene import parse_scene, read_scene
 from rb_dynamics.simulate import Simulation
@@ -375,6 +376,12 @@ def test_wrench_in_an_unknown_frame_is_not_judged(bagger: Any, scene_dir: Path) 
     ]
     summary = summary_of(bagger(rows), scene=read_scene(scene_dir / "slew.yaml"))
     assert all(balance.covered == 0.0 for balance in summary.balances)
+    unknown = {check.name: check.detail for check in summary.checks if not check.judged}
+    assert {"angular momentum balance", "linear momentum balance"} <= {*unknown}
+    assert all(detail.startswith("not judged; not known at any time") for detail in unknown.values())
+    assert "--    angular momentum balance: not judged" in as_text(summary)
+    judged = sum(check.judged for check in summary.checks)
+    assert as_text(summary).endswith(f"all {judged} checks passed")
     assert any("frames: nozzle" in note for note in summary.notes)
     assert summary.passed
 
