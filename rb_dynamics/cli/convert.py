@@ -2,7 +2,8 @@
 
 A table has one line for each logged sample, numbers with all their digits; the wrench commands go to OUT's name with
 .wrenches before its ending. A CSV of wrenches (time_ns or time_s, force_x ... torque_z, and topic and frame_id if need
-be) becomes an MCAP bag for simulate --wrench. An earlier OUT is replaced.
+be) becomes an MCAP bag for simulate --wrench. A bag that something else wrote is not converted. An earlier OUT is
+replaced.
 """
 
 from __future__ import annotations

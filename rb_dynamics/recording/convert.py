@@ -35,6 +35,7 @@ from rb_dynamics.scene.model import Scene
 _NUMBERS = ("force_x", "force_y", "force_z", "torque_x", "torque_y", "torque_z")
 WRENCH_COLUMNS = ("time_ns", "topic", "frame_id", *_NUMBERS)
 _BATCH = 10_000
+_TO_CONVERT = "converted, as nothing says which of its topics are the samples of one body"
 
 Table = Callable[[Path, Sequence[str], Iterable[Sequence[Any]]], int]
 
@@ -54,7 +55,7 @@ def log_to_table(log: str | Path, target: Path) -> list[tuple[Path, int]]:
         require_other(path, log)
     source = open_source(log)
     received = [message for message in source.messages() if message.channel.type_name == WRENCH]
-    scene, names = scene_and_names(source)
+    scene, names = scene_and_names(source, _TO_CONVERT)
     samples = ((row.time_ns, *row.numbers) for row in rows(scene, names, open_source(log).messages()))
     written = [(target, write(target, ("time_ns", *row_columns(scene)), samples))]
     commands = [
@@ -79,7 +80,7 @@ def log_to_rerun(log: str | Path, target: Path) -> int:
     source = open_source(log)
     for _ in source.messages():
         pass
-    scene, names = scene_and_names(source)
+    scene, names = scene_and_names(source, _TO_CONVERT)
     facts = source.metadata[RUN]
     applied = {names[each.topic + APPLIED]: each.topic for each in scene.channels}
     applied |= {names[name + APPLIED]: name for name, _ in scene.acting.schedules()}

@@ -46,8 +46,12 @@ class Row(NamedTuple):
     numbers: tuple[float, ...]
 
 
-def scene_and_names(source: Source) -> tuple[Scene, dict[str, str]]:
+def scene_and_names(source: Source, purpose: str = "run again") -> tuple[Scene, dict[str, str]]:
     """Return the scene of a log that has been read through, and each topic's name in it by its name in the scene.
+
+    Args:
+        source: the log.
+        purpose: what the log is wanted for, as a refusal says it.
 
     Raises:
         LogError: it is not a log of this package.
@@ -57,7 +61,8 @@ def scene_and_names(source: Source) -> tuple[Scene, dict[str, str]]:
         cut = "" if source.complete else ", which was cut off,"
         raise LogError(
             f"{source.path}{cut} is no log of this package: expected scene.yaml attached and metadata rb_dynamics, so "
-            "it cannot be run again; inspect reads any bag, and its commands are flown with simulate SCENE --wrench BAG"
+            f"it cannot be {purpose}; inspect reads any bag, and its commands are flown with simulate SCENE --wrench "
+            "BAG"
         )
     scene = parse_scene(source.attachments[SCENE].decode(), f"{source.path}: {SCENE}")
     topics = [name for name, _ in (*SAMPLE_TOPICS, POTENTIAL)]

@@ -113,6 +113,12 @@ def test_rerun_gets_every_sample(tmp_path: Path, log: Path) -> None:
     assert (tmp_path / "run.rrd").stat().st_size > 10_000
 
 
+@pytest.mark.parametrize("name", ["slew.csv", "slew.rrd"])
+def test_a_bag_of_others_is_refused_for_what_was_asked(name: str, tmp_path: Path, example_dir: Path) -> None:
+    with pytest.raises(LogError, match=r"so it cannot be converted.*inspect reads any bag"):
+        (log_to_rerun if name.endswith(".rrd") else log_to_table)(example_dir / "slew.mcap", tmp_path / name)
+
+
 def test_an_earlier_table_is_replaced_and_never_the_log(tmp_path: Path, log: Path, example_dir: Path) -> None:
     table = tmp_path / "run.csv"
     table.write_text("an earlier one")
