@@ -12,6 +12,7 @@ import numpy as np
 
 from rb_dynamics.recording.mcap_reader import read_bag
 from rb_dynamics.recording.messages import APPLIED
+from rb_dynamics.recording.provenance import RUN
 from rb_dynamics.report import plots, text
 from rb_dynamics.report.balance import Balance
 from rb_dynamics.report.checks import BOUND
@@ -175,6 +176,7 @@ def _subject(track: Track, summary: Summary) -> list[Section]:
             ["principal moments", f"{_numbers(body.principal_moments)} kg m²"],
             ["mass properties from", track.body_from],
         ]
+    facts.append(["effects", track.bag.metadata.get(RUN, {}).get("effects", "")])
     facts.append(["momenta and energy from", summary.momenta_from])
     scenes = [content for name, content in sorted(track.bag.attachments.items()) if name.endswith((".yaml", ".yml"))]
     return [

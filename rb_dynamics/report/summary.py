@@ -6,6 +6,7 @@ Judges only what it can: a check that lacks its data is not there, and `missing`
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -78,6 +79,7 @@ class Summary:
         method: which ran, of several joined by "+"; which was asked for, where a log was cut off; "" where unknown.
         asked: the method asked for, such as "auto"; "" where unknown.
         solver: the method asked for with its settings, as the log describes it; "" where unknown.
+        body: what flew: mass, centre of mass and moments, and the effects of the scene; empty where unknown.
         version: of the package that wrote the log; "" where unknown.
         steps: None where unknown.
         start_ns: time of the first sample.
@@ -105,6 +107,7 @@ class Summary:
     method: str
     asked: str
     solver: str
+    body: tuple[str, ...]
     version: str
     steps: int | None
     start_ns: int
@@ -153,6 +156,7 @@ def summarize(track: Track, bound: float = BOUND) -> Summary:
         method=result.get("method") or facts.get("method", ""),
         asked=facts.get("method", ""),
         solver=facts.get("solver", ""),
+        body=tuple(_body(track, facts)),
         version=facts.get("version.rb_dynamics", "").replace("not installed", ""),
         steps=int(result["steps"]) if result.get("steps", "").isdecimal() else None,
         start_ns=start,
@@ -171,6 +175,16 @@ def summarize(track: Track, bound: float = BOUND) -> Summary:
         notes=track.notes,
         missing=tuple(_missing(track)),
     )
+
+
+def _body(track: Track, facts: Mapping[str, str]) -> list[str]:
+    told, body = [], track.body
+    if body is not None:
+        center, moments = (", ".join(f"{x:.6g}" for x in v) for v in (body.center_of_mass, body.principal_moments))
+        told.append(f"body: {body.mass:g} kg, centre of mass at ({center}) m, principal moments {moments} kg m²")
+    if RUN in track.bag.metadata:
+        told.append(f"effects: {facts.get('effects') or 'none'}")
+    return told
 
 
 def _explained(left: Residual | None) -> list[Check]:

@@ -24,6 +24,7 @@ def as_text(summary: Summary) -> str:
     """Return the summary as lines of at most `WIDTH` columns."""
     lines = [*_wrap(headline(summary))]
     lines += _wrap(f"solver: {summary.solver}") if summary.solver else []
+    lines += [line for fact in summary.body for line in _wrap(fact)]
     lines += [""]
     lines += _table("topic", topic_rows(summary), (35, 17, 10, 11, 16, 11))
     lines += _table("state", state_rows(summary), (37, 6, 14, 14, 14, 14))

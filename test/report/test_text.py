@@ -33,7 +33,8 @@ def test_it_says_what_happened(flight: Any) -> None:
     assert "log of rb_dynamics" in flat
     assert f"{flight.result.sample.work:.7g}" in flat
     assert "all 8 checks passed" in flat
-    assert "force" in flat
+    assert "body: 4 kg, centre of mass at (0.1, -0.2, 0.05) m, principal moments 0." in flat
+    assert "effects: none" in flat
 
 
 def test_hostile_names_do_no_harm(bagger: Any) -> None:
