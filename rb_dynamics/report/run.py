@@ -311,22 +311,25 @@ def _wrenches(track: Track, summary: Summary) -> list[Section]:
     panels, idle = [], []
     for steps in track.acting:
         name = steps.topic.removesuffix(APPLIED)
-        told = steps.world[steps.known]
-        axes = "world" if told.all() else "mixed" if told.any() else "body"
-        for kind, unit, vectors in (("Force", "N", steps.force), ("Torque", "N m", steps.torque)):
+        world = steps.world[steps.known]
+        axes = "world" if world.all() else "mixed" if world.any() else "body"
+        about = f"Torque of {name} about the centre of mass"
+        for kind, unit, vectors in ((f"Force of {name}", "N", steps.force), (about, "N m", steps.torque)):
             if vectors.any():
                 shown = np.where(steps.known[:, None], vectors, np.nan)
-                panels.append((f"{kind} of {name}, {axes} axes [{unit}]", track.seconds(steps.time_ns), shown))
+                panels.append((f"{kind}, {axes} axes [{unit}]", track.seconds(steps.time_ns), shown))
             else:
-                idle.append(f"{kind.lower()} of {name}")
+                idle.append(f"{kind[0].lower()}{kind[1:]}".removesuffix(" about the centre of mass"))
     rows = text.channel_rows(summary)
     if not rows:
         return []
     if came := text.command_rows(summary):
         rows = [[*row, *times] for row, (_, *times) in zip(rows, came, strict=True)]
+    told = track.own or any(steps.topic.endswith(APPLIED) for steps in track.wrenches)
+    zero = f" Zero throughout: {', '.join(idle)}." if idle else ""
     caption = (
-        "What acted, each value held until the next. In a good run it is what was meant: no spike, and no channel that "
-        f"falls silent, which the warnings name.{' Zero throughout: ' + ', '.join(idle) + '.' if idle else ''}"
+        f"What {'acted' if told else 'was commanded'}, each value held until the next. {text.TORQUE} In a good run "
+        f"this is what was meant: no spike, and no channel that falls silent, which the warnings name.{zero}"
     )
     figures = [Figure(plots.wrench_history(panels, track.seconds(np.array(track.span_ns))), caption)] if panels else []
     paragraph = "" if panels else "No force and no torque acted at any time."

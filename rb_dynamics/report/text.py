@@ -17,6 +17,7 @@ from rb_dynamics.report.summary import Summary
 WIDTH = 100
 
 DEFECT = "Defect: what is missing for the balance to hold exactly; relative: over the largest value."
+TORQUE = "Torques are about the centre of mass, the lever arm of the force included."
 UNKNOWN = "-: the recording does not say."
 
 
@@ -34,8 +35,9 @@ def as_text(summary: Summary) -> str:
     lines += [line for row in summary.balances for line in _wrap(f"  {row.name}: {row.basis}", "    ")]
     lines += [""] if summary.balances else []
     lines += _table("wrench channel", channel_rows(summary), (25, 10, 10, 9, 10, 10, 12, 14))
-    if any("-" in row for row in channel_rows(summary)):
-        lines[-1:] = [f"  {UNKNOWN}", ""]
+    if summary.channels:
+        unknown = [UNKNOWN] if any("-" in row for row in channel_rows(summary)) else []
+        lines[-1:] = [*(line for each in (TORQUE, *unknown) for line in _wrap(f"  {each}", "    ")), ""]
     lines += _table("commands", command_rows(summary), (36, 16, 16, 16, 16))
     if summary.health:
         lines += [*_wrap(f"diagnostics: {health_sentence(summary)}"), ""]

@@ -67,8 +67,13 @@ def test_report_of_a_run_has_everything(flight: Any, tmp_path: Path) -> None:
     assert "/thrust timed out 1×, first at t = 1.05 s." in text
     assert len(list(page.iter("svg"))) == len(list(page.iter("figcaption"))) == 8
     assert all(words(caption) for caption in page.iter("figcaption"))
-    for figure in ("Torque of /thrust, body axes [N m]", "Force of /push, world axes [N]", "Energy defect"):
+    for figure in (
+        "Torque of /thrust about the centre of mass, body axes [N m]",
+        "Force of /push, world axes [N]",
+        "Energy defect",
+    ):
         assert figure in text
+    assert "What acted, each value held until the next. Torques are about the centre of mass" in text
     assert "Zero throughout: torque of /push, force of /thrust." in text
     assert "http" not in target.read_text()
     records = [words(row[0]) for row in page.iter("tr") if len(row) == 3 and words(row[0]).startswith("rb_dynamics")]
@@ -118,6 +123,7 @@ def test_report_of_a_foreign_bag(with_scene: bool, example_dir: Path, scene_dir:
     write_run_report(example_dir / "slew.mcap", tmp_path / "run.html", scene=scene)
     page = page_of(tmp_path / "run.html")
     assert ("Momentum and energy" in headings(page)) is with_scene
+    assert "What was commanded, each value held until the next." in words(page)
     assert "What was recorded" in headings(page)
     assert ("Give them as a scene file" in words(page)) is not with_scene
 
