@@ -171,7 +171,7 @@ TOPICS = {
     "/clock": "simulation time, from the steps; with `publish_clock`",
     "/tf": "the pose; with `publish_tf`, where tf2_msgs is installed (log: always)",
     "/tf_static": "the scene's fixed frames; as `/tf`",
-    "/diagnostics": "1 Hz: state, defects, commands accepted, rejected, early, late, lost; overruns",
+    "/diagnostics": "1 Hz, by a node: state, defects, commands accepted, rejected, early, late, lost; overruns",
     "~/set_state": "moves the body: pose in the world frame, twist in body axes",
     "wrench": "one for each of the scene's channels; [what a wrench means](../how-to/wrenches.md)",
     "wrench/applied": "what acted, and from when",

@@ -217,6 +217,7 @@ def test_topics_have_count_rate_and_longest_interval(flight: Any) -> None:
     assert topics["/pose"].rate == pytest.approx(50.0)
     assert topics["/pose"].longest_s == pytest.approx(0.02)
     assert topics["/inertia"].count == 1
+    assert topics["/diagnostics"].count == 0
     assert topics["/inertia"].rate == 0.0
 
 
