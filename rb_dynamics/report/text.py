@@ -208,7 +208,12 @@ def _table(title: str, rows: Sequence[Sequence[str]], widths: Sequence[int]) -> 
         return []
     header, *body = rows
     lines = [_line([title.upper(), *header[1:]], widths)]
-    lines += [_line([f"  {row[0]}" if row[0] else "", *row[1:]], widths) for row in body]
+    for name, *rest in body:
+        if len(printable(name)) + 2 < widths[0]:
+            lines.append(_line([f"  {name}" if name else "", *rest], widths))
+        else:
+            # A long name is told in full, on a line of its own.
+            lines += [f"  {_fit(name, WIDTH - 2)}", _line(["", *rest], widths)]
     return [*lines, ""]
 
 

@@ -37,6 +37,16 @@ def test_it_says_what_happened(flight: Any) -> None:
     assert "effects: none" in flat
 
 
+def test_a_long_name_stands_on_a_line_of_its_own(bagger: Any) -> None:
+    topic = "/a_vehicle_with_a_long_name/effects/uniform_gravity/applied"
+    wrench = (0, "world", (0.0, 0.0, -9.8, 0.0, 0.0, 0.0))
+    lines = text_of(bagger([(topic, "geometry_msgs/msg/WrenchStamped", 0, wrench)])).splitlines()
+    table = lines[next(k for k, line in enumerate(lines) if line.startswith("WRENCH CHANNEL")) :]
+    assert table[1] == f"  {topic.removesuffix('/applied')}"
+    assert table[2].split() == ["world", "-", "1", "-", "-", "9.8", "0"]
+    assert "…" not in "".join(lines)
+
+
 def test_hostile_names_do_no_harm(bagger: Any) -> None:
     topic = "/\x1b[2J" + 50 * "long/" + "\r\n\x07pose"
     rows = [(topic, POSE, k, (k, "world", (0.0,) * 6 + (1.0,))) for k in range(5)]
