@@ -351,9 +351,16 @@ def _tables(summary: Summary) -> list[Section]:
 
 
 def _provenance(track: Track) -> list[Section]:
-    """Return every metadata record of the file, its name at its first fact."""
-    facts = []
+    """Return every metadata record of the file, its name at its first fact; facts of several lines below, as they are.
+
+    Such is what rosbag2 keeps of a bag: its metadata.yaml.
+    """
+    facts, texts = [], []
     for name, record in sorted(track.bag.metadata.items()):
         told = [[key, value] for key, value in record.items() if value]
-        facts += [["" if number else name, *fact] for number, fact in enumerate(told)]
-    return [Section("Provenance", table=Table(["record", "fact", ""], facts, numeric=False))] if facts else []
+        texts += [f"{name}: {key}\n\n{value.strip()}" for key, value in told if "\n" in value.strip()]
+        short = [[key, "below" if "\n" in value.strip() else value] for key, value in told]
+        facts += [["" if number else name, *fact] for number, fact in enumerate(short)]
+    table = Table(["record", "fact", ""], facts, numeric=False)
+    source = "\n\n\n".join(texts)
+    return [Section("Provenance", table=table, source=source, source_title="Longer facts")] if facts else []

@@ -9,10 +9,13 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from rb_dynamics.recording.mcap_reader import read_bag
 from rb_dynamics.recording.mcap_sink import McapSink
-from rb_dynamics.report.html import Section
-from rb_dynamics.report.run import comparison_section, write_run_report
+from rb_dynamics.report.html import Section, write_html
+from rb_dynamics.report.run import comparison_section, run_report, write_run_report
+from rb_dynamics.report.summary import summarize
 from rb_dynamics.report.text import as_text
+from rb_dynamics.report.topics import read_track
 from rb_dynamics.scene import parse_scene, read_scene
 from rb_dynamics.simulate import simulate
 
@@ -158,6 +161,19 @@ def test_scene_text_and_names_are_escaped(bagger: Any, tmp_path: Path) -> None:
     page = page_of(tmp_path / "run.html")
     assert topic in words(page)
     assert page.find(".//img") is None
+
+
+def test_a_fact_of_several_lines_keeps_them(tmp_path: Path, example_dir: Path) -> None:
+    """rosbag2 puts its metadata.yaml into a file as one fact."""
+    bag, kept = read_bag(example_dir / "slew.mcap"), "version: 9\nstorage_identifier: mcap\n"
+    bag.metadata["rosbag2"] = {"serialized_metadata": kept, "ROS_DISTRO": "jazzy"}
+    track = read_track(bag)
+    write_html(tmp_path / "run.html", run_report(track, summarize(track)))
+    page = page_of(tmp_path / "run.html")
+    assert any(kept.strip() in "".join(text.itertext()) for text in page.iter("pre"))
+    rows = [[words(cell) for cell in row] for row in page.iter("tr")]
+    assert ["rosbag2", "serialized_metadata", "below"] in rows
+    assert ["", "ROS_DISTRO", "jazzy"] in rows
 
 
 def test_comparison_tells_the_worst_and_when() -> None:
