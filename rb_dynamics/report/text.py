@@ -16,7 +16,10 @@ from rb_dynamics.report.summary import Summary
 
 WIDTH = 100
 
-DEFECT = "Defect: what is missing for the balance to hold exactly; relative: over the largest value."
+DEFECT = (
+    "Defect: what is missing for the balance to hold exactly; relative: over the largest value, which for a momentum "
+    "is the larger of what it came to and what its impulses add up to."
+)
 TORQUE = "Torques are about the centre of mass, the lever arm of the force included."
 UNKNOWN = "-: the recording does not say."
 
@@ -31,7 +34,7 @@ def as_text(summary: Summary) -> str:
     lines += _table("state", state_rows(summary), (37, 6, 14, 14, 14, 14))
     lines += _table("extremes", range_rows(summary), (35, 16, 16, 16, 16))
     lines += _table("balance", balance_rows(summary), (30, 14, 14, 14, 14, 14))
-    lines += [f"  {DEFECT}"] if summary.balances else []
+    lines += _wrap(f"  {DEFECT}", "    ") if summary.balances else []
     lines += [line for row in summary.balances for line in _wrap(f"  {row.name}: {row.basis}", "    ")]
     lines += [""] if summary.balances else []
     lines += _table("wrench channel", channel_rows(summary), (25, 10, 10, 9, 10, 10, 12, 14))

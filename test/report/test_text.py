@@ -35,6 +35,7 @@ def test_it_says_what_happened(flight: Any) -> None:
     assert "all 8 checks passed" in flat
     assert "body: 4 kg, centre of mass at (0.1, -0.2, 0.05) m, principal moments 0." in flat
     assert "effects: none" in flat
+    assert "for a momentum is the larger of what it came to and what its impulses add up to" in flat
 
 
 def test_a_long_name_stands_on_a_line_of_its_own(bagger: Any) -> None:
