@@ -103,9 +103,10 @@ class Bag:
 
     @property
     def missing(self) -> list[tuple[int, int]]:
-        """First and last log time (ns) of each damaged piece that `recover` left out."""
+        """First and last log time (ns) of each damaged piece that `recover` left out, in order."""
         told = self.metadata.get(INTERRUPTED, {}).get("missing_ns", "")
-        return [(int(begin), int(end)) for begin, end in re.findall(r"(\d{1,19}) (\d{1,19})", told)]
+        pieces = [(int(begin), int(end)) for begin, end in re.findall(r"([0-9]{1,19}) ([0-9]{1,19})", told)]
+        return sorted((begin, end) for begin, end in pieces if begin <= end < 2**63)
 
     def poses(self, topic: str) -> tuple[Times, Values]:
         """Return stamps (ns) and rows of position (m) and quaternion x, y, z, w; of PoseStamped or Odometry.

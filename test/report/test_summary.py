@@ -171,6 +171,23 @@ def test_a_missing_piece_is_named_and_the_rest_judged(flown: Callable[..., Any],
         assert balance.relative < 1e-6
 
 
+@pytest.mark.parametrize("told", ["", "7", "x y", "5 3", f"0 {2**63}", f"{10**19 - 1} {10**19 - 1}", "٣ ٤"])
+def test_nonsense_about_missing_pieces_is_not_believed(flight: Any, told: str) -> None:
+    bag = read_bag(flight.log)
+    bag.metadata["rb_dynamics.interrupted"] = {"reason": "damaged", "missing_ns": told}
+    assert bag.missing == []
+    assert summarize(read_track(bag)).passed
+
+
+def test_missing_pieces_are_in_order(flight: Any) -> None:
+    bag = read_bag(flight.log)
+    bag.metadata["rb_dynamics.interrupted"] = {"missing_ns": "2000000000 2100000000, 1000000000 1100000000"}
+    assert bag.missing == [(1_000_000_000, 1_100_000_000), (2_000_000_000, 2_100_000_000)]
+    for steps in read_track(bag).acting:
+        assert (np.diff(steps.time_ns) >= 0).all()
+        assert (~steps.known).sum() == 2
+
+
 def test_what_is_held_behind_a_missing_piece_is_not_known(flown: Callable[..., Any], tmp_path: Path) -> None:
     sent = [("push", Wrench((1.0, 0.0, 0.0), frame_id="world", stamp_ns=k * 100_000_000)) for k in range(10)]
     summary = damaged(tmp_path / "saved.mcap", flown(sent), 1_000_000_000, 1_200_000_000)
