@@ -9,7 +9,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from rb_dynamics.body.rigid_body import RigidBody
-from rb_dynamics.loads.effect import Effect, Point, Stored
+from rb_dynamics.errors import SceneError
+from rb_dynamics.loads.effect import Effect, Point, Stored, Wrenching
 from rb_dynamics.loads.load import Load, Takes
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.rotation import Quaternion
@@ -27,10 +28,11 @@ class ActingEffects:
         """Let each effect look at the body.
 
         Raises:
-            SceneError: an effect cannot act on it.
+            SceneError: an effect cannot act on it, or has a load inside the step and does not say so.
         """
         for effect in self.effects:
             effect.check(self.body)
+            _inside_the_step(effect, self.body, 0.0)
 
     @property
     def takes(self) -> Takes:
@@ -56,8 +58,13 @@ class ActingEffects:
         return sorted({time for effect in self.effects for time in effect.knots()})
 
     def load_from(self, start: float) -> Callable[[Point], Load] | None:
-        """Return what gives the load of a step from its first point, from `start` (s) to the next knot."""
-        parts = [part for effect in self.effects if (part := effect.wrenching(self.body, start)) is not None]
+        """Return what gives the load of a step from its first point, from `start` (s) to the next knot.
+
+        Raises:
+            SceneError: an effect has a load inside the step and does not say so.
+        """
+        found = (_inside_the_step(effect, self.body, start) for effect in self.effects)
+        parts = [part for part in found if part is not None]
         if not parts:
             return None
 
@@ -99,3 +106,14 @@ class ActingEffects:
             return Stored(momentum, energy)
 
         return stored
+
+
+def _inside_the_step(effect: Effect, body: RigidBody, start: float) -> Wrenching | None:
+    """Return the load of an effect; no method is asked whether it can take one that is not declared."""
+    part = effect.wrenching(body, start)
+    if part is not None and effect.takes == Takes.HELD:
+        raise SceneError(
+            f"{effect.kind}: has a load inside the step but takes is HELD, expected what the load depends on; declare "
+            "takes = Takes.FIELD (time, place, attitude) or Takes.ANY (velocities too) in the effect"
+        )
+    return part

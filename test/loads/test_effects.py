@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from fractions import Fraction
 
 import pytest
@@ -16,7 +17,7 @@ from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.acting import ActingEffects
 from rb_dynamics.loads.central_gravity import CentralGravity
 from rb_dynamics.loads.drag import LinearDrag, QuadraticDrag
-from rb_dynamics.loads.effect import Effect, Point
+from rb_dynamics.loads.effect import Effect, Point, Wrenching
 from rb_dynamics.loads.load import Takes
 from rb_dynamics.loads.rotor import Rotor
 from rb_dynamics.loads.wrench import Wrench
@@ -403,6 +404,34 @@ class TestFromPython:
     def test_so_is_one_in_a_scene_file(self) -> None:
         with pytest.raises(SceneError, match=r"effects\[0\]: .*expected at most 0.5"):
             parse_scene(BALL + "\neffects: [{type: rotor, axis_body: [0, 0, 1], axial_inertia: 1, spin_rate: 1}]")
+
+
+class TestALoadInsideTheStepThatIsNotDeclared:
+    """Nothing would ask a method whether it can take it: some would be wrong in silence."""
+
+    class Undeclared(CentralGravity):
+        kind = "undeclared"
+        takes = Takes.HELD
+
+    class Late(Undeclared):
+        def knots(self) -> tuple[float, ...]:
+            return (0.5,)
+
+        def wrenching(self, body: RigidBody, start: float) -> Wrenching | None:
+            return super().wrenching(body, start) if start >= 0.5 else None
+
+    MESSAGE = r"undeclared: has a load inside the step but takes is HELD, .*; declare takes = Takes.FIELD"
+
+    @pytest.mark.parametrize("method", ["auto", "taylor", "rk4", "strang4"])
+    def test_is_refused_by_name(self, method: str) -> None:
+        scene = parse_scene(BALL + f"\nduration: 0.1\nsolver: {{method: {method}}}")
+        with pytest.raises(SceneError, match=self.MESSAGE):
+            simulate(replace(scene, effects=(self.Undeclared(1.0, (1.0, 0.0, 0.0)),)))
+
+    def test_is_refused_where_it_begins_later(self) -> None:
+        scene = parse_scene(BALL + "\nduration: 1\nsolver: {method: rk4}")
+        with pytest.raises(SceneError, match=self.MESSAGE):
+            simulate(replace(scene, effects=(self.Late(1.0, (1.0, 0.0, 0.0)),)))
 
 
 class TestNoCommandReachesAnEffect:
