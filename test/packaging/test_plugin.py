@@ -97,6 +97,21 @@ def test_values_of_the_effect_are_checked_with_their_line(command: Command) -> N
     assert "effects[0].stiffness: found -1.0, expected a number greater than 0 (N/m); write" in done.stderr
 
 
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ("'stiff'", "TypeError: spring: stiffness is 'stiff', expected a number greater than 0 (N/m)"),
+        ("-1.0", "SceneError: spring: stiffness is -1.0, expected a number greater than 0 (N/m)"),
+        ("8.0, (1.0, 2.0)", "SceneError: spring: anchor_world is (1.0, 2.0), expected a point (m)"),
+    ],
+)
+def test_arguments_of_the_effect_are_checked_in_python(
+    python: Path, folder: Path, arguments: str, message: str
+) -> None:
+    code = f"from rb_dynamics_example.spring import Spring; Spring({arguments})"
+    assert message in in_folder(python, folder, "-c", code).stderr
+
+
 @pytest.fixture(scope="module")
 def folder(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder like the source tree, in which the commands of the page may leave their files."""

@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
+from rb_dynamics.arguments import number, vector
 from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.effect import Effect, Point, Potential, Wrenching
 from rb_dynamics.loads.load import Takes
 from rb_dynamics.vector import ZERO, Vector, dot, scale, subtract
@@ -24,6 +26,19 @@ class Spring(Effect):
 
     stiffness: float
     anchor_world: Vector = ZERO
+
+    def __post_init__(self) -> None:
+        """Refuse what is no spring.
+
+        Raises:
+            TypeError: an argument is not of its type.
+            SceneError: a number is not finite, or the stiffness not greater than 0.
+        """
+        expected = "a number greater than 0 (N/m)"
+        stiffness = number(self.stiffness, "spring: stiffness", expected, SceneError, above=0.0)
+        object.__setattr__(self, "stiffness", stiffness)
+        anchor = vector(self.anchor_world, "spring: anchor_world", "a point (m)", SceneError)
+        object.__setattr__(self, "anchor_world", anchor)
 
     @classmethod
     def read(cls, entry: Entry) -> Spring:
