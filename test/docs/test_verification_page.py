@@ -99,6 +99,21 @@ def test_no_measured_drift_on_the_page_is_large(page: str) -> None:
     assert max(kept) < 1e-13
 
 
+class TestTheLongDrift:
+    """It takes a quarter of an hour: a page made without it keeps what was measured."""
+
+    def test_is_that_of_the_page(self, page: str, generator: ModuleType) -> None:
+        kept = generator.kept_drifts(page)
+
+        assert kept.count("\n") == 2 + len(generator.long_runners())
+        assert f"\n{kept}\n" in section(page, "What free motion keeps")
+        assert "After 1e9 steps (" in page
+
+    def test_of_other_methods_is_not_kept(self, page: str, generator: ModuleType) -> None:
+        with pytest.raises(ValueError, match=r"expected that of .*'midpoint'\]; run with --long"):
+            generator.kept_drifts(page.replace("| `midpoint` |", "| `middle` |"))
+
+
 class TestMeasures:
     """A part of the generator that is quick."""
 
