@@ -32,7 +32,7 @@ from matplotlib.figure import Figure
 import rb_dynamics as rb
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion import METHODS, Inertia
+from rb_dynamics.motion import Inertia
 from rb_dynamics.motion.arc import Arc
 from rb_dynamics.motion.free import free_rotation
 from rb_dynamics.motion.phase import Phase
@@ -52,7 +52,7 @@ free_reference, motions, test_extremes, test_free, test_invariants, test_order, 
         *("test_second_simulator", "test_ten_thousand_wrenches"),
     ),
 )
-EPS, STEPPED = motions.EPS, motions.STEPPED
+EPS, METHODS, STEPPED = motions.EPS, motions.METHODS, motions.STEPPED
 
 GREY, DARK = "#8a949e", "#24292f"
 LONG_STEPS = 1_000_000_000

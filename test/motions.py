@@ -12,12 +12,12 @@ from typing import Any
 
 from mpmath import mp, mpf
 
+from rb_dynamics import motion
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.diagnostics import Sample
 from rb_dynamics.loads.channels import Channel
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, WrenchFrames
-from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.arc import Arc
 from rb_dynamics.motion.method import Method
 from rb_dynamics.motion.phase import Phase, in_principal_axes, inertia_of
@@ -30,6 +30,9 @@ from rb_dynamics.vector import norm, subtract
 DATA = Path(__file__).parent / "verification" / "data"
 
 EPS = 2.0**-52
+
+METHODS = motion.METHODS.own
+"""Those of this package: what is installed beside it is not ours to hold to anything."""
 
 STEPPED = {name: method for name, method in METHODS.items() if method.order is not None}
 """The methods that step; the others are closed forms, for the motions that have one."""
