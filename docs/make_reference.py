@@ -32,6 +32,7 @@ from rb_dynamics.body.shapes import SHAPES
 from rb_dynamics.cli import COMMANDS
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.effects import EFFECTS
+from rb_dynamics.motion import METHODS
 from rb_dynamics.recording.mcap_reader import read_bag, read_wrenches
 from rb_dynamics.recording.mcap_sink import LogSettings, McapSink
 
@@ -247,6 +248,9 @@ def expected(tree: dict[str, Any], path: str, key: str) -> str:
         text = problems(probe).get(name, "")
         if text:
             words = text.partition(", expected ")[2].rpartition("; ")[0]
+            # What plug-ins bring to this machine is not on the page.
+            for name in set(METHODS) - set(METHODS.own):
+                words = re.sub(rf", {re.escape(name)}\b", "", words)
             return re.sub(r"a mapping of .*", "a section, see below", words)
     raise ValueError(f"{name}: the reader accepts anything")
 

@@ -112,6 +112,14 @@ def test_arguments_of_the_effect_are_checked_in_python(
     assert message in in_folder(python, folder, "-c", code).stderr
 
 
+def test_the_reference_of_this_package_leaves_it_out(python: Path, root: Path) -> None:
+    code = "import make_reference; print(make_reference.scene_page())"
+    done = in_folder(python, root / "docs", "-c", code)
+    assert done.returncode == 0, done.stderr
+    assert ", euler | `auto`" in done.stdout
+    assert "heun" not in done.stdout
+
+
 @pytest.fixture(scope="module")
 def folder(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder like the source tree, in which the commands of the page may leave their files."""
