@@ -15,6 +15,9 @@ import yaml
 
 from rb_dynamics import METHODS
 
+TENS = {2: "twenty", 3: "thirty", 4: "forty"}
+UNITS = ("", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine")
+
 
 def run(root: Path, *command: str) -> str:
     environment = os.environ | {"NO_MKDOCS_2_WARNING": "1", "PYTHONPATH": str(root)}
@@ -71,3 +74,35 @@ def test_the_page_on_methods_has_them_all(root: Path) -> None:
     text = (root / "docs" / "how-to" / "solver.md").read_text("utf-8")
     rows = [line.split("|")[1] for line in text.splitlines() if line.startswith("| `")]
     assert {name for row in rows for name in re.findall(r"`(\w+)`", row)} == {"auto", *METHODS.own}
+
+
+def test_pages_count_the_methods_right(root: Path) -> None:
+    """Where this fails, mend the sentence; what was counted in docs/scaling.md is measured by `make scaling`."""
+    ten, one = divmod(len(METHODS.own), 10)
+    words = f"{TENS[ten]}-{UNITS[one]}".removesuffix("-")
+    right = {str(len(METHODS.own)), words, words.capitalize()}
+    counted = {}
+    for path in (root / "README.md", *(root / "docs").rglob("*.md")):
+        text = path.read_text("utf-8")
+        if found := re.findall(rf"\b(\d\d|(?i:{'|'.join(TENS.values())})[\w-]*) methods\b|, of (\d+), against", text):
+            counted[path.relative_to(root).as_posix()] = {number for pair in found for number in pair if number}
+
+    assert {"README.md", "docs/scaling.md", "docs/tutorials/choose-a-method.md"} <= set(counted)
+    assert {name: numbers for name, numbers in counted.items() if not numbers <= right} == {}, f"there are {words}"
+
+
+@pytest.mark.parametrize(
+    ("page", "title", "script"),
+    [
+        ("methods.md", "## ", "benchmarks/methods.py --page docs/methods.md"),
+        ("scaling.md", "## A step in plain Python\n", "benchmarks/scaling.py"),
+    ],
+)
+def test_every_method_is_in_the_measured_tables(root: Path, page: str, title: str, script: str) -> None:
+    _, *sections = (root / "docs" / page).read_text("utf-8").split(title)
+    # A closed form has no error to be had for a step.
+    measured = {name for name, method in METHODS.own.items() if method.order is not None}
+    tables = [re.findall(r"^\| `?(\w+)`? \|", section.partition("\n## ")[0], re.MULTILINE) for section in sections]
+    for named in filter(None, tables):
+        assert set(named) - {"method", "exact"} == measured, f"run python {script}"
+    assert any(tables)
