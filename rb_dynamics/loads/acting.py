@@ -49,7 +49,7 @@ class ActingEffects:
         found: dict[str, tuple[tuple[float, Wrench], ...]] = {}
         for effect in self.effects:
             if schedule := effect.schedule(self.body):
-                same = sum(name.startswith(f"effects/{effect.kind}") for name in found)
+                same = len([name for name in found if name.startswith(f"effects/{effect.kind}")])
                 found[f"effects/{effect.kind}{f'_{same + 1}' if same else ''}"] = schedule
         return list(found.items())
 
@@ -90,7 +90,16 @@ class ActingEffects:
     def potential(self) -> Callable[[Point], float] | None:
         """Return the potential energy (J) of all; None where none has one."""
         parts = [part for effect in self.effects if (part := effect.potential(self.body)) is not None]
-        return (lambda point: sum(part(point) for part in parts)) if parts else None
+        if not parts:
+            return None
+
+        def energy(point: Point) -> float:
+            total = parts[0](point)
+            for part in parts[1:]:
+                total += part(point)
+            return total
+
+        return energy
 
     def storing(self) -> Callable[[Point], Stored] | None:
         """Return what moves inside the body, of all; None where nothing does."""

@@ -14,10 +14,9 @@ import pytest
 import rb_dynamics
 
 ROOT = Path(rb_dynamics.__file__).parent
-LOADS = ("central_gravity", "drag", "load", "rotor", "scheduled_wrench", "uniform_gravity", "wrench")
 STEP_MODULES = [
     *(ROOT / f"{name}.py" for name in ("vector", "rotation", "sincos", "elliptic")),
-    *(ROOT / "loads" / f"{name}.py" for name in LOADS),
+    *sorted((ROOT / "loads").glob("*.py")),
     *sorted((ROOT / "motion").glob("*.py")),
 ]
 DEPENDS_ON_THE_VERSION = {"sum", "hypot", "dist", "sumprod"}
