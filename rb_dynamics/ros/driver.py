@@ -237,6 +237,11 @@ class Driver:
             return
         if not self._post(topic, wrench, time_ns):
             return
+        if not by_stamp:
+            self._latest_ns[topic] = time_ns
+            if wrench.stamp_ns == 0:
+                # Its time is when it came: a stamped one that was to act before it must not undo it.
+                self._arrivals[topic].classify(max(time_ns, computed_ns), computed_ns)
         self.health.accepted(topic, arrival)
         if arrival is Arrival.LATE:
             self.health.warn(
@@ -266,7 +271,6 @@ class Driver:
             self.health.rejected(topic)
             self.health.warn(f"{topic}: rejected: {error}")
             return False
-        self._latest_ns[topic] = max(self._latest_ns[topic], time_ns)
         commands = self._commands[topic]
         insort(commands, (time_ns, wrench), key=_time_of)
         # Of those that have acted only the newest is held.
@@ -276,7 +280,7 @@ class Driver:
     def _begin(self, before_ns: int) -> None:
         """Start the simulation, so many ns after the last reset."""
         # The newest stamp of each channel that holds time back in lockstep, None before it has spoken; and the latest
-        # time at which a command of a channel takes effect: an older command never acts after a newer one.
+        # time at which a command of a channel acts by its arrival: those keep their order.
         self._newest: dict[str, int | None] = {c.topic: None for c in self._scene.channels if not c.optional}
         self._latest_ns = dict.fromkeys(self._topics, 0)
         self._arrivals = {topic: Arrivals() for topic in self._topics}
@@ -295,7 +299,7 @@ class Driver:
 
         `carry` lets the commands that are held or wait act on, their timeouts counted anew.
         """
-        ended_ns, newest, commands = self.simulation.time_ns, self._newest, self._commands
+        ended_ns, newest, latest, commands = self.simulation.time_ns, self._newest, self._latest_ns, self._commands
         timeouts = {c.topic: round(c.timeout * 1e9) for c in self.simulation.scene.channels}
         simulation = Simulation(scene, [self._publishers, *self._open_logs()])
         self.simulation.finish()
@@ -304,6 +308,7 @@ class Driver:
         if not carry:
             return
         self._newest = {topic: None if ns is None else ns - ended_ns for topic, ns in newest.items()}
+        self._latest_ns = {topic: max(0, ns - ended_ns) for topic, ns in latest.items()}
         for topic, waiting in commands.items():
             held = bisect_right(waiting, ended_ns, key=_time_of) - 1
             if held >= 0 and timeouts[topic] and waiting[held][0] + timeouts[topic] <= ended_ns:

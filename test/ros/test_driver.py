@@ -212,6 +212,40 @@ def test_stamped_commands_late_early_twice_and_out_of_order() -> None:
     assert body.simulation.sample.linear_velocity_world[0] == pytest.approx(expected, rel=1e-12)
 
 
+def test_a_command_without_a_stamp_acts_when_it_comes_though_a_later_stamp_waits() -> None:
+    body = driver(mode=Mode(start_paused=True, apply_at="stamp"))
+    ms = 1_000_000
+
+    def push(force: float, stamp_ns: int) -> None:
+        body.command("wrench", Wrench(force=(force, 0.0, 0.0), frame_id="world", stamp_ns=stamp_ns))
+
+    push(6.0, 10 * ms)
+    push(4.0, 80 * ms)
+    run_steps(body, 2)
+    push(0.0, 0)  # an emergency stop, at 20 ms
+    run_steps(body, 2)
+    push(100.0, 15 * ms)  # late, and would undo it
+    # Over a change they act on as they would have.
+    body.set_state(body.state)
+    push(2.0, 0)
+    run_steps(body, 6)
+    expected = 1.0 + (6 * 0.01 + 2 * 0.04 + 4 * 0.02) / 2
+    assert body.simulation.sample.linear_velocity_world[0] == pytest.approx(expected, rel=1e-12)
+    assert [count(body, name) for name in ("accepted", "early", "late", "superseded")] == [4, 2, 0, 1]
+
+
+def test_by_arrival_the_commands_of_a_channel_keep_their_order() -> None:
+    scene = parse_scene(SCENE)
+    health = Health("/body", [channel.topic for channel in scene.channels], lambda level, message: None)
+    memory = MemorySink()
+    body = Driver(scene, Mode(), Pacer(1.0), health, memory, list)
+    body.pacer.restart(50_000_000)
+    for force, age_ns in ((1.0, 0), (2.0, 40_000_000), (3.0, 0), (4.0, 20_000_000)):
+        body.command("wrench", Wrench(force=(force, 0.0, 0.0), frame_id="world"), age_ns)
+    body.simulation.advance(100_000_000)
+    assert memory.applied[-1].force[0] == 4.0
+
+
 def test_another_factor_while_it_runs() -> None:
     body = driver(mode=Mode())
     body.pace(0.0)
