@@ -112,7 +112,7 @@ class Driver:
             elif self._free_running:
                 self._goal_ns = self._next_ns()
             else:
-                self._goal_ns = self.pacer.due_ns(self._next_ns())
+                self._goal_ns = self.pacer.due_ns(self._next_look_ns())
         if self.steps_left and self._reached_ns >= self._goal_ns:
             self.steps_left -= 1
             self._goal_ns = max(self._goal_ns, self._next_ns())
@@ -350,12 +350,19 @@ class Driver:
         if self.stands_still or self._free_running:
             return self.simulation.time_ns
         # A lag that is given up is given up before a command gets its time from it.
-        return max(self.simulation.time_ns, self.pacer.due_ns(self._next_ns()) - self.pacer.since(max(0, age_ns)))
+        return max(self.simulation.time_ns, self.pacer.due_ns(self._next_look_ns()) - self.pacer.since(max(0, age_ns)))
 
     def _next_ns(self) -> int:
         """Return when there is something to do next: an output or the end of the scene."""
         output = self.simulation.next_output_ns()
         return output if self.simulation.end_ns is None else min(output, self.simulation.end_ns)
+
+    def _next_look_ns(self) -> int:
+        """Return how far time may go before the clock is looked at again; what it is beyond that is a lag.
+
+        An output may be far away: what is not computed until then is a lag before.
+        """
+        return min(self._next_ns(), self._reached_ns + self.pacer.since(round(LONGEST_WAIT * _NANOSECONDS)))
 
     def _lockstep_limit(self) -> int:
         """Return the smallest of the channels' newest stamps; no further may time advance."""

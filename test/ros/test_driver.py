@@ -254,6 +254,18 @@ def test_another_factor_while_it_runs() -> None:
     assert body.simulation.time_ns == 1_000_000_000
 
 
+def test_a_lag_is_given_up_and_counted_however_far_the_next_output_is() -> None:
+    body = driver(SCENE.replace("duration: 1.0", "output_rate: 0.01"), Mode())
+    body.pacer.restart(1_000_000_000)
+    body.tick()
+    while body.behind:
+        body.tick()
+    told = body.pacer.values()
+    assert int(told["overruns"]) >= 1
+    assert float(told["time dropped"].removesuffix(" s")) >= 0.95
+    assert body.simulation.look().time_ns < 1_000_000_000
+
+
 def test_stop_stands_at_time_0_until_told() -> None:
     body = driver(mode=Mode())
     body.pause(True)
