@@ -145,8 +145,7 @@ class Driver:
     def reset(self) -> str:
         """Begin again with the initial state at time 0, without commands; return what failed, or ""."""
         self.paused, self.stopped = self._mode.start_paused, False
-        self.health.clear()
-        self._restart(self._scene, 0, carry=False)
+        self._restart(self._scene, 0, carry=False, forget=True)
         return self.health.failure
 
     def stop(self) -> str:
@@ -294,15 +293,18 @@ class Driver:
         self.pacer.begin(before_ns)
         self.simulation.start()
 
-    def _restart(self, scene: Scene, before_ns: int, carry: bool) -> None:
+    def _restart(self, scene: Scene, before_ns: int, carry: bool, forget: bool = False) -> None:
         """End the run and begin another, as many ns after the last reset; on failure nothing has changed.
 
-        `carry` lets the commands that are held or wait act on, their timeouts counted anew.
+        `carry` lets the commands that are held or wait act on, their timeouts counted anew; `forget` clears the health
+        of the run that ends, the failure of a log to end included.
         """
         ended_ns, newest, latest, commands = self.simulation.time_ns, self._newest, self._latest_ns, self._commands
         timeouts = {c.topic: round(c.timeout * 1e9) for c in self.simulation.scene.channels}
         simulation = Simulation(scene, [self._publishers, *self._open_logs()])
         self.simulation.finish()
+        if forget:
+            self.health.clear()
         self.simulation = simulation
         self._begin(before_ns)
         if not carry:

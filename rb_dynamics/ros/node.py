@@ -114,12 +114,15 @@ class RigidBodyNode(Node):
         if self._health.due():
             if self._settings.topics.clock and self.count_publishers("/clock") > 1:
                 self._health.warn("/clock has another publisher: expected one master of time; set publish_clock once")
-            for log in self._logs:
-                if not log.exists():
-                    self._health.failed(
-                        f"the log {log} was removed: what is written to it is lost; ~/reset begins another"
-                    )
+            self._miss_logs()
             self.driver.report()
+
+    def _miss_logs(self) -> None:
+        """Say of each log that is removed while it is written that it is; once."""
+        missing = {path for path, log in self._logs if log.error is None and not path.exists()}
+        for path in sorted(missing - self._missing):
+            self._health.failed(f"the log {path} was removed: what is written to it is lost; ~/reset begins another")
+        self._missing = missing
 
     def finish(self) -> None:
         """Report a last time and close the logs."""
@@ -157,8 +160,7 @@ class RigidBodyNode(Node):
         sinks = self._settings.logs.sinks(self.get_namespace(), resolved)
         # A sink of a plug-in may write no file.
         paths = [Path(log.path) if hasattr(log, "path") else None for log in sinks]
-        self._logs = [path for path in paths if path]
-        return [
+        guarded = [
             GuardedSink(
                 log,
                 lambda error: self._health.failed(f"a log has stopped: {error}"),
@@ -166,6 +168,9 @@ class RigidBodyNode(Node):
             )
             for log, path in zip(sinks, paths, strict=True)
         ]
+        self._logs = [(path, log) for path, log in zip(paths, guarded, strict=True) if path]
+        self._missing: set[Path] = set()
+        return guarded
 
     def _keep_earlier(self, path: Path | None) -> None:
         """Move an earlier log aside: what flew cannot be flown again."""

@@ -19,7 +19,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Vector3Stamped, WrenchStamped
 from ros_harness import Peer, running, stamp, values
-from std_srvs.srv import Trigger
+from std_srvs.srv import SetBool, Trigger
 
 from rb_dynamics.recording.mcap_reader import read_bag
 
@@ -248,9 +248,11 @@ def test_a_full_disk_stops_the_log_and_not_the_body(scene: Path, peer: Peer, tmp
     assert len(read_bag(log).poses("/pose")[0]) > 10
 
 
-def test_a_log_that_is_removed_is_missed(scene: Path, peer: Peer, tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", ["mcap", "bag"])
+def test_a_log_that_is_removed_is_missed(scene: Path, peer: Peer, tmp_path: Path, kind: str) -> None:
     folder = tmp_path / "logs"
-    with running(scene, mcap=folder / "run.mcap") as node:
+    log = folder / "run.mcap"
+    with running(scene, **{kind: log}) as node:
         diagnostics, momenta = peer.diagnostics(), peer.listen(Vector3Stamped, "angular_momentum")
         peer.until(lambda: len(momenta) > 10, "motion")
         shutil.rmtree(folder)
@@ -258,14 +260,32 @@ def test_a_log_that_is_removed_is_missed(scene: Path, peer: Peer, tmp_path: Path
             lambda: bool(diagnostics) and "was removed" in diagnostics[-1].status[0].message,
             "the failure in diagnostics",
         )
-        count = len(momenta)
-        peer.until(lambda: len(momenta) > count + 10, "motion without a log")
+        count, told = len(momenta), len(diagnostics)
+        peer.until(lambda: len(momenta) > count + 10 and len(diagnostics) > told + 1, "motion without a log")
+        assert "was removed" in diagnostics[-1].status[0].message
         assert peer.call("rigid_body/reset", Trigger.Request()).success
         told = len(diagnostics)
         peer.until(lambda: len(diagnostics) > told + 1, "a new log")
-        assert "was removed" not in diagnostics[-1].status[0].message
+        assert diagnostics[-1].status[0].level < b"\x02", diagnostics[-1].status[0].message
         assert node.stop() == 0, node.err
-    assert read_bag(folder / "run.mcap").complete
+    assert node.err.count("was removed") == 1
+    assert read_bag(log).complete
+
+
+def test_a_log_that_cannot_be_opened_at_a_reset_was_not_removed(scene: Path, peer: Peer, tmp_path: Path) -> None:
+    folder = tmp_path / "logs"
+    with running(scene, mcap=folder / "run.mcap") as node:
+        diagnostics = peer.diagnostics()
+        peer.call("rigid_body/pause", SetBool.Request(data=True))
+        folder.rename(tmp_path / "elsewhere")
+        folder.write_text("a file now")
+        answer = peer.call("rigid_body/reset", Trigger.Request())
+        assert not answer.success
+        assert "a log has stopped" in answer.message
+        told = len(diagnostics)
+        peer.until(lambda: len(diagnostics) > told + 2, "diagnostics")
+        assert "a log has stopped" in diagnostics[-1].status[0].message
+        assert node.stop() == 0, node.err
 
 
 def test_a_scene_that_changes_on_disk_changes_nothing_until_the_next_start(scene: Path, peer: Peer) -> None:
