@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 from typing import TYPE_CHECKING
 
@@ -33,8 +34,9 @@ CHECKPOINT = "rb_dynamics.checkpoint"
 _PACKAGES = ("rb_dynamics", "numpy", "scipy", "PyYAML", "zstandard", "rerun-sdk")
 
 
+@functools.cache
 def version(package: str = "rb_dynamics") -> str:
-    """Return the installed version of `package`, or "not installed"."""
+    """Return the installed version of `package`, or "not installed", as it was when first asked."""
     from importlib import metadata
 
     try:

@@ -156,11 +156,12 @@ class Driver:
 
     def reset_state(self) -> None:
         """Begin a new run with the initial state and without commands; stamps go on."""
-        self._restart(self._rest(self._scene), self._passed_ns(), carry=False)
+        self._restart(self._again({}), self._passed_ns(), carry=False)
 
     def reset_time(self) -> None:
         """Begin a new run from the state as it is; stamps, the scene's duration and schedules begin again."""
-        self._restart(self._from(self.state), 0, carry=True)
+        scene = parse_scene(self._scene.text, self._scene.source, _initial(self.state))
+        self._restart(scene, 0, carry=True)
 
     @property
     def state(self) -> State:
@@ -180,7 +181,7 @@ class Driver:
             SceneError: the state is not valid, or an effect of the scene runs by time.
         """
         self._require_no_schedule(self._scene)
-        self._restart(self._rest(self._from(state)), self._passed_ns(), carry=True)
+        self._restart(self._again(_initial(state)), self._passed_ns(), carry=True)
 
     def changed(self, overrides: Mapping[str, object]) -> Scene:
         """Return the scene with `overrides`, checked as a whole; nothing changes yet.
@@ -210,7 +211,7 @@ class Driver:
         if initial_only:
             return
         try:
-            self._restart(self._rest(self._from(self.state)), self._passed_ns(), carry=True)
+            self._restart(self._again(_initial(self.state)), self._passed_ns(), carry=True)
         except RigidBodyError:
             self._scene = before
             raise
@@ -318,22 +319,12 @@ class Driver:
             for time_ns, wrench in waiting[max(0, held) :]:
                 self._post(topic, wrench, max(0, time_ns - ended_ns))
 
-    def _from(self, state: State) -> Scene:
-        """Return the scene with `state` as its initial one."""
-        initial: dict[str, object] = {
-            "initial.position_world": state.position_world,
-            "initial.orientation": dict(zip("xyzw", state.orientation_xyzw, strict=True)),
-            "initial.linear_velocity_world": state.linear_velocity_world,
-            "initial.angular_velocity_body": state.angular_velocity_body,
-        }
-        return parse_scene(self._scene.text, self._scene.source, initial)
-
-    def _rest(self, scene: Scene) -> Scene:
-        """Return the scene with what is left of its duration."""
-        if scene.end_ns is None:
-            return scene
-        left = max(1, scene.end_ns - self._passed_ns()) / _NANOSECONDS
-        return parse_scene(scene.text, scene.source, {"duration": left})
+    def _again(self, overrides: dict[str, object]) -> Scene:
+        """Return the scene with `overrides` and with what is left of its duration."""
+        scene = self._scene
+        if scene.end_ns is not None:
+            overrides = overrides | {"duration": max(1, scene.end_ns - self._passed_ns()) / _NANOSECONDS}
+        return parse_scene(scene.text, scene.source, overrides) if overrides else scene
 
     def _passed_ns(self) -> int:
         """Return how long ago the last reset was, in simulation time."""
@@ -391,6 +382,16 @@ class Driver:
                 self._slice_ns = max(1, self._slice_ns // 2)
             if not self.behind or now - begun > _LONGEST_BURST_NS:
                 return
+
+
+def _initial(state: State) -> dict[str, object]:
+    """Return the overrides of a scene that make `state` its initial one."""
+    return {
+        "initial.position_world": state.position_world,
+        "initial.orientation": dict(zip("xyzw", state.orientation_xyzw, strict=True)),
+        "initial.linear_velocity_world": state.linear_velocity_world,
+        "initial.angular_velocity_body": state.angular_velocity_body,
+    }
 
 
 def _time_of(command: tuple[int, Wrench]) -> int:

@@ -17,6 +17,15 @@ _PERIOD_NS = 1_000_000_000
 
 
 @dataclass(slots=True)
+class StateCounts:
+    """What became of the states that came on ~/set_state."""
+
+    accepted: int = 0
+    rejected: int = 0
+    left_out: int = 0
+
+
+@dataclass(slots=True)
 class _Counts:
     accepted: int = 0
     rejected: int = 0
@@ -39,6 +48,7 @@ class Health:
     def clear(self) -> None:
         """Forget everything: a run begins anew."""
         self._counts = {topic: _Counts() for topic in self._topics}
+        self.states = StateCounts()
         self._mismatches: dict[str, int] = {}
         self._warning = self._failure = ""
 
@@ -105,6 +115,9 @@ class Health:
         }
         for topic, counts in self._counts.items():
             values |= {f"{topic}: {name}": str(count) for name, count in asdict(counts).items()}
+        if any(asdict(self.states).values()):
+            states = asdict(self.states).items()
+            values |= {f"~/set_state: {name.replace('_', ' ')}": str(count) for name, count in states}
         values |= {f"{topic}: incompatible QoS": str(count) for topic, count in self._mismatches.items()}
         level, message = OK, state
         if self._failure:

@@ -72,6 +72,8 @@ class RigidBodyNode(Node):
         scene = settings.scene
         self._topics = [channel.topic for channel in scene.channels]
         self._quitting = False
+        # Logs that were removed, and of which that is said.
+        self._missing: set[Path] = set()
         pacer = (
             ClockFollower(lambda: self.get_clock().now().nanoseconds)
             if settings.use_sim_time
@@ -89,7 +91,7 @@ class RigidBodyNode(Node):
         # What may not be called so, or have such a QoS, is found out before there is a log.
         self._losses = {topic: Losses() for topic in self._topics}
         self._wrench_subscriptions = {topic: self._subscribe(topic) for topic in self._topics}
-        self.create_subscription(Odometry, "~/set_state", self._on_set_state, 10)
+        self._states = self.create_subscription(Odometry, "~/set_state", self._on_set_state, COMMAND_DEPTH)
         self.create_service(SetBool, "~/pause", self._on_pause)
         self.create_service(Trigger, "~/step", self._on_step)
         self.create_service(Trigger, "~/reset", self._on_reset)
@@ -169,7 +171,7 @@ class RigidBodyNode(Node):
             for log, path in zip(sinks, paths, strict=True)
         ]
         self._logs = [(path, log) for path, log in zip(paths, guarded, strict=True) if path]
-        self._missing: set[Path] = set()
+        self._missing.clear()
         return guarded
 
     def _keep_earlier(self, path: Path | None) -> None:
@@ -211,12 +213,8 @@ class RigidBodyNode(Node):
         channel while earlier ones of another lie there unread.
         """
         for topic, subscription in self._wrench_subscriptions.items():
-            with subscription.handle:
-                for _ in range(COMMAND_DEPTH):  # all that may wait
-                    taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
-                    if taken is None:
-                        break
-                    self._take(topic, *taken)
+            for message, facts in _waiting(subscription):
+                self._take(topic, message, facts)
 
     def _take(self, topic: str, message: WrenchStamped, facts: dict[str, Any]) -> None:
         alone = self._wrench_subscriptions[topic].get_publisher_count
@@ -257,10 +255,21 @@ class RigidBodyNode(Node):
         return response
 
     def _on_set_state(self, message: Odometry) -> None:
-        try:
-            self.driver.set_state(conversions.to_state(message, self.driver.scene.frames))
-        except RigidBodyError as error:
-            self._health.warn(f"~/set_state: rejected: {error}")
+        """Let the newest good state of those that wait act: each is a run of its own, and a log."""
+        waiting = [message, *(later for later, _ in _waiting(self._states))]
+        while waiting:
+            try:
+                self.driver.set_state(conversions.to_state(waiting.pop(), self.driver.scene.frames))
+                self._health.states.accepted += 1
+                break
+            except RigidBodyError as error:
+                self._health.states.rejected += 1
+                self._health.warn(f"~/set_state: rejected: {error}")
+        if waiting:
+            self._health.states.left_out += len(waiting)
+            self._health.warn(
+                f"~/set_state: {len(waiting)} left out, as a newer one came before they were looked at; send fewer"
+            )
 
     def _on_set_parameters(self, parameters: Sequence[Parameter]) -> SetParametersResult:
         """Check all that are set together as one change; nothing changes before all of it is good."""
@@ -315,6 +324,16 @@ def _warm_up(scene: Scene) -> None:
     """Compile now what is to be compiled, while no time passes yet."""
     if scene.solver.step is not None and os.environ.get("RB_DYNAMICS_COMPILE") == "always":
         Simulation(scene).advance(round(2 * scene.solver.step * _NANOSECONDS))
+
+
+def _waiting(subscription: Subscription) -> Iterator[tuple[Any, dict[str, Any]]]:
+    """Take all messages that wait, each with what the middleware knows of it."""
+    with subscription.handle:
+        for _ in range(COMMAND_DEPTH):
+            taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+            if taken is None:
+                return
+            yield taken
 
 
 def _age_ns(facts: dict[str, Any]) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -73,6 +74,35 @@ def test_a_parameter_that_cannot_be_set_is_answered_with_what_can(scene: Path, p
             assert not done, together
             assert expected in reason
         assert node.stop() == 0
+
+
+def test_of_states_that_come_at_once_the_newest_good_one_acts_and_the_others_are_counted(
+    scene: Path, peer: Peer, tmp_path: Path
+) -> None:
+    with running(scene, start_paused=True, mcap=tmp_path / "run.mcap") as node:
+        diagnostics, poses = peer.diagnostics(), peer.listen(PoseStamped, "pose")
+        states = peer.node.create_publisher(Odometry, "rigid_body/set_state", 100)
+        peer.until(lambda: poses and states.get_subscription_count() > 0, "the node")
+        node.process.send_signal(signal.SIGSTOP)
+        message = Odometry()
+        message.pose.pose.orientation.w = 1.0
+        for x in range(1, 51):
+            message.pose.pose.position.x = float(x)
+            states.publish(message)
+        message.header.frame_id = "nowhere"
+        states.publish(message)
+        node.process.send_signal(signal.SIGCONT)
+        names = [f"~/set_state: {name}" for name in ("accepted", "rejected", "left out")]
+        peer.until(
+            lambda: diagnostics and sum(int(values(diagnostics[-1]).get(name, "0")) for name in names) == 51,
+            "every state accounted for",
+        )
+        peer.until(lambda: poses[-1].pose.position.x == 50.0, "the newest good state")
+        assert node.stop() == 0
+    told = values(diagnostics[-1])
+    assert int(told[names[1]]) == 1
+    assert int(told[names[2]]) > 0
+    assert len(list(tmp_path.glob("run*.mcap"))) == 1 + int(told[names[0]])
 
 
 @pytest.mark.parametrize(
