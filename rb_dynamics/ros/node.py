@@ -27,7 +27,7 @@ from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.exceptions import NameValidationException
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor, TimeoutException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import HistoryPolicy, QoSProfile
@@ -51,8 +51,8 @@ from rb_dynamics.scene.model import Scene
 from rb_dynamics.simulate import Simulation
 
 _NANOSECONDS = 1_000_000_000
-# s: up to so long it sleeps instead of waiting for messages, and so often it then looks at services.
-_LONGEST_SLEEP, _BETWEEN_TURNS = 0.006, 0.05
+# s: up to so long it sleeps instead of waiting for messages, so often it then looks at services, and for so long.
+_LONGEST_SLEEP, _BETWEEN_TURNS, _LONGEST_TURN = 0.006, 0.05, 0.005
 # Of prctl(2): by how many ns Linux may end a sleep late, to end it together with others; 50 000 otherwise.
 _PR_SET_TIMERSLACK, _SLACK_NS = 29, 1
 
@@ -400,11 +400,10 @@ def _run(nodes: Sequence[RigidBodyNode], executor: SingleThreadedExecutor, stop:
     while not stop and (running := [node for node in nodes if not node.done]):
         seconds = _seconds_until_due(running)
         if seconds > _LONGEST_SLEEP:
-            executor.spin_once(timeout_sec=seconds)
+            _serve(executor, seconds)
         else:
             if time.monotonic() >= next_turn:
-                # Without waiting, which would end late.
-                executor.spin_once(timeout_sec=0.0)
+                turn(executor)
                 next_turn = time.monotonic() + _BETWEEN_TURNS
                 seconds = _seconds_until_due(running)
             time.sleep(seconds)
@@ -413,6 +412,27 @@ def _run(nodes: Sequence[RigidBodyNode], executor: SingleThreadedExecutor, stop:
                 node.take_wrenches()
         for node in running:
             node.tick()
+
+
+def turn(executor: SingleThreadedExecutor) -> None:
+    """Answer all that waits, for some milliseconds at most, and do not wait for more: that would end late."""
+    until = time.monotonic() + _LONGEST_TURN
+    while _serve(executor, 0.0) and time.monotonic() < until:
+        pass
+
+
+def _serve(executor: SingleThreadedExecutor, seconds: float) -> bool:
+    """Wait for one thing to do, and do it; return whether one was done to its end. `spin_once` does not tell."""
+    try:
+        task, _, _ = executor.wait_for_ready_callbacks(timeout_sec=seconds)
+    except TimeoutException:
+        return False
+    task()
+    error = task.exception()
+    if error is not None:
+        raise error
+    # What is not done waits for time to advance.
+    return bool(task.done())
 
 
 def _seconds_until_due(nodes: Sequence[RigidBodyNode]) -> float:

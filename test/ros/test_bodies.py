@@ -5,15 +5,21 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
+import rclpy
 from geometry_msgs.msg import Vector3Stamped
 from nav_msgs.msg import Odometry
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
 from ros_harness import Peer
 
 from rb_dynamics.recording.mcap_reader import read_bag
 from rb_dynamics.ros.arguments import apart
+from rb_dynamics.ros.node import turn
 
 pytestmark = pytest.mark.ros
 
@@ -97,6 +103,29 @@ def test_bodies_that_would_all_have_one_name_are_refused(scene: Path, name: str)
     assert result.returncode == 2
     assert "expected one for each; leave out -r __ns and __node" in result.stderr.splitlines()[-1]
     assert "Traceback" not in result.stderr
+
+
+def test_a_turn_answers_more_than_one_of_many_that_wait() -> None:
+    context = Context()
+    rclpy.init(context=context, args=[])
+    executor = SingleThreadedExecutor(context=context)
+    called: list[int] = []
+    try:
+        nodes = [Node(f"node_{k}", context=context) for k in range(8)]
+        for k, node in enumerate(nodes):
+            executor.add_node(node)
+            node.create_guard_condition(partial(called.append, k)).trigger()
+        turns = 0
+        while len(called) < len(nodes):
+            turn(executor)
+            turns += 1
+        assert turns < len(nodes)
+        assert sorted(called) == list(range(8))
+        turn(executor)
+        assert len(called) == 8
+    finally:
+        executor.shutdown()
+        rclpy.shutdown(context=context)
 
 
 def test_no_bodies_are_a_mistake(scene: Path) -> None:
