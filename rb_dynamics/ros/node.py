@@ -26,7 +26,7 @@ from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.exceptions import NameValidationException
+from rclpy.exceptions import InvalidParameterTypeException, NameValidationException
 from rclpy.executors import SingleThreadedExecutor, TimeoutException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -371,7 +371,7 @@ def spin(
             rclpy.init(args=None if args is None else list(args), signal_handler_options=SignalHandlerOptions.NO)
             stack.callback(rclpy.try_shutdown)
             nodes = make()
-        except (RuntimeError, ValueError, NameValidationException) as error:
+        except (RuntimeError, ValueError, NameValidationException, InvalidParameterTypeException) as error:
             # rcl's and rmw's errors; each says which argument or name it could not take.
             raise RigidBodyError(
                 f"ROS 2 could not start the node: {error}; check what stands behind --ros-args"
