@@ -34,6 +34,7 @@ from rclpy.qos import HistoryPolicy, QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
+from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
 
 from rb_dynamics.errors import RigidBodyError, SceneError
@@ -309,6 +310,12 @@ class RigidBodyNode(Node):
         except RigidBodyError as error:
             self._health.failed(f"the body is as it was: {error}")
 
+    def reject_clock(self, error: ValueError) -> None:
+        """Count a message of the clock that is followed, which is none: nothing has moved."""
+        if isinstance(self.driver.pacer, ClockFollower):
+            self.driver.pacer.rejected += 1
+        self._health.warn(f"/clock: rejected: {error}")
+
     def _quit(self) -> None:
         self._quitting = True
 
@@ -424,12 +431,15 @@ def turn(executor: SingleThreadedExecutor) -> None:
 def _serve(executor: SingleThreadedExecutor, seconds: float) -> bool:
     """Wait for one thing to do, and do it; return whether one was done to its end. `spin_once` does not tell."""
     try:
-        task, _, _ = executor.wait_for_ready_callbacks(timeout_sec=seconds)
+        task, entity, node = executor.wait_for_ready_callbacks(timeout_sec=seconds)
     except TimeoutException:
         return False
     task()
     error = task.exception()
-    if error is not None:
+    # rclpy's own reader of /clock takes no negative time, and would end the node.
+    if isinstance(error, ValueError) and isinstance(entity, Subscription) and entity.msg_type is Clock:
+        node.reject_clock(error)
+    elif error is not None:
         raise error
     # What is not done waits for time to advance.
     return bool(task.done())

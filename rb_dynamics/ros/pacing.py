@@ -81,6 +81,8 @@ class ClockFollower:
         """Take the clock to follow (ns; 0 before its first message), and the one that tells whether it stands."""
         self._now, self._steady = now, steady
         self._jumps_back = self._leaps = self._pauses = 0
+        # Messages whose time is none; who reads them counts them.
+        self.rejected = 0
         self._standing = False
         self.begin(0)
 
@@ -119,6 +121,7 @@ class ClockFollower:
             "clock: jumps back": str(self._jumps_back),
             "clock: leaps ahead": str(self._leaps),
             "clock: pauses": str(self._pauses),
+            "clock: rejected": str(self.rejected),
         }
 
     def warning(self) -> str:

@@ -110,6 +110,19 @@ def test_a_follower_goes_as_the_clock_goes(moving: Path, peer: Peer) -> None:
         assert node.stop() == 0
 
 
+def test_a_clock_of_negative_time_is_rejected_and_counted(moving: Path, peer: Peer) -> None:
+    with running(moving, use_sim_time=True) as node:
+        poses, diagnostics = peer.listen(PoseStamped, "pose"), peer.diagnostics()
+        clock = ClockHand(peer)
+        peer.until(lambda: bool(diagnostics), "diagnostics")
+        clock.show(-5 * SECOND)
+        peer.until(lambda: values(diagnostics[-1])["clock: rejected"] == "1", "the message counted")
+        assert diagnostics[-1].status[0].level == b"\x01"
+        clock.run(100 * SECOND, 100 * SECOND + 200 * MS)
+        peer.until(lambda: bool(poses) and stamp(poses[-1]) == 100 * SECOND + 200 * MS, "motion")
+        assert node.stop() == 0, node.err
+
+
 def test_what_our_own_pause_leaves_out_is_not_made_up_for(moving: Path, peer: Peer) -> None:
     with running(moving, use_sim_time=True) as node:
         poses, diagnostics = peer.listen(PoseStamped, "pose"), peer.diagnostics()
