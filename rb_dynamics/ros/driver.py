@@ -10,7 +10,7 @@ from __future__ import annotations
 import time
 from bisect import bisect_right, insort
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import ConvergenceError, RigidBodyError, SceneError, WrenchError
@@ -202,12 +202,15 @@ class Driver:
         return scene
 
     def change(self, scene: Scene, initial_only: bool) -> None:
-        """Take over a scene from `changed`; what `initial` says counts from the next reset on.
+        """Take over a scene from `changed`, where it is another; what `initial` says counts from the next reset on.
 
         Raises:
             RigidBodyError: it cannot run from the state as it is; nothing has changed.
         """
-        before, self._scene = self._scene, scene
+        before = self._scene
+        if replace(scene, text=before.text) == before:
+            return
+        self._scene = scene
         if initial_only:
             return
         try:

@@ -77,17 +77,25 @@ def test_a_new_mass_keeps_the_velocities_the_stamps_and_what_is_held() -> None:
     assert body.done
 
 
-def test_a_change_that_changes_nothing_changes_no_digit_of_the_motion() -> None:
+def test_a_new_run_from_the_state_as_it_is_changes_no_digit_of_the_motion() -> None:
     whole, cut = driver(), driver()
     for body in (whole, cut):
         body.command("wrench", Wrench(torque=(0.0, 0.1, 0.0)))
         run_steps(body, 20)
-    cut.change(cut.changed({"body.mass": 2.0}), initial_only=False)
+    cut.set_state(cut.state)
     for body in (whole, cut):
         run_steps(body, 20)
     a, b = whole.simulation.sample, cut.simulation.sample
     assert b.angular_velocity_body == pytest.approx(a.angular_velocity_body, rel=1e-14)
     assert b.position_world == pytest.approx(a.position_world, rel=1e-14, abs=1e-15)
+
+
+def test_a_value_that_was_there_already_begins_no_new_run() -> None:
+    body = driver()
+    run_steps(body, 3)
+    before = body.simulation
+    body.change(body.changed({"body.mass": 2, "body.inertia.diagonal": [1, 2, 2.5]}), initial_only=False)
+    assert body.simulation is before
 
 
 def test_the_new_run_is_one_that_simulate_repeats() -> None:
