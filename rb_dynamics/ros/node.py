@@ -179,7 +179,7 @@ class RigidBodyNode(Node):
         """Move an earlier log aside: what flew cannot be flown again."""
         kept = path and move_aside(path)
         if kept is not None:
-            self.get_logger().info(f"{path} was there already and is kept as {kept.name}")
+            self.get_logger().info(f"an earlier log {path} is kept as {kept.name}")
 
     def _subscribe(self, topic: str) -> Subscription:
         # In lockstep no command may be lost, however far the commander is ahead: the reader keeps them all.
