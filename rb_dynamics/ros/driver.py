@@ -309,6 +309,7 @@ class Driver:
         self.simulation.finish()
         if forget:
             self.health.clear()
+            self.pacer.clear()
         self.simulation = simulation
         self._begin(before_ns)
         if not carry:

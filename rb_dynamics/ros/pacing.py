@@ -24,8 +24,12 @@ class Pacer:
     def __init__(self, factor: float) -> None:
         """Take the real-time factor, greater than 0."""
         self.factor = factor
-        self._overruns = self._dropped_ns = self._largest_ns = 0
+        self.clear()
         self.begin(0)
+
+    def clear(self) -> None:
+        """Forget what was counted."""
+        self._overruns = self._dropped_ns = self._largest_ns = 0
 
     def begin(self, offset_ns: int) -> None:
         """A run begins: simulation time is 0 now, and stamps are `offset_ns` ahead of it."""
@@ -68,7 +72,10 @@ class Pacer:
 
     def warning(self) -> str:
         """Return what a person should know, or ""."""
-        return f"{self._overruns} overruns: the machine is too slow for this" if self._overruns else ""
+        if not self._overruns:
+            return ""
+        times = "once" if self._overruns == 1 else f"{self._overruns} times"
+        return f"fell behind {times}, by {self._dropped_ns / 1e9:.3f} s in all: the machine is too slow for this"
 
 
 class ClockFollower:
@@ -80,11 +87,15 @@ class ClockFollower:
     def __init__(self, now: Callable[[], int], steady: Callable[[], float] = time.monotonic) -> None:
         """Take the clock to follow (ns; 0 before its first message), and the one that tells whether it stands."""
         self._now, self._steady = now, steady
+        self._standing = False
+        self.clear()
+        self.begin(0)
+
+    def clear(self) -> None:
+        """Forget what was counted."""
         self._jumps_back = self._leaps = self._pauses = 0
         # Messages whose time is none; who reads them counts them.
         self.rejected = 0
-        self._standing = False
-        self.begin(0)
 
     @property
     def offset_ns(self) -> int | None:
@@ -130,7 +141,7 @@ class ClockFollower:
             return "waiting for /clock, as use_sim_time is true: start its publisher"
         if self._jumps_back or self._leaps:
             return (
-                f"the clock jumped back {self._jumps_back} times and leapt ahead {self._leaps} times: the body went on "
+                f"jumps of the clock: {self._jumps_back} back, {self._leaps} ahead by more than 10 s; the body went on "
                 "from where it was, only its stamps jumped; ~/reset starts again"
             )
         return ""

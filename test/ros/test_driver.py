@@ -272,6 +272,8 @@ def test_a_lag_is_given_up_and_counted_however_far_the_next_output_is() -> None:
     assert int(told["overruns"]) >= 1
     assert float(told["time dropped"].removesuffix(" s")) >= 0.95
     assert body.simulation.look().time_ns < 1_000_000_000
+    body.reset()
+    assert (body.pacer.values()["overruns"], body.pacer.warning()) == ("0", "")
 
 
 def test_stop_stands_at_time_0_until_told() -> None:
