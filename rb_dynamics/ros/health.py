@@ -1,8 +1,12 @@
-"""`Health`: counts what went wrong with commands, and puts the state of the node into one diagnostics status."""
+"""`Health`: counts what went wrong with commands, and puts the state of the node into one diagnostics status.
+
+`Throttle` keeps a storm of warnings out of the log. Neither knows ROS.
+"""
 
 from __future__ import annotations
 
 import math
+import re
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
@@ -14,6 +18,9 @@ from rb_dynamics.simulate import Simulation
 
 OK, WARN, ERROR = 0, 1, 2
 _PERIOD_NS = 1_000_000_000
+# How many different warnings are logged in a second.
+_REASONS = 5
+_NUMBER = re.compile(r"\d[\d.e+-]*")
 
 
 @dataclass(slots=True)
@@ -34,6 +41,24 @@ class _Counts:
     duplicate: int = 0
     superseded: int = 0
     lost: int = 0
+
+
+class Throttle:
+    """Lets each reason through once a second, and a few of them: what differs by its numbers alone is one reason."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        """Take the steady clock, s."""
+        self._clock = clock
+        self._said: dict[str, float] = {}
+
+    def lets(self, message: str) -> bool:
+        """Return whether `message` is to be said."""
+        now, reason = self._clock(), _NUMBER.sub("", message)
+        self._said = {each: at for each, at in self._said.items() if now - at < 1.0}
+        if reason in self._said or len(self._said) == _REASONS:
+            return False
+        self._said[reason] = now
+        return True
 
 
 class Health:

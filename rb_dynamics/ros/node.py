@@ -44,7 +44,7 @@ from rb_dynamics.recording.messages import COMMAND_DEPTH
 from rb_dynamics.ros import conversions
 from rb_dynamics.ros.arrivals import Losses
 from rb_dynamics.ros.driver import Driver
-from rb_dynamics.ros.health import ERROR, Health
+from rb_dynamics.ros.health import ERROR, Health, Throttle
 from rb_dynamics.ros.pacing import ClockFollower, Pacer
 from rb_dynamics.ros.publishers import TopicSink
 from rb_dynamics.ros.settings import read_settings, real_time_factor, require_paceable, scene_overrides
@@ -80,6 +80,7 @@ class RigidBodyNode(Node):
             if settings.use_sim_time
             else Pacer(settings.mode.real_time_factor or 1.0)
         )
+        self._throttle = Throttle()
         self._health = Health(self.get_fully_qualified_name(), self._topics, self._say)
         self._publishers_sink = TopicSink(
             self,
@@ -323,8 +324,8 @@ class RigidBodyNode(Node):
         logger: Any = self.get_logger()
         if level == ERROR:
             logger.error(message)
-        else:
-            logger.warning(message, throttle_duration_sec=1.0)
+        elif self._throttle.lets(message):
+            logger.warning(message)
 
 
 def _warm_up(scene: Scene) -> None:
