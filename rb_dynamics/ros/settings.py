@@ -25,7 +25,7 @@ from rb_dynamics.scene.problems import Problems
 # name: (default, what it does)
 _PARAMETERS: dict[str, tuple[object, str]] = {
     "scene": ("", "scene file (YAML)"),
-    "real_time_factor": (1.0, "simulated seconds per second; 0 runs as fast as possible"),
+    "real_time_factor": (1.0, "simulated seconds per second, 1e-9 to 1e9; 0 runs as fast as possible"),
     "lockstep": (False, "time stands still until every channel's newest stamp allows it to advance"),
     "start_paused": (False, "begin paused; ~/pause and ~/step move time"),
     "publish_clock": (False, "publish simulation time on /clock"),
