@@ -154,10 +154,10 @@ def residual_sentence(left: Residual, start_ns: int) -> str:
     elif left.explainable:
         rest = f"{100.0 * left.best / left.relative:.2g} %" if left.relative > 0.0 else "all"
         moments = ", ".join(f"{moment:.6g}" for moment in np.linalg.eigvalsh(left.inertia))
-        scale = "" if left.scaled else ", up to a factor, as no torque tells the scale"
+        scale = "" if left.scaled else " (up to a factor, as no torque tells the scale)"
         verdict = (
-            f"The inertia given does NOT explain the motion: principal moments of {moments} kg m²{scale}, fit best; "
-            f"with them {rest} of what is unexplained stays so."
+            f"The inertia given does NOT explain the motion. The best fit, principal moments of {moments} kg m²{scale}"
+            f", leaves {rest} of what the inertia given leaves unexplained."
         )
     else:
         verdict = f"NO inertia explains the motion: a torque acted that nobody commanded. {_strongest(left, start_ns)}"
