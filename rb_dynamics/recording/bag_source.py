@@ -17,6 +17,7 @@ import yaml
 from rb_dynamics.errors import LogError, MissingExtraError
 from rb_dynamics.recording.bag_metadata import METADATA_FILE
 from rb_dynamics.recording.mcap_records import Channel, McapFile, Message, Schema
+from rb_dynamics.recording.provenance import INTERRUPTED
 
 MAX_METADATA_BYTES = 4 << 20
 
@@ -59,7 +60,10 @@ def open_source(path: str | Path) -> Source:
 
 @dataclass
 class SplitMcap:
-    """Several MCAP files that are one bag, read one after the other; of facts of one name the later stands."""
+    """Several MCAP files that are one bag, read one after the other.
+
+    Of facts of one name the later stands; of what was lost, all of it.
+    """
 
     path: Path
     files: list[Path]
@@ -79,10 +83,18 @@ class SplitMcap:
             file = McapFile(path)
             yield from file.messages()
             complete = complete and file.complete
-            self.metadata.update(file.metadata)
+            interrupted = _joined(self.metadata.get(INTERRUPTED, {}), file.metadata.get(INTERRUPTED, {}))
+            self.metadata.update(file.metadata | ({INTERRUPTED: interrupted} if interrupted else {}))
             self.attachments.update(file.attachments)
             self.channels.update({channel.topic: channel for channel in file.channels.values()})
         self.complete = complete
+
+
+def _joined(one: Mapping[str, str], other: Mapping[str, str]) -> dict[str, str]:
+    """Return what was lost in both of two files of a bag; of facts that are one thing the later."""
+    lists = {"reason": " and ", "missing_ns": ", "}
+    texts = {key: [each[key] for each in (one, other) if each.get(key)] for key in lists}
+    return {**one, **other, **{key: lists[key].join(dict.fromkeys(found)) for key, found in texts.items() if found}}
 
 
 @dataclass

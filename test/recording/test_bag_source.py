@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 
 import pytest
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.recording.log_file import LogFile
 from rb_dynamics.recording.mcap_reader import read_bag, read_wrenches
+from rb_dynamics.recording.mcap_writer import McapWriter
 
 pytest.importorskip("rosbags")
 
@@ -105,3 +108,19 @@ def test_a_folder_without_a_bag_and_a_damaged_database_are_refused(tmp_path: Pat
     (tmp_path / "bag.db3").write_text("not a database")
     with pytest.raises(LogError, match=r"cannot read .*bag\.db3"):
         read_bag(tmp_path / "bag.db3")
+
+
+def test_what_was_lost_in_any_file_of_a_bag_is_kept(tmp_path: Path) -> None:
+    lost = ({"reason": "damaged", "missing_ns": "1 2"}, {}, {"reason": "damaged", "missing_ns": "7 9"})
+    for number, facts in enumerate(lost):
+        with contextlib.closing(LogFile(tmp_path / f"bag_{number}.mcap")) as file:
+            writer = McapWriter(file, "test")
+            writer.begin()
+            if facts:
+                writer.add_metadata("rb_dynamics.interrupted", facts)
+            writer.finish()
+    bag = read_bag(tmp_path)
+    assert bag.missing == [(1, 2), (7, 9)]
+    assert bag.whole
+    assert bag.ended
+    assert not bag.complete
