@@ -109,7 +109,7 @@ def _momentum(track: Track, name: str, kind: str, unit: str, series: Series, acc
     else:
         by_quadrature = 0.0
     defect, covered = _from_start(series.values - total, good, series.time_ns)
-    rest = f"otherwise the samples do not give the impulse of the {kind}s that act"
+    rest = f"where a {kind} acts in body axes or none is logged, the samples do not give its impulse"
     basis = _basis(_measured(impulse, good, kind, by_quadrature, unit), covered, rest)
     return Balance(name, unit, series.time_ns, defect, covered, scale, basis)
 

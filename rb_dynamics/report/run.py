@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from rb_dynamics.body.doctor import Symmetry, symmetry
 from rb_dynamics.recording.mcap_reader import read_bag
 from rb_dynamics.recording.messages import APPLIED
 from rb_dynamics.recording.provenance import RUN
@@ -245,11 +246,16 @@ def _poinsot(track: Track) -> list[Section]:
     motion = motion_of(pose, twist, track.twist_in_world)
     view = poinsot_view(body, track.seconds(motion.time_ns), motion.orientation_xyzw, motion.angular_velocity_body)
     caption = (
-        "Where the ellipsoid of inertia touches the invariable plane: the tip of the angular velocity, on the "
-        "ellipsoid and in the plane, each from its dot on. While no torque acts the ellipsoid rolls on the plane "
-        "without slipping: the left curve is closed, the right one lies between two circles. The grey lines on the "
-        "ellipsoid cross at the middle axis; near a crossing a spin is unstable, and the body turns over."
+        "Where the ellipsoid of inertia touches the plane at right angles to the angular momentum of the body: the tip "
+        "of the angular velocity, on the ellipsoid and in the plane, each from its dot on. While no torque acts and "
+        "nothing turns inside the body, that plane is invariable and the ellipsoid rolls on it without slipping: the "
+        "left curve is closed, the right one lies between two circles."
     )
+    if symmetry(body) is Symmetry.TRIAXIAL:
+        caption += (
+            " The grey lines on the ellipsoid cross at the middle axis; near a crossing a spin is unstable, and the "
+            "body turns over."
+        )
     return [Section("Poinsot's construction", figures=[Figure(view, caption)])] if view else []
 
 
@@ -332,7 +338,9 @@ def _wrenches(track: Track, summary: Summary) -> list[Section]:
         f"this is what was meant: no spike, and no channel that falls silent, which the warnings name.{zero}"
     )
     figures = [Figure(plots.wrench_history(panels, track.seconds(np.array(track.span_ns))), caption)] if panels else []
-    paragraph = "" if panels else "No force and no torque acted at any time."
+    paragraph = "" if panels else "No command came with a force or a torque, and no effect held one."
+    if unlogged := track.bag.metadata.get(RUN, {}).get("effects_not_logged_as_wrench", ""):
+        paragraph = f"{paragraph} What these effects did is in no wrench: {unlogged}.".strip()
     return [Section("Wrenches", paragraph, figures=figures, table=Table(rows[0], rows[1:]))]
 
 

@@ -117,7 +117,7 @@ def test_report_is_the_same_every_time(flight: Any, tmp_path: Path) -> None:
 
 def test_report_of_a_run_without_wrench(coasting: Any, tmp_path: Path) -> None:
     write_run_report(coasting.log, tmp_path / "run.html")
-    assert "No force and no torque acted at any time." in words(page_of(tmp_path / "run.html"))
+    assert "No command came with a force or a torque, and no effect held one." in words(page_of(tmp_path / "run.html"))
 
 
 @pytest.mark.parametrize("with_scene", [False, True])
