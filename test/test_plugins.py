@@ -129,3 +129,26 @@ def test_a_scene_that_names_a_faulty_one_says_where(change: str, message: str, r
 def test_registries_of_the_package_have_ours_under_their_names() -> None:
     assert all(name == method.name for name, method in METHODS.own.items())
     assert all(name == effect.kind and effect.keys for name, effect in EFFECTS.own.items())
+
+
+def test_a_method_that_fails_harms_no_trade_of_others(tmp_path: Path, scene_dir: Path) -> None:
+    source = """
+from rb_dynamics.loads.load import Takes
+from rb_dynamics.motion.method import Method
+def step(*_):
+    return 1 / 0
+bad = Method("bad", 2, frozenset(), step, takes=Takes.ANY)
+"""
+    install(tmp_path, "faulty", source, methods="bad = faulty:bad")
+    command = [sys.executable, "-m", "rb_dynamics", "trade", str(scene_dir / "linear_drag.yaml"), "--time", "4"]
+    path = os.pathsep.join([str(tmp_path), *sys.path])
+    done = subprocess.run(
+        [*command, "--target", "1e-3"],
+        env={**os.environ, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "left out    bad: " in done.stdout
+    assert "faulty 1.2" in done.stdout

@@ -6,8 +6,8 @@ Never compares ends with a reference.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 
 from rb_dynamics.diagnostics import Sample
@@ -86,13 +86,13 @@ class Trial:
         """Return the end of a run whose kernels `tally` decides on; None if it is not over after `limit` s.
 
         Raises:
-            ConvergenceError: the method refuses.
+            ConvergenceError: the method refuses, or is one of a plug-in and fails.
         """
         # No run may find there what another one has computed.
         forget()
         run = self._new(solver, 1)
         begin = self.clock()
-        with counted_by(tally):
+        with counted_by(tally), _failing_alone(solver.method):
             self._post(run)
             run.advance(0)
             end_ns = run.next_output_ns()
@@ -170,6 +170,22 @@ class Trial:
             norm(subtract(a.angular_velocity_body, b.angular_velocity_body)),
             norm(subtract(a.position_world, b.position_world)),
         )
+
+
+@contextmanager
+def _failing_alone(method: str) -> Iterator[None]:
+    """Turn what a plug-in's method raises into its refusal: the scene may not even name it."""
+    try:
+        yield
+    except ConvergenceError:
+        raise
+    except Exception as error:
+        if origin := METHODS.origin(method):
+            raise ConvergenceError(
+                f"{method}: a step failed in the plug-in {origin}, {type(error).__name__}: {error}; mend or uninstall "
+                "that package"
+            ) from error
+        raise
 
 
 def accepted(scene: Scene, commands: Sequence[tuple[str, Wrench]]) -> list[tuple[str, Wrench]]:
