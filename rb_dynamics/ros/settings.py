@@ -21,6 +21,7 @@ from rb_dynamics.ros.publishers import Topics
 from rb_dynamics.scene import document, read_scene
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.scene.problems import Problems
+from rb_dynamics.scene.read import ROOT_KEYS
 
 # name: (default, what it does)
 _PARAMETERS: dict[str, tuple[object, str]] = {
@@ -47,7 +48,6 @@ _SLOWEST, _FASTEST = 1e-9, 1e9
 _SETTABLE = ("real_time_factor",)
 # Declared by rclpy itself.
 _RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides.")
-_SECTIONS = ("world_frame", "body", "initial", "wrenches", "effects", "solver", "duration", "output_rate")
 
 
 @dataclass(frozen=True)
@@ -129,14 +129,14 @@ def require_known(name: str) -> None:
         SceneError: neither; names the nearest, and all.
     """
     section = name.split(".", maxsplit=1)[0].split("[", maxsplit=1)[0]
-    if name in _PARAMETERS or section in _SECTIONS:
+    if name in _PARAMETERS or section in ROOT_KEYS:
         return
-    known = (*_PARAMETERS, *_SECTIONS)
+    known = (*_PARAMETERS, *ROOT_KEYS)
     near = difflib.get_close_matches(name if "." not in name else section, known, n=1)
     remedy = f"did you mean {near[0]}?" if near else "check the spelling"
     raise SceneError(
         f"parameter {name}: found an unknown name, expected one of {', '.join(_PARAMETERS)}, use_sim_time, or a dotted "
-        f"key of the scene ({', '.join(_SECTIONS)}), such as body.mass; {remedy}"
+        f"key of the scene ({', '.join(ROOT_KEYS)}), such as body.mass; {remedy}"
     )
 
 

@@ -29,7 +29,9 @@ from rb_dynamics.vector import ZERO
 
 _NO_OVERRIDES: Mapping[str, object] = MappingProxyType({})
 
-_ROOT_KEYS = ("world_frame", "body", "initial", "wrenches", "effects", "solver", "duration", "output_rate")
+ROOT_KEYS = ("world_frame", "body", "initial", "wrenches", "effects", "solver", "duration", "output_rate")
+"""The keys of a scene; dotted parameters of the node begin with one of them."""
+
 _NESTED_KEYS = (
     "body.mass", "body.center_of_mass", "body.inertia", "body.frames", "initial.position_world", "initial.orientation",
     "initial.linear_velocity_world", "initial.angular_velocity_body", "solver.method", "solver.accuracy", "solver.step",
@@ -123,7 +125,7 @@ def scene_of(tree: document.Node, problems: Problems, text: str, changes: Sequen
     Raises:
         SceneError: it is not a valid scene; one line for each problem.
     """
-    root = Field(tree, "", problems).section(_ROOT_KEYS, _NESTED_KEYS)
+    root = Field(tree, "", problems).section(ROOT_KEYS, _NESTED_KEYS)
     reading, frames = body_and_frames(root)
     initial = _initial(root.section("initial", _INITIAL_KEYS), reading.body)
     wrenches = channels(root.get("wrenches"))
