@@ -128,12 +128,12 @@ class Driver:
         self._free_running = factor == 0.0
         if isinstance(self.pacer, Pacer):
             self.pacer.factor = factor or 1.0
-        self.pacer.restart(self.simulation.time_ns)
+        self.pacer.restart(self._reached_ns)
 
     def pause(self, paused: bool) -> None:
         """Pause or go on."""
         if self.paused and not paused:
-            self.pacer.restart(self.simulation.time_ns)
+            self.pacer.restart(self._reached_ns)
         self.paused, self.stopped = paused, False
         self._hold_still()
 

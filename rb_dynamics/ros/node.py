@@ -423,7 +423,7 @@ def _run(nodes: Sequence[RigidBodyNode], executor: SingleThreadedExecutor, stop:
 
 
 def turn(executor: SingleThreadedExecutor) -> None:
-    """Answer all that waits, for some milliseconds at most, and do not wait for more: that would end late."""
+    """Let all that have something to do, do one thing each, for some milliseconds at most; wait for nothing more."""
     until = time.monotonic() + _LONGEST_TURN
     while _serve(executor, 0.0) and time.monotonic() < until:
         pass

@@ -276,6 +276,21 @@ def test_a_lag_is_given_up_and_counted_however_far_the_next_output_is() -> None:
     assert (body.pacer.values()["overruns"], body.pacer.warning()) == ("0", "")
 
 
+def test_time_goes_on_from_what_was_computed_not_from_the_last_output() -> None:
+    body = driver(SCENE.replace("duration: 1.0", "output_rate: 0.01"), Mode())
+    body.pacer.restart(80_000_000)
+    body.tick()
+    while body.behind:
+        body.tick()
+    reached = body.simulation.look().time_ns
+    assert reached > 0
+    body.pause(True)
+    body.pause(False)
+    assert body.pacer.due_ns(10**12) >= reached
+    body.pace(2.0)
+    assert body.pacer.due_ns(10**12) >= reached
+
+
 def test_stop_stands_at_time_0_until_told() -> None:
     body = driver(mode=Mode())
     body.pause(True)
