@@ -119,7 +119,8 @@ class RigidBodyNode(Node):
             if self._settings.topics.clock and self.count_publishers("/clock") > 1:
                 self._health.warn("/clock has another publisher: expected one master of time; set publish_clock once")
             self._miss_logs()
-            self.driver.report()
+            if self._settings.logs.names or self._publishers_sink.status_is_read:
+                self.driver.report()
 
     def _miss_logs(self) -> None:
         """Say of each log that is removed while it is written that it is; once."""
