@@ -182,17 +182,17 @@ def punctuality(delays: list[tuple[int, int]], period_ns: float, stalls: list[tu
     text = f"{len(late)} of {len(delays)} ticks late ({100 * len(late) / len(delays):.3f} %"
     if stalls:
         begun, ended = delays[0][0], delays[-1][0]
-        windows = _joined([(since, 2 * woken - since) for since, woken in stalls])
+        windows = windows_of(stalls)
         within = sum(any(since <= when <= until for since, until in windows) for when in late)
         covered = sum(max(0, min(until, ended) - max(since, begun)) for since, until in windows) / (ended - begun)
         text += f"; {within} of them in stalls of the machine and after, which are {100 * covered:.1f} % of the time"
     return f"{text}), behind p50 {_at(lengths, 0.5):.2f} p99 {_at(lengths, 0.99):.2f} max {lengths[-1] / 1e6:.1f} ms"
 
 
-def _joined(intervals: list[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Return the union of intervals, those that overlap as one."""
+def windows_of(stalls: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Return the times in which stalls are felt: until as long again after each; those that overlap as one."""
     union: list[tuple[int, int]] = []
-    for since, until in sorted(intervals):
+    for since, until in sorted((since, 2 * woken - since) for since, woken in stalls):
         if union and since <= union[-1][1]:
             union[-1] = (union[-1][0], max(until, union[-1][1]))
         else:
@@ -323,7 +323,7 @@ class Reader:
         self._recent: deque[int] = deque(maxlen=round(1e9 / self._period_ns))
         self._newest_ns: int | None = None
         self._lost = self._received = 0
-        self._latencies: list[int] = []
+        self._latencies: list[tuple[int, int]] = []
         self._positions: deque[float] = deque(maxlen=3)
         self._commanded_ns = 0
         self._next = time.monotonic() + COMMAND
@@ -342,12 +342,20 @@ class Reader:
 
     def summary(self, stalls: list[tuple[int, int]]) -> str:
         """Return what was found, while the machine had `stalls` (from when until when, ns of the wall clock)."""
-        latencies = sorted(self._latencies)
+        latencies = sorted(latency for _, latency in self._latencies)
         text = f"{self._received} messages, {self._lost} lost, {punctuality(self._delays, self._period_ns, stalls)}"
         if latencies:
             text += (
                 f"; wrench to pose p50 {_at(latencies, 0.5):.2f} p99 {_at(latencies, 0.99):.2f} ms of {len(latencies)}"
             )
+            windows = windows_of(stalls)
+            apart = sorted(
+                latency
+                for sent, latency in self._latencies
+                if not any(since <= sent + latency and sent <= until for since, until in windows)
+            )
+            if stalls and apart:
+                text += f", p99 {_at(apart, 0.99):.2f} ms of the {len(apart)} outside the stalls"
         return text
 
     def close(self) -> None:
@@ -387,7 +395,7 @@ class Reader:
             old = 0.0 if self._command.wrench.force.x else 0.5
             # Rounding of the positions is below 1e-6; a command shows where it acted for a hundredth of the period.
             if abs(acceleration - old) > 1e-5:
-                self._latencies.append(received_ns - self._commanded_ns)
+                self._latencies.append((self._commanded_ns, received_ns - self._commanded_ns))
                 self._commanded_ns = 0
 
 
