@@ -6,7 +6,7 @@ import json
 import os
 import subprocess
 import sys
-from importlib import import_module
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
@@ -17,25 +17,14 @@ STATES = {"tumble": ("dzhanibekov", 100.0), "boxes": ("boxes_rotation", 10.0)}
 
 
 @pytest.fixture(scope="module")
-def peers(root: Path) -> ModuleType:
-    sys.path.insert(0, str(root / "benchmarks"))
-    try:
-        return import_module("peers.problem")
-    finally:
-        sys.path.remove(str(root / "benchmarks"))
-
-
-def part(peers: ModuleType, root: Path, name: str) -> ModuleType:
-    """Return another module of the folder."""
-    sys.path.insert(0, str(root / "benchmarks"))
-    try:
-        return import_module(f"peers.{name}")
-    finally:
-        sys.path.remove(str(root / "benchmarks"))
+def peers(script: Callable[[str], ModuleType]) -> ModuleType:
+    return script("peers.problem")
 
 
 @pytest.mark.parametrize("name", STATES)
-def test_reference_is_that_of_30_digits(peers: ModuleType, root: Path, name: str) -> None:
+def test_reference_is_that_of_30_digits(
+    peers: ModuleType, root: Path, name: str, script: Callable[[str], ModuleType]
+) -> None:
     case, time = STATES[name]
     document = json.loads((root / "test" / "verification" / "data" / "free_motion.json").read_text(encoding="utf-8"))
     (state,) = (s for s in document["cases"][case]["states"] if s["t"] == time)
@@ -45,7 +34,7 @@ def test_reference_is_that_of_30_digits(peers: ModuleType, root: Path, name: str
     expected = peers.Answer.of([x, y, z, w], [0.0] * 3, [0.0] * 3)
 
     assert task.duration == time
-    assert peers.attitude_error(part(peers, root, "reference").reference(task), expected) < 1e-12
+    assert peers.attitude_error(script("peers.reference").reference(task), expected) < 1e-12
 
 
 def test_error_is_the_angle_between_attitudes(peers: ModuleType) -> None:
@@ -57,33 +46,25 @@ def test_error_is_the_angle_between_attitudes(peers: ModuleType) -> None:
     assert peers.attitude_error(turned(np.nan), turned(0.3)) == np.inf
 
 
-def test_every_way_of_ours_has_a_look_of_its_own(peers: ModuleType, root: Path) -> None:
+def test_every_way_of_ours_has_a_look_of_its_own(peers: ModuleType, script: Callable[[str], ModuleType]) -> None:
     pytest.importorskip("matplotlib")
-    ours, found = part(peers, root, "ours"), _page(root).OURS
+    ours, found = script("peers.ours"), script("page").OURS
     assert len(set(found)) == len(found)
     for name in peers.PROBLEMS:
         assert len(ours.ways(peers.problem(name))) <= len(found), name
 
 
-def _page(root: Path) -> ModuleType:
-    sys.path.insert(0, str(root / "benchmarks"))
-    try:
-        return import_module("page")
-    finally:
-        sys.path.remove(str(root / "benchmarks"))
-
-
 @pytest.mark.parametrize("bodies", [1, 64])
-def test_c_takes_our_step_to_the_bit(peers: ModuleType, root: Path, bodies: int) -> None:
+def test_c_takes_our_step_to_the_bit(peers: ModuleType, bodies: int, script: Callable[[str], ModuleType]) -> None:
     """The bar on the time of a step is against the same arithmetic, or it means nothing."""
-    c = part(peers, root, "c")
+    c = script("peers.c")
     try:
         c.version()
     except FileNotFoundError as error:
         pytest.skip(str(error))
     task = peers.ensemble(bodies)
 
-    ((_, ours), *_) = part(peers, root, "ours").kernels(task, 0.01, 20).items()
+    ((_, ours), *_) = script("peers.ours").kernels(task, 0.01, 20).items()
     found = next(run for name, run in c.kernels(task, 0.01, 20).items() if name.startswith("same rounding"))
 
     np.testing.assert_array_equal(found()(), ours()())

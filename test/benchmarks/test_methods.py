@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-import sys
-from importlib import import_module
-from pathlib import Path
+from collections.abc import Callable
 from types import ModuleType
 
 import pytest
@@ -15,12 +13,8 @@ from rb_dynamics.rotation import angle_between
 
 
 @pytest.fixture(scope="module")
-def methods(root: Path) -> ModuleType:
-    sys.path.insert(0, str(root / "benchmarks"))
-    try:
-        return import_module("methods")
-    finally:
-        sys.path.remove(str(root / "benchmarks"))
+def methods(script: Callable[[str], ModuleType]) -> ModuleType:
+    return script("methods")
 
 
 def test_what_is_left_out_is_of_its_order(methods: ModuleType) -> None:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import sys
-from importlib import import_module
-from pathlib import Path
+from collections.abc import Callable
 from types import ModuleType
 
 import pytest
@@ -15,12 +13,8 @@ MS = 1_000_000
 
 
 @pytest.fixture(scope="module")
-def node(root: Path) -> ModuleType:
-    sys.path.insert(0, str(root / "benchmarks"))
-    try:
-        return import_module("node")
-    finally:
-        sys.path.remove(str(root / "benchmarks"))
+def node(script: Callable[[str], ModuleType]) -> ModuleType:
+    return script("node")
 
 
 def test_late_is_more_than_a_period(node: ModuleType) -> None:

@@ -1,0 +1,25 @@
+"""The modules of benchmarks/, which is a folder of scripts and no package."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+
+@pytest.fixture(scope="session")
+def script(root: Path) -> Callable[[str], ModuleType]:
+    """Return what imports a module of that folder by its name, as a script that is run there would."""
+
+    def imported(name: str) -> ModuleType:
+        sys.path.insert(0, str(root / "benchmarks"))
+        try:
+            return import_module(name)
+        finally:
+            sys.path.remove(str(root / "benchmarks"))
+
+    return imported
