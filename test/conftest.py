@@ -8,6 +8,7 @@ import re
 import shutil
 import tempfile
 from collections.abc import Generator
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -51,7 +52,14 @@ def pytest_configure(config: pytest.Config) -> None:
     hypothesis.settings.register_profile("repeatable", deadline=None, derandomize=True)
     # New examples every time, and more of them: `make search`.
     hypothesis.settings.register_profile("search", deadline=None, max_examples=1000)
-    hypothesis.settings.load_profile(config.getoption("--hypothesis-profile") or "repeatable")
+    profile = config.getoption("--hypothesis-profile") or "repeatable"
+    hypothesis.settings.load_profile(profile)
+    if profile == "repeatable":
+        # Constants of the modules imported so far are tried as well: which ones hangs on the tests that ran before.
+        providers = import_module("hypothesis.internal.conjecture.providers")
+        if hasattr(providers, "_get_local_constants"):  # since 6.131
+            nothing = providers.Constants()
+            providers._get_local_constants = lambda: nothing
     domain, lock = _claim_domain()
     logs = tempfile.mkdtemp(prefix="rb_dynamics_ros_log_")
     os.environ.update(

@@ -38,9 +38,9 @@ values = st.recursive(
 )
 
 
-def check(text: str, **overrides: object) -> None:
+def check(text: str, overrides: dict[str, object] | None = None) -> None:
     try:
-        scene = parse_scene(text, "s.yaml", overrides)
+        scene = parse_scene(text, "s.yaml", overrides or {})
     except SceneError as error:
         lines = str(error).splitlines()
         assert 1 <= len(lines) <= 21
@@ -124,10 +124,10 @@ def test_any_inertia(numbers: list[float], symmetric: bool) -> None:
     a, b, c, d, e, f, g, h, i = numbers
     rows = [[a, b, c], [b, e, f], [c, f, i]] if symmetric else [[a, b, c], [d, e, f], [g, h, i]]
     text = "body: {mass: 1, inertia: {matrix: [[1, 0, 0], [0, 1, 0], [0, 0, 1]]}}"
-    check(text, **{"body.inertia.matrix": rows})
+    check(text, {"body.inertia.matrix": rows})
     text = "body: {mass: 1, inertia: {principal: {moments: [1, 1, 1]}}}"
     q = dict(zip("xyzw", numbers, strict=False))
-    check(text, **{"body.inertia.principal.moments": [a, e, i], "body.inertia.principal.orientation": q})
+    check(text, {"body.inertia.principal.moments": [a, e, i], "body.inertia.principal.orientation": q})
 
 
 @FEW
@@ -145,7 +145,7 @@ def test_any_inertia(numbers: list[float], symmetric: bool) -> None:
     )
 )
 def test_any_override(overrides: dict[str, object]) -> None:
-    check(SLEW, **overrides)
+    check(SLEW, overrides)
 
 
 @settings(FEW, suppress_health_check=[HealthCheck.function_scoped_fixture])
