@@ -118,6 +118,14 @@ class Driver:
             self._goal_ns = max(self._goal_ns, self._next_ns())
         self._burst()
 
+    def prepare(self) -> None:
+        """Compute what is known already, before the next output is due.
+
+        Not where stamps count: a command with an earlier one may still come.
+        """
+        if not self.lockstep and self._mode.apply_at == "arrival":
+            self.tick()
+
     def report(self) -> None:
         """Tell every sink how the run is."""
         state = "stopped" if self.stopped else "paused" if self.paused else "lockstep" if self.lockstep else "running"

@@ -54,6 +54,8 @@ from rb_dynamics.simulate import Simulation
 _NANOSECONDS = 1_000_000_000
 # s: up to so long it sleeps instead of waiting for messages, so often it then looks at services, and for so long.
 _LONGEST_SLEEP, _BETWEEN_TURNS, _LONGEST_TURN = 0.006, 0.05, 0.005
+# s before an output: what came until then is computed before the output is due, and does not keep it waiting.
+_LAST_LOOK = 0.0004
 # Of prctl(2): by how many ns Linux may end a sleep late, to end it together with others; 50 000 otherwise.
 _PR_SET_TIMERSLACK, _SLACK_NS = 29, 1
 
@@ -414,6 +416,12 @@ def _run(nodes: Sequence[RigidBodyNode], executor: SingleThreadedExecutor, stop:
             if time.monotonic() >= next_turn:
                 turn(executor)
                 next_turn = time.monotonic() + _BETWEEN_TURNS
+                seconds = _seconds_until_due(running)
+            if seconds > _LAST_LOOK:
+                time.sleep(seconds - _LAST_LOOK)
+                for node in running:
+                    node.take_wrenches()
+                    node.driver.prepare()
                 seconds = _seconds_until_due(running)
             time.sleep(seconds)
             # A command knows when it came, so it acts no later for being taken only now.

@@ -339,6 +339,20 @@ def test_a_command_acts_from_when_it_came_but_not_before_what_has_been_told() ->
     assert told + 10_000_000 <= applied["push"] < body.simulation.time_ns
 
 
+@pytest.mark.parametrize("apply_at", ["arrival", "stamp"])
+def test_a_command_that_came_acts_before_the_output_is_due_unless_stamps_count(apply_at: str) -> None:
+    scene = parse_scene(SCENE.replace("duration: 1.0", "output_rate: 1"))
+    health = Health("/body", ["wrench", "push"], lambda level, message: None)
+    memory = MemorySink()
+    body = Driver(scene, Mode(apply_at=apply_at), Pacer(1.0), health, memory, list)
+    body.pacer.restart(50_000_000)
+    body.command("wrench", Wrench(force=(1.0, 0.0, 0.0), frame_id="world", stamp_ns=20_000_000))
+    body.prepare()
+    assert [wrench.topic for wrench in memory.applied] == ["wrench"] * (apply_at == "arrival")
+    # Told is nothing before its time.
+    assert memory.time_ns == [0]
+
+
 def test_a_rejected_command_leaves_no_trace_in_what_the_stamps_of_others_mean() -> None:
     nothing = Wrench(force=(float("nan"), 0.0, 0.0), frame_id="world", stamp_ns=10**18)
     body = driver(mode=Mode(start_paused=True, apply_at="stamp"))
