@@ -21,10 +21,9 @@ from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.recording import cdr
 from rb_dynamics.recording.bag_source import open_source
 from rb_dynamics.recording.log_file import LogFile, make_folder, require_other
-from rb_dynamics.recording.mcap_reader import decode_wrench
 from rb_dynamics.recording.mcap_records import Message
 from rb_dynamics.recording.mcap_writer import McapWriter
-from rb_dynamics.recording.messages import APPLIED, COMMAND_DEPTH, WRENCH, qos_profile
+from rb_dynamics.recording.messages import APPLIED, COMMAND_DEPTH, WRENCH, decode_wrench, qos_profile
 from rb_dynamics.recording.own_log import Row, received_commands, row_columns, rows, scene_and_names
 from rb_dynamics.recording.provenance import RESULT, RUN, version
 from rb_dynamics.recording.ros2msg import TYPE_HASHES, schema_text

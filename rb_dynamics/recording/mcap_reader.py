@@ -25,7 +25,16 @@ from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.recording import cdr
 from rb_dynamics.recording.bag_source import Source, open_source
 from rb_dynamics.recording.mcap_records import Channel, Message
-from rb_dynamics.recording.messages import ODOMETRY, PLAIN_WRENCH, POSE, SCALAR, TWIST, VECTOR, WRENCH
+from rb_dynamics.recording.messages import (
+    ODOMETRY,
+    PLAIN_WRENCH,
+    POSE,
+    SCALAR,
+    TWIST,
+    VECTOR,
+    WRENCH,
+    decode_wrench,
+)
 from rb_dynamics.recording.provenance import DAMAGED, INTERRUPTED, RESULT
 
 Times = NDArray[np.int64]
@@ -363,17 +372,6 @@ def _command(file: Source, type_name: str, message: Message) -> Wrench:
         raise LogError(
             f"{file.path}: topic {message.channel.topic}, log time {message.log_time} ns: {error}"
         ) from error
-
-
-def decode_wrench(type_name: str, log_time: int, data: bytes) -> Wrench:
-    """Return the command in a message; one without header has `log_time` (ns) as stamp and frame "".
-
-    Raises:
-        LogError: the message is cut short or not CDR.
-    """
-    values = cdr.decode(type_name, data)
-    stamp, frame, numbers = values if type_name == WRENCH else (log_time, "", *values)
-    return Wrench(numbers[:3], numbers[3:], frame, stamp)
 
 
 def _type_name(channel: Channel) -> str:

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from rb_dynamics.diagnostics import Sample
+from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.recording import cdr
 from rb_dynamics.recording.sink import AppliedWrench
 from rb_dynamics.rotation import rotate_inverse
@@ -82,6 +83,17 @@ def sample_topics(scene: Scene, accel: bool) -> tuple[tuple[str, str], ...]:
     """Return name and type of each topic that a sample of `scene` has, in the order of `sample_encoder`."""
     potential = () if scene.acting.potential() is None else (POTENTIAL,)
     return (*SAMPLE_TOPICS, *potential, *((ACCEL,) if accel else ()))
+
+
+def decode_wrench(type_name: str, log_time: int, data: bytes) -> Wrench:
+    """Return the command in a message; one without header has `log_time` (ns) as stamp and frame "".
+
+    Raises:
+        LogError: the message is cut short or not CDR.
+    """
+    values = cdr.decode(type_name, data)
+    stamp, frame, numbers = values if type_name == WRENCH else (log_time, "", *values)
+    return Wrench(numbers[:3], numbers[3:], frame, stamp)
 
 
 def encode_applied(event: AppliedWrench) -> bytes:

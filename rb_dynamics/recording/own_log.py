@@ -13,9 +13,8 @@ from rb_dynamics.errors import LogError
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.recording import cdr
 from rb_dynamics.recording.bag_source import Source
-from rb_dynamics.recording.mcap_reader import decode_wrench
 from rb_dynamics.recording.mcap_records import Message
-from rb_dynamics.recording.messages import APPLIED, POTENTIAL, SAMPLE_TOPICS, WRENCH
+from rb_dynamics.recording.messages import APPLIED, POTENTIAL, SAMPLE_TOPICS, WRENCH, decode_wrench
 from rb_dynamics.recording.provenance import RUN, SCENE, TOPICS
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.scene.read import parse_scene

@@ -1,4 +1,4 @@
-"""Where ROS messages meet tuples: stamps, wrenches and states in; out what is not published by the thousand.
+"""Where ROS messages meet tuples: stamps and states in; out what is not published by the thousand.
 
 Axes and reference points: `pose` is the body origin in the world, `twist` the velocity of the body origin and the
 angular velocity, both in body axes, as REP-103 and nav_msgs/Odometry have it.
@@ -17,7 +17,6 @@ from geometry_msgs.msg import (
     Pose,
     TransformStamped,
     Vector3,
-    WrenchStamped,
 )
 from geometry_msgs.msg import Quaternion as QuaternionMessage
 from nav_msgs.msg import Odometry
@@ -26,7 +25,7 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.diagnostics import Sample
 from rb_dynamics.errors import ConvergenceError, SceneError
-from rb_dynamics.loads.wrench import Wrench, WrenchFrames
+from rb_dynamics.loads.wrench import WrenchFrames
 from rb_dynamics.recording.sink import Status
 from rb_dynamics.rotation import Quaternion, rotate, rotate_inverse, unit
 from rb_dynamics.vector import Vector
@@ -69,17 +68,6 @@ def stamp(parts: tuple[int, int]) -> Time:
 def to_nanoseconds(stamp: Time) -> int:
     """Return a stamp as integer nanoseconds."""
     return int(stamp.sec) * _NANOSECONDS + int(stamp.nanosec)
-
-
-def to_wrench(message: WrenchStamped) -> Wrench:
-    """Return a wrench command; nothing is checked here."""
-    force, torque = message.wrench.force, message.wrench.torque
-    return Wrench(
-        (force.x, force.y, force.z),
-        (torque.x, torque.y, torque.z),
-        message.header.frame_id,
-        to_nanoseconds(message.header.stamp),
-    )
 
 
 def inertia(body: RigidBody, body_frame: str, time_ns: int) -> InertiaStamped:

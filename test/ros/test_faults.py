@@ -18,6 +18,7 @@ from pathlib import Path
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Vector3Stamped, WrenchStamped
+from rclpy.serialization import serialize_message
 from ros_harness import Peer, running, stamp, values
 from std_srvs.srv import SetBool, Trigger
 
@@ -103,6 +104,23 @@ def test_a_subnormal_wrench_acts_and_harms_nothing(scene: Path, peer: Peer) -> N
     assert all(map(math.isfinite, (last.x, last.y, last.z)))
     assert last.z < 0.0
     assert "nan" not in " ".join(values(diagnostics[-1]).values())
+
+
+def test_bytes_that_are_no_wrench_are_rejected_and_the_next_command_acts(scene: Path, peer: Peer) -> None:
+    good = WrenchStamped()
+    good.header.frame_id = "world"
+    data = serialize_message(good)
+    with running(scene) as node:
+        diagnostics = peer.diagnostics()
+        publisher = peer.node.create_publisher(WrenchStamped, "wrench", 10)
+        peer.until(lambda: publisher.get_subscription_count() > 0, "the node listening")
+        for bad in (data[:-8], data[:6], data.replace(b"world", b"w\xff\xfe\xffd")):
+            publisher.publish(bad)
+        publisher.publish(data)
+        peer.until(lambda: diagnostics and values(diagnostics[-1])["wrench: accepted"] == "1", "the good one counted")
+        assert values(diagnostics[-1])["wrench: rejected"] == "3"
+        assert node.stop() == 0, node.err
+    assert "UTF-8" in node.err
 
 
 def test_a_storm_of_commands_leaves_the_last_one_acting_and_each_accounted_for(
