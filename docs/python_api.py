@@ -37,6 +37,7 @@ PARTS = {
     "simulate": "Runs",
     "diagnostics": "Runs",
     "ensemble": "Many bodies at once",
+    "samples": "Many bodies at once",
     "explain": "Runs",
     "trade": "Runs",
     "recording": "Sinks",

@@ -11,8 +11,8 @@ Conventions, kept everywhere:
 The way of the data: a scene is read (`scene`), compiled to a method and a step control (`scene.compile`), advanced by
 one loop (`simulate`), and what happens goes to sinks (`recording`). Each part imports only those before it: `errors`,
 `plugins`, `vector`, `rotation`, `rotations`, `arguments`, `moments`, `sincos`, `compiled`, `elliptic`, `shipped`,
-`body`, `euler_equations`, `contact`, `loads`, `motion`, `poinsot`, `diagnostics`, `ensemble`, `scene`, `recording`,
-`simulate`, `replay`, `stopwatch`, `explain`, `trade`, `report`, `campaign`, `ros`, `cli`.
+`body`, `euler_equations`, `contact`, `loads`, `motion`, `poinsot`, `diagnostics`, `samples`, `ensemble`, `scene`,
+`recording`, `simulate`, `replay`, `stopwatch`, `explain`, `trade`, `report`, `campaign`, `ros`, `cli`.
 Nothing is imported before it is used: not by `import rb_dynamics` what stands behind a name, nor optional libraries.
 """
 
@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from rb_dynamics.body.state import State as State
     from rb_dynamics.diagnostics import Sample as Sample
     from rb_dynamics.ensemble import Ensemble as Ensemble
-    from rb_dynamics.ensemble import Samples as Samples
     from rb_dynamics.ensemble import driven_motion as driven_motion
     from rb_dynamics.errors import BodyError as BodyError
     from rb_dynamics.errors import ConvergenceError as ConvergenceError
@@ -67,6 +66,7 @@ if TYPE_CHECKING:
     from rb_dynamics.recording.memory import MemorySink as MemorySink
     from rb_dynamics.recording.sink import Sink as Sink
     from rb_dynamics.recording.state_hash import HashSink as HashSink
+    from rb_dynamics.samples import Samples as Samples
     from rb_dynamics.scene import parse_scene as parse_scene
     from rb_dynamics.scene import read_scene as read_scene
     from rb_dynamics.scene.model import Scene as Scene
@@ -90,7 +90,6 @@ _HOMES = {
     "State": "body.state",
     "Sample": "diagnostics",
     "Ensemble": "ensemble",
-    "Samples": "ensemble",
     "driven_motion": "ensemble",
     "BodyError": "errors",
     "ConvergenceError": "errors",
@@ -120,6 +119,7 @@ _HOMES = {
     "MemorySink": "recording.memory",
     "Sink": "recording.sink",
     "HashSink": "recording.state_hash",
+    "Samples": "samples",
     "parse_scene": "scene",
     "read_scene": "scene",
     "Scene": "scene.model",

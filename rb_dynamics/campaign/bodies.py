@@ -11,11 +11,12 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Protocol
 
 from rb_dynamics.diagnostics import Sample
-from rb_dynamics.ensemble import Ensemble, Samples
+from rb_dynamics.ensemble import Ensemble
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.exact import EXACT
 from rb_dynamics.motion.step_control import NANOSECONDS
+from rb_dynamics.samples import Samples
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.simulate import Simulation, without_outputs
 from rb_dynamics.vector import subtract

@@ -18,8 +18,8 @@ from rb_dynamics.campaign.metrics import Judge
 from rb_dynamics.campaign.model import Campaign
 from rb_dynamics.campaign.sampling import inputs
 from rb_dynamics.campaign.scenes import scenes_of
-from rb_dynamics.ensemble import Samples
 from rb_dynamics.errors import ConvergenceError, SceneError
+from rb_dynamics.samples import Samples
 from rb_dynamics.scene.model import Scene
 
 if TYPE_CHECKING:

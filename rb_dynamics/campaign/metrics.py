@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-    from rb_dynamics.ensemble import Samples
+    from rb_dynamics.samples import Samples
 
     Numbers = npt.NDArray[np.float64]
 

@@ -32,7 +32,7 @@ from rb_dynamics.motion.step_control import NANOSECONDS
 from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, made_by, write_html
 
 if TYPE_CHECKING:
-    from rb_dynamics.ensemble import Samples
+    from rb_dynamics.samples import Samples
 
 _WATCHED = 200
 """Runs that are flown again for the figure over time."""
