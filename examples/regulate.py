@@ -3,6 +3,8 @@
 Start the node first, in the same environment:
 
     rb-dynamics node config/free_flyer.yaml
+
+Each command is stamped for the output after the one it answers: that counts where the node goes by stamps.
 """
 
 import contextlib
@@ -11,10 +13,13 @@ import signal
 import rclpy
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
+from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
+from rclpy.time import Time
 
 TARGET, STIFFNESS, DAMPING = (0.5, 0.5, 0.5, 0.5), 5.0, 1.6  # x, y, z, w; N m; N m s/rad
+PERIOD = Duration(seconds=0.01)  # of the outputs
 
 
 def regulate(odom: Odometry) -> None:
@@ -26,6 +31,7 @@ def regulate(odom: Odometry) -> None:
     z = shorter * (d * q.z - c * q.w - a * q.y + b * q.x)
     command = WrenchStamped()
     command.header.frame_id = odom.child_frame_id
+    command.header.stamp = (Time.from_msg(odom.header.stamp) + PERIOD).to_msg()
     command.wrench.torque.x = -STIFFNESS * x - DAMPING * rate.x
     command.wrench.torque.y = -STIFFNESS * y - DAMPING * rate.y
     command.wrench.torque.z = -STIFFNESS * z - DAMPING * rate.z

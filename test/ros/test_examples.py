@@ -13,6 +13,9 @@ import pytest
 from nav_msgs.msg import Odometry
 from ros_harness import ROOT, Peer, running
 
+from rb_dynamics.recording.mcap_reader import read_bag
+from rb_dynamics.recording.provenance import RESULT
+
 pytestmark = pytest.mark.ros
 
 
@@ -29,6 +32,25 @@ def test_the_controller_turns_the_tumbling_body_to_its_target(peer: Peer) -> Non
             finally:
                 controller.kill()
         assert node.stop() == 0
+
+
+def test_the_controller_in_lockstep_flies_the_same_bits_again(tmp_path: Path) -> None:
+    hashes = []
+    for name in ("a.mcap", "b.mcap"):
+        tumble = {"initial__angular_velocity_body": "[1.0, -0.5, 0.3]"}
+        log = tmp_path / name
+        with (
+            running(ROOT / "config" / "free_flyer.yaml", lockstep=True, duration=1.0, mcap=log, **tumble) as node,
+            subprocess.Popen([sys.executable, ROOT / "examples" / "regulate.py"]) as controller,
+        ):
+            try:
+                assert node.wait() == 0, node.err
+            finally:
+                controller.kill()
+        facts = read_bag(log).metadata[RESULT]
+        assert facts["end_time_ns"] == "1000000000"
+        hashes.append(facts["states_sha256"])
+    assert hashes[0] == hashes[1]
 
 
 @pytest.mark.parametrize("name", ["regulate.py", "command.py"])
