@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from operator import index
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -114,22 +115,36 @@ class RosbagsSource:
             LogError: the bag cannot be read.
         """
         try:
-            from rosbags.rosbag2 import Reader, ReaderError
+            from rosbags.rosbag2 import Reader
         except ImportError:
             raise MissingExtraError("rosbags", "log", f"reading {self.path}") from None
         try:
             with Reader(self.path) as reader:
                 self.channels = {
-                    each.id: Channel(each.topic, Schema(each.msgtype), "cdr", {}) for each in reader.connections
+                    each.id: Channel(_name(each.topic), Schema(_name(each.msgtype)), "cdr", {})
+                    for each in reader.connections
                 }
                 for connection, time_ns, data in reader.messages():
-                    yield Message(self.channels[connection.id], time_ns, time_ns, bytes(data))
-        except (ReaderError, OSError, ValueError) as error:
-            reason = str(error).rstrip(".")
+                    at = index(time_ns)
+                    # A cell of SQLite is of any type, and bytes() of a number is that many zeros.
+                    yield Message(self.channels[connection.id], at, at, bytes(memoryview(data)))
+        except Exception as error:  # a reader of malformed files may raise anything
+            reason = str(error).rstrip(".") or type(error).__name__
             raise LogError(
                 f"cannot read {self.path}: {reason}; check the path, and give a bag as `ros2 bag record` leaves it"
             ) from error
         self.complete = True
+
+
+def _name(found: object) -> str:
+    """Return a name as it stands in a bag.
+
+    Raises:
+        TypeError: it is no text.
+    """
+    if not isinstance(found, str):
+        raise TypeError(f"found {found!r} where a name should stand")
+    return found
 
 
 def in_order(folder: Path) -> list[Path]:

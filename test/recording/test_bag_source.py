@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import sqlite3
+from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
@@ -108,6 +110,55 @@ def test_a_folder_without_a_bag_and_a_damaged_database_are_refused(tmp_path: Pat
     (tmp_path / "bag.db3").write_text("not a database")
     with pytest.raises(LogError, match=r"cannot read .*bag\.db3"):
         read_bag(tmp_path / "bag.db3")
+
+
+@pytest.mark.parametrize("storage", list(StoragePlugin))
+def test_a_bag_compressed_as_a_whole_that_is_cut_off_or_damaged_is_refused(
+    tmp_path: Path, storage: StoragePlugin
+) -> None:
+    (file,) = record(tmp_path / "bag", storage, CompressionMode.FILE).glob("*.zstd")
+    whole = file.read_bytes()
+    for at in range(0, len(whole) // 2, len(whole) // 50):
+        file.write_bytes(whole[:at])
+        with pytest.raises(LogError, match=r"cannot read .*bag: .+; check the path"):
+            read_bag(tmp_path / "bag")
+        file.write_bytes(whole[:at] + bytes([whole[at] ^ 0xFF]) + whole[at + 1 :])
+        with contextlib.suppress(LogError):
+            read_bag(tmp_path / "bag")
+
+
+CELLS = {"name": "/wrench", "type": "std_msgs/msg/Float64", "timestamp": 5, "data": bytes(12)}
+
+
+def database(path: Path, cells: Mapping[str, object]) -> Path:
+    """Return a bag of one message in one file, with whatever `cells` hold: SQLite takes any type in any column."""
+    with contextlib.closing(sqlite3.connect(path)) as connection, connection:
+        connection.execute("CREATE TABLE topics(id, name, type, serialization_format, offered_qos_profiles)")
+        connection.execute("CREATE TABLE messages(id, topic_id, timestamp, data)")
+        connection.execute("INSERT INTO topics VALUES(1, :name, :type, 'cdr', '')", cells)
+        connection.execute("INSERT INTO messages VALUES(1, 1, :timestamp, :data)", cells)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("cell", "found"),
+    [
+        ("name", None),
+        ("name", b"/wrench"),
+        ("type", 3),
+        ("timestamp", None),
+        ("timestamp", "5"),
+        ("timestamp", 5.0),
+        ("data", None),
+        ("data", "text"),
+        ("data", 12),
+        ("data", 2**63 - 1),
+    ],
+)
+def test_a_cell_of_another_type_is_refused(tmp_path: Path, cell: str, found: object) -> None:
+    assert read_bag(database(tmp_path / "sound.db3", CELLS)).topics["/wrench"].log_times == [5]
+    with pytest.raises(LogError, match=r"cannot read .*bag\.db3: .+; check the path"):
+        read_bag(database(tmp_path / "bag.db3", CELLS | {cell: found}))
 
 
 def test_what_was_lost_in_any_file_of_a_bag_is_kept(tmp_path: Path) -> None:

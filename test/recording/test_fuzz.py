@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 from rb_dynamics import parse_scene, simulate
 from rb_dynamics.errors import LogError
-from rb_dynamics.recording.bag_source import open_source
 from rb_dynamics.recording.mcap_reader import read_bag
 from rb_dynamics.recording.mcap_records import MAGIC
 from rb_dynamics.recording.mcap_sink import LogSettings, McapSink
@@ -130,12 +129,12 @@ def test_the_files_of_a_bag_are_looked_for_in_its_folder(folder: Path) -> None:
 
 @settings(MANY, max_examples=60)
 @given(changes=edits)
+@example([(0.984375, 0, b"\0\0\0")])  # sound but for its messages
 def test_a_database_with_bytes_replaced_added_or_removed(folder: Path, changes: list[tuple[float, int, bytes]]) -> None:
     pytest.importorskip("rosbags")
     path = folder / "bag.db3"
     path.write_bytes(edited(database(folder), changes))
-    with contextlib.suppress(LogError):
-        list(open_source(path).messages())
+    look(path)
 
 
 @functools.cache
