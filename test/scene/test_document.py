@@ -81,10 +81,10 @@ LAUGHS = "a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1, 1]\n" + "".join(
     ids=["aliases", "list in itself", "mapping in itself", "brackets", "braces", "dashes", "question marks", "length"],
 )
 def test_bounds(text: str, fragment: str) -> None:
-    start = time.monotonic()
+    start = time.process_time()
     with pytest.raises(SceneError, match=fragment):
         parse(text, Problems("s.yaml"))
-    assert time.monotonic() - start < 20.0
+    assert time.process_time() - start < 20.0
 
 
 def test_nesting_up_to_the_limit_is_read() -> None:
