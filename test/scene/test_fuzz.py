@@ -53,7 +53,10 @@ def check(text: str, overrides: dict[str, object] | None = None) -> None:
 def check_sound(scene: Scene) -> None:
     state = scene.initial
     assert scene.body.mass > 0.0
-    assert all(m > 0.0 and math.isfinite(m) for m in scene.body.principal_moments)
+    if yaml.safe_load(scene.text)["body"].get("inertia") is None:
+        assert scene.body.is_particle
+    else:
+        assert all(m > 0.0 and math.isfinite(m) for m in scene.body.principal_moments)
     assert math.isclose(math.hypot(*state.orientation_xyzw), 1.0, rel_tol=1e-15)
     vectors = (
         state.position_world,
@@ -75,6 +78,13 @@ def places(value: Any) -> list[tuple[Any, Any]]:
         for key in value if isinstance(value, dict) else range(len(value)):
             found += [(value, key), *places(value[key])]
     return found
+
+
+def test_a_scene_without_all_that_may_be_left_out_is_that_of_a_particle() -> None:
+    scene = copy.deepcopy(FULL)
+    del scene["body"]["inertia"], scene["body"]["frames"], scene["initial"]
+    check(yaml.safe_dump(scene))
+    assert parse_scene(yaml.safe_dump(scene)).body.is_particle
 
 
 @FEW
