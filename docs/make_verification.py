@@ -640,8 +640,8 @@ Largest relative drift over 2000 steps of 0.02 s of a body that tumbles at 2 rad
 method declares it an invariant and holds it to round-off at any step; what is not kept drifts as the order says, which
 may be less than rounding. What is kept takes a rounding in each step; were they all by chance, the drift would grow as
 n to the 0.5, were they all to one side, as n. The exponent is that of the root mean square over four motions, from 30
-to 10 000 steps; with so few it is known to about 0.2. The direction of L may grow faster in the end, and then for every
-method alike: the product of quaternions rounds to one side by about a hundredth of ε a step.
+to 10 000 steps; with so few it is known to about 0.2. An attitude is brought back to |q| = 1 only where it has left it
+by more than two bits: to divide by |q| in every step would turn L to one side, by some thousandths of ε each time.
 
 {invariants}
 Where nothing acts, these take the very steps of `exact`, to the bit: {exactly}.
@@ -649,8 +649,8 @@ Where nothing acts, these take the very steps of `exact`, to the bit: {exactly}.
 After {count} steps (`--long` measures it, in a quarter of an hour with numba); ε √n is {root}:
 
 {long_drifts}
-What grows like n and not like its root is no chance: `midpoint` gains energy, and all three turn the direction of L, by
-about a hundredth of ε a step and less. T of the closed form is free of it; so is |L| over 1e8 steps
+What grows like n and not like its root is no chance: `midpoint` gains energy, and it and `dlm2` lose some of |L|, by
+less than a hundredth of ε a step. The closed form is free of it, and so is the direction of L for all of them
 (`test_long_drift.py`).
 
 ![Drift of energy and angular momentum over the number of steps](images/verification-drift.svg)
