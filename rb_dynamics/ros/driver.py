@@ -104,27 +104,31 @@ class Driver:
             return 0.0
         return min(LONGEST_WAIT, self.pacer.seconds_until(self._next_ns()))
 
-    def tick(self) -> None:
-        """Advance as far as time, pause and lockstep allow, for one burst."""
+    def tick(self, take: Callable[[], None] = lambda: None) -> None:
+        """Advance as far as time, pause and lockstep allow, for one burst.
+
+        `take` hands over, by `command`, all that have come. Time goes no further than to when that began: a command
+        that comes meanwhile is taken the next time, and still acts from when it came.
+        """
+        due_ns = self._due_ns()
+        take()
         if not self.paused:
-            if self.lockstep:
-                self._goal_ns = self._lockstep_limit()
-            elif self._free_running:
-                self._goal_ns = self._next_ns()
-            else:
-                self._goal_ns = self.pacer.due_ns(self._next_look_ns())
+            # A lag may have been given up meanwhile.
+            self._goal_ns = self._lockstep_limit() if self.lockstep else min(due_ns, self._due_ns())
         if self.steps_left and self._reached_ns >= self._goal_ns:
             self.steps_left -= 1
             self._goal_ns = max(self._goal_ns, self._next_ns())
         self._burst()
 
-    def prepare(self) -> None:
-        """Compute what is known already, before the next output is due.
+    def prepare(self, take: Callable[[], None] = lambda: None) -> None:
+        """Take what has come, and compute what is known already, before the next output is due.
 
         Not where stamps count: a command with an earlier one may still come.
         """
-        if not self.lockstep and self._mode.apply_at == "arrival":
-            self.tick()
+        if self.lockstep or self._mode.apply_at == "stamp":
+            take()
+        else:
+            self.tick(take)
 
     def report(self) -> None:
         """Tell every sink how the run is."""
@@ -355,7 +359,13 @@ class Driver:
         if self.stands_still or self._free_running:
             return self.simulation.time_ns
         # A lag that is given up is given up before a command gets its time from it.
-        return max(self.simulation.time_ns, self.pacer.due_ns(self._next_look_ns()) - self.pacer.since(max(0, age_ns)))
+        return max(self.simulation.time_ns, self._due_ns() - self.pacer.since(max(0, age_ns)))
+
+    def _due_ns(self) -> int:
+        """Return how far time should have gone now, where it passes by itself."""
+        if self.stands_still:
+            return self._goal_ns
+        return self._next_ns() if self._free_running else self.pacer.due_ns(self._next_look_ns())
 
     def _next_ns(self) -> int:
         """Return when there is something to do next: an output or the end of the scene."""

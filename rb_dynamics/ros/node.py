@@ -115,14 +115,18 @@ class RigidBodyNode(Node):
         return self._quitting or self.driver.done
 
     def tick(self) -> None:
-        """Advance as far as there is time to, and publish diagnostics once a second."""
-        self.driver.tick()
+        """Take commands, advance as far as there is time to, and publish diagnostics once a second."""
+        self.driver.tick(self._take_wrenches)
         if self._health.due():
             if self._settings.topics.clock and self.count_publishers("/clock") > 1:
                 self._health.warn("/clock has another publisher: expected one master of time; set publish_clock once")
             self._miss_logs()
             if self._settings.logs.names or self._publishers_sink.status_is_read:
                 self.driver.report()
+
+    def prepare(self) -> None:
+        """Take commands and compute what they do, before the next output is due."""
+        self.driver.prepare(self._take_wrenches)
 
     def _miss_logs(self) -> None:
         """Say of each log that is removed while it is written that it is; once."""
@@ -208,9 +212,9 @@ class RigidBodyNode(Node):
 
     def _on_wrenches(self, topic: str, message: bytes, facts: dict[str, Any]) -> None:
         self._take(topic, message, facts)
-        self.take_wrenches()
+        self._take_wrenches()
 
-    def take_wrenches(self) -> None:
+    def _take_wrenches(self) -> None:
         """Take all commands that wait, on every channel.
 
         To wait anew for each would cost more than to simulate it; and time must not advance on the commands of one
@@ -426,13 +430,10 @@ def _run(nodes: Sequence[RigidBodyNode], executor: SingleThreadedExecutor, stop:
             if seconds > _LAST_LOOK:
                 time.sleep(seconds - _LAST_LOOK)
                 for node in running:
-                    node.take_wrenches()
-                    node.driver.prepare()
+                    node.prepare()
                 seconds = _seconds_until_due(running)
             time.sleep(seconds)
-            # A command knows when it came, so it acts no later for being taken only now.
-            for node in running:
-                node.take_wrenches()
+        # A command knows when it came, so it acts no later for being taken only now.
         for node in running:
             node.tick()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -351,6 +352,26 @@ def test_a_command_that_came_acts_before_the_output_is_due_unless_stamps_count(a
     assert [wrench.topic for wrench in memory.applied] == ["wrench"] * (apply_at == "arrival")
     # Told is nothing before its time.
     assert memory.time_ns == [0]
+
+
+def test_time_goes_no_further_than_to_when_commands_were_looked_for() -> None:
+    scene = parse_scene(SCENE.replace("duration: 1.0", "output_rate: 1"))
+    health = Health("/body", ["wrench", "push"], lambda level, message: None)
+    memory = MemorySink()
+    body = Driver(scene, Mode(), Pacer(1.0), health, memory, list)
+    looked = []
+
+    def take() -> None:
+        looked.append(time.monotonic_ns())
+        body.command("wrench", Wrench(force=(1.0, 0.0, 0.0), frame_id="world"), age_ns=1_000_000_000)
+        # Other channels take their time; on this one another command may come.
+        time.sleep(0.02)
+
+    before = time.monotonic_ns()
+    body.pacer.restart(50_000_000)
+    body.tick(take)
+    assert [wrench.topic for wrench in memory.applied] == ["wrench"]
+    assert body.simulation.look().time_ns <= 50_000_000 + looked[0] - before
 
 
 def test_a_rejected_command_leaves_no_trace_in_what_the_stamps_of_others_mean() -> None:
