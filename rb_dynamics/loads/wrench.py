@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from rb_dynamics.arguments import instance, mapping, quaternion, vector
+from rb_dynamics.arguments import instance, mapping, quaternion, shown, vector
 from rb_dynamics.errors import WrenchError
 from rb_dynamics.moments import moment_of_force
 from rb_dynamics.rotation import IDENTITY, Quaternion, rotate
@@ -133,7 +133,7 @@ class WrenchFrames:
         if frame is None:
             known = ["", self.body_frame, self.world_frame, *(self.fixed or {})]
             raise WrenchError(
-                f"wrench frame_id is {wrench.frame_id!r}, expected one of {known}; "
+                f"wrench frame_id is {shown(wrench.frame_id)}, expected one of {known}; "
                 "declare the frame under body.frames in the scene or transform the wrench before sending it"
             )
         force = rotate(frame.orientation_xyzw, wrench.force)

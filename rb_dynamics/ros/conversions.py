@@ -21,6 +21,7 @@ from geometry_msgs.msg import (
 from geometry_msgs.msg import Quaternion as QuaternionMessage
 from nav_msgs.msg import Odometry
 
+from rb_dynamics.arguments import shown
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.diagnostics import Sample
@@ -106,7 +107,7 @@ def to_state(message: Odometry, frames: WrenchFrames) -> State:
         ("child_frame_id", message.child_frame_id, frames.body_frame),
     ):
         if found not in ("", expected):
-            raise SceneError(f"{name} is {found!r}, expected {expected!r} or nothing; transform the state before")
+            raise SceneError(f"{name} is {shown(found)}, expected {expected!r} or nothing; transform the state before")
     p, q = message.pose.pose.position, message.pose.pose.orientation
     linear, angular = message.twist.twist.linear, message.twist.twist.angular
     # A quaternion that is none is left for the scene to refuse.

@@ -20,6 +20,8 @@ OK, WARN, ERROR = 0, 1, 2
 _PERIOD_NS = 1_000_000_000
 # How many different warnings are logged in a second.
 _REASONS = 5
+# Characters of a warning or failure: a peer must not make the node repeat a megabyte every second.
+_LONGEST = 1000
 _NUMBER = re.compile(r"\d[\d.e+-]*")
 
 
@@ -109,13 +111,13 @@ class Health:
 
     def warn(self, message: str) -> None:
         """Remember the newest warning."""
-        self._warning = message
-        self._say(WARN, message)
+        self._warning = _cut(message)
+        self._say(WARN, self._warning)
 
     def failed(self, message: str) -> None:
         """Remember the newest failure."""
-        self._failure = message
-        self._say(ERROR, message)
+        self._failure = _cut(message)
+        self._say(ERROR, self._failure)
 
     def due(self) -> bool:
         """Return whether a second has passed since this last returned True."""
@@ -150,3 +152,7 @@ class Health:
         elif warning := self._warning or pacer.warning():
             level, message = WARN, warning
         return Status(sample.time_ns, level, message, values, self._name)
+
+
+def _cut(message: str) -> str:
+    return message if len(message) <= _LONGEST else f"{message[:_LONGEST]}..."

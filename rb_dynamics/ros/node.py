@@ -38,6 +38,7 @@ from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
 
 from rb_dynamics.errors import LogError, RigidBodyError, SceneError
+from rb_dynamics.recording.cdr import split_stamp
 from rb_dynamics.recording.guard import GuardedSink
 from rb_dynamics.recording.log_file import move_aside
 from rb_dynamics.recording.messages import ACCEL, COMMAND_DEPTH, SAMPLE_TOPICS, WRENCH, decode_wrench
@@ -230,6 +231,8 @@ class RigidBodyNode(Node):
         try:
             # As from a bag: a message object takes the middleware several times as long to make.
             wrench = decode_wrench(WRENCH, 0, message)
+            # One with nanoseconds beyond a second may mean a time that no log can hold.
+            split_stamp(wrench.stamp_ns)
         except LogError as error:
             self._health.rejected(topic)
             self._health.warn(f"{topic}: rejected: {error}")

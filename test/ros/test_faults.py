@@ -106,21 +106,39 @@ def test_a_subnormal_wrench_acts_and_harms_nothing(scene: Path, peer: Peer) -> N
     assert "nan" not in " ".join(values(diagnostics[-1]).values())
 
 
-def test_bytes_that_are_no_wrench_are_rejected_and_the_next_command_acts(scene: Path, peer: Peer) -> None:
+def test_bytes_that_are_no_wrench_are_rejected_and_the_next_command_acts(
+    scene: Path, peer: Peer, tmp_path: Path
+) -> None:
     good = WrenchStamped()
     good.header.frame_id = "world"
     data = serialize_message(good)
-    with running(scene) as node:
+    # Nanoseconds beyond a second, in the last second that a stamp has.
+    beyond = b"\xff\xff\xff\x7f" + b"\xff" * 4
+    log = tmp_path / "run.mcap"
+    with running(scene, mcap=str(log)) as node:
         diagnostics = peer.diagnostics()
         publisher = peer.node.create_publisher(WrenchStamped, "wrench", 10)
         peer.until(lambda: publisher.get_subscription_count() > 0, "the node listening")
-        for bad in (data[:-8], data[:6], data.replace(b"world", b"w\xff\xfe\xffd")):
+        for bad in (data[:-8], data[:6], data.replace(b"world", b"w\xff\xfe\xffd"), data[:4] + beyond + data[12:]):
             publisher.publish(bad)
         publisher.publish(data)
         peer.until(lambda: diagnostics and values(diagnostics[-1])["wrench: accepted"] == "1", "the good one counted")
-        assert values(diagnostics[-1])["wrench: rejected"] == "3"
+        assert values(diagnostics[-1])["wrench: rejected"] == "4"
         assert node.stop() == 0, node.err
     assert "UTF-8" in node.err
+    assert "a log has stopped" not in node.err
+
+
+def test_a_frame_of_megabytes_is_neither_repeated_nor_logged(scene: Path, peer: Peer, tmp_path: Path) -> None:
+    with running(scene, mcap=str(tmp_path / "run.mcap")) as node:
+        diagnostics = peer.diagnostics()
+        peer.wrench(frame_id="x" * 3_000_000)
+        peer.until(lambda: diagnostics and values(diagnostics[-1])["wrench: rejected"] == "1", "the command counted")
+        assert node.stop() == 0, node.err
+    assert "expected one of" in diagnostics[-1].status[0].message
+    assert len(diagnostics[-1].status[0].message) < 2000
+    assert len(node.err) < 10_000
+    assert (tmp_path / "run.mcap").stat().st_size < 3_000_000
 
 
 def test_a_storm_of_commands_leaves_the_last_one_acting_and_each_accounted_for(
