@@ -168,17 +168,28 @@ class Driver:
 
     def reset_state(self) -> None:
         """Begin a new run with the initial state and without commands; stamps go on."""
+        self.catch_up()
         self._restart(self._again({}), self._passed_ns(), carry=False)
 
     def reset_time(self) -> None:
         """Begin a new run from the state as it is; stamps, the scene's duration and schedules begin again."""
+        self.catch_up()
         scene = parse_scene(self._scene.text, self._scene.source, _initial(self.state))
         self._restart(scene, 0, carry=True)
 
+    def catch_up(self) -> None:
+        """Go on to now, so that what is changed from outside changes then, and not at the last output."""
+        if not (self.stands_still or self._free_running):
+            self.tick()
+
     @property
     def state(self) -> State:
-        """The motion at this moment."""
-        s = self.simulation.sample
+        """The motion at this moment, which may lie between two outputs.
+
+        Raises:
+            ConvergenceError: a step could not be solved.
+        """
+        s = self.simulation.look()
         return State(s.time_ns, s.position_world, s.orientation_xyzw, s.linear_velocity_world, s.angular_velocity_body)
 
     @property
@@ -193,6 +204,7 @@ class Driver:
             SceneError: the state is not valid, or an effect of the scene runs by time.
         """
         self._require_no_schedule(self._scene)
+        self.catch_up()
         self._restart(self._again(_initial(state)), self._passed_ns(), carry=True)
 
     def changed(self, overrides: Mapping[str, object]) -> Scene:
@@ -225,6 +237,7 @@ class Driver:
         self._scene = scene
         if initial_only:
             return
+        self.catch_up()
         try:
             self._restart(self._again(_initial(self.state)), self._passed_ns(), carry=True)
         except RigidBodyError:
@@ -239,7 +252,7 @@ class Driver:
         time_ns = stamp_ns if by_stamp else max(self._arrived_ns(age_ns), self._latest_ns[topic])
         # A rejected command has spoken too: time does not wait for what will never come.
         self._newest[topic] = max(stamp_ns, self._newest.get(topic) or 0)
-        computed_ns = max(self.simulation.time_ns, self._reached_ns)
+        computed_ns = self._computed_ns
         # A rejected one never acts: none that comes after it is late or left out for its sake.
         classified = by_stamp and self.simulation.honours(topic, wrench)
         arrival = self._arrivals[topic].classify(time_ns, computed_ns) if classified else None
@@ -315,7 +328,7 @@ class Driver:
         `carry` lets the commands that are held or wait act on, their timeouts counted anew; `forget` clears the health
         of the run that ends, the failure of a log to end included.
         """
-        ended_ns, newest, latest, commands = self.simulation.time_ns, self._newest, self._latest_ns, self._commands
+        ended_ns, newest, latest, commands = self._computed_ns, self._newest, self._latest_ns, self._commands
         timeouts = {c.topic: round(c.timeout * 1e9) for c in self.simulation.scene.channels}
         simulation = Simulation(scene, [self._publishers, *self._open_logs()])
         self.simulation.finish()
@@ -344,7 +357,12 @@ class Driver:
 
     def _passed_ns(self) -> int:
         """Return how long ago the last reset was, in simulation time."""
-        return self._before_ns + self.simulation.time_ns
+        return self._before_ns + self._computed_ns
+
+    @property
+    def _computed_ns(self) -> int:
+        """How far the motion is known: commands act from there on."""
+        return max(self.simulation.time_ns, self._reached_ns)
 
     def _require_no_schedule(self, scene: Scene) -> None:
         acting = scene.acting

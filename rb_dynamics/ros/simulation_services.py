@@ -198,6 +198,7 @@ class SimulationServices:
             )
         else:
             try:
+                self._driver.catch_up()
                 self._driver.set_state(
                     conversions.with_entity_state(self._driver.state, request.state, set_pose, set_twist)
                 )

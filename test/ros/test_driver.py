@@ -292,6 +292,27 @@ def test_time_goes_on_from_what_was_computed_not_from_the_last_output() -> None:
     assert body.pacer.due_ns(10**12) >= reached
 
 
+def test_a_change_from_outside_takes_no_time_from_the_motion_however_far_the_next_output_is() -> None:
+    body = driver(SCENE.replace("duration: 1.0", "output_rate: 0.01"), Mode())
+    passed, x = 0, 0.0
+    for _ in range(3):
+        body.pacer.restart(50_000_000)
+        body.tick()
+        while body.behind:
+            body.tick()
+        computed = body.simulation.look().time_ns
+        state = body.state
+        assert state.position_world[0] == pytest.approx(x + 1e-9 * computed, rel=1e-12)
+        body.set_state(state)
+        # To go on to now has brought some more.
+        assert body.stamp_ns >= passed + computed
+        passed, x = body.stamp_ns, state.position_world[0]
+    # What passed since it was computed last is gone on to before the change.
+    body.pacer.restart(50_000_000)
+    body.set_state(body.state)
+    assert body.stamp_ns > passed
+
+
 def test_stop_stands_at_time_0_until_told() -> None:
     body = driver(mode=Mode())
     body.pause(True)
