@@ -96,6 +96,10 @@ class Driver:
         """The scene, with the state that `reset` leads back to."""
         return self._scene
 
+    def go(self) -> None:
+        """Let time pass from here on: what it took to get ready is no lag."""
+        self.pacer.restart(self._reached_ns)
+
     def seconds_until_due(self) -> float:
         """Return how long there is nothing to do but to wait for messages, s."""
         if self.stands_still:

@@ -420,6 +420,8 @@ def _end_sleeps_in_time() -> None:
 
 
 def _run(nodes: Sequence[RigidBodyNode], executor: SingleThreadedExecutor, stop: Sequence[int]) -> None:
+    for node in nodes:
+        node.driver.go()
     next_turn = 0.0
     while not stop and (running := [node for node in nodes if not node.done]):
         seconds = _seconds_until_due(running)

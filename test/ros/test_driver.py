@@ -313,6 +313,15 @@ def test_a_change_from_outside_takes_no_time_from_the_motion_however_far_the_nex
     assert body.stamp_ns > passed
 
 
+def test_what_it_takes_to_get_ready_is_no_lag() -> None:
+    body = driver(mode=Mode())
+    body.pacer.restart(300_000_000)
+    before = time.monotonic_ns()
+    body.go()
+    assert body.pacer.due_ns(10**12) <= time.monotonic_ns() - before
+    assert body.pacer.warning() == ""
+
+
 def test_stop_stands_at_time_0_until_told() -> None:
     body = driver(mode=Mode())
     body.pause(True)
