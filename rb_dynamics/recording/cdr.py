@@ -90,12 +90,12 @@ def decode(type_name: str, data: bytes) -> tuple[Any, ...]:
     except struct.error:
         raise LogError(
             f"{type_name}: message ends after {len(data)} bytes, before its last field; it was cut short, or is of "
-            "another type: record it again"
+            "another type: record or send it again"
         ) from None
     except UnicodeDecodeError as error:
         raise LogError(
             f"{type_name}: a string in the message is not UTF-8 ({error.reason}); it is damaged, or of another type: "
-            "record it again"
+            "record or send it again"
         ) from None
 
 
