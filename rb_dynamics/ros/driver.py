@@ -53,14 +53,16 @@ class Driver:
         health: Health,
         publishers: Sink,
         open_logs: Callable[[], Sequence[GuardedSink]],
+        take: Callable[[], None] = lambda: None,
     ) -> None:
-        """Start the first run; `open_logs` makes the logs of each run.
+        """Start the first run; `open_logs` makes the logs of each run, `take` hands over by `command` what has come.
 
         Raises:
             RigidBodyError: a log cannot be opened, or the scene cannot be run.
         """
         self.pacer, self.health, self.lockstep = pacer, health, mode.lockstep
         self._mode, self._publishers, self._open_logs = mode, publishers, open_logs
+        self._take = take
         self._free_running = mode.real_time_factor == 0.0
         self._scene = scene
         self.paused, self.stopped = mode.start_paused, False
@@ -108,14 +110,14 @@ class Driver:
             return 0.0
         return min(LONGEST_WAIT, self.pacer.seconds_until(self._next_ns()))
 
-    def tick(self, take: Callable[[], None] = lambda: None) -> None:
-        """Advance as far as time, pause and lockstep allow, for one burst.
+    def tick(self) -> None:
+        """Take commands, and advance as far as time, pause and lockstep allow, for one burst.
 
-        `take` hands over, by `command`, all that have come. Time goes no further than to when that began: a command
-        that comes meanwhile is taken the next time, and still acts from when it came.
+        Time goes no further than to when that began: a command that comes meanwhile is taken the next time, and still
+        acts from when it came.
         """
         due_ns = self._due_ns()
-        take()
+        self._take()
         if not self.paused:
             # A lag may have been given up meanwhile.
             self._goal_ns = self._lockstep_limit() if self.lockstep else min(due_ns, self._due_ns())
@@ -124,15 +126,15 @@ class Driver:
             self._goal_ns = max(self._goal_ns, self._next_ns())
         self._burst()
 
-    def prepare(self, take: Callable[[], None] = lambda: None) -> None:
-        """Take what has come, and compute what is known already, before the next output is due.
+    def prepare(self) -> None:
+        """Take commands, and compute what is known already, before the next output is due.
 
         Not where stamps count: a command with an earlier one may still come.
         """
         if self.lockstep or self._mode.apply_at == "stamp":
-            take()
+            self._take()
         else:
-            self.tick(take)
+            self.tick()
 
     def report(self) -> None:
         """Tell every sink how the run is."""

@@ -100,7 +100,9 @@ class RigidBodyNode(Node):
         self.create_service(SetBool, "~/pause", self._on_pause)
         self.create_service(Trigger, "~/step", self._on_step)
         self.create_service(Trigger, "~/reset", self._on_reset)
-        self.driver = Driver(scene, settings.mode, pacer, self._health, self._publishers_sink, self._open_logs)
+        self.driver = Driver(
+            scene, settings.mode, pacer, self._health, self._publishers_sink, self._open_logs, self._take_wrenches
+        )
         self._publishers_sink.watch(lambda: self.driver.simulation.acceleration)
         if importlib.util.find_spec("simulation_interfaces") is not None:
             from rb_dynamics.ros.simulation_services import SimulationServices
@@ -117,17 +119,13 @@ class RigidBodyNode(Node):
 
     def tick(self) -> None:
         """Take commands, advance as far as there is time to, and publish diagnostics once a second."""
-        self.driver.tick(self._take_wrenches)
+        self.driver.tick()
         if self._health.due():
             if self._settings.topics.clock and self.count_publishers("/clock") > 1:
                 self._health.warn("/clock has another publisher: expected one master of time; set publish_clock once")
             self._miss_logs()
             if self._settings.logs.names or self._publishers_sink.status_is_read:
                 self.driver.report()
-
-    def prepare(self) -> None:
-        """Take commands and compute what they do, before the next output is due."""
-        self.driver.prepare(self._take_wrenches)
 
     def _miss_logs(self) -> None:
         """Say of each log that is removed while it is written that it is; once."""
@@ -435,7 +433,7 @@ def _run(nodes: Sequence[RigidBodyNode], executor: SingleThreadedExecutor, stop:
             if seconds > _LAST_LOOK:
                 time.sleep(seconds - _LAST_LOOK)
                 for node in running:
-                    node.prepare()
+                    node.driver.prepare()
                 seconds = _seconds_until_due(running)
             time.sleep(seconds)
         # A command knows when it came, so it acts no later for being taken only now.

@@ -388,7 +388,6 @@ def test_time_goes_no_further_than_to_when_commands_were_looked_for() -> None:
     scene = parse_scene(SCENE.replace("duration: 1.0", "output_rate: 1"))
     health = Health("/body", ["wrench", "push"], lambda level, message: None)
     memory = MemorySink()
-    body = Driver(scene, Mode(), Pacer(1.0), health, memory, list)
     looked = []
 
     def take() -> None:
@@ -397,9 +396,10 @@ def test_time_goes_no_further_than_to_when_commands_were_looked_for() -> None:
         # Other channels take their time; on this one another command may come.
         time.sleep(0.02)
 
+    body = Driver(scene, Mode(), Pacer(1.0), health, memory, list, take)
     before = time.monotonic_ns()
     body.pacer.restart(50_000_000)
-    body.tick(take)
+    body.tick()
     assert [wrench.topic for wrench in memory.applied] == ["wrench"]
     assert body.simulation.look().time_ns <= 50_000_000 + looked[0] - before
 
