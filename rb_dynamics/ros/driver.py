@@ -243,7 +243,6 @@ class Driver:
         self._scene = scene
         if initial_only:
             return
-        self.catch_up()
         try:
             self._restart(self._again(_initial(self.state)), self._passed_ns(), carry=True)
         except RigidBodyError:
