@@ -139,7 +139,8 @@ class Driver:
     def report(self) -> None:
         """Tell every sink how the run is."""
         state = "stopped" if self.stopped else "paused" if self.paused else "lockstep" if self.lockstep else "running"
-        self.simulation.write(self.health.status(self.simulation, self.pacer, state))
+        awaited = self._awaited() if state == "lockstep" and not self.behind else ""
+        self.simulation.write(self.health.status(self.simulation, self.pacer, state, awaited))
 
     def pace(self, factor: float) -> None:
         """Go on at another real-time factor; 0 is as fast as possible."""
@@ -276,6 +277,11 @@ class Driver:
                 # Its time is when it came: a stamped one that was to act before it must not undo it.
                 self._arrivals[topic].classify(max(time_ns, computed_ns), computed_ns)
         self.health.accepted(topic, arrival)
+        if self.lockstep and wrench.stamp_ns == 0 and arrival is Arrival.DUPLICATE:
+            self.health.warn(
+                f"{topic}: two commands without a stamp, and in lockstep time goes no further than the newest stamp; "
+                "stamp each for the output that is to come"
+            )
         if arrival is Arrival.LATE:
             self.health.warn(
                 f"{topic}: a command came {(computed_ns - time_ns) / 1e9:.9g} s after its stamp and took effect at once"
@@ -406,6 +412,15 @@ class Driver:
         """Return the smallest of the channels' newest stamps; no further may time advance."""
         stamps = (-1 if stamp is None else stamp for stamp in self._newest.values())
         return max(self._goal_ns, min(stamps, default=-1))
+
+    def _awaited(self) -> str:
+        """Return what lockstep waits for, in the users' stamps."""
+        oldest = min(self._newest, key=lambda topic: self._newest[topic] or -1, default="")
+        newest_ns = self._newest.get(oldest)
+        if newest_ns is None:
+            return f", waits for the first command on {oldest}" if oldest else ""
+        seconds = (newest_ns + (self.pacer.offset_ns or 0)) / _NANOSECONDS
+        return f", waits for a command on {oldest} that is stamped later than {seconds:.9f} s"
 
     def _burst(self) -> None:
         """Advance towards the goal until a few milliseconds have passed; how it is cut up changes nothing."""

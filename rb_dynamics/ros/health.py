@@ -127,8 +127,8 @@ class Health:
         self._next_ns = now + _PERIOD_NS
         return True
 
-    def status(self, simulation: Simulation, pacer: Pacer | ClockFollower, state: str) -> Status:
-        """Return the status of the node."""
+    def status(self, simulation: Simulation, pacer: Pacer | ClockFollower, state: str, awaited: str = "") -> Status:
+        """Return the status of the node in its `state`, and what that waits for."""
         sample = simulation.sample
         values = {
             "state": state,
@@ -146,7 +146,7 @@ class Health:
             states = asdict(self.states).items()
             values |= {f"~/set_state: {name.replace('_', ' ')}": str(count) for name, count in states}
         values |= {f"{topic}: incompatible QoS": str(count) for topic, count in self._mismatches.items()}
-        level, message = OK, state
+        level, message = OK, state + awaited
         if self._failure:
             level, message = ERROR, self._failure
         elif warning := self._warning or pacer.warning():

@@ -14,6 +14,7 @@ from nav_msgs.msg import Odometry
 
 from rb_dynamics import MemorySink, Simulation, Wrench, parse_scene
 from rb_dynamics.errors import SceneError
+from rb_dynamics.recording.sink import Event, Status
 from rb_dynamics.ros.conversions import to_state
 from rb_dynamics.ros.driver import Driver, Mode
 from rb_dynamics.ros.health import Health
@@ -402,6 +403,35 @@ def test_time_goes_no_further_than_to_when_commands_were_looked_for() -> None:
     body.tick()
     assert [wrench.topic for wrench in memory.applied] == ["wrench"]
     assert body.simulation.look().time_ns <= 50_000_000 + looked[0] - before
+
+
+def test_lockstep_says_what_it_waits_for_and_warns_of_commands_that_move_no_time() -> None:
+    told: list[Status] = []
+
+    class Publishers(MemorySink):
+        def write(self, event: Event) -> None:
+            if isinstance(event, Status):
+                told.append(event)
+
+    scene = parse_scene(SCENE)
+    health = Health("/body", ["wrench", "push"], lambda level, message: None)
+    body = Driver(scene, Mode(lockstep=True), Pacer(1.0), health, Publishers(), list)
+
+    def message() -> str:
+        while body.behind:
+            body.tick()
+        body.report()
+        return told[-1].message
+
+    assert message() == "lockstep, waits for the first command on wrench"
+    for topic in ("wrench", "push"):
+        body.command(topic, Wrench(stamp_ns=0))
+    assert message() == "lockstep, waits for a command on wrench that is stamped later than 0.000000000 s"
+    body.command("wrench", Wrench(stamp_ns=20_000_000))
+    body.tick()
+    assert "waits for a command on push that is stamped later than 0.0" in message()
+    body.command("push", Wrench(stamp_ns=0))
+    assert "stamp each for the output that is to come" in message()
 
 
 def test_a_rejected_command_leaves_no_trace_in_what_the_stamps_of_others_mean() -> None:
