@@ -191,7 +191,8 @@ METADATA = {
     "rb_dynamics": "what ran: method, versions, platform, hash of the scene",
     "rb_dynamics.topics": "names of the topics after remapping",
     "rb_dynamics.checkpoint": "behind each chunk: samples so far, and the SHA-256 of all of them",
-    "rb_dynamics.result": "how it ended: steps, hash of inputs and of all states",
+    "rb_dynamics.result": "how it ended: steps, hash of inputs and of all states; of a file of a bag that is not "
+    "the last `states_sha256` up to its end and, in `continues_in`, the name of the next one",
 }
 
 

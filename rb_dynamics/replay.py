@@ -29,7 +29,7 @@ from rb_dynamics.recording.messages import (
     sample_topics,
 )
 from rb_dynamics.recording.own_log import received_commands, scene_and_names
-from rb_dynamics.recording.provenance import CHECKPOINT, INTERRUPTED, RESULT, RUN, version
+from rb_dynamics.recording.provenance import CHECKPOINT, INTERRUPTED, RESULT, RUN, next_file, version
 from rb_dynamics.recording.sink import Event, RunInfo, Sample
 from rb_dynamics.recording.state_hash import StateHash
 from rb_dynamics.scene.model import Scene
@@ -167,9 +167,10 @@ class _Facts:
         if complete:
             result = source.metadata.get(RESULT, {})
             if begin_ns > 0 or "end_time_ns" not in result:
+                absent = next_file(source.metadata)
                 raise LogError(
                     f"{source.path}: found one file of a bag, expected a run from its start to its end; give the "
-                    "folder of the bag"
+                    f"folder of the bag{f', with {absent} in it' if absent else ''}"
                 )
             # A change of wrench may be behind the last sample.
             end_ns = int(result["end_time_ns"])

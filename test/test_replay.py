@@ -106,6 +106,23 @@ def test_a_split_bag_and_a_recovered_beginning(tmp_path: Path, log: Path) -> Non
         assert found.hashes == {}, "cut off before its first checkpoint"
 
 
+def test_whole_files_are_proven_though_the_last_one_has_no_sample_left(tmp_path: Path) -> None:
+    folder = tmp_path / "bag"
+    simulate(SCENE, COMMANDS, [BagSink(folder, max_duration_s=0.7)])
+    last = max(folder.glob("*.mcap"))
+    start = McapFile(last)
+    begun_ns = next(start.messages()).log_time
+    # A kill right after the file was begun: its first chunk is there, no sample is.
+    data = last.read_bytes()
+    last.write_bytes(data[: data.index(b"rb_dynamics.result") // 2])
+    found = replay(folder)
+    assert found.identical
+    assert not found.complete
+    assert found.proven_ns is not None
+    assert found.proven_ns == read_bag(folder).poses("/pose")[0][-1]
+    assert found.proven_ns < begun_ns
+
+
 def test_behind_a_piece_that_is_missing_nothing_is_said(tmp_path: Path, log: Path) -> None:
     def edit(message: Message) -> Message | None:
         return None if 900_000_000 < message.log_time < 1_100_000_000 else message

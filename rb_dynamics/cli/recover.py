@@ -5,8 +5,8 @@ gives a rosbag2 folder with metadata.yaml.
 
 Times are counted from the first message, as inspect counts them.
 
-Exit codes: 0 done, and nothing is missing but the end; 1 damaged pieces were left out (the lines say which); 2 nothing
-could be read.
+Exit codes: 0 done, and nothing is missing but the end; 1 damaged pieces were left out, or a file in between is missing
+(the lines say which); 2 nothing could be read.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ def run(args: argparse.Namespace) -> int:
 
     saved = recover(Path(args.source), Path(args.target))
     start_ns = min((each.file.start_ns for each in saved if each.file.counts.total()), default=0)
-    for each in saved:
+    within = False
+    for number, each in enumerate(saved, 1):
         file = each.file
         begin, end = ((time_ns - start_ns) * 1e-9 for time_ns in (file.start_ns, file.end_ns))
         span = f" from t = {begin:.9g} to {end:.9g} s" if file.counts.total() else ""
@@ -41,6 +42,10 @@ def run(args: argparse.Namespace) -> int:
         for begin_ns, end_ns in each.missing:
             begin, end = ((time_ns - start_ns) * 1e-9 for time_ns in (begin_ns, end_ns))
             print(f"  missing: t = {begin:.9g} to {end:.9g} s")
+        following = saved[number].file.name if number < len(saved) else ""
+        if each.next_file not in ("", following):
+            print(f"  the next file, {each.next_file}, is missing")
+            within = within or bool(following)
     print(f"wrote {args.target}")
     if not all(each.complete for each in saved) and not any(each.file.counts.total() for each in saved):
         print(
@@ -49,4 +54,4 @@ def run(args: argparse.Namespace) -> int:
             file=sys.stderr,
         )
         return 2
-    return 1 if any(each.damage for each in saved) else 0
+    return 1 if within or any(each.damage for each in saved) else 0

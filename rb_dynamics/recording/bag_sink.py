@@ -15,6 +15,7 @@ from pathlib import Path
 from rb_dynamics.errors import LogError
 from rb_dynamics.recording.bag_metadata import METADATA_FILE, BagFile, write_metadata
 from rb_dynamics.recording.mcap_sink import LogSettings, McapSink
+from rb_dynamics.recording.provenance import CONTINUES_IN
 from rb_dynamics.recording.sink import Event, RunInfo, Sample
 from rb_dynamics.recording.state_hash import StateHash
 
@@ -71,7 +72,9 @@ class BagSink:
         """
         assert self._sink is not None, "open comes first"
         if isinstance(event, Sample) and self._full(event.time_ns):
-            self._end_file({"continues_in": self._name(len(self._files))})
+            # What is in whole files is proven, however the next one ends.
+            self._sink.flush()
+            self._end_file({CONTINUES_IN: self._name(len(self._files))})
             self._begin_file(event.time_ns)
         self._sink.write(event)
         self._files[-1].end_ns = event.time_ns

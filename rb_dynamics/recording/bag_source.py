@@ -18,7 +18,7 @@ import yaml
 from rb_dynamics.errors import LogError, MissingExtraError
 from rb_dynamics.recording.bag_metadata import METADATA_FILE
 from rb_dynamics.recording.mcap_records import Channel, McapFile, Message, Schema
-from rb_dynamics.recording.provenance import INTERRUPTED
+from rb_dynamics.recording.provenance import DAMAGED, INTERRUPTED, MISSING_FILES, RESULT, next_file
 
 MAX_METADATA_BYTES = 4 << 20
 
@@ -43,10 +43,12 @@ def open_source(path: str | Path) -> Source:
     """Return the bag at `path`: a file, or a folder as rosbag2 writes it.
 
     Raises:
-        LogError: a folder holds no bag.
+        LogError: a folder holds no bag, or a file is only the `metadata.yaml` of one.
         MissingExtraError: it takes rosbags to read it, which is not installed.
     """
     path = Path(path)
+    if path.name == METADATA_FILE and path.is_file():
+        raise LogError(f"{path} only says which files a bag has, expected the bag; give the folder: {path.parent}")
     if not path.is_dir():
         return RosbagsSource(path) if path.suffix == ".db3" else McapFile(path)
     files = _files(path)
@@ -63,7 +65,9 @@ def open_source(path: str | Path) -> Source:
 class SplitMcap:
     """Several MCAP files that are one bag, read one after the other.
 
-    Of facts of one name the later stands; of what was lost, all of it.
+    Of facts of one name the later stands, and the result is that of the last file: an earlier one's is no end. What was
+    lost is all told; what an earlier file lacks at its end, and a file that is not there, are a piece that is missing
+    in between.
     """
 
     path: Path
@@ -79,21 +83,66 @@ class SplitMcap:
         Raises:
             LogError: as `McapFile.messages`.
         """
+        before: _Part | None = None
         complete = True
         for path in self.files:
-            file = McapFile(path)
-            yield from file.messages()
+            file = McapFile(path, part=True)
+            part = _Part(file)
+            yield from part.messages()
             complete = complete and file.complete
-            interrupted = _joined(self.metadata.get(INTERRUPTED, {}), file.metadata.get(INTERRUPTED, {}))
-            self.metadata.update(file.metadata | ({INTERRUPTED: interrupted} if interrupted else {}))
+            lost = self.metadata.get(INTERRUPTED, {})
+            if before is not None:
+                lost = _between(before, part, lost)
+            lost = _joined(lost, file.metadata.get(INTERRUPTED, {}))
+            self.metadata.pop(RESULT, None)
+            self.metadata.update(file.metadata | ({INTERRUPTED: lost} if lost else {}))
             self.attachments.update(file.attachments)
             self.channels.update({channel.topic: channel for channel in file.channels.values()})
+            before = part
         self.complete = complete
+
+
+@dataclass
+class _Part:
+    """One file of several, and the log times (ns) of its first and last message once they have been read."""
+
+    file: McapFile
+    begin_ns: int | None = None
+    end_ns: int | None = None
+
+    def messages(self) -> Iterator[Message]:
+        messages = self.file.messages()
+        message = next(messages, None)
+        if message is None:
+            return
+        self.begin_ns = message.log_time
+        yield message
+        for message in messages:
+            yield message
+        self.end_ns = message.log_time
+
+    @property
+    def cut(self) -> bool:
+        """Whether its end is missing, in a recovered copy too."""
+        reason = self.file.metadata.get(INTERRUPTED, {}).get("reason", DAMAGED)
+        return not self.file.complete or reason != DAMAGED
+
+
+def _between(before: _Part, after: _Part, lost: dict[str, str]) -> dict[str, str]:
+    """Return what was `lost` up to `before` and between it and `after`, the file behind it."""
+    expected = next_file(before.file.metadata) or after.file.path.name
+    absent = {MISSING_FILES: expected} if expected != after.file.path.name else {}
+    if not (absent or before.cut):
+        return lost
+    known = before.end_ns is not None and after.begin_ns is not None
+    hole = {"missing_ns": f"{before.end_ns} {after.begin_ns}"} if known else {}
+    # Seen from the whole bag that was no end: what comes later is there.
+    return {**_joined(lost, {**hole, **absent}), "reason": DAMAGED}
 
 
 def _joined(one: Mapping[str, str], other: Mapping[str, str]) -> dict[str, str]:
     """Return what was lost in both of two files of a bag; of facts that are one thing the later."""
-    lists = {"reason": " and ", "missing_ns": ", "}
+    lists = {"reason": " and ", "missing_ns": ", ", MISSING_FILES: ", "}
     texts = {key: [each[key] for each in (one, other) if each.get(key)] for key in lists}
     return {**one, **other, **{key: lists[key].join(dict.fromkeys(found)) for key, found in texts.items() if found}}
 

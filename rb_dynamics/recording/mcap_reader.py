@@ -35,7 +35,7 @@ from rb_dynamics.recording.messages import (
     WRENCH,
     decode_wrench,
 )
-from rb_dynamics.recording.provenance import DAMAGED, INTERRUPTED, RESULT
+from rb_dynamics.recording.provenance import DAMAGED, INTERRUPTED, MISSING_FILES, RESULT, next_file
 
 Times = NDArray[np.int64]
 Values = NDArray[np.float64]
@@ -90,7 +90,8 @@ class Bag:
 
     Attributes:
         path: the file or folder.
-        complete: False for a file that was cut off, recovered or not; it holds what was written until then.
+        complete: False for a file that was cut off, recovered or not; it holds what was written until then. False too
+            for files of a bag of which another one is missing.
         topics: by name as recorded.
         metadata: key and value of each metadata record, by its name.
         attachments: content by name.
@@ -107,12 +108,24 @@ class Bag:
     @property
     def ended(self) -> bool:
         """Whether the end of what was recorded is there, whatever is missing within."""
+        if self.next_file:
+            return False
         reason = self.metadata.get(INTERRUPTED, {}).get("reason")
         return self.complete or RESULT in self.metadata or (self.whole and reason == DAMAGED)
 
     @property
+    def next_file(self) -> str:
+        """The file in which the last one here says that it goes on, and which is not here; "" where it is the last."""
+        return next_file(self.metadata)
+
+    @property
+    def missing_files(self) -> list[str]:
+        """Names of files that are not here although later ones are."""
+        return [*filter(None, self.metadata.get(INTERRUPTED, {}).get(MISSING_FILES, "").split(", "))]
+
+    @property
     def missing(self) -> list[tuple[int, int]]:
-        """First and last log time (ns) of each damaged piece that `recover` left out, in order."""
+        """First and last log time (ns) of each piece that is not here, in order: damaged, or between two files."""
         told = self.metadata.get(INTERRUPTED, {}).get("missing_ns", "")
         pieces = [(int(begin), int(end)) for begin, end in re.findall(r"([0-9]{1,19}) ([0-9]{1,19})", told)]
         return sorted((begin, end) for begin, end in pieces if begin <= end < 2**63)
@@ -182,7 +195,8 @@ def read_bag(path: str | os.PathLike[str]) -> Bag:
             topic.messages.append(message.data)
     for channel in file.channels.values():
         _topic_of(bag, channel)
-    bag.whole, bag.complete = file.complete, file.complete and INTERRUPTED not in file.metadata
+    bag.whole = file.complete
+    bag.complete = file.complete and INTERRUPTED not in file.metadata and not bag.next_file
     return bag
 
 
@@ -243,6 +257,8 @@ class RecordedWrenches:
             raise LogError(_no_commands(source, topics, found))
         if not source.complete:
             _logger.warning("%s was cut off; the %d commands in it are used", source.path, len(self))
+        elif absent := source.metadata.get(INTERRUPTED, {}).get(MISSING_FILES) or next_file(source.metadata):
+            _logger.warning("%s is without %s; the %d commands in it are used", source.path, absent, len(self))
 
     def __len__(self) -> int:
         """Return how many there are."""

@@ -95,11 +95,12 @@ class Message(NamedTuple):
 
 @dataclass
 class McapFile:
-    """One MCAP file; the attributes below `salvage` fill while `messages` runs.
+    """One MCAP file; the attributes below `part` fill while `messages` runs.
 
     Attributes:
         path: the file.
         salvage: leave out chunks that are damaged, instead of stopping at the first.
+        part: of a bag of several files: one that was begun and never written to is cut off, and no error.
         complete: the file was finished by its writer; False for one that was cut off.
         damage: what was left out, one line for each piece.
         missing: first and last log time (ns) of what stood in each piece left out, where the piece still says so.
@@ -110,6 +111,7 @@ class McapFile:
 
     path: Path
     salvage: bool = False
+    part: bool = False
     complete: bool = False
     damage: list[str] = field(default_factory=list)
     missing: list[tuple[int, int]] = field(default_factory=list)
@@ -133,7 +135,10 @@ class McapFile:
             raise self._damage("has text that is not UTF-8") from error
 
     def _messages(self, file: BinaryIO) -> Iterator[Message]:
-        if file.read(len(MAGIC)) != MAGIC:
+        begin = file.read(len(MAGIC))
+        if self.part and begin != MAGIC and MAGIC.startswith(begin):
+            return
+        if begin != MAGIC:
             raise LogError(f"{self.path} does not begin like an MCAP file; {self._instead(file)}")
         for opcode, content in self._records(file, os.fstat(file.fileno()).st_size):
             if opcode == Opcode.CHUNK:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -19,11 +20,17 @@ RUN = "rb_dynamics"
 RESULT = "rb_dynamics.result"
 """Name of the metadata of a log that says how its run ended."""
 
+CONTINUES_IN = "continues_in"
+"""What says in it, of a file that is not the last of a bag, which file comes next: such a result is no end of a run."""
+
 INTERRUPTED = "rb_dynamics.interrupted"
 """Name of the metadata that a log has whose run, disk or power ended before the log was finished."""
 
 CUT_OFF, DAMAGED = "cut off", "damaged"
 """What `reason` says in it of a file that was recovered; "cut off and damaged" of one that was both."""
+
+MISSING_FILES = "missing_files"
+"""What names in it the files of a bag that are not there although later ones are."""
 
 TOPICS = "rb_dynamics.topics"
 """Name of the metadata of a log that gives each topic's name in the log by its name in the scene."""
@@ -32,6 +39,11 @@ CHECKPOINT = "rb_dynamics.checkpoint"
 """Name of the metadata that follows the samples in a log as they are written: how many, and the hash of all of them."""
 
 _PACKAGES = ("rb_dynamics", "numpy", "scipy", "PyYAML", "zstandard", "rerun-sdk")
+
+
+def next_file(metadata: Mapping[str, Mapping[str, str]]) -> str:
+    """Return which file of a bag comes behind the one of this metadata; "" where it is the last, or does not say."""
+    return metadata.get(RESULT, {}).get(CONTINUES_IN, "")
 
 
 @functools.cache

@@ -17,7 +17,7 @@ from rb_dynamics.recording.bag_source import in_order
 from rb_dynamics.recording.log_file import LogFile, require_other
 from rb_dynamics.recording.mcap_records import Channel, McapFile, Message, Schema
 from rb_dynamics.recording.mcap_writer import McapWriter
-from rb_dynamics.recording.provenance import CUT_OFF, DAMAGED, INTERRUPTED, version
+from rb_dynamics.recording.provenance import CUT_OFF, DAMAGED, INTERRUPTED, next_file, version
 
 WHOLE = "whole"
 
@@ -32,6 +32,7 @@ class Recovered:
         channels: of the new file.
         damage: what could not be read, one line for each piece.
         missing: first and last log time (ns) of such a piece, where it is known.
+        next_file: name of the file in which the old one says that it goes on; "" where it does not say so.
     """
 
     file: BagFile
@@ -39,6 +40,7 @@ class Recovered:
     channels: list[Channel]
     damage: list[str]
     missing: list[tuple[int, int]]
+    next_file: str = ""
 
     @property
     def complete(self) -> bool:
@@ -57,18 +59,17 @@ def recover(source: Path, target: Path) -> list[Recovered]:
     """
     require_other(target, source)
     if not source.is_dir():
-        return [_recover_file(source, target)]
+        return [_recover_file(McapFile(source, salvage=True), target)]
     files = in_order(source)
     if not files:
         raise LogError(f"{source} has no .mcap files in it; give a log, or a folder of them")
-    saved = [_recover_file(file, target / file.name) for file in files]
+    saved = [_recover_file(McapFile(file, salvage=True, part=True), target / file.name) for file in files]
     channels = {channel.topic: channel for each in saved for channel in each.channels}
     write_metadata(target, list(channels.values()), [each.file for each in saved])
     return saved
 
 
-def _recover_file(source: Path, target: Path) -> Recovered:
-    old = McapFile(source, salvage=True)
+def _recover_file(old: McapFile, target: Path) -> Recovered:
     messages = old.messages()
     # What is no MCAP file at all is found out before the new one is begun.
     first = list(itertools.islice(messages, 1))
@@ -88,7 +89,7 @@ def _recover_file(source: Path, target: Path) -> Recovered:
             old.metadata.setdefault(INTERRUPTED, told)
         copy.finish(old)
     state = old.metadata.get(INTERRUPTED, {"reason": WHOLE}).get("reason", CUT_OFF)
-    return Recovered(facts, state, list(old.channels.values()), old.damage, old.missing)
+    return Recovered(facts, state, list(old.channels.values()), old.damage, old.missing, next_file(old.metadata))
 
 
 class _Copy:

@@ -14,6 +14,7 @@ from rb_dynamics.errors import RigidBodyError
 from rb_dynamics.recording.provenance import SCENE
 from rb_dynamics.report.balance import Balance
 from rb_dynamics.report.track import Array, Series, Times, Track
+from rb_dynamics.scene.model import Scene
 from rb_dynamics.scene.read import parse_scene
 
 BOUND = 1e-6
@@ -36,7 +37,7 @@ class Check:
 def checks(track: Track, found: Sequence[Balance], bound: float) -> list[Check]:
     """Return every check that `track` has the data for; `bound` is relative to the largest energy or momentum."""
     whole = track.bag.whole
-    detail = "it has its end, with the index" if whole else "cut off: it holds what was written until then"
+    detail = "it has its end" if whole else "cut off: it holds what was written until then"
     done = [Check("file is whole", whole, detail), _recorded(track)]
     done += [_whole(series, track) for series in _motion(track)]
     if track.pose is not None and len(track.pose.time_ns):
@@ -55,23 +56,29 @@ def cut(track: Track) -> str:
     if track.bag.ended:
         return ""
     start, end = track.span_ns
-    planned = _planned_s(track)
-    of = f" of {planned:.9g}" if planned is not None else ""
-    return f"cut off at t = {(end - start) * 1e-9:.9g}{of} s"
+    scene = logged_scene(track)
+    of = "" if scene is None or scene.duration is None else f" of {scene.duration - start * 1e-9:.9g}"
+    lacks = f" (the next file, {track.bag.next_file}, is missing)" if track.bag.next_file else ""
+    return f"cut off at t = {(end - start) * 1e-9:.9g}{of} s{lacks}"
 
 
 def missing(track: Track) -> str:
-    """Return from when to when pieces of a recording are missing that were damaged; "" where none is known to be."""
+    """Return which pieces of a recording are missing before its end; "" where none is known to be."""
     start, _ = track.span_ns
     times = [f"from t = {(a - start) * 1e-9:.6g} to {(b - start) * 1e-9:.6g} s" for a, b in track.bag.missing]
-    return f"{'a piece is' if len(times) == 1 else 'pieces are'} missing {', '.join(times)}" if times else ""
+    told = [f"{'a piece is' if len(times) == 1 else 'pieces are'} missing {', '.join(times)}"] if times else []
+    told += [f"the next file, {name}, is missing" for name in track.bag.missing_files]
+    # A run begins at 0: a later file of a bag, alone, does not.
+    if track.own and start > 0 and not any(begin < start for begin, _ in track.bag.missing):
+        told = [f"the first {start * 1e-9:.9g} s are missing", *told]
+    return "; ".join(told)
 
 
-def _planned_s(track: Track) -> float | None:
-    """Return the duration of the scene in a log; None where there is none, or it needs a plug-in that is not here."""
+def logged_scene(track: Track) -> Scene | None:
+    """Return the scene in a log; None where there is none, or it needs a plug-in that is not here."""
     scene = track.bag.attachments.get(SCENE)
     try:
-        return None if scene is None else parse_scene(scene.decode("utf-8", "replace")).duration
+        return None if scene is None else parse_scene(scene.decode("utf-8", "replace"))
     except RigidBodyError:
         return None
 

@@ -10,9 +10,11 @@ import yaml
 from rb_dynamics.errors import LogError
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.recording.bag_sink import BagSink
-from rb_dynamics.recording.mcap_reader import read_bag
+from rb_dynamics.recording.mcap_reader import RecordedWrenches, read_bag
 from rb_dynamics.recording.mcap_sink import LogSettings, McapSink
 from rb_dynamics.recording.recover import recover
+from rb_dynamics.report.summary import summarize
+from rb_dynamics.report.topics import read_track
 from rb_dynamics.scene.read import parse_scene
 from rb_dynamics.simulate import simulate
 
@@ -125,3 +127,95 @@ def test_a_bag_whose_last_file_was_cut_off_is_recovered_as_a_whole(tmp_path: Pat
     assert topics(tmp_path / "saved") == topics(folder)
     with Reader(tmp_path / "saved") as reader:
         assert reader.message_count == sum(1 for _ in reader.messages())
+
+
+@pytest.fixture
+def split(tmp_path: Path) -> Path:
+    """Return a bag of four files, of which each but the last says which one comes next; as a killed run leaves it."""
+    folder = tmp_path / "spin"
+    # Often enough that a file is of several chunks.
+    scene = parse_scene(
+        SCENE.text.replace("output_rate: 20", "output_rate: 200").replace("duration: 10", "duration: 12")
+    )
+    simulate(scene, COMMANDS, [BagSink(folder, max_duration_s=3.0, settings=LogSettings(flush_s=0.0))])
+    (folder / "metadata.yaml").unlink()
+    return folder
+
+
+def told(folder: Path) -> tuple[str, list[str]]:
+    """Return what a bag is said to lack, and the names of the checks that it fails."""
+    summary = summarize(read_track(read_bag(folder)))
+    return summary.lacks, [check.name for check in summary.checks if not check.passed]
+
+
+@pytest.mark.parametrize("left", [0.6, 0.0], ids=["cut", "empty"])
+def test_the_result_of_an_earlier_file_is_no_end(split: Path, tmp_path: Path, left: float) -> None:
+    assert told(split) == ("", [])
+    last = split / "spin_3.mcap"
+    last.write_bytes(last.read_bytes()[: int(left * last.stat().st_size)])
+    until = read_bag(split).poses("/pose")[0][-1] * 1e-9
+    assert until == pytest.approx(8.995) if not left else 9.0 < until < 12.0
+    lacks = f"cut off at t = {until:.9g} of 12 s"
+    assert told(split) == (lacks, ["file is whole", "recording is whole"])
+    recover(split, tmp_path / "saved")
+    assert told(tmp_path / "saved") == (lacks, ["recording is whole"])
+
+
+def test_a_damaged_piece_does_not_hide_that_the_end_is_cut(split: Path, tmp_path: Path) -> None:
+    middle, last = split / "spin_1.mcap", split / "spin_3.mcap"
+    data = bytearray(middle.read_bytes())
+    data[data.index(b"zstd", 30_000) + 100] ^= 255
+    middle.write_bytes(data)
+    last.write_bytes(last.read_bytes()[: last.stat().st_size * 6 // 10])
+    assert recover(split, tmp_path / "saved")[1].state == "damaged"
+    lacks, failed = told(tmp_path / "saved")
+    assert lacks.startswith("cut off at t = ")
+    assert "of 12 s; a piece is missing from t = 3" in lacks
+    assert "recording is whole" in failed
+
+
+@pytest.mark.parametrize(
+    ("kept", "lacks"),
+    [
+        ("0", "cut off at t = 2.995 of 12 s (the next file, spin_1.mcap, is missing)"),
+        ("12", "cut off at t = 5.995 of 9 s (the next file, spin_3.mcap, is missing); the first 3 s are missing"),
+        ("3", "the first 9 s are missing"),
+        ("013", "a piece is missing from t = 5.995 to 9 s; the next file, spin_2.mcap, is missing"),
+    ],
+)
+def test_files_that_are_not_there_are_named(split: Path, tmp_path: Path, kept: str, lacks: str) -> None:
+    for number in {*"0123"} - {*kept}:
+        (split / f"spin_{number}.mcap").unlink()
+    bag = read_bag(split)
+    assert bag.whole
+    assert bag.ended is ("3" in kept)
+    for folder in (split, tmp_path / "saved"):
+        recover(split, tmp_path / "saved")
+        assert told(folder)[0] == lacks
+        assert "recording is whole" in told(folder)[1]
+
+
+def test_a_file_alone_is_not_the_recording(split: Path) -> None:
+    assert told(split / "spin_0.mcap")[1] == ["recording is whole"]
+    assert not read_bag(split / "spin_0.mcap").complete
+
+
+def test_a_file_within_that_was_cut_is_a_missing_piece_and_no_end(split: Path, tmp_path: Path) -> None:
+    middle = split / "spin_1.mcap"
+    middle.write_bytes(middle.read_bytes()[: middle.stat().st_size * 6 // 10])
+    recover(split, tmp_path / "saved")
+    for folder in (split, tmp_path / "saved"):
+        lacks, failed = told(folder)
+        assert lacks.startswith("a piece is missing from t = ")
+        assert lacks.endswith(" to 6 s")
+        assert "recording is whole" in failed
+
+
+def test_a_copy_under_another_name_of_the_folder_is_the_same_bag(split: Path, tmp_path: Path) -> None:
+    assert told(split.rename(tmp_path / "renamed")) == ("", [])
+
+
+def test_commands_of_a_bag_that_lacks_files_come_with_a_warning(split: Path, caplog: pytest.LogCaptureFixture) -> None:
+    (split / "spin_1.mcap").unlink()
+    assert len(RecordedWrenches(split, ["wrench"])) == 2
+    assert "spin is without spin_1.mcap; the 2 commands in it are used" in caplog.text

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 import sqlite3
 from collections.abc import Mapping
 from pathlib import Path
@@ -159,6 +160,12 @@ def test_a_cell_of_another_type_is_refused(tmp_path: Path, cell: str, found: obj
     assert read_bag(database(tmp_path / "sound.db3", CELLS)).topics["/wrench"].log_times == [5]
     with pytest.raises(LogError, match=r"cannot read .*bag\.db3: .+; check the path"):
         read_bag(database(tmp_path / "bag.db3", CELLS | {cell: found}))
+
+
+def test_the_metadata_alone_is_answered_with_the_folder(tmp_path: Path) -> None:
+    (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information: {}\n")
+    with pytest.raises(LogError, match=f"give the folder: {re.escape(str(tmp_path))}$"):
+        read_bag(tmp_path / "metadata.yaml")
 
 
 def test_what_was_lost_in_any_file_of_a_bag_is_kept(tmp_path: Path) -> None:
