@@ -11,14 +11,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rb_dynamics.loads.wrench import WrenchFrames
 from rb_dynamics.recording.mcap_reader import Bag, Topic
 from rb_dynamics.recording.messages import APPLIED, DIAGNOSTICS
 from rb_dynamics.recording.provenance import RESULT, RUN
 from rb_dynamics.report.balance import Balance, balances
-from rb_dynamics.report.checks import BOUND, Check, checks, cut, gaps, missing
+from rb_dynamics.report.checks import BOUND, Check, checks, cut, logged_scene, missing
+from rb_dynamics.report.commands import Fate, fate
 from rb_dynamics.report.residual import Residual, residual
 from rb_dynamics.report.track import Array, Series, Track, WrenchSteps
-from rb_dynamics.report.warnings import Channel, Health, warnings, without_command
+from rb_dynamics.report.warnings import Channel, Health, warnings
 
 
 @dataclass(frozen=True)
@@ -262,13 +264,17 @@ def _range(track: Track, name: str, unit: str, series: Series) -> Range:
 
 
 def _channels(track: Track, health: Health | None) -> list[Channel]:
-    return [_channel(track, steps, health) for steps in track.wrenches]
+    scene = logged_scene(track) if track.own else None
+    return [_channel(track, steps, health, None if scene is None else scene.frames) for steps in track.wrenches]
 
 
-def _channel(track: Track, steps: WrenchSteps, health: Health | None) -> Channel:
+def _channel(track: Track, steps: WrenchSteps, health: Health | None, declared: WrenchFrames | None) -> Channel:
     name = steps.topic.removesuffix(APPLIED)
     applied = len(steps.time_ns) if steps.topic.endswith(APPLIED) else None
     source = track.bag.topics.get(name)
+    known = track.own and applied is not None and source is not None
+    became = fate(track, steps, source, declared) if known and source is not None else Fate(applied or 0)
+    rejected = [count for count in (became.rejected, _counted(name, "rejected", health)) if count is not None]
     received = None if source is None else source.count
     frames, commands = steps.frames, steps.time_ns
     if applied is not None:
@@ -280,9 +286,12 @@ def _channel(track: Track, steps: WrenchSteps, health: Health | None) -> Channel
         topic=name,
         frames=frames,
         received=received,
-        applied=applied,
-        timeouts=_timeouts(track, steps, source) if applied is not None and source is not None else None,
-        rejected=_counted(name, "rejected", health),
+        applied=None if applied is None else became.applied,
+        timeouts=became.timeouts,
+        timed_out_s=None if became.timed_out_ns is None else float(track.seconds(np.array(became.timed_out_ns))),
+        # The node counts what was no command at all too, but tells it only once a second.
+        rejected=max(rejected, default=None),
+        undeclared=became.undeclared,
         late=_counted(name, "late", health),
         lost=_counted(name, "lost", health),
         first_s=float(at[0]) if len(at) else None,
@@ -301,25 +310,6 @@ def _held_at_the_end(track: Track, steps: WrenchSteps, at: Array) -> float | Non
     _, end_ns = track.span_ns
     acts = bool(steps.force[-1:].any() or steps.torque[-1:].any())
     return max(0.0, float(track.seconds(np.array(end_ns))) - float(at[-1])) if acts else 0.0
-
-
-def _timeouts(track: Track, steps: WrenchSteps, source: Topic) -> int | None:
-    """Return how often a channel dropped to zero; outside of missing pieces; None where it cannot be told."""
-    if not track.own:
-        return None
-    commands = np.array(source.log_times, dtype=np.int64)
-    # Every applied wrench that no command stands behind is a timeout: that is how the log is written.
-    if track.bag.complete:
-        return len(steps.time_ns) - len(commands)
-    if pieces := track.bag.missing:
-        alone = without_command(steps, source).tolist()
-        return sum(1 for time in alone if not any(begin <= time <= end for begin, end in pieces)) or None
-    if any(series is not None and gaps(series.time_ns) for series in (track.pose, track.twist)):
-        return None
-    # Behind the last sample a command may have lost its applied wrench.
-    _, end_ns = track.span_ns
-    count = int((steps.time_ns < end_ns).sum()) - int((commands < end_ns).sum())
-    return count if count >= 0 else None
 
 
 def _counted(topic: str, what: str, health: Health | None) -> int | None:

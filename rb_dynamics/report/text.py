@@ -13,6 +13,7 @@ from rb_dynamics.report.checks import Check
 from rb_dynamics.report.html import printable
 from rb_dynamics.report.residual import Residual
 from rb_dynamics.report.summary import Summary
+from rb_dynamics.report.track import frame_names
 
 WIDTH = 100
 
@@ -22,6 +23,8 @@ DEFECT = (
 )
 TORQUE = "Torques are about the centre of mass, the lever arm of the force included."
 UNKNOWN = "-: the recording does not say."
+
+_CHANNEL_WIDTHS = (25, 10, 10, 9, 10, 10, 12, 14)
 
 
 def as_text(summary: Summary) -> str:
@@ -37,10 +40,11 @@ def as_text(summary: Summary) -> str:
     lines += _wrap(f"  {DEFECT}", "    ") if summary.balances else []
     lines += [line for row in summary.balances for line in _wrap(f"  {row.name}: {row.basis}", "    ")]
     lines += [""] if summary.balances else []
-    lines += _table("wrench channel", channel_rows(summary), (25, 10, 10, 9, 10, 10, 12, 14))
+    rows, apart = _frames_apart(channel_rows(summary))
+    lines += _table("wrench channel", rows, _CHANNEL_WIDTHS)
     if summary.channels:
-        unknown = [UNKNOWN] if any("-" in row for row in channel_rows(summary)) else []
-        lines[-1:] = [*(line for each in (TORQUE, *unknown) for line in _wrap(f"  {each}", "    ")), ""]
+        unknown = [UNKNOWN] if any("-" in row for row in rows) else []
+        lines[-1:] = [*(line for each in (*apart, TORQUE, *unknown) for line in _wrap(f"  {each}", "    ")), ""]
     lines += _table("commands", command_rows(summary), (36, 16, 16, 16, 16))
     if summary.health:
         lines += [*_wrap(f"diagnostics: {health_sentence(summary)}"), ""]
@@ -131,7 +135,7 @@ def channel_rows(summary: Summary) -> list[list[str]]:
     rows = [["", "frame", "received", "applied", "timeouts", "rejected", "max |F| [N]", "max |τ| [N m]"]]
     for c in summary.channels:
         counts = ["-" if n is None else str(n) for n in (c.received, c.applied, c.timeouts, c.rejected)]
-        frames = ", ".join(frame or '""' for frame in c.frames)
+        frames = frame_names(c.frames)
         rows.append([c.topic, frames, *counts, f"{c.largest_force:.5g}", f"{c.largest_torque:.5g}"])
     return rows if summary.channels else []
 
@@ -218,6 +222,16 @@ def _table(title: str, rows: Sequence[Sequence[str]], widths: Sequence[int]) -> 
             # A long name is told in full, on a line of its own.
             lines += [f"  {_fit(name, WIDTH - 2)}", _line(["", *rest], widths)]
     return [*lines, ""]
+
+
+def _frames_apart(rows: list[list[str]]) -> tuple[list[list[str]], list[str]]:
+    """Return the rows of the channels, and a sentence for each whose frames do not fit: a wrong one has to be seen."""
+    told, apart = [], []
+    for name, frames, *rest in rows:
+        fits = len(printable(frames)) < _CHANNEL_WIDTHS[1]
+        apart += [] if fits else [f"Frames of {name}: {frames}."]
+        told.append([name, frames if fits else "below", *rest])
+    return told, apart
 
 
 def _line(cells: Sequence[str], widths: Sequence[int]) -> str:

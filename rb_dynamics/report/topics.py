@@ -27,7 +27,7 @@ from rb_dynamics.recording.messages import (
     WRENCH,
 )
 from rb_dynamics.recording.provenance import RUN
-from rb_dynamics.report.track import LARGEST, Array, Series, Times, Track, WrenchSteps, motion_of
+from rb_dynamics.report.track import LARGEST, Array, Series, Times, Track, WrenchSteps, frame_names, motion_of
 from rb_dynamics.rotations import rotate_all
 from rb_dynamics.scene.model import Scene
 
@@ -218,7 +218,7 @@ class _Finder:
             if not held.known.all():
                 self.notes.append(
                     f"{held.topic}: {int((~held.known).sum())} of {len(held.known)} wrenches are not usable numbers or "
-                    f"in a frame nobody declared (frames: {', '.join(held.frames)}); what they did is not known. "
+                    f"in a frame nobody declared (frames: {frame_names(held.frames)}); what they did is not known. "
                     "Declare frames in a scene and give it with --scene SCENE."
                 )
         return steps, own or bool(chosen)

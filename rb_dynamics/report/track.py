@@ -158,6 +158,11 @@ class Motion:
     angular_velocity_body: Array
 
 
+def frame_names(frames: Sequence[str]) -> str:
+    """Return names of frames for a person, the empty one in quotes."""
+    return ", ".join(frame or '""' for frame in frames)
+
+
 def motion_of(pose: Series, twist: Series, twist_in_world: bool) -> Motion:
     """Return what pose and twist say together; `twist_in_world` as in `Track`."""
     time_ns, at_pose, at_twist = np.intersect1d(pose.time_ns, twist.time_ns, return_indices=True)

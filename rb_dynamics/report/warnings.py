@@ -5,12 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
-from rb_dynamics.recording.mcap_reader import Topic
-from rb_dynamics.recording.messages import APPLIED
 from rb_dynamics.report.checks import cut, gaps, missing
-from rb_dynamics.report.track import Times, Track, WrenchSteps
+from rb_dynamics.report.track import Track, frame_names
 
 # Commands that came this often came regularly; who sends fewer may mean the last one to stay.
 _REGULAR = 5
@@ -25,10 +21,12 @@ class Channel:
     Attributes:
         topic: as recorded, without "/applied".
         frames: every `frame_id` met.
-        received: commands that took effect; of a bag without applied wrenches, all commands.
-        applied: changes of what acted.
+        received: commands that came, honoured or not.
+        applied: changes of what acted, those at a timeout left out.
         timeouts: drops to zero.
+        timed_out_s: when the first of them was, s from the start of the motion.
         rejected: commands that were not honoured.
+        undeclared: every `frame_id` of theirs that the scene does not declare.
         late: commands whose time had passed when they came.
         lost: commands that the middleware lost.
         first_s: when the first command took effect, s from the start of the motion.
@@ -44,7 +42,9 @@ class Channel:
     received: int | None
     applied: int | None
     timeouts: int | None
+    timed_out_s: float | None
     rejected: int | None
+    undeclared: tuple[str, ...]
     late: int | None
     lost: int | None
     first_s: float | None
@@ -95,14 +95,17 @@ def _commands(track: Track, channels: Sequence[Channel]) -> list[str]:
     for channel in channels:
         if channel.timeouts:
             least = "at least " if track.bag.missing else ""
-            found.append(f"{channel.topic} timed out {least}{channel.timeouts}×{_first_timeout(track, channel.topic)}.")
+            first = "" if channel.timed_out_s is None else f", first at t = {channel.timed_out_s:.6g} s"
+            found.append(f"{channel.topic} timed out {least}{channel.timeouts}×{first}.")
         if _fell_silent(channel):
             found.append(
                 f"{channel.topic} fell silent: its last command, at t = {channel.last_s:.6g} s, was held for the "
                 f"remaining {channel.held_s:.6g} s; commands had come every {channel.usual_s:.3g} s."
             )
+        frames = frame_names(channel.undeclared)
+        unknown = f" (the scene declares no frame {frames})" if frames else ""
         for count, what in (
-            (channel.rejected, "rejected and had no effect"),
+            (channel.rejected, f"rejected and had no effect{unknown}"),
             (channel.late, "late and took effect at once"),
             (channel.lost, "lost before they arrived"),
         ):
@@ -115,19 +118,3 @@ def _fell_silent(channel: Channel) -> bool:
     if channel.usual_s is None or channel.held_s is None or (channel.received or 0) < _REGULAR:
         return False
     return channel.held_s > max(_LONG_GAPS * channel.usual_s, _LONG_S)
-
-
-def without_command(applied: WrenchSteps, source: Topic) -> Times:
-    """Return when what acted changed with no command behind it: at a timeout, as that is how a log is written."""
-    alone: Times = applied.time_ns[~np.isin(applied.time_ns, np.array(source.log_times, dtype=np.int64))]
-    return alone
-
-
-def _first_timeout(track: Track, topic: str) -> str:
-    """Return when a channel first dropped to zero with no command behind it; "" where it cannot be told."""
-    applied = next((steps for steps in track.wrenches if steps.topic == topic + APPLIED), None)
-    source = track.bag.topics.get(topic)
-    if applied is None or source is None:
-        return ""
-    alone = without_command(applied, source)
-    return f", first at t = {float(track.seconds(alone[:1])[0]):.6g} s" if len(alone) else ""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -91,12 +92,13 @@ def test_extremes_are_those_of_the_run(flight: Any) -> None:
 
 def test_channels_count_commands_and_timeouts(flight: Any) -> None:
     thrust, push = sorted(summary_of(flight.log).channels, key=lambda channel: channel.topic, reverse=True)
-    assert (thrust.topic, thrust.received, thrust.applied, thrust.timeouts) == ("/thrust", 2, 3, 1)
+    assert (thrust.topic, thrust.received, thrust.applied, thrust.timeouts) == ("/thrust", 2, 2, 1)
     assert (push.topic, push.received, push.applied, push.timeouts) == ("/push", 2, 2, 0)
     assert thrust.frames == ("body",)
     assert thrust.largest_torque == pytest.approx(np.linalg.norm([0.2, -0.1, 0.3]))
     assert push.largest_force == pytest.approx(np.linalg.norm([1.0, -2.0, 0.5]))
-    assert thrust.rejected is None
+    assert (thrust.rejected, push.rejected) == (0, 0)
+    assert thrust.timed_out_s == pytest.approx(1.05)
 
 
 def test_a_channel_that_falls_silent_is_warned_of(flown: Callable[..., Any]) -> None:
@@ -419,6 +421,47 @@ def test_stamps_of_the_epoch_keep_their_digits(bagger: Any) -> None:
     summary = summary_of(bagger([pose(start + EVERY * k) for k in range(11)]))
     assert summary.start_ns == start
     assert summary.duration_s == pytest.approx(0.1, abs=1e-12)
+
+
+# Every 350 ms, which is the timeout of the channel: two come at the very time at which it drops to zero.
+MISTAKEN = [
+    ("thrust", Wrench(torque=(0.1, 0.0, 0.0), frame_id=frame, stamp_ns=350_000_000 * (1 + k)))
+    for k, frame in enumerate(("body", "bdoy", "", "wrold", "world"))
+]
+
+
+def test_rejected_commands_are_told_of_an_offline_run_and_are_no_timeouts(flown: Callable[..., Any]) -> None:
+    flight = flown(MISTAKEN)
+    assert len(flight.result.rejected) == 2
+    summary = summary_of(flight.log)
+    (thrust,) = (channel for channel in summary.channels if channel.topic == "/thrust")
+    assert (thrust.received, thrust.applied, thrust.rejected, thrust.timeouts) == (5, 3, 2, 3)
+    assert thrust.timed_out_s == pytest.approx(0.7)
+    assert thrust.undeclared == ("bdoy", "wrold")
+    said = "/thrust: 2 commands rejected and had no effect (the scene declares no frame bdoy, wrold)."
+    assert said in summary.warnings
+    assert "/thrust timed out 3×, first at t = 0.7 s." in summary.warnings
+
+
+def test_a_command_that_is_not_finite_is_rejected_whatever_its_frame(flown: Callable[..., Any]) -> None:
+    bad = ("push", Wrench((math.nan, 0.0, 0.0), frame_id="body", stamp_ns=100_000_000))
+    summary = summary_of(flown([*COMMANDS, bad]).log)
+    assert [(c.received, c.applied, c.rejected, c.undeclared) for c in summary.channels] == [
+        (3, 2, 1, ()),
+        (1, 1, 0, ()),
+    ]
+    assert "/push: 1 command rejected and had no effect." in summary.warnings
+
+
+def test_rejected_commands_are_told_of_a_log_that_was_cut_off(flown: Callable[..., Any], tmp_path: Path) -> None:
+    whole = McapFile(flown(MISTAKEN).log)
+    messages = list(whole.messages())
+    last = max(k for k, each in enumerate(messages) if each.channel.topic == "/thrust")
+    for end in (last, last + 1, last + 2):  # without the last command, with it alone, with what it did
+        summary = summary_of(begun(tmp_path / "cut.mcap", whole, messages[:end]))
+        (thrust,) = (channel for channel in summary.channels if channel.topic == "/thrust")
+        told = (thrust.received, thrust.applied, thrust.rejected, thrust.timeouts)
+        assert told == {last: (4, 2, 2, 2), last + 1: (5, 2, 2, 2), last + 2: (5, 3, 2, 2)}[end]
 
 
 def test_rejections_come_from_the_diagnostics(tmp_path: Path) -> None:

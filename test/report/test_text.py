@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.recording.mcap_reader import read_bag
 from rb_dynamics.report.summary import summarize
 from rb_dynamics.report.text import WIDTH, as_text
@@ -54,3 +55,14 @@ def test_hostile_names_do_no_harm(bagger: Any) -> None:
     text = text_of(bagger(rows))
     assert not {"\x1b", "\r", "\x07"} & set(text)
     assert max(map(len, text.splitlines())) <= WIDTH
+
+
+def test_frames_that_do_not_fit_are_told_in_full_and_the_empty_one_in_quotes(bagger: Any, flown: Any) -> None:
+    frames = ("", "base_link", "wrold", "world")
+    sent = [("thrust", Wrench(torque=(0.1, 0.0, 0.0), frame_id=f, stamp_ns=k)) for k, f in enumerate(frames)]
+    lines = text_of(flown(sent).log).splitlines()
+    rows = [line.split() for line in lines if line.startswith("  /thrust ")]
+    assert rows[-2][:6] == ["/thrust", "below", "4", "2", "1", "2"]
+    assert '  Frames of /thrust: "", base_link, world, wrold.' in lines
+    rows = [("/cmd", "geometry_msgs/msg/WrenchStamped", k, (k, f, (0.1,) * 6)) for k, f in enumerate(frames)]
+    assert '(frames: "", base_link, world, wrold)' in " ".join(text_of(bagger(rows)).split())
