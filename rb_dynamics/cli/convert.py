@@ -1,22 +1,22 @@
-"""Write a log in another format, chosen by the name of OUT: a Rerun recording, a CSV or a Parquet table.
+"""Write a log in another format, chosen by the name of OUT: a Rerun recording, a CSV or a Parquet table, or its scene.
 
 A table has one line for each logged sample, numbers with all their digits; the wrench commands go to OUT's name with
-.wrenches before its ending. A CSV of wrenches (time_ns or time_s, force_x ... torque_z, and topic and frame_id if need
-be) becomes an MCAP bag for simulate --wrench. A bag that something else wrote is not converted. An earlier OUT is
-replaced.
+.wrenches before its ending. The scene is the text that the log carries, to be run again or changed. A CSV of wrenches
+(time_ns or time_s, force_x ... torque_z, and topic and frame_id if need be) becomes an MCAP bag for simulate --wrench.
+A bag that something else wrote is not converted. An earlier OUT is replaced.
 """
 
 from __future__ import annotations
 
 import argparse
 
-HELP = "write a log as .rrd, .csv or .parquet, or a .csv of wrenches as .mcap"
+HELP = "write a log as .rrd, .csv or .parquet, its scene as .yaml, or a .csv of wrenches as .mcap"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `convert`."""
     parser.add_argument("source", metavar="IN", help="log of a run (file or rosbag2 folder), or .csv of wrenches")
-    parser.add_argument("target", metavar="OUT", help="name that ends in .rrd, .csv, .parquet or .mcap")
+    parser.add_argument("target", metavar="OUT", help="name that ends in .rrd, .csv, .parquet, .yaml or .mcap")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -32,12 +32,16 @@ def run(args: argparse.Namespace) -> int:
         written = convert.log_to_table(source, target)
     elif way == ("log", ".rrd"):
         written = [(target, convert.log_to_rerun(source, target))]
+    elif way in (("log", ".yaml"), ("log", ".yml")):
+        convert.log_to_scene(source, target)
+        print(f"wrote {target}: the scene of {source}")
+        return 0
     elif way == ("table", ".mcap"):
         written = [(target, convert.table_to_bag(source, target))]
     else:
         raise LogError(
-            f"cannot convert {source.name} to {target.name}, expected a log to .rrd, .csv or .parquet, or a .csv of "
-            "wrenches to .mcap; give OUT such an ending"
+            f"cannot convert {source.name} to {target.name}, expected a log to .rrd, .csv, .parquet or .yaml, or a "
+            ".csv of wrenches to .mcap; give OUT such an ending"
         )
     for path, count in written:
         print(f"wrote {path}: {count} {'commands' if path != target or way[0] == 'table' else 'samples'}")

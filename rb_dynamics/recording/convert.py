@@ -1,4 +1,4 @@
-"""`convert`: a log as a table (CSV, Parquet) or a Rerun recording, and a table of wrenches as an MCAP bag.
+"""`convert`: a log as a table (CSV, Parquet), a Rerun recording or its scene, and a table of wrenches as an MCAP bag.
 
 Numbers are those of the log, with all their digits. What a log does not hold (the defects of the momenta) is not made
 up: it is left out of a table and is not a number in a recording.
@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import csv
 import itertools
+import logging
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from fractions import Fraction
@@ -25,11 +26,13 @@ from rb_dynamics.recording.mcap_records import Message
 from rb_dynamics.recording.mcap_writer import McapWriter
 from rb_dynamics.recording.messages import APPLIED, COMMAND_DEPTH, WRENCH, decode_wrench, qos_profile
 from rb_dynamics.recording.own_log import Row, received_commands, row_columns, rows, scene_and_names
-from rb_dynamics.recording.provenance import RESULT, RUN, version
+from rb_dynamics.recording.provenance import RESULT, RUN, SCENE, version
 from rb_dynamics.recording.ros2msg import TYPE_HASHES, schema_text
 from rb_dynamics.recording.sink import RunInfo, Sample
 from rb_dynamics.rotation import rotate
 from rb_dynamics.scene.model import Scene
+
+_logger = logging.getLogger(__name__)
 
 _NUMBERS = ("force_x", "force_y", "force_z", "torque_x", "torque_y", "torque_z")
 WRENCH_COLUMNS = ("time_ns", "topic", "frame_id", *_NUMBERS)
@@ -98,6 +101,22 @@ def log_to_rerun(log: str | Path, target: Path) -> int:
     return count
 
 
+def log_to_scene(log: str | Path, target: Path) -> None:
+    """Write the scene of a log as it is attached: the text that was run, with changes and meshes as numbers in it.
+
+    Raises:
+        LogError: `log` is no log of this package, or `target` is `log` itself or cannot be written.
+    """
+    require_other(target, log)
+    source = open_source(log)
+    for _ in source.messages():
+        pass
+    if SCENE not in source.attachments:
+        raise LogError(f"{source.path} has no {SCENE} attached, expected a log of this package; give one of its logs")
+    with contextlib.closing(LogFile(target)) as file:
+        file.write(source.attachments[SCENE])
+
+
 def table_to_bag(table: Path, target: Path) -> int:
     """Write a CSV of wrenches as an MCAP bag of WrenchStamped; returns the rows.
 
@@ -128,6 +147,8 @@ def table_to_bag(table: Path, target: Path) -> int:
 
 
 def _read_wrenches(table: Path) -> Iterator[tuple[str, Wrench]]:
+    """Yield channel and command of each row; warn of those that no run takes."""
+    odd: list[str] = []
     try:
         with table.open(newline="", encoding="utf-8-sig") as file:
             reader = csv.DictReader(file)
@@ -144,8 +165,12 @@ def _read_wrenches(table: Path) -> Iterator[tuple[str, Wrench]]:
                 time_ns = _time_ns(row, where)
                 six = [_number(row[name], f"{where}, {name}") for name in _NUMBERS]
                 topic = "/" + (row.get("topic") or "wrench").lstrip("/")
+                cells = zip(_NUMBERS, six, strict=True)
+                odd += [f"{where}, {name}: {row[name]}" for name, number in cells if not math.isfinite(number)][:1]
                 force, torque = (six[0], six[1], six[2]), (six[3], six[4], six[5])
                 yield topic, Wrench(force, torque, row.get("frame_id") or "", time_ns)
+        if odd:
+            _logger.warning("commands that are not finite, which a run rejects: %d; the first: %s", len(odd), odd[0])
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise LogError(f"cannot read {table}: {reason}; check the path, and give a CSV file in UTF-8") from error

@@ -32,7 +32,8 @@ def read_text(path: str | os.PathLike[str], kind: str) -> str:
     if data.startswith(_MCAP):
         raise SceneError(
             f"{shown}: found an MCAP log, expected a {kind} in YAML; look at the log with rb-dynamics inspect {shown}, "
-            f"or give its commands to a scene with --wrench {shown}"
+            f"take its scene out with rb-dynamics convert {shown} scene.yaml, or give its commands to a scene with "
+            f"--wrench {shown}"
         )
     if len(data) > MAX_CHARACTERS:
         raise SceneError(

@@ -197,7 +197,32 @@ def test_convert_goes_by_the_endings(scene: Path, tmp_path: Path) -> None:
     assert "run.csv: 2001 samples" in result.stdout
     refused = command("convert", log, tmp_path / "run.xlsx")
     assert refused.returncode == 2
-    assert "expected a log to .rrd, .csv or .parquet" in refused.stderr
+    assert "expected a log to .rrd, .csv, .parquet or .yaml" in refused.stderr
+
+
+def test_the_scene_of_a_log_is_taken_out_and_run_again(
+    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, again = str(tmp_path / "run.mcap"), str(tmp_path / "again.yaml")
+    assert main(["simulate", str(scene), "--set", "duration=0.2", "--mcap", log]) == 0
+    assert main(["simulate", log]) == 2
+    assert f"take its scene out with rb-dynamics convert {log} scene.yaml" in capsys.readouterr().err
+    assert main(["convert", log, again]) == 0
+    assert f"wrote {again}: the scene of {log}" in capsys.readouterr().out
+    assert main(["simulate", again]) == 0
+    assert "after 0.2 s" in capsys.readouterr().out
+
+
+def test_recover_names_a_file_that_is_missing(scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder, saved = tmp_path / "bag", str(tmp_path / "saved")
+    split = ["--bag", str(folder), "--max-bag-duration", "0.1"]
+    assert main(["simulate", str(scene), "--set", "duration=0.3", *split]) == 0
+    (folder / "bag_1.mcap").unlink()
+    assert main(["recover", str(folder), saved]) == 1
+    assert "the next file, bag_1.mcap, is missing" in capsys.readouterr().out
+    (folder / "bag_2.mcap").unlink()
+    assert main(["recover", str(folder), saved]) == 0
+    assert "the next file, bag_1.mcap, is missing" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("ending", ["mcap", "bag", "rrd", "html", "csv", "parquet", "r.mcap"])

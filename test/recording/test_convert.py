@@ -9,7 +9,7 @@ import pytest
 
 from rb_dynamics import Wrench, parse_scene, simulate
 from rb_dynamics.errors import LogError
-from rb_dynamics.recording.convert import log_to_rerun, log_to_table, table_to_bag
+from rb_dynamics.recording.convert import log_to_rerun, log_to_scene, log_to_table, table_to_bag
 from rb_dynamics.recording.mcap_reader import read_bag, read_wrenches
 from rb_dynamics.recording.mcap_sink import McapSink
 from rb_dynamics.recording.memory import MemorySink
@@ -105,6 +105,25 @@ def test_a_table_that_cannot_be_read_names_line_and_column(tmp_path: Path, text:
     with pytest.raises(LogError, match=says):
         table_to_bag(tmp_path / "table.csv", tmp_path / "bag.mcap")
     assert not (tmp_path / "bag.mcap").exists()
+
+
+def test_a_table_with_numbers_that_no_run_takes_says_how_many_and_where(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    table = tmp_path / "thrust.csv"
+    table.write_text(HEAD + "\n1,0,0,0,0,0,0\n2,0,nan,inf,0,0,0\n3,0,0,0,0,0,-inf\n")
+    assert table_to_bag(table, tmp_path / "thrust.mcap") == 3
+    said = f"which a run rejects: 2; the first: {table}, line 3, force_y: nan"
+    assert [said in each.message for each in caplog.records] == [True]
+
+
+def test_the_scene_comes_out_as_it_was_run(tmp_path: Path, log: Path, example_dir: Path) -> None:
+    scene = tmp_path / "new" / "scene.yaml"
+    log_to_scene(log, scene)
+    assert scene.read_text() == SCENE.text
+    with pytest.raises(LogError, match=r"slew\.mcap has no scene\.yaml attached"):
+        log_to_scene(example_dir / "slew.mcap", scene)
+    assert scene.read_text() == SCENE.text
 
 
 def test_rerun_gets_every_sample(tmp_path: Path, log: Path) -> None:
