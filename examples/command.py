@@ -5,6 +5,7 @@ Start the node first, in the same environment:
     rb-dynamics node config/free_flyer.yaml
 """
 
+import argparse
 import contextlib
 import time
 
@@ -13,9 +14,12 @@ from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
 
 
 def main() -> None:
+    words = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    words.parse_args(remove_ros_args()[1:])
     # By rclpy's own handlers a signal ends the context under the next spin_once, which then fails.
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = Node("commander")

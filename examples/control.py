@@ -7,6 +7,7 @@ In the same environment as the node, of which --ros-args tells the namespace whe
 
 from __future__ import annotations
 
+import argparse
 import sys
 
 import rclpy
@@ -27,13 +28,13 @@ PATIENCE = 5.0  # s
 
 def main() -> str | None:
     """Say one of the words to the node; return what is wrong."""
-    words = remove_ros_args(sys.argv)[1:]
-    if len(words) != 1 or words[0] not in WORDS:
-        return f"expected one of {', '.join(WORDS)}, found {' '.join(words) or 'nothing'}"
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("word", choices=WORDS)
+    word = parser.parse_args(remove_ros_args(sys.argv)[1:]).word
     # By rclpy's own handlers a signal ends the context under whatever waits for it.
     rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
     try:
-        return ask(rclpy.create_node("control"), *WORDS[words[0]])
+        return ask(rclpy.create_node("control"), *WORDS[word])
     finally:
         rclpy.try_shutdown()
 

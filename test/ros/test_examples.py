@@ -90,7 +90,18 @@ def test_control_pauses_steps_and_resets(scene: Path) -> None:
         (0, "time 0 s, initial state, commands cleared"),
     ]
     assert "only while paused" in said[0].stderr
-    assert "expected one of pause, go, step, reset, found jump" in control("jump").stderr
+    refused = control("jump")
+    assert refused.returncode == 2
+    assert "invalid choice: 'jump' (choose from" in refused.stderr
+
+
+@pytest.mark.parametrize("name", ["command.py", "control.py"])
+def test_an_example_says_what_it_is_before_it_starts(name: str) -> None:
+    command = [sys.executable, str(ROOT / "examples" / name), "--help", "--ros-args", "-r", "__ns:=/robot_1"]
+    said = subprocess.run(command, capture_output=True, text=True, check=False, timeout=30.0)
+    assert said.returncode == 0, said.stderr
+    assert f"usage: {name}" in said.stdout
+    assert "from Python" in said.stdout or "from rclpy" in said.stdout
 
 
 def test_control_that_waits_for_a_node_is_interrupted_quietly(peer: Peer) -> None:
