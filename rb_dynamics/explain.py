@@ -61,14 +61,17 @@ class Explanation:
         left_out: each thing that is not, and why.
         solver: what runs it, with its setting.
         methods: names of the methods that moved the body in the trial.
-        trial_s: simulated seconds of the trial.
+        trial_s: simulated seconds of the trial with all outputs, on which steps and cost stand.
         steps_per_s: steps for each simulated second.
         cost_per_s: seconds of computing for each simulated second of a whole run with all its outputs, on this machine;
             writing them, and compiling and loading kernels, comes on top.
         bare_cost_per_s: the same without outputs: where nobody is told, only the end is computed.
         compiled: whether kernels have a part in it.
-        attitude_error: at the end of the trial, rad; against a finer run, or the bound of the closed form.
+        attitude_error: after `error_s`, rad; against a finer run, or the bound of the closed form.
         position_error: likewise, m; None where nothing tells it.
+        error_s: simulated seconds after which the errors are those, s; less than `whole_s` where there was no time to
+            get to the end.
+        whole_s: length of the scene, s.
         error_basis: what the errors were found by.
         remarks: what else a user should know.
     """
@@ -84,6 +87,8 @@ class Explanation:
     compiled: bool
     attitude_error: float
     position_error: float | None
+    error_s: float
+    whole_s: float
     error_basis: str
     remarks: tuple[str, ...]
 
@@ -93,6 +98,9 @@ class Explanation:
 
     def as_text(self) -> str:
         """Return it for a person."""
+        whole = f"after all {self.whole_s:g} s"
+        when = whole if self.error_s == self.whole_s else f"after {self.error_s:g} s of {self.whole_s:g} s only"
+        position = "not known" if self.position_error is None else f"{self.position_error:.2g} m {when}"
         lines = [
             "modelled",
             *(f"  {item}" for item in self.modelled),
@@ -100,13 +108,13 @@ class Explanation:
             *(f"  {item}" for item in self.left_out),
             "solver",
             f"  {self.solver}",
-            f"cost and error, measured over {self.trial_s:g} s of this scene",
+            f"cost, measured over {self.trial_s:g} s of this scene, and error",
             f"  moved by            {self.methods}{', compiled' if self.compiled else ''}",
             f"  steps               {self.steps_per_s:.4g} per simulated s",
             f"  computing           {_speed(self.bare_cost_per_s)}: for its end alone, as simulate without a log",
             f"  with all outputs    {_speed(self.cost_per_s)}: as with a log, to which its writing comes",
-            f"  attitude error      {self.attitude_error:.2g} rad",
-            f"  position error      {'not known' if self.position_error is None else f'{self.position_error:.2g} m'}",
+            f"  attitude error      {self.attitude_error:.2g} rad {when}",
+            f"  position error      {position}",
             f"  ({self.error_basis})",
             *(f"note: {remark}" for remark in self.remarks),
         ]
@@ -127,7 +135,8 @@ def explain(
         scene: is not changed; or its file.
         commands: wrench commands of the scene's channels; without any, a channel is tried with a probe if no
             effect acts.
-        budget: about how long the trial may compute, s; one that it ends is run once more, as the machine may be busy.
+        budget: about how long the trial may compute, s, and as long again the finer run that tells the error; a trial
+            that it ends is run once more, as the machine may be busy.
 
     Raises:
         TypeError: an argument is not of its type.
@@ -144,13 +153,15 @@ def explain(
         # What has no end of its own is looked at where the trial ends.
         scene = replace(scene, output_rate=max(scene.output_rate, 1.0 / length))
     stopwatch = Stopwatch()
-    _, bare_cost, _ = _measured(scene, commands, length, 0.5 * budget, stopwatch, with_outputs=False)
+    bare, bare_cost, bare_tally = _measured(scene, commands, length, 0.5 * budget, stopwatch, with_outputs=False)
     run, cost, tally = _measured(scene, commands, length, budget, stopwatch)
     reached = run.time_ns / NANOSECONDS
     if reached < length:
-        remarks.append(f"measured over the first {reached:g} s of {length:g} s, for which the trial had time")
-    with counted_by(tally):
-        attitude, position, basis = _errors(scene, commands, run)
+        remarks.append(f"cost: measured over the first {reached:g} s of {length:g} s, for which the trial had time")
+    is_compiled = bool(tally.used)
+    # No output changes the motion: without them there is more often time for all of it.
+    with counted_by(bare_tally):
+        attitude, position, error_s, basis = _errors(without_outputs(scene), commands, bare, length, budget, stopwatch)
     if stopwatch.kernels:
         remarks.append(
             f"kernels compiled or loaded: {len(stopwatch.kernels)}, in {math.fsum(stopwatch.kernels.values()):.2g} s, "
@@ -165,9 +176,11 @@ def explain(
         run.steps / reached,
         cost,
         bare_cost,
-        bool(tally.used),
+        is_compiled,
         attitude,
         position,
+        error_s,
+        length,
         basis,
         tuple(remarks),
     )
@@ -314,26 +327,36 @@ def _start(scene: Scene, commands: Sequence[tuple[str, Wrench]]) -> Simulation:
     return run
 
 
-def _errors(scene: Scene, commands: Sequence[tuple[str, Wrench]], run: Simulation) -> tuple[float, float | None, str]:
-    """Return the errors of attitude and position at the end of `run`, and what they were found by."""
-    rate = norm(run.sample.angular_velocity_body)
-    seconds = run.time_ns / NANOSECONDS
+def _errors(
+    scene: Scene,
+    commands: Sequence[tuple[str, Wrench]],
+    run: Simulation,
+    length: float,
+    budget: float,
+    stopwatch: Stopwatch,
+) -> tuple[float, float | None, float, str]:
+    """Return the errors of attitude and position, after how long (s) they are those, and what they were found by.
+
+    That is `length`, or as far as a finer run gets in the budget; `run`, a part of the same, goes on to there.
+    """
     if run.methods == EXACT.name:
-        bound = 100.0 * _EPSILON * (1.0 + rate * seconds)
+        seconds = run.time_ns / NANOSECONDS
+        bound = 100.0 * _EPSILON * (1.0 + norm(run.sample.angular_velocity_body) * seconds)
         size = norm(run.sample.position_world) + norm(run.sample.linear_velocity_world) * seconds
-        return bound, 4.0 * _EPSILON * size, "bounds of the closed form: round-off"
+        return bound, 4.0 * _EPSILON * size, seconds, "bounds of the closed form: round-off"
     for factor in (100.0, 10.0):
         finer = _finer(scene.solver, factor)
         try:
-            check = _start(replace(scene, solver=finer, duration=scene.duration), commands)
-            check.advance(run.time_ns)
+            check, seconds, _ = _timed(replace(scene, solver=finer), commands, length, budget, stopwatch, False)
         except ConvergenceError:
             continue
+        if run.time_ns > check.time_ns:
+            run = _start(scene, commands)
+        run.advance(check.time_ns)
         attitude = angle_between(run.sample.orientation_xyzw, check.sample.orientation_xyzw)
         position = norm(subtract(run.sample.position_world, check.sample.position_world))
-        return attitude, position, f"difference from a run with {_setting(finer)}"
-    accuracy = scene.solver.accuracy or 0.0
-    return accuracy, None, "the accuracy asked for: no finer run could be made"
+        return attitude, position, seconds, f"difference from a run with {_setting(finer)}"
+    return scene.solver.accuracy or 0.0, None, length, "the accuracy asked for: no finer run could be made"
 
 
 def _finer(solver: Solver, factor: float) -> Solver:

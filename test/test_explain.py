@@ -17,6 +17,7 @@ from rb_dynamics.loads.effects import EFFECTS
 from rb_dynamics.motion import kernel
 from rb_dynamics.recording.mcap_reader import read_wrenches
 from rb_dynamics.rotation import angle_between
+from rb_dynamics.scene.model import Scene, Solver
 from rb_dynamics.scene.read import parse_scene, read_scene
 from rb_dynamics.simulate import Simulation, simulate
 from rb_dynamics.stopwatch import Stopwatch
@@ -98,7 +99,9 @@ def test_channels_are_tried_with_the_commands_of_a_bag_or_a_probe() -> None:
 def test_a_scene_without_end_is_tried_for_the_budget() -> None:
     found = explain(parse_scene(RIGID + "effects: [{type: linear_drag, rotation: 0.1}]\nwrenches: []"), budget=0.2)
     assert 0.0 < found.trial_s < 3600.0
-    assert any(remark.startswith("measured over the first ") and "of 3600 s" in remark for remark in found.remarks)
+    assert any(
+        remark.startswith("cost: measured over the first ") and "of 3600 s" in remark for remark in found.remarks
+    )
 
 
 def test_a_trial_with_time_enough_reaches_the_end() -> None:
@@ -108,6 +111,45 @@ def test_a_trial_with_time_enough_reaches_the_end() -> None:
     )
     assert found.trial_s == 0.30001
     assert not any("measured over" in remark for remark in found.remarks)
+
+
+def test_the_error_is_that_at_the_end_though_outputs_leave_the_trial_no_time_to_go_there(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """By a clock on which only outputs take time, a millisecond each."""
+    spent = [0.0]
+
+    class Timed(Simulation):
+        def __init__(self, scene: Scene) -> None:
+            super().__init__(scene)
+            self._every = 1e-12 * scene.output_rate
+
+        def advance(self, time_ns: int) -> None:
+            spent[0] += self._every * (time_ns - self.time_ns)
+            super().advance(time_ns)
+
+    module = importlib.import_module("rb_dynamics.explain")
+    monkeypatch.setattr(module, "Simulation", Timed)
+    monkeypatch.setattr(module, "Stopwatch", lambda: Stopwatch(lambda: spent[0]))
+    scene = parse_scene(RIGID + "wrenches: []\nduration: 40\nsolver: {method: rk4, step: 0.02}\n")
+    ends = [simulate(replace(scene, solver=solver)).sample for solver in (scene.solver, Solver())]
+
+    found = explain(scene, budget=0.5)
+
+    assert found.trial_s < 20.0
+    assert (found.error_s, found.whole_s) == (40.0, 40.0)
+    assert found.attitude_error == pytest.approx(
+        angle_between(ends[0].orientation_xyzw, ends[1].orientation_xyzw), rel=0.05
+    )
+    assert f"attitude error      {found.attitude_error:.2g} rad after all 40 s" in found.as_text()
+
+
+def test_an_error_that_is_not_that_of_the_end_says_so_on_its_line() -> None:
+    found = explain(parse_scene(RIGID + "effects: [{type: linear_drag, rotation: 0.1}]\nwrenches: []"), budget=0.2)
+    assert 0.0 < found.error_s < found.whole_s == 3600.0
+    lines = [line for line in found.as_text().splitlines() if " error  " in line]
+    assert len(lines) == 2
+    assert all(line.endswith(f"after {found.error_s:g} s of 3600 s only") for line in lines)
 
 
 def test_a_scene_without_end_whose_first_output_is_hours_away() -> None:
