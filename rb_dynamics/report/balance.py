@@ -109,7 +109,7 @@ def _momentum(track: Track, name: str, kind: str, unit: str, series: Series, acc
     else:
         by_quadrature = 0.0
     defect, covered = _from_start(series.values - total, good, series.time_ns)
-    rest = f"where a {kind} acts in body axes or none is logged, the samples do not give its impulse"
+    rest = f"a {kind} acts in body axes or none is logged, and the samples do not give its impulse"
     basis = _basis(_measured(impulse, good, kind, by_quadrature, unit), covered, rest)
     return Balance(name, unit, series.time_ns, defect, covered, scale, basis)
 
@@ -138,8 +138,8 @@ def _basis(what: str, covered: float, rest: str) -> str:
     if covered == 1.0:
         return what
     if covered == 0.0:
-        return f"not known at any time; {rest}"
-    return f"{what}; known for {100.0 * covered:.3g} % of the time, {rest}"
+        return f"not known at any time: {rest}"
+    return f"{what}; known for {100.0 * covered:.3g} % of the time; elsewhere {rest}"
 
 
 def _from_start(values: Array, good: NDArray[np.bool_], time_ns: Times) -> tuple[Array, float]:

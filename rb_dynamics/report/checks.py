@@ -26,12 +26,16 @@ _GAP = 1.5
 
 @dataclass(frozen=True)
 class Check:
-    """One thing that has to hold, whether it does, and by how much; `judged` is False where that is not known."""
+    """One thing that has to hold, whether it does, and by how much.
+
+    `judged` is False where that is not known, `share` the fraction of the time for which it is.
+    """
 
     name: str
     passed: bool
     detail: str
     judged: bool = True
+    share: float = 1.0
 
 
 def checks(track: Track, found: Sequence[Balance], bound: float) -> list[Check]:
@@ -115,13 +119,14 @@ def _unit(orientation: Array, bound: float) -> Check:
 def _balanced(track: Track, balance: Balance, bound: float) -> Check:
     name = f"{balance.name} balance"
     if balance.covered == 0.0:
-        return Check(name, True, f"not judged; {balance.basis}", judged=False)
+        return Check(name, True, f"not judged; {balance.basis}", judged=False, share=0.0)
     start, _ = track.span_ns
     worst = f"worst {balance.worst:.3g} {balance.unit} at t = {(balance.worst_ns - start) * 1e-9:.6g} s"
     onset = balance.onset_ns(bound)
     since = "" if onset is None else f", beyond it first at t = {(onset - start) * 1e-9:.6g} s"
-    detail = f"{worst}, relative {balance.relative:.3g}, accepted {bound:g}{since}"
-    return Check(name, balance.relative <= bound, detail)
+    known = "" if balance.covered == 1.0 else f"; known for {100.0 * balance.covered:.3g} % of the time"
+    detail = f"{worst}, relative {balance.relative:.3g}, accepted {bound:g}{since}{known}"
+    return Check(name, balance.relative <= bound, detail, share=balance.covered)
 
 
 def gaps(time_ns: Times) -> int:

@@ -19,7 +19,7 @@ from rb_dynamics.report.balance import Balance
 from rb_dynamics.report.checks import BOUND
 from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, write_html
 from rb_dynamics.report.rolling import poinsot_view
-from rb_dynamics.report.summary import Summary, summarize
+from rb_dynamics.report.summary import HALF, Summary, summarize
 from rb_dynamics.report.topics import read_track
 from rb_dynamics.report.track import Array, Series, Track, motion_of
 from rb_dynamics.scene.model import Scene
@@ -59,7 +59,7 @@ def run_report(track: Track, summary: Summary, extra: Sequence[Section] = ()) ->
     lead = (
         f"{summary.duration_s:.6g} s in {summary.samples} samples, {source}"
         f"{f'; {summary.lacks}' if summary.lacks else ''}. "
-        f"{'Every check passed.' if summary.passed else _failures(summary)}"
+        f"{f'Every check passed{summary.reservation}.' if summary.passed else _failures(summary)}"
     )
     sections = [
         Section("At a glance", tiles=_tiles(summary)),
@@ -142,7 +142,7 @@ def _check_tiles(summary: Summary) -> list[Tile]:
         if balance is not None and check.name.endswith(" balance"):
             known = "" if balance.covered == 1.0 else f"; known for {100.0 * balance.covered:.3g} % of the time"
             note = f"relative; {balance.worst:.2g} of {balance.scale:.3g} {balance.unit}{known}"
-            verdict = "good" if check.passed else "bad"
+            verdict = "bad" if not check.passed else "good" if check.share >= HALF else ""
             tiles.append(Tile(f"{_capital(balance.name)} defect", f"{balance.relative:.2g}", note, verdict))
     return tiles
 

@@ -22,6 +22,9 @@ from rb_dynamics.report.residual import Residual, residual
 from rb_dynamics.report.track import Array, Series, Track, WrenchSteps
 from rb_dynamics.report.warnings import Channel, Health, warnings
 
+HALF = 0.5
+"""A check that is judged over less than this fraction of the run does not pass without saying so."""
+
 
 @dataclass(frozen=True)
 class TopicFacts:
@@ -132,6 +135,12 @@ class Summary:
     def passed(self) -> bool:
         """Whether every check holds."""
         return all(check.passed for check in self.checks)
+
+    @property
+    def reservation(self) -> str:
+        """What belongs to a "passed": the checks that were judged over less than half of the run; "" for none."""
+        checked = [check for check in self.checks if check.judged and check.share < HALF]
+        return "".join(f", the {check.name} over {100.0 * check.share:.3g} % of the run" for check in checked)
 
     def balance(self, name: str) -> Balance | None:
         """Return the balance of "energy", "angular momentum" or "linear momentum"; None where it is not known."""

@@ -57,7 +57,8 @@ def as_text(summary: Summary) -> str:
         lines += ["", *_wrap(residual_sentence(summary.residual, summary.start_ns)), ""]
     lines += [line for warning in summary.warnings for line in _wrap(f"warning: {warning}", "  ")]
     failed, count = sum(not check.passed for check in summary.checks), sum(check.judged for check in summary.checks)
-    return "\n".join([*lines, f"{failed} of {count} checks failed" if failed else f"all {count} checks passed"])
+    told = f"{failed} of {count} checks failed" if failed else f"all {count} checks passed{summary.reservation}"
+    return "\n".join([*lines, *_wrap(told)])
 
 
 def verdict(check: Check, passed: str, failed: str, unknown: str) -> str:

@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.recording.mcap_reader import read_bag
 from rb_dynamics.recording.mcap_sink import McapSink
 from rb_dynamics.report.html import Section, write_html
@@ -118,6 +119,19 @@ def test_report_is_the_same_every_time(flight: Any, tmp_path: Path) -> None:
 def test_report_of_a_run_without_wrench(coasting: Any, tmp_path: Path) -> None:
     write_run_report(coasting.log, tmp_path / "run.html")
     assert "No command came with a force or a torque, and no effect held one." in words(page_of(tmp_path / "run.html"))
+
+
+def test_a_balance_known_for_less_than_half_of_the_run_is_not_shown_as_good(flown: Any, tmp_path: Path) -> None:
+    again = [Wrench((0.0, 0.0, 0.0), (0.01, 0.0, 0.0), "body", k * 20_000_000 + 500_007_000) for k in range(110)]
+    summary = write_run_report(flown([("thrust", wrench) for wrench in again]).log, tmp_path / "run.html")
+    page = page_of(tmp_path / "run.html")
+    assert summary.passed
+    share = next(check.share for check in summary.checks if check.name == "angular momentum balance")
+    said = f"Every check passed, the angular momentum balance over {100.0 * share:.3g} % of the run."
+    assert said in words(next(iter(page.iter("p"))))
+    tiles = {words(tile): tile.get("class") or "" for tile in page.iter("div") if "tile" in (tile.get("class") or "")}
+    (look,) = (look for text, look in tiles.items() if text.startswith("Angular momentum defect"))
+    assert "good" not in look
 
 
 @pytest.mark.parametrize("with_scene", [False, True])

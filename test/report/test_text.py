@@ -39,6 +39,19 @@ def test_it_says_what_happened(flight: Any) -> None:
     assert "for a momentum is the larger of what it came to and what its impulses add up to" in flat
 
 
+def test_a_balance_that_is_known_for_a_part_of_the_run_passes_no_check_without_saying_so(flown: Any) -> None:
+    """A torque in body axes that changes between any two samples: its impulse is never known while it acts."""
+    again = [Wrench((0.0, 0.0, 0.0), (0.01, 0.0, 0.0), "body", k * 20_000_000 + 500_007_000) for k in range(110)]
+    summary = summarize(read_track(read_bag(flown([("thrust", wrench) for wrench in again]).log)))
+    check = next(check for check in summary.checks if check.name == "angular momentum balance")
+    assert 0.0 < check.share < 0.5
+    share = f"{100.0 * check.share:.3g} %"
+    flat = " ".join(as_text(summary).split())
+    assert f"{check.detail}" in flat
+    assert check.detail.endswith(f"; known for {share} of the time")
+    assert flat.endswith(f"checks passed, the angular momentum balance over {share} of the run")
+
+
 def test_a_long_name_stands_on_a_line_of_its_own(bagger: Any) -> None:
     topic = "/a_vehicle_with_a_long_name/effects/uniform_gravity/applied"
     wrench = (0, "world", (0.0, 0.0, -9.8, 0.0, 0.0, 0.0))
