@@ -8,7 +8,8 @@ square of time.
 Steps are compiled where a run of the whole scene with the same setting would compile them; what compiling takes, once
 for each method, is in no time of the table and comes on top of --time, which is said when it begins; nothing more is
 compiled after as long again. Printed are the runs that no other one beats in both speed and accuracy, and the line to
-write into the scene; all runs are in --json and --html. Without --wrench the channels are tried with a probe.
+write into the scene; all runs are in --json and --html. Where there is no time for all settings on the way to --target,
+a method passes over some, by the order that its errors show. Without --wrench the channels are tried with a probe.
 Exit code 1: nothing measured does what is asked for.
 """
 
@@ -46,6 +47,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--budget", type=_POSITIVE, metavar="X", help="find the most accurate that runs at X times real time or faster"
     )
     parser.add_argument(
+        "--methods", type=lambda text: text.split(","), metavar="M,...",
+        help="measure these methods alone, such as rk4,dverk; the reference is the same",
+    )  # fmt: skip
+    parser.add_argument(
         "--time", type=_POSITIVE, default=30.0, metavar="S", help="how long to measure, in s; default: %(default)g"
     )
     parser.add_argument("--html", metavar="F", help="write a page with the plot and all runs (extra: plot)")
@@ -71,6 +76,7 @@ def run(args: argparse.Namespace) -> int:
             target=args.target,
             budget=args.budget,
             time_s=args.time,
+            methods=args.methods,
             progress=progress,
             compiling=_say_once("compiling kernels: some seconds each, once, on top of --time"),
         )
@@ -102,12 +108,13 @@ def _say_once(text: str) -> Callable[[str], None]:
 def as_text(found: Trade) -> str:
     """Return reference, front and recommendation for a person."""
     trust, measured = found.reference, {row.method for row in found.rows}
+    more = "" if found.enough_s is None else f"; about --time {found.enough_s:g} would do"
     lines = [
         f"reference   {trust.method}, over {found.trial_s:g} s and a path of {trust.path:.4g} m",
         f"trust       {trust.attitude:.1e} rad, {trust.rate:.1e} rad/s, {trust.position:.1e} m, from {trust.check}",
     ]
     if found.front:
-        lines.append(f"front       of {len(found.rows)} runs of {len(measured)} methods, from fast to accurate")
+        lines.append(f"front       of {len(found.rows)} runs of {found.measured}, from fast to accurate")
         lines += _table(found)
     if compiled := sum(row.compiled for row in found.rows):
         lines.append(f"compiled    {compiled} of {len(found.rows)} runs, as they would be over the whole scene")
@@ -122,7 +129,8 @@ def as_text(found: Trade) -> str:
         error, end = f"{least}{row.error:.1e}", []
         if not whole.measured:
             error += f" after {found.trial_s:g} s of {found.whole:g} s"
-            end = [f"            {least}{whole.error:.1e} at the end if it grows with the square of time: not measured"]
+            grown = f"{least}{whole.error:.1e} at the end if it grows with the square of time: not measured"
+            end = [f"            {grown}{more}"]
         elif found.trial_s < found.whole:
             error = f"{whole.error:.1e} after all {found.whole:g} s"
         lines += [

@@ -277,6 +277,13 @@ def kernel(method: Method) -> Kernel | None:
     return Kernel(method) if method.compiles else None
 
 
+def longest_in_plain(method: Method) -> float:
+    """Return how many steps a long run takes in plain Python before its kernel is worth loading; inf if it has none."""
+    if _when() == "never" or not available() or not method.compiles:
+        return math.inf
+    return WORTH_LOADING / _PLAIN_PRICE.get(method.name, 1.0)
+
+
 def _when() -> str:
     found = os.environ.get("RB_DYNAMICS_COMPILE", "auto")
     if found not in ("never", "auto", "always"):

@@ -42,7 +42,7 @@ class Plan:
         self.takes = scene.acting.takes
         self._method = None if scene.solver.method == "auto" else METHODS[scene.solver.method]
         if self._method is not None and self._method.takes < self.takes:
-            raise SceneError(_cannot_take(scene, self._method, self.takes))
+            raise SceneError(cannot_take(scene, self._method, self.takes))
         self.name = scene.solver.method
         self._chosen: tuple[Method, StepControl] | None = None
         self._driven = False
@@ -125,7 +125,8 @@ def _turns_nothing(scene: Scene, effect: Effect) -> bool:
     return effect.takes == Takes.HELD and all(map(is_free, held))
 
 
-def _cannot_take(scene: Scene, method: Method, takes: Takes) -> str:
+def cannot_take(scene: Scene, method: Method, takes: Takes) -> str:
+    """Return the message that `method` cannot take what acts in `scene`, which needs one that takes `takes`."""
     able = sorted(other.name for other in METHODS.usable() if other.takes >= takes)
     acting = ", ".join(scene.acting.varying)
     return (

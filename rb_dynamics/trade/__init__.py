@@ -6,15 +6,19 @@ is compared with a reference on which two methods of different families agree. N
 
 from __future__ import annotations
 
+import difflib
 import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from rb_dynamics.arguments import items, number
+from rb_dynamics.arguments import items, number, shown
+from rb_dynamics.errors import SceneError
 from rb_dynamics.explain import measured_length, probed
 from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.motion import METHODS
 from rb_dynamics.scene import opened
+from rb_dynamics.scene.compile import cannot_take
 from rb_dynamics.scene.model import DEFAULT_ACCURACY, Scene
 from rb_dynamics.simulate import as_command
 from rb_dynamics.stopwatch import Clock, Stopwatch
@@ -23,7 +27,7 @@ from rb_dynamics.trade.reference import find_reference
 from rb_dynamics.trade.result import Recommendation, Reference, Row, Trade, as_measured, recommend, with_front
 from rb_dynamics.trade.table import Table, climbers_for
 from rb_dynamics.trade.trial import accepted, trial_of
-from rb_dynamics.trade.whole import Whole
+from rb_dynamics.trade.whole import Whole, enough
 
 # Of the time there is: one run of the trial may take so much, and finding the reference, at the first attempt and at
 # those that follow.
@@ -41,6 +45,7 @@ def trade(
     target: float | None = None,
     budget: float | None = None,
     time_s: float = 30.0,
+    methods: Sequence[str] | None = None,
     progress: Callable[[float], None] | None = None,
     clock: Clock = time.perf_counter,
     compiling: Callable[[str], None] | None = None,
@@ -55,6 +60,7 @@ def trade(
         budget: real-time factor to be kept; then the most accurate row is recommended.
         time_s: about how long all of it may take, s; compiling kernels may take as long again, once. A third comes on
             top where that is not enough for the whole scene, over which what is recommended is flown then.
+        methods: names of those to measure, "auto" among them; None for all. The reference is the same.
         progress: called now and then with the fraction done.
         clock: what is measured with, s.
         compiling: called before a kernel is compiled that is in no cache, with its name.
@@ -62,7 +68,8 @@ def trade(
     Raises:
         TypeError: an argument is not of its type.
         ValueError: target, budget or time is not greater than 0.
-        SceneError: the file says no valid scene, or the scene has nothing to measure.
+        SceneError: the file says no valid scene, the scene has nothing to measure, or one of `methods` is unknown or
+            cannot take the effects of the scene.
         ConvergenceError: no two methods can run the scene in the time.
     """
     scene = opened(scene)
@@ -71,6 +78,7 @@ def trade(
     for name, wish in (("target", target), ("budget", budget)):
         if wish is not None:
             number(wish, name, "a finite number greater than 0, or None", above=0.0)
+    names = None if methods is None else _asked_for(items(methods, "methods", "names of methods"), scene)
     length = measured_length(scene)
     stopwatch = Stopwatch(clock, _KERNELS * time_s, compiling)
     begin = stopwatch()
@@ -93,9 +101,12 @@ def trade(
             f"measured over the first {trial.seconds:.6g} s of {trial.whole:g} s: the errors of rows are those after "
             "them, and more time (--time) measures more"
         )
-    table = Table(replace(trial, horizon=scene.duration), reference, truth)
+    table = Table(replace(trial, horizon=scene.duration), reference, truth, target)
     climbers = climbers_for(trial) if reference.is_useful else []
-    climb(climbers, table.measure, begin + time_s, stopwatch, told)
+    if names is not None:
+        remarks.append(f"measured as asked for: {', '.join(names)}; all other methods are left out")
+        climbers = [climber for climber in climbers if climber.method in names]
+    climb(climbers, table.measure, begin + time_s, stopwatch, told, table.foresee)
     rows = with_front([row for climber in climbers for row in table.rows.get(climber.method, ())])
     whole = Whole(trial, kept, rows, _WHOLE * time_s) if rows and trial.seconds < trial.whole else None
     if progress is not None:
@@ -113,7 +124,29 @@ def trade(
         tuple(remarks),
         trial.whole,
         whole.checked_by if whole else None,
+        enough(rows, target, trial, _WHOLE) if trial.seconds < trial.whole and target is not None else None,
     )
+
+
+def _asked_for(names: Sequence[object], scene: Scene) -> list[str]:
+    """Return `names` of methods, each once.
+
+    Raises:
+        SceneError: there are none, there is no such method, or it cannot take what acts.
+    """
+    found: list[str] = []
+    for name in names:
+        if name != "auto" and name not in METHODS:
+            near = difflib.get_close_matches(str(name).lower()[:60], ("auto", *METHODS), n=1)
+            remedy = f"did you mean {near[0]}?" if near else "write some of them"
+            raise SceneError(f"methods has {shown(name)}, expected names out of auto, {', '.join(METHODS)}; {remedy}")
+        if name != "auto" and METHODS[str(name)].takes < scene.acting.takes:
+            raise SceneError(cannot_take(scene, METHODS[str(name)], scene.acting.takes))
+        if name not in found:
+            found.append(str(name))
+    if not found:
+        raise SceneError("methods is empty, expected names of methods, or None for all; name one")
+    return found
 
 
 __all__ = ["Recommendation", "Reference", "Row", "Trade", "trade"]

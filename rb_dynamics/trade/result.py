@@ -43,7 +43,7 @@ class Row:
             a fixed number of them: an implicit one iterates, a Taylor series has derivatives instead.
         compiled: whether kernels took some of the steps, as they would in a run of the whole scene.
         front: whether no other row is as fast and as accurate, and better in one of the two, and the error not
-            `HOPELESS`.
+            `HOPELESS`. A row of "auto" that is the run of another row stands back: which was faster is chance.
     """
 
     method: str
@@ -176,6 +176,8 @@ class Trade:
         whole: length of the scene, s.
         checked_by: what a recommended row was compared with at its end; None where the trial reaches that end, or there
             was no time to go there.
+        enough_s: about the time to measure (s) with which there is; None where the trial reaches the end, or nothing
+            measured tells.
     """
 
     scene: str
@@ -190,6 +192,15 @@ class Trade:
     remarks: tuple[str, ...]
     whole: float
     checked_by: Row | None
+    enough_s: float | None = None
+
+    @property
+    def measured(self) -> str:
+        """What has rows, for a person: "auto" is no method of its own."""
+        methods = {row.method for row in self.rows}
+        named = len(methods - {"auto"})
+        parts = [f"{named} method{'s' * (named != 1)}"] if named else []
+        return " and ".join([*parts, "auto"] if "auto" in methods else parts)
 
     @property
     def front(self) -> tuple[Row, ...]:
@@ -209,6 +220,9 @@ class Trade:
                 "nothing tells which is right, and the motion may be so unstable that rounding decides it; try a "
                 "shorter duration or more time (--time)"
             )
+        if not self.rows:
+            why = "; ".join(f"{method}: {why}" for method, why in self.ended.items())
+            return f"{self.scene}: nothing could be measured ({why}); take other methods or give more time (--time)"
         if self.budget is not None:
             best = max((row.real_time_factor for row in self.rows if row.error <= HOPELESS), default=0.0)
             return (
@@ -225,9 +239,10 @@ class Trade:
                 else f"there was no time to go so far, and the best error, {least:.2g} after {self.trial_s:g} s, is "
                 f"{end:.2g} there if it grows with the square of time"
             )
+            more = "more time (--time)" if self.enough_s is None else f"more time (about --time {self.enough_s:g})"
             return (
                 f"{self.scene}: nothing measured is known to have an error of at most {self.target:g} after all "
-                f"{self.whole:g} s: {found}; ask for less (--target) or give more time (--time)"
+                f"{self.whole:g} s: {found}; ask for less (--target) or give {more}"
             )
         return (
             f"{self.scene}: nothing measured is known to have an error of at most {self.target:g}: the best has "
@@ -244,11 +259,30 @@ def with_front(rows: Sequence[Row]) -> tuple[Row, ...]:
     """Return the rows, those on the Pareto front of error and time marked."""
     fastest: dict[float, float] = {}
     least = math.nextafter(HOPELESS, math.inf)
-    for row in sorted(rows, key=lambda row: (row.time_per_s, row.error)):
+    apart = _apart(rows)
+    for row in sorted(apart, key=lambda row: (row.time_per_s, row.error)):
         if row.error < least:
             least = row.error
             fastest[row.error] = row.time_per_s
-    return tuple(replace(row, front=fastest.get(row.error) == row.time_per_s) for row in rows)
+    return tuple(replace(row, front=row in apart and fastest.get(row.error) == row.time_per_s) for row in rows)
+
+
+def _apart(rows: Sequence[Row]) -> list[Row]:
+    """Return the rows without those of "auto" that are the run of a named method, which has the same row."""
+    named = {_run(row) for row in rows if row.method != "auto"}
+    return [row for row in rows if row.method != "auto" or _run(row) not in named]
+
+
+def _run(row: Row) -> tuple[float, ...]:
+    return (
+        row.steps,
+        row.attitude_error,
+        row.rate_error,
+        row.position_error,
+        row.energy_defect,
+        row.angular_momentum_defect,
+        row.linear_momentum_defect,
+    )
 
 
 def grown(error: float, longer: float) -> float:
@@ -273,8 +307,10 @@ def recommend(
 ) -> Recommendation | None:
     """Return the fastest row that keeps `target`, or the most accurate that keeps `budget`; None where none does.
 
-    It keeps the target over the whole scene, of which `judge` tells. None that is `HOPELESS` keeps a budget.
+    It keeps the target over the whole scene, of which `judge` tells. None that is `HOPELESS` keeps a budget. Where
+    "auto" comes down to a method that has the same row, that one is named.
     """
+    rows = _apart(rows)
     if budget is not None:
         able = [row for row in rows if row.real_time_factor >= budget and row.error <= HOPELESS]
         able.sort(key=lambda row: (row.error, row.time_per_s))

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import pairwise
 
 from rb_dynamics.diagnostics import Sample
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.exact import EXACT
+from rb_dynamics.motion.kernel import longest_in_plain
 from rb_dynamics.motion.step_control import NANOSECONDS
 from rb_dynamics.scene.model import Solver
 from rb_dynamics.trade.climb import TIME_IS_UP, Climber
 from rb_dynamics.trade.evaluations import evaluations_in
 from rb_dynamics.trade.reference import settings_of
-from rb_dynamics.trade.result import USELESS, Reference, Row
+from rb_dynamics.trade.result import HOPELESS, USELESS, Reference, Row
 from rb_dynamics.trade.trial import Flight, Trial
 from rb_dynamics.vector import norm
 
@@ -25,13 +27,16 @@ _SHORT, _REPEATS = 0.05, 3
 # So many runs that are no better tell that no finer setting helps.
 _NO_BETTER = 3
 
+# So many settings before the one foreseen are measured: it may be wrong, and neighbours tell how the errors go.
+_BEFORE = 2
+
 
 class Table:
-    """Measures rows of `trial` against `truth`."""
+    """Measures rows of `trial` against `truth`, on the way to the error `target` if there is one."""
 
-    def __init__(self, trial: Trial, reference: Reference, truth: Sample) -> None:
+    def __init__(self, trial: Trial, reference: Reference, truth: Sample, target: float | None = None) -> None:
         self.rows: dict[str, list[Row]] = {}
-        self._trial, self._reference, self._truth = trial, reference, truth
+        self._trial, self._reference, self._truth, self._target = trial, reference, truth, target
 
     def measure(self, solver: Solver, limit: float) -> tuple[float, str]:
         """Run a setting and add its row; see `Measure`."""
@@ -61,6 +66,17 @@ class Table:
             return best, "finer settings are no better: round-off"
         return best, ""
 
+    def foresee(self, coming: Sequence[Solver]) -> tuple[int, float]:
+        """Say of a method what its rows tell about its settings to come; see `Foresee`."""
+        rows = self.rows.get(coming[0].method, [])
+        far = far_from(self._target, rows, coming) if self._target is not None else 0
+        if not rows or rows[-1].step is None or rows[-1].compiled:
+            return far, math.inf
+        last = rows[-1]
+        most = longest_in_plain(METHODS[last.method]) * self._trial.seconds / self._trial.whole
+        # Where one has taken more in plain Python, none is compiled.
+        return far, last.time_per_s * self._trial.seconds * most / last.steps if last.steps <= most else math.inf
+
     def _row(self, solver: Solver, flight: Flight, took: float) -> Row:
         trial, reference, end = self._trial, self._reference, flight.sample
         attitude, rate, position = trial.differences(end, self._truth)
@@ -83,6 +99,25 @@ class Table:
             evaluations=evaluations_in(flight.methods, flight.steps, by_accuracy=solver.step is None),
             compiled=flight.compiled,
         )
+
+
+def far_from(target: float, rows: Sequence[Row], coming: Sequence[Solver]) -> int:
+    """Return how many of the settings `coming` are far from an error of `target`, by the order that `rows` show.
+
+    The errors are taken to fall no more slowly than those of the method do in the end, so that it is rather too few.
+    """
+    if len(rows) < 2 or not target < rows[-1].error < rows[-2].error <= HOPELESS:
+        return 0
+    before, last = rows[-2:]
+    fall = math.log(before.error / last.error) / math.log(_size(before) / _size(last))
+    order = METHODS[last.method].order if last.step is not None else 1
+    near = _size(last) * math.exp(math.log(target / last.error) / max(fall, order or 1))
+    return max(0, sum(_size(one) > near for one in coming) - _BEFORE)
+
+
+def _size(one: Row | Solver) -> float:
+    """Return what makes a setting coarse: its step or its accuracy."""
+    return one.step or one.accuracy or 0.0
 
 
 def _run(row: Row) -> tuple[int, float, float]:

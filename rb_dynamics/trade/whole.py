@@ -66,3 +66,20 @@ class Whole:
         attitude, _, position = whole.differences(flight.sample, whole.end)
         share = min(1.0, self.checked_by.error / row.error) if row.error > 0.0 else 1.0
         return Verdict(max(row.error, (1.0 + share) * whole.error(attitude, position)), measured=True)
+
+
+def enough(rows: Sequence[Row], target: float, trial: Trial, share: float) -> float | None:
+    """Return with about how much time (s) a row that keeps `target` can be judged, of which it has a `share`.
+
+    That takes another one to compare with, which has a smaller error. Errors are taken to grow with time where that
+    leaves any; None if no two rows will do.
+    """
+    longer = trial.whole / trial.seconds
+    keeping = [row for row in rows if row.error * longer <= target] or [row for row in rows if row.error <= target]
+    times = [
+        max(finer.time_per_s / _EXPECTED, row.time_per_s / (1.0 - _FINEST))
+        for row in keeping
+        for finer in rows
+        if finer.error < row.error
+    ]
+    return float(f"{1.2 * trial.whole * min(times) / share:.2g}") if times else None

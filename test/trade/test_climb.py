@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -50,6 +50,28 @@ def test_methods_get_the_same_time() -> None:
         assert 1.2 < one.spent < 8.0
         assert one.ended == TIME_IS_UP
     assert climbers[0].runs - climbers[1].runs in (6, 7)
+
+
+def test_where_all_settings_take_too_long_those_far_from_what_is_asked_for_are_passed_over() -> None:
+    """Compiled from 0.1 s on, a hundred times as fast; the 14th setting is near what is asked for."""
+
+    def cost(solver: Solver) -> float:
+        plain = 1e-3 / (solver.step or 1.0)
+        return plain if plain <= 0.1 else 0.01 * plain
+
+    def foresee(coming: Sequence[Solver]) -> tuple[int, float]:
+        return max(0, len(coming) - 27), 0.1
+
+    def tried(end: float) -> list[float]:
+        machine = Machine(cost)
+        climb([climber("rk4")], machine.measure, end, machine.clock, foresee=foresee)
+        return [price for _, price, _ in machine.log]
+
+    settings = [cost(Solver("rk4", step=0.5**k, accuracy=None)) for k in range(40)]
+    assert tried(1.0)[:3] == [settings[0], settings[13], settings[14]]
+    # With time for all of them, none is passed over; nor where the one that is near takes too long itself.
+    assert tried(1e9) == settings
+    assert tried(0.3)[:4] == settings[:4]
 
 
 def test_what_one_leaves_the_others_get() -> None:

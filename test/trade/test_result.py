@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rb_dynamics.scene.read import parse_scene
-from rb_dynamics.trade.result import HOPELESS, Row, recommend, with_front
+from rb_dynamics.trade.result import HOPELESS, Reference, Row, Trade, recommend, with_front
 
 BODY = "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\n"
 ROW = Row("rk4", 0.1, None, 1e-5, 2e-5, 3e-5, 1e-5, False, 0.0, 0.0, 0.0, 1e-3, 1e3, 10, 40, False)
@@ -60,6 +60,39 @@ def test_the_recommended_row_keeps_the_budget_and_none_that_does_is_more_accurat
     if found is not None:
         assert found.row in able
         assert found.row.error == min(one.error for one in able)
+
+
+@pytest.mark.parametrize("faster", ["exact", "auto"])
+@pytest.mark.parametrize("wish", [(1e-9, None), (None, 1.0)])
+def test_where_auto_comes_down_to_a_method_that_method_is_named(
+    faster: str, wish: tuple[float | None, float | None]
+) -> None:
+    """Which of the two was faster is chance."""
+    rows = with_front([row(1e-6 if method == faster else 2e-6, 1e-12, method) for method in ("exact", "auto")])
+    found = recommend(rows, *wish)
+    assert found is not None
+    assert found.row.method == "exact"
+    assert [one.method for one in rows if one.front] == ["exact"]
+
+
+def test_what_auto_alone_does_is_recommended() -> None:
+    rows = with_front([row(2e-6, 1e-12, "exact"), replace(row(1e-6, 1e-12, "auto"), steps=2)])
+    found = recommend(rows, 1e-9, None)
+    assert found is not None
+    assert found.row.method == "auto"
+    assert [one.method for one in rows if one.front] == ["auto"]
+
+
+@pytest.mark.parametrize(
+    ("methods", "said"),
+    [(("rk4", "auto"), "1 method and auto"), (("rk4", "exact"), "2 methods"), (("auto",), "auto"), ((), "")],
+)
+def test_auto_is_not_counted_as_a_method(methods: tuple[str, ...], said: str) -> None:
+    rows = tuple(row(1e-6, 1e-12, method) for method in methods)
+    reference = Reference("taylor", "dop853", 0.0, 0.0, 0.0, 0.0, 1.0)
+    found = Trade("scene.yaml", 1.0, reference, rows, None, 1e-9, None, {"rk4": "refused"}, {}, (), 1.0, None)
+    assert found.measured == said
+    assert ("nothing could be measured (rk4: refused)" in found.shortfall) is (not methods)
 
 
 @pytest.mark.parametrize(

@@ -123,6 +123,53 @@ def test_a_driven_scene_has_the_true_errors_and_no_closed_form() -> None:
         assert coarse.error > fine.error
 
 
+def test_only_the_methods_asked_for_are_measured_against_the_same_reference(
+    free_scene: Scene, free_trade: Trade
+) -> None:
+    found = trade(free_scene, methods=["rk4", "dverk", "rk4"], time_s=1.0, clock=CLOCK)
+    assert found.ended.keys() == {one.method for one in found.rows} == {"rk4", "dverk"}
+    assert found.reference.method == free_trade.reference.method
+    assert found.recommended is not None
+    assert found.recommended.row.method in ("rk4", "dverk")
+    assert "measured as asked for: rk4, dverk; all other methods are left out" in found.remarks
+    assert "of 2 methods, from fast" in as_text(found)
+    assert "of 26 methods and auto, from fast" in as_text(free_trade)
+
+
+@pytest.mark.parametrize(
+    ("methods", "says"),
+    [
+        (["rk5"], r"methods has 'rk5', expected names out of auto, exact, .*; did you mean rkmk54\?"),
+        (["?"], "write some of them"),
+        ([3], "methods has 3"),
+        ([], "methods is empty"),
+        (["taylor"], "solver.method: found taylor, expected a method that can take linear_drag"),
+    ],
+)
+def test_methods_that_there_are_not_or_that_cannot_take_the_scene_are_refused(methods: list[Any], says: str) -> None:
+    with pytest.raises(SceneError, match=says):
+        trade(parse_scene(DRAG), methods=methods)
+
+
+def test_methods_are_names() -> None:
+    with pytest.raises(TypeError, match="methods is 'rk4', expected"):
+        trade(parse_scene(DRAG), methods="rk4")
+
+
+def test_how_many_settings_are_far_from_the_target_follows_from_the_order_seen(free_trade: Trade) -> None:
+    """From any two rows of rk4: what is left reaches the target, and begins within some settings of it."""
+    rows = [one for one in free_trade.rows if one.method == "rk4" and 1e-8 < one.error < 1e-2]
+    steps = [one.step for one in rows if one.step is not None]
+    assert len(steps) > 6
+    coming = [Solver("rk4", step=step, accuracy=None) for step in steps[2:]]
+    far = table.far_from(1e-7, rows[:2], coming)
+    kept = [one for one in rows[2 + far :] if one.error > 1e-7]
+    assert far > 0
+    assert 1 <= len(kept) <= 5
+    assert table.far_from(rows[1].error, rows[:2], coming) == 0
+    assert table.far_from(1e-7, rows[:1], coming) == 0
+
+
 def test_under_drag_only_the_methods_that_take_it_are_measured() -> None:
     scene = parse_scene(DRAG)
     # What is imported once is not this trade's to pay for.
@@ -197,6 +244,10 @@ def test_where_the_whole_is_too_long_the_error_is_taken_to_grow_and_the_text_say
 
     none = replace(found, recommended=None, target=taken.row.error)
     assert "grows with the square of time" in none.shortfall
+    assert found.enough_s is not None
+    assert found.enough_s > 2.0
+    assert f"about --time {found.enough_s:g}" in none.shortfall
+    assert f"about --time {found.enough_s:g} would do" in as_text(found)
 
 
 def test_commands_that_cannot_be_honoured_are_left_out_and_counted() -> None:
