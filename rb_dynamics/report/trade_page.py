@@ -25,8 +25,11 @@ _LEGEND_COLUMNS, _LEGEND_ROW = 6, 17.0
 # What is worse than a whole turn need not be told apart.
 _WORST = 10.0
 
-# Height of a name beside a mark.
-_NAME = 11.0
+# Height of a name beside a mark, and width of one of its letters.
+_NAME, _LETTER = 11.0, 5.0
+
+# So much of what they stand for is below the lines, for their names.
+_BELOW = 0.3
 
 
 def write_trade_page(found: Trade, path: str | os.PathLike[str]) -> None:
@@ -42,10 +45,9 @@ def write_trade_page(found: Trade, path: str | os.PathLike[str]) -> None:
 def trade_report(found: Trade) -> Report:
     """Return the page of `found`."""
     reference = found.reference
-    methods = len({row.method for row in found.rows})
     lead = (
         f"Speed against accuracy, measured over {found.trial_s:g} s of this scene: "
-        f"{len(found.rows)} runs of {methods} methods."
+        f"{len(found.rows)} runs of {found.measured}."
     )
     trusted = (
         f"The reference is {reference.method}; {reference.check}, a method of another family, differs from it by "
@@ -88,11 +90,15 @@ def _taken(found: Trade) -> list[str]:
     if not whole.measured:
         said.append(
             f"Its error is known after {found.trial_s:g} s of {found.whole:g} s only. At the end it is "
-            f"{whole.error:.1e} if it grows with the square of time, which was not measured."
+            f"{whole.error:.1e} if it grows with the square of time, which was not measured{_would_do(found)}."
         )
     elif found.trial_s < found.whole:
         said.append(f"It was flown to the end for that: the error is the one after all {found.whole:g} s.")
     return said
+
+
+def _would_do(found: Trade) -> str:
+    return "" if found.enough_s is None else f": there would be time for that with about --time {found.enough_s:g}"
 
 
 def _compiled(found: Trade) -> list[str]:
@@ -133,7 +139,7 @@ def _tiles(found: Trade) -> list[Tile]:
 
 def _table(found: Trade, rows: Iterable[Row]) -> Table:
     header = ["method", "setting", "attitude [rad]", "rate [rad/s]", "position [m]", "time per s [s]", "x real time"]
-    header += ["energy [J]", "L [kg m²/s]", "p [kg m/s]", "steps", "evaluations", "compiled", "front"]
+    header += ["energy [J]", "L [kg m²/s]", "p [kg m/s]", "steps", "evals", "compiled", "front"]
     return Table(header, [_cells(found, row) for row in rows])
 
 
@@ -160,12 +166,13 @@ def work_precision(found: Trade) -> str:
     name = "Error against time of computing, one line for each method"
     root = Element("svg", {"viewBox": f"0 0 {_WIDTH:g} {height:g}", "role": "img", "aria-label": name})
     times = [row.time_per_s for row in found.rows] + ([1.0 / found.budget] if found.budget else [])
-    errors = [row.error for row in found.rows] + [found.reference.error] + ([found.target] if found.target else [])
+    lines = [found.reference.error] + ([found.target] if found.target else [])
+    errors = [row.error for row in found.rows] + lines + [_BELOW * min(lines)]
     across = _Axis(times, _LEFT, _WIDTH - _RIGHT)
     up = _Axis([min(error, _WORST) for error in errors], _TOP + _HEIGHT, _TOP)
     _text(root, 2.0, 12.0, "Error [rad, or relative to the path]", "font-size: 11px; font-weight: 600")
     _grid(root, across, up)
-    _bounds(root, found, across, up)
+    names = _bounds(root, found, across, up)
     at = {row: (across.place(row.time_per_s), up.place(min(row.error, _WORST))) for row in found.rows}
     _staircase(root, [at[row] for row in found.front])
     for method, style in styles.items():
@@ -174,7 +181,7 @@ def work_precision(found: Trade) -> str:
         for row in rows:
             error = f"error {row.error:.1e}, {row.real_time_factor:.3g} times real time"
             SubElement(style.mark(root, *at[row]), "title").text = f"{_name(row)}: {error}"
-    _mark_front(root, [(_name(row), *at[row]) for row in found.front])
+    _mark_front(root, [(_name(row), *at[row]) for row in found.front], names)
     if found.recommended is not None:
         _ring(root, *at[found.recommended.row], 8.5)
     _legend(root, styles)
@@ -185,19 +192,33 @@ def _name(row: Row) -> str:
     return f"{row.method}, {row.setting}"
 
 
-def _mark_front(root: Element, points: Sequence[tuple[str, float, float]]) -> None:
-    """Draw rings round the runs of the front, and their names beside them."""
-    lowest = -math.inf
+class _Names:
+    """Writes names, each where none stands yet."""
+
+    def __init__(self, root: Element) -> None:
+        self._root = root
+        self._taken: list[tuple[float, float, float]] = []
+
+    def write(self, name: str, x: float, y: float, *, to_left: bool = False) -> bool:
+        """Write `name` from x, or up to it, on the line y; whether there was room."""
+        width = _LETTER * len(name)
+        left = x - width if to_left else x
+        if left < _LEFT or any(
+            abs(y - line) < _NAME and left < end and start < left + width for start, end, line in self._taken
+        ):
+            return False
+        self._taken.append((left, left + width, y))
+        _text(self._root, x, y, name, f"font-size: 9px{'; text-anchor: end' * to_left}")
+        return True
+
+
+def _mark_front(root: Element, points: Sequence[tuple[str, float, float]], names: _Names) -> None:
+    """Draw rings round the runs of the front, and their names beside them, as far as there is room."""
     for name, x, y in points:
         _ring(root, x, y, 5.5)
-        # From top to bottom: a name that would stand on the one before it is left out.
-        if y >= lowest + _NAME:
-            lowest = y
-            # At the left of the front there is nothing. A double ring has room, too.
-            if x - 11.0 - 5.0 * len(name) > _LEFT:
-                _text(root, x - 11.0, y + 3.0, name, "font-size: 9px; text-anchor: end")
-            else:
-                _text(root, x + 11.0, y - 7.0, name, "font-size: 9px")
+        # At the left of the front there is nothing. A double ring has room, too.
+        if not names.write(name, x - 11.0, y + 3.0, to_left=True):
+            names.write(name, x + 11.0, y - 7.0)
 
 
 class _Axis:
@@ -215,7 +236,7 @@ class _Axis:
 
     def ticks(self) -> list[tuple[float, str]]:
         """Return where the labelled decades stand, and their labels."""
-        every = math.ceil((self.high - self.low) / 14)
+        every = math.ceil((self.high - self.low) / 16)
         decades = range(self.low, self.high + 1, every)
         return [(self.place(10.0**k), f"1e{k}".replace("-", "\N{MINUS SIGN}")) for k in decades]
 
@@ -286,21 +307,24 @@ def _grid(root: Element, across: _Axis, up: _Axis) -> None:
     )
 
 
-def _bounds(root: Element, found: Trade, across: _Axis, up: _Axis) -> None:
-    """Draw what the reference can tell and what was asked for."""
-    right = _WIDTH - _RIGHT
+def _bounds(root: Element, found: Trade, across: _Axis, up: _Axis) -> _Names:
+    """Draw what the reference can tell and what was asked for; return the names, which those of runs are to respect."""
+    right, names = _WIDTH - _RIGHT, _Names(root)
     y = up.place(found.reference.error)
     _stroke(root, [(_LEFT, y), (right, y)], "1", "0.8", "5 4")
-    # At the left, where what is fast and accurate would stand, there is room.
-    _text(root, _LEFT + 4.0, y - 4.0, "the reference is good to here", "font-size: 9px")
+    # Below it no run can be, and at the right no ring of one that is fast.
+    names.write("the reference is good to here", right - 4.0, y + _NAME, to_left=True)
     if found.target:
         y = up.place(min(found.target, _WORST))
         _stroke(root, [(_LEFT, y), (right, y)], "1", "0.8", "1 3")
-        _text(root, _LEFT + 4.0, y - 4.0, f"asked for: {found.target:g}", "font-size: 9px")
+        told = f"asked for: {found.target:g}"
+        if not names.write(told, _LEFT + 4.0, y - 4.0):
+            names.write(told, _LEFT + 4.0, y + _NAME)
     if found.budget:
         x = across.place(1.0 / found.budget)
         _stroke(root, [(x, _TOP), (x, _TOP + _HEIGHT)], "1", "0.8", "1 3")
-        _text(root, x + 4.0, _TOP + 9.0, f"asked for: {found.budget:g} x real time", "font-size: 9px")
+        names.write(f"asked for: {found.budget:g} x real time", x + 4.0, _TOP + 9.0)
+    return names
 
 
 def _staircase(root: Element, points: Sequence[tuple[float, float]]) -> None:

@@ -133,6 +133,29 @@ def test_a_decade_is_as_long_wherever_it_stands() -> None:
     assert [b - a for a, b in itertools.pairwise(marks)] == pytest.approx(14 * [marks[1] - marks[0]], abs=0.2)
 
 
+@pytest.mark.parametrize("target", [1e-6, 2e-13, 1e-13, 1e-15])
+def test_no_name_is_drawn_over_another(target: float) -> None:
+    """As on a free scene, whose closed form stands on the line of the reference."""
+    fast = replace(row("exact", 1.0, 1e-13, 1e-8), step=None, front=True)
+    found = traded(target=target)
+    found = replace(found, rows=with_front([fast, *found.rows]), recommended=None)
+    boxes = []
+    for text in parsed(found).iter("text"):
+        style = text.get("style") or ""
+        if "9px" in style:
+            x, width = float(text.get("x") or 0.0), 4.6 * len(text.text or "")
+            boxes.append(
+                (x - width if "end" in style else x, x if "end" in style else x + width, text.get("y"), text.text)
+            )
+    names = [name for *_, name in boxes]
+    assert {"the reference is good to here", f"asked for: {target:g}"} <= set(names)
+    # One for which there is no room is left out.
+    assert ("exact, closed form" in names) is (target in (1e-6, 1e-15))
+    for one, other in itertools.combinations(boxes, 2):
+        apart = abs(float(one[2] or 0.0) - float(other[2] or 0.0)) >= 9.0
+        assert apart or one[1] <= other[0] or other[1] <= one[0], (one, other)
+
+
 def test_what_was_asked_for_is_drawn() -> None:
     assert "asked for: 1e-06" in texts(parsed(traded()))
     assert "asked for: 50 x real time" in texts(parsed(traded(target=None, budget=50.0)))
@@ -161,6 +184,15 @@ def test_a_trade_without_rows_says_why() -> None:
     page = render_html(trade_report(replace(traded(), rows=(), recommended=None, reference=bad)))
     assert "nothing tells which is right" in page
     assert "<svg" not in page
+
+
+def test_page_says_about_how_much_time_would_do() -> None:
+    found = traded()
+    assert found.recommended is not None
+    taken = replace(found.recommended, whole=Verdict(5e-7, measured=False))
+    page = render_html(trade_report(replace(found, whole=60.0, recommended=taken, enough_s=90.0)))
+    assert "with about --time 90." in page
+    assert f"of {len(METHODS)} methods and auto." in page
 
 
 def test_one_row_can_be_drawn() -> None:
