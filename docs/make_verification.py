@@ -649,9 +649,9 @@ Where nothing acts, these take the very steps of `exact`, to the bit: {exactly}.
 After {count} steps (`--long` measures it, in a quarter of an hour with numba); ε √n is {root}:
 
 {long_drifts}
-What grows like n and not like its root is no chance: `midpoint` gains energy, and it and `dlm2` lose some of |L|, by
-less than a hundredth of ε a step. The closed form is free of it, and so is the direction of L for all of them
-(`test_long_drift.py`).
+What grows like n and not like its root is no chance: `midpoint` gains energy, it and `dlm2` change |L|, and the closed
+form turns L by a thousandth of ε a step; on other motions it does not (`test_long_drift.py`). T and |L| of the closed
+form are free of it.
 
 ![Drift of energy and angular momentum over the number of steps](images/verification-drift.svg)
 
