@@ -41,7 +41,7 @@ STEP = 0.02
 def test_invariants_drift_like_roundings(name: str, count: int) -> None:
     """Energy where it is kept, size and direction of the angular momentum.
 
-    All but the closed form have a bias of 1 % in what the step itself keeps; the direction, of the attitude, has none here.
+    All but the closed form have a bias of 1 % in what the step itself keeps; the direction of L has none here.
     """
     arc = Arc(
         METHODS[name],
