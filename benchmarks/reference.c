@@ -100,7 +100,9 @@ INLINE void step(const double *constants, double *s, int stride, double h, int b
     for (int k = 0; k < 4; k++)
         q[k] = q0[k] + sixth * SUM(spin[k]);
     double square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3];
-    double n = 0.5 < square && square < 2.0 ? sqrt(square) : NAN; /* turned too far: no rotation any more */
+    double n = sqrt(square);
+    n = fabs(n - 1.0) > 0x1p-51 ? n : 1.0;          /* as `renormalize` in rotation.py */
+    n = 0.5 < square && square < 2.0 ? n : NAN; /* turned too far: no rotation any more */
     for (int k = 0; k < 4; k++)
         S(k) = q[k] / n;
     for (int k = 0; k < 3; k++) {

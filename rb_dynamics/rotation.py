@@ -71,7 +71,13 @@ def rotate_inverse(q: Quaternion, v: Vector) -> Vector:
 
 
 def normalize(q: Quaternion) -> Quaternion:
-    """Return q / |q|, and q itself where |q| is 1 but for the last two bits.
+    """Return q / |q|."""
+    n = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    return (q[0] / n, q[1] / n, q[2] / n, q[3] / n)
+
+
+def renormalize(q: Quaternion) -> Quaternion:
+    """Return q / |q| where |q| has left 1 by more than the last two bits, otherwise q: for what is turned on and on.
 
     To divide in every step would turn a body to one side, by a thousandth of a rounding: that grows like the number of
     steps, and the roundings themselves only like its root.
@@ -94,8 +100,8 @@ def unit(q: Quaternion) -> Quaternion | None:
 
 
 _LAST_BITS = 2.0 * 2.0**-52
-# Twice what `normalize` may leave.
-_UNIT = 4.0 * 2.0**-52
+# Twice what `renormalize` leaves.
+_UNIT = 2.0 * _LAST_BITS
 
 
 def matrix(q: Quaternion) -> Matrix:

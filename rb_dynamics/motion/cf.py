@@ -12,7 +12,7 @@ from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
 from rb_dynamics.motion.refusal import LARGEST_TURN, require_finite, turns_too_far
 from rb_dynamics.motion.rkmk import Frame, frame_of
-from rb_dynamics.rotation import IDENTITY, Quaternion, exp, multiply, normalize, rotate, rotate_inverse
+from rb_dynamics.rotation import IDENTITY, Quaternion, exp, multiply, renormalize, rotate, rotate_inverse
 from rb_dynamics.vector import ZERO, Vector, add, add_scaled, divide, dot, norm, scale
 
 # The exponentials of one product, each by the weights of the slopes of the stages before, in units of the step; rows of
@@ -122,7 +122,7 @@ def _advance(
     a, b, c, d = rows[3]
     end = Increment(
         add_scaled(rotate(orientation, at.moved), h, velocity),
-        normalize(multiply(orientation, at.turn)),
+        renormalize(multiply(orientation, at.turn)),
         divide(rotate_inverse(at.turn, add(frame.momentum, add_scaled(at.twisted, h, frame.torque_0))), moments),
         add_scaled(rotate(orientation, at.pushed), h, held.force_world),
         add_scaled(rotate(orientation, at.twisted), h, held.torque_world),

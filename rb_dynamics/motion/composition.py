@@ -12,7 +12,7 @@ from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method
 from rb_dynamics.motion.midpoint import MIDPOINT
-from rb_dynamics.rotation import IDENTITY, Quaternion, multiply, normalize, rotate, rotate_inverse
+from rb_dynamics.rotation import IDENTITY, Quaternion, multiply, renormalize, rotate, rotate_inverse
 from rb_dynamics.vector import ZERO, Vector, add, add_scaled, dot, scale
 
 _QUARTIC = 1.0 / (4.0 - 4.0 ** (1.0 / 3.0))
@@ -89,7 +89,7 @@ def compose(name: str, order: int, base: Method, coefficients: tuple[float, ...]
         impulse = rotate(orientation, impulse)
         return Increment(
             add_scaled(rotate(orientation, displacement), h, velocity),
-            normalize(multiply(orientation, turn)),
+            renormalize(multiply(orientation, turn)),
             omega,
             impulse,
             rotate(orientation, torque_impulse),
@@ -125,7 +125,7 @@ def _seen_from(load: Load, start: float, moved: Vector, drift: Vector, axes: Qua
             time,
             add_scaled(rotate(axes, add(moved, displacement)), time, drift),
             add(drift, rotate(axes, velocity)),
-            normalize(multiply(axes, orientation)),
+            renormalize(multiply(axes, orientation)),
             angular_velocity,
         )
         return rotate_inverse(axes, force), torque

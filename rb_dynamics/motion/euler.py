@@ -6,7 +6,7 @@ from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
 from rb_dynamics.motion.refusal import LARGEST_TURN, require_finite, turns_too_far
 from rb_dynamics.motion.rk4 import differences_of, gyroscopic
-from rb_dynamics.rotation import Quaternion, exp, multiply, normalize, rotate, rotate_inverse
+from rb_dynamics.rotation import Quaternion, exp, multiply, renormalize, rotate, rotate_inverse
 from rb_dynamics.vector import ZERO, Vector, add, add_scaled, divide, dot, norm, scale
 
 
@@ -42,7 +42,7 @@ def step(
     power = dot(force, add_scaled(velocity, 0.5, gain)) + 0.5 * dot(torque, add(angular_velocity, omega))
     end = Increment(
         scale(h, add(velocity, gain)),
-        normalize(multiply(orientation, exp(scale(h, omega)))),
+        renormalize(multiply(orientation, exp(scale(h, omega)))),
         omega,
         scale(h, force),
         scale(h, rotate(orientation, torque)),

@@ -12,7 +12,7 @@ from rb_dynamics.motion.free import free_rotation
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method
 from rb_dynamics.motion.planar import fixed_axis
 from rb_dynamics.motion.refusal import require_known_attitude
-from rb_dynamics.rotation import Quaternion, multiply, normalize
+from rb_dynamics.rotation import Quaternion, multiply, renormalize
 from rb_dynamics.vector import ZERO, Vector, add_scaled, dot, norm, scale
 
 
@@ -34,7 +34,7 @@ def free_step(
     displacement = add_scaled(scale(h, velocity), 0.5 * h * h / inertia.mass, held.force_world)
     return Increment(
         displacement,
-        normalize(multiply(orientation, turn)),
+        renormalize(multiply(orientation, turn)),
         omega,
         scale(h, held.force_world),
         ZERO,

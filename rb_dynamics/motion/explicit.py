@@ -13,7 +13,7 @@ from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Load
 from rb_dynamics.motion.refusal import no_rotation, require_finite
 from rb_dynamics.motion.rk4 import differences_of, gyroscopic, half_product, turned
-from rb_dynamics.rotation import Quaternion, multiply, normalize, rotate, rotate_inverse
+from rb_dynamics.rotation import Quaternion, multiply, normalize, renormalize, rotate, rotate_inverse
 from rb_dynamics.vector import ZERO, Vector, add, add_scaled, dot, norm, scale
 from rb_dynamics.vector import multiply as times
 
@@ -165,7 +165,7 @@ def increment(
         work += 0.5 * f.inverse_mass * dot(impulse, impulse)
     found = Increment(
         path,
-        normalize(multiply(orientation, normalize((x, y, z, w)))),
+        renormalize(multiply(orientation, normalize((x, y, z, w)))),
         add(f.angular_velocity, spin_up),
         impulse,
         add_scaled(rotate(orientation, twisted), h, f.held.torque_world),

@@ -13,7 +13,7 @@ from rb_dynamics.motion.free import free_rotation
 from rb_dynamics.motion.kernel import OnDemand
 from rb_dynamics.motion.phase import Phase, inertia_of, of_origin
 from rb_dynamics.motion.refusal import LARGEST_FREE_TURN
-from rb_dynamics.rotation import multiply, normalize
+from rb_dynamics.rotation import multiply, renormalize
 from rb_dynamics.vector import add_scaled, norm, scale
 
 if TYPE_CHECKING:
@@ -117,7 +117,7 @@ def _free_states(numbers: Sequence[float], times: Sequence[float], rows: Mutable
     center_of_mass, axes = (c[16], c[17], c[18]), (c[19], c[20], c[21], c[22])
     for i in range(len(times)):
         turn, omega = free_rotation(moments, spin, times[i])
-        at, orientation = add_scaled(position, times[i], velocity), normalize(multiply(start, turn))
+        at, orientation = add_scaled(position, times[i], velocity), renormalize(multiply(start, turn))
         x, q, v, w = of_origin(center_of_mass, axes, at, orientation, velocity, omega)
         k = _ROW * i
         rows[k], rows[k + 1], rows[k + 2] = x

@@ -13,7 +13,7 @@ from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
 from rb_dynamics.motion.refusal import LARGEST_TURN, NO_INCREMENT, NOWHERE, turns_too_far
-from rb_dynamics.rotation import Quaternion, cayley, multiply, normalize, rotate, rotate_inverse
+from rb_dynamics.rotation import Quaternion, cayley, multiply, normalize, renormalize, rotate, rotate_inverse
 from rb_dynamics.vector import Vector, add, add_scaled, cross, divide, dot, norm, scale, subtract
 from rb_dynamics.vector import multiply as times
 
@@ -150,7 +150,7 @@ def _step(
     mean_velocity = add_scaled(velocity, 0.5 / mass, impulse)
     return Increment(
         scale(h, mean_velocity),
-        normalize(multiply(orientation, turn)),
+        renormalize(multiply(orientation, turn)),
         divide(rotate_inverse(turn, add(momentum, torque_impulse)), moments),
         impulse,
         add_scaled(rotate(orientation, torque_impulse_body), h, held.torque_world),

@@ -8,7 +8,7 @@ from __future__ import annotations
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia
 from rb_dynamics.motion.refusal import require_known_attitude
-from rb_dynamics.rotation import Quaternion, exp, multiply, normalize, rotate, rotate_inverse
+from rb_dynamics.rotation import Quaternion, exp, multiply, renormalize, rotate, rotate_inverse
 from rb_dynamics.vector import ZERO, Vector, add, add_scaled, dot, scale
 
 _AXES: tuple[Vector, Vector, Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -51,7 +51,7 @@ def advance(
     torque_world = add(rotate(orientation, held.torque_body), held.torque_world) if torque != 0.0 else ZERO
     return Increment(
         displacement,
-        normalize(multiply(orientation, exp(scale(angle, unit)))),
+        renormalize(multiply(orientation, exp(scale(angle, unit)))),
         add_scaled(angular_velocity, h * slope, unit),
         scale(h, force),
         scale(h, torque_world),

@@ -11,7 +11,7 @@ from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
 from rb_dynamics.motion.refusal import require_finite, require_small_turn
-from rb_dynamics.rotation import Quaternion, dexpinv, exp, multiply, normalize, rotate, rotate_inverse
+from rb_dynamics.rotation import Quaternion, dexpinv, exp, multiply, renormalize, rotate, rotate_inverse
 from rb_dynamics.vector import ZERO, Vector, add, add_scaled, divide, dot, norm, scale
 from rb_dynamics.vector import multiply as times
 
@@ -114,7 +114,7 @@ def step(
     impulse = add_scaled(rotate(orientation, scale(push_unit, (y[6], y[7], y[8]))), h, held.force_world)
     end = Increment(
         add_scaled(rotate(orientation, moved), h, velocity),
-        normalize(multiply(orientation, turn)),
+        renormalize(multiply(orientation, turn)),
         omega,
         impulse,
         add_scaled(rotate(orientation, scale(spin_unit, (y[3], y[4], y[5]))), h, held.torque_world),

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
 from rb_dynamics.motion.refusal import no_rotation, require_finite
-from rb_dynamics.rotation import Quaternion, normalize
+from rb_dynamics.rotation import Quaternion, normalize, renormalize
 from rb_dynamics.vector import ZERO, Vector, add, add_scaled, dot, norm, scale
 from rb_dynamics.vector import multiply as times
 
@@ -61,7 +61,7 @@ def step(
     end = Increment(
         # What the velocities of the stages come to.
         add_scaled(scale(h, velocity), h * sixth * inverse_mass, add(one.force, add(two.force, three.force))),
-        normalize(q),
+        renormalize(q),
         add_scaled(angular_velocity, sixth, _sum(one.angular, two.angular, three.angular, four.angular)),
         scale(sixth, _sum(one.force, two.force, three.force, four.force)),
         scale(sixth, _sum(one.torque, two.torque, three.torque, four.torque)),

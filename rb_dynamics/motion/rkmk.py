@@ -11,7 +11,7 @@ from typing import NamedTuple
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
 from rb_dynamics.motion.refusal import LARGEST_TURN, require_finite, turns_too_far
-from rb_dynamics.rotation import Quaternion, dexpinv, exp, multiply, normalize, rotate, rotate_inverse
+from rb_dynamics.rotation import Quaternion, dexpinv, exp, multiply, renormalize, rotate, rotate_inverse
 from rb_dynamics.vector import ZERO, Vector, add, add_scaled, divide, dot, norm, scale
 from rb_dynamics.vector import multiply as times
 
@@ -187,7 +187,7 @@ def _end(
     displacement = rotate(orientation, scale(h * h / mass, moved))
     end = Increment(
         add(scale(h, frame.velocity), add_scaled(displacement, 0.5 * h * h / mass, held.force_world)),
-        normalize(multiply(orientation, turn)),
+        renormalize(multiply(orientation, turn)),
         divide(rotate_inverse(turn, add(frame.momentum, add_scaled(torque_impulse, h, frame.torque_0))), moments),
         add_scaled(rotate(orientation, scale(h, pushed)), h, held.force_world),
         add_scaled(rotate(orientation, torque_impulse), h, held.torque_world),

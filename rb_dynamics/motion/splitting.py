@@ -20,7 +20,7 @@ from rb_dynamics.motion.composition import KAHAN_LI6, SUZUKI4
 from rb_dynamics.motion.free import free_rotation
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
 from rb_dynamics.motion.refusal import NO_INCREMENT, NOWHERE, require_finite
-from rb_dynamics.rotation import IDENTITY, Quaternion, multiply, normalize, rotate, rotate_inverse
+from rb_dynamics.rotation import IDENTITY, Quaternion, multiply, renormalize, rotate, rotate_inverse
 from rb_dynamics.vector import ZERO, Vector, add, add_scaled, divide, dot, norm, scale
 
 # flow(moments, orientation, angular velocity, t): orientation and angular velocity after t s of free rotation.
@@ -153,7 +153,7 @@ def kick_and_free(
                 elapsed,
                 add_scaled(scale(elapsed, velocity), 1.0 / mass, gone),
                 add_scaled(velocity, 1.0 / mass, gained),
-                normalize(multiply(orientation, turn)),
+                renormalize(multiply(orientation, turn)),
                 omega,
             )
             push = add_scaled(push, t, rotate_inverse(orientation, force))
@@ -181,7 +181,7 @@ def arrived(name: str, start: Start, h: float, way: Way, load: Load | None) -> I
     displacement = add_scaled(rotate(orientation, scale(1.0 / mass, way.moved)), 0.5 * h * h / mass, held.force_world)
     step = Increment(
         add_scaled(displacement, h, start.velocity),
-        normalize(multiply(orientation, way.turn)),
+        renormalize(multiply(orientation, way.turn)),
         way.omega,
         add_scaled(rotate(orientation, way.pushed), h, held.force_world),
         add_scaled(rotate(orientation, way.twisted), h, held.torque_world),

@@ -14,7 +14,7 @@ from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method
 from rb_dynamics.motion.refusal import NO_INCREMENT, require_finite
 from rb_dynamics.motion.remembered import remembered
-from rb_dynamics.rotation import Quaternion, multiply, normalize, rotate, rotate_inverse
+from rb_dynamics.rotation import Quaternion, multiply, normalize, renormalize, rotate, rotate_inverse
 from rb_dynamics.vector import ZERO, Vector, add, add_scaled, dot, norm, positive_zeros, scale
 
 # Work for a given time goes with order^2 / step; it is flat from 12 to 20 for errors of 1e-11 to 1e-15, and short steps
@@ -130,7 +130,7 @@ def step(
     turn = normalize((_value(x, t, order), _value(y, t, order), _value(z, t, order), _value(w, t, order)))
     end = Increment(
         add_scaled(scale(h, velocity), 1.0 / inertia.mass, moment),
-        normalize(multiply(orientation, turn)),
+        renormalize(multiply(orientation, turn)),
         scale(unit, (_value(a, t, order), _value(b, t, order), _value(c, t, order))),
         impulse,
         torque_impulse,

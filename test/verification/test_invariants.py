@@ -87,7 +87,7 @@ def test_declared_invariants_are_kept_to_round_off(method: str) -> None:
 def test_attitude_stays_a_rotation_and_nothing_pushes(method: str) -> None:
     found = drift(method, 0.02, N)
 
-    # `normalize` leaves the last two bits alone.
+    # `renormalize` leaves the last two bits alone.
     assert found.unit_quaternion <= 3.0 * EPS
     assert found.linear_momentum == 0.0
 
