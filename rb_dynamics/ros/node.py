@@ -54,7 +54,7 @@ from rb_dynamics.simulate import Simulation
 
 _NANOSECONDS = 1_000_000_000
 # s: up to so long it sleeps instead of waiting for messages, so often it then looks at services, and for so long.
-_LONGEST_SLEEP, _BETWEEN_TURNS, _LONGEST_TURN = 0.006, 0.05, 0.005
+_LONGEST_SLEEP, _BETWEEN_TURNS, _LONGEST_TURN = 0.006, 0.1, 0.005
 # s before an output: what came until then is computed before the output is due, and does not keep it waiting.
 _LAST_LOOK = 0.0004
 # Of prctl(2): by how many ns Linux may end a sleep late, to end it together with others; 50 000 otherwise.
