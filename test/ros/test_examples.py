@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import re
 import signal
 import subprocess
@@ -107,18 +106,23 @@ def test_an_example_says_what_it_is_before_it_starts(name: str) -> None:
 
 def test_control_that_waits_for_a_node_is_interrupted_quietly(peer: Peer) -> None:
     command = [sys.executable, str(ROOT / "examples" / "control.py"), "pause"]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as control:
-        try:
-            peer.until(lambda: peer.node.count_clients("rigid_body/pause") > 0, "the client waiting")
-            control.send_signal(signal.SIGINT)
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                control.wait(2.0)
-            # Python drops an interrupt that falls into a destructor: whoever waits presses again.
-            control.send_signal(signal.SIGINT)
-            assert "Traceback" not in control.communicate(timeout=10.0)[1]
-            assert control.returncode == 130
-        finally:
-            control.kill()
+    waiting = peer.node.count_clients
+    # On a busy machine its 5 s of patience may be over before we see it waiting: then there is nothing to interrupt.
+    for _ in range(5):
+        peer.until(lambda: waiting("rigid_body/pause") == 0, "an earlier client gone")
+        with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as control:
+            try:
+                peer.until(lambda: waiting("rigid_body/pause") > 0 or control.poll() is not None, "the client waiting")
+                interrupted = control.poll() is None
+                control.send_signal(signal.SIGINT)
+                said = control.communicate(timeout=10.0)[1]
+            finally:
+                control.kill()
+        if interrupted:
+            break
+    assert interrupted
+    assert "Traceback" not in said
+    assert control.returncode == 130
 
 
 def test_the_tutorial_shows_the_controller_as_it_is() -> None:
