@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from rb_dynamics.arguments import instance, mapping, quaternion, shown, vector
-from rb_dynamics.errors import WrenchError
+from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.errors import SceneError, WrenchError
 from rb_dynamics.moments import moment_of_force
 from rb_dynamics.rotation import IDENTITY, Quaternion, rotate
 from rb_dynamics.vector import ZERO, Vector, add
@@ -82,15 +83,18 @@ class WrenchFrames:
         world_frame: name of the inertial frame.
         body_frame: name of the body frame.
         fixed: further frames fixed to the body, by name.
-        center_of_mass: in body axes from the body origin, m.
-        turns: whether a torque can act: not on a particle.
+        center_of_mass: in body axes from the body origin, m. None for that of the body of a scene, the body origin
+            outside one.
+        turns: whether a torque can act: not on a particle. None for what the body of a scene says.
     """
 
     world_frame: str = "world"
     body_frame: str = "body"
     fixed: Mapping[str, FixedFrame] | None = None
-    center_of_mass: Vector = ZERO
-    turns: bool = True
+    center_of_mass: Vector | None = None
+    turns: bool | None = None
+    # What the body of a scene says gives way to another body; what a user says does not.
+    _of_body: bool = field(default=False, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Refuse what is no set of frames.
@@ -101,9 +105,35 @@ class WrenchFrames:
         """
         for name in ("world_frame", "body_frame"):
             instance(getattr(self, name), str, name, "write the name of a frame")
-        for name, frame in mapping(self.fixed or {}, "fixed", "write {'thruster': FixedFrame(...)}").items():
-            instance(frame, FixedFrame, f"fixed[{name!r}]", "write FixedFrame(position, orientation_xyzw)")
-        object.__setattr__(self, "center_of_mass", vector(self.center_of_mass, "center_of_mass", "a point (m)"))
+        if self.fixed is not None:
+            # A copy: the user's may change.
+            fixed = dict(mapping(self.fixed, "fixed", "write {'thruster': FixedFrame(...)}"))
+            for name, frame in fixed.items():
+                instance(frame, FixedFrame, f"fixed[{name!r}]", "write FixedFrame(position, orientation_xyzw)")
+            object.__setattr__(self, "fixed", fixed)
+        if self.center_of_mass is not None:
+            object.__setattr__(self, "center_of_mass", vector(self.center_of_mass, "center_of_mass", "a point (m)"))
+        if self.turns is not None:
+            instance(self.turns, bool, "turns", "write True, or False for a particle")
+
+    def of(self, body: RigidBody) -> WrenchFrames:
+        """Return the same frames on `body`, which says where its centre of mass is and whether it turns.
+
+        Raises:
+            SceneError: they were made with what contradicts it.
+        """
+        center, turns = body.center_of_mass, not body.is_particle
+        if self._of_body and (self.center_of_mass, self.turns) == (center, turns):
+            return self
+        for name, said in (("center_of_mass", center), ("turns", turns)):
+            if not self._of_body and getattr(self, name) not in (None, said):
+                raise SceneError(
+                    f"frames.{name} is {shown(getattr(self, name))}, expected {shown(said)} as the body has it; leave "
+                    "it out: frames take it from the body of their scene"
+                )
+        frames = replace(self, center_of_mass=center, turns=turns)
+        object.__setattr__(frames, "_of_body", True)
+        return frames
 
     def hold(self, wrench: Wrench) -> HeldWrench:
         """Return what `wrench` does about the centre of mass: tau_com = R tau + (p - c) x (R f) for a fixed frame.
@@ -115,7 +145,7 @@ class WrenchFrames:
             WrenchError: a component is not finite, `frame_id` is not a known frame, or a torque acts on a particle.
         """
         held = self._hold(wrench)
-        if not self.turns and (held.torque_body, held.torque_world) != (ZERO, ZERO):
+        if self.turns is False and (held.torque_body, held.torque_world) != (ZERO, ZERO):
             torque = [b or w for b, w in zip(held.torque_body, held.torque_world, strict=True)]
             raise WrenchError(
                 f"wrench torque about the centre of mass is {torque}, expected none: the body has no inertia, it is a "
@@ -138,7 +168,7 @@ class WrenchFrames:
             )
         force = rotate(frame.orientation_xyzw, wrench.force)
         torque = rotate(frame.orientation_xyzw, wrench.torque)
-        moment = moment_of_force(force, frame.position, self.center_of_mass)
+        moment = moment_of_force(force, frame.position, self.center_of_mass or ZERO)
         return HeldWrench(force_body=force, torque_body=add(torque, moment))
 
 

@@ -51,7 +51,8 @@ class Scene:
 
     Attributes:
         body: mass properties.
-        frames: names of world and body, fixed frames and the wrench rule.
+        frames: names of world and body, fixed frames and the wrench rule; centre of mass and whether a torque can act
+            are those of `body`, of another one after `replace(scene, body=...)` too.
         initial: state at time 0.
         channels: wrench channels, in the order of the scene.
         solver: method and step or accuracy.
@@ -84,10 +85,12 @@ class Scene:
         Raises:
             TypeError: a field is not of its type.
             ValueError: a number in `initial` is not finite, or the norm of its attitude is not 1.
-            SceneError: a channel has no topic, or a number of channels, duration or outputs makes no sense.
+            SceneError: a channel has no topic, a number of channels, duration or outputs makes no sense, or the frames
+                were made with another centre of mass than the body has.
         """
         instance(self.body, RigidBody, "body", "make one with RigidBody.from_diagonal(mass, moments)")
-        instance(self.frames, WrenchFrames, "frames", "write WrenchFrames()")
+        frames = instance(self.frames, WrenchFrames, "frames", "write WrenchFrames()")
+        object.__setattr__(self, "frames", frames.of(self.body))
         instance(self.initial, State, "initial", "write State()")
         object.__setattr__(self, "initial", self.initial.checked("initial"))
         object.__setattr__(self, "channels", instances(self.channels, Channel, "channels", "write Channel(topic)"))

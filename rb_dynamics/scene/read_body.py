@@ -8,7 +8,6 @@ from rb_dynamics.loads.wrench import FixedFrame, WrenchFrames
 from rb_dynamics.scene.fields import Field, Section
 from rb_dynamics.scene.problems import printable
 from rb_dynamics.scene.read_inertia import LENGTH, BodyReading, read_inertia
-from rb_dynamics.vector import ZERO
 
 
 def body_and_frames(root: Section) -> tuple[BodyReading, WrenchFrames]:
@@ -24,9 +23,8 @@ def body_and_frames(root: Section) -> tuple[BodyReading, WrenchFrames]:
         named.reject("different names for world_frame and body.frame", "rename one of them")
     fixed = _fixed_frames(section.get("frames"), (world, frame))
     reading = read_inertia(section)
-    body = reading.body
-    center_of_mass, turns = (body.center_of_mass, not body.is_particle) if body else (ZERO, True)
-    return reading, WrenchFrames(world, frame, fixed, center_of_mass, turns)
+    frames = WrenchFrames(world, frame, fixed)
+    return reading, frames.of(reading.body) if reading.body else frames
 
 
 def _frame_name(field: Field | None, default: str) -> str:

@@ -22,7 +22,7 @@ def test_defaults() -> None:
     scene = parse_scene(SMALLEST)
     assert scene.body.mass == 2.0
     assert isinstance(scene.body.mass, float)
-    assert scene.frames == WrenchFrames("world", "body", {}, (0.0, 0.0, 0.0))
+    assert scene.frames == WrenchFrames("world", "body", {}).of(scene.body)
     assert scene.initial == State()
     assert scene.channels == (Channel("wrench", 0.0, False),)
     assert scene.solver == Solver("auto", None, 1e-9)
@@ -60,7 +60,7 @@ def test_every_key() -> None:
     assert scene.body.inertia == ((0.2975, 0.0021, -0.0008), (0.0021, 0.2930, 0.0013), (-0.0008, 0.0013, 0.3104))
     assert scene.body.center_of_mass == (0.1, -0.2, 3.0)
     fixed = {"thruster": FixedFrame((1.0, 2.0, 3.0), (1.0, 0.0, 0.0, 0.0)), "sensor": FixedFrame()}
-    assert scene.frames == WrenchFrames("inertial", "base_link", fixed, (0.1, -0.2, 3.0))
+    assert scene.frames == WrenchFrames("inertial", "base_link", fixed, (0.1, -0.2, 3.0), turns=True)
     assert scene.initial == State(0, (1.0, 2.0, 3.0), (0.0, 1.0, 0.0, 0.0), (4.0, 5.0, 6.0), (7.0, 8.0, 9.0))
     assert scene.channels == (Channel("wrench", 0.5, False), Channel("/arm/wrench", 0.0, True))
     assert scene.solver == Solver("rk4", 0.001, None)
