@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 from rb_dynamics import rotation
 from rb_dynamics.arguments import instance, items, number, quaternion, vector
@@ -20,6 +21,14 @@ from rb_dynamics.vector import ZERO, Vector
 # double precision, not a wrong one.
 SYMMETRY_TOLERANCE = 1e-9
 TRIANGLE_TOLERANCE = 1e-9
+
+
+def _not_checked() -> Any:
+    raise TypeError(
+        "RigidBody(mass, inertia) leaves out the principal axes, expected a body whose numbers are checked; make one "
+        "with RigidBody.from_matrix(mass, inertia, center_of_mass), RigidBody.from_diagonal(mass, moments, "
+        "center_of_mass) or RigidBody.particle(mass)"
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,9 +45,9 @@ class RigidBody:
 
     mass: float
     inertia: Matrix
-    center_of_mass: Vector
-    principal_moments: Vector
-    principal_orientation_xyzw: Quaternion
+    center_of_mass: Vector = field(default_factory=_not_checked)
+    principal_moments: Vector = field(default_factory=_not_checked)
+    principal_orientation_xyzw: Quaternion = field(default_factory=_not_checked)
 
     @property
     def is_particle(self) -> bool:

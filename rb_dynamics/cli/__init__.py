@@ -7,14 +7,17 @@ check, 2 bad input. Command modules import what they need inside `run`, so that 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import importlib
 import os
 import re
+import signal
 import sys
 from collections.abc import Sequence
 
 from rb_dynamics.cli.usage import Parser
 from rb_dynamics.errors import RigidBodyError
+from rb_dynamics.stopping import Stopped, interrupted_by_signals
 
 COMMANDS = (
     "simulate", "node", "replay", "inspect", "recover", "convert", "explain", "trade", "campaign", "body", "demo",
@@ -79,13 +82,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         )
     args.ros_args = arguments[split:]
     try:
-        code: int = args.run(args)
+        with interrupted_by_signals():
+            code: int = args.run(args)
     except RigidBodyError as error:
         print(f"rb-dynamics: {error}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print("rb-dynamics: interrupted", file=sys.stderr)
-        return 130
+    except KeyboardInterrupt as error:
+        with contextlib.suppress(OSError):  # of a terminal that was closed
+            print("rb-dynamics: interrupted", file=sys.stderr)
+        return 128 + (error.number if isinstance(error, Stopped) else signal.SIGINT)
     except BrokenPipeError:
         # The reader of a pipe has gone (`| head`); nothing more can be said, nor should the flush at exit try.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

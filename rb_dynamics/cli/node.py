@@ -2,7 +2,7 @@
 
 Everything behind --ros-args goes to ROS: parameters (-p lockstep:=true), remappings (-r wrench:=/cmd), namespaces
 (-r __ns:=/robot_1). Scalar values of the scene can be overridden as parameters (-p body.mass:=17.0). The node runs to
-the end of the scene's duration, or until it is stopped; SIGINT and SIGTERM close the logs and exit with code 0.
+the end of the scene's duration, or until it is stopped; SIGINT, SIGTERM and SIGHUP close the logs and exit with code 0.
 """
 
 from __future__ import annotations

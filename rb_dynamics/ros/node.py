@@ -51,6 +51,7 @@ from rb_dynamics.ros.publishers import TopicSink
 from rb_dynamics.ros.settings import read_settings, real_time_factor, require_paceable, scene_overrides
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.simulate import Simulation
+from rb_dynamics.stopping import stop_signals
 
 _NANOSECONDS = 1_000_000_000
 # s: up to so long it sleeps instead of waiting for messages, so often it then looks at services, and for so long.
@@ -364,30 +365,18 @@ def _age_ns(facts: dict[str, Any]) -> int:
     return time.time_ns() - came_ns if came_ns else 0
 
 
-@contextlib.contextmanager
-def _signals() -> Iterator[list[int]]:
-    """Yield the list of SIGINT and SIGTERM received; the handlers that were there come back afterwards."""
-    received: list[int] = []
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before = [signal.signal(each, lambda caught, _: received.append(caught)) for each in numbers]
-    try:
-        yield received
-    finally:
-        for each, handler in zip(numbers, before, strict=True):
-            signal.signal(each, handler)
-
-
 def spin(
     args: Sequence[str] | None = None, make: Callable[[], Sequence[RigidBodyNode]] = lambda: [RigidBodyNode()]
 ) -> int:
-    """Run the nodes of `make` to the end of their scenes or until SIGINT or SIGTERM; return 0 after a clean stop.
+    """Run the nodes of `make` until their scenes end or a signal stops them; return 0 after a clean stop.
 
     Raises:
         RigidBodyError: a node could not start.
     """
     # Compilation takes seconds, and pays where many steps lie between two outputs.
     os.environ.setdefault("RB_DYNAMICS_COMPILE", "never")
-    with _signals() as stop, contextlib.ExitStack() as stack:
+    stop: list[int] = []
+    with stop_signals(stop.append, signal.SIGINT), contextlib.ExitStack() as stack:
         try:
             # rclpy's own handlers would take the context away before the logs are closed.
             rclpy.init(args=None if args is None else list(args), signal_handler_options=SignalHandlerOptions.NO)

@@ -220,3 +220,9 @@ class TestPointMasses:
 
         trace = float(sum(inertia[i][i] for i in range(3)))
         assert math.fsum(body.principal_moments) == pytest.approx(trace, rel=8.0 * EPS)
+
+
+@pytest.mark.parametrize("given", [(2.0, INERTIA), (2.0, (1.0, 2.0, 3.0)), (2.0, INERTIA, (0.0, 0.0, 0.1))])
+def test_the_bare_class_names_what_makes_a_body(given: tuple[Any, ...]) -> None:
+    with pytest.raises(TypeError, match=r"from_matrix\(mass, inertia, center_of_mass\).*from_diagonal.*particle"):
+        RigidBody(*given)
