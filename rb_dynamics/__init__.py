@@ -10,10 +10,10 @@ Conventions, kept everywhere:
 
 The way of the data: a scene is read (`scene`), compiled to a method and a step control (`scene.compile`), advanced by
 one loop (`simulate`), and what happens goes to sinks (`recording`). Each part imports only those before it: `errors`,
-`plugins`, `vector`, `rotation`, `rotations`, `arguments`, `moments`, `sincos`, `compiled`, `elliptic`, `shipped`,
-`body`, `euler_equations`, `contact`, `loads`, `motion`, `poinsot`, `diagnostics`, `samples`, `ensemble`, `scene`,
-`recording`, `simulate`, `replay`, `stopwatch`, `explain`, `trade`, `report`, `campaign`, `stopping`, `ros`,
-`cli`.
+`plugins`, `vector`, `rotation`, `rotations`, `arguments`, `decimals`, `options`, `moments`, `sincos`, `compiled`,
+`elliptic`, `shipped`, `body`, `euler_equations`, `contact`, `loads`, `motion`, `poinsot`, `diagnostics`, `samples`,
+`ensemble`, `scene`, `recording`, `simulate`, `replay`, `stopwatch`, `explain`, `trade`, `report`, `campaign`,
+`stopping`, `ros`, `cli`.
 Nothing is imported before it is used: not by `import rb_dynamics` what stands behind a name, nor optional libraries.
 """
 

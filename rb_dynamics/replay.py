@@ -13,6 +13,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from rb_dynamics.arguments import shown
+from rb_dynamics.decimals import whole_number
 from rb_dynamics.errors import LogError, WrenchError
 from rb_dynamics.loads.channels import AppliedWrench
 from rb_dynamics.loads.wrench import Wrench
@@ -173,8 +175,21 @@ class _Facts:
                     f"folder of the bag{f', with {absent} in it' if absent else ''}"
                 )
             # A change of wrench may be behind the last sample.
-            end_ns = int(result["end_time_ns"])
+            end_ns = _end(source, result["end_time_ns"])
         return cls(scene, names, commands, source.metadata, complete, end_ns)
+
+
+def _end(source: Source, told: str) -> int:
+    try:
+        end_ns = whole_number(told)
+    except ValueError:
+        end_ns = -1
+    if not 0 <= end_ns < 2**63:
+        raise LogError(
+            f"{source.path} is damaged: its metadata says that the run ended at {shown(told)} ns, expected a time; "
+            "give a copy that is whole"
+        )
+    return end_ns
 
 
 class _Comparison:

@@ -16,6 +16,7 @@ from xml.parsers import expat
 from rb_dynamics import rotation
 from rb_dynamics.body.files import read_bounded
 from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.decimals import real_number
 from rb_dynamics.errors import BodyError
 from rb_dynamics.rotation import IDENTITY, Quaternion
 from rb_dynamics.vector import ZERO, Vector, norm, subtract
@@ -116,7 +117,7 @@ def _number(element: ElementTree.Element, name: str, place: str) -> float:
 def _numbers(element: ElementTree.Element, name: str, count: int, place: str) -> list[float]:
     text = element.get(name)
     try:
-        numbers = [float(word) for word in (text or "").split()]
+        numbers = [real_number(word) for word in (text or "").split()]
     except ValueError:
         numbers = []
     if len(numbers) != count or not all(map(math.isfinite, numbers)):

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import argparse
 
-from rb_dynamics.cli.numbers import real
 from rb_dynamics.cli.scene import add_scene, read
 from rb_dynamics.cli.usage import require_with
+from rb_dynamics.options import real
 
 HELP = "show the mass properties of a scene's body"
 

@@ -13,8 +13,8 @@ import contextlib
 import sys
 from typing import TYPE_CHECKING
 
-from rb_dynamics.cli.numbers import whole
 from rb_dynamics.cli.usage import require_with
+from rb_dynamics.options import whole
 
 if TYPE_CHECKING:
     from pathlib import Path

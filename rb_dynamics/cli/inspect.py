@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-from rb_dynamics.cli.numbers import real
+from rb_dynamics.options import real
 
 HELP = "show what happened in a recorded run"
 

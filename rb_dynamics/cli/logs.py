@@ -9,8 +9,8 @@ import argparse
 import sys
 from typing import TYPE_CHECKING
 
-from rb_dynamics.cli.numbers import real, whole
 from rb_dynamics.cli.usage import require_with
+from rb_dynamics.options import real, whole
 
 if TYPE_CHECKING:
     from rb_dynamics.recording.guard import GuardedSink

@@ -12,8 +12,8 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from rb_dynamics.cli.numbers import real
 from rb_dynamics.cli.usage import require_ros, require_with
+from rb_dynamics.options import real
 
 if TYPE_CHECKING:
     from rb_dynamics.replay import Replay

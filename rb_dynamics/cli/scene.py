@@ -9,8 +9,8 @@ import argparse
 import math
 from typing import TYPE_CHECKING
 
-from rb_dynamics.cli.numbers import real
 from rb_dynamics.cli.usage import require_with
+from rb_dynamics.options import real
 
 if TYPE_CHECKING:
     from rb_dynamics.loads.wrench import Wrench

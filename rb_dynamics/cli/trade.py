@@ -21,8 +21,8 @@ import re
 import sys
 from typing import TYPE_CHECKING
 
-from rb_dynamics.cli.numbers import real
 from rb_dynamics.cli.scene import add_scene, add_wrench, read_with_commands
+from rb_dynamics.options import real
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

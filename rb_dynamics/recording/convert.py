@@ -12,10 +12,11 @@ import itertools
 import logging
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
+from rb_dynamics.arguments import shown
+from rb_dynamics.decimals import exact_number, real_number
 from rb_dynamics.errors import LogError, MissingExtraError
 from rb_dynamics.loads.channels import AppliedWrench
 from rb_dynamics.loads.wrench import Wrench
@@ -180,21 +181,22 @@ def _time_ns(row: dict[str, str], where: str) -> int:
     name, unit = ("time_ns", 1) if "time_ns" in row else ("time_s", 10**9)
     try:
         # As the decimal number that was written: a float would lose nanoseconds of a long run.
-        time_ns = Fraction(row[name].strip()) * unit
-    except (ValueError, AttributeError, ZeroDivisionError):
-        raise LogError(f"{where}, {name}: found {row[name]!r}, expected a number; correct the cell") from None
-    if time_ns < 0:
+        time_ns = round(exact_number(row[name].strip()) * unit)
+    except (ValueError, AttributeError):
+        raise LogError(f"{where}, {name}: found {shown(row[name])}, expected a number; correct the cell") from None
+    if not 0 <= time_ns < 2**31 * 10**9:
         raise LogError(
-            f"{where}, {name}: found {row[name]!r}, expected a time of 0 or more; count from the start of the run"
+            f"{where}, {name}: found {shown(row[name])}, expected a time from 0 to 2^31 s (68 years); count from the "
+            "start of the run"
         )
-    return round(time_ns)
+    return time_ns
 
 
 def _number(text: str | None, where: str) -> float:
     try:
-        return float(text or "")
+        return real_number((text or "").strip())
     except ValueError:
-        raise LogError(f"{where}: found {text!r}, expected a number; correct the cell") from None
+        raise LogError(f"{where}: found {shown(text)}, expected a number; correct the cell") from None
 
 
 def _events(

@@ -5,12 +5,14 @@ Judges only what it can: a check that lacks its data is not there, and `missing`
 
 from __future__ import annotations
 
+import contextlib
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from rb_dynamics.decimals import whole_number
 from rb_dynamics.loads.wrench import WrenchFrames
 from rb_dynamics.recording.mcap_reader import Bag, Topic
 from rb_dynamics.recording.messages import APPLIED, DIAGNOSTICS
@@ -169,7 +171,7 @@ def summarize(track: Track, bound: float = BOUND) -> Summary:
         solver=facts.get("solver", ""),
         body=tuple(_body(track, facts)),
         version=facts.get("version.rb_dynamics", "").replace("not installed", ""),
-        steps=int(result["steps"]) if result.get("steps", "").isdecimal() else None,
+        steps=_whole(result.get("steps", "")),
         start_ns=start,
         duration_s=(end - start) * 1e-9,
         samples=0 if motion is None else len(motion.time_ns),
@@ -324,8 +326,14 @@ def _held_at_the_end(track: Track, steps: WrenchSteps, at: Array) -> float | Non
 def _counted(topic: str, what: str, health: Health | None) -> int | None:
     for key, value in health.values if health else ():
         match = re.fullmatch(rf"(.+): {what}", key)
-        if match and f"/{topic}".endswith(f"/{match[1].lstrip('/')}") and value.isdecimal():
-            return int(value)
+        if match and f"/{topic}".endswith(f"/{match[1].lstrip('/')}") and (count := _whole(value)) is not None:
+            return count
+    return None
+
+
+def _whole(text: str) -> int | None:
+    with contextlib.suppress(ValueError):
+        return whole_number(text)
     return None
 
 

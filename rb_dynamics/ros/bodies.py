@@ -17,6 +17,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from rb_dynamics.errors import RigidBodyError
+from rb_dynamics.options import real, whole
 from rb_dynamics.ros.arguments import LOGS, apart, parameter
 from rb_dynamics.ros.node import RigidBodyNode, spin
 
@@ -62,20 +63,21 @@ def _logs() -> dict[str, object]:
         asking.destroy_node()
 
 
-def _count(text: str) -> int:
-    if not (text.isdecimal() and int(text) >= 1):
-        raise argparse.ArgumentTypeError(f"found {text!r}, expected a number of bodies, 1 or more")
-    return int(text)
-
-
 def main(args: Sequence[str] | None = None) -> int:
     """Run the bodies; exit code 0 after a clean stop, 2 if one could not start."""
     parser = argparse.ArgumentParser(prog="python -m rb_dynamics.ros.bodies", description=__doc__)
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("scene", metavar="SCENE", help="scene file (YAML)")
-    parser.add_argument("--count", type=_count, default=2, help="how many bodies (default: 2)")
+    parser.add_argument(
+        "--count",
+        type=whole("a number of bodies, 1 or more", lambda v: v >= 1),
+        default=2,
+        help="how many bodies (default: 2)",
+    )
     parser.add_argument("--prefix", default="body_", help="the namespaces are prefix1, prefix2, ... (default: body_)")
-    parser.add_argument("--spacing", type=float, default=1.0, help="m between the bodies (default: 1)")
+    parser.add_argument(
+        "--spacing", type=real("a finite number of metres"), default=1.0, help="m between the bodies (default: 1)"
+    )
     known, ros = parser.parse_known_args(args)
     ros = [argument for argument in ros if argument != "--ros-args"]
     try:

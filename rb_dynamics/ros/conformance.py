@@ -31,7 +31,9 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
+from rb_dynamics.decimals import real_number
 from rb_dynamics.errors import RigidBodyError
+from rb_dynamics.options import real
 from rb_dynamics.ros.conversions import to_nanoseconds
 
 Array = npt.NDArray[np.float64]
@@ -327,7 +329,7 @@ def _of_quality(text: str) -> bool:
 
 def _numbers(text: str) -> Array:
     try:
-        return np.array([float(part) for part in text.split(",")])
+        return np.array([real_number(part) for part in text.split(",")])
     except ValueError:
         raise argparse.ArgumentTypeError(
             f"found {text!r}, expected numbers with commas between; write them as in 1,2,3"
@@ -344,7 +346,7 @@ def _vector(text: str) -> Array:
 def _timed(text: str) -> tuple[str, float]:
     topic, _, seconds = text.partition(":")
     try:
-        return topic, float(seconds)
+        return topic, real_number(seconds)
     except ValueError:
         raise argparse.ArgumentTypeError(f"found {text!r}, expected TOPIC:SECONDS, such as burst:0.2") from None
 
@@ -369,7 +371,11 @@ def _parser() -> argparse.ArgumentParser:
         metavar="NAME:X,Y,Z",
         help="a fixed frame with the body's axes, and where",
     )
-    parser.add_argument("--mass", type=float, help="kg; left out: from the topic inertia, as the next two")
+    parser.add_argument(
+        "--mass",
+        type=real("a number of kilograms greater than 0", lambda v: v > 0.0),
+        help="kg; left out: from the topic inertia, as the next two",
+    )
     parser.add_argument(
         "--inertia", type=_numbers, metavar="XX,XY,XZ,YY,YZ,ZZ", help="kg m^2, about the centre of mass"
     )

@@ -14,6 +14,7 @@ from typing import Any, TypeAlias
 
 import yaml
 
+from rb_dynamics import decimals
 from rb_dynamics.errors import SceneError
 from rb_dynamics.scene.problems import Problems, printable
 
@@ -25,7 +26,7 @@ Value: TypeAlias = "bool | float | str | list[Node] | dict[str, Node] | None"
 
 # YAML 1.1 reads 1e-9 as text, 010 as octal, 1_000 as 1000 and 1:30 as 90. Here a number is what people and other
 # languages write in decimal, and anything else stays text, which is then reported where a number is expected.
-_DECIMAL = re.compile(r"[-+]?(?:(?:0|[1-9][0-9]*)(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
+_OCTAL = re.compile(r"[-+]?0[0-9]")
 _NOT_FINITE = re.compile(r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)")
 
 
@@ -137,8 +138,8 @@ def show(node: Node, limit: int = 60) -> str:
 
 
 def is_decimal(text: str) -> bool:
-    """Return whether `text` is a number in decimal notation."""
-    return _DECIMAL.fullmatch(text) is not None
+    """Return whether `text` is a number in decimal notation, and in no other."""
+    return decimals.is_decimal(text) and _OCTAL.match(text) is None
 
 
 def _to_python(node: Node) -> object:

@@ -29,6 +29,9 @@ from rb_dynamics.cli import main, parser
         ("trade s.yaml --target inf", "argument --target: found 'inf', expected a finite number greater than 0"),
         ("body s.yaml --mesh m.stl --scale 0", "argument --scale: found '0', expected a number greater than 0"),
         ("body s.yaml --axis 1 0 z", "argument --axis: found 'z', expected a finite number"),
+        ("simulate s.yaml --duration 1_0", "argument --duration: found '1_0', expected a number of seconds"),
+        ("campaign c.yaml --runs 1_0", "argument --runs: found '1_0', expected a whole number"),
+        ("campaign c.yaml --runs " + "9" * 5000, "expected a whole number"),
         ("body s.yaml --through inf 0 0", "argument --through: found 'inf', expected a finite number"),
     ],
 )

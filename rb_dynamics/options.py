@@ -6,13 +6,15 @@ import argparse
 import math
 from collections.abc import Callable
 
+from rb_dynamics.decimals import real_number, whole_number
+
 
 def real(expected: str, accepts: Callable[[float], bool] = lambda _: True) -> Callable[[str], float]:
     """Return what reads a finite number that `accepts` accepts; `expected` says so in words."""
 
     def read(text: str) -> float:
         try:
-            value = float(text)
+            value = real_number(text)
         except ValueError:
             value = math.nan
         if not (math.isfinite(value) and accepts(value)):
@@ -27,7 +29,7 @@ def whole(expected: str, accepts: Callable[[int], bool] = lambda _: True) -> Cal
 
     def read(text: str) -> int:
         try:
-            value: int | None = int(text)
+            value: int | None = whole_number(text)
         except ValueError:
             value = None
         if value is None or not accepts(value):
