@@ -26,7 +26,7 @@ from rb_dynamics.rotation import angle_between
 from rb_dynamics.scene import opened
 from rb_dynamics.scene.compile import OPEN_END_HORIZON
 from rb_dynamics.scene.model import DEFAULT_ACCURACY, Scene, Solver
-from rb_dynamics.simulate import Simulation, as_command, without_outputs
+from rb_dynamics.simulate import Simulation, as_command, post_all, without_outputs
 from rb_dynamics.stopwatch import Stopwatch
 from rb_dynamics.vector import norm, scale, subtract
 
@@ -40,6 +40,9 @@ _SHORT, _REPEATS = 0.05, 3
 
 # Fewer steps are no measure: the first ones are shorter, and look up more.
 _LEAST_STEPS = 16
+
+# A trial begins with so small a part of the run, as a power of 1/2: what a second of it costs is not known.
+_SMALLEST_PART = 32
 
 # What is run before the stopwatch, to import and tabulate what a run needs.
 _WARM_UP_NS = 1000
@@ -149,6 +152,8 @@ def explain(
     number(budget, "budget", "a finite number greater than 0 (s)", above=0.0)
     length = measured_length(scene)
     commands, remarks = probed(scene, commands, length)
+    if rejected := post_all(Simulation(scene), commands):
+        remarks.append(f"{len(rejected)} of {len(commands)} wrench commands were rejected; the first: {rejected[0]}")
     if scene.duration is None and scene.output_rate > 0.0:
         # What has no end of its own is looked at where the trial ends.
         scene = replace(scene, output_rate=max(scene.output_rate, 1.0 / length))
@@ -302,7 +307,7 @@ def _timed(
 ) -> tuple[Simulation, float, float]:
     """Return a run that has gone on for as long as the budget lasted, how far (s), and how long that took.
 
-    It has taken some steps, and with outputs, it has reached one.
+    It has taken some steps, if the time was enough for them, and with outputs, it has reached one.
     """
     end = round(length * NANOSECONDS)
     # No trial may find there what another one has computed.
@@ -310,19 +315,21 @@ def _timed(
     begin = stopwatch()
     run = _start(scene, commands)
     least = run.next_output_ns() if with_outputs else 0
-    part = max(1, -(-end >> 12))
+    part = max(1, end >> _SMALLEST_PART)
     while True:
         run.advance(min(part, end))
         wall = stopwatch() - begin
-        if part >= end or (wall > 0.5 * budget and part >= least and run.steps >= _LEAST_STEPS):
+        # In closed form there may be a million outputs, and no second step.
+        enough = run.steps >= _LEAST_STEPS or wall > budget
+        if part >= end or (wall > 0.5 * budget and part >= least and enough):
             return run, min(part, end) / NANOSECONDS, wall
-        part *= 2
+        # So that the last part takes no more than the budget, and few are enough for a short run.
+        part *= 2 if 32.0 * wall > budget else 16
 
 
 def _start(scene: Scene, commands: Sequence[tuple[str, Wrench]]) -> Simulation:
     run = Simulation(scene)
-    for topic, wrench in commands:
-        run.post(topic, wrench, wrench.stamp_ns)
+    post_all(run, commands)
     run.start()
     return run
 

@@ -366,6 +366,18 @@ def as_command(command: object) -> tuple[str, Wrench]:
     )
 
 
+def post_all(run: Simulation, commands: Sequence[tuple[str, Wrench]]) -> list[str]:
+    """Post `commands` to a run in the order in which `simulate` does; return why each that was rejected was.
+
+    Raises:
+        TypeError: one is no pair of a topic and a wrench.
+    """
+    rejected: list[str] = []
+    for _ in _post_ahead(run, commands, rejected):
+        pass
+    return rejected
+
+
 LOOK_AHEAD = 1000
 """Commands that wait for their time in `simulate`: so many may come in any order, and more take no more memory."""
 

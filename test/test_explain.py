@@ -14,6 +14,7 @@ from rb_dynamics.cli import main
 from rb_dynamics.errors import SceneError
 from rb_dynamics.explain import explain
 from rb_dynamics.loads.effects import EFFECTS
+from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import kernel
 from rb_dynamics.recording.mcap_reader import read_wrenches
 from rb_dynamics.rotation import angle_between
@@ -142,6 +143,32 @@ def test_the_error_is_that_at_the_end_though_outputs_leave_the_trial_no_time_to_
         angle_between(ends[0].orientation_xyzw, ends[1].orientation_xyzw), rel=0.05
     )
     assert f"attitude error      {found.attitude_error:.2g} rad after all 40 s" in found.as_text()
+
+
+def test_a_closed_form_keeps_to_the_budget_with_a_million_outputs() -> None:
+    """It has one step, so that steps do not tell when the trial has lasted for long enough."""
+    found = explain(read_scene(ROOT / "config" / "dzhanibekov.yaml", {"duration": 1e9}), budget=0.05)
+    assert found.methods == "exact"
+    assert 0.0 < found.trial_s < 1e4
+    assert found.cost_per_s > 100.0 * found.bare_cost_per_s
+
+
+def test_commands_act_in_the_order_in_which_simulate_takes_them() -> None:
+    """Both are stamped before the start, where the later stamp wins: nothing, and the motion has a closed form."""
+    scene = parse_scene(RIGID + "duration: 1")
+    commands = [
+        ("wrench", Wrench(stamp_ns=-1)),
+        ("wrench", Wrench(torque=(0.1, 0.2, 0.3), stamp_ns=-2)),
+    ]
+    assert explain(scene, commands, budget=0.1).methods == simulate(scene, commands).method == "exact"
+
+
+def test_commands_that_cannot_be_honoured_are_left_out_and_counted() -> None:
+    found = explain(
+        parse_scene(RIGID + "duration: 1"), [("wrench", Wrench(frame_id="nowhere")), ("wrench", Wrench())], budget=0.1
+    )
+    (remark,) = (remark for remark in found.remarks if "rejected" in remark)
+    assert remark.startswith("1 of 2 wrench commands were rejected; the first: wrench at 0.000000000 s: ")
 
 
 def test_an_error_that_is_not_that_of_the_end_says_so_on_its_line() -> None:

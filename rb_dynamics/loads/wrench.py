@@ -34,6 +34,15 @@ class Wrench:
     frame_id: str = ""
     stamp_ns: int = 0
 
+    def __post_init__(self) -> None:
+        """Keep what an array or a list holds now; what makes no sense is refused where it is to act."""
+        for name in ("force", "torque"):
+            given: object = getattr(self, name)
+            if type(given) is not tuple:
+                listed = given.tolist() if hasattr(given, "tolist") else given
+                if isinstance(listed, list):
+                    object.__setattr__(self, name, tuple(listed))
+
 
 @dataclass(frozen=True, slots=True)
 class FixedFrame:

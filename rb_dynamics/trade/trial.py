@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 
 from rb_dynamics.diagnostics import Sample
-from rb_dynamics.errors import ConvergenceError, WrenchError
+from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.kernel import WORTH_LOADING, OnDemand, Tally, counted_by
@@ -20,7 +20,7 @@ from rb_dynamics.motion.step_control import NANOSECONDS
 from rb_dynamics.rotation import angle_between
 from rb_dynamics.scene.compile import OPEN_END_HORIZON
 from rb_dynamics.scene.model import Scene, Solver
-from rb_dynamics.simulate import Simulation
+from rb_dynamics.simulate import Simulation, post_all
 from rb_dynamics.stopwatch import Stopwatch
 from rb_dynamics.vector import norm, subtract
 
@@ -93,7 +93,7 @@ class Trial:
         run = self._new(solver, 1)
         begin = self.clock()
         with counted_by(tally), _failing_alone(solver.method):
-            self._post(run)
+            post_all(run, self.commands)
             run.advance(0)
             end_ns = run.next_output_ns()
             for part in range(1, parts + 1):
@@ -127,7 +127,7 @@ class Trial:
         """
         run, samples = self._new(self.pilot, _SAMPLES), []
         begin = self.clock()
-        self._post(run)
+        post_all(run, self.commands)
         with counted_by(tally or self.clock.tally(worth=math.inf)):
             for _ in range(_SAMPLES + 1):
                 run.advance(run.next_output_ns())
@@ -152,10 +152,6 @@ class Trial:
         """Return a run with so many outputs, the last at the end of the trial."""
         scene = replace(self.scene, solver=solver, duration=self.horizon, output_rate=outputs / self.seconds)
         return Simulation(scene)
-
-    def _post(self, run: Simulation) -> None:
-        for topic, wrench in self.commands:
-            run.post(topic, wrench, wrench.stamp_ns)
 
     def error(self, attitude: float, position: float) -> float:
         """Return the larger of the attitude error and the position error relative to the path."""
@@ -190,12 +186,8 @@ def _failing_alone(method: str) -> Iterator[None]:
 
 def accepted(scene: Scene, commands: Sequence[tuple[str, Wrench]]) -> list[tuple[str, Wrench]]:
     """Return the commands that can be honoured."""
-    run, found = Simulation(replace(scene, solver=Solver("euler", step=1.0))), []
-    for topic, wrench in commands:
-        with suppress(WrenchError):
-            run.post(topic, wrench, wrench.stamp_ns)
-            found.append((topic, wrench))
-    return found
+    run = Simulation(replace(scene, solver=Solver("euler", step=1.0)))
+    return [(topic, wrench) for topic, wrench in commands if run.honours(topic, wrench)]
 
 
 def trial_of(scene: Scene, commands: Sequence[tuple[str, Wrench]], limit: float, clock: Stopwatch) -> Trial:

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from fractions import Fraction
+from functools import partial
+from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -72,6 +76,15 @@ class TestFrames:
 
         with pytest.raises(WrenchError, match=f"wrench {part} .* expected .*three finite numbers"):
             FRAMES.hold(Wrench(**{part: tuple(values)}, frame_id=frame_id))
+
+    @pytest.mark.parametrize("kind", [list, np.array, partial(np.array, dtype=np.float32)])
+    def test_a_wrench_keeps_what_an_array_held_when_it_was_made(self, kind: Callable[[Vector], Any]) -> None:
+        force, torque = kind((1.0, -2.0, 3.0)), kind((0.5, 0.25, -0.5))
+        wrench = Wrench(force, torque)
+        force[0] = torque[0] = math.nan
+
+        assert (wrench.force, wrench.torque) == ((1.0, -2.0, 3.0), (0.5, 0.25, -0.5))
+        assert hash(wrench) == hash(Wrench((1.0, -2.0, 3.0), (0.5, 0.25, -0.5)))
 
     @given(vectors, vectors)
     def test_a_wrench_is_taken_to_the_bit(self, force: Vector, torque: Vector) -> None:

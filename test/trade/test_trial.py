@@ -17,9 +17,10 @@ from rb_dynamics.motion import kernel
 from rb_dynamics.motion.taylor import _expand
 from rb_dynamics.scene.model import Solver
 from rb_dynamics.scene.read import parse_scene
+from rb_dynamics.simulate import simulate
 from rb_dynamics.stopwatch import Stopwatch
 from rb_dynamics.trade.reference import find_reference
-from rb_dynamics.trade.trial import Trial, trial_of
+from rb_dynamics.trade.trial import Trial, accepted, trial_of
 
 CLOCK = time.process_time
 TORQUE = [("wrench", Wrench(torque=(0.1, 0.2, 0.0)))]
@@ -59,6 +60,18 @@ def test_an_accuracy_that_rounding_does_not_leave_is_loosened_until_it_can_be_ke
     assert reference.is_useful
     with pytest.raises(ConvergenceError, match="rounding alone"):
         one.fly(Solver(method, accuracy=0.1 * float(accuracy)), one.as_the_whole())
+
+
+def test_commands_act_in_the_order_in_which_simulate_takes_them() -> None:
+    """Both are stamped before the start, where the later stamp wins."""
+    scene = parse_scene(
+        "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\nduration: 1\nsolver: {method: rk4, step: 0.1}"
+    )
+    commands = [("wrench", Wrench(torque=(0.1 * k, 0.2, 0.0), stamp_ns=-k)) for k in (1, 3, 2)]
+    one = trial_of(scene, accepted(scene, commands), 1.0, Stopwatch(CLOCK))
+    flight = one.fly(scene.solver, one.as_the_whole())
+    assert flight is not None
+    assert flight.sample == simulate(scene, commands).sample
 
 
 @needs_numba
