@@ -52,7 +52,7 @@ class Loop:
         count = len(runs)
         numbers = {key: values[key] if key in values else np.full(count, value) for key, value in control.numbers}
         try:
-            self._law = named(control.law, LAWS, campaign.folder)(_parameters(numbers))
+            self._law = named(control.law, LAWS, campaign.modules)(_parameters(numbers))
         except SceneError as error:
             raise SceneError(f"{campaign.source}: control.law: {error}") from error
         self.name = control.law

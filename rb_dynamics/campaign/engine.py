@@ -11,6 +11,7 @@ import contextlib
 import logging
 import math
 import os
+import platform
 import time
 from collections.abc import Callable, Generator, Iterator
 from importlib.util import find_spec
@@ -23,6 +24,7 @@ from rb_dynamics.campaign.model import Campaign
 from rb_dynamics.campaign.scenes import Scenes
 from rb_dynamics.campaign.store import Store
 from rb_dynamics.errors import LogError, MissingExtraError
+from rb_dynamics.recording.provenance import version
 
 Progress = Callable[[int, int], None]
 """Told how many runs are done, and how many there are."""
@@ -153,7 +155,7 @@ def _on_workers(
         workers = max(1, len(client.scheduler_info(n_workers=-1)["workers"]))
 
         def submit(some: Iterator[tuple[int, int]]) -> list[Any]:
-            return [client.submit(fly_block, campaign, *each, 1, pure=False) for each in some]
+            return [client.submit(fly_there, campaign, version(), *each, pure=False) for each in some]
 
         waiting = as_completed(submit(islice(blocks, _AHEAD * workers)))
         for future in waiting:
@@ -163,6 +165,21 @@ def _on_workers(
             for new in submit(islice(blocks, 1)):
                 waiting.add(new)
             yield columns
+
+
+def fly_there(campaign: Campaign, commander: str, first: int, last: int) -> Columns:
+    """Return the rows of a block on a worker, in one thread; `commander` is the version of who commands.
+
+    Raises:
+        LogError: the worker has another version.
+        SceneError: as `fly_block` says.
+    """
+    if version() != commander:
+        raise LogError(
+            f"the worker on {platform.node()} has rb_dynamics {version()}, expected {commander} as here; install the "
+            "same everywhere and start the workers again"
+        )
+    return fly_block(campaign, first, last, 1)
 
 
 _PATIENCE_S = 30

@@ -102,7 +102,7 @@ def quantity(campaign: Campaign, metric: Metric) -> Quantity:
     if metric.quantity == "attitude":
         return attitude_from(metric.target_xyzw)
     try:
-        return named(metric.quantity, _FUNCTIONS, campaign.folder)
+        return named(metric.quantity, _FUNCTIONS, campaign.modules)
     except SceneError as error:
         raise SceneError(f"{campaign.source}: metrics.{metric.name}.{metric.reduction}: {error}") from error
 

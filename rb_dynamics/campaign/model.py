@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 from rb_dynamics.campaign.distributions import Distribution
+from rb_dynamics.campaign.user_modules import UserModules
 
 SAMPLINGS = ("random", "latin_hypercube", "sobol")
 
@@ -81,7 +82,7 @@ class Campaign:
     Attributes:
         text: the campaign file as read.
         source: its file name, for messages.
-        folder: where it lies; modules of the user are looked for there too.
+        modules: of the user, which it names.
         scene_text: the base scene, with what `set` says and the channel of the controller; it alone makes the scene.
         runs: number of them.
         seed: of the random numbers.
@@ -97,7 +98,7 @@ class Campaign:
 
     text: str
     source: str
-    folder: str
+    modules: UserModules
     scene_text: str
     runs: int
     seed: int

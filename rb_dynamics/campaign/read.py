@@ -19,6 +19,7 @@ from rb_dynamics.campaign.metrics import QUANTITIES, REDUCTIONS, Judge
 from rb_dynamics.campaign.model import SAMPLINGS, Campaign, Control, Metric, Requirement
 from rb_dynamics.campaign.named import named
 from rb_dynamics.campaign.read_dispersions import NOT_NEGATIVE, NUMBER, POSITIVE, correlations, inputs
+from rb_dynamics.campaign.user_modules import read_modules
 from rb_dynamics.errors import SceneError
 from rb_dynamics.motion.step_control import NANOSECONDS
 from rb_dynamics.rotation import IDENTITY
@@ -100,14 +101,18 @@ def parse_campaign(text: str, source: str = "<campaign>", overrides: Mapping[str
     _check_grid(root, base, control)
     if problems:
         raise problems.error()
+    names = [each.quantity for each in metrics if each.quantity not in QUANTITIES]
+    if control is not None and control.law not in laws.LAWS:
+        names.append(control.law)
+    modules = read_modules(names, folder)
     campaign = Campaign(
-        text, source, folder, base.text, runs, seed, sampling, found, mixing, control, period_ns, metrics, requirements
+        text, source, modules, base.text, runs, seed, sampling, found, mixing, control, period_ns, metrics, requirements
     )  # fmt: skip
     # Functions of the user are found now, not after hours.
     Judge(campaign, 1)
     if control is not None:
         try:
-            named(control.law, laws.LAWS, folder)
+            named(control.law, laws.LAWS, modules)
         except SceneError as error:
             raise SceneError(f"{source}: control.law: {error}") from error
     return campaign

@@ -6,6 +6,7 @@ hypercube is laid out for it, random and Sobol samples can grow.
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Iterator, Mapping
 
@@ -16,7 +17,7 @@ from rb_dynamics.scene import document
 from rb_dynamics.scene.problems import Problems
 
 Facts = Mapping[str, str]
-"""What is kept beside rows: the texts of campaign and scene, and the version of the package."""
+"""What is kept beside rows: the texts of campaign and scene, the version of the package, and hashes of own modules."""
 
 LAID_OUT = "latin_hypercube"
 """The sampling in which a run depends on how many there are."""
@@ -25,8 +26,10 @@ _SHOWN = 3
 
 
 def facts_of(campaign: Campaign) -> Facts:
-    """Return what the rows of `campaign` depend on, as far as it is in the campaign: not the user's own modules."""
-    return {"campaign": campaign.text, "scene": campaign.scene_text, "version": version()}
+    """Return what the rows of `campaign` depend on; `modules` where it names some of the user's own."""
+    facts = {"campaign": campaign.text, "scene": campaign.scene_text, "version": version()}
+    hashes = campaign.modules.hashes
+    return facts | ({"modules": json.dumps(hashes, sort_keys=True)} if hashes else {})
 
 
 def check_same(facts: Facts, place: str | os.PathLike[str], campaign: Campaign, remedy: str) -> None:
@@ -68,6 +71,8 @@ def _said(facts: Facts) -> dict[str, str]:
     kept = [(name, node) for name, node in campaign.items() if name not in left_out]
     said = {key: text for name, node in kept for key, text in _flat(node, name)}
     said |= _flat(document.parse(facts["scene"], Problems("scene")), "scene")
+    hashes = json.loads(facts.get("modules", "{}"))
+    said |= {f"the source of the module {name}": sha[:12] for name, sha in hashes.items()}
     return said | {"the version of rb_dynamics": facts["version"]}
 
 

@@ -6,6 +6,7 @@ import html
 import json
 import math
 import os
+import re
 import shlex
 import signal
 import subprocess
@@ -19,7 +20,7 @@ from typing import Any
 import pytest
 from campaigns import CAMPAIGN, SCENE, write
 
-from rb_dynamics.campaign.engine import run_campaign
+from rb_dynamics.campaign.engine import fly_there, run_campaign
 from rb_dynamics.campaign.flight import fly_block
 from rb_dynamics.campaign.model import Campaign
 from rb_dynamics.campaign.read import read_campaign
@@ -316,19 +317,40 @@ def test_a_rerun_without_a_row_says_so(tmp_path: Path, capsys: pytest.CaptureFix
     assert "nan" not in printed.out
 
 
-def test_a_rerun_that_differs_is_seen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Here an own law has changed since: the campaign does not know what is in modules."""
-    law = "def law(parameters):\n    return lambda measured: -{gain} * measured.angular_velocity_body\n"
-    (tmp_path / "changing_law.py").write_text(law.format(gain=1.0))
-    campaign, out = (
-        write(tmp_path, CAMPAIGN.replace("law: rate_damping", "law: changing_law.law")),
-        tmp_path / "r.parquet",
-    )
-    arguments = ["campaign", str(campaign), "--out", str(out)]
-    assert main([*arguments, "--workers", "0"]) == 0
-    (tmp_path / "changing_law.py").write_text(law.format(gain=1.0000001))
-    del sys.modules["changing_law"]
-    assert main([*arguments, "--rerun", "3"]) == 1
+LAW = "def law(parameters):\n    return lambda measured: -{gain} * measured.angular_velocity_body\n"
+
+
+def test_rows_of_another_law_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Whether the law has changed, or only what it imports."""
+    campaign = write(tmp_path, CAMPAIGN.replace("law: rate_damping", "law: own.law.law"))
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own" / "law.py").write_text("from .gain import GAIN\n" + LAW.format(gain="GAIN"))
+    (tmp_path / "own" / "gain.py").write_text("GAIN = 1.0\n")
+    arguments = ["campaign", str(campaign), "--out", str(tmp_path / "rows.parquet"), "--workers", "0"]
+    assert main(arguments) == 0
+    assert main([*arguments, "--rerun", "3"]) == 0
+    capsys.readouterr()
+    (tmp_path / "own" / "gain.py").write_text("GAIN = 1.0000001\n")
+    message = r"another campaign: .*the source of the module own.gain is \w{12} there and \w{12} here; "
+    for more in ([], ["--runs", "30"], ["--rerun", "3"]):
+        assert main([*arguments, *more]) == 2
+        assert re.search(message, capsys.readouterr().err)
+    assert main([*arguments, "--overwrite"]) == 0
+    assert main([*arguments, "--rerun", "3"]) == 0
+
+
+def test_a_rerun_that_differs_is_seen(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Here a law depends on what the campaign cannot know."""
+    gain = "float(__import__('os').environ['OWN_GAIN'])"
+    (tmp_path / "changing_law.py").write_text(LAW.format(gain=gain))
+    campaign = write(tmp_path, CAMPAIGN.replace("law: rate_damping", "law: changing_law.law"))
+    arguments = ["campaign", str(campaign), "--out", str(tmp_path / "r.parquet"), "--workers", "0"]
+    monkeypatch.setenv("OWN_GAIN", "1.0")
+    assert main(arguments) == 0
+    monkeypatch.setenv("OWN_GAIN", "1.0000001")
+    assert main([*arguments[:-2], "--rerun", "3"]) == 1
     assert "differs from its row" in capsys.readouterr().out
 
 
@@ -410,3 +432,31 @@ def test_a_scheduler_that_is_not_there(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.setattr("rb_dynamics.campaign.engine._PATIENCE_S", 0.5)
     with pytest.raises(LogError, match=r"no scheduler with workers at tcp://127.0.0.1:9 "):
         fly(write(tmp_path), tmp_path / "rows.parquet", scheduler="tcp://127.0.0.1:9")
+
+
+def test_a_worker_of_another_version_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match=r"has rb_dynamics \S+, expected 0\.0\.0 as here; install the same"):
+        fly_there(read_campaign(write(tmp_path)), "0.0.0", 0, 1)
+
+
+def test_a_cluster_flies_the_law_of_each_study(tmp_path: Path, scheduler: Path) -> None:
+    """Two studies with modules of the same names, and one of them edited, on the same worker."""
+    address = json.loads(scheduler.read_text())["address"]
+    folders = [tmp_path / name for name in ("A", "B")]
+    for folder, gain in zip(folders, (0.5, -0.5), strict=True):
+        folder.mkdir()
+        write(folder, CAMPAIGN.replace("rate_damping", "own_law.law"))
+        (folder / "own_law.py").write_text("from own_gain import GAIN\n" + LAW.format(gain="GAIN"))
+        (folder / "own_gain.py").write_text(f"GAIN = {gain}\n")
+    with worker(tmp_path, scheduler):
+        first, second = (
+            fly(folder / "campaign.yaml", tmp_path / f"{folder.name}.parquet", scheduler=address, block=6)
+            for folder in folders
+        )
+        (folders[0] / "own_gain.py").write_text("GAIN = 0.6\n")
+        edited = fly(folders[0] / "campaign.yaml", tmp_path / "edited.parquet", scheduler=address, block=6)
+    assert edited == fly(folders[0] / "campaign.yaml", tmp_path / "edited_here.parquet")
+    assert second == fly(folders[1] / "campaign.yaml", tmp_path / "B_here.parquet")
+    rates = [read_rows(tmp_path / f"{name}.parquet")["final_rate"].mean() for name in ("A", "B", "edited")]
+    assert rates[2] < rates[0] < 0.6 < rates[1]
+    assert len({first, second, edited}) == 3

@@ -106,11 +106,12 @@ def test_noise_is_of_the_size_that_is_asked_for(tmp_path: Path) -> None:
     text = text.replace("disperse:", "disperse:\n  initial.position_world: {normal: {deviation: 1}}\nxdisperse:")
     text = text[: text.index("xdisperse:")] + text[text.index("control:\n") :]
     scene = SCENE.replace("[0.4, -0.3, 0.5]\n", "[0, 0, 0]\n  position_world: [0, 0, 0]\n")
-    fly_block(read_campaign(write(tmp_path, text, scene)), 0, 24)
-    import spy_law  # the campaign has put its folder on the path
+    campaign = read_campaign(write(tmp_path, text, scene))
+    fly_block(campaign, 0, 24)
 
-    spins = np.array([spin for spin, _ in spy_law.SEEN])
-    turns = 2.0 * np.array([attitude[:, :3] for _, attitude in spy_law.SEEN])
+    seen = campaign.modules.load("spy_law").SEEN
+    spins = np.array([spin for spin, _ in seen])
+    turns = 2.0 * np.array([attitude[:, :3] for _, attitude in seen])
     assert spins.shape == (40, 24, 3)
     assert spins.std() == pytest.approx(0.01, rel=0.1)
     assert turns.std() == pytest.approx(0.01, rel=0.1)
