@@ -33,8 +33,10 @@ from rb_dynamics.cli import COMMANDS
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.effects import EFFECTS
 from rb_dynamics.motion import METHODS
+from rb_dynamics.recording.input_hash import InputHash
 from rb_dynamics.recording.mcap_reader import read_bag, read_wrenches
 from rb_dynamics.recording.mcap_sink import LogSettings, McapSink
+from rb_dynamics.recording.state_hash import StateHash
 
 FOLDER = Path(__file__).resolve().parent / "reference"
 ROOT = FOLDER.parent.parent
@@ -191,9 +193,25 @@ METADATA = {
     "rb_dynamics": "what ran: method, versions, platform, hash of the scene",
     "rb_dynamics.topics": "names of the topics after remapping",
     "rb_dynamics.checkpoint": "behind each chunk: samples so far, and the SHA-256 of all of them",
-    "rb_dynamics.result": "how it ended: steps, hash of inputs and of all states; of a file of a bag that is not "
-    "the last `states_sha256` up to its end and, in `continues_in`, the name of the next one",
+    "rb_dynamics.result": "how it ended: steps, hash of inputs and of all states (below); of a file of a bag that is "
+    "not the last `states_sha256` up to its end and, in `continues_in`, the name of the next one",
 }
+
+
+HASHES = """
+    Two runs share a hash exactly when what it is over agrees to the last bit, wherever they were made.
+
+    - `states_sha256`: {states}
+    - `inputs_sha256`: {inputs} `inputs_rule` is 2. A log without it is of rule 1: over every change of what acted,
+      effects and timeouts included, in the order in which the log has them; `replay` checks that too.
+    - `scene_sha256`: SHA-256 over the attached scene.
+"""
+
+
+def words(hashing: type) -> str:
+    """Return what the docstring of a hash says, in one paragraph."""
+    text = inspect.cleandoc(hashing.__doc__ or "").partition("Attributes:")[0]
+    return " ".join(text.replace("`Sample`", "a sample").split())
 
 
 def told(texts: dict[str, str], name: str) -> str:
@@ -376,6 +394,8 @@ def log_page() -> str:
             "## Metadata\n",
             table(("record", "keys", ""), data),
             "A log that had to stop early has `rb_dynamics.interrupted` besides, with the reason.\n",
+            "## Hashes\n",
+            inspect.cleandoc(HASHES).format(states=words(StateHash), inputs=words(InputHash)) + "\n",
             "## Attachments\n",
             table(
                 ("name", ""), [(f"`{name}`", "the scene, with meshes and URDF resolved") for name in bag.attachments]

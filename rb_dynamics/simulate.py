@@ -25,7 +25,8 @@ from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion.arc import Arc
 from rb_dynamics.motion.phase import Phase, in_principal_axes
 from rb_dynamics.motion.step_control import NANOSECONDS
-from rb_dynamics.recording.provenance import InputHash, run_metadata
+from rb_dynamics.recording.input_hash import RULE, InputHash
+from rb_dynamics.recording.provenance import INPUTS_RULE, run_metadata
 from rb_dynamics.recording.sink import Event, RunInfo, Sink
 from rb_dynamics.scene import opened
 from rb_dynamics.scene.compile import Plan
@@ -62,7 +63,7 @@ class Simulation:
         self._effects = scene.acting
         self._channels = _channels(scene, self._effects)
         self._knots = [nanoseconds(knot) for knot in self._effects.knots()]
-        self._inputs = InputHash(scene.text)
+        self._inputs = InputHash(scene)
         self._steps_before = 0
         self._used: dict[str, None] = {}
         phase = Phase.of(scene.body, scene.initial)
@@ -210,6 +211,7 @@ class Simulation:
             "steps": str(self.steps),
             "end_time_ns": str(self.time_ns),
             "inputs_sha256": self._inputs.hexdigest(),
+            INPUTS_RULE: RULE,
         }
         with contextlib.ExitStack() as stack:
             for sink in self._sinks:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from rb_dynamics import Wrench, parse_scene, simulate
 from rb_dynamics.errors import LogError
+from rb_dynamics.recording import cdr
 from rb_dynamics.recording.bag_sink import BagSink
 from rb_dynamics.recording.bag_source import Source, open_source
 from rb_dynamics.recording.log_file import LogFile
@@ -19,7 +21,9 @@ from rb_dynamics.recording.mcap_records import McapFile, Message
 from rb_dynamics.recording.mcap_sink import LogSettings, McapSink
 from rb_dynamics.recording.mcap_writer import McapWriter
 from rb_dynamics.recording.recover import recover
+from rb_dynamics.recording.sink import Status
 from rb_dynamics.replay import replay
+from rb_dynamics.simulate import Simulation
 
 SCENE = parse_scene(
     "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}, center_of_mass: [0.1, 0, 0.2]}\n"
@@ -38,8 +42,13 @@ COMMANDS = [
 ]
 
 
-def edited(source: Path, target: Path, edit: Callable[[Message], Message | None]) -> Path:
-    """Copy a log through `edit`, which changes a message or leaves it out."""
+def edited(
+    source: Path,
+    target: Path,
+    edit: Callable[[Message], Message | None] = lambda message: message,
+    facts: Mapping[str, str] | None = None,
+) -> Path:
+    """Copy a log through `edit`, which changes a message or leaves it out, and with other `facts` in its metadata."""
     old = McapFile(source)
     messages = list(old.messages())
     file = LogFile(target)
@@ -55,8 +64,8 @@ def edited(source: Path, target: Path, edit: Callable[[Message], Message | None]
         writer.add_messages((numbers[message.channel.topic],), (message.data,), message.log_time, message.publish_time)
     for name, data in old.attachments.items():
         writer.add_attachment(name, "", data)
-    for name, facts in old.metadata.items():
-        writer.add_metadata(name, facts)
+    for name, said in old.metadata.items():
+        writer.add_metadata(name, said | {key: value for key, value in (facts or {}).items() if key in said})
     writer.finish()
     file.close()
     return target
@@ -72,7 +81,8 @@ def test_the_same_bits(log: Path) -> None:
     found = replay(log)
     assert found.identical
     assert (found.samples, found.commands, found.complete, found.software) == (61, 6, True, {})
-    assert set(found.hashes) == {"states_sha256", "inputs_sha256"}
+    assert set(found.hashes) == {"states_sha256", "inputs_sha256", "scene_sha256"}
+    assert found.uncompared == {("/push", "commands that were rejected: nothing follows from their numbers"): 2}
     assert all(logged == here and len(logged) == 64 for logged, here in found.hashes.values())
 
 
@@ -103,7 +113,7 @@ def test_a_split_bag_and_a_recovered_beginning(tmp_path: Path, log: Path) -> Non
         found = replay(path)
         assert found.identical
         assert not found.complete
-        assert found.hashes == {}, "cut off before its first checkpoint"
+        assert set(found.hashes) == {"scene_sha256"}, "cut off before its first checkpoint"
 
 
 def test_whole_files_are_proven_though_the_last_one_has_no_sample_left(tmp_path: Path) -> None:
@@ -152,7 +162,7 @@ def test_the_states_of_a_log_that_was_cut_off_are_proven_up_to_its_last_checkpoi
         assert found.identical
         assert found.proven_ns is not None
         assert last_ns - 100_000_000 < found.proven_ns <= last_ns
-        assert set(found.hashes) == {"states_sha256"}
+        assert set(found.hashes) == {"states_sha256", "scene_sha256"}
 
     checkpoint = read_bag(path).metadata["rb_dynamics.checkpoint"]["states_sha256"].encode()
     path.write_bytes(path.read_bytes().replace(checkpoint, b"0" * 64))
@@ -204,7 +214,7 @@ def test_a_changed_command_moves_what_comes_after(tmp_path: Path, log: Path) -> 
     found = replay(edited(log, tmp_path / "edited.mcap", edit))
     assert found.first == (333_333_333, "/robot/turn/applied")
     assert found.differences["/pose"].first_ns == 366_666_667
-    assert not any(logged == here for logged, here in found.hashes.values())
+    assert [name for name, (logged, here) in found.hashes.items() if logged == here] == ["scene_sha256"]
 
 
 def test_not_a_number_is_no_small_difference(tmp_path: Path, log: Path) -> None:
@@ -258,6 +268,166 @@ def test_another_version_is_named(tmp_path: Path, log: Path) -> None:
     was, here = found.software["version.numpy"]
     assert set(was) == {"9"}
     assert here == old.metadata["rb_dynamics"]["version.numpy"]
+
+
+def off_by(relative: float, *topics: str) -> Callable[[Message], Message]:
+    """Return an edit that puts the last number of the first array in messages of `topics` at 1 s off by so much."""
+
+    def moved(layout: Sequence[cdr.Field], values: Sequence[Any]) -> tuple[Any, ...]:
+        place = next(number for number, kind in enumerate(layout) if isinstance(kind, int | list))
+        kind, found = layout[place], values[place]
+        new = [moved(kind, found[0])] if isinstance(kind, list) else (*found[:-1], found[-1] * (1.0 + relative))
+        return (*values[:place], new, *values[place + 1 :])
+
+    def edit(message: Message) -> Message:
+        if message.channel.topic not in topics or message.log_time != 1_000_000_000:
+            return message
+        name = message.channel.type_name
+        values = moved(cdr.LAYOUTS[name], cdr.decode(name, message.data))
+        return message._replace(data=cdr.encode(name, *values))
+
+    return edit
+
+
+FRAMES = parse_scene(
+    SCENE.text.replace("body: {", "body: {frames: {jet: {position: [0.1, 0, 0]}}, ").replace(
+        "duration: 2", "duration: 1"
+    )
+)
+
+
+@pytest.fixture
+def full(tmp_path: Path) -> Path:
+    """Return a log with every topic there is."""
+    sink = McapSink(tmp_path / "full.mcap", settings=LogSettings(accel=True))
+    run = Simulation(FRAMES, [sink])
+    run.start()
+    for topic, wrench in COMMANDS[:1] + COMMANDS[2:4]:
+        run.post(topic, wrench, wrench.stamp_ns)
+    run.write(Status(0, 0, "fine", {}))
+    run.advance(1_000_000_000)
+    run.finish()
+    return tmp_path / "full.mcap"
+
+
+def test_one_bit_of_any_topic_is_seen(tmp_path: Path, full: Path) -> None:
+    found = replay(full)
+    assert found.identical
+    assert found.uncompared == {("/diagnostics", "messages that say how a node was"): 1}
+    topics = (
+        {channel.topic for channel in open_source(full).channels.values()} if list(McapFile(full).messages()) else {}
+    )
+    topics = set(read_bag(full).topics) - {"/diagnostics"}
+    assert {"/inertia", "/tf_static", "/accel", "/push", "/push/applied", "/odom"} <= topics
+    for topic in sorted(topics):
+        seen: list[Message] = []
+
+        def edit(message: Message, topic: str = topic, seen: list[Message] = seen) -> Message:
+            if message.channel.topic != topic or seen:
+                return message
+            seen.append(message)
+            # The lowest bit of the exponent of its last number.
+            return message._replace(data=message.data[:-2] + bytes([message.data[-2] ^ 0x10, message.data[-1]]))
+
+        found = replay(edited(full, tmp_path / "edited.mcap", edit))
+        assert seen
+        assert not found.identical, topic
+        commanded = {"/push": "/push/applied", "/robot/turn": "/robot/turn/applied"}
+        assert commanded.get(topic, topic) in found.differences
+
+
+@pytest.mark.parametrize("topic", ["/inertia", "/tf_static", "/accel", "/push/applied"])
+def test_a_topic_that_is_gone_or_of_another_time_is_missed(tmp_path: Path, full: Path, topic: str) -> None:
+    def gone(message: Message) -> Message | None:
+        return None if message.channel.topic == topic else message
+
+    def late(message: Message) -> Message:
+        return message._replace(publish_time=message.publish_time + 1) if message.channel.topic == topic else message
+
+    assert [line.partition(" ")[0] for line in replay(edited(full, tmp_path / "e.mcap", gone)).missing] == [topic]
+    assert list(replay(edited(full, tmp_path / "e.mcap", late)).differences) == [topic]
+
+
+OTHER = {"version.numpy": "9.9"}
+
+
+@pytest.mark.parametrize("topic", ["/pose", "/odom", "/tf", "/energy/work", "/linear_momentum"])
+def test_with_another_numpy_a_change_within_the_bound_is_corruption_where_the_states_are_proven(
+    tmp_path: Path, full: Path, topic: str
+) -> None:
+    found = replay(edited(full, tmp_path / "e.mcap", off_by(1e-12, topic), OTHER))
+    assert set(found.software) == {"version.numpy"}
+    assert found.differences[topic].relative < 1e-11
+    assert found.corrupt == [topic]
+    assert not found.within(1e-9)
+    # What no hash is over may have other digits on another version, and on this one not.
+    found = replay(edited(full, tmp_path / "e.mcap", off_by(1e-12, "/accel"), OTHER))
+    assert found.corrupt == []
+    assert found.within(1e-9)
+    assert not found.within(0.0)
+    assert not replay(edited(full, tmp_path / "e.mcap", off_by(1e-12, "/accel"))).within(1e-9)
+
+
+def test_with_another_numpy_and_other_bits_a_log_must_agree_with_itself(tmp_path: Path, full: Path) -> None:
+    other = OTHER | {"states_sha256": "0" * 64}
+    found = replay(edited(full, tmp_path / "e.mcap", off_by(1e-12, "/pose", "/odom", "/tf"), other))
+    assert found.torn == []
+    assert found.within(1e-9)
+    found = replay(edited(full, tmp_path / "e.mcap", off_by(1e-12, "/pose", "/tf"), other))
+    assert [line.partition(" ")[0] for line in found.torn] == ["/odom"]
+    assert not found.within(1e-9)
+    found = replay(edited(full, tmp_path / "e.mcap", off_by(1e-12, "/energy/work"), other))
+    assert found.torn == found.corrupt == []
+    assert found.within(1e-9)
+
+
+def test_scene_and_commands_are_the_same_whatever_the_version(tmp_path: Path, full: Path) -> None:
+    for name in ("scene_sha256", "inputs_sha256"):
+        found = replay(edited(full, tmp_path / "e.mcap", facts=OTHER | {name: "0" * 64}))
+        assert found.corrupt == [name]
+        assert not found.within(1e-9)
+
+
+def test_a_log_of_rule_1_is_the_same_still() -> None:
+    """Commands came in another order than a replay posts them, one at the very time of its channel's timeout."""
+    found = replay(Path(__file__).parent / "recording" / "rule_1.mcap")
+    logged, here = found.hashes["inputs_sha256"]
+    assert logged == here
+    assert found.missing == []
+    assert found.identical or found.software
+
+
+def test_the_order_in_which_changes_of_a_nanosecond_were_seen_does_not_count(tmp_path: Path) -> None:
+    scene = parse_scene(
+        "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\n"
+        "wrenches: [{topic: a, timeout: 0.1}, {topic: b, timeout: 0.1}]\n"
+        "effects:\n- {type: uniform_gravity, acceleration_world: [0, 0, -9.8]}\n"
+        "- {type: scheduled_wrench, schedule: [{time: 0.1, force: [0, 0, 1]}]}\n"
+        "solver: {method: rkmk4, step: 0.05}\nduration: 0.3\noutput_rate: 20\n"
+    )
+    commands = [(name, Wrench((1.0, 2.0, 3.0), stamp_ns=ns)) for ns in (0, 100_000_000) for name in ("a", "b", "a")]
+    hashes = []
+    for order in (range(6), (1, 0, 2, 4, 3, 5), (0, 2, 1, 3, 5, 4)):
+        path = tmp_path / "run.mcap"
+        run = Simulation(scene, [McapSink(path)])
+        run.start()
+        for number in order:
+            topic, wrench = commands[number]
+            # As a node in lockstep: time goes to the stamp before the next command has come.
+            run.advance(wrench.stamp_ns)
+            run.post(topic, wrench, wrench.stamp_ns)
+        run.advance(300_000_000)
+        run.finish()
+        assert replay(path).identical
+        hashes.append(open_result(path))
+    at_once = tmp_path / "at_once.mcap"
+    simulate(scene, commands, [McapSink(at_once)])
+    assert {*hashes} == {open_result(at_once)}
+
+
+def open_result(path: Path) -> str:
+    """Return the hash of the inputs of a log."""
+    return read_bag(path).metadata["rb_dynamics.result"]["inputs_sha256"]
 
 
 def test_a_file_of_a_split_bag_is_not_all_of_the_run(tmp_path: Path) -> None:

@@ -55,12 +55,7 @@ def run(args: argparse.Namespace) -> int:
     print("\n".join(_report(found)))
     if found.identical:
         return 0
-    within = (
-        not found.missing
-        and found.gap_ns is None
-        and all(each.relative <= args.bound for each in found.differences.values())
-    )
-    if found.software and within:
+    if found.within(args.bound):
         print(f"within {args.bound:g}, as another version or platform may be")
         return 0
     return 1
@@ -88,11 +83,14 @@ def _report(found: Replay) -> list[str]:
             lines.append(
                 f"  {name:24} {each.largest:<12.3g} at {each.largest_ns / 1e9:.9f} s, relative {each.relative:.3g}"
             )
-    lines += found.missing
+    lines += [*found.missing, *found.torn]
+    lines += [f"{topic}: {count} {what}: not compared" for (topic, what), count in found.uncompared.items()]
     for name, (logged, here) in found.hashes.items():
         lines.append(f"{name}: {logged} {'agrees' if logged == here else f'in the log, {here} here'}")
     if found.proven_ns is not None and not found.complete:
         lines.append(f"the hash of the states proves the log up to {found.proven_ns / 1e9:.9f} s")
+    if found.software and found.corrupt:
+        lines.append(f"another version or platform does not explain it: {', '.join(found.corrupt)}")
     if found.gap_ns is None:
         lines.append("the same to the last bit" if found.identical else "NOT the same bits")
     else:

@@ -32,11 +32,13 @@ from rb_dynamics.recording.messages import (
     APPLIED,
     COMMAND_DEPTH,
     DIAGNOSTICS,
-    INERTIA,
+    MASS_PROPERTIES,
     TF_STATIC,
     WRENCH,
     encode_applied,
     encode_fixed,
+    encode_inertia,
+    encode_received,
     qos_profile,
     sample_depth,
     sample_encoder,
@@ -48,7 +50,6 @@ from rb_dynamics.recording.sink import AppliedWrench, Event, RejectedWrench, Run
 from rb_dynamics.recording.state_hash import StateHash
 
 if TYPE_CHECKING:
-    from rb_dynamics.body.rigid_body import RigidBody
     from rb_dynamics.scene.model import Scene
 
 FLUSH_S = 0.5
@@ -202,7 +203,7 @@ class McapSink:
         self._writer.add_metadata(TOPICS, {name: self._absolute(name) for name, _, _ in topics})
         self._writer.add_attachment(SCENE, "application/yaml", run.scene.text.encode("utf-8", "replace"))
         self._register(topics)
-        self._write_inertia(run.scene.body, self._start_ns)
+        self._add(MASS_PROPERTIES[0], encode_inertia(run.scene, self._start_ns), self._start_ns)
         if run.scene.frames.fixed:
             self._add(TF_STATIC[0], encode_fixed(run.scene.frames, self._start_ns), self._start_ns)
         self._writer.end_chunk()
@@ -254,7 +255,7 @@ class McapSink:
             *((name, type_name, usual) for name, type_name in samples),
             *((name, WRENCH, command) for each in scene.channels for name in (each.topic, each.topic + APPLIED)),
             *((name + APPLIED, WRENCH, command) for name, _ in scene.acting.schedules()),
-            ("inertia", INERTIA, latched),
+            (*MASS_PROPERTIES, latched),
             *([(*TF_STATIC, latched)] if scene.frames.fixed else []),
             ("/diagnostics", DIAGNOSTICS, qos_profile(1)),
         ]
@@ -287,10 +288,8 @@ class McapSink:
     def _write_received(self, event: AppliedWrench | RejectedWrench) -> None:
         command = event.received
         if command is not None and event.topic in self._ids:
-            # The stamp may be of any clock; the times of the record are simulation time.
-            pack = cdr.stamped_packer(WRENCH, command.frame_id)
-            message = pack(*cdr.split_stamp(command.stamp_ns), *command.force, *command.torque)
-            self._add(event.topic, message, event.time_ns)
+            # Whatever its stamp is, the times of the record are simulation time.
+            self._add(event.topic, encode_received(command), event.time_ns)
 
     def _write_applied(self, event: AppliedWrench) -> None:
         self._add(event.topic + APPLIED, encode_applied(event), event.time_ns)
@@ -299,12 +298,6 @@ class McapSink:
         status = (event.level, event.name, event.message, self._body_frame, list(event.values.items()))
         message = cdr.encode(DIAGNOSTICS, event.time_ns, "", [status])
         self._add("/diagnostics", message, event.time_ns)
-
-    def _write_inertia(self, body: RigidBody, time_ns: int) -> None:
-        (xx, xy, xz), (_, yy, yz), (_, _, zz) = body.inertia
-        values = (body.mass, *body.center_of_mass, xx, xy, xz, yy, yz, zz)
-        message = cdr.encode(INERTIA, time_ns, self._body_frame, values)
-        self._add("inertia", message, time_ns)
 
 
 def verify(path: Path, counts: Mapping[str, int]) -> None:

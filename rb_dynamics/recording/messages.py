@@ -52,6 +52,9 @@ POTENTIAL = ("energy/potential", SCALAR)
 ACCEL = ("accel", ACCELERATION)
 """Where it is asked for."""
 
+MASS_PROPERTIES = ("inertia", INERTIA)
+"""Once at the beginning of each file."""
+
 TF_STATIC = ("/tf_static", TRANSFORMS)
 """Where the scene has frames fixed on the body."""
 
@@ -100,6 +103,20 @@ def encode_applied(event: AppliedWrench) -> bytes:
     """Return the message of a wrench as it acts."""
     pack = cdr.stamped_packer(WRENCH, event.frame_id)
     return pack(*cdr.split_stamp(event.time_ns), *event.force, *event.torque)
+
+
+def encode_received(command: Wrench) -> bytes:
+    """Return the message of a command as it came; its stamp may be of any clock."""
+    pack = cdr.stamped_packer(WRENCH, command.frame_id)
+    return pack(*cdr.split_stamp(command.stamp_ns), *command.force, *command.torque)
+
+
+def encode_inertia(scene: Scene, time_ns: int) -> bytes:
+    """Return the message that says the mass properties of the body."""
+    body = scene.body
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = body.inertia
+    values = (body.mass, *body.center_of_mass, xx, xy, xz, yy, yz, zz)
+    return cdr.encode(INERTIA, time_ns, scene.frames.body_frame, values)
 
 
 def encode_fixed(frames: WrenchFrames, time_ns: int) -> bytes:

@@ -14,7 +14,15 @@ from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.recording import cdr
 from rb_dynamics.recording.bag_source import Source
 from rb_dynamics.recording.mcap_records import Message
-from rb_dynamics.recording.messages import APPLIED, POTENTIAL, SAMPLE_TOPICS, WRENCH, decode_wrench
+from rb_dynamics.recording.messages import (
+    APPLIED,
+    MASS_PROPERTIES,
+    POTENTIAL,
+    SAMPLE_TOPICS,
+    TF_STATIC,
+    WRENCH,
+    decode_wrench,
+)
 from rb_dynamics.recording.provenance import RUN, SCENE, TOPICS
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.scene.read import parse_scene
@@ -64,7 +72,7 @@ def scene_and_names(source: Source, purpose: str = "run again") -> tuple[Scene, 
             "BAG"
         )
     scene = parse_scene(source.attachments[SCENE].decode(), f"{source.path}: {SCENE}")
-    topics = [name for name, _ in (*SAMPLE_TOPICS, POTENTIAL)]
+    topics = [name for name, _ in (*SAMPLE_TOPICS, POTENTIAL, MASS_PROPERTIES, TF_STATIC)]
     for topic in [*(c.topic for c in scene.channels), *(name for name, _ in scene.acting.schedules())]:
         topics += [topic, topic + APPLIED]
     usual = {name: name if name.startswith("/") else f"/{name}" for name in topics}

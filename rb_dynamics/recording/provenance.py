@@ -8,7 +8,6 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from rb_dynamics.loads.channels import AppliedWrench
     from rb_dynamics.scene.model import Scene
 
 SCENE = "scene.yaml"
@@ -34,6 +33,9 @@ MISSING_FILES = "missing_files"
 
 TOPICS = "rb_dynamics.topics"
 """Name of the metadata of a log that gives each topic's name in the log by its name in the scene."""
+
+INPUTS_RULE = "inputs_rule"
+"""What says in the result by which rule `inputs_sha256` was made; absent in logs of the first."""
 
 CHECKPOINT = "rb_dynamics.checkpoint"
 """Name of the metadata that follows the samples in a log as they are written: how many, and the hash of all of them."""
@@ -84,19 +86,3 @@ def run_metadata(scene: Scene, method: str, solver: str) -> dict[str, str]:
         **{f"version.{package}": version(package) for package in _PACKAGES},
         **({"plugins": plugins} if plugins else {}),
     }
-
-
-class InputHash:
-    """SHA-256 over the scene text and every wrench in the order and at the time in which it took effect."""
-
-    def __init__(self, scene_text: str) -> None:
-        """Begin with the scene."""
-        self._hash = hashlib.sha256(scene_text.encode())
-
-    def update(self, applied: AppliedWrench) -> None:
-        """Add one change; floats enter with all their digits."""
-        self._hash.update(repr(applied).encode())
-
-    def hexdigest(self) -> str:
-        """Return the hash so far."""
-        return self._hash.hexdigest()

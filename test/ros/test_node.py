@@ -20,6 +20,8 @@ from std_srvs.srv import SetBool, Trigger
 
 from rb_dynamics import HashSink, Simulation, Wrench, read_scene
 from rb_dynamics.recording.mcap_reader import read_bag
+from rb_dynamics.recording.mcap_sink import McapSink
+from rb_dynamics.replay import replay
 from rb_dynamics.rotation import rotate
 
 pytestmark = pytest.mark.ros
@@ -74,17 +76,24 @@ def test_lockstep_gives_the_bits_of_simulate_in_any_order(scene: Path, peer: Pee
         peer.spin(0.3)
         assert stamp(poses[-1]) == 500_000_000, "time must stand still at the smallest of the newest stamps"
         assert node.stop() == 0
-    offline = Simulation(read_scene(scene), [states := HashSink()])
+    offline = Simulation(read_scene(scene), [McapSink(tmp_path / "offline.mcap")])
     for topic, w in [("push", Wrench(stamp_ns=0)), *commands]:
         offline.post(topic, w, w.stamp_ns)
     offline.start()
     offline.advance(500_000_000)
+    offline.finish()
     last = poses[-1].pose
     sample = offline.sample
     assert (last.position.x, last.position.y, last.position.z) == sample.position_world
     o = last.orientation
     assert (o.x, o.y, o.z, o.w) == sample.orientation_xyzw
-    assert read_bag(log).metadata["rb_dynamics.result"]["states_sha256"] == states.hexdigest()
+    flown, computed = (read_bag(each).metadata["rb_dynamics.result"] for each in (log, tmp_path / "offline.mcap"))
+    assert flown["states_sha256"] == computed["states_sha256"]
+    # Though at 0 the node had looked at one channel before the other had spoken.
+    assert flown["inputs_sha256"] == computed["inputs_sha256"]
+    found = replay(log)
+    assert found.identical
+    assert {what for _, what in found.uncompared} <= {"messages that say how a node was"}
 
 
 def test_lockstep_waits_for_a_channel_that_has_not_spoken(tmp_path: Path, peer: Peer) -> None:

@@ -1,0 +1,83 @@
+"""`InputHash`: one SHA-256 that two runs share exactly when scene and commands agree, however the commands came.
+
+Logs without `inputs_rule` have the hash of `AppliedHash`, over what acted in the order in which it was looked at.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+from operator import itemgetter
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rb_dynamics.loads.channels import AppliedWrench
+    from rb_dynamics.scene.model import Scene
+
+RULE = "2"
+"""What `inputs_rule` says beside a hash of `InputHash`."""
+
+_NUMBERS = struct.Struct("<6d")
+
+
+class InputHash:
+    """SHA-256 over the text of a scene and every command that took effect on one of its channels, in order of time.
+
+    Commands of one nanosecond enter in the order of the scene's channels, those of one channel as they came. Each is a
+    line of UTF-8, `TIME TOPIC STAMP NUMBERS FRAME` and a newline: when it took effect and its stamp (ns), the topic as
+    the scene writes it, force and torque as 6 float64, little endian, in 96 hexadecimal digits, and its `frame_id`.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        """Begin with the scene."""
+        self._hash = hashlib.sha256(scene.text.encode())
+        self._places = {channel.topic: place for place, channel in enumerate(scene.channels)}
+        self._time_ns = 0
+        self._lines: list[tuple[int, str]] = []
+
+    def update(self, applied: AppliedWrench) -> None:
+        """Add a change of what acts; timeouts and effects follow from the scene and do not count."""
+        command, place = applied.received, self._places.get(applied.topic)
+        if command is None or place is None:
+            return
+        if applied.time_ns > self._time_ns:
+            self._end_nanosecond()
+            self._time_ns = applied.time_ns
+        numbers = _NUMBERS.pack(*command.force, *command.torque).hex()
+        line = f"{applied.time_ns} {applied.topic} {command.stamp_ns} {numbers} {command.frame_id}\n"
+        self._lines.append((place, line))
+
+    def hexdigest(self) -> str:
+        """Return the hash so far; what comes later must not be of the same nanosecond."""
+        self._end_nanosecond()
+        return self._hash.hexdigest()
+
+    def _end_nanosecond(self) -> None:
+        for _, line in sorted(self._lines, key=itemgetter(0)):
+            self._hash.update(line.encode("utf-8", "replace"))
+        self._lines.clear()
+
+
+class AppliedHash:
+    """SHA-256 over the text of a scene and every change of what acts, effects and timeouts included, as given."""
+
+    def __init__(self, scene: Scene) -> None:
+        """Begin with the scene."""
+        self._hash = hashlib.sha256(scene.text.encode())
+
+    def update(self, applied: AppliedWrench) -> None:
+        """Add one change."""
+        came = applied.received
+        received = came and (
+            f"Wrench(force={came.force!r}, torque={came.torque!r}, frame_id={came.frame_id!r}, "
+            f"stamp_ns={came.stamp_ns!r})"
+        )
+        line = (
+            f"AppliedWrench(time_ns={applied.time_ns!r}, topic={applied.topic!r}, received={received}, "
+            f"frame_id={applied.frame_id!r}, force={applied.force!r}, torque={applied.torque!r})"
+        )
+        self._hash.update(line.encode())
+
+    def hexdigest(self) -> str:
+        """Return the hash so far."""
+        return self._hash.hexdigest()
