@@ -97,6 +97,21 @@ class Choice:
         return np.array(self.values)[np.searchsorted(ends, probability, side="right")]
 
 
+@dataclass(frozen=True)
+class Stepped:
+    """Another distribution, rounded to whole multiples of `step`."""
+
+    distribution: Distribution
+    step: float
+
+    def quantile(self, probability: Numbers) -> Numbers:
+        """Return the quantiles; see `Distribution`."""
+        import numpy as np
+
+        rounded: Numbers = np.rint(self.distribution.quantile(probability) / self.step) * self.step
+        return rounded
+
+
 def exponentials(exponents: Numbers) -> Numbers:
     """Return e to the power of each of (n,), by libm one by one: vector units of other processors have other bits."""
     import numpy as np

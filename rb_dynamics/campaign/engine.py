@@ -18,12 +18,15 @@ from importlib.util import find_spec
 from itertools import islice
 from typing import Any
 
-from rb_dynamics.campaign.bodies import go_side_by_side
+from rb_dynamics.campaign.bodies import go_side_by_side, step_ns
+from rb_dynamics.campaign.control import DELAY
+from rb_dynamics.campaign.distributions import Choice, Stepped
 from rb_dynamics.campaign.flight import Columns, fly_block
 from rb_dynamics.campaign.model import Campaign
 from rb_dynamics.campaign.scenes import Scenes
 from rb_dynamics.campaign.store import Store
 from rb_dynamics.errors import LogError, MissingExtraError
+from rb_dynamics.motion.step_control import NANOSECONDS
 from rb_dynamics.recording.provenance import version
 
 Progress = Callable[[int, int], None]
@@ -97,9 +100,24 @@ def run_campaign(
 def flies_side_by_side(campaign: Campaign) -> bool:
     """Return whether the runs of `campaign` go through the kernels for many bodies, and not one by one."""
     dispersed = {each.name.partition(".")[0] for each in campaign.inputs}
-    return dispersed.isdisjoint(("solver", "duration")) and go_side_by_side(
-        [Scenes(campaign).base], campaign.control is not None
+    base = Scenes(campaign).base
+    return (
+        dispersed.isdisjoint(("solver", "duration"))
+        and go_side_by_side([base], campaign.control is not None)
+        and _commands_on_grid(campaign, step_ns(base))
     )
+
+
+def _commands_on_grid(campaign: Campaign, step: int | None) -> bool:
+    """Return whether all delays are whole multiples of a step (ns); else commands come between steps."""
+    if campaign.control is None or step is None:
+        return True
+    found = next((each.distribution for each in campaign.inputs if each.name == DELAY), None)
+    if found is None:
+        delays: tuple[float, ...] = (dict(campaign.control.numbers)[DELAY],)
+    else:
+        delays = found.values if isinstance(found, Choice) else (found.step,) if isinstance(found, Stepped) else ()
+    return bool(delays) and all(round(delay * NANOSECONDS) % step == 0 for delay in delays)
 
 
 def _block(campaign: Campaign, workers: int) -> int:

@@ -13,9 +13,10 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rb_dynamics.campaign.bodies import Alone, Bodies, SideBySide, go_side_by_side, step_ns
-from rb_dynamics.campaign.control import Loop
+from rb_dynamics.campaign.control import Loop, check_values, delay_ns
 from rb_dynamics.campaign.metrics import Judge
 from rb_dynamics.campaign.model import Campaign
+from rb_dynamics.campaign.named import FunctionError
 from rb_dynamics.campaign.sampling import inputs
 from rb_dynamics.campaign.scenes import scenes_of
 from rb_dynamics.errors import ConvergenceError, SceneError
@@ -44,7 +45,7 @@ def fly_block(campaign: Campaign, first: int, last: int, threads: int | None = N
     """Return the rows of the runs from `first` to `last`, which is left out.
 
     Raises:
-        SceneError: a function of the user returned what makes no sense.
+        SceneError: a function of the user cannot be loaded, or returned what is no array of the right shape.
     """
     import numpy as np
 
@@ -55,18 +56,18 @@ def fly_block(campaign: Campaign, first: int, last: int, threads: int | None = N
     for number, row in zip(range(first, last), table.tolist(), strict=True):
         values = dict(zip(names, row, strict=True))
         try:
+            check_values(values)
             runs.append(_Run(number, values, scenes.scene(values)))
         except SceneError as error:
             errors[number] = str(error)
     metrics = {metric.name: np.full(last - first, math.nan) for metric in campaign.metrics}
     for group in _groups(campaign, runs):
-        for part, judge in _fly(campaign, group, threads):
-            if isinstance(judge, str):
-                errors[part[0].number] = judge
-                continue
-            places = [run.number - first for run in part]
-            for name, column in judge.results().items():
-                metrics[name][places] = column
+        for part, found, failed in _fly(campaign, group, threads):
+            errors |= {part[place].number: why for place, why in failed.items()}
+            flown = [place for place in range(len(part)) if place not in failed]
+            places = [part[place].number - first for place in flown]
+            for name, column in found.items():
+                metrics[name][places] = column[flown]
     return {
         "run": np.arange(first, last, dtype=np.int64),
         "seed": np.full(last - first, campaign.seed, dtype=np.int64),
@@ -85,17 +86,21 @@ def fly_alone(
     Raises:
         SceneError: its inputs make no valid scene.
         ConvergenceError: a step cannot be solved.
+        FunctionError: a function of the user's raised, or its law gave no finite torque.
         LogError: a log cannot be written.
     """
     values = _values(campaign, number)
+    check_values(values)
     # A log and a page of it name the scene by its source.
     name = f"{campaign.source}, run {number}, seed {campaign.seed}"
     run = _Run(number, values, replace(scenes_of(campaign).whole(values), source=name))
     bodies, judge = Alone(run.scene, sinks), Judge(campaign, 1)
     try:
-        _advance(campaign, bodies, [run], judge, watch)
+        failed = _advance(campaign, bodies, [run], judge, watch)
     finally:
         bodies.finish()
+    if failed:
+        raise FunctionError(failed[0])
     return {name: float(column[0]) for name, column in judge.results().items()}
 
 
@@ -106,12 +111,13 @@ def watch_runs(campaign: Campaign, numbers: Sequence[int], watch: Callable[[Samp
         ValueError: they cannot go side by side.
         SceneError: the inputs of one make no valid scene.
         ConvergenceError: a step of one cannot be solved.
+        FunctionError: a function of the user's raised.
     """
     runs = []
     for number in numbers:
         values = _values(campaign, number)
         runs.append(_Run(number, values, scenes_of(campaign).scene(values)))
-    if not go_side_by_side([run.scene for run in runs], campaign.control is not None):
+    if not _together(campaign, runs):
         raise ValueError("these runs cannot go side by side; fly each of them alone")
     bodies = SideBySide([run.scene for run in runs], None)
     _advance(campaign, bodies, runs, Judge(campaign, len(runs)), watch)
@@ -138,24 +144,40 @@ def _passed(
 
 def _groups(campaign: Campaign, runs: list[_Run]) -> list[list[_Run]]:
     """Return runs that go side by side together, and others each in a list of its own."""
-    if runs and go_side_by_side([run.scene for run in runs], campaign.control is not None):
-        return [runs]
+    together = [run for run in runs if _on_grid(campaign, run)]
+    if together and _together(campaign, together):
+        return [together, *([run] for run in runs if not _on_grid(campaign, run))]
     return [[run] for run in runs]
 
 
-def _fly(campaign: Campaign, runs: list[_Run], threads: int | None) -> list[tuple[list[_Run], Judge | str]]:
-    """Return parts of `runs`, each with its metrics, or with why its only run could not be flown."""
+def _together(campaign: Campaign, runs: Sequence[_Run]) -> bool:
+    """Return whether these runs can go side by side."""
+    is_driven = campaign.control is not None
+    return go_side_by_side([run.scene for run in runs], is_driven) and all(_on_grid(campaign, run) for run in runs)
+
+
+def _on_grid(campaign: Campaign, run: _Run) -> bool:
+    """Return whether the commands of a run come at its steps: a body in a block cannot begin them anew by itself."""
+    step = step_ns(run.scene)
+    return campaign.control is None or step is None or delay_ns(campaign.control, run.values) % step == 0
+
+
+_Part = tuple[list[_Run], Mapping[str, "Numbers"], Mapping[int, str]]
+"""Runs, their metrics, and why some of them could not be flown, by their places."""
+
+
+def _fly(campaign: Campaign, runs: list[_Run], threads: int | None) -> list[_Part]:
+    """Fly `runs`; where one of them stops all, in parts."""
     judge, scenes = Judge(campaign, len(runs)), [run.scene for run in runs]
-    together = go_side_by_side(scenes, campaign.control is not None)
     try:
-        bodies = SideBySide(scenes, threads) if together else Alone(scenes[0])
-        _advance(campaign, bodies, runs, judge)
-    except ConvergenceError as error:
+        bodies = SideBySide(scenes, threads) if _together(campaign, runs) else Alone(scenes[0])
+        failed = _advance(campaign, bodies, runs, judge)
+    except (ConvergenceError, FunctionError) as error:
         if len(runs) == 1:
-            return [(runs, str(error).removeprefix("body 0: "))]
+            return [(runs, {}, {0: str(error).removeprefix("body 0: ")})]
         half = len(runs) // 2
         return _fly(campaign, runs[:half], threads) + _fly(campaign, runs[half:], threads)
-    return [(runs, judge)]
+    return [(runs, judge.results(), failed)]
 
 
 def _advance(
@@ -164,8 +186,11 @@ def _advance(
     runs: Sequence[_Run],
     judge: Judge,
     watch: Callable[[Samples], None] | None = None,
-) -> None:
-    """Take the bodies from edge to edge (sample of the controller, command, look) to the end of their scene."""
+) -> Mapping[int, str]:
+    """Take the bodies from edge to edge (sample of the controller, command, look) to the end of their scene.
+
+    Returns why some could not be flown, by their places; it ends early where none could.
+    """
     scene = runs[0].scene
     end_ns = scene.end_ns or 0
     loop = _closed(campaign, runs)
@@ -187,8 +212,8 @@ def _advance(
             if sampling and loop is not None:
                 loop.sample(time_ns, samples)
                 next_sample_ns += loop.period_ns
-        if time_ns >= end_ns:
-            return
+        if time_ns >= end_ns or (loop is not None and len(loop.failed) == len(runs)):
+            return {} if loop is None else loop.failed
         if loop is not None and (held := loop.commanded(time_ns)) is not None:
             bodies.hold(*held)
 
@@ -196,16 +221,15 @@ def _advance(
 class _Closed:
     """Controllers whose torques wait for their time."""
 
-    def __init__(self, loop: Loop, period_ns: int) -> None:
+    def __init__(self, loop: Loop, period_ns: int, delays_ns: Sequence[int]) -> None:
         import numpy as np
 
-        self.period_ns = period_ns
+        self.period_ns, self.failed = period_ns, loop.failed
         self._loop = loop
-        delays = np.unique(loop.delays_ns).tolist()
-        self._groups = [(delay, loop.delays_ns == delay) for delay in delays]
+        self._groups = [(delay, np.array(delays_ns) == delay) for delay in sorted(set(delays_ns))]
         self._waiting: list[tuple[int, int, int]] = []
         self._torques: dict[int, Numbers] = {}
-        self._held: Numbers = np.zeros((len(loop.delays_ns), 3))
+        self._held: Numbers = np.zeros((len(delays_ns), 3))
         self._count = 0
 
     def sample(self, time_ns: int, samples: Samples) -> None:
@@ -242,6 +266,5 @@ def _closed(campaign: Campaign, runs: Sequence[_Run]) -> _Closed | None:
     if control is None:
         return None
     values = {each.name: np.array([run.values[each.name] for run in runs]) for each in campaign.inputs}
-    unit_ns = step_ns(runs[0].scene) or 1
-    loop = Loop(campaign, control, [run.number for run in runs], values, unit_ns)
-    return _Closed(loop, control.period_ns)
+    loop = Loop(campaign, control, [run.number for run in runs], values)
+    return _Closed(loop, control.period_ns, [delay_ns(control, run.values) for run in runs])

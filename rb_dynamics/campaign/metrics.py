@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from rb_dynamics.campaign.model import Campaign, Metric
-from rb_dynamics.campaign.named import named
+from rb_dynamics.campaign.named import called, named
 from rb_dynamics.errors import SceneError
 from rb_dynamics.motion.step_control import NANOSECONDS
 
@@ -122,12 +122,17 @@ class Judge:
         self._functions = list(functions.items())
 
     def look(self, samples: Samples) -> None:
-        """Take in N bodies at a time later than the last."""
+        """Take in N bodies at a time later than the last.
+
+        Raises:
+            FunctionError: a quantity of the user's raised.
+            SceneError: it returned something else than a number for each body.
+        """
         import numpy as np
 
         time_s, count = float(samples.time_ns / NANOSECONDS), len(samples.orientation_xyzw)
         for (name, *_), (function, reductions) in self._functions:
-            values = np.asarray(function(samples), dtype=np.float64)
+            values = called(f"metrics: {name}", lambda of=function: np.asarray(of(samples), dtype=np.float64))
             if values.shape != (count,):
                 raise SceneError(
                     f"metrics: {name} returned an array of shape {values.shape}, expected ({count},): a number for "

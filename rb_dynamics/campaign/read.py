@@ -15,10 +15,11 @@ from types import MappingProxyType
 
 from rb_dynamics.campaign import laws
 from rb_dynamics.campaign.bodies import CHANNEL, step_ns
+from rb_dynamics.campaign.control import DELAY, NOT_NEGATIVE, NUMBER, POSITIVE, RULES
 from rb_dynamics.campaign.metrics import QUANTITIES, REDUCTIONS, Judge
 from rb_dynamics.campaign.model import SAMPLINGS, Campaign, Control, Metric, Requirement
 from rb_dynamics.campaign.named import named
-from rb_dynamics.campaign.read_dispersions import NOT_NEGATIVE, NUMBER, POSITIVE, correlations, inputs
+from rb_dynamics.campaign.read_dispersions import correlations, inputs
 from rb_dynamics.campaign.user_modules import read_modules
 from rb_dynamics.errors import SceneError
 from rb_dynamics.motion.step_control import NANOSECONDS
@@ -50,7 +51,6 @@ _RATE = Rule(
     lambda v: 1.0 / LONGEST <= v <= 1.0 / SHORTEST,
     "write how many times per second, such as 10",
 )
-_DELAY = Rule(f"a number from 0 to {LONGEST:.1e} (s)", lambda v: 0.0 <= v <= LONGEST, "write a time of 0 or more")
 
 _MOST_SOBOL = 2**30
 
@@ -179,7 +179,7 @@ def _control(field: Field | None) -> Control | None:
     noise = section.section("noise", ("attitude", "rate"))
     saturation = section.get("saturation")
     numbers = {
-        "control.delay": section.number("delay", _DELAY, 0.0),
+        DELAY: section.number("delay", RULES[DELAY], 0.0),
         "control.saturation": math.inf if saturation is None else saturation.number(POSITIVE, 1.0),
         **{f"control.bias[{i}]": value for i, value in enumerate(section.vector("bias", NUMBER))},
         "control.noise.attitude": noise.number("attitude", NOT_NEGATIVE, 0.0),

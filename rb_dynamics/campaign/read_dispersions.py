@@ -6,7 +6,8 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 
-from rb_dynamics.campaign.distributions import Choice, Distribution, LogNormal, LogUniform, Normal, Uniform
+from rb_dynamics.campaign.control import NOT_NEGATIVE, NUMBER, POSITIVE
+from rb_dynamics.campaign.distributions import Choice, Distribution, LogNormal, LogUniform, Normal, Stepped, Uniform
 from rb_dynamics.campaign.model import Input
 from rb_dynamics.campaign.scenes import ANYHOW, AXES, FACTORS, INERTIA, ORIENTATION, TURNS
 from rb_dynamics.scene import document
@@ -17,9 +18,7 @@ from rb_dynamics.scene.overrides import PART
 from rb_dynamics.scene.problems import Problems
 
 _FORMS = ("normal", "uniform", "log_uniform", "choice")
-NUMBER = Rule("a finite number")
-NOT_NEGATIVE = Rule("a number of 0 or more", lambda v: v >= 0.0, "write a size without a sign")
-POSITIVE = Rule("a number greater than 0", lambda v: v > 0.0, "write a size, neither 0 nor with a sign")
+_FACTOR = Rule("a number from 0 to 80", lambda v: 0.0 <= v <= 80.0, "write a deviation of the logarithm, such as 0.05")
 _COEFFICIENT = Rule("a number between -1 and 1", lambda v: -1.0 < v < 1.0, "write a correlation such as 0.5")
 
 
@@ -48,7 +47,7 @@ def _inertia(entry: Field, base: Scene) -> list[Input]:
         entry.reject("a body that turns", "add body.inertia to the scene", "the inertia of a particle")
     if not section.values:
         entry.reject("second_moments or axes", "write for example {second_moments: 0.05, axes: 0.02}")
-    spread, turn = section.number("second_moments", NOT_NEGATIVE, 0.0), section.number("axes", NOT_NEGATIVE, 0.0)
+    spread, turn = section.number("second_moments", _FACTOR, 0.0), section.number("axes", NOT_NEGATIVE, 0.0)
     factors = [Input(name, LogNormal(spread), INERTIA) for name in FACTORS]
     return factors + [Input(name, Normal(0.0, turn), INERTIA) for name in AXES]
 
@@ -101,31 +100,56 @@ def _numbers(key: str, entry: Field, values: Mapping[str, float]) -> list[Input]
 
 
 def _normal(field: Field, value: float) -> Distribution:
-    section = field.section(("mean", "deviation", "relative", "low", "high"))
+    section = field.section(("mean", "deviation", "relative", "low", "high", "step"))
     mean = section.number("mean", NUMBER, value)
     if ("deviation" in section.values) == ("relative" in section.values) and isinstance(field.node.value, dict):
         field.reject("exactly one of deviation and relative", "write deviation, or relative as a fraction of the mean")
     deviation = section.number("deviation", NOT_NEGATIVE, 0.0)
     relative = section.number("relative", NOT_NEGATIVE, 0.0)
     low, high = _edges(section, -math.inf, math.inf)
-    return Normal(mean, deviation or relative * abs(mean), low, high)
+    deviation = deviation or relative * abs(mean)
+    if not math.isfinite(abs(mean) + _FARTHEST * deviation):
+        field.reject("numbers within the range of double precision", "write a smaller mean or deviation")
+    return _stepped(section, Normal(mean, deviation, low, high))
 
 
 def _uniform(field: Field, value: float) -> Distribution:
-    section = field.section(("low", "high", "half_width"))
+    section = field.section(("low", "high", "half_width", "step"))
     if "half_width" in section.values:
-        if len(section.values) > 1:
+        if {"low", "high"} & section.values.keys():
             field.reject("half_width alone, or low and high", "remove half_width")
         width = section.number("half_width", NOT_NEGATIVE, 0.0)
-        return Uniform(value - width, value + width)
-    _both(section)
-    return Uniform(*_edges(section, 0.0, 1.0))
+        low, high = value - width, value + width
+    else:
+        _both(section)
+        low, high = _edges(section, 0.0, 1.0)
+    if not math.isfinite(high - low):
+        field.reject("a width within the range of double precision", "move low and high together")
+    return _stepped(section, Uniform(low, high))
 
 
 def _log_uniform(field: Field, _: float) -> Distribution:
-    section = field.section(("low", "high"))
+    section = field.section(("low", "high", "step"))
     _both(section)
-    return LogUniform(*_edges(section, 1.0, 10.0, POSITIVE))
+    low, high = _edges(section, 1.0, 10.0, POSITIVE)
+    if not math.isfinite(high / low):
+        field.reject("a ratio of high to low within the range of double precision", "move low and high together")
+    return _stepped(section, LogUniform(low, high))
+
+
+def _stepped(section: Section, distribution: Normal | Uniform | LogUniform) -> Distribution:
+    """Return `distribution`, rounded to multiples of `step` where the section has one."""
+    field = section.get("step")
+    if field is None:
+        return distribution
+    step = field.number(POSITIVE, 1.0)
+    for edge in (distribution.low, distribution.high):
+        # Rounding would leave the bounds, or have a value there that is rounded to it from one side only.
+        steps = edge / step
+        if math.isfinite(edge) and not (math.isfinite(steps) and math.isclose(steps, round(steps), abs_tol=1e-9)):
+            field.reject("a step of which the lowest and the highest value are whole multiples", "write another step")
+            break
+    return Stepped(distribution, step)
 
 
 def _choice(field: Field, _: float) -> Distribution:
@@ -138,12 +162,16 @@ def _choice(field: Field, _: float) -> Distribution:
     weights = [1.0] * len(values)
     if weighed is not None:
         weights = [item.number(NOT_NEGATIVE, 0.0) for item in weighed.items("a list of numbers", "write [1, 2]")]
-    if not values or len(weights) != len(values) or not sum(weights) > 0.0:
-        field.reject("at least one value, and as many weights, of which one is greater than 0", "correct the lists")
+    if not values or len(weights) != len(values) or not 0.0 < sum(weights) < math.inf:
+        expected = "at least one value, and as many weights, of which one is greater than 0, with a sum that is finite"
+        field.reject(expected, "correct the lists")
         return Uniform(0.0, 1.0)
     total = math.fsum(weights)
     return Choice(tuple(values), tuple(weight / total for weight in weights))
 
+
+_FARTHEST = 9.0
+"""Deviations that no normal number leaves: its probability is 2^-54 or more."""
 
 _READERS: Mapping[str, Callable[[Field, float], Distribution]] = {
     "normal": _normal,

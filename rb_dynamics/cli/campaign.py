@@ -3,7 +3,7 @@
 Runs go in blocks to processes of dask on this machine (extra: scale), or behind --scheduler. Rows are kept as they
 come: the same command goes on where it was interrupted, and ends with the same file. Results do not depend on workers
 and blocks. --rerun flies one run again, alone, with a full log, and compares it with its row.
-Exit code 1: the run that was flown again differs from its row.
+Exit code 1: some runs could not be flown, or the run that was flown again differs from its row.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Fly and print; exit code 0, or 1 where a run that was flown again differs from its row."""
+    """Fly and print; exit code 0, or 1 where a run could not be flown, or differs from its row."""
     from pathlib import Path
 
     from rb_dynamics.campaign.read import read_campaign
@@ -82,7 +82,8 @@ def _run_all(args: argparse.Namespace, campaign: Campaign, out: Path) -> int:
     if not flies_side_by_side(campaign):
         print(
             "note: these runs go one by one, some hundred times slower than side by side: for that a scene has no "
-            "effects, and solver.step (see docs/campaigns.md)",
+            "effects, and solver.step, and delays are whole multiples of it, as with step: in the distribution (see "
+            "docs/campaigns.md)",
             file=sys.stderr,
         )
     with counting(args.campaign, "run", store.done, campaign.runs) as progress:
@@ -100,7 +101,7 @@ def _run_all(args: argparse.Namespace, campaign: Campaign, out: Path) -> int:
         for path in (out, out.with_suffix(".json"), page):
             if path is not None:
                 print(f"wrote {path}")
-    return 0
+    return 1 if summary.errors else 0
 
 
 def _options(args: argparse.Namespace) -> list[str]:
@@ -140,4 +141,4 @@ def _run_again(args: argparse.Namespace, campaign: Campaign, out: Path) -> int:
     print(json.dumps(found.as_dict(), allow_nan=False) if args.json else found.as_text())
     if found.row is None:
         print(f"note: no row of run {args.rerun} in {out} to compare with", file=sys.stderr)
-    return 1 if found.differs else 0
+    return 1 if found.differs or found.error else 0

@@ -354,6 +354,30 @@ def test_a_rerun_that_differs_is_seen(
     assert "differs from its row" in capsys.readouterr().out
 
 
+def test_runs_that_a_law_fails_are_rows_and_the_exit_code_tells(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    law = LAW.format(gain="(1.0 + 0.0 * (check(measured) or 1.0))")
+    check = "def check(measured):\n    if abs(measured.angular_velocity_body[:, 0]).max() > 0.6:\n        [][0]\n"
+    (tmp_path / "own_check.py").write_text(f"{check}\n\n{law}")
+    campaign = write(tmp_path, CAMPAIGN.replace("law: rate_damping", "law: own_check.law"))
+    out = tmp_path / "rows.parquet"
+    arguments = ["campaign", str(campaign), "--out", str(out), "--workers", "0"]
+    for _ in range(2):
+        # Whether they have just been flown or are on disk.
+        assert main([*arguments, "--json"]) == 1
+        printed = json.loads(capsys.readouterr().out)
+    failed, why = printed["errors"][0]
+    assert 0 < len(printed["errors"]) < 24
+    assert why == "control.law: own_check.law raised IndexError: list index out of range, own_check.py:3"
+    assert main([*arguments, "--rerun", str(failed)]) == 1
+    found = capsys.readouterr()
+    assert f"not flown to its end: {why}\n  its row says: {why}\n" in found.out
+    assert "differs" not in found.out
+    # The log has it as far as it went.
+    assert read_bag(tmp_path / f"rows-{failed}.mcap").metadata[RUN]["end_time_ns"] != "2000000000"
+
+
 def wait_for(what: str, condition: Any, timeout: float = 60.0) -> None:
     end = time.monotonic() + timeout
     while not condition():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +13,14 @@ from campaigns import CAMPAIGN, SCENE, write
 
 from rb_dynamics import Simulation, Wrench
 from rb_dynamics.campaign.bodies import CHANNEL
+from rb_dynamics.campaign.engine import flies_side_by_side
 from rb_dynamics.campaign.flight import fly_alone, fly_block
 from rb_dynamics.campaign.model import Campaign
+from rb_dynamics.campaign.named import FunctionError
 from rb_dynamics.campaign.read import read_campaign
 from rb_dynamics.campaign.sampling import inputs
 from rb_dynamics.campaign.scenes import Scenes
+from rb_dynamics.errors import SceneError
 from rb_dynamics.recording.memory import MemorySink
 
 EFFECT = "effects: [{type: linear_drag, rotation: 0.05}]\n"
@@ -191,6 +195,138 @@ metrics: {final_rate: {final: rate}}
     found = fly_block(read_campaign(write(tmp_path, text)), 0, 4)
     assert sum("body.mass: found -0." in error for error in found["error"]) == 2
     assert found["passed"].sum() == 2
+
+
+OWN = """\
+import numpy as np
+
+
+def law(parameters):
+    gain = parameters["gain"][:, None]
+
+    def torque(measured):
+        {first}
+        rate = measured.angular_velocity_body
+        rate *= -gain
+        return {torque}
+
+    return torque
+
+
+def quantity(samples):
+    {quantity}
+    return samples.angular_velocity_body[:, 0]
+"""
+GOOD = {"first": "pass", "torque": "rate", "quantity": "pass"}
+FAST = "np.any(gain > 1.8) and measured.time_s > 0.9"
+LATE = "samples.time_ns > 10**9 and np.any(samples.angular_velocity_body > 0.3)"
+BAD = {
+    "NaN": {"torque": f"np.where((gain > 1.8) & (measured.time_s > 0.9), np.nan, {GOOD['torque']})"},
+    "raise": {"first": f"raise_ = [][1] if {FAST} else 0"},
+    "quantity": {"quantity": f"[][1] if {LATE} else 0"},
+}
+
+
+@pytest.mark.parametrize("bad", ["NaN", "raise", "quantity"])
+@pytest.mark.parametrize("scene", [SCENE, SCENE + EFFECT], ids=["many", "alone"])
+def test_a_function_that_fails_for_a_run_is_a_row_with_its_reason(tmp_path: Path, scene: str, bad: str) -> None:
+    text = CAMPAIGN.replace("law: rate_damping", "law: own_bad.law").replace(
+        "{final: rate}", "{final: own_bad.quantity}"
+    )
+    (tmp_path / "own_bad.py").write_text(OWN.format(**GOOD))
+    good = fly_block(read_campaign(write(tmp_path, text, scene)), 0, 24)
+    (tmp_path / "own_bad.py").write_text(OWN.format(**{**GOOD, **BAD[bad]}))
+    campaign = read_campaign(write(tmp_path, text, scene))
+    found = fly_block(campaign, 0, 24)
+
+    failed = [run for run, error in enumerate(found["error"]) if error]
+    reason = {
+        "NaN": r"control.law: own_bad.law returned \(nan, nan, nan\) N m at t = 1.0 s, no finite torque",
+        "raise": r"control.law: own_bad.law raised IndexError: list index out of range, own_bad.py:8",
+        "quantity": r"metrics: own_bad.quantity raised IndexError: list index out of range, own_bad.py:17",
+    }[bad]
+    assert 0 < len(failed) < 20
+    assert all(re.fullmatch(reason, found["error"][run]) for run in failed)
+    assert np.isnan(found["final_rate"][failed]).all()
+    assert not found["passed"][failed].any()
+    if bad != "quantity":
+        assert failed == [run for run in range(24) if good["control.parameters.gain"][run] > 1.8]
+    others = [run for run in range(24) if run not in failed]
+    assert [rows(found)[run] for run in others] == [rows(good)[run] for run in others]
+    parts = [row for first in (0, 1, 13) for row in rows(fly_block(campaign, first, {0: 1, 1: 13, 13: 24}[first]))]
+    assert parts == rows(found)
+    with pytest.raises(FunctionError, match=reason):
+        fly_alone(campaign, failed[0])
+
+
+def test_a_law_that_lacks_a_file_is_no_failed_run(tmp_path: Path) -> None:
+    (tmp_path / "own_bad.py").write_text(OWN.format(**{**GOOD, "first": "open('/none/such')"}))
+    campaign = read_campaign(write(tmp_path, CAMPAIGN.replace("law: rate_damping", "law: own_bad.law")))
+    with pytest.raises(SceneError, match=r"own_bad.law raised FileNotFoundError: .*, own_bad.py:8; what a law or a m"):
+        fly_block(campaign, 0, 2)
+
+
+@pytest.mark.parametrize(("returned", "message"), [("None", "returned None, expected a function of what is measured")])
+def test_a_law_that_makes_no_function(tmp_path: Path, returned: str, message: str) -> None:
+    (tmp_path / "own_none.py").write_text(f"def law(parameters):\n    return {returned}\n")
+    campaign = read_campaign(write(tmp_path, CAMPAIGN.replace("law: rate_damping", "law: own_none.law")))
+    with pytest.raises(SceneError, match=f"control.law: own_none.law {message}; correct the law"):
+        fly_block(campaign, 0, 2)
+
+
+def test_a_controller_that_cannot_be_is_a_row_with_its_reason(tmp_path: Path) -> None:
+    """A delay before the sample, noise of negative size, no torque at all."""
+    text = CAMPAIGN.replace("{choice: {values: [0.0, 0.1, 0.35]}}", "{choice: {values: [-0.05, 0.1]}}")
+    more = "  control.saturation: {uniform: {low: -1, high: 1}}\n  control.noise.rate: {uniform: {low: -1, high: 1}}\n"
+    campaign = read_campaign(write(tmp_path, text.replace("disperse:\n", f"disperse:\n{more}")))
+    found = fly_block(campaign, 0, 24)
+    for run, error in enumerate(found["error"]):
+        wrong = [
+            key
+            for key in ("control.saturation", "control.noise.rate", "control.delay")
+            if not (found[key][run] > 0.0 if key == "control.saturation" else found[key][run] >= 0.0)
+        ]
+        assert error.startswith(f"{wrong[0]}: found -" if wrong else "")
+        assert bool(error) == bool(wrong)
+    assert 0 < sum(map(bool, found["error"])) < 24
+
+
+@pytest.mark.parametrize("scene", [SCENE, SCENE + EFFECT], ids=["many", "effect"])
+def test_a_delay_between_steps_is_flown_as_it_is(tmp_path: Path, scene: str) -> None:
+    """The torque comes at its own time, however long the steps are: beside runs whose delays are whole steps."""
+    fixed = "solver: {method: rk4, step: 0.05}"
+    text = CAMPAIGN.replace("[0.0, 0.1, 0.35]", "[0.0, 0.01, 0.1]").replace("noise: {rate: 0.01, attitude: 0.01}", "")
+    steps = [
+        fly_block(read_campaign(write(tmp_path, text, scene.replace(fixed, other))), 0, 12)
+        for other in (fixed, fixed.replace("0.05", "0.01"), ACCURATE[1])
+    ]
+    assert set(steps[0]["control.delay"].tolist()) == {0.0, 0.01, 0.1}
+    for other in steps[1:]:
+        assert steps[0]["final_rate"] == pytest.approx(other["final_rate"], rel=1e-6)
+    campaign = read_campaign(write(tmp_path, text, scene))
+    alone = [fly_alone(campaign, run)["final_rate"] for run in range(12)]
+    assert alone == steps[0]["final_rate"].tolist()
+    assert not flies_side_by_side(campaign)
+
+
+@pytest.mark.parametrize(
+    ("delay", "expected"),
+    [
+        ("{choice: {values: [0.05, 0.1]}}", True),
+        ("{choice: {values: [0.05, 0.01]}}", False),
+        ("{uniform: {low: 0.05, high: 0.45}}", False),
+        ("{uniform: {low: 0.05, high: 0.45, step: 0.05}}", True),
+        ("{uniform: {low: 0.02, high: 0.04, step: 0.02}}", False),
+        ("{normal: {deviation: 0.02, low: 0, high: 0.4, step: 0.1}}", True),
+    ],
+)
+def test_delays_of_whole_steps_go_side_by_side(tmp_path: Path, delay: str, expected: bool) -> None:
+    campaign = read_campaign(write(tmp_path, CAMPAIGN.replace("{choice: {values: [0.0, 0.1, 0.35]}}", delay)))
+    assert flies_side_by_side(campaign) == expected
+    fixed = CAMPAIGN.replace("  control.delay: {choice: {values: [0.0, 0.1, 0.35]}}\n", "")
+    for value, on_grid in ((0.1, True), (0.02, False)):
+        text = fixed.replace("delay: 0.1", f"delay: {value}")
+        assert flies_side_by_side(read_campaign(write(tmp_path, text))) == on_grid
 
 
 def test_an_own_law_and_an_own_quantity(tmp_path: Path) -> None:
