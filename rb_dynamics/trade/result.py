@@ -36,8 +36,10 @@ class Row:
         energy_defect: T - T0 - work at the end, J.
         angular_momentum_defect: |L - L0 - integral of N dt| at the end, kg m^2/s.
         linear_momentum_defect: |p - p0 - integral of F dt| at the end, kg m/s.
-        time_per_s: seconds of computing for each simulated second, without outputs, compiling and loading.
-        real_time_factor: simulated seconds for each second of computing.
+        time_per_s: seconds of computing for each simulated second of the scene as it is run, with all its outputs,
+            without compiling, loading and writing a log.
+        real_time_factor: simulated seconds for each second of computing, outputs likewise.
+        bare_time_per_s: the same as `time_per_s` without outputs, as where only the end is asked for.
         steps: taken in the trial; those tried and refused are not counted.
         evaluations: of torque and force in these steps and in what they were compared with; None for a method without
             a fixed number of them: an implicit one iterates, a Taylor series has derivatives instead.
@@ -59,6 +61,7 @@ class Row:
     linear_momentum_defect: float
     time_per_s: float
     real_time_factor: float
+    bare_time_per_s: float
     steps: int
     evaluations: int | None
     compiled: bool
@@ -68,6 +71,11 @@ class Row:
     def setting(self) -> str:
         """The setting, for a person."""
         return setting(self.step, self.accuracy)
+
+    @property
+    def bare_real_time_factor(self) -> float:
+        """Simulated seconds for each second of computing without outputs."""
+        return 1.0 / self.bare_time_per_s
 
     @property
     def as_solver(self) -> Solver:

@@ -51,7 +51,8 @@ class Table:
         for _ in range(_REPEATS - 1 if is_short else int(flight.compiled)):
             again = self._trial.fly(solver, self._trial.as_the_whole(tally.used), parts=1)
             best = min(best, again.time if again else math.inf)
-        row = self._row(solver, flight, best)
+        bare = best / self._trial.seconds
+        row = self._row(solver, flight, bare, self._trial.time_with_outputs(solver, tally.used, bare))
         # The same steps again: a setting that changes nothing is not worth a row.
         if not rows or _run(rows[-1]) != _run(row):
             rows.append(row)
@@ -75,9 +76,9 @@ class Table:
         last = rows[-1]
         most = longest_in_plain(METHODS[last.method]) * self._trial.seconds / self._trial.whole
         # Where one has taken more in plain Python, none is compiled.
-        return far, last.time_per_s * self._trial.seconds * most / last.steps if last.steps <= most else math.inf
+        return far, last.bare_time_per_s * self._trial.seconds * most / last.steps if last.steps <= most else math.inf
 
-    def _row(self, solver: Solver, flight: Flight, took: float) -> Row:
+    def _row(self, solver: Solver, flight: Flight, bare: float, time_per_s: float) -> Row:
         trial, reference, end = self._trial, self._reference, flight.sample
         attitude, rate, position = trial.differences(end, self._truth)
         return Row(
@@ -93,8 +94,9 @@ class Table:
             energy_defect=end.energy_defect,
             angular_momentum_defect=norm(end.angular_momentum_defect_world),
             linear_momentum_defect=norm(end.linear_momentum_defect_world),
-            time_per_s=took / trial.seconds,
-            real_time_factor=trial.seconds / took,
+            time_per_s=time_per_s,
+            real_time_factor=1.0 / time_per_s,
+            bare_time_per_s=bare,
             steps=flight.steps,
             evaluations=evaluations_in(flight.methods, flight.steps, by_accuracy=solver.step is None),
             compiled=flight.compiled,

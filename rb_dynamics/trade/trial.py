@@ -31,6 +31,9 @@ _PARTS = 64
 
 _SAMPLES = 256
 
+# So long (s), or such a share of a run without them, do outputs run to tell what they cost.
+_SHORT, _SHARE = 0.005, 0.25
+
 # No clock tells less, s.
 _TICK = 1e-9
 
@@ -57,7 +60,7 @@ class Trial:
     """What is run again and again.
 
     Attributes:
-        scene: without its solver, duration and outputs.
+        scene: without its solver and duration.
         commands: until the end.
         seconds: simulated.
         whole: length of the scene, s.
@@ -90,7 +93,7 @@ class Trial:
         """
         # No run may find there what another one has computed.
         forget()
-        run = self._new(solver, 1)
+        run = self._new(solver, 1.0 / self.seconds)
         begin = self.clock()
         with counted_by(tally), _failing_alone(solver.method):
             post_all(run, self.commands)
@@ -102,6 +105,50 @@ class Trial:
                 if part < parts and took > limit:
                     return None
         return Flight(run.sample, run.methods, run.steps, max(took, _TICK), bool(tally.used))
+
+    def time_with_outputs(self, solver: Solver, used: Iterable[OnDemand], bare: float) -> float:
+        """Return the seconds of computing for each simulated second with the outputs of the scene.
+
+        Without them, that is `bare`, and `used` are the kernels. Outputs cost about the same all along: where there are
+        many, those of the beginning tell what all of them add.
+
+        Raises:
+            ConvergenceError: the method refuses, or is one of a plug-in and fails.
+        """
+        end_ns = round(self.seconds * NANOSECONDS)
+        if 0.0 < self.scene.output_rate * self.seconds < 1.0:
+            # None lies within.
+            return bare
+        limit = max(_SHORT, _SHARE * bare * self.seconds)
+        tally = self.as_the_whole(used)
+        reached_ns, took = self._reached(solver, tally, self.scene.output_rate, end_ns, limit)
+        seconds = reached_ns / NANOSECONDS
+        if tally.asked or reached_ns == end_ns:
+            # What is loaded now is not loaded in the middle of it; and a part has fewer steps than all of them.
+            tally = self.clock.tally(self.whole / seconds, WORTH_LOADING)
+            tally.used.update(used)
+            took = min(took, self._reached(solver, tally, self.scene.output_rate, reached_ns)[1])
+        if reached_ns == end_ns:
+            return max(bare, took / seconds)
+        alone = self._reached(solver, tally, 1.0 / self.seconds, reached_ns)[1]
+        return bare + max(0.0, took - alone) / seconds
+
+    def _reached(
+        self, solver: Solver, tally: Tally, output_rate: float, until_ns: int, limit: float = math.inf
+    ) -> tuple[int, float]:
+        """Return how far (ns) a run with outputs comes until then, or in about `limit` s, and its time (s)."""
+        forget()
+        run = self._new(solver, output_rate)
+        begin = self.clock()
+        with counted_by(tally), _failing_alone(solver.method):
+            post_all(run, self.commands)
+            part = max(1, until_ns >> 32) if limit < math.inf else until_ns
+            while True:
+                run.advance(min(part, until_ns))
+                took = max(self.clock() - begin, _TICK)
+                if part >= until_ns or took > 0.5 * limit:
+                    return min(part, until_ns), took
+                part *= 2 if 32.0 * took > limit else 16
 
     def as_the_whole(self, used: Iterable[OnDemand] = ()) -> Tally:
         """Return a tally that decides as a run of the whole scene would, with what is compiled here in its cache.
@@ -125,7 +172,7 @@ class Trial:
         Raises:
             ConvergenceError: the pilot refuses, or it is not over after `limit` s.
         """
-        run, samples = self._new(self.pilot, _SAMPLES), []
+        run, samples = self._new(self.pilot, _SAMPLES / self.seconds), []
         begin = self.clock()
         post_all(run, self.commands)
         with counted_by(tally or self.clock.tally(worth=math.inf)):
@@ -148,10 +195,9 @@ class Trial:
         within = [(topic, wrench) for topic, wrench in self.commands if wrench.stamp_ns < seconds * NANOSECONDS]
         return replace(self, commands=within, seconds=seconds, horizon=seconds)
 
-    def _new(self, solver: Solver, outputs: int) -> Simulation:
-        """Return a run with so many outputs, the last at the end of the trial."""
-        scene = replace(self.scene, solver=solver, duration=self.horizon, output_rate=outputs / self.seconds)
-        return Simulation(scene)
+    def _new(self, solver: Solver, output_rate: float) -> Simulation:
+        """Return a run with so many outputs a second."""
+        return Simulation(replace(self.scene, solver=solver, duration=self.horizon, output_rate=output_rate))
 
     def error(self, attitude: float, position: float) -> float:
         """Return the larger of the attitude error and the position error relative to the path."""

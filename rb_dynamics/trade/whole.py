@@ -35,7 +35,7 @@ class Whole:
         begin = trial.clock()
         self._end, self._longer = begin + seconds, trial.whole / trial.seconds
         whole = replace(trial, commands=commands, seconds=trial.whole, horizon=trial.scene.duration)
-        able = [row for row in rows if row.time_per_s * whole.seconds <= _EXPECTED * seconds]
+        able = [row for row in rows if row.bare_time_per_s * whole.seconds <= _EXPECTED * seconds]
         finest = min(able, key=lambda row: (row.error, row.time_per_s), default=None)
         if finest is None:
             return
@@ -55,7 +55,7 @@ class Whole:
             return guess
         whole = self._whole
         limit = self._end - whole.clock()
-        if row.time_per_s * whole.seconds > limit:
+        if row.bare_time_per_s * whole.seconds > limit:
             return guess
         try:
             flight = whole.fly(row.as_solver, whole.as_the_whole(), limit)
@@ -77,7 +77,7 @@ def enough(rows: Sequence[Row], target: float, trial: Trial, share: float) -> fl
     longer = trial.whole / trial.seconds
     keeping = [row for row in rows if row.error * longer <= target] or [row for row in rows if row.error <= target]
     times = [
-        max(finer.time_per_s / _EXPECTED, row.time_per_s / (1.0 - _FINEST))
+        max(finer.bare_time_per_s / _EXPECTED, row.bare_time_per_s / (1.0 - _FINEST))
         for row in keeping
         for finer in rows
         if finer.error < row.error

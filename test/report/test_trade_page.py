@@ -36,6 +36,7 @@ def row(method: str, step: float, error: float, time: float) -> Row:
         -3e-9,
         time,
         1.0 / time,
+        0.5 * time,
         100,
         None if method == "taylor" else 400,
         step < 0.3,

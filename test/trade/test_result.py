@@ -12,7 +12,7 @@ from rb_dynamics.scene.read import parse_scene
 from rb_dynamics.trade.result import HOPELESS, Reference, Row, Trade, recommend, with_front
 
 BODY = "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\n"
-ROW = Row("rk4", 0.1, None, 1e-5, 2e-5, 3e-5, 1e-5, False, 0.0, 0.0, 0.0, 1e-3, 1e3, 10, 40, False)
+ROW = Row("rk4", 0.1, None, 1e-5, 2e-5, 3e-5, 1e-5, False, 0.0, 0.0, 0.0, 1e-3, 1e3, 5e-4, 10, 40, False)
 
 
 def row(seconds: float, error: float, method: str = "rk4") -> Row:

@@ -23,9 +23,10 @@ from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.load import Takes
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import METHODS, kernel
+from rb_dynamics.report.trade_page import write_trade_page
 from rb_dynamics.scene.model import Scene, Solver
 from rb_dynamics.scene.read import parse_scene, read_scene
-from rb_dynamics.simulate import simulate
+from rb_dynamics.simulate import Simulation, simulate
 from rb_dynamics.trade import Recommendation, Row, Trade, reference, table, trade
 
 # The package: rb_dynamics.trade is the function.
@@ -123,6 +124,47 @@ def test_a_driven_scene_has_the_true_errors_and_no_closed_form() -> None:
         assert coarse.error > fine.error
 
 
+@pytest.mark.parametrize("rate", [0.001, 10.0])
+def test_what_is_fastest_is_fastest_with_the_outputs_of_the_scene(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, rate: float
+) -> None:
+    """By a clock on which dverk and rk4 take 10 and 20 ms a simulated second, and 10 and 2 ms for an output."""
+    spent, each = [0.0], {"dverk": (1e-2, 1e-2), "rk4": (2e-2, 2e-3)}
+
+    class Timed(Simulation):
+        def advance(self, until_ns: int) -> None:
+            before = self._computed_ns
+            super().advance(until_ns)
+            bare, output = each.get(self.scene.solver.method, (1e-3, 1e-3))
+            spent[0] += 1e-9 * (self._computed_ns - before) * (bare + output * self.scene.output_rate)
+
+    monkeypatch.setattr(importlib.import_module("rb_dynamics.trade.trial"), "Simulation", Timed)
+    found = trade(
+        parse_scene(f"{DRAG}output_rate: {rate}"), target=0.01, methods=[*each], time_s=4.0, clock=lambda: spent[0]
+    )
+
+    assert {one.method for one in found.rows} == set(each)
+    for one in found.rows:
+        bare, output = each[one.method]
+        # Without outputs, there is one: the end.
+        assert one.bare_time_per_s == pytest.approx(bare + output / found.trial_s)
+        assert one.time_per_s == pytest.approx(max(bare + rate * output, one.bare_time_per_s))
+        assert one.real_time_factor == 1.0 / one.time_per_s
+    assert found.recommended is not None
+    assert found.recommended.row.method == ("dverk" if rate < 1.0 else "rk4")
+    text = as_text(found)
+    taken = found.recommended.row
+    factors = (
+        f"{taken.real_time_factor:.3g} times real time with all outputs, {taken.bare_real_time_factor:.3g} without"
+    )
+    assert factors in text
+    assert "end alone" in text
+    write_trade_page(found, tmp_path / "trade.html")
+    page = (tmp_path / "trade.html").read_text(encoding="utf-8")
+    assert "end alone [s per s]" in page
+    assert f"real time with all outputs, {taken.bare_real_time_factor:.3g} x without" in page
+
+
 def test_only_the_methods_asked_for_are_measured_against_the_same_reference(
     free_scene: Scene, free_trade: Trade
 ) -> None:
@@ -213,7 +255,7 @@ def measured_in_part(monkeypatch: pytest.MonkeyPatch, seconds: float, flown: flo
     monkeypatch.setattr(TRADE, "trial_of", lambda *given: make(*given).part(seconds).look())
     monkeypatch.setattr(TRADE, "_WHOLE", flown)
     scene = parse_scene(DRAG.replace("duration: 2", "duration: 60").replace("0.1}", "1.0e-3}"))
-    return scene, trade(scene, target=1e-6, time_s=2.0, clock=CLOCK)
+    return scene, trade(scene, target=1e-6, time_s=3.0, clock=CLOCK)
 
 
 def test_what_is_recommended_keeps_the_target_over_the_whole_scene(monkeypatch: pytest.MonkeyPatch) -> None:
