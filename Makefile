@@ -29,7 +29,7 @@ demo: $(VENV)/installed-demo
 
 # The demo is flown only if it has not been; after a change: make demo pictures
 pictures: out/demo.rrd | $(VENV)/installed-demo
-	$(BIN)/python docs/make_pictures.py
+	$(BIN)/python tools/make_pictures.py
 
 # What a run costs, and how that grows: docs/scaling.md. Times are of this machine; a few minutes.
 scaling: $(VENV)/installed-test
@@ -37,10 +37,10 @@ scaling: $(VENV)/installed-test
 
 # The pages of docs/ whose numbers and figures are made by a script.
 pages: $(VENV)/installed-test
-	$(BIN)/python docs/make_diagram.py
-	$(BIN)/python docs/make_lecture.py
-	$(BIN)/python docs/make_reference.py
-	$(BIN)/python docs/make_verification.py
+	$(BIN)/python tools/make_diagram.py
+	$(BIN)/python tools/make_lecture.py
+	$(BIN)/python tools/make_reference.py
+	$(BIN)/python tools/make_verification.py
 
 # The site, in out/site; a link that leads nowhere is an error, but not with --quiet: mkdocs counts what it says.
 docs: $(VENV)/installed-docs

@@ -65,7 +65,7 @@ def seconds(do: Callable[[], object], repeats: int = REPEATS) -> float:
 
 
 def campaign(folder: str, end: float, runs: int) -> Any:
-    from rb_dynamics.campaign.read import read_campaign
+    from rb_dynamics.study.campaign.read import read_campaign
 
     Path(folder, "scene.yaml").write_text(SCENE)
     path = Path(folder, "campaign.yaml")
@@ -74,8 +74,8 @@ def campaign(folder: str, end: float, runs: int) -> Any:
 
 
 def by_runs(most: int) -> None:
-    from rb_dynamics.campaign.engine import SIDE_BY_SIDE
-    from rb_dynamics.campaign.flight import fly_block
+    from rb_dynamics.study.campaign.engine import SIDE_BY_SIDE
+    from rb_dynamics.study.campaign.flight import fly_block
 
     with tempfile.TemporaryDirectory() as folder:
         found = campaign(folder, 10.0, most)
@@ -101,9 +101,9 @@ class Flown(NamedTuple):
 
 
 def by_workers(runs: int) -> None:
-    from rb_dynamics.campaign.engine import run_campaign
-    from rb_dynamics.campaign.read import read_campaign
-    from rb_dynamics.campaign.store import Store
+    from rb_dynamics.study.campaign.engine import run_campaign
+    from rb_dynamics.study.campaign.read import read_campaign
+    from rb_dynamics.study.campaign.store import Store
 
     found, best = read_campaign(DETUMBLE, {"runs": runs}), dict[int, Flown]()
 
@@ -155,9 +155,9 @@ def wait_for_all(barrier: Any) -> None:
 
 
 def alone(_: int) -> float:
-    from rb_dynamics.campaign.engine import SIDE_BY_SIDE
-    from rb_dynamics.campaign.flight import fly_block
-    from rb_dynamics.campaign.read import read_campaign
+    from rb_dynamics.study.campaign.engine import SIDE_BY_SIDE
+    from rb_dynamics.study.campaign.flight import fly_block
+    from rb_dynamics.study.campaign.read import read_campaign
 
     found = read_campaign(DETUMBLE)
     fly_block(found, 0, 20, 1)
@@ -170,11 +170,11 @@ def alone(_: int) -> float:
 
 def limits(blocks: int) -> None:
     """Measure what the commanding process does for each block and row, with workers that make rows up at once."""
-    from rb_dynamics.campaign import engine
-    from rb_dynamics.campaign.page import campaign_report
-    from rb_dynamics.campaign.read import read_campaign
-    from rb_dynamics.campaign.store import Store, read_rows
-    from rb_dynamics.campaign.summary import summarise
+    from rb_dynamics.report.campaign_page import campaign_report
+    from rb_dynamics.study.campaign import engine
+    from rb_dynamics.study.campaign.read import read_campaign
+    from rb_dynamics.study.campaign.store import Store, read_rows
+    from rb_dynamics.study.campaign.summary import summarise
 
     size, fly_block = engine.SIDE_BY_SIDE, engine.fly_block
     runs = blocks * size
@@ -230,7 +230,7 @@ def limits(blocks: int) -> None:
 
 
 def beside(runs: int, python: str) -> None:
-    from rb_dynamics.campaign.flight import fly_block
+    from rb_dynamics.study.campaign.flight import fly_block
 
     with tempfile.TemporaryDirectory() as folder:
         found = campaign(folder, END, 2000)
@@ -254,8 +254,8 @@ def beside(runs: int, python: str) -> None:
 
 
 def _inertias(found: Any, runs: int) -> list[Any]:
-    from rb_dynamics.campaign.sampling import inputs
-    from rb_dynamics.campaign.scenes import Scenes
+    from rb_dynamics.study.campaign.sampling import inputs
+    from rb_dynamics.study.campaign.scenes import Scenes
 
     scenes, names = Scenes(found), [each.name for each in found.inputs]
     return [scenes.scene(dict(zip(names, row, strict=True))).body.inertia for row in inputs(found, 0, runs).tolist()]
@@ -311,8 +311,8 @@ def basilisk(tasks: Any) -> Any:
 
 
 def memory() -> None:
-    from rb_dynamics.campaign.flight import fly_block
-    from rb_dynamics.campaign.read import read_campaign
+    from rb_dynamics.study.campaign.flight import fly_block
+    from rb_dynamics.study.campaign.read import read_campaign
 
     found = read_campaign(DETUMBLE)
     fly_block(found, 0, 20, 1)

@@ -18,7 +18,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from rb_dynamics import METHODS, Ensemble, RigidBody, State, compiled, driven_motion
+from rb_dynamics import METHODS, Ensemble, RigidBody, State, driven_motion
+from rb_dynamics.numerics import compilation
 
 BODY = RigidBody.from_matrix(2.5, [[2.1, 0.1, -0.2], [0.1, 1.7, 0.3], [-0.2, 0.3, 2.9]], (0.1, -0.2, 0.3))
 STEP, STEP_NS = 0.001, 1_000_000
@@ -67,7 +68,7 @@ def alone(name: str) -> tuple[float, float]:
 
 def main(names: list[str]) -> None:
     """Print a table for each number of threads."""
-    if not compiled.available():
+    if not compilation.available():
         sys.exit("numba is not installed: pip install 'rb_dynamics[fast]'")
     os.environ["RB_DYNAMICS_COMPILE"] = "always"
     chosen = [name for name, method in METHODS.items() if method.compiles and name in (names or NAMES)]

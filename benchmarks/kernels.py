@@ -19,13 +19,13 @@ from collections.abc import Callable
 from importlib import import_module
 from itertools import pairwise
 
-from rb_dynamics.compiled import available
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Inertia, Method
 from rb_dynamics.motion.arc import Arc
 from rb_dynamics.motion.phase import Phase
 from rb_dynamics.motion.step_control import NANOSECONDS, AccuracyControl, FixedStep, OwnControl, StepControl
-from rb_dynamics.rotation import normalize
+from rb_dynamics.numerics.compilation import available
+from rb_dynamics.numerics.rotation import normalize
 
 INERTIA = Inertia(3.7, (1.6, 2.1, 2.9))
 # So weak that the spin stays what it is: the cost of a step may depend on it.

@@ -18,10 +18,10 @@ from pathlib import Path
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion import METHODS, Inertia, Method, cf, moser_veselov, splitting
+from rb_dynamics.motion import METHODS, Inertia, Method, commutator_free, moser_veselov, splitting
 from rb_dynamics.motion.composition import KAHAN_LI6, SUZUKI4
-from rb_dynamics.rotation import Quaternion, angle_between, normalize
-from rb_dynamics.vector import Vector
+from rb_dynamics.numerics.rotation import Quaternion, angle_between, normalize
+from rb_dynamics.numerics.vector import Vector
 
 START: Quaternion = normalize((0.5, -0.1, 0.7, 0.5))
 VELOCITY: Vector = (0.3, -0.1, 0.2)
@@ -122,10 +122,10 @@ LEFT_OUT = (
         for name, order, stages in (("dmv2", 2, (1.0,)), ("dmv4", 4, SUZUKI4), ("dmv6", 6, KAHAN_LI6))
     ),
     # One exponential for each slope. The fourth stage, which every table has, is of no use to it and takes a quarter.
-    cf.method(
+    commutator_free.method(
         "cg3",
         3,
-        cf.Table(
+        commutator_free.Table(
             stages=(((3.0 / 4.0,),), ((119.0 / 216.0, 0.0), (0.0, 17.0 / 108.0)), ((0.0, 0.0, 0.0),)),
             end=((13.0 / 51.0, 0.0, 0.0, 0.0), (0.0, -2.0 / 3.0, 0.0, 0.0), (0.0, 0.0, 24.0 / 17.0, 0.0)),
         ),

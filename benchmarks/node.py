@@ -52,8 +52,8 @@ from rclpy.qos import HistoryPolicy, QoSProfile
 from rclpy.subscription import Subscription
 from std_msgs.msg import Float64
 
-from rb_dynamics.compiled import available
-from rb_dynamics.recording import cdr
+from rb_dynamics.formats import cdr
+from rb_dynamics.numerics.compilation import available
 
 TOPICS = {
     "pose": PoseStamped,

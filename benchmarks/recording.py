@@ -17,15 +17,15 @@ from pathlib import Path
 import numpy as np
 
 import rb_dynamics as rb
+from rb_dynamics.formats.messages import SAMPLE_TOPICS
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.recording import rerun_layout as layout
 from rb_dynamics.recording.mcap_sink import McapSink
-from rb_dynamics.recording.messages import SAMPLE_TOPICS
 from rb_dynamics.recording.rerun_columns import gather
 from rb_dynamics.recording.rerun_sink import BATCH_ROWS, Recorder, RerunSink
-from rb_dynamics.recording.sink import RunInfo, Sample, Sink
 from rb_dynamics.recording.thinning import Row
-from rb_dynamics.shipped import shipped
+from rb_dynamics.run.sink import RunInfo, Sample, Sink
+from rb_dynamics.scene.shipped import shipped
 
 SAMPLES = 20 * BATCH_ROWS
 REPEATS = 5

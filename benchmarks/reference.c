@@ -2,7 +2,7 @@
  * `grown` in rb_dynamics/motion/phase.py, operation by operation, so that -ffp-contract=off leaves the same bits
  * (benchmarks/peers/c.py checks it). With books = 0 it is what one writes by hand who wants the state alone.
  *
- * Numbers as in rb_dynamics/motion/layout.py:
+ * Numbers as in rb_dynamics/motion/kernel_layout.py:
  * constants (16): mass, three moments, force and torque in principal axes, force and torque in world axes.
  * state (35): quaternion (x, y, z, w), angular velocity, 14 sums and their 14 rests.
  */

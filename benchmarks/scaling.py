@@ -28,15 +28,15 @@ from matplotlib import style
 from matplotlib.figure import Figure
 from written import processor, svg, table
 
-from rb_dynamics.compiled import available
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import METHODS
+from rb_dynamics.numerics.compilation import available
 from rb_dynamics.recording.mcap_sink import McapSink
 from rb_dynamics.recording.rerun_sink import RerunSink
-from rb_dynamics.recording.sink import Sink
 from rb_dynamics.recording.state_hash import HashSink
+from rb_dynamics.run.simulation import simulate
+from rb_dynamics.run.sink import Sink
 from rb_dynamics.scene import parse_scene
-from rb_dynamics.simulate import simulate
 
 ROOT = Path(__file__).resolve().parent.parent
 SCENE = """
@@ -298,7 +298,7 @@ A run keeps neither what it has told nor commands that are done, but for the rea
 chunk (128 KiB) and, of each chunk written, some 300 bytes for the index at the end. Rerun holds a batch of 4096
 samples, paths of at most 16 384 points and, for the index at the end, what it knows of each chunk: 200 000 outputs took
 138 MB and 2 million, thinned as they come, 136 MB. `MemorySink` keeps everything: that is what it is for.
-`test/test_memory.py` holds runs to this.
+`test/run/test_memory.py` holds runs to this.
 """
 
 

@@ -6,7 +6,7 @@ Usage: python benchmarks/strides.py
 
 Prints for each kind of load and each accuracy the methods in the order of the time they take for two seconds of motion,
 with strides and time for each; and at the end the price of a stride in units of one of rk4, as it stands in
-`rb_dynamics/motion/automatic.py`.
+`rb_dynamics/motion/auto_method.py`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.load import Takes
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS
-from rb_dynamics.motion.automatic import COST_OF_A_STEP
+from rb_dynamics.motion.auto_method import COST_OF_A_STEP
 from rb_dynamics.motion.phase import Phase, in_principal_axes
 from rb_dynamics.motion.step_control import NANOSECONDS
 from rb_dynamics.scene.compile import Plan

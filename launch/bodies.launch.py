@@ -11,7 +11,7 @@ from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription, Opaq
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration
 
-from rb_dynamics.ros.arguments import apart, value_of, values_of
+from rb_dynamics.ros.start_arguments import apart, value_of, values_of
 
 ARGUMENTS = (
     ("scene", None, "scene file (YAML)"),

@@ -6,7 +6,7 @@ from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
 
-from rb_dynamics.ros.arguments import value_of, values_of
+from rb_dynamics.ros.start_arguments import value_of, values_of
 
 # Name, default, type, meaning. An empty text leaves the parameter out.
 PARAMETERS = (

@@ -26,19 +26,16 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     __version__: str
-    from rb_dynamics.body.doctor import Finding as Finding
-    from rb_dynamics.body.doctor import Symmetry as Symmetry
-    from rb_dynamics.body.doctor import examine as examine
-    from rb_dynamics.body.doctor import symmetry as symmetry
+    from rb_dynamics.body.mass_properties import inertia_ellipsoid as inertia_ellipsoid
+    from rb_dynamics.body.mass_properties import radius_of_gyration as radius_of_gyration
+    from rb_dynamics.body.mass_properties import scalar_inertia as scalar_inertia
     from rb_dynamics.body.particles import body_of_particles as body_of_particles
-    from rb_dynamics.body.properties import inertia_ellipsoid as inertia_ellipsoid
-    from rb_dynamics.body.properties import radius_of_gyration as radius_of_gyration
-    from rb_dynamics.body.properties import scalar_inertia as scalar_inertia
+    from rb_dynamics.body.plausibility import Finding as Finding
+    from rb_dynamics.body.plausibility import Symmetry as Symmetry
+    from rb_dynamics.body.plausibility import examine as examine
+    from rb_dynamics.body.plausibility import symmetry as symmetry
     from rb_dynamics.body.rigid_body import RigidBody as RigidBody
     from rb_dynamics.body.state import State as State
-    from rb_dynamics.diagnostics import Sample as Sample
-    from rb_dynamics.ensemble import Ensemble as Ensemble
-    from rb_dynamics.ensemble import driven_motion as driven_motion
     from rb_dynamics.errors import BodyError as BodyError
     from rb_dynamics.errors import ConvergenceError as ConvergenceError
     from rb_dynamics.errors import LogError as LogError
@@ -47,8 +44,6 @@ if TYPE_CHECKING:
     from rb_dynamics.errors import RigidBodyError as RigidBodyError
     from rb_dynamics.errors import SceneError as SceneError
     from rb_dynamics.errors import WrenchError as WrenchError
-    from rb_dynamics.explain import Explanation as Explanation
-    from rb_dynamics.explain import explain as explain
     from rb_dynamics.loads.central_gravity import CentralGravity as CentralGravity
     from rb_dynamics.loads.channels import AppliedWrench as AppliedWrench
     from rb_dynamics.loads.channels import Channel as Channel
@@ -65,18 +60,23 @@ if TYPE_CHECKING:
     from rb_dynamics.motion.free_motion import FreeMotion as FreeMotion
     from rb_dynamics.motion.free_motion import free_motion as free_motion
     from rb_dynamics.recording.memory import MemorySink as MemorySink
-    from rb_dynamics.recording.sink import Sink as Sink
     from rb_dynamics.recording.state_hash import HashSink as HashSink
-    from rb_dynamics.samples import Samples as Samples
+    from rb_dynamics.run.diagnostics import Sample as Sample
+    from rb_dynamics.run.ensemble import Ensemble as Ensemble
+    from rb_dynamics.run.ensemble import driven_motion as driven_motion
+    from rb_dynamics.run.samples import Samples as Samples
+    from rb_dynamics.run.simulation import Run as Run
+    from rb_dynamics.run.simulation import Simulation as Simulation
+    from rb_dynamics.run.simulation import simulate as simulate
+    from rb_dynamics.run.sink import Sink as Sink
     from rb_dynamics.scene import parse_scene as parse_scene
     from rb_dynamics.scene import read_scene as read_scene
     from rb_dynamics.scene.model import Scene as Scene
     from rb_dynamics.scene.model import Solver as Solver
-    from rb_dynamics.simulate import Run as Run
-    from rb_dynamics.simulate import Simulation as Simulation
-    from rb_dynamics.simulate import simulate as simulate
-    from rb_dynamics.trade import Trade as Trade
-    from rb_dynamics.trade import trade as trade
+    from rb_dynamics.study.explain import Explanation as Explanation
+    from rb_dynamics.study.explain import explain as explain
+    from rb_dynamics.study.trade import Trade as Trade
+    from rb_dynamics.study.trade import trade as trade
 
 _HOMES = {
     "Finding": "body.doctor",

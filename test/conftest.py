@@ -120,13 +120,13 @@ def example_dir() -> Path:
 @pytest.fixture(scope="module")
 def kernel_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Keep what a module compiles away from the user's cache."""
-    from rb_dynamics import compiled
+    from rb_dynamics.numerics import compilation
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
-        compiled.cache_folder.cache_clear()
+        compilation.cache_folder.cache_clear()
         yield
-    compiled.cache_folder.cache_clear()
+    compilation.cache_folder.cache_clear()
 
 
 @pytest.fixture

@@ -42,7 +42,7 @@ def test_function_is_not_hidden_by_its_module(name: str) -> None:
 
 
 def test_submodule_is_found_by_its_name() -> None:
-    subprocess.run([sys.executable, "-c", "import rb_dynamics; rb_dynamics.rotation.exp"], check=True)
+    subprocess.run([sys.executable, "-c", "import rb_dynamics; rb_dynamics.numerics.rotation.exp"], check=True)
 
 
 def test_unknown_name() -> None:

@@ -1,6 +1,6 @@
-"""Write rb_dynamics/recording/ros2msg.py: message definitions and RIHS01 type hashes of ROS 2 Jazzy.
+"""Write rb_dynamics/formats/ros2msg.py: message definitions and RIHS01 type hashes of ROS 2 Jazzy.
 
-Run after a message type was added to `rb_dynamics.recording.cdr.LAYOUTS`: python tools/make_ros2msg.py
+Run after a message type was added to `rb_dynamics.formats.cdr.LAYOUTS`: python tools/make_ros2msg.py
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from pathlib import Path
 
 from rosbags.typesys import Stores, get_typestore
 
-from rb_dynamics.recording.cdr import LAYOUTS
+from rb_dynamics.formats.cdr import LAYOUTS
 
 TARGET = Path(__file__).parents[1] / "rb_dynamics" / "recording" / "ros2msg.py"
 

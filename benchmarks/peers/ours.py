@@ -10,7 +10,7 @@ import numpy as np
 import rb_dynamics as rb
 from peers.problem import Answer, Problem, Run, Way, steps, threads_named
 from peers.translate import body_of, states_of
-from rb_dynamics.compiled import available
+from rb_dynamics.numerics.compilation import available
 
 NAME = "rb_dynamics"
 PACKAGES = ("numpy", "numba") if available() else ("numpy",)

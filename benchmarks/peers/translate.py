@@ -7,7 +7,7 @@ import numpy as np
 import rb_dynamics as rb
 from peers.problem import Answer, Problem
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion.layout import constant_numbers, phase_numbers, phase_of
+from rb_dynamics.motion.kernel_layout import constant_numbers, phase_numbers, phase_of
 from rb_dynamics.motion.phase import Phase, in_principal_axes, inertia_of
 
 

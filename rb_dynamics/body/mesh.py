@@ -19,12 +19,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rb_dynamics.body.files import read_bounded
+from rb_dynamics.body.description_files import read_bounded
 from rb_dynamics.body.particles import inertia_from_second_moments
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import BodyError, MissingExtraError
-from rb_dynamics.rotation import Matrix
-from rb_dynamics.vector import Vector, scale
+from rb_dynamics.numerics.rotation import Matrix
+from rb_dynamics.numerics.vector import Vector, scale
 
 MAX_BYTES = 64 << 20
 MAX_PARTS = 10_000

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import BodyError
-from rb_dynamics.rotation import IDENTITY
-from rb_dynamics.vector import ZERO, Vector, scale
+from rb_dynamics.numerics.rotation import IDENTITY
+from rb_dynamics.numerics.vector import ZERO, Vector, scale
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from rb_dynamics.arguments import quaternion, vector, whole
-from rb_dynamics.rotation import IDENTITY, Quaternion
-from rb_dynamics.vector import ZERO, Vector
+from rb_dynamics.numerics.rotation import IDENTITY, Quaternion
+from rb_dynamics.numerics.validation import quaternion, vector, whole
+from rb_dynamics.numerics.vector import ZERO, Vector
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,13 +13,13 @@ from dataclasses import dataclass
 from xml.etree import ElementTree
 from xml.parsers import expat
 
-from rb_dynamics import rotation
-from rb_dynamics.body.files import read_bounded
+from rb_dynamics.body.description_files import read_bounded
 from rb_dynamics.body.rigid_body import RigidBody
-from rb_dynamics.decimals import real_number
 from rb_dynamics.errors import BodyError
-from rb_dynamics.rotation import IDENTITY, Quaternion
-from rb_dynamics.vector import ZERO, Vector, norm, subtract
+from rb_dynamics.numerics import rotation
+from rb_dynamics.numerics.decimals import real_number
+from rb_dynamics.numerics.rotation import IDENTITY, Quaternion
+from rb_dynamics.numerics.vector import ZERO, Vector, norm, subtract
 
 MAX_BYTES = 4 << 20
 

@@ -15,9 +15,9 @@ import signal
 import sys
 from collections.abc import Sequence
 
-from rb_dynamics.cli.usage import Parser
+from rb_dynamics.cli.parser import Parser
 from rb_dynamics.errors import RigidBodyError
-from rb_dynamics.stopping import Stopped, interrupted_by_signals
+from rb_dynamics.run.stop_signals import Stopped, interrupted_by_signals
 
 COMMANDS = (
     "simulate", "node", "replay", "inspect", "recover", "convert", "explain", "trade", "campaign", "body", "demo",
@@ -62,7 +62,7 @@ def parser() -> argparse.ArgumentParser:
 
 class _Version(argparse.Action):
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
-        from rb_dynamics.recording.provenance import version
+        from rb_dynamics.run.provenance import version
 
         print(f"{parser.prog} {version()}")
         parser.exit()

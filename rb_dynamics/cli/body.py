@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import argparse
 
+from rb_dynamics.cli.parser import require_with
 from rb_dynamics.cli.scene import add_scene, read
-from rb_dynamics.cli.usage import require_with
-from rb_dynamics.options import real
+from rb_dynamics.numerics.option_numbers import real
 
 HELP = "show the mass properties of a scene's body"
 
@@ -44,15 +44,15 @@ def run(args: argparse.Namespace) -> int:
     import json
     from dataclasses import asdict
 
-    from rb_dynamics.body.properties import AxisProperties, MassProperties
+    from rb_dynamics.body.mass_properties import AxisProperties, MassProperties
 
     require_with(args, "--through", bool(args.through), "--axis", args.axis)
     require_with(args, "--scale", args.scale is not None, "--mesh", args.mesh)
     scene = read(args)
     noticed = [*scene.findings]
     if args.mesh:
-        from rb_dynamics.body.doctor import compare
         from rb_dynamics.body.mesh import read_solid
+        from rb_dynamics.body.plausibility import compare
 
         noticed += compare(scene.body, read_solid(args.mesh, args.scale or 1.0))
     properties = MassProperties.of(scene.body, scene.initial.angular_velocity_body, noticed)

@@ -13,15 +13,15 @@ import contextlib
 import sys
 from typing import TYPE_CHECKING
 
-from rb_dynamics.cli.usage import require_with
-from rb_dynamics.options import whole
+from rb_dynamics.cli.parser import require_with
+from rb_dynamics.numerics.option_numbers import whole
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from rb_dynamics.campaign.flight import Columns
-    from rb_dynamics.campaign.model import Campaign
-    from rb_dynamics.campaign.summary import Summary
+    from rb_dynamics.study.campaign.flight import Columns
+    from rb_dynamics.study.campaign.model import Campaign
+    from rb_dynamics.study.campaign.summary import Summary
 
 HELP = "fly a scene many times with dispersed numbers"
 
@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
     """Fly and print; exit code 0, or 1 where a run could not be flown, or differs from its row."""
     from pathlib import Path
 
-    from rb_dynamics.campaign.read import read_campaign
+    from rb_dynamics.study.campaign.read import read_campaign
 
     require_with(args, "--mcap", bool(args.mcap), "--rerun", args.rerun is not None)
     overrides = {name: value for name in ("runs", "seed") if (value := getattr(args, name)) is not None}
@@ -68,11 +68,11 @@ def _run_all(args: argparse.Namespace, campaign: Campaign, out: Path) -> int:
     import json
     from pathlib import Path
 
-    from rb_dynamics.campaign.engine import flies_side_by_side, run_campaign
-    from rb_dynamics.campaign.store import Store, read_rows
-    from rb_dynamics.campaign.summary import as_text, summarise
     from rb_dynamics.cli.output import counting
-    from rb_dynamics.recording.log_file import LogFile, make_folder
+    from rb_dynamics.formats.log_file import LogFile, make_folder
+    from rb_dynamics.study.campaign.engine import flies_side_by_side, run_campaign
+    from rb_dynamics.study.campaign.store import Store, read_rows
+    from rb_dynamics.study.campaign.summary import as_text, summarise
 
     if args.html:
         make_folder(Path(args.html))
@@ -116,8 +116,8 @@ def _write_page(
     """Write the page; where nobody asked for it, its libraries may be missing."""
     from pathlib import Path
 
-    from rb_dynamics.campaign.page import write_campaign_page
     from rb_dynamics.errors import MissingExtraError
+    from rb_dynamics.report.campaign_page import write_campaign_page
 
     page = Path(args.html) if args.html else out.with_suffix(".html")
     try:
@@ -134,7 +134,7 @@ def _run_again(args: argparse.Namespace, campaign: Campaign, out: Path) -> int:
     import json
     from pathlib import Path
 
-    from rb_dynamics.campaign.rerun import rerun
+    from rb_dynamics.study.campaign.single_run import rerun
 
     log = Path(args.mcap or out.with_name(f"{out.stem}-{args.rerun}.mcap"))
     found = rerun(campaign, args.rerun, log, out)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from rb_dynamics.cli.usage import require_ros
+from rb_dynamics.cli.parser import require_ros
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -37,15 +37,15 @@ def run(args: argparse.Namespace) -> int:
     import sys
     from pathlib import Path
 
+    from rb_dynamics.analysis.comparison import Comparison
     from rb_dynamics.cli import output
-    from rb_dynamics.recording.log_file import make_folder
-    from rb_dynamics.recording.mcap_reader import read_bag, read_wrenches
+    from rb_dynamics.formats.bag_reader import read_bag, read_wrenches
+    from rb_dynamics.formats.log_file import make_folder
     from rb_dynamics.recording.rerun_sink import RerunSink
-    from rb_dynamics.report.comparison import Comparison
-    from rb_dynamics.report.run import write_run_report
+    from rb_dynamics.report.run_page import write_run_report
+    from rb_dynamics.run.simulation import simulate
     from rb_dynamics.scene import read_scene
-    from rb_dynamics.shipped import shipped
-    from rb_dynamics.simulate import simulate
+    from rb_dynamics.scene.shipped import shipped
 
     require_ros("the demo")
     scene_file, bag_file = shipped("config/slew.yaml"), shipped("examples/slew.mcap")
@@ -98,8 +98,8 @@ def _fly(
     # This machine only, and a domain of its own: the demo neither hears nor disturbs anyone.
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     os.environ.setdefault("ROS_DOMAIN_ID", str(random.randrange(1, 100)))
-    from rb_dynamics.ros.arguments import parameter
     from rb_dynamics.ros.player import wrench_player
+    from rb_dynamics.ros.start_arguments import parameter
 
     parameters = ("lockstep:=true", parameter("mcap", str(mcap)), parameter("rerun", str(rrd)))
     node = subprocess.Popen(
@@ -120,9 +120,9 @@ def _fly(
 
 def _same_bits_offline(scene: Scene, commands: list[tuple[str, Wrench]], mcap: Path) -> bool:
     """Return whether `simulate` on the same commands gives the states that the node logged, to the bit."""
-    from rb_dynamics.recording.mcap_reader import read_bag
+    from rb_dynamics.formats.bag_reader import read_bag
     from rb_dynamics.recording.state_hash import HashSink
-    from rb_dynamics.simulate import simulate
+    from rb_dynamics.run.simulation import simulate
 
     states = HashSink()
     simulate(scene, commands, [states])

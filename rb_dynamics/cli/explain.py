@@ -26,7 +26,7 @@ def run(args: argparse.Namespace) -> int:
     """Explain; exit code 0."""
     import json
 
-    from rb_dynamics.explain import explain
+    from rb_dynamics.study.explain import explain
 
     scene, commands = read_with_commands(args)
     explanation = explain(scene, list(commands))

@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-from rb_dynamics.options import real
+from rb_dynamics.numerics.option_numbers import real
 
 HELP = "show what happened in a recorded run"
 
@@ -37,13 +37,13 @@ def run(args: argparse.Namespace) -> int:
     """Print the summary; exit code 0, or 1 where a check fails."""
     from pathlib import Path
 
+    from rb_dynamics.analysis.checks import BOUND
+    from rb_dynamics.analysis.summary import summarize
+    from rb_dynamics.analysis.topics import read_track
     from rb_dynamics.cli import output
-    from rb_dynamics.recording.log_file import make_folder, require_other
-    from rb_dynamics.recording.mcap_reader import read_bag
-    from rb_dynamics.report.checks import BOUND
-    from rb_dynamics.report.summary import summarize
+    from rb_dynamics.formats.bag_reader import read_bag
+    from rb_dynamics.formats.log_file import make_folder, require_other
     from rb_dynamics.report.text import as_text
-    from rb_dynamics.report.topics import read_track
     from rb_dynamics.scene.read import read_scene
 
     for written in filter(None, (args.html, args.video)):
@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
     print(as_text(summary).encode(encoding, "backslashreplace").decode(encoding), flush=True)
     if args.html:
         from rb_dynamics.report.html import write_html
-        from rb_dynamics.report.run import run_report
+        from rb_dynamics.report.run_page import run_report
 
         write_html(args.html, run_report(track, summary))
         print(f"wrote {args.html}")

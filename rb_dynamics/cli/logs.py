@@ -9,11 +9,11 @@ import argparse
 import sys
 from typing import TYPE_CHECKING
 
-from rb_dynamics.cli.usage import require_with
-from rb_dynamics.options import real, whole
+from rb_dynamics.cli.parser import require_with
+from rb_dynamics.numerics.option_numbers import real, whole
 
 if TYPE_CHECKING:
-    from rb_dynamics.recording.guard import GuardedSink
+    from rb_dynamics.recording.failure_guard import GuardedSink
 
 _SECONDS = real("a number of seconds, 0 or more", lambda v: v >= 0.0)
 
@@ -57,7 +57,7 @@ def log_sinks(args: argparse.Namespace) -> list[GuardedSink]:
         LogError: the arguments do not go together, or a log would replace what the run reads.
         PluginError: a sink is of a plug-in that cannot be loaded.
     """
-    from rb_dynamics.recording.log_file import require_other
+    from rb_dynamics.formats.log_file import require_other
 
     targets = (text.partition("=")[2] for text in args.sink)
     for name in filter(None, (args.mcap, args.bag, args.rerun, args.html, *targets)):
@@ -69,8 +69,8 @@ def log_sinks(args: argparse.Namespace) -> list[GuardedSink]:
         require_with(args, option, is_given > 0, "--bag", args.bag)
     if not logged:
         return []
-    from rb_dynamics.recording.guard import GuardedSink
-    from rb_dynamics.recording.logs import Logs
+    from rb_dynamics.recording.failure_guard import GuardedSink
+    from rb_dynamics.recording.log_outputs import Logs
     from rb_dynamics.recording.mcap_sink import FLUSH_S, LogSettings
 
     settings = LogSettings(FLUSH_S if args.flush is None else args.flush, args.verify, args.accel)

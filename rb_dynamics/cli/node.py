@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 
-from rb_dynamics.cli.usage import require_ros
+from rb_dynamics.cli.parser import require_ros
 
 HELP = "run a scene as a ROS 2 node"
 
@@ -25,8 +25,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Spin the node; exit code 0 after a clean stop."""
     require_ros("the node")
-    from rb_dynamics.ros.arguments import parameter
     from rb_dynamics.ros.node import spin
+    from rb_dynamics.ros.start_arguments import parameter
 
     return spin(["--ros-args", "-p", parameter("scene", args.scene), "--", *args.ros_args])
 

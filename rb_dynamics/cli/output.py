@@ -10,9 +10,9 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from rb_dynamics.recording.mcap_reader import RecordedWrenches
+    from rb_dynamics.formats.bag_reader import RecordedWrenches
+    from rb_dynamics.run.simulation import Run
     from rb_dynamics.scene.model import Scene
-    from rb_dynamics.simulate import Run
 
 _UNITS = {
     "position_world": "m",

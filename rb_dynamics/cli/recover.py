@@ -27,7 +27,7 @@ def run(args: argparse.Namespace) -> int:
     """Recover and say what was found; exit code 0, 1 where something within the file is lost, 2 where all of it is."""
     from pathlib import Path
 
-    from rb_dynamics.recording.recover import recover
+    from rb_dynamics.formats.recovery import recover
 
     saved = recover(Path(args.source), Path(args.target))
     start_ns = min((each.file.start_ns for each in saved if each.file.counts.total()), default=0)

@@ -12,11 +12,11 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from rb_dynamics.cli.usage import require_ros, require_with
-from rb_dynamics.options import real
+from rb_dynamics.cli.parser import require_ros, require_with
+from rb_dynamics.numerics.option_numbers import real
 
 if TYPE_CHECKING:
-    from rb_dynamics.replay import Replay
+    from rb_dynamics.study.replay import Replay
 
 HELP = "run a log again and compare bit for bit, or publish it"
 
@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
     require_with(args, "--clock", args.clock, "--into ros", args.into)
     if args.into == "ros":
         return _publish(args)
-    from rb_dynamics.replay import replay
+    from rb_dynamics.study.replay import replay
 
     with output.progress(args.log) as progress:
         found = replay(args.log, progress)

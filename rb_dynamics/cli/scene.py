@@ -9,12 +9,12 @@ import argparse
 import math
 from typing import TYPE_CHECKING
 
-from rb_dynamics.cli.usage import require_with
-from rb_dynamics.options import real
+from rb_dynamics.cli.parser import require_with
+from rb_dynamics.numerics.option_numbers import real
 
 if TYPE_CHECKING:
+    from rb_dynamics.formats.bag_reader import RecordedWrenches
     from rb_dynamics.loads.wrench import Wrench
-    from rb_dynamics.recording.mcap_reader import RecordedWrenches
     from rb_dynamics.scene.model import Scene
 
 
@@ -88,7 +88,7 @@ def read_with_commands(args: argparse.Namespace) -> tuple[Scene, RecordedWrenche
     if not args.wrench:
         return scene, []
     from rb_dynamics.cli import output
-    from rb_dynamics.recording.mcap_reader import RecordedWrenches
+    from rb_dynamics.formats.bag_reader import RecordedWrenches
 
     end_ns = math.inf if scene.end_ns is None else scene.end_ns
     commands = RecordedWrenches(args.wrench, [channel.topic for channel in scene.channels], end_ns, _mapping(args))

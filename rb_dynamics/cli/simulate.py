@@ -31,8 +31,8 @@ def run(args: argparse.Namespace) -> int:
     from pathlib import Path
 
     from rb_dynamics.cli import output
-    from rb_dynamics.recording.log_file import make_folder
-    from rb_dynamics.simulate import simulate
+    from rb_dynamics.formats.log_file import make_folder
+    from rb_dynamics.run.simulation import simulate
 
     scene, commands = read_with_commands(args)
     if not args.wrench:
@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
         output.warn_rejected(result, len(commands))
         print(output.as_json(result) if args.json else output.as_text(result), flush=True)
         if args.html:
-            from rb_dynamics.report.run import write_run_report
+            from rb_dynamics.report.run_page import write_run_report
 
             write_run_report(mcap, args.html)
     for written in outputs:

@@ -23,12 +23,12 @@ import sys
 from typing import TYPE_CHECKING
 
 from rb_dynamics.cli.scene import add_scene, add_wrench, read_with_commands
-from rb_dynamics.options import real
+from rb_dynamics.numerics.option_numbers import real
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from rb_dynamics.trade import Trade
+    from rb_dynamics.study.trade import Trade
 
 HELP = "measure speed against accuracy of all methods on a scene, and recommend one"
 
@@ -64,8 +64,8 @@ def run(args: argparse.Namespace) -> int:
     from pathlib import Path
 
     from rb_dynamics.cli import output
-    from rb_dynamics.recording.log_file import make_folder
-    from rb_dynamics.trade import trade
+    from rb_dynamics.formats.log_file import make_folder
+    from rb_dynamics.study.trade import trade
 
     scene, commands = read_with_commands(args)
     if args.html:

@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from rb_dynamics.arguments import number, vector
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.effect import Effect, Point, Potential, Wrenching
 from rb_dynamics.loads.load import Takes
-from rb_dynamics.rotation import rotate, rotate_inverse
-from rb_dynamics.vector import ZERO, Vector, add, add_scaled, cross, dot, norm, scale, subtract
-from rb_dynamics.vector import multiply as times
+from rb_dynamics.numerics.rotation import rotate, rotate_inverse
+from rb_dynamics.numerics.validation import number, vector
+from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, cross, dot, norm, scale, subtract
+from rb_dynamics.numerics.vector import multiply as times
 
 if TYPE_CHECKING:
     from rb_dynamics.scene.entry import Entry

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from rb_dynamics.errors import WrenchError
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, WrenchFrames
-from rb_dynamics.vector import ZERO, Vector
+from rb_dynamics.numerics.vector import ZERO, Vector
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,8 +14,8 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.load import Takes
 from rb_dynamics.loads.wrench import Wrench
-from rb_dynamics.rotation import Quaternion
-from rb_dynamics.vector import Vector
+from rb_dynamics.numerics.rotation import Quaternion
+from rb_dynamics.numerics.vector import Vector
 
 if TYPE_CHECKING:
     from rb_dynamics.scene.entry import Entry

@@ -8,8 +8,8 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import Protocol
 
-from rb_dynamics.rotation import Quaternion
-from rb_dynamics.vector import Vector
+from rb_dynamics.numerics.rotation import Quaternion
+from rb_dynamics.numerics.vector import Vector
 
 
 class Load(Protocol):

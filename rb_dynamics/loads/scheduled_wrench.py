@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from rb_dynamics.arguments import items, number, shown
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError, WrenchError
 from rb_dynamics.loads.effect import Effect
 from rb_dynamics.loads.wrench import Wrench
-from rb_dynamics.vector import ZERO
+from rb_dynamics.numerics.validation import items, number, shown
+from rb_dynamics.numerics.vector import ZERO
 
 if TYPE_CHECKING:
     from rb_dynamics.scene.entry import Entry

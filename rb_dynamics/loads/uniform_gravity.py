@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from rb_dynamics.arguments import vector
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.effect import Effect, Point, Potential
 from rb_dynamics.loads.wrench import Wrench
-from rb_dynamics.vector import Vector, dot, scale
+from rb_dynamics.numerics.validation import vector
+from rb_dynamics.numerics.vector import Vector, dot, scale
 
 if TYPE_CHECKING:
     from rb_dynamics.scene.entry import Entry

@@ -10,12 +10,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
-from rb_dynamics.arguments import instance, mapping, quaternion, shown, vector
+from rb_dynamics.body.moments_about_points import moment_of_force
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError, WrenchError
-from rb_dynamics.moments import moment_of_force
-from rb_dynamics.rotation import IDENTITY, Quaternion, rotate
-from rb_dynamics.vector import ZERO, Vector, add
+from rb_dynamics.numerics.rotation import IDENTITY, Quaternion, rotate
+from rb_dynamics.numerics.validation import instance, mapping, quaternion, shown, vector
+from rb_dynamics.numerics.vector import ZERO, Vector, add
 
 
 @dataclass(frozen=True, slots=True)

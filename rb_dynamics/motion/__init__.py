@@ -5,7 +5,7 @@ A new method is one file with one `Method` and one entry here; outside the packa
 
 from __future__ import annotations
 
-from rb_dynamics.motion.cf import CF4
+from rb_dynamics.motion.commutator_free import CF4
 from rb_dynamics.motion.composition import MIDPOINT4, MIDPOINT6
 from rb_dynamics.motion.dlm import DLM2, DLM4, DLM6
 from rb_dynamics.motion.dop853 import DOP853

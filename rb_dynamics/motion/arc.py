@@ -10,13 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion.kernel import LONGEST_STRETCH, kernel
+from rb_dynamics.motion.adaptive_kernel import Progress, strides_by
+from rb_dynamics.motion.fixed_step_kernel import LONGEST_STRETCH, kernel
 from rb_dynamics.motion.method import Inertia, Load, Method
 from rb_dynamics.motion.phase import Phase
 from rb_dynamics.motion.step_control import NANOSECONDS, AccuracyControl, FixedStep, OwnControl, StepControl
-from rb_dynamics.motion.strides import Progress, strides_by
-from rb_dynamics.rotation import Quaternion
-from rb_dynamics.vector import Vector, scale
+from rb_dynamics.numerics.rotation import Quaternion
+from rb_dynamics.numerics.vector import Vector, scale
 
 LoadFrom = Callable[[Phase], Load]
 """What acts beside the held wrench during a step that starts in a phase."""

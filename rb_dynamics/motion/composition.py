@@ -12,8 +12,8 @@ from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method
 from rb_dynamics.motion.midpoint import MIDPOINT
-from rb_dynamics.rotation import IDENTITY, Quaternion, multiply, renormalize, rotate, rotate_inverse
-from rb_dynamics.vector import ZERO, Vector, add, add_scaled, dot, scale
+from rb_dynamics.numerics.rotation import IDENTITY, Quaternion, multiply, renormalize, rotate, rotate_inverse
+from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, dot, scale
 
 _QUARTIC = 1.0 / (4.0 - 4.0 ** (1.0 / 3.0))
 

@@ -11,10 +11,10 @@ from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.composition import KAHAN_LI6, SUZUKI4
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Step, Takes
 from rb_dynamics.motion.splitting import Stages, Start, Way, advance, arrived, begin, kick_and_free, kick_free_kick
-from rb_dynamics.rotation import Quaternion, multiply
-from rb_dynamics.sincos import sincos
-from rb_dynamics.vector import Vector, divide, norm, scale
-from rb_dynamics.vector import multiply as times
+from rb_dynamics.numerics.rotation import Quaternion, multiply
+from rb_dynamics.numerics.sincos import sincos
+from rb_dynamics.numerics.vector import Vector, divide, norm, scale
+from rb_dynamics.numerics.vector import multiply as times
 
 
 def flow(moments: Vector, orientation: Quaternion, angular_velocity: Vector, t: float) -> tuple[Quaternion, Vector]:

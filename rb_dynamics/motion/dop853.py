@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion.explicit import Frame, Slopes, end, first, frame, increment, moved, stage, total
+from rb_dynamics.motion.explicit_runge_kutta import Frame, Slopes, end, first, frame, increment, moved, stage, total
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
-from rb_dynamics.rotation import Quaternion
-from rb_dynamics.vector import Vector, add_scaled, norm
+from rb_dynamics.numerics.rotation import Quaternion
+from rb_dynamics.numerics.vector import Vector, add_scaled, norm
 
 # The rows without their zeros: of which slopes the weights are is written where they are used.
 _NODES = (

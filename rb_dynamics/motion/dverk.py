@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion.explicit import Frame, Slopes, end, first, frame, stage
+from rb_dynamics.motion.explicit_runge_kutta import Frame, Slopes, end, first, frame, stage
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
-from rb_dynamics.rotation import Quaternion
-from rb_dynamics.vector import Vector
+from rb_dynamics.numerics.rotation import Quaternion
+from rb_dynamics.numerics.vector import Vector
 
 # The rows without their zeros: of which slopes the weights are is written where they are used.
 _NODES = (0.0, 1.0 / 6.0, 4.0 / 15.0, 2.0 / 3.0, 5.0 / 6.0, 1.0, 1.0 / 15.0, 1.0)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
-from rb_dynamics.motion.refusal import LARGEST_TURN, require_finite, turns_too_far
 from rb_dynamics.motion.rk4 import differences_of, gyroscopic
-from rb_dynamics.rotation import Quaternion, exp, multiply, renormalize, rotate, rotate_inverse
-from rb_dynamics.vector import ZERO, Vector, add, add_scaled, divide, dot, norm, scale
+from rb_dynamics.motion.step_checks import LARGEST_TURN, require_finite, turns_too_far
+from rb_dynamics.numerics.rotation import Quaternion, exp, multiply, renormalize, rotate, rotate_inverse
+from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, divide, dot, norm, scale
 
 
 def step(

@@ -8,12 +8,12 @@ from __future__ import annotations
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import planar
-from rb_dynamics.motion.free import free_rotation
+from rb_dynamics.motion.closed_form import free_rotation
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method
 from rb_dynamics.motion.planar import fixed_axis
-from rb_dynamics.motion.refusal import require_known_attitude
-from rb_dynamics.rotation import Quaternion, multiply, renormalize
-from rb_dynamics.vector import ZERO, Vector, add_scaled, dot, norm, scale
+from rb_dynamics.motion.step_checks import require_known_attitude
+from rb_dynamics.numerics.rotation import Quaternion, multiply, renormalize
+from rb_dynamics.numerics.vector import ZERO, Vector, add_scaled, dot, norm, scale
 
 
 def is_free(held: HeldWrench) -> bool:

@@ -12,8 +12,8 @@ from typing import NamedTuple, Protocol
 
 from rb_dynamics.loads.load import Load, Takes
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.rotation import Quaternion
-from rb_dynamics.vector import Vector
+from rb_dynamics.numerics.rotation import Quaternion
+from rb_dynamics.numerics.vector import Vector
 
 
 class Inertia(NamedTuple):

@@ -8,14 +8,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from rb_dynamics.compiled import compiled_as
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
-from rb_dynamics.motion.refusal import LARGEST_TURN, NO_INCREMENT, NOWHERE, turns_too_far
-from rb_dynamics.rotation import Quaternion, cayley, multiply, normalize, renormalize, rotate, rotate_inverse
-from rb_dynamics.vector import Vector, add, add_scaled, cross, divide, dot, norm, scale, subtract
-from rb_dynamics.vector import multiply as times
+from rb_dynamics.motion.step_checks import LARGEST_TURN, NO_INCREMENT, NOWHERE, turns_too_far
+from rb_dynamics.numerics.compilation import compiled_as
+from rb_dynamics.numerics.rotation import Quaternion, cayley, multiply, normalize, renormalize, rotate, rotate_inverse
+from rb_dynamics.numerics.vector import Vector, add, add_scaled, cross, divide, dot, norm, scale, subtract
+from rb_dynamics.numerics.vector import multiply as times
 
 _ITERATIONS = 50
 # A load converges by a factor per iteration; where it is above 1/2, the step does not resolve the motion.

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 
-from rb_dynamics.compiled import compiled_as
 from rb_dynamics.errors import ConvergenceError
-from rb_dynamics.motion.refusal import NO_ATTITUDE, NOWHERE
-from rb_dynamics.motion.remembered import remembered
+from rb_dynamics.motion.caching import remembered
 from rb_dynamics.motion.splitting import ABA82_STAGES, ABA104_STAGES, ABA864_STAGES, method
-from rb_dynamics.rotation import Quaternion, multiply
-from rb_dynamics.vector import Vector, norm
+from rb_dynamics.motion.step_checks import NO_ATTITUDE, NOWHERE
+from rb_dynamics.numerics.compilation import compiled_as
+from rb_dynamics.numerics.rotation import Quaternion, multiply
+from rb_dynamics.numerics.vector import Vector, norm
 
 # Coefficients of C^k, C^(k-1) H, ..., H^k.
 _Row = tuple[float, ...]

@@ -13,9 +13,9 @@ from rb_dynamics.body.state import State
 from rb_dynamics.loads.effect import Point
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia
-from rb_dynamics.rotation import Quaternion, conjugate, multiply, rotate, rotate_inverse
-from rb_dynamics.vector import ZERO, Vector, add, cross, scale, subtract
-from rb_dynamics.vector import multiply as times
+from rb_dynamics.numerics.rotation import Quaternion, conjugate, multiply, rotate, rotate_inverse
+from rb_dynamics.numerics.vector import ZERO, Vector, add, cross, scale, subtract
+from rb_dynamics.numerics.vector import multiply as times
 
 # Sums carried with compensation: position of the centre of mass, linear momentum, impulse, torque impulse (world axes,
 # three each), work, and the time since the start.

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia
-from rb_dynamics.motion.refusal import require_known_attitude
-from rb_dynamics.rotation import Quaternion, exp, multiply, renormalize, rotate, rotate_inverse
-from rb_dynamics.vector import ZERO, Vector, add, add_scaled, dot, scale
+from rb_dynamics.motion.step_checks import require_known_attitude
+from rb_dynamics.numerics.rotation import Quaternion, exp, multiply, renormalize, rotate, rotate_inverse
+from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, dot, scale
 
 _AXES: tuple[Vector, Vector, Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
-from rb_dynamics.motion.refusal import require_finite, require_small_turn
-from rb_dynamics.rotation import Quaternion, dexpinv, exp, multiply, renormalize, rotate, rotate_inverse
-from rb_dynamics.vector import ZERO, Vector, add, add_scaled, divide, dot, norm, scale
-from rb_dynamics.vector import multiply as times
+from rb_dynamics.motion.step_checks import require_finite, require_small_turn
+from rb_dynamics.numerics.rotation import Quaternion, dexpinv, exp, multiply, renormalize, rotate, rotate_inverse
+from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, divide, dot, norm, scale
+from rb_dynamics.numerics.vector import multiply as times
 
 if TYPE_CHECKING:
     import numpy as np

@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
-from rb_dynamics.motion.refusal import no_rotation, require_finite
-from rb_dynamics.rotation import Quaternion, normalize, renormalize
-from rb_dynamics.vector import ZERO, Vector, add, add_scaled, dot, norm, scale
-from rb_dynamics.vector import multiply as times
+from rb_dynamics.motion.step_checks import no_rotation, require_finite
+from rb_dynamics.numerics.rotation import Quaternion, normalize, renormalize
+from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, dot, norm, scale
+from rb_dynamics.numerics.vector import multiply as times
 
 
 def step(

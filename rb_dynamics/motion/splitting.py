@@ -12,16 +12,16 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
-from rb_dynamics.compiled import compiled_as
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import exact
+from rb_dynamics.motion.closed_form import free_rotation
 from rb_dynamics.motion.composition import KAHAN_LI6, SUZUKI4
-from rb_dynamics.motion.free import free_rotation
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
-from rb_dynamics.motion.refusal import NO_INCREMENT, NOWHERE, require_finite
-from rb_dynamics.rotation import IDENTITY, Quaternion, multiply, renormalize, rotate, rotate_inverse
-from rb_dynamics.vector import ZERO, Vector, add, add_scaled, divide, dot, norm, scale
+from rb_dynamics.motion.step_checks import NO_INCREMENT, NOWHERE, require_finite
+from rb_dynamics.numerics.compilation import compiled_as
+from rb_dynamics.numerics.rotation import IDENTITY, Quaternion, multiply, renormalize, rotate, rotate_inverse
+from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, divide, dot, norm, scale
 
 # flow(moments, orientation, angular velocity, t): orientation and angular velocity after t s of free rotation.
 Flow = Callable[[Vector, Quaternion, Vector, float], tuple[Quaternion, Vector]]

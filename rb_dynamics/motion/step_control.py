@@ -13,9 +13,9 @@ from typing import Any, NamedTuple, Protocol
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.motion.method import Inertia
 from rb_dynamics.motion.phase import IMPULSE, MOMENTUM, POSITION, Phase, elapsed, is_finite, total
-from rb_dynamics.motion.refusal import NO_ATTITUDE
-from rb_dynamics.rotation import angle_between
-from rb_dynamics.vector import norm, scale, subtract
+from rb_dynamics.motion.step_checks import NO_ATTITUDE
+from rb_dynamics.numerics.rotation import angle_between
+from rb_dynamics.numerics.vector import norm, scale, subtract
 
 
 class Advance(Protocol):

@@ -8,14 +8,14 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from rb_dynamics.compiled import compiled_as, workspace
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.motion.caching import remembered
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method
-from rb_dynamics.motion.refusal import NO_INCREMENT, require_finite
-from rb_dynamics.motion.remembered import remembered
-from rb_dynamics.rotation import Quaternion, multiply, normalize, renormalize, rotate, rotate_inverse
-from rb_dynamics.vector import ZERO, Vector, add, add_scaled, dot, norm, positive_zeros, scale
+from rb_dynamics.motion.step_checks import NO_INCREMENT, require_finite
+from rb_dynamics.numerics.compilation import compiled_as, workspace
+from rb_dynamics.numerics.rotation import Quaternion, multiply, normalize, renormalize, rotate, rotate_inverse
+from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, dot, norm, positive_zeros, scale
 
 # Work for a given time goes with order^2 / step; it is flat from 12 to 20 for errors of 1e-11 to 1e-15, and short steps
 # between commands want it low.

@@ -15,22 +15,22 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from rb_dynamics.arguments import shown
-from rb_dynamics.decimals import exact_number, real_number
 from rb_dynamics.errors import LogError, MissingExtraError
+from rb_dynamics.formats import cdr
+from rb_dynamics.formats.bag_source import open_source
+from rb_dynamics.formats.log_file import LogFile, make_folder, require_other
+from rb_dynamics.formats.mcap_records import Message
+from rb_dynamics.formats.mcap_writer import McapWriter
+from rb_dynamics.formats.messages import APPLIED, COMMAND_DEPTH, WRENCH, decode_wrench, qos_profile
+from rb_dynamics.formats.own_log import Row, received_commands, row_columns, rows, scene_and_names
+from rb_dynamics.formats.ros2msg import TYPE_HASHES, schema_text
 from rb_dynamics.loads.channels import AppliedWrench
 from rb_dynamics.loads.wrench import Wrench
-from rb_dynamics.recording import cdr
-from rb_dynamics.recording.bag_source import open_source
-from rb_dynamics.recording.log_file import LogFile, make_folder, require_other
-from rb_dynamics.recording.mcap_records import Message
-from rb_dynamics.recording.mcap_writer import McapWriter
-from rb_dynamics.recording.messages import APPLIED, COMMAND_DEPTH, WRENCH, decode_wrench, qos_profile
-from rb_dynamics.recording.own_log import Row, received_commands, row_columns, rows, scene_and_names
-from rb_dynamics.recording.provenance import RESULT, RUN, SCENE, version
-from rb_dynamics.recording.ros2msg import TYPE_HASHES, schema_text
-from rb_dynamics.recording.sink import RunInfo, Sample
-from rb_dynamics.rotation import rotate
+from rb_dynamics.numerics.decimals import exact_number, real_number
+from rb_dynamics.numerics.rotation import rotate
+from rb_dynamics.numerics.validation import shown
+from rb_dynamics.run.provenance import RESULT, RUN, SCENE, version
+from rb_dynamics.run.sink import RunInfo, Sample
 from rb_dynamics.scene.model import Scene
 
 _logger = logging.getLogger(__name__)

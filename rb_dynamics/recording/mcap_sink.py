@@ -22,13 +22,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rb_dynamics.diagnostics import Sample
 from rb_dynamics.errors import LogError
-from rb_dynamics.recording import cdr
-from rb_dynamics.recording.log_file import LogFile
-from rb_dynamics.recording.mcap_records import Channel, McapFile, Schema
-from rb_dynamics.recording.mcap_writer import McapWriter
-from rb_dynamics.recording.messages import (
+from rb_dynamics.formats import cdr
+from rb_dynamics.formats.log_file import LogFile
+from rb_dynamics.formats.mcap_records import Channel, McapFile, Schema
+from rb_dynamics.formats.mcap_writer import McapWriter
+from rb_dynamics.formats.messages import (
     APPLIED,
     COMMAND_DEPTH,
     DIAGNOSTICS,
@@ -44,10 +43,11 @@ from rb_dynamics.recording.messages import (
     sample_encoder,
     sample_topics,
 )
-from rb_dynamics.recording.provenance import CHECKPOINT, INTERRUPTED, RESULT, RUN, SCENE, TOPICS, version
-from rb_dynamics.recording.ros2msg import TYPE_HASHES, schema_text
-from rb_dynamics.recording.sink import AppliedWrench, Event, RejectedWrench, RunInfo, Status
+from rb_dynamics.formats.ros2msg import TYPE_HASHES, schema_text
 from rb_dynamics.recording.state_hash import StateHash
+from rb_dynamics.run.diagnostics import Sample
+from rb_dynamics.run.provenance import CHECKPOINT, INTERRUPTED, RESULT, RUN, SCENE, TOPICS, version
+from rb_dynamics.run.sink import AppliedWrench, Event, RejectedWrench, RunInfo, Status
 
 if TYPE_CHECKING:
     from rb_dynamics.scene.model import Scene

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
-from rb_dynamics.diagnostics import Sample
 from rb_dynamics.loads.channels import AppliedWrench, RejectedWrench
-from rb_dynamics.recording.sink import Event, RunInfo
+from rb_dynamics.run.diagnostics import Sample
+from rb_dynamics.run.sink import Event, RunInfo
 
 if TYPE_CHECKING:
     import numpy.typing as npt

@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
+from rb_dynamics.numerics.vector import ZERO
 from rb_dynamics.recording import rerun_poinsot as poinsot
 from rb_dynamics.recording.rerun_layout import COMMANDS_ON_PATH
-from rb_dynamics.vector import ZERO
 
 if TYPE_CHECKING:
     import rerun.blueprint as rrb

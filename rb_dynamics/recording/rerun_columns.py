@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rb_dynamics.diagnostics import Sample
+from rb_dynamics.numerics.rotation_arrays import rotate_all
 from rb_dynamics.recording.rerun_layout import Series
 from rb_dynamics.recording.thinning import Row
-from rb_dynamics.rotations import rotate_all
+from rb_dynamics.run.diagnostics import Sample
 
 Array = NDArray[np.float64]
 

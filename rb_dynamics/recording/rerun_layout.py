@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from rb_dynamics.vector import ZERO, Vector
+from rb_dynamics.numerics.vector import ZERO, Vector
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -207,7 +207,7 @@ def _spin(scene: Scene) -> str:
     """Return what becomes of the spin with which the run starts, if nothing acts; "" for a body at rest."""
     if not any(scene.initial.angular_velocity_body):
         return ""
-    from rb_dynamics.poinsot import PolhodeKind, polhode
+    from rb_dynamics.theory.poinsot import PolhodeKind, polhode
 
     curve = polhode(scene.body, scene.initial, 1)
     if curve.kind in (PolhodeKind.FIXED_AXIS, PolhodeKind.SPHERE):

@@ -1,6 +1,6 @@
 """Poinsot's construction in Rerun, live: the inertia ellipsoid rolls on the invariable plane and draws its two curves.
 
-Drawn in the space of `rb_dynamics.contact`. While no torque acts, the plane stands still; a torque moves it. Never
+Drawn in the space of `rb_dynamics.theory.rolling_ellipsoid`. While no torque acts, the plane stands still; a torque moves it. Never
 integrates: every point is of a sample of the run.
 """
 
@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rb_dynamics.body.rigid_body import RigidBody
-from rb_dynamics.contact import DISC, LARGEST_CHORD, Contact, half_axes, separatrices
+from rb_dynamics.numerics.vector import Vector, dot, norm, scale, subtract
 from rb_dynamics.recording.rerun_layout import BLUE, CYAN, GREEN, GREY, ORANGE, YELLOW
 from rb_dynamics.recording.thinning import Piece, Trail
-from rb_dynamics.vector import Vector, dot, norm, scale, subtract
+from rb_dynamics.theory.rolling_ellipsoid import DISC, LARGEST_CHORD, Contact, half_axes, separatrices
 
 if TYPE_CHECKING:
     import rerun as rr

@@ -25,20 +25,20 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rb_dynamics.body.properties import equivalent_box
-from rb_dynamics.contact import contact
-from rb_dynamics.diagnostics import Sample
+from rb_dynamics.body.mass_properties import equivalent_box
 from rb_dynamics.errors import LogError, MissingExtraError
+from rb_dynamics.formats.log_file import make_folder
+from rb_dynamics.numerics.rotation import rotate
+from rb_dynamics.numerics.rotation_arrays import rotate_all
+from rb_dynamics.numerics.vector import ZERO, Vector, add, subtract
 from rb_dynamics.recording import rerun_layout as layout
 from rb_dynamics.recording import rerun_poinsot as poinsot
-from rb_dynamics.recording.log_file import make_folder
 from rb_dynamics.recording.rerun_blueprint import CLOSE_UP, OVERVIEW, blueprint
 from rb_dynamics.recording.rerun_columns import Columns, gather
-from rb_dynamics.recording.sink import AppliedWrench, Event, RejectedWrench, RunInfo, Status
 from rb_dynamics.recording.thinning import Piece, Polyline, Rows, Thinner, WrenchPart, WrenchSteps
-from rb_dynamics.rotation import rotate
-from rb_dynamics.rotations import rotate_all
-from rb_dynamics.vector import ZERO, Vector, add, subtract
+from rb_dynamics.run.diagnostics import Sample
+from rb_dynamics.run.sink import AppliedWrench, Event, RejectedWrench, RunInfo, Status
+from rb_dynamics.theory.rolling_ellipsoid import contact
 
 if TYPE_CHECKING:
     import rerun as rr

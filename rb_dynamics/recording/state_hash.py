@@ -6,8 +6,8 @@ import hashlib
 import struct
 from collections.abc import Mapping
 
-from rb_dynamics.diagnostics import Sample
-from rb_dynamics.recording.sink import Event, RunInfo
+from rb_dynamics.run.diagnostics import Sample
+from rb_dynamics.run.sink import Event, RunInfo
 
 _RECORD = struct.Struct("<q28d")
 

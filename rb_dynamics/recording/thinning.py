@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rb_dynamics.diagnostics import Sample
 from rb_dynamics.loads.channels import AppliedWrench
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.vector import ZERO, Vector
+from rb_dynamics.numerics.vector import ZERO, Vector
+from rb_dynamics.run.diagnostics import Sample
 
 Array = NDArray[np.float64]
 

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from rb_dynamics.errors import LogError, MissingExtraError
-from rb_dynamics.recording.log_file import make_folder
-from rb_dynamics.recording.provenance import version
+from rb_dynamics.formats.log_file import make_folder
+from rb_dynamics.run.provenance import version
 
 # All but text: what HTML does not allow, and the marks that turn the writing direction (202a.., 2066..).
 _UNSHOWABLE = re.compile(

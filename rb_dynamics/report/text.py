@@ -8,12 +8,12 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from rb_dynamics.analysis.checks import Check
+from rb_dynamics.analysis.residual import Residual
+from rb_dynamics.analysis.summary import Summary
+from rb_dynamics.analysis.track import frame_names
 from rb_dynamics.body.rigid_body import RigidBody
-from rb_dynamics.report.checks import Check
 from rb_dynamics.report.html import printable
-from rb_dynamics.report.residual import Residual
-from rb_dynamics.report.summary import Summary
-from rb_dynamics.report.track import frame_names
 
 WIDTH = 100
 

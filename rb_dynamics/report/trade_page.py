@@ -13,7 +13,7 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 
 from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, made_by, printable, write_html
 from rb_dynamics.report.svg import COLORS
-from rb_dynamics.trade import Row, Trade
+from rb_dynamics.study.trade import Row, Trade
 
 # Three more, with the same contrast.
 _COLORS = (*COLORS, "#7b73d9", "#5b9122", "#7d828a")

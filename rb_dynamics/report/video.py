@@ -18,18 +18,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rb_dynamics.body.properties import equivalent_box
+from rb_dynamics.analysis.track import Array, Track, motion_of
+from rb_dynamics.body.mass_properties import equivalent_box
 from rb_dynamics.body.rigid_body import RigidBody
-from rb_dynamics.contact import DISC, Contact, contact, half_axes, separatrices
 from rb_dynamics.errors import LogError, MissingExtraError
-from rb_dynamics.recording.log_file import make_folder
+from rb_dynamics.formats.log_file import make_folder
+from rb_dynamics.numerics.rotation import matrix
+from rb_dynamics.numerics.rotation_arrays import rotate_all
 from rb_dynamics.recording.rerun_layout import BLUE, CYAN, GREEN, ORANGE, RED, YELLOW
 from rb_dynamics.recording.rerun_poinsot import EYE, Eye, eye
 from rb_dynamics.report.plots import continuous
-from rb_dynamics.report.rolling import outline
-from rb_dynamics.report.track import Array, Track, motion_of
-from rb_dynamics.rotation import matrix
-from rb_dynamics.rotations import rotate_all
+from rb_dynamics.report.poinsot_figure import outline
+from rb_dynamics.theory.rolling_ellipsoid import DISC, Contact, contact, half_axes, separatrices
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

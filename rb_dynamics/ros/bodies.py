@@ -17,9 +17,9 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from rb_dynamics.errors import RigidBodyError
-from rb_dynamics.options import real, whole
-from rb_dynamics.ros.arguments import LOGS, apart, parameter
+from rb_dynamics.numerics.option_numbers import real, whole
 from rb_dynamics.ros.node import RigidBodyNode, spin
+from rb_dynamics.ros.start_arguments import LOGS, apart, parameter
 
 
 def bodies(count: int, prefix: str, spacing: float) -> list[RigidBodyNode]:

@@ -21,15 +21,15 @@ from geometry_msgs.msg import (
 from geometry_msgs.msg import Quaternion as QuaternionMessage
 from nav_msgs.msg import Odometry
 
-from rb_dynamics.arguments import shown
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
-from rb_dynamics.diagnostics import Sample
 from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.wrench import WrenchFrames
-from rb_dynamics.recording.sink import Status
-from rb_dynamics.rotation import Quaternion, rotate, rotate_inverse, unit
-from rb_dynamics.vector import Vector
+from rb_dynamics.numerics.rotation import Quaternion, rotate, rotate_inverse, unit
+from rb_dynamics.numerics.validation import shown
+from rb_dynamics.numerics.vector import Vector
+from rb_dynamics.run.diagnostics import Sample
+from rb_dynamics.run.sink import Status
 
 if TYPE_CHECKING:
     from simulation_interfaces.msg import EntityState

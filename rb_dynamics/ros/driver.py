@@ -15,14 +15,14 @@ from dataclasses import dataclass, replace
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import ConvergenceError, RigidBodyError, SceneError, WrenchError
 from rb_dynamics.loads.wrench import Wrench
-from rb_dynamics.recording.guard import GuardedSink
-from rb_dynamics.recording.sink import Sink
+from rb_dynamics.recording.failure_guard import GuardedSink
 from rb_dynamics.ros.arrivals import Arrival, Arrivals
 from rb_dynamics.ros.health import Health
 from rb_dynamics.ros.pacing import ClockFollower, Pacer
+from rb_dynamics.run.simulation import Simulation
+from rb_dynamics.run.sink import Sink
 from rb_dynamics.scene import parse_scene
 from rb_dynamics.scene.model import Scene
-from rb_dynamics.simulate import Simulation
 
 _NANOSECONDS = 1_000_000_000
 # How long the node may wait without looking at signals, and compute without looking at messages or signals.

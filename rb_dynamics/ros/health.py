@@ -11,10 +11,10 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 
-from rb_dynamics.recording.sink import Status
 from rb_dynamics.ros.arrivals import Arrival
 from rb_dynamics.ros.pacing import ClockFollower, Pacer
-from rb_dynamics.simulate import Simulation
+from rb_dynamics.run.simulation import Simulation
+from rb_dynamics.run.sink import Status
 
 OK, WARN, ERROR = 0, 1, 2
 _PERIOD_NS = 1_000_000_000

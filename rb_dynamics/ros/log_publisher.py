@@ -22,8 +22,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 
-from rb_dynamics.recording.bag_source import open_source
-from rb_dynamics.recording.mcap_records import Channel
+from rb_dynamics.formats.bag_source import open_source
+from rb_dynamics.formats.mcap_records import Channel
 from rb_dynamics.ros.conversions import to_stamp
 from rb_dynamics.ros.pacing import Pacer
 

@@ -38,10 +38,10 @@ from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
 
 from rb_dynamics.errors import LogError, RigidBodyError, SceneError
-from rb_dynamics.recording.cdr import split_stamp
-from rb_dynamics.recording.guard import GuardedSink
-from rb_dynamics.recording.log_file import move_aside
-from rb_dynamics.recording.messages import ACCEL, COMMAND_DEPTH, SAMPLE_TOPICS, WRENCH, decode_wrench
+from rb_dynamics.formats.cdr import split_stamp
+from rb_dynamics.formats.log_file import move_aside
+from rb_dynamics.formats.messages import ACCEL, COMMAND_DEPTH, SAMPLE_TOPICS, WRENCH, decode_wrench
+from rb_dynamics.recording.failure_guard import GuardedSink
 from rb_dynamics.ros import conversions
 from rb_dynamics.ros.arrivals import Losses
 from rb_dynamics.ros.driver import Driver
@@ -49,9 +49,9 @@ from rb_dynamics.ros.health import ERROR, Health, Throttle
 from rb_dynamics.ros.pacing import ClockFollower, Pacer
 from rb_dynamics.ros.publishers import TopicSink
 from rb_dynamics.ros.settings import read_settings, real_time_factor, require_paceable, scene_overrides
+from rb_dynamics.run.simulation import Simulation
+from rb_dynamics.run.stop_signals import stop_signals
 from rb_dynamics.scene.model import Scene
-from rb_dynamics.simulate import Simulation
-from rb_dynamics.stopping import stop_signals
 
 _NANOSECONDS = 1_000_000_000
 # s: up to so long it sleeps instead of waiting for messages, so often it then looks at services, and for so long.

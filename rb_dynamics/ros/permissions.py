@@ -16,8 +16,8 @@ from xml.etree import ElementTree
 from rclpy.parameter import Parameter
 
 from rb_dynamics.errors import RigidBodyError
-from rb_dynamics.ros.arguments import LOGS, parameter
 from rb_dynamics.ros.node import RigidBodyNode, spin
+from rb_dynamics.ros.start_arguments import LOGS, parameter
 
 # What an action is made of stands below this name.
 _ACTION = "/_action/"

@@ -17,9 +17,9 @@ from std_srvs.srv import Trigger
 
 from rb_dynamics.errors import RigidBodyError
 from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.numerics.rotation import Quaternion
+from rb_dynamics.numerics.vector import Vector
 from rb_dynamics.ros.conversions import to_nanoseconds, to_stamp
-from rb_dynamics.rotation import Quaternion
-from rb_dynamics.vector import Vector
 
 # How many commands a channel may be ahead of the motion that has come back, and how many messages may wait for us.
 _LEAD = 20

@@ -23,14 +23,14 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64
 
-from rb_dynamics.diagnostics import Sample
+from rb_dynamics.formats import cdr
 from rb_dynamics.loads.wrench import WrenchFrames
-from rb_dynamics.recording import cdr
-from rb_dynamics.recording.sink import Event, RunInfo, Status
+from rb_dynamics.numerics.rotation import rotate_inverse
+from rb_dynamics.numerics.vector import Vector
 from rb_dynamics.ros import conversions
 from rb_dynamics.ros.health import Health
-from rb_dynamics.rotation import rotate_inverse
-from rb_dynamics.vector import Vector
+from rb_dynamics.run.diagnostics import Sample
+from rb_dynamics.run.sink import Event, RunInfo, Status
 
 _SCALAR = cdr.float64_packer()
 

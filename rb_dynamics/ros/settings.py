@@ -13,9 +13,9 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from rb_dynamics.errors import SceneError
-from rb_dynamics.recording.logs import Logs
+from rb_dynamics.formats.messages import sample_depth
+from rb_dynamics.recording.log_outputs import Logs
 from rb_dynamics.recording.mcap_sink import FLUSH_S, LogSettings
-from rb_dynamics.recording.messages import sample_depth
 from rb_dynamics.ros.driver import Mode
 from rb_dynamics.ros.publishers import Topics
 from rb_dynamics.scene import document, read_scene

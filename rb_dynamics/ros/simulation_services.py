@@ -30,10 +30,10 @@ from simulation_interfaces.srv import (
 )
 
 from rb_dynamics.errors import RigidBodyError
+from rb_dynamics.numerics.rotation import NORM_TOLERANCE
 from rb_dynamics.ros import conversions
 from rb_dynamics.ros.driver import Driver
-from rb_dynamics.rotation import NORM_TOLERANCE
-from rb_dynamics.simulate import Simulation
+from rb_dynamics.run.simulation import Simulation
 
 _F = SimulatorFeatures
 _FEATURES = (

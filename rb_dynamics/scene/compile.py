@@ -10,7 +10,7 @@ from rb_dynamics.loads.load import Takes
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Method
 from rb_dynamics.motion.arc import Arc, LoadFrom, Stepper
-from rb_dynamics.motion.automatic import CANDIDATES, cheapest
+from rb_dynamics.motion.auto_method import CANDIDATES, cheapest
 from rb_dynamics.motion.exact import EXACT, has_closed_form, is_free
 from rb_dynamics.motion.phase import Phase, inertia_of
 from rb_dynamics.motion.step_control import AccuracyControl, FixedStep, OwnControl, StepControl, WholeArc

@@ -14,8 +14,8 @@ from typing import Any, TypeAlias
 
 import yaml
 
-from rb_dynamics import decimals
 from rb_dynamics.errors import SceneError
+from rb_dynamics.numerics import decimals
 from rb_dynamics.scene.problems import Problems, printable
 
 MAX_CHARACTERS = 1 << 20

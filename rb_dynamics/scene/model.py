@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from rb_dynamics.arguments import instance, instances, number, shown
-from rb_dynamics.body.doctor import Finding
+from rb_dynamics.body.plausibility import Finding
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import SceneError
-from rb_dynamics.loads.acting import ActingEffects
 from rb_dynamics.loads.channels import Channel
+from rb_dynamics.loads.combined_effects import ActingEffects
 from rb_dynamics.loads.effect import Effect, nanoseconds
 from rb_dynamics.loads.wrench import WrenchFrames
+from rb_dynamics.numerics.validation import instance, instances, number, shown
 
 DEFAULT_ACCURACY = 1e-9
 """The error (rad, and relative to the path) accepted at the end of a run that says neither a step nor an accuracy."""

@@ -11,10 +11,11 @@ import os
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
-from rb_dynamics.arguments import instance, shown
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import PluginError, SceneError
+from rb_dynamics.numerics.validation import instance, shown
+from rb_dynamics.numerics.vector import ZERO
 from rb_dynamics.scene import document
 from rb_dynamics.scene.fields import LONGEST, SHORTEST, Field, Rule, Section
 from rb_dynamics.scene.model import DEFAULT_ACCURACY, Scene, Solver
@@ -23,9 +24,8 @@ from rb_dynamics.scene.problems import Problems
 from rb_dynamics.scene.read_body import body_and_frames
 from rb_dynamics.scene.read_channels import channels
 from rb_dynamics.scene.read_effects import effects
+from rb_dynamics.scene.shipped import shipped
 from rb_dynamics.scene.text_file import read_text
-from rb_dynamics.shipped import shipped
-from rb_dynamics.vector import ZERO
 
 _NO_OVERRIDES: Mapping[str, object] = MappingProxyType({})
 

@@ -6,9 +6,9 @@ import difflib
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import PluginError, SceneError
-from rb_dynamics.loads.acting import ActingEffects
+from rb_dynamics.loads.combined_effects import ActingEffects
 from rb_dynamics.loads.effect import Effect
-from rb_dynamics.loads.effects import EFFECTS
+from rb_dynamics.loads.effect_types import EFFECTS
 from rb_dynamics.loads.wrench import WrenchFrames
 from rb_dynamics.scene.entry import Entry
 from rb_dynamics.scene.fields import Field

@@ -10,15 +10,15 @@ import difflib
 import os
 from dataclasses import dataclass, replace
 
-from rb_dynamics.body.doctor import Finding, examine_density, examine_reach, slip_behind
 from rb_dynamics.body.particles import body_of_particles
+from rb_dynamics.body.plausibility import Finding, examine_density, examine_reach, slip_behind
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.shapes import SHAPES, Form
 from rb_dynamics.errors import BodyError
+from rb_dynamics.numerics.vector import ZERO, Vector
 from rb_dynamics.scene.document import Node, from_python, show
 from rb_dynamics.scene.fields import Field, Rule, Section
 from rb_dynamics.scene.problems import printable
-from rb_dynamics.vector import ZERO, Vector
 
 INERTIA_FORMS = ("matrix", "diagonal", "principal", "particles", "shape", "mesh", "urdf")
 FORMS = ", ".join(INERTIA_FORMS)

@@ -9,7 +9,7 @@ from types import ModuleType
 import pytest
 
 from rb_dynamics.motion import METHODS
-from rb_dynamics.rotation import angle_between
+from rb_dynamics.numerics.rotation import angle_between
 
 
 @pytest.fixture(scope="module")

@@ -15,9 +15,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
-from rb_dynamics import rotation
 from rb_dynamics.body import mesh, shapes
 from rb_dynamics.errors import BodyError, MissingExtraError
+from rb_dynamics.numerics import rotation
 
 trimesh = pytest.importorskip("trimesh", reason="extra 'mesh' is not installed")
 

@@ -11,11 +11,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rb_dynamics import rotation
 from rb_dynamics.body import particles
 from rb_dynamics.errors import BodyError
-from rb_dynamics.rotation import Matrix
-from rb_dynamics.vector import Vector, add, cross, norm, scale, subtract
+from rb_dynamics.numerics import rotation
+from rb_dynamics.numerics.rotation import Matrix
+from rb_dynamics.numerics.vector import Vector, add, cross, norm, scale, subtract
 
 EPS = 2.0**-52
 

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rb_dynamics import rotation
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import BodyError
 from rb_dynamics.motion.phase import Phase
-from rb_dynamics.rotation import IDENTITY
+from rb_dynamics.numerics import rotation
+from rb_dynamics.numerics.rotation import IDENTITY
 
 EPS = 2.0**-52
 

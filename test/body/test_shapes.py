@@ -13,10 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from rb_dynamics import rotation
 from rb_dynamics.body import shapes
 from rb_dynamics.body.shapes import SHAPES, Shape
 from rb_dynamics.errors import BodyError
+from rb_dynamics.numerics import rotation
 
 lengths = st.floats(0.01, 100.0)
 

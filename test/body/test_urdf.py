@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from rb_dynamics.body import urdf
-from rb_dynamics.body.doctor import examine_reach
+from rb_dynamics.body.plausibility import examine_reach
 from rb_dynamics.errors import BodyError
 
 INERTIA = '<inertia ixx="2.1" ixy="0.13" ixz="-0.27" iyy="1.7" iyz="0.31" izz="2.9"/>'

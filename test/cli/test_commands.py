@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from rb_dynamics import Sample, Simulation, Wrench, WrenchError, read_scene
-from rb_dynamics.recording.mcap_reader import read_bag
+from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.recording.mcap_sink import McapSink
 
 FREE = "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\ninitial: {angular_velocity_body: [0.1, 2, 0.1]}\nduration: 3\n"

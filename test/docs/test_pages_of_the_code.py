@@ -30,11 +30,11 @@ def run(root: Path, *command: str) -> str:
 
 @pytest.mark.ros
 def test_the_reference_is_what_the_code_says(root: Path) -> None:
-    run(root, "docs/make_reference.py", "--check")
+    run(root, "tools/make_reference.py", "--check")
 
 
 def test_the_diagram_names_what_is_there(root: Path) -> None:
-    run(root, "docs/make_diagram.py", "--check")
+    run(root, "tools/make_diagram.py", "--check")
 
 
 @pytest.mark.skipif(find_spec("mkdocs") is None, reason="extra 'docs' is not installed")

@@ -50,7 +50,7 @@ def section(page: str, title: str) -> str:
     ],
 )
 def test_every_method_is_on_the_page(page: str, title: str, methods: dict[str, object]) -> None:
-    """Where this fails: python docs/make_verification.py."""
+    """Where this fails: python tools/make_verification.py."""
     named = set(re.findall(r"^\| `(\w+)`", section(page, title), re.MULTILINE))
 
     assert named == set(methods)

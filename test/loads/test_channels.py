@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from rb_dynamics.errors import WrenchError
 from rb_dynamics.loads.channels import AppliedWrench, Channel, RejectedWrench, WrenchChannels
 from rb_dynamics.loads.wrench import FixedFrame, HeldWrench, Wrench, WrenchFrames
-from rb_dynamics.vector import ZERO
+from rb_dynamics.numerics.vector import ZERO
 
 MS = 1_000_000
 

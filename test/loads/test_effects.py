@@ -14,8 +14,8 @@ from motions import EPS, Recorder
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import ConvergenceError, SceneError
-from rb_dynamics.loads.acting import ActingEffects
 from rb_dynamics.loads.central_gravity import CentralGravity
+from rb_dynamics.loads.combined_effects import ActingEffects
 from rb_dynamics.loads.drag import LinearDrag, QuadraticDrag
 from rb_dynamics.loads.effect import Effect, Point, Wrenching
 from rb_dynamics.loads.load import Takes
@@ -24,11 +24,11 @@ from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.method import Increment
 from rb_dynamics.motion.phase import Phase
-from rb_dynamics.rotation import angle_between, exp, multiply, normalize
+from rb_dynamics.numerics.rotation import angle_between, exp, multiply, normalize
+from rb_dynamics.numerics.vector import Vector, add, add_scaled, cross, dot, norm, scale, subtract
+from rb_dynamics.run.simulation import Run, simulate
 from rb_dynamics.scene.compile import Plan
 from rb_dynamics.scene.read import parse_scene
-from rb_dynamics.simulate import Run, simulate
-from rb_dynamics.vector import Vector, add, add_scaled, cross, dot, norm, scale, subtract
 
 SKEW = (
     "body: {mass: 2.5, center_of_mass: [0.1, -0.2, 0.3], "

@@ -15,9 +15,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from rb_dynamics.diagnostics import Sample
+from rb_dynamics.run.diagnostics import Sample
+from rb_dynamics.run.simulation import simulate
 from rb_dynamics.scene.read import parse_scene
-from rb_dynamics.simulate import simulate
 
 Array = NDArray[np.float64]
 # effect(t, position, velocity, body to world, angular velocity): force (world), torque, rotor momentum, its rate (body)

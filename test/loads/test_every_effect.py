@@ -16,11 +16,11 @@ from motions import Recorder
 
 import rb_dynamics as rb
 from rb_dynamics.loads.effect import Effect, Point
-from rb_dynamics.loads.effects import EFFECTS
+from rb_dynamics.loads.effect_types import EFFECTS
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.phase import in_principal_axes
-from rb_dynamics.rotation import exp, multiply, normalize, rotate, rotate_inverse
-from rb_dynamics.vector import ZERO, Vector, add, dot, norm, scale, subtract
+from rb_dynamics.numerics.rotation import exp, multiply, normalize, rotate, rotate_inverse
+from rb_dynamics.numerics.vector import ZERO, Vector, add, dot, norm, scale, subtract
 
 CONFIG = Path(__file__).parents[2] / "config"
 AXES: tuple[Vector, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))

@@ -13,10 +13,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rb_dynamics import rotation
 from rb_dynamics.errors import WrenchError
 from rb_dynamics.loads.wrench import FixedFrame, HeldWrench, Wrench, WrenchFrames
-from rb_dynamics.vector import ZERO, Vector, norm
+from rb_dynamics.numerics import rotation
+from rb_dynamics.numerics.vector import ZERO, Vector, norm
 
 EPS = 2.0**-52
 

@@ -18,8 +18,8 @@ from rb_dynamics.motion.arc import Arc
 from rb_dynamics.motion.method import Load
 from rb_dynamics.motion.phase import Phase, in_principal_axes, inertia_of
 from rb_dynamics.motion.step_control import AccuracyControl, FixedStep, StepControl
-from rb_dynamics.rotation import Quaternion
-from rb_dynamics.vector import ZERO, Vector, scale
+from rb_dynamics.numerics.rotation import Quaternion
+from rb_dynamics.numerics.vector import ZERO, Vector, scale
 
 SECOND = 1_000_000_000
 

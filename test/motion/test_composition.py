@@ -8,16 +8,16 @@ import pytest
 from motions import EPS, Case, forced, move
 from word_series import measured_orders, worst
 
-from rb_dynamics.diagnostics import Observer
 from rb_dynamics.errors import ConvergenceError
-from rb_dynamics.loads.acting import ActingEffects
+from rb_dynamics.loads.combined_effects import ActingEffects
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Inertia
 from rb_dynamics.motion.composition import KAHAN_LI6, SUZUKI4, compose
 from rb_dynamics.motion.midpoint import MIDPOINT
 from rb_dynamics.motion.phase import Phase
 from rb_dynamics.motion.splitting import kick_free_kick
-from rb_dynamics.vector import norm
+from rb_dynamics.numerics.vector import norm
+from rb_dynamics.run.diagnostics import Observer
 
 COEFFICIENTS = {4: SUZUKI4, 6: KAHAN_LI6}
 

@@ -27,9 +27,9 @@ from rb_dynamics.motion.arc import Arc, LoadFrom
 from rb_dynamics.motion.method import Load, Takes
 from rb_dynamics.motion.phase import Phase, in_principal_axes, inertia_of
 from rb_dynamics.motion.step_control import NANOSECONDS, FixedStep
-from rb_dynamics.rotation import Quaternion, angle_between, conjugate, multiply, rotate, rotate_inverse
-from rb_dynamics.vector import ZERO, Vector, add, add_scaled, cross, dot, norm, scale, subtract
-from rb_dynamics.vector import multiply as times
+from rb_dynamics.numerics.rotation import Quaternion, angle_between, conjugate, multiply, rotate, rotate_inverse
+from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, cross, dot, norm, scale, subtract
+from rb_dynamics.numerics.vector import multiply as times
 
 FIELD = ["strang2", "strang4", "strang6", "aba82", "aba84", "aba104", "aba864", "dlm2", "dlm4", "dlm6"]
 ANY = ["midpoint", "midpoint4", "midpoint6"]

@@ -9,14 +9,14 @@ import re
 import pytest
 from motions import EPS, STEPPED, Case, attitude_error, errors, forced, move, slope
 
-from rb_dynamics import rotation
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Increment, Inertia, Method, midpoint, rkmk
 from rb_dynamics.motion.phase import Phase
-from rb_dynamics.rotation import Quaternion
-from rb_dynamics.vector import ZERO, Vector, add, cross, divide, dot, multiply, norm, scale, subtract
+from rb_dynamics.numerics import rotation
+from rb_dynamics.numerics.rotation import Quaternion
+from rb_dynamics.numerics.vector import ZERO, Vector, add, cross, divide, dot, multiply, norm, scale, subtract
 
 INERTIA = Inertia(3.7, (1.5, 2.1, 3.1))
 HELD = HeldWrench((0.9, -0.4, 0.6), (0.3, -0.2, 0.25), (-0.5, 0.8, 0.3), (0.2, 0.35, -0.3))

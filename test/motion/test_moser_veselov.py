@@ -14,13 +14,13 @@ from word_series import measured_orders
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Inertia
+from rb_dynamics.motion.closed_form import free_rotation
 from rb_dynamics.motion.exact import EXACT
-from rb_dynamics.motion.free import free_rotation
 from rb_dynamics.motion.method import Method
 from rb_dynamics.motion.moser_veselov import _DENOMINATORS, DMV82, DMV104, DMV864, _preprocessing, flow
 from rb_dynamics.motion.phase import Phase
-from rb_dynamics.rotation import IDENTITY, angle_between, matrix, rotate
-from rb_dynamics.vector import Vector, dot, multiply, norm, scale, subtract
+from rb_dynamics.numerics.rotation import IDENTITY, angle_between, matrix, rotate
+from rb_dynamics.numerics.vector import Vector, dot, multiply, norm, scale, subtract
 
 each = pytest.mark.parametrize("method", [DMV82, DMV864, DMV104], ids=lambda method: method.name)
 

@@ -19,10 +19,10 @@ from rb_dynamics.motion.exact import EXACT, has_closed_form
 from rb_dynamics.motion.phase import Phase, inertia_of
 from rb_dynamics.motion.planar import fixed_axis
 from rb_dynamics.motion.step_control import OwnControl, WholeArc
-from rb_dynamics.rotation import IDENTITY, angle_between, exp
+from rb_dynamics.numerics.rotation import IDENTITY, angle_between, exp
+from rb_dynamics.numerics.vector import ZERO, Vector, norm, subtract
+from rb_dynamics.run.simulation import simulate
 from rb_dynamics.scene.read import parse_scene
-from rb_dynamics.simulate import simulate
-from rb_dynamics.vector import ZERO, Vector, norm, subtract
 
 BODY = RigidBody.from_diagonal(1.7, (1.0, 2.0, 2.5))
 TILTED = exp((0.3, -1.0, 0.4))

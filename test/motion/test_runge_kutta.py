@@ -13,13 +13,13 @@ import pytest
 from motions import EPS, slope
 from scipy.integrate import DOP853, solve_ivp
 
-from rb_dynamics import rotation
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Increment, Inertia, Method, dop853, radau, rkmk
 from rb_dynamics.motion.method import Load, Takes
-from rb_dynamics.rotation import Quaternion
-from rb_dynamics.vector import ZERO, Vector, add, add_scaled, cross, dot, multiply, norm, scale, subtract
+from rb_dynamics.numerics import rotation
+from rb_dynamics.numerics.rotation import Quaternion
+from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, cross, dot, multiply, norm, scale, subtract
 
 NAMES = ["rk4", "rkmk4", "cf4", "rkmk54", "dverk", "dop853", "radau", "euler"]
 each_method = pytest.mark.parametrize("method", [METHODS[name] for name in NAMES], ids=NAMES)

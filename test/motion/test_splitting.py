@@ -10,16 +10,16 @@ import pytest
 from motions import EPS, Case, attitude_error, forced, free, move, slope
 from word_series import measured_orders, worst
 
-from rb_dynamics.diagnostics import Observer
 from rb_dynamics.errors import ConvergenceError
-from rb_dynamics.loads.acting import ActingEffects
+from rb_dynamics.loads.combined_effects import ActingEffects
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Inertia, splitting
 from rb_dynamics.motion.exact import EXACT
 from rb_dynamics.motion.phase import Phase
 from rb_dynamics.motion.splitting import ABA82_STAGES, ABA84_STAGES, ABA104_STAGES, ABA864_STAGES
-from rb_dynamics.rotation import angle_between
-from rb_dynamics.vector import norm, scale
+from rb_dynamics.numerics.rotation import angle_between
+from rb_dynamics.numerics.vector import norm, scale
+from rb_dynamics.run.diagnostics import Observer
 
 NAMES = ["strang2", "strang4", "strang6", "aba82", "aba84", "aba104", "aba864"]
 each = pytest.mark.parametrize("name", NAMES)

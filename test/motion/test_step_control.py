@@ -14,9 +14,9 @@ from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.arc import Arc
 from rb_dynamics.motion.phase import Phase, in_principal_axes, inertia_of
 from rb_dynamics.motion.step_control import NANOSECONDS, AccuracyControl, FixedStep
+from rb_dynamics.numerics.vector import ZERO, Vector, norm, subtract
 from rb_dynamics.scene.compile import Plan
 from rb_dynamics.scene.model import Solver
-from rb_dynamics.vector import ZERO, Vector, norm, subtract
 
 
 def driven(case: Case, method: str, accuracy: float, horizon: float) -> Arc:

@@ -9,8 +9,8 @@ import pytest
 
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import Increment, Inertia, taylor
-from rb_dynamics.rotation import Quaternion, normalize
-from rb_dynamics.vector import ZERO, Vector, scale
+from rb_dynamics.numerics.rotation import Quaternion, normalize
+from rb_dynamics.numerics.vector import ZERO, Vector, scale
 
 EPS = 2.0**-52
 

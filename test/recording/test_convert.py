@@ -9,12 +9,12 @@ import pytest
 
 from rb_dynamics import Wrench, parse_scene, simulate
 from rb_dynamics.errors import LogError
+from rb_dynamics.formats.bag_reader import read_bag, read_wrenches
 from rb_dynamics.recording.convert import log_to_rerun, log_to_scene, log_to_table, table_to_bag
-from rb_dynamics.recording.mcap_reader import read_bag, read_wrenches
 from rb_dynamics.recording.mcap_sink import McapSink
 from rb_dynamics.recording.memory import MemorySink
 from rb_dynamics.recording.state_hash import HashSink
-from rb_dynamics.replay import replay
+from rb_dynamics.study.replay import replay
 
 SCENE = parse_scene(
     "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}, center_of_mass: [0.1, 0, 0.2]}\n"

@@ -15,8 +15,8 @@ import pytest
 from log_killer import samples
 
 from rb_dynamics.errors import LogError
-from rb_dynamics.recording.mcap_reader import read_bag
-from rb_dynamics.recording.recover import recover
+from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.formats.recovery import recover
 
 pytest.importorskip("mcap")
 pytest.importorskip("rosbags")

@@ -21,21 +21,21 @@ import yaml
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
-from rb_dynamics.diagnostics import Sample
 from rb_dynamics.errors import LogError
+from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.formats.mcap_writer import CHUNK_BYTES
+from rb_dynamics.formats.messages import COMMAND_DEPTH, sample_depth
+from rb_dynamics.formats.ros2msg import TYPE_HASHES
 from rb_dynamics.loads.wrench import Wrench, WrenchFrames
-from rb_dynamics.recording.mcap_reader import read_bag
 from rb_dynamics.recording.mcap_sink import LogSettings, McapSink, verify
-from rb_dynamics.recording.mcap_writer import CHUNK_BYTES
 from rb_dynamics.recording.memory import MemorySink
-from rb_dynamics.recording.messages import COMMAND_DEPTH, sample_depth
-from rb_dynamics.recording.ros2msg import TYPE_HASHES
-from rb_dynamics.recording.sink import AppliedWrench, Event, RejectedWrench, RunInfo, Status
 from rb_dynamics.recording.state_hash import StateHash
-from rb_dynamics.replay import replay
+from rb_dynamics.run.diagnostics import Sample
+from rb_dynamics.run.simulation import simulate
+from rb_dynamics.run.sink import AppliedWrench, Event, RejectedWrench, RunInfo, Status
 from rb_dynamics.scene.model import Channel, Scene, Solver
 from rb_dynamics.scene.read import parse_scene
-from rb_dynamics.simulate import simulate
+from rb_dynamics.study.replay import replay
 
 pytest.importorskip("mcap")
 

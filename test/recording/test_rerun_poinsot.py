@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from rerun_runs import BODY, COMMANDS, SCENE, Rrd, logged
 
-from rb_dynamics import poinsot as theory
 from rb_dynamics.body.rigid_body import RigidBody
-from rb_dynamics.poinsot import invariable_plane
 from rb_dynamics.recording import rerun_poinsot as poinsot
+from rb_dynamics.theory import poinsot as theory
+from rb_dynamics.theory.poinsot import invariable_plane
 
 TUMBLE = replace(SCENE, duration=5.0)
 

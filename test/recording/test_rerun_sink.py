@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 from rerun_runs import BODY, COMMANDS, SCENE, Rrd, logged
 
-from rb_dynamics import rotation
-from rb_dynamics.body.properties import equivalent_box
-from rb_dynamics.diagnostics import Sample
+from rb_dynamics.body.mass_properties import equivalent_box
 from rb_dynamics.errors import LogError, MissingExtraError
 from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.numerics import rotation
+from rb_dynamics.numerics.vector import ZERO
 from rb_dynamics.recording.rerun_sink import RerunSink
-from rb_dynamics.recording.sink import AppliedWrench, Event, RunInfo, Status
+from rb_dynamics.run.diagnostics import Sample
+from rb_dynamics.run.sink import AppliedWrench, Event, RunInfo, Status
 from rb_dynamics.scene import parse_scene, read_scene
 from rb_dynamics.scene.model import Scene
-from rb_dynamics.vector import ZERO
 
 
 def still(index: int, period_ns: int = 1_000_000) -> Sample:

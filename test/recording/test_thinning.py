@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rb_dynamics.diagnostics import Sample
 from rb_dynamics.loads.channels import AppliedWrench
+from rb_dynamics.numerics.vector import ZERO, Vector
 from rb_dynamics.recording.thinning import Polyline, Rows, Thinner, Trail, WrenchPart, WrenchSteps
-from rb_dynamics.vector import ZERO, Vector
+from rb_dynamics.run.diagnostics import Sample
 
 
 def still(index: int) -> Sample:

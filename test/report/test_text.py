@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from rb_dynamics.analysis.summary import summarize
+from rb_dynamics.analysis.topics import read_track
+from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.loads.wrench import Wrench
-from rb_dynamics.recording.mcap_reader import read_bag
-from rb_dynamics.report.summary import summarize
 from rb_dynamics.report.text import WIDTH, as_text
-from rb_dynamics.report.topics import read_track
 
 POSE = "geometry_msgs/msg/PoseStamped"
 

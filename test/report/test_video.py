@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rb_dynamics.analysis.topics import read_track
+from rb_dynamics.analysis.track import Track
 from rb_dynamics.errors import LogError, MissingExtraError
-from rb_dynamics.recording.mcap_reader import read_bag
-from rb_dynamics.report.topics import read_track
-from rb_dynamics.report.track import Track
+from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.report.video import write_video
 
 

@@ -17,9 +17,9 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from ros_harness import Peer
 
-from rb_dynamics.recording.mcap_reader import read_bag
-from rb_dynamics.ros.arguments import apart
+from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.ros.node import turn
+from rb_dynamics.ros.start_arguments import apart
 
 pytestmark = pytest.mark.ros
 

@@ -15,7 +15,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from ros_harness import TRANSIENT, NodeProcess, Peer, running, stamp, values
 from std_srvs.srv import SetBool, Trigger
 
-from rb_dynamics.recording.mcap_reader import read_bag
+from rb_dynamics.formats.bag_reader import read_bag
 
 pytestmark = pytest.mark.ros
 

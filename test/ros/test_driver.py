@@ -14,11 +14,11 @@ from nav_msgs.msg import Odometry
 
 from rb_dynamics import MemorySink, Simulation, Wrench, parse_scene
 from rb_dynamics.errors import SceneError
-from rb_dynamics.recording.sink import Event, Status
 from rb_dynamics.ros.conversions import to_state
 from rb_dynamics.ros.driver import Driver, Mode
 from rb_dynamics.ros.health import Health
 from rb_dynamics.ros.pacing import Pacer
+from rb_dynamics.run.sink import Event, Status
 
 SCENE = """\
 body: {mass: 2.0, inertia: {diagonal: [1, 2, 2.5]}}
@@ -334,7 +334,7 @@ def test_stop_stands_at_time_0_until_told() -> None:
 
 
 def test_each_run_has_logs_of_its_own(tmp_path: Path) -> None:
-    from rb_dynamics.recording.guard import GuardedSink
+    from rb_dynamics.recording.failure_guard import GuardedSink
 
     runs: list[GuardedSink] = []
 

@@ -13,8 +13,8 @@ import pytest
 from nav_msgs.msg import Odometry
 from ros_harness import ROOT, Peer, running
 
-from rb_dynamics.recording.mcap_reader import read_bag
-from rb_dynamics.recording.provenance import RESULT
+from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.run.provenance import RESULT
 
 pytestmark = pytest.mark.ros
 

@@ -23,7 +23,7 @@ from nav_msgs.msg import Odometry
 from ros_harness import ROOT, TRANSIENT, Peer
 from rosgraph_msgs.msg import Clock
 
-from rb_dynamics.recording.mcap_reader import read_bag
+from rb_dynamics.formats.bag_reader import read_bag
 
 pytestmark = pytest.mark.ros
 

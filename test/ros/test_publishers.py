@@ -13,9 +13,9 @@ from rclpy.node import Node
 from ros_harness import Peer
 
 from rb_dynamics import Simulation, parse_scene
-from rb_dynamics.recording.sink import RunInfo, Sample, Status
 from rb_dynamics.ros.health import Health
 from rb_dynamics.ros.publishers import Topics, TopicSink
+from rb_dynamics.run.sink import RunInfo, Sample, Status
 
 pytestmark = pytest.mark.ros
 

@@ -13,13 +13,13 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from rb_dynamics import rotation
 from rb_dynamics.body.particles import body_of_particles
 from rb_dynamics.body.shapes import SHAPES
 from rb_dynamics.errors import SceneError
+from rb_dynamics.numerics import rotation
+from rb_dynamics.run.simulation import simulate
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.scene.read import parse_scene, read_scene
-from rb_dynamics.simulate import simulate
 
 CONFIG = Path(__file__).parents[2] / "config"
 HALF = math.sqrt(0.5)

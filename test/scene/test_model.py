@@ -12,9 +12,9 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import SceneError, WrenchError
 from rb_dynamics.loads.wrench import FixedFrame, Wrench, WrenchFrames
+from rb_dynamics.run.simulation import simulate
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.scene.read import parse_scene
-from rb_dynamics.simulate import simulate
 
 OTHER = RigidBody.from_diagonal(1.0, (1.0, 1.0, 1.0), (0.0, 0.5, 0.0))
 READ = parse_scene(

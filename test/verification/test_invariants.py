@@ -13,15 +13,15 @@ from functools import cache
 import pytest
 from motions import EPS, METHODS, STEPPED, Case, forced, move
 
-from rb_dynamics import rotation
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
-from rb_dynamics.diagnostics import kinetic_energy
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.arc import Arc
 from rb_dynamics.motion.phase import Phase, inertia_of
 from rb_dynamics.motion.step_control import NANOSECONDS, FixedStep
-from rb_dynamics.vector import norm, subtract
+from rb_dynamics.numerics import rotation
+from rb_dynamics.numerics.vector import norm, subtract
+from rb_dynamics.run.diagnostics import kinetic_energy
 
 N = 2000
 

@@ -10,15 +10,15 @@ import math
 import pytest
 from motions import EPS
 
-from rb_dynamics import compiled
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.arc import Arc
 from rb_dynamics.motion.method import Inertia
 from rb_dynamics.motion.phase import Phase
 from rb_dynamics.motion.step_control import NANOSECONDS, FixedStep
-from rb_dynamics.rotation import IDENTITY, rotate
-from rb_dynamics.vector import dot, multiply, norm, scale, subtract
+from rb_dynamics.numerics import compilation
+from rb_dynamics.numerics.rotation import IDENTITY, rotate
+from rb_dynamics.numerics.vector import dot, multiply, norm, scale, subtract
 
 MOMENTS, SPIN = (1.0, 2.0, 2.9), (0.1, 2.0, 0.1)
 STEP = 0.02
@@ -26,7 +26,7 @@ STEP = 0.02
 
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
-@pytest.mark.skipif(not compiled.available(), reason="takes a day in plain Python; install numba (extra: fast)")
+@pytest.mark.skipif(not compilation.available(), reason="takes a day in plain Python; install numba (extra: fast)")
 @pytest.mark.parametrize(
     ("name", "count"),
     [

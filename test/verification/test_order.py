@@ -12,11 +12,11 @@ from functools import cache
 import pytest
 from motions import EPS, STEPPED, errors, forced, move, slope
 
-from rb_dynamics.diagnostics import Observer
 from rb_dynamics.errors import ConvergenceError
-from rb_dynamics.loads.acting import ActingEffects
+from rb_dynamics.loads.combined_effects import ActingEffects
 from rb_dynamics.motion.phase import Phase
-from rb_dynamics.vector import norm
+from rb_dynamics.numerics.vector import norm
+from rb_dynamics.run.diagnostics import Observer
 
 QUANTITIES = [
     "attitude",

@@ -17,11 +17,11 @@ from motions import DATA, STEPPED, Recorder, attitude_error, scene, vector_error
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
-from rb_dynamics.diagnostics import Sample
 from rb_dynamics.loads.channels import Channel
 from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.run.diagnostics import Sample
+from rb_dynamics.run.simulation import Run, simulate
 from rb_dynamics.scene.model import Scene, Solver
-from rb_dynamics.simulate import Run, simulate
 
 PERIOD_NS = 10_000_000
 COUNT = 10_000

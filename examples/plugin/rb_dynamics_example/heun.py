@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
-from rb_dynamics.motion.refusal import require_finite, require_small_turn
-from rb_dynamics.rotation import Quaternion, exp, multiply, normalize, rotate, rotate_inverse
-from rb_dynamics.vector import ZERO, Vector, add, add_scaled, cross, divide, dot, norm, scale, subtract
-from rb_dynamics.vector import multiply as times
+from rb_dynamics.motion.step_checks import require_finite, require_small_turn
+from rb_dynamics.numerics.rotation import Quaternion, exp, multiply, normalize, rotate, rotate_inverse
+from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, cross, divide, dot, norm, scale, subtract
+from rb_dynamics.numerics.vector import multiply as times
 
 
 def step(

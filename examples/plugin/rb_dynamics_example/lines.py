@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from rb_dynamics.recording.log_file import LogFile
-from rb_dynamics.recording.sink import Event, RunInfo, Sample
+from rb_dynamics.formats.log_file import LogFile
+from rb_dynamics.run.sink import Event, RunInfo, Sample
 
 SECOND_NS = 1_000_000_000
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from rb_dynamics.arguments import number, vector
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.effect import Effect, Point, Potential, Wrenching
 from rb_dynamics.loads.load import Takes
-from rb_dynamics.vector import ZERO, Vector, dot, scale, subtract
+from rb_dynamics.numerics.validation import number, vector
+from rb_dynamics.numerics.vector import ZERO, Vector, dot, scale, subtract
 
 if TYPE_CHECKING:
     from rb_dynamics.scene.entry import Entry

@@ -1,0 +1,156 @@
+"""Balances of a recorded motion: momentum against the impulse of the wrenches, energy against work.
+
+Where the log cannot tell what an impulse or a work was, the balance is not known there; it is never made up.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rb_dynamics.analysis.impulse import Impulse, impulses
+from rb_dynamics.analysis.track import Array, Series, Times, Track
+
+
+@dataclass(frozen=True)
+class Balance:
+    """One conservation law, checked on the samples of a log.
+
+    Attributes:
+        name: what is balanced.
+        unit: of the values.
+        time_ns: of the samples.
+        defect: one row for each sample; NaN where it is not known. Zero at the start of each stretch that is known.
+        covered: fraction of the time for which it is known.
+        scale: the largest energy or momentum seen.
+        basis: what the defect is measured against, for a person.
+    """
+
+    name: str
+    unit: str
+    time_ns: Times
+    defect: Array
+    covered: float
+    scale: float
+    basis: str
+
+    @property
+    def worst(self) -> float:
+        """The largest defect, or 0 where none is known."""
+        sizes = self._sizes()
+        return float(np.nanmax(sizes)) if np.isfinite(sizes).any() else 0.0
+
+    @property
+    def worst_ns(self) -> int:
+        """When the defect is largest."""
+        sizes = self._sizes()
+        return int(self.time_ns[np.nanargmax(sizes)]) if np.isfinite(sizes).any() else 0
+
+    @property
+    def relative(self) -> float:
+        """The largest defect over `scale`."""
+        return self.worst / self.scale if self.scale > 0.0 else (0.0 if self.worst == 0.0 else np.inf)
+
+    def onset_ns(self, bound: float) -> int | None:
+        """When the defect is first beyond `bound` times `scale`; None where it never is."""
+        beyond = self._sizes() > bound * self.scale
+        return int(self.time_ns[beyond.argmax()]) if beyond.any() else None
+
+    def _sizes(self) -> Array:
+        if self.defect.ndim == 1:
+            return np.abs(self.defect)
+        sizes: Array = np.linalg.norm(self.defect, axis=1)
+        return sizes
+
+
+def balances(track: Track, bound: float) -> list[Balance]:
+    """Return the balances that `track` has the data for: energy, angular momentum, linear momentum.
+
+    An impulse by quadrature counts only where its error, summed up, stays under a tenth of `bound` (relative to the
+    largest momentum), so that it cannot be what fails a check.
+    """
+    found = [_energy(track)]
+    if track.angular_momentum is not None:
+        found.append(_momentum(track, "angular momentum", "torque", "kg m²/s", track.angular_momentum, 0.1 * bound))
+    if track.linear_momentum is not None:
+        found.append(_momentum(track, "linear momentum", "force", "kg m/s", track.linear_momentum, 0.1 * bound))
+    return [balance for balance in found if balance is not None]
+
+
+def _energy(track: Track) -> Balance | None:
+    kinetic, logged, work = track.kinetic_energy, track.energy_defect, track.work
+    if logged is not None and len(logged.time_ns):
+        sizes = [np.abs(series.values).max(initial=0.0) for series in (kinetic, work) if series is not None]
+        basis = "T − T₀ − W, with the work W of everything that acted as the run itself counted it"
+        return Balance("energy", "J", logged.time_ns, logged.values, 1.0, float(max(sizes, default=0.0)), basis)
+    if kinetic is None or not len(kinetic.time_ns) or not track.acted:
+        return None
+    idle = impulses(track, "force", kinetic.time_ns).idle & impulses(track, "torque", kinetic.time_ns).idle
+    defect, covered = _from_start(kinetic.values[:, None], idle, kinetic.time_ns)
+    scale = float(kinetic.values.max(initial=0.0))
+    basis = _basis("drift of T while no wrench acts", covered, "the recording does not say what work a wrench does")
+    return Balance("energy", "J", kinetic.time_ns, defect[:, 0], covered, scale, basis)
+
+
+def _momentum(track: Track, name: str, kind: str, unit: str, series: Series, accepted: float) -> Balance | None:
+    if not len(series.time_ns) or not track.acted:
+        return None
+    impulse = impulses(track, kind, series.time_ns)
+    total = np.cumsum(impulse.exact, axis=0)
+    sizes = np.linalg.norm(np.concatenate([series.values, total]), axis=1)
+    scale = max(float(sizes.max()), _moved(track) if name == "linear momentum" else 0.0)
+    good = impulse.error == 0.0
+    by_quadrature = float(impulse.error[np.isfinite(impulse.error)].sum())
+    if 0.0 < by_quadrature <= accepted * scale:
+        total = np.cumsum(impulse.exact + np.where(np.isfinite(impulse.error)[:, None], impulse.turning, 0.0), axis=0)
+        good = np.isfinite(impulse.error)
+    else:
+        by_quadrature = 0.0
+    defect, covered = _from_start(series.values - total, good, series.time_ns)
+    rest = f"a {kind} acts in body axes or none is logged, and the samples do not give its impulse"
+    basis = _basis(_measured(impulse, good, kind, by_quadrature, unit), covered, rest)
+    return Balance(name, unit, series.time_ns, defect, covered, scale, basis)
+
+
+def _measured(impulse: Impulse, good: NDArray[np.bool_], kind: str, by_quadrature: float, unit: str) -> str:
+    if bool(impulse.idle[good].all()):
+        return f"drift while no {kind} acts"
+    text = f"against the impulse of the applied {kind}s"
+    if by_quadrature == 0.0:
+        return f"{text}, which is exact: they are held in world axes"
+    return (
+        f"{text}; those in body axes are integrated over the recorded attitude, with an error of at most about "
+        f"{by_quadrature:.1g} {unit}"
+    )
+
+
+def _moved(track: Track) -> float:
+    """Return the momentum of the parts whose sum p is computed here; where they cancel, p itself is round-off."""
+    if track.momenta_from == "the log" or track.body is None or track.twist is None:
+        return 0.0
+    velocity, omega = (np.linalg.norm(part, axis=1).max(initial=0.0) for part in np.hsplit(track.twist.values, 2))
+    return float(track.body.mass * (velocity + omega * np.linalg.norm(track.body.center_of_mass)))
+
+
+def _basis(what: str, covered: float, rest: str) -> str:
+    if covered == 1.0:
+        return what
+    if covered == 0.0:
+        return f"not known at any time: {rest}"
+    return f"{what}; known for {100.0 * covered:.3g} % of the time; elsewhere {rest}"
+
+
+def _from_start(values: Array, good: NDArray[np.bool_], time_ns: Times) -> tuple[Array, float]:
+    """Return `values` relative to the start of their stretch of good intervals, and how much of the time these are."""
+    count = len(values)
+    good = good.copy()
+    good[0] = False
+    starts = np.maximum.accumulate(np.where(good, 0, np.arange(count)))
+    known = good | np.append(good[1:], False)
+    defect: Array = np.where(known[:, None], values - values[starts], np.nan)
+    lengths = np.diff(time_ns, prepend=time_ns[:1])
+    total = int(lengths.sum())
+    covered = float(lengths[good].sum() / total) if total else 0.0
+    return defect, covered

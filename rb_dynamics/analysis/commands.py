@@ -1,0 +1,82 @@
+"""`fate`: what became of the commands on one channel of a log of this package: honoured, rejected, timed out.
+
+Told from the messages and the scene in the log alone, so that it holds offline and for a log that was cut off.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+
+from rb_dynamics.analysis.checks import gaps
+from rb_dynamics.analysis.track import Track, WrenchSteps
+from rb_dynamics.errors import WrenchError
+from rb_dynamics.formats.bag_reader import Topic
+from rb_dynamics.loads.wrench import Wrench, WrenchFrames
+
+
+@dataclass(frozen=True)
+class Fate:
+    """What became of the commands on one channel; None where the log does not say.
+
+    Attributes:
+        applied: changes of what acted that a command stands behind.
+        timeouts: drops to zero that none stands behind; outside of missing pieces.
+        timed_out_ns: when the first of them was; None without any.
+        rejected: commands that were not honoured.
+        undeclared: every frame of theirs that the scene does not declare.
+    """
+
+    applied: int
+    timeouts: int | None = None
+    timed_out_ns: int | None = None
+    rejected: int | None = None
+    undeclared: tuple[str, ...] = ()
+
+
+def fate(track: Track, steps: WrenchSteps, source: Topic, declared: WrenchFrames | None) -> Fate:
+    """Return what became of the commands on `source`, of which `steps` acted.
+
+    Args:
+        track: the log.
+        steps: what acted on the channel.
+        source: what was received on it.
+        declared: the frames of the scene; None where it cannot be read: then a command counts as honoured.
+    """
+    came = track.bag.wrenches(source.name) if source.count else []
+    refused = [(at, wrench) for at, wrench in came if declared and not _honoured(declared, wrench)]
+    honoured = Counter(at for at, _ in came) - Counter(at for at, _ in refused)
+    # Every applied wrench that no command stands behind is a timeout: that is how a log is written.
+    alone = sorted((Counter(steps.time_ns.tolist()) - honoured).elements())
+    pieces = track.bag.missing
+    drops = [at for at in alone if not any(begin <= at <= end for begin, end in pieces)]
+    return Fate(
+        applied=len(steps.time_ns) - len(alone),
+        timeouts=len(drops) if _known(track, drops) else None,
+        timed_out_ns=drops[0] if drops else None,
+        rejected=None if declared is None else len(refused),
+        undeclared=tuple(
+            sorted({each.frame_id for _, each in refused if declared and not _honoured(declared, _nothing(each))})
+        ),
+    )
+
+
+def _known(track: Track, drops: list[int]) -> bool:
+    """Return whether `drops` are all that there were, or at least some where a piece is missing."""
+    if track.bag.complete:
+        return True
+    if track.bag.missing:
+        return bool(drops)
+    return not any(series is not None and gaps(series.time_ns) for series in (track.pose, track.twist))
+
+
+def _honoured(declared: WrenchFrames, wrench: Wrench) -> bool:
+    try:
+        declared.hold(wrench)
+    except WrenchError:
+        return False
+    return True
+
+
+def _nothing(wrench: Wrench) -> Wrench:
+    return Wrench(frame_id=wrench.frame_id)

@@ -1,0 +1,365 @@
+"""`Summary`: what happened in a recorded run, in numbers, and the checks it has to pass. For text and HTML alike.
+
+Judges only what it can: a check that lacks its data is not there, and `missing` says what would bring it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from rb_dynamics.analysis.balance import Balance, balances
+from rb_dynamics.analysis.checks import BOUND, Check, checks, cut, logged_scene, missing
+from rb_dynamics.analysis.commands import Fate, fate
+from rb_dynamics.analysis.residual import Residual, residual
+from rb_dynamics.analysis.track import Array, Series, Track, WrenchSteps
+from rb_dynamics.analysis.warnings import Channel, Health, warnings
+from rb_dynamics.formats.bag_reader import Bag, Topic
+from rb_dynamics.formats.messages import APPLIED, DIAGNOSTICS
+from rb_dynamics.loads.wrench import WrenchFrames
+from rb_dynamics.numerics.decimals import whole_number
+from rb_dynamics.run.provenance import RESULT, RUN
+
+HALF = 0.5
+"""A check that is judged over less than this fraction of the run does not pass without saying so."""
+
+
+@dataclass(frozen=True)
+class TopicFacts:
+    """How the messages of one topic come, by log time.
+
+    Attributes:
+        name: as recorded.
+        type_name: message type.
+        count: messages.
+        first_s: log time of the first message, s from the start of the motion.
+        rate: mean, Hz; 0 for fewer than two messages.
+        longest_s: longest time between two messages.
+        longest_at_s: when that began, s from the start of the motion.
+    """
+
+    name: str
+    type_name: str
+    count: int
+    first_s: float
+    rate: float
+    longest_s: float
+    longest_at_s: float
+
+
+@dataclass(frozen=True)
+class Range:
+    """Smallest and largest value of a quantity, and when (s from the start)."""
+
+    name: str
+    unit: str
+    low: float
+    low_at_s: float
+    high: float
+    high_at_s: float
+
+
+@dataclass(frozen=True)
+class Moment:
+    """One quantity at the first and the last sample."""
+
+    name: str
+    unit: str
+    first: tuple[float, ...]
+    last: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Summary:
+    """A recorded run in numbers.
+
+    Attributes:
+        path: the file, as text.
+        own: written by this package.
+        complete: nothing of what was recorded is known to be missing.
+        lacks: what is missing: "" or when it was cut off, or which pieces are missing.
+        scene: file name of the scene, "" where unknown.
+        method: which ran, of several joined by "+"; which was asked for, where a log was cut off; "" where unknown.
+        asked: the method asked for, such as "auto"; "" where unknown.
+        solver: the method asked for with its settings, as the log describes it; "" where unknown.
+        body: what flew: mass, centre of mass and moments, and the effects of the scene; empty where unknown.
+        version: of the package that wrote the log; "" where unknown.
+        steps: None where unknown.
+        start_ns: time of the first sample.
+        duration_s: from the first to the last sample.
+        samples: rows of the motion.
+        topics: by name.
+        moments: first and last state.
+        ranges: extremes.
+        balances: conservation laws.
+        channels: wrench channels.
+        health: None where the log has no diagnostics.
+        momenta_from: see `Track`.
+        checks: what was judged.
+        residual: how well the body given explains a recording of another writer; None where that is not known.
+        warnings: what did not go as it should, without being a failure.
+        notes: what a reader has to know about the data.
+        missing: what cannot be computed, and how to give what it needs.
+    """
+
+    path: str
+    own: bool
+    complete: bool
+    lacks: str
+    scene: str
+    method: str
+    asked: str
+    solver: str
+    body: tuple[str, ...]
+    version: str
+    steps: int | None
+    start_ns: int
+    duration_s: float
+    samples: int
+    topics: tuple[TopicFacts, ...]
+    moments: tuple[Moment, ...]
+    ranges: tuple[Range, ...]
+    balances: tuple[Balance, ...]
+    channels: tuple[Channel, ...]
+    health: Health | None
+    momenta_from: str
+    checks: tuple[Check, ...]
+    residual: Residual | None
+    warnings: tuple[str, ...]
+    notes: tuple[str, ...]
+    missing: tuple[str, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether every check holds."""
+        return all(check.passed for check in self.checks)
+
+    @property
+    def reservation(self) -> str:
+        """What belongs to a "passed": the checks that were judged over less than half of the run; "" for none."""
+        checked = [check for check in self.checks if check.judged and check.share < HALF]
+        return "".join(f", the {check.name} over {100.0 * check.share:.3g} % of the run" for check in checked)
+
+    def balance(self, name: str) -> Balance | None:
+        """Return the balance of "energy", "angular momentum" or "linear momentum"; None where it is not known."""
+        return next((balance for balance in self.balances if balance.name == name and balance.covered > 0.0), None)
+
+
+def summarize(track: Track, bound: float = BOUND) -> Summary:
+    """Return what happened; `bound` is the largest defect accepted, relative to the largest energy or momentum."""
+    bag = track.bag
+    facts, result = bag.metadata.get(RUN, {}), bag.metadata.get(RESULT, {})
+    start, end = track.span_ns
+    motion = track.pose or track.twist
+    topics = tuple(_topic(topic, start) for _, topic in sorted(bag.topics.items()))
+    health = _health(bag)
+    found = tuple(balances(track, bound))
+    left = residual(track, bound)
+    channels = tuple(_channels(track, health))
+    return Summary(
+        path=str(bag.path),
+        own=track.own,
+        complete=bag.complete,
+        lacks="; ".join(filter(None, (cut(track), missing(track)))),
+        scene=facts.get("scene_file", ""),
+        method=result.get("method") or facts.get("method", ""),
+        asked=facts.get("method", ""),
+        solver=facts.get("solver", ""),
+        body=tuple(_body(track, facts)),
+        version=facts.get("version.rb_dynamics", "").replace("not installed", ""),
+        steps=_whole(result.get("steps", "")),
+        start_ns=start,
+        duration_s=(end - start) * 1e-9,
+        samples=0 if motion is None else len(motion.time_ns),
+        topics=topics,
+        moments=tuple(_moments(track)),
+        ranges=tuple(_ranges(track)),
+        balances=found,
+        channels=channels,
+        health=health,
+        momenta_from=track.momenta_from,
+        checks=(*checks(track, found, bound), *_explained(left)),
+        residual=left,
+        warnings=tuple(warnings(track, channels, health)),
+        notes=track.notes,
+        missing=tuple(_missing(track)),
+    )
+
+
+def _body(track: Track, facts: Mapping[str, str]) -> list[str]:
+    told, body = [], track.body
+    if body is not None:
+        center, moments = (", ".join(f"{x:.6g}" for x in v) for v in (body.center_of_mass, body.principal_moments))
+        told.append(f"body: {body.mass:g} kg, centre of mass at ({center}) m, principal moments {moments} kg m²")
+    if RUN in track.bag.metadata:
+        told.append(f"effects: {facts.get('effects') or 'none'}")
+    return told
+
+
+def _explained(left: Residual | None) -> list[Check]:
+    if left is None:
+        return []
+    unexplained = f"from sample to sample {left.relative:.3g} of the angular momentum has no cause"
+    verdict = "" if left.explained or left.explainable else "; no inertia explains it"
+    detail = f"{unexplained}; with the best fit {left.best:.3g}{verdict}"
+    return [Check("inertia explains the motion", left.explained, detail)]
+
+
+def _topic(topic: Topic, start_ns: int) -> TopicFacts:
+    times = np.array(topic.log_times, dtype=np.int64)
+    if not len(times):
+        return TopicFacts(topic.name, topic.type_name, 0, 0.0, 0.0, 0.0, 0.0)
+    steps = np.diff(times)
+    span = int(times[-1] - times[0])
+    longest = int(steps.argmax()) if len(steps) else 0
+    return TopicFacts(
+        name=topic.name,
+        type_name=topic.type_name,
+        count=len(times),
+        first_s=int(times[0] - start_ns) * 1e-9,
+        rate=len(steps) / (span * 1e-9) if span > 0 else 0.0,
+        longest_s=float(steps[longest]) * 1e-9 if len(steps) else 0.0,
+        longest_at_s=int(times[longest] - start_ns) * 1e-9,
+    )
+
+
+def _moments(track: Track) -> list[Moment]:
+    pose, twist = track.pose, track.twist
+    axes = "world" if track.twist_in_world else "body"
+    all_of_it = slice(None)
+    parts = [
+        ("position, world", "m", pose, slice(0, 3)),
+        ("orientation x y z w", "", pose, slice(3, 7)),
+        (f"linear velocity, {axes}", "m/s", twist, slice(0, 3)),
+        (f"angular velocity, {axes}", "rad/s", twist, slice(3, 6)),
+        ("angular momentum, world", "kg m²/s", track.angular_momentum, all_of_it),
+        ("linear momentum, world", "kg m/s", track.linear_momentum, all_of_it),
+        ("kinetic energy", "J", track.kinetic_energy, all_of_it),
+        ("work", "J", track.work, all_of_it),
+    ]
+    return [
+        Moment(name, unit, _row(series, 0, columns), _row(series, -1, columns))
+        for name, unit, series, columns in parts
+        if series is not None and len(series.time_ns)
+    ]
+
+
+def _row(series: Series, index: int, columns: slice) -> tuple[float, ...]:
+    return tuple(np.atleast_1d(series.values[index])[columns].tolist())
+
+
+def _ranges(track: Track) -> list[Range]:
+    twist = track.twist
+    speed = twist and Series(twist.topic, twist.time_ns, twist.values[:, :3])
+    rate = twist and Series(twist.topic, twist.time_ns, twist.values[:, 3:])
+    parts = [
+        ("speed of the body origin", "m/s", speed),
+        ("angular rate", "rad/s", rate),
+        ("angular momentum |L|", "kg m²/s", track.angular_momentum),
+        ("linear momentum |p|", "kg m/s", track.linear_momentum),
+        ("kinetic energy T", "J", track.kinetic_energy),
+        ("work W", "J", track.work),
+    ]
+    return [_range(track, name, unit, series) for name, unit, series in parts if series and len(series.time_ns)]
+
+
+def _range(track: Track, name: str, unit: str, series: Series) -> Range:
+    values = series.values if series.values.ndim == 1 else np.linalg.norm(series.values, axis=1)
+    seconds = track.seconds(series.time_ns)
+    low, high = int(values.argmin()), int(values.argmax())
+    return Range(name, unit, float(values[low]), float(seconds[low]), float(values[high]), float(seconds[high]))
+
+
+def _channels(track: Track, health: Health | None) -> list[Channel]:
+    scene = logged_scene(track) if track.own else None
+    return [_channel(track, steps, health, None if scene is None else scene.frames) for steps in track.wrenches]
+
+
+def _channel(track: Track, steps: WrenchSteps, health: Health | None, declared: WrenchFrames | None) -> Channel:
+    name = steps.topic.removesuffix(APPLIED)
+    applied = len(steps.time_ns) if steps.topic.endswith(APPLIED) else None
+    source = track.bag.topics.get(name)
+    known = track.own and applied is not None and source is not None
+    became = fate(track, steps, source, declared) if known and source is not None else Fate(applied or 0)
+    rejected = [count for count in (became.rejected, _counted(name, "rejected", health)) if count is not None]
+    received = None if source is None else source.count
+    frames, commands = steps.frames, steps.time_ns
+    if applied is not None:
+        commands = np.array([] if source is None else source.log_times, dtype=np.int64)
+    at = track.seconds(commands)
+    if source is not None and applied is not None and source.count:
+        frames = tuple(sorted({wrench.frame_id for _, wrench in track.bag.wrenches(name)}))
+    return Channel(
+        topic=name,
+        frames=frames,
+        received=received,
+        applied=None if applied is None else became.applied,
+        timeouts=became.timeouts,
+        timed_out_s=None if became.timed_out_ns is None else float(track.seconds(np.array(became.timed_out_ns))),
+        # The node counts what was no command at all too, but tells it only once a second.
+        rejected=max(rejected, default=None),
+        undeclared=became.undeclared,
+        late=_counted(name, "late", health),
+        lost=_counted(name, "lost", health),
+        first_s=float(at[0]) if len(at) else None,
+        last_s=float(at[-1]) if len(at) else None,
+        usual_s=float(np.median(np.diff(at))) if len(at) > 1 else None,
+        held_s=_held_at_the_end(track, steps.without(track.bag.missing), at),
+        largest_force=float(np.linalg.norm(steps.force, axis=1).max(initial=0.0)),
+        largest_torque=float(np.linalg.norm(steps.torque, axis=1).max(initial=0.0)),
+    )
+
+
+def _held_at_the_end(track: Track, steps: WrenchSteps, at: Array) -> float | None:
+    """Return how long after the last command, at `at` (s), what it set was still held; None where not known."""
+    if not len(at) or not steps.known[-1:].all():
+        return None
+    _, end_ns = track.span_ns
+    acts = bool(steps.force[-1:].any() or steps.torque[-1:].any())
+    return max(0.0, float(track.seconds(np.array(end_ns))) - float(at[-1])) if acts else 0.0
+
+
+def _counted(topic: str, what: str, health: Health | None) -> int | None:
+    for key, value in health.values if health else ():
+        match = re.fullmatch(rf"(.+): {what}", key)
+        if match and f"/{topic}".endswith(f"/{match[1].lstrip('/')}") and (count := _whole(value)) is not None:
+            return count
+    return None
+
+
+def _whole(text: str) -> int | None:
+    with contextlib.suppress(ValueError):
+        return whole_number(text)
+    return None
+
+
+def _health(bag: Bag) -> Health | None:
+    topics = [topic for topic in bag.topics.values() if topic.type_name == DIAGNOSTICS and topic.count]
+    statuses = [status for topic in topics for message in topic.decoded() for status in message[2]]
+    ours = [status for status in statuses if status[1] == "rb_dynamics" or RUN in bag.metadata]
+    if not ours:
+        return None
+    _, _, message, _, values = ours[-1]
+    return Health(max(status[0] for status in ours), message, tuple(values))
+
+
+def _missing(track: Track) -> list[str]:
+    lacks = []
+    if track.pose is None:
+        lacks.append("No PoseStamped or Odometry: position, attitude and everything in world axes are not known.")
+    if track.twist is None:
+        lacks.append("No TwistStamped or Odometry: velocities, momenta and energy are not known.")
+    if track.pose and track.twist and track.body is None and not track.momenta_from:
+        lacks.append(
+            "No mass properties: momenta and energy are not computed. Give them as a scene file with --scene SCENE "
+            "(its keys body.mass, body.center_of_mass and body.inertia are used)."
+        )
+    if track.momenta_from and not track.acted and not track.own:
+        lacks.append("No wrench topic: a change of momentum or energy cannot be told from a defect, and is not judged.")
+    if track.momenta_from and track.work is None:
+        lacks.append("No energy/work topic: the energy is judged only where no wrench acts.")
+    return lacks

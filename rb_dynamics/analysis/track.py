@@ -1,0 +1,180 @@
+"""`Track`: the motion of one body as a log or a bag tells it, in arrays over time. Never reads a file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.formats.bag_reader import Bag
+from rb_dynamics.numerics.rotation_arrays import rotate_all_inverse
+
+Array: TypeAlias = NDArray[np.float64]
+Times: TypeAlias = NDArray[np.int64]
+
+# Larger numbers belong to no motion, and their squares would leave double precision.
+LARGEST = 1e100
+
+
+@dataclass(frozen=True)
+class Series:
+    """Rows of numbers over time.
+
+    Attributes:
+        topic: as recorded; "" for what is computed.
+        time_ns: stamps, in order; log times where messages have no stamp.
+        values: one row, or one number, for each time; all finite and below `LARGEST`.
+        frame: the header's frame, "" where there is none.
+        backwards: how often stamps went back in the file.
+        unusable: messages left out because a number in them is not finite or too large.
+    """
+
+    topic: str
+    time_ns: Times
+    values: Array
+    frame: str = ""
+    backwards: int = 0
+    unusable: int = 0
+
+
+@dataclass(frozen=True)
+class WrenchSteps:
+    """One wrench channel: each row is held until the next.
+
+    Attributes:
+        topic: as recorded; ends in "/applied" for what acted, else it is what was commanded.
+        time_ns: when each row takes effect.
+        force: N, in the axes of the frame, through the centre of mass.
+        torque: N m, in the axes of the frame, about the centre of mass.
+        world: whether a row is in world axes; else it turns with the body.
+        known: False for a row whose frame nobody declared or whose numbers are not usable.
+        frames: every `frame_id` met.
+    """
+
+    topic: str
+    time_ns: Times
+    force: Array
+    torque: Array
+    world: NDArray[np.bool_]
+    known: NDArray[np.bool_]
+    frames: tuple[str, ...]
+
+    def without(self, missing: Sequence[tuple[int, int]]) -> WrenchSteps:
+        """Return the same, not known from where a piece of the recording is `missing` (first and last ns) to the next.
+
+        What stood in the piece may have changed the wrench.
+        """
+        begins = np.array([begin_ns for begin_ns, _ in missing], dtype=np.int64)
+        at = np.searchsorted(self.time_ns, begins)
+        return replace(
+            self,
+            time_ns=np.insert(self.time_ns, at, begins),
+            force=np.insert(self.force, at, 0.0, axis=0),
+            torque=np.insert(self.torque, at, 0.0, axis=0),
+            world=np.insert(self.world, at, False),
+            known=np.insert(self.known, at, False),
+        )
+
+
+@dataclass(frozen=True)
+class Track:
+    """What a bag says about one body; None where it does not.
+
+    Attributes:
+        bag: where it comes from.
+        own: the log was written by this package.
+        pose: rows of position (m) and quaternion x, y, z, w.
+        twist: rows of linear (m/s, of the body origin) and angular velocity (rad/s), in the axes of its frame.
+        twist_in_world: whether those are the world's axes.
+        angular_momentum: kg m^2/s, about the centre of mass, world axes.
+        linear_momentum: kg m/s, world axes.
+        kinetic_energy: J.
+        work: J.
+        energy_defect: J.
+        momenta_from: where momenta and kinetic energy come from: "the log", or what they are computed from; "" without.
+        wrenches: what acted; commands, where a bag does not say what acted.
+        acted: whether `wrenches` are known to be all that acted.
+        body: mass properties.
+        body_from: where they come from; "" without.
+        notes: what a reader has to know about the data.
+    """
+
+    bag: Bag
+    own: bool
+    pose: Series | None
+    twist: Series | None
+    twist_in_world: bool
+    angular_momentum: Series | None
+    linear_momentum: Series | None
+    kinetic_energy: Series | None
+    work: Series | None
+    energy_defect: Series | None
+    momenta_from: str
+    wrenches: tuple[WrenchSteps, ...]
+    acted: bool
+    body: RigidBody | None
+    body_from: str
+    notes: tuple[str, ...]
+
+    @property
+    def span_ns(self) -> tuple[int, int]:
+        """First and last time of the motion, or of the wrenches where no motion is recorded."""
+        motion = [series.time_ns for series in (self.pose, self.twist) if series is not None and len(series.time_ns)]
+        times = motion or [steps.time_ns for steps in self.wrenches if len(steps.time_ns)]
+        if not times:
+            return 0, 0
+        return int(min(time[0] for time in times)), int(max(time[-1] for time in times))
+
+    @property
+    def acting(self) -> tuple[WrenchSteps, ...]:
+        """`wrenches`, not known behind a piece of the recording that is missing."""
+        missing = self.bag.missing
+        return tuple(steps.without(missing) for steps in self.wrenches)
+
+    def seconds(self, time_ns: Times) -> Array:
+        """Return times as s from the start of the motion; the difference is taken in integers."""
+        start, _ = self.span_ns
+        return (time_ns - start).astype(np.float64) * 1e-9
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Pose and twist at the stamps that both have.
+
+    Attributes:
+        time_ns: the stamps, (n,).
+        orientation_xyzw: (n, 4), body to world, of unit length.
+        linear_velocity_body: (n, 3), of the body origin, m/s, body axes.
+        angular_velocity_body: (n, 3), rad/s.
+    """
+
+    time_ns: Times
+    orientation_xyzw: Array
+    linear_velocity_body: Array
+    angular_velocity_body: Array
+
+
+def frame_names(frames: Sequence[str]) -> str:
+    """Return names of frames for a person, the empty one in quotes."""
+    return ", ".join(frame or '""' for frame in frames)
+
+
+def motion_of(pose: Series, twist: Series, twist_in_world: bool) -> Motion:
+    """Return what pose and twist say together; `twist_in_world` as in `Track`."""
+    time_ns, at_pose, at_twist = np.intersect1d(pose.time_ns, twist.time_ns, return_indices=True)
+    attitude = unit_rows(pose.values[at_pose, 3:])
+    velocity, omega = twist.values[at_twist, :3], twist.values[at_twist, 3:]
+    if twist_in_world:
+        velocity, omega = rotate_all_inverse(attitude, velocity), rotate_all_inverse(attitude, omega)
+    return Motion(time_ns, attitude, velocity, omega)
+
+
+def unit_rows(orientation_xyzw: Array) -> Array:
+    """Return each quaternion divided by its norm; one that is all zero stays so."""
+    norms = np.linalg.norm(orientation_xyzw, axis=1, keepdims=True)
+    result: Array = orientation_xyzw / np.where(norms > 0.0, norms, 1.0)
+    return result

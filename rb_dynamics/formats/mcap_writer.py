@@ -1,0 +1,283 @@
+"""`McapWriter`: the MCAP container, written front to back with index and statistics; the twin of `mcap_records`.
+
+Never looks inside a message, and holds in memory one chunk and, until the end of the file, its index: some 300 bytes
+for each chunk, which is 1 to 3 % of the file.
+
+Format: the MCAP specification, version 0: a record is one byte of opcode, the length of its content, the content.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+
+from rb_dynamics.errors import LogError
+from rb_dynamics.formats.log_file import LogFile
+from rb_dynamics.formats.mcap_records import MAGIC, Opcode
+
+CHUNK_BYTES = 128 * 1024
+
+# How many of the last chunks may be given up to make room for the index on a full disk.
+_SPARE_CHUNKS = 4
+
+_RECORD = struct.Struct("<BQ")
+_MESSAGE = struct.Struct("<BQHIQQ")
+_MESSAGE_FIELDS = _MESSAGE.size - _RECORD.size
+_MESSAGE_OPCODE = int(Opcode.MESSAGE)
+_ENTRY = struct.Struct("<QQ")
+
+# First and last time where there is none yet.
+_NO_TIMES = (2**64 - 1, 0)
+
+
+@dataclass
+class _Written:
+    """What the index knows of the file so far."""
+
+    schemas: list[bytes] = field(default_factory=list)
+    channels: list[bytes] = field(default_factory=list)
+    chunks: list[bytes] = field(default_factory=list)
+    attachments: list[bytes] = field(default_factory=list)
+    metadata: list[bytes] = field(default_factory=list)
+    counts: Counter[int] = field(default_factory=Counter)
+    start_time: int = 2**64 - 1
+    end_time: int = 0
+
+
+@dataclass
+class _Mark:
+    """A place in the file to which the writer can return: all that was written and counted before one chunk."""
+
+    position: int
+    chunks: int
+    attachments: int
+    metadata: int
+    counts: Counter[int]
+    start_time: int
+    end_time: int
+
+
+class McapWriter:
+    """Writes one file of profile `ros2`; zstd where it is installed."""
+
+    def __init__(self, file: LogFile, library: str, chunk_bytes: int = CHUNK_BYTES) -> None:
+        """Prepare to write `file`; `library` names the software that writes."""
+        self._file = file
+        self._chunk_bytes = chunk_bytes
+        self._compression, self._compress = _compression()
+        self._written = _Written()
+        self._marks: deque[_Mark] = deque(maxlen=_SPARE_CHUNKS)
+        self._library = library
+        self._start_time, self._end_time = _NO_TIMES
+        self._begin_chunk()
+
+    def begin(self) -> None:
+        """Write the header; comes first.
+
+        Raises:
+            LogError: the file cannot be written; so for every method below.
+        """
+        self._file.write(MAGIC + _record(Opcode.HEADER, _text("ros2") + _text(self._library)))
+
+    @property
+    def counts(self) -> Counter[int]:
+        """Messages in finished chunks, by channel."""
+        return self._written.counts
+
+    @property
+    def between_chunks(self) -> bool:
+        """Whether everything so far is in the file."""
+        return not self._chunk
+
+    def add_schema(self, name: str, encoding: str, data: bytes) -> int:
+        """Declare a message type and return its id."""
+        number = len(self._written.schemas) + 1
+        record = _record(Opcode.SCHEMA, struct.pack("<H", number) + _text(name) + _text(encoding) + _block("I", data))
+        self._written.schemas.append(record)
+        self._chunk += record
+        return number
+
+    def add_channel(self, topic: str, encoding: str, schema: int, metadata: Mapping[str, str]) -> int:
+        """Declare a channel and return its id."""
+        number = len(self._written.channels) + 1
+        fields = (struct.pack("<HH", number, schema), _text(topic), _text(encoding), _mapping(metadata))
+        record = _record(Opcode.CHANNEL, b"".join(fields))
+        self._written.channels.append(record)
+        self._chunk += record
+        self._index[number] = bytearray()
+        return number
+
+    def add_messages(
+        self, channels: Iterable[int], messages: Iterable[bytes], log_time: int, publish_time: int
+    ) -> None:
+        """Write messages of one time, ns, each on its channel."""
+        chunk, index = self._chunk, self._index
+        for channel, data in zip(channels, messages, strict=True):
+            index[channel] += _ENTRY.pack(log_time, len(chunk))
+            length = _MESSAGE_FIELDS + len(data)
+            chunk += _MESSAGE.pack(_MESSAGE_OPCODE, length, channel, 0, log_time, publish_time)
+            chunk += data
+        self._start_time = min(self._start_time, log_time)
+        self._end_time = max(self._end_time, log_time)
+        if len(chunk) >= self._chunk_bytes:
+            self.end_chunk()
+
+    def add_metadata(self, name: str, facts: Mapping[str, str]) -> None:
+        """Write a metadata record."""
+        self.end_chunk()
+        offset, record = self._file.tell(), _record(Opcode.METADATA, _text(name) + _mapping(facts))
+        self._file.write(record)
+        entry = struct.pack("<QQ", offset, len(record)) + _text(name)
+        self._written.metadata.append(_record(Opcode.METADATA_INDEX, entry))
+
+    def add_attachment(self, name: str, media_type: str, data: bytes) -> None:
+        """Write a file into the file, at time 0."""
+        self.end_chunk()
+        content = struct.pack("<QQ", 0, 0) + _text(name) + _text(media_type) + _block("Q", data)
+        offset = self._file.tell()
+        record = _record(Opcode.ATTACHMENT, content + struct.pack("<I", zlib.crc32(content)))
+        self._file.write(record)
+        entry = struct.pack("<QQQQQ", offset, len(record), 0, 0, len(data)) + _text(name) + _text(media_type)
+        self._written.attachments.append(_record(Opcode.ATTACHMENT_INDEX, entry))
+
+    def end_chunk(self) -> None:
+        """Write the chunk in progress, so that it survives a kill; does nothing where it is empty."""
+        if not self._chunk:
+            return
+        written = self._written
+        self._marks.append(
+            _Mark(
+                self._file.tell(),
+                len(written.chunks),
+                len(written.attachments),
+                len(written.metadata),
+                written.counts.copy(),
+                written.start_time,
+                written.end_time,
+            )
+        )
+        empty = not any(self._index.values())
+        start_time, end_time = (0, 0) if empty else (self._start_time, self._end_time)
+        data = self._compress(self._chunk)
+        size, compression = len(self._chunk), _text(self._compression)
+        head = struct.pack("<QQQI", start_time, end_time, size, zlib.crc32(self._chunk)) + compression
+        offset = self._file.tell()
+        out = bytearray(_record(Opcode.CHUNK, head + _block("Q", data)))
+        length = len(out)
+        places = bytearray()
+        for channel, entries in self._index.items():
+            if entries:
+                places += struct.pack("<HQ", channel, offset + len(out))
+                out += _record(Opcode.MESSAGE_INDEX, struct.pack("<H", channel) + _block("I", entries))
+        self._file.write(out)
+        entry = struct.pack("<QQQQ", start_time, end_time, offset, length) + _block("I", places)
+        entry += struct.pack("<Q", len(out) - length) + compression + struct.pack("<QQ", len(data), size)
+        written.chunks.append(_record(Opcode.CHUNK_INDEX, entry))
+        written.counts.update({channel: len(entries) // _ENTRY.size for channel, entries in self._index.items()})
+        if not empty:
+            written.start_time = min(written.start_time, start_time)
+            written.end_time = max(written.end_time, end_time)
+        self._begin_chunk()
+
+    def finish(self) -> None:
+        """Write the summary: nothing may be added any more."""
+        self.end_chunk()
+        out = bytearray(_record(Opcode.DATA_END, bytes(4)))
+        start = self._file.tell() + len(out)
+        summary, offsets = bytearray(), bytearray()
+        written = self._written
+        groups = {
+            Opcode.SCHEMA: written.schemas,
+            Opcode.CHANNEL: written.channels,
+            Opcode.STATISTICS: [self._statistics()],
+            Opcode.CHUNK_INDEX: written.chunks,
+            Opcode.ATTACHMENT_INDEX: written.attachments,
+            Opcode.METADATA_INDEX: written.metadata,
+        }
+        for opcode, records in groups.items():
+            if records:
+                group = b"".join(records)
+                entry = struct.pack("<BQQ", opcode, start + len(summary), len(group))
+                offsets += _record(Opcode.SUMMARY_OFFSET, entry)
+                summary += group
+        foot = _RECORD.pack(Opcode.FOOTER, 20) + struct.pack("<QQ", start, start + len(summary))
+        summary += offsets
+        summary += foot
+        self._file.write(out + summary + struct.pack("<I", zlib.crc32(summary)) + MAGIC)
+
+    def rescue(self, name: str, facts: Mapping[str, str]) -> bool:
+        """After a failed write: finish the file with what has room, and metadata `name` that says so.
+
+        Gives up chunks from the end until the index fits; False where that does not help: the file then ends behind a
+        whole chunk where it can be cut there, and is readable without an index.
+        """
+        while self._marks:
+            if not self._return_to(self._marks.pop()):
+                return False
+            position = self._file.tell()
+            try:
+                self.add_metadata(name, facts)
+                self.finish()
+            except LogError:
+                self._file.cut(position)
+            else:
+                return True
+        return False
+
+    def _return_to(self, mark: _Mark) -> bool:
+        self._begin_chunk()
+        written = self._written
+        del written.chunks[mark.chunks :], written.attachments[mark.attachments :], written.metadata[mark.metadata :]
+        written.counts, written.start_time, written.end_time = mark.counts.copy(), mark.start_time, mark.end_time
+        return self._file.cut(mark.position)
+
+    def _begin_chunk(self) -> None:
+        self._chunk = bytearray()
+        self._index = {number: bytearray() for number in range(1, len(self._written.channels) + 1)}
+        self._start_time, self._end_time = _NO_TIMES
+
+    def _statistics(self) -> bytes:
+        written, counts = self._written, +self._written.counts
+        total = counts.total()
+        fields = struct.pack(
+            "<QHIIIIQQ",
+            total,
+            len(written.schemas),
+            len(written.channels),
+            len(written.attachments),
+            len(written.metadata),
+            len(written.chunks),
+            written.start_time if total else 0,
+            written.end_time,
+        )
+        by_channel = b"".join(struct.pack("<HQ", *pair) for pair in sorted(counts.items()))
+        return _record(Opcode.STATISTICS, fields + _block("I", by_channel))
+
+
+def _record(opcode: Opcode, content: bytes) -> bytes:
+    return _RECORD.pack(opcode, len(content)) + content
+
+
+def _block(length_format: str, data: bytes | bytearray) -> bytes:
+    return struct.pack("<" + length_format, len(data)) + data
+
+
+def _text(text: str) -> bytes:
+    """Return a string behind its length; the name of a file need not be UTF-8."""
+    return _block("I", text.encode("utf-8", "replace"))
+
+
+def _mapping(pairs: Mapping[str, str]) -> bytes:
+    return _block("I", b"".join(_text(key) + _text(value) for key, value in pairs.items()))
+
+
+def _compression() -> tuple[str, Callable[[bytearray], bytes]]:
+    try:
+        import zstandard
+    except ImportError:
+        return "", bytes
+    # Numbers of a smooth motion hardly shrink further at higher levels.
+    return "zstd", zstandard.ZstdCompressor(level=1).compress

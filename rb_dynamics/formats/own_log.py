@@ -1,0 +1,113 @@
+"""What a log of this package says beyond any bag: its scene, its samples as rows, its commands with their channels.
+
+Reads only; every number is as it was logged.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping
+from typing import NamedTuple
+
+from rb_dynamics.errors import LogError
+from rb_dynamics.formats import cdr
+from rb_dynamics.formats.bag_source import Source
+from rb_dynamics.formats.mcap_records import Message
+from rb_dynamics.formats.messages import (
+    APPLIED,
+    MASS_PROPERTIES,
+    POTENTIAL,
+    SAMPLE_TOPICS,
+    TF_STATIC,
+    WRENCH,
+    decode_wrench,
+)
+from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.run.provenance import RUN, SCENE, TOPICS
+from rb_dynamics.scene.model import Scene
+from rb_dynamics.scene.read import parse_scene
+
+# The columns of a row, by topic; `odom` and `/tf` say again what pose and twist say.
+COLUMNS: dict[str, tuple[str, ...]] = {
+    "pose": (
+        *(f"position_world_{axis}" for axis in "xyz"),
+        *(f"orientation_{axis}" for axis in "xyzw"),
+    ),
+    "twist": (
+        *(f"linear_velocity_body_{axis}" for axis in "xyz"),
+        *(f"angular_velocity_body_{axis}" for axis in "xyz"),
+    ),
+    "angular_momentum": tuple(f"angular_momentum_world_{axis}" for axis in "xyz"),
+    "linear_momentum": tuple(f"linear_momentum_world_{axis}" for axis in "xyz"),
+    "energy/kinetic": ("kinetic_energy",),
+    "energy/work": ("work",),
+    "energy/defect": ("energy_defect",),
+    "energy/potential": ("potential_energy",),
+}
+
+
+class Row(NamedTuple):
+    """One sample as logged: time in integer nanoseconds, numbers in the order of `row_columns`."""
+
+    time_ns: int
+    numbers: tuple[float, ...]
+
+
+def scene_and_names(source: Source, purpose: str = "run again") -> tuple[Scene, dict[str, str]]:
+    """Return the scene of a log that has been read through, and each topic's name in it by its name in the scene.
+
+    Args:
+        source: the log.
+        purpose: what the log is wanted for, as a refusal says it.
+
+    Raises:
+        LogError: it is not a log of this package.
+        SceneError: the scene in it is not valid.
+    """
+    if SCENE not in source.attachments or RUN not in source.metadata:
+        cut = "" if source.complete else ", which was cut off,"
+        raise LogError(
+            f"{source.path}{cut} is no log of this package: expected scene.yaml attached and metadata rb_dynamics, so "
+            f"it cannot be {purpose}; inspect reads any bag, and its commands are flown with simulate SCENE --wrench "
+            "BAG"
+        )
+    scene = parse_scene(source.attachments[SCENE].decode(), f"{source.path}: {SCENE}")
+    topics = [name for name, _ in (*SAMPLE_TOPICS, POTENTIAL, MASS_PROPERTIES, TF_STATIC)]
+    for topic in [*(c.topic for c in scene.channels), *(name for name, _ in scene.acting.schedules())]:
+        topics += [topic, topic + APPLIED]
+    usual = {name: name if name.startswith("/") else f"/{name}" for name in topics}
+    return scene, usual | source.metadata.get(TOPICS, {})
+
+
+def received_commands(
+    scene: Scene, names: Mapping[str, str], messages: Iterable[Message]
+) -> Iterator[tuple[str, Wrench, int]]:
+    """Yield channel, command and the time (ns) at which it took effect, for each command that was received."""
+    channels = {names[channel.topic]: channel.topic for channel in scene.channels}
+    for each in messages:
+        if each.channel.topic in channels:
+            yield channels[each.channel.topic], decode_wrench(WRENCH, each.log_time, each.data), each.log_time
+
+
+def row_columns(scene: Scene) -> tuple[str, ...]:
+    """Return the names of the numbers in a row."""
+    return tuple(column for topic in _topics(scene) for column in COLUMNS[topic])
+
+
+def rows(scene: Scene, names: Mapping[str, str], messages: Iterable[Message]) -> Iterator[Row]:
+    """Yield each sample of a log; one that was cut off within a sample ends before it."""
+    waiting: dict[str, deque[tuple[int, tuple[float, ...]]]] = {names[topic]: deque() for topic in _topics(scene)}
+    for message in messages:
+        queue = waiting.get(message.channel.topic)
+        if queue is None:
+            continue
+        layout = cdr.LAYOUTS[message.channel.type_name]
+        numbers = tuple(cdr.numbers(layout, cdr.decode(message.channel.type_name, message.data)))
+        queue.append((message.log_time, numbers))
+        if all(waiting.values()):
+            parts = [each.popleft() for each in waiting.values()]
+            yield Row(parts[0][0], tuple(number for _, part in parts for number in part))
+
+
+def _topics(scene: Scene) -> list[str]:
+    return [topic for topic in COLUMNS if topic != POTENTIAL[0] or scene.acting.potential() is not None]

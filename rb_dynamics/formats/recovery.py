@@ -1,0 +1,128 @@
+"""`recover`: a whole MCAP file, with index and statistics, from one that was cut off or damaged.
+
+Copies what can be read, byte for byte, and says what could not. Never changes the file it reads, never makes anything
+up.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+from dataclasses import dataclass
+from pathlib import Path
+
+from rb_dynamics.errors import LogError
+from rb_dynamics.formats.bag_source import in_order
+from rb_dynamics.formats.log_file import LogFile, require_other
+from rb_dynamics.formats.mcap_records import Channel, McapFile, Message, Schema
+from rb_dynamics.formats.mcap_writer import McapWriter
+from rb_dynamics.formats.rosbag2_metadata import BagFile, write_metadata
+from rb_dynamics.run.provenance import CUT_OFF, DAMAGED, INTERRUPTED, next_file, version
+
+WHOLE = "whole"
+
+
+@dataclass
+class Recovered:
+    """What was saved of one file.
+
+    Attributes:
+        file: name, times and messages of the new file.
+        state: of the old file: "whole", or what it was: "cut off", "damaged" or "cut off and damaged".
+        channels: of the new file.
+        damage: what could not be read, one line for each piece.
+        missing: first and last log time (ns) of such a piece, where it is known.
+        next_file: name of the file in which the old one says that it goes on; "" where it does not say so.
+    """
+
+    file: BagFile
+    state: str
+    channels: list[Channel]
+    damage: list[str]
+    missing: list[tuple[int, int]]
+    next_file: str = ""
+
+    @property
+    def complete(self) -> bool:
+        """Whether nothing was lost."""
+        return self.state == WHOLE
+
+
+def recover(source: Path, target: Path) -> list[Recovered]:
+    """Copy what can be read of the MCAP file `source` to `target`, or of all in a folder to a rosbag2 folder.
+
+    Where something was lost, the copy has metadata `rb_dynamics.interrupted` with the time of the last message and the
+    times of what is missing within.
+
+    Raises:
+        LogError: `source` is no MCAP file, or `target` is `source` or cannot be written.
+    """
+    require_other(target, source)
+    if not source.is_dir():
+        return [_recover_file(McapFile(source, salvage=True), target)]
+    files = in_order(source)
+    if not files:
+        raise LogError(f"{source} has no .mcap files in it; give a log, or a folder of them")
+    saved = [_recover_file(McapFile(file, salvage=True, part=True), target / file.name) for file in files]
+    channels = {channel.topic: channel for each in saved for channel in each.channels}
+    write_metadata(target, list(channels.values()), [each.file for each in saved])
+    return saved
+
+
+def _recover_file(old: McapFile, target: Path) -> Recovered:
+    messages = old.messages()
+    # What is no MCAP file at all is found out before the new one is begun.
+    first = list(itertools.islice(messages, 1))
+    facts = BagFile(target.name, 2**63)
+    with contextlib.closing(LogFile(target)) as file:
+        copy = _Copy(McapWriter(file, f"rb_dynamics {version()}"))
+        for message in itertools.chain(first, messages):
+            copy.add(message)
+            facts.counts[message.channel.topic] += 1
+            facts.start_ns = min(facts.start_ns, message.log_time)
+            facts.end_ns = max(facts.end_ns, message.log_time)
+        facts.start_ns = min(facts.start_ns, facts.end_ns)
+        if not old.complete or old.damage:
+            found = [CUT_OFF] * (not old.complete) + [DAMAGED] * bool(old.damage)
+            missing = ", ".join(f"{begin_ns} {end_ns}" for begin_ns, end_ns in old.missing)
+            told = {"reason": " and ".join(found), "last_message_ns": str(facts.end_ns), "missing_ns": missing}
+            old.metadata.setdefault(INTERRUPTED, told)
+        copy.finish(old)
+    state = old.metadata.get(INTERRUPTED, {"reason": WHOLE}).get("reason", CUT_OFF)
+    return Recovered(facts, state, list(old.channels.values()), old.damage, old.missing, next_file(old.metadata))
+
+
+class _Copy:
+    """Writes what a file says to another, in the same order."""
+
+    def __init__(self, writer: McapWriter) -> None:
+        self._writer = writer
+        self._schemas: dict[Schema, int] = {}
+        self._channels: dict[tuple[str, Schema], int] = {}
+        writer.begin()
+
+    def add(self, message: Message) -> None:
+        """Copy one message."""
+        channel = self._declared(message.channel)
+        self._writer.add_messages((channel,), (message.data,), message.log_time, message.publish_time)
+
+    def finish(self, old: McapFile) -> None:
+        """Copy what is no message, and write the index."""
+        for channel in old.channels.values():
+            self._declared(channel)
+        for name, data in old.attachments.items():
+            self._writer.add_attachment(name, "application/yaml" if name.endswith(".yaml") else "", data)
+        for name, facts in old.metadata.items():
+            self._writer.add_metadata(name, facts)
+        self._writer.finish()
+
+    def _declared(self, channel: Channel) -> int:
+        """Return the number of a channel in the new file; a topic with several publishers has one."""
+        key = (channel.topic, channel.schema)
+        if key not in self._channels:
+            if channel.schema not in self._schemas:
+                self._schemas[channel.schema] = self._writer.add_schema(*channel.schema)
+            schema = self._schemas[channel.schema]
+            number = self._writer.add_channel(channel.topic, channel.encoding, schema, channel.metadata)
+            self._channels[key] = number
+        return self._channels[key]

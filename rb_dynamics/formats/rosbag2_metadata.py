@@ -1,0 +1,75 @@
+"""`metadata.yaml`: what rosbag2 wants to know of a folder of MCAP files before it plays them. Knows no message."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from rb_dynamics.formats.mcap_records import Channel
+
+METADATA_FILE = "metadata.yaml"
+
+
+@dataclass
+class BagFile:
+    """One file of a bag.
+
+    Attributes:
+        name: of the file, in its folder.
+        start_ns, end_ns: first and last log time; 0 where there are no messages.
+        counts: messages by topic.
+    """
+
+    name: str
+    start_ns: int = 0
+    end_ns: int = 0
+    counts: Counter[str] = field(default_factory=Counter)
+
+
+def write_metadata(folder: Path, channels: Sequence[Channel], files: Sequence[BagFile]) -> Path:
+    """Write `metadata.yaml`, version 9 as in Jazzy, for the files of a bag; returns its path."""
+    counts: Counter[str] = sum((file.counts for file in files), Counter())
+    spoken = [file for file in files if file.counts]
+    start_ns = min((file.start_ns for file in spoken), default=0)
+    end_ns = max((file.end_ns for file in spoken), default=0)
+    facts = {
+        "version": 9,
+        "storage_identifier": "mcap",
+        **_span(start_ns, end_ns, counts.total()),
+        "topics_with_message_count": [
+            {
+                "topic_metadata": {
+                    "name": channel.topic,
+                    "type": channel.type_name,
+                    "serialization_format": channel.encoding,
+                    "offered_qos_profiles": yaml.safe_load(channel.metadata.get("offered_qos_profiles", "")) or [],
+                    "type_description_hash": channel.metadata.get("topic_type_hash", ""),
+                },
+                "message_count": counts[channel.topic],
+            }
+            for channel in channels
+        ],
+        "compression_format": "",
+        "compression_mode": "",
+        "relative_file_paths": [file.name for file in files],
+        "files": [{"path": file.name, **_span(file.start_ns, file.end_ns, file.counts.total())} for file in files],
+        "custom_data": None,
+        "ros_distro": "jazzy",
+    }
+    path = folder / METADATA_FILE
+    text = yaml.safe_dump({"rosbag2_bagfile_information": facts}, sort_keys=False)
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def _span(start_ns: int, end_ns: int, count: int) -> dict[str, Any]:
+    return {
+        "duration": {"nanoseconds": end_ns - start_ns},
+        "starting_time": {"nanoseconds_since_epoch": start_ns},
+        "message_count": count,
+    }

@@ -1,0 +1,128 @@
+"""`ActingEffects`: the effects of a scene on its body, added up.
+
+What no effect has is None, and no code runs for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.errors import SceneError
+from rb_dynamics.loads.effect import Effect, Point, Stored, Wrenching
+from rb_dynamics.loads.load import Load, Takes
+from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.numerics.rotation import Quaternion
+from rb_dynamics.numerics.vector import ZERO, Vector, add
+
+
+@dataclass(frozen=True)
+class ActingEffects:
+    """What the `effects` of a scene do to `body`, in the order of the scene."""
+
+    body: RigidBody
+    effects: tuple[Effect, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Let each effect look at the body.
+
+        Raises:
+            SceneError: an effect cannot act on it, or has a load inside the step and does not say so.
+        """
+        for effect in self.effects:
+            effect.check(self.body)
+            _inside_the_step(effect, self.body, 0.0)
+
+    @property
+    def takes(self) -> Takes:
+        """What a method has to take."""
+        return max((effect.takes for effect in self.effects), default=Takes.HELD)
+
+    @property
+    def varying(self) -> tuple[str, ...]:
+        """Kinds of the effects whose load changes inside a step."""
+        return tuple(effect.kind for effect in self.effects if effect.takes > Takes.HELD)
+
+    def schedules(self) -> list[tuple[str, tuple[tuple[float, Wrench], ...]]]:
+        """Return a channel name and the wrenches of each effect that holds some."""
+        found: dict[str, tuple[tuple[float, Wrench], ...]] = {}
+        for effect in self.effects:
+            if schedule := effect.schedule(self.body):
+                same = len([name for name in found if name.startswith(f"effects/{effect.kind}")])
+                found[f"effects/{effect.kind}{f'_{same + 1}' if same else ''}"] = schedule
+        return list(found.items())
+
+    def knots(self) -> list[float]:
+        """Return the times (s) at which steps have to end, in order."""
+        return sorted({time for effect in self.effects for time in effect.knots()})
+
+    def load_from(self, start: float) -> Callable[[Point], Load] | None:
+        """Return what gives the load of a step from its first point, from `start` (s) to the next knot.
+
+        Raises:
+            SceneError: an effect has a load inside the step and does not say so.
+        """
+        found = (_inside_the_step(effect, self.body, start) for effect in self.effects)
+        parts = [part for part in found if part is not None]
+        if not parts:
+            return None
+
+        def at(point: Point) -> Load:
+            def load(
+                t: float,
+                displacement: Vector,
+                velocity: Vector,
+                orientation: Quaternion,
+                angular_velocity: Vector,
+            ) -> tuple[Vector, Vector]:
+                here = Point(point.time + t, add(point.position, displacement), velocity, orientation, angular_velocity)
+                force, torque = parts[0](here)
+                for part in parts[1:]:
+                    more_force, more_torque = part(here)
+                    force, torque = add(force, more_force), add(torque, more_torque)
+                return force, torque
+
+            return load
+
+        return at
+
+    def potential(self) -> Callable[[Point], float] | None:
+        """Return the potential energy (J) of all; None where none has one."""
+        parts = [part for effect in self.effects if (part := effect.potential(self.body)) is not None]
+        if not parts:
+            return None
+
+        def energy(point: Point) -> float:
+            total = parts[0](point)
+            for part in parts[1:]:
+                total += part(point)
+            return total
+
+        return energy
+
+    def storing(self) -> Callable[[Point], Stored] | None:
+        """Return what moves inside the body, of all; None where nothing does."""
+        parts = [part for effect in self.effects if (part := effect.storing(self.body)) is not None]
+        if not parts:
+            return None
+
+        def stored(point: Point) -> Stored:
+            momentum, energy = ZERO, 0.0
+            for part in parts:
+                more = part(point)
+                momentum, energy = add(momentum, more.momentum), energy + more.energy
+            return Stored(momentum, energy)
+
+        return stored
+
+
+def _inside_the_step(effect: Effect, body: RigidBody, start: float) -> Wrenching | None:
+    """Return the load of an effect; no method is asked whether it can take one that is not declared."""
+    part = effect.wrenching(body, start)
+    if part is not None and effect.takes == Takes.HELD:
+        raise SceneError(
+            f"{effect.kind}: has a load inside the step but takes is HELD, expected what the load depends on; declare "
+            "takes = Takes.FIELD (time, place, attitude) or Takes.ANY (velocities too) in the effect"
+        )
+    return part

@@ -1,0 +1,245 @@
+"""Kernels that choose their own strides: stride after stride by accuracy, without a call from Python to the next one.
+
+What decides is `step_control.py`, in plain Python and compiled alike; the bits are the same. Never refuses a stride:
+it stops before one that plain Python would refuse, which then takes it and says why.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from struct import Struct
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from rb_dynamics.motion.fixed_step_kernel import OnDemand
+from rb_dynamics.motion.kernel_layout import (
+    CONSTANTS,
+    PHASE,
+    Constants,
+    constant_numbers,
+    constants_at,
+    phase_at,
+    phase_numbers,
+    phase_of,
+    write_phase,
+)
+from rb_dynamics.motion.method import Increment, Inertia, Method
+from rb_dynamics.motion.phase import MOMENTUM, Phase, grown, is_finite, total
+from rb_dynamics.motion.step_control import (
+    NANOSECONDS,
+    AccuracyControl,
+    Goal,
+    Learnt,
+    OwnControl,
+    StepControl,
+    Stride,
+    by_method,
+    by_trial,
+    rounding,
+)
+from rb_dynamics.numerics.compilation import specialise
+from rb_dynamics.numerics.vector import Vector, scale
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    Numbers = npt.NDArray[np.float64]
+
+_SIGNATURE = "UniTuple(int64, 3)(float64[::1], int64, int64)"
+
+# What a kernel is handed: body and wrench, goal, phase and what is learnt. It puts back the last two, and behind them
+# both again as they are after the stride that comes next.
+_GOAL_AT = CONSTANTS
+_PHASE_AT = _GOAL_AT + len(Goal._fields)
+_KNOWN = PHASE + len(Learnt._fields)
+_AFTER_AT = _PHASE_AT + _KNOWN
+_HANDED, _PUT_BACK = Struct(f"{_AFTER_AT}d"), Struct(f"{2 * _KNOWN}d")
+
+# Beyond any run, and so far below 2^63 that sums of two do not overflow.
+_FOREVER = 2**62
+
+
+class Progress(NamedTuple):
+    """How far a kernel has come.
+
+    Attributes:
+        strides: taken.
+        reached: ns after the start of the first of them.
+        phase: there.
+        learnt: there.
+        next_stride: which would have led too far, ns; 0 if it has not been chosen.
+        after: the phase at its end.
+        following: what is learnt from it.
+    """
+
+    strides: int
+    reached: int
+    phase: Phase
+    learnt: Learnt
+    next_stride: int
+    after: Phase
+    following: Learnt
+
+
+def run(constants: Constants, goal: Goal, learnt: Learnt, phase: Phase, room: int, count: int) -> Progress:
+    """Take at most `count` strides from `phase` on, of those that end in `room` ns.
+
+    Stops, with `next_stride` 0, before one that cannot be taken or whose accuracy cannot be reached.
+    """
+    strides = reached = 0
+    while strides < count:
+        chosen = _choose(goal, learnt, phase, constants)
+        if chosen.length == 0 or rounding(goal, phase, chosen.length) > goal.accuracy or not is_finite(chosen.after):
+            break
+        if chosen.length > room - reached:
+            return Progress(strides, reached, phase, learnt, chosen.length, chosen.after, chosen.learnt)
+        phase, learnt = chosen.after, chosen.learnt
+        strides, reached = strides + 1, reached + chosen.length
+    return Progress(strides, reached, phase, learnt, 0, phase, learnt)
+
+
+def _choose(goal: Goal, learnt: Learnt, phase: Phase, constants: Constants) -> Stride:
+    """Stand where `by_trial` will, or the next function."""
+    raise NotImplementedError
+
+
+def _by_method(goal: Goal, learnt: Learnt, phase: Phase, constants: Constants) -> Stride:
+    """Return a stride that the method knows, and take it."""
+    chosen = by_method(goal, learnt, phase, constants)
+    return Stride(chosen.length, _stepped(constants, phase, chosen.length / NANOSECONDS), learnt, 0.0)
+
+
+def _halves_and_whole(constants: Constants, phase: Phase, h: float) -> tuple[Phase, Phase]:
+    """Return the phase after two steps of h/2 s and after one of h s."""
+    kept = other = phase
+    # A loop, so that there is but one step to compile.
+    for part in range(3):
+        whole = part == 2
+        end = _stepped(constants, phase if whole else kept, h if whole else 0.5 * h)
+        kept, other = (kept, end) if whole else (end, other)
+    return kept, other
+
+
+def _pair_of_steps(constants: Constants, phase: Phase, h: float) -> tuple[Phase, Phase]:
+    """Return the phase after a step of h s, and the same of one order less."""
+    inertia, held = constants
+    velocity = _velocity(inertia, phase)
+    step, comparison = _pair(inertia, held, h, velocity, phase.orientation, phase.angular_velocity, None)
+    return _grown(phase, step, h), _grown(phase, comparison, h)
+
+
+def _longest(constants: Constants, phase: Phase, accuracy: float, horizon: float) -> float:
+    inertia, held = constants
+    velocity = _velocity(inertia, phase)
+    return _longest_step(inertia, held, velocity, phase.orientation, phase.angular_velocity, accuracy, horizon)
+
+
+def _stepped(constants: Constants, phase: Phase, h: float) -> Phase:
+    inertia, held = constants
+    velocity = _velocity(inertia, phase)
+    return _grown(phase, _step(inertia, held, h, velocity, phase.orientation, phase.angular_velocity, None), h)
+
+
+def _velocity(inertia: Inertia, phase: Phase) -> Vector:
+    return scale(1.0 / inertia.mass, total(phase, MOMENTUM))
+
+
+def _grown(phase: Phase, step: Increment, h: float) -> Phase:
+    high, low = grown(phase.high, phase.low, step, h)
+    return Phase(step.orientation, step.angular_velocity, high, low)
+
+
+def _step(*arguments: Any) -> Increment:
+    """Stand where the step of a method will."""
+    raise NotImplementedError
+
+
+def _pair(*arguments: Any) -> tuple[Increment, Increment]:
+    """Stand where the pair of a method will."""
+    raise NotImplementedError
+
+
+def _longest_step(*arguments: Any) -> float:
+    """Stand where the longest step of a method will."""
+    raise NotImplementedError
+
+
+def _run_on_numbers(numbers: Numbers, room: int, count: int) -> tuple[int, int, int]:
+    """Do what `run` does, on an array."""
+    c, g, i, k = numbers, _GOAL_AT, _PHASE_AT, _AFTER_AT
+    goal = Goal(c[g], c[g + 1], c[g + 2] != 0.0, c[g + 3], c[g + 4], c[g + 5], c[g + 6])
+    learnt = Learnt(c[i + PHASE], c[i + PHASE + 1])
+    progress = run(constants_at(c), goal, learnt, phase_at(c, i), room, count)
+    write_phase(c, i, progress.phase)
+    c[i + PHASE], c[i + PHASE + 1] = progress.learnt
+    write_phase(c, k, progress.after)
+    c[k + PHASE], c[k + PHASE + 1] = progress.following
+    return progress.strides, progress.reached, progress.next_stride
+
+
+# In plain Python, with what chooses it.
+_STEPS_IN_A_STRIDE = {"doubling": 3.0, "pair": 1.5, "own": 1.5}
+
+
+class Strides(OnDemand):
+    """The strides of one method by one kind of control."""
+
+    def __init__(self, method: Method, kind: str) -> None:
+        """Compile nothing yet; `kind` is "doubling", "pair" or "own"."""
+        name = f"strides_by_{kind}_{method.name}"
+        step = specialise(_stepped, f"{name}_step", _step=method.step)
+        if kind == "own":
+            longest = specialise(_longest, f"{name}_longest", _longest_step=method.longest_step)
+            known = specialise(by_method, f"{name}_known", _longest_step=longest)
+            choose = specialise(_by_method, f"{name}_choice", by_method=known, _stepped=step)
+        else:
+            if kind == "pair":
+                attempt = specialise(_pair_of_steps, f"{name}_trial", _pair=method.pair)
+            else:
+                attempt = specialise(_halves_and_whole, f"{name}_trial", _stepped=step)
+            choose = specialise(by_trial, f"{name}_choice", _attempt=attempt)
+        on_numbers = specialise(_run_on_numbers, name, run=specialise(run, f"{name}_run", _choose=choose))
+        super().__init__(method.name, on_numbers, _SIGNATURE, _STEPS_IN_A_STRIDE[kind])
+
+    def after(
+        self,
+        constants: Constants,
+        control: OwnControl | AccuracyControl,
+        phase: Phase,
+        room: int,
+        count: int,
+        ahead: int,
+    ) -> Progress | None:
+        """Return what `run` does, `ahead` strides being expected to come; None if it is not worth compiling."""
+        compiled = self.get(ahead, 1)
+        if compiled is None:
+            return None
+        import numpy as np
+
+        numbers = np.empty(_AFTER_AT + _KNOWN)
+        goal, learnt = control.goal, control.learnt
+        _HANDED.pack_into(numbers.data, 0, *constant_numbers(*constants), *goal, *phase_numbers(phase), *learnt)
+        strides, reached, next_stride = compiled(numbers, min(room, _FOREVER), count)
+        s = _PUT_BACK.unpack_from(numbers.data, 8 * _PHASE_AT)
+        (end, learnt), (after, following) = _known(s[:_KNOWN]), _known(s[_KNOWN:])
+        return Progress(strides, reached, end, learnt, next_stride, after, following)
+
+
+def _known(numbers: tuple[float, ...]) -> tuple[Phase, Learnt]:
+    return phase_of(numbers[:PHASE]), Learnt(*numbers[PHASE:])
+
+
+def strides_by(method: Method, control: StepControl) -> Strides | None:
+    """Return the kernel for `method` with `control`, None if there is none."""
+    if not method.compiles:
+        return None
+    if isinstance(control, OwnControl):
+        return _strides(method, "own")
+    if isinstance(control, AccuracyControl):
+        return _strides(method, "pair" if control.embedded else "doubling")
+    return None
+
+
+@cache
+def _strides(method: Method, kind: str) -> Strides:
+    return Strides(method, kind)

@@ -1,0 +1,293 @@
+"""Kernels: many steps of one length under a held wrench, without a call from Python to the next step.
+
+The same function in plain Python and, where numba is installed (extra `fast`) and it is worth it, compiled; the bits
+are the same. What is worth it: the steps taken and to be taken in plain Python cost about what compilation does, a few
+seconds, or, if the kernel is in the cache, what loading it does, half a second. The environment variable
+`RB_DYNAMICS_COMPILE` says otherwise: `never`, or `always`, at the first step; `auto` is as if it were not there.
+
+Never knows a load that varies, and never refuses a step: what is not finite spreads to the end, and who finds it there
+takes the steps again in plain Python, which says why.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import math
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextvars import ContextVar
+from functools import cache
+from struct import Struct
+from typing import TYPE_CHECKING, Any
+
+from rb_dynamics.errors import MissingExtraError, RigidBodyError
+from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.motion.kernel_layout import (
+    CONSTANTS,
+    PHASE,
+    constant_numbers,
+    constants_at,
+    phase_at,
+    phase_numbers,
+    phase_of,
+    write_phase,
+)
+from rb_dynamics.motion.method import Increment, Inertia, Method
+from rb_dynamics.motion.phase import Phase, Sums, grown
+from rb_dynamics.numerics.compilation import available, compile_kernel, is_cached, specialise
+from rb_dynamics.numerics.rotation import Quaternion
+from rb_dynamics.numerics.vector import Vector, scale
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    Numbers = npt.NDArray[np.float64]
+
+LONGEST_STRETCH = 10_000
+"""Steps that are taken at once: more save nothing, and are lost where one of them is refused."""
+
+WORTH_COMPILING = 200_000
+"""Steps of `rk4` that take as long in plain Python as to compile a kernel: 2 to 6 s."""
+
+WORTH_LOADING = 20_000
+"""The same for a kernel that is in the cache, with the import of numba: 0.5 s."""
+
+# Time of a step in plain Python, in steps of rk4, where it is another: the plain column of `benchmarks/kernels.py`.
+_PLAIN_PRICE = {
+    name: price
+    for price, names in (
+        (0.4, "euler"),
+        (2.0, "rkmk4 cf4"),
+        (3.0, "dverk rkmk54 dlm4 dmv82 strang2 exact"),
+        (4.5, "taylor dop853 dlm6 dmv864 dmv104 midpoint4"),
+        (8.5, "midpoint6"),
+        (14.0, "strang4 aba82 aba84"),
+        (20.0, "strang6 aba104 aba864"),
+    )
+    for name in names.split()
+}
+
+_SIGNATURE = "void(float64[::1], float64, int64)"
+
+# What a stretch is handed: body and wrench, and the phase. To pack them so takes a third of the time of numpy.array.
+_NUMBERS, _PHASE = Struct(f"{CONSTANTS + PHASE}d"), Struct(f"{PHASE}d")
+_log = logging.getLogger(__name__)
+
+
+def run(
+    inertia: Inertia,
+    held: HeldWrench,
+    h: float,
+    n: int,
+    orientation: Quaternion,
+    angular_velocity: Vector,
+    high: Sums,
+    low: Sums,
+) -> tuple[Quaternion, Vector, Sums, Sums]:
+    """Return attitude, angular velocity and books (see `Phase`) after n steps of h s under `held`, in principal axes.
+
+    Raises:
+        ConvergenceError: a step cannot be solved; compiled, it leaves NaN instead.
+    """
+    for _ in range(n):
+        momentum = (high[3] + low[3], high[4] + low[4], high[5] + low[5])
+        velocity = scale(1.0 / inertia.mass, momentum)
+        step = _step(inertia, held, h, velocity, orientation, angular_velocity, None)
+        orientation, angular_velocity = step.orientation, step.angular_velocity
+        high, low = grown(high, low, step, h)
+    return orientation, angular_velocity, high, low
+
+
+def _step(*arguments: Any) -> Increment:
+    """Stand where the step of a method will."""
+    raise NotImplementedError
+
+
+def _run_on_numbers(numbers: Numbers, h: float, n: int) -> None:
+    """Do what `run` does, on an array: 25 times faster to hand over than tuples."""
+    inertia, held = constants_at(numbers)
+    start = phase_at(numbers, CONSTANTS)
+    q, w, high, low = run(inertia, held, h, n, start.orientation, start.angular_velocity, start.high, start.low)
+    write_phase(numbers, CONSTANTS, Phase(q, w, high, low))
+
+
+def plain(method: Method) -> Callable[..., tuple[Quaternion, Vector, Sums, Sums]]:
+    """Return `run` for `method`, in plain Python."""
+    return specialise(run, f"run_{method.name}", _step=method.step)
+
+
+class Tally:
+    """What decides whether a kernel is worth it: the steps taken without it. A process has one for all its runs.
+
+    A run that is `counted_by` a tally of its own decides as if it had a process to itself, whatever is loaded.
+
+    Attributes:
+        used: the kernels that have been worth it.
+        built: time (s) that it took to compile or load each of them that was not there, by name.
+    """
+
+    def __init__(
+        self,
+        scale: float = 1.0,
+        worth: float | None = None,
+        clock: Callable[[], float] = time.perf_counter,
+        built: dict[str, float] | None = None,
+        compiling: Callable[[str], None] | None = None,
+    ) -> None:
+        """Begin with no steps.
+
+        Args:
+            scale: steps that each step stands for, where a part of a run is taken for the whole.
+            worth: steps that compiling is worth, for `WORTH_COMPILING`; infinite: neither is loading.
+            clock: s.
+            built: where to note the times.
+            compiling: called before a kernel is compiled that is in no cache, with its name.
+        """
+        self.used: set[OnDemand] = set()
+        self.built = {} if built is None else built
+        self.worth, self.clock, self.compiling = worth, clock, compiling
+        self._scale = scale
+        self._steps: dict[OnDemand, float] = {}
+
+    @property
+    def asked(self) -> bool:
+        """Whether there was anything that a kernel could do."""
+        return bool(self.used or self._steps)
+
+    def miss(self, kernel: OnDemand, steps: float) -> None:
+        """Note `steps` that are taken without `kernel`."""
+        self._steps[kernel] = self._steps.get(kernel, 0.0) + steps
+
+    def expected(self, kernel: OnDemand, ahead: float) -> float:
+        """Return how many steps there will have been, at least."""
+        steps = self._steps.get(kernel, 0.0) + ahead
+        return steps if steps <= _TELLS_NOTHING else steps * self._scale
+
+
+# Any arc may end with a step, or with two halves of one.
+_TELLS_NOTHING = 2.0
+
+_of_the_process = Tally()
+_tally = ContextVar("_tally", default=_of_the_process)
+
+
+@contextlib.contextmanager
+def counted_by(tally: Tally) -> Iterator[None]:
+    """Let `tally` decide meanwhile what is worth compiling; `RB_DYNAMICS_COMPILE` is heeded as ever."""
+    token = _tally.set(tally)
+    try:
+        yield
+    finally:
+        _tally.reset(token)
+
+
+class OnDemand:
+    """A function that is compiled when it is worth it."""
+
+    def __init__(self, method: str, function: Callable[..., Any], signature: str, price: float = 1.0) -> None:
+        """Compile nothing yet.
+
+        Args:
+            method: that it is for.
+            function: to be compiled; the cache knows it by its name.
+            signature: its types.
+            price: of what it does at a time in plain Python, in steps of the method.
+        """
+        self._method, self._function, self._signature = method, function, signature
+        self._price = price * _PLAIN_PRICE.get(method, 1.0)
+        self._compiled: Callable[..., Any] | None = None
+        self._given_up = False
+        self._is_cached: bool | None = None
+
+    def get(self, ahead: float, missed: float) -> Callable[..., Any] | None:
+        """Return the compiled function; None if it is not worth it, though `ahead` are known to come.
+
+        `missed` of them will then be done without it.
+        """
+        when, tally = _when(), _tally.get()
+        if when == "never" or tally.worth == math.inf:
+            return None
+        try:
+            if self not in tally.used and (when == "always" or self._is_worth(tally, ahead * self._price)):
+                self._build(tally)
+                tally.used.add(self)
+        except (ImportError, OSError, RuntimeError) as error:
+            if when == "always":
+                raise
+            self._given_up = True
+            _log.warning("%s runs in plain Python: %s", self._method, error)
+        if self in tally.used:
+            return self._compiled
+        tally.miss(self, missed * self._price)
+        return None
+
+    def _is_worth(self, tally: Tally, ahead: float) -> bool:
+        if self._given_up or not available():
+            return False
+        steps = tally.expected(self, ahead)
+        if steps >= WORTH_LOADING and self._is_cached is None:
+            self._is_cached = is_cached(self._function.__name__)
+        worth = WORTH_COMPILING if tally.worth is None else tally.worth
+        return steps >= worth or (steps >= WORTH_LOADING and bool(self._is_cached))
+
+    def _build(self, tally: Tally) -> None:
+        if self._compiled is None:
+            if tally.compiling is not None and not is_cached(self._function.__name__):
+                tally.compiling(self._function.__name__)
+            begin = tally.clock()
+            self._compiled = compile_kernel(self._function, self._signature)
+            self._is_cached = True
+            tally.built[self._function.__name__] = tally.clock() - begin
+
+
+class Kernel(OnDemand):
+    """The stretches of one method."""
+
+    def __init__(self, method: Method) -> None:
+        """Compile nothing yet."""
+        name = f"{_run_on_numbers.__name__}_{method.name}"
+        super().__init__(method.name, specialise(_run_on_numbers, name, run=plain(method)), _SIGNATURE)
+
+    def after(
+        self, inertia: Inertia, held: HeldWrench, h: float, n: int, phase: Phase, ahead: int, missed: int
+    ) -> Phase | None:
+        """Return the phase after n steps of h s; None if they are to be taken in plain Python.
+
+        So they are if a step is refused, or if this is not worth compiling though `ahead` are known to come; then
+        `missed` of them are taken before the next time of asking.
+        """
+        compiled = self.get(ahead, missed)
+        if compiled is None:
+            return None
+        import numpy as np
+
+        numbers = np.empty(CONSTANTS + PHASE)
+        _NUMBERS.pack_into(numbers.data, 0, *constant_numbers(inertia, held), *phase_numbers(phase))
+        compiled(numbers, h, n)
+        end = _PHASE.unpack_from(numbers.data, 8 * CONSTANTS)
+        return phase_of(end) if all(map(math.isfinite, end)) else None
+
+
+@cache
+def kernel(method: Method) -> Kernel | None:
+    """Return the kernel of `method`, None if it cannot be compiled."""
+    return Kernel(method) if method.compiles else None
+
+
+def longest_in_plain(method: Method) -> float:
+    """Return how many steps a long run takes in plain Python before its kernel is worth loading; inf if it has none."""
+    if _when() == "never" or not available() or not method.compiles:
+        return math.inf
+    return WORTH_LOADING / _PLAIN_PRICE.get(method.name, 1.0)
+
+
+def _when() -> str:
+    found = os.environ.get("RB_DYNAMICS_COMPILE", "auto")
+    if found not in ("never", "auto", "always"):
+        raise RigidBodyError(f"RB_DYNAMICS_COMPILE is {found!r}, expected never, auto or always; set one, or unset it")
+    if found == "always" and not available():
+        raise MissingExtraError("numba", "fast", "RB_DYNAMICS_COMPILE=always")
+    return found

@@ -1,0 +1,125 @@
+"""Layout: body, wrench and phase as the numbers that kernels are handed, one after the other or each in a row.
+
+One after the other, from number i on, for one body; in rows, of which body i has column i, for many. Never knows what
+is done with them.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.motion.method import Inertia
+from rb_dynamics.motion.phase import Phase, Sums
+from rb_dynamics.numerics.rotation import Quaternion
+from rb_dynamics.numerics.vector import Vector
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    Numbers = npt.NDArray[np.float64]
+
+Constants = tuple[Inertia, HeldWrench]
+"""What stays the same from step to step: the body, and what is held."""
+
+CONSTANTS = 16
+"""Its numbers: mass, principal moments, then force and torque in principal axes, force and torque in world axes."""
+
+PHASE = 35
+"""Numbers of a phase: attitude, angular velocity, high sums, low sums; see `Phase`."""
+
+
+def constant_numbers(inertia: Inertia, held: HeldWrench) -> tuple[float, ...]:
+    """Return the `CONSTANTS` numbers of body and wrench."""
+    return (inertia.mass, *inertia.moments, *held[0], *held[1], *held[2], *held[3])
+
+
+def constants_at(numbers: Numbers) -> Constants:
+    """Return the body and the wrench that `numbers` begin with."""
+    c = numbers
+    held = HeldWrench((c[4], c[5], c[6]), (c[7], c[8], c[9]), (c[10], c[11], c[12]), (c[13], c[14], c[15]))
+    return Inertia(c[0], (c[1], c[2], c[3])), held
+
+
+def constants_in(rows: Numbers, i: int) -> Constants:
+    """Return the body and the wrench in column i."""
+    c = rows
+    held = HeldWrench(
+        (c[4, i], c[5, i], c[6, i]),
+        (c[7, i], c[8, i], c[9, i]),
+        (c[10, i], c[11, i], c[12, i]),
+        (c[13, i], c[14, i], c[15, i]),
+    )
+    return Inertia(c[0, i], (c[1, i], c[2, i], c[3, i])), held
+
+
+def write_held(rows: Numbers, i: int, held: HeldWrench) -> None:
+    """Write the wrench to column i."""
+    c = rows
+    c[4, i], c[5, i], c[6, i] = held.force_body
+    c[7, i], c[8, i], c[9, i] = held.torque_body
+    c[10, i], c[11, i], c[12, i] = held.force_world
+    c[13, i], c[14, i], c[15, i] = held.torque_world
+
+
+def phase_numbers(phase: Phase) -> tuple[float, ...]:
+    """Return the `PHASE` numbers of `phase`."""
+    return (*phase.orientation, *phase.angular_velocity, *phase.high, *phase.low)
+
+
+def phase_of(numbers: tuple[float, ...]) -> Phase:
+    """Return the phase of these `PHASE` numbers."""
+    s = numbers
+    return Phase((s[0], s[1], s[2], s[3]), (s[4], s[5], s[6]), s[7:21], s[21:])
+
+
+def phase_at(numbers: Numbers, i: int) -> Phase:
+    """Return the phase that begins at number i."""
+    s = numbers
+    high = (
+        *(s[i + 7], s[i + 8], s[i + 9], s[i + 10], s[i + 11], s[i + 12], s[i + 13]),
+        *(s[i + 14], s[i + 15], s[i + 16], s[i + 17], s[i + 18], s[i + 19], s[i + 20]),
+    )
+    low = (
+        *(s[i + 21], s[i + 22], s[i + 23], s[i + 24], s[i + 25], s[i + 26], s[i + 27]),
+        *(s[i + 28], s[i + 29], s[i + 30], s[i + 31], s[i + 32], s[i + 33], s[i + 34]),
+    )
+    return Phase((s[i], s[i + 1], s[i + 2], s[i + 3]), (s[i + 4], s[i + 5], s[i + 6]), high, low)
+
+
+def write_phase(numbers: Numbers, i: int, phase: Phase) -> None:
+    """Write `phase` from number i on."""
+    numbers[i], numbers[i + 1], numbers[i + 2], numbers[i + 3] = phase.orientation
+    numbers[i + 4], numbers[i + 5], numbers[i + 6] = phase.angular_velocity
+    for k in range(14):
+        numbers[i + 7 + k] = phase.high[k]
+        numbers[i + 21 + k] = phase.low[k]
+
+
+# In tuples, as `run` of a kernel has them, and without a loop: side by side nothing may be left lane by lane.
+def phase_in(rows: Numbers, i: int) -> tuple[Quaternion, Vector, Sums, Sums]:
+    """Return attitude, angular velocity, high and low sums in column i."""
+    s = rows
+    return (s[0, i], s[1, i], s[2, i], s[3, i]), (s[4, i], s[5, i], s[6, i]), _sums(s, 7, i), _sums(s, 21, i)
+
+
+def write_phase_in(rows: Numbers, i: int, q: Quaternion, w: Vector, high: Sums, low: Sums) -> None:
+    """Write attitude, angular velocity, high and low sums to column i."""
+    s = rows
+    s[0, i], s[1, i], s[2, i], s[3, i] = q
+    s[4, i], s[5, i], s[6, i] = w
+    _write_sums(s, 7, i, high)
+    _write_sums(s, 21, i, low)
+
+
+def _sums(s: Numbers, r: int, i: int) -> Sums:
+    return (
+        *(s[r, i], s[r + 1, i], s[r + 2, i], s[r + 3, i], s[r + 4, i], s[r + 5, i], s[r + 6, i]),
+        *(s[r + 7, i], s[r + 8, i], s[r + 9, i], s[r + 10, i], s[r + 11, i], s[r + 12, i], s[r + 13, i]),
+    )
+
+
+def _write_sums(s: Numbers, r: int, i: int, a: Sums) -> None:
+    s[r, i], s[r + 1, i], s[r + 2, i], s[r + 3, i], s[r + 4, i], s[r + 5, i], s[r + 6, i] = a[:7]
+    s[r + 7, i], s[r + 8, i], s[r + 9, i], s[r + 10, i], s[r + 11, i], s[r + 12, i], s[r + 13, i] = a[7:]

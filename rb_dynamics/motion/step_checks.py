@@ -1,0 +1,100 @@
+"""What no step may return and how it is refused: numbers that are not finite, turns that no stage resolves.
+
+Never decides how long a step should be: step control does.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import chain
+
+from rb_dynamics.errors import ConvergenceError
+from rb_dynamics.motion.method import Increment
+from rb_dynamics.numerics.compilation import compiled_as
+from rb_dynamics.numerics.rotation import Quaternion
+from rb_dynamics.numerics.vector import Vector
+
+NOWHERE: Vector = (math.nan, math.nan, math.nan)
+NO_ATTITUDE: Quaternion = (math.nan, math.nan, math.nan, math.nan)
+NO_INCREMENT = Increment(NOWHERE, NO_ATTITUDE, NOWHERE, NOWHERE, NOWHERE, math.nan)
+"""What a step that is refused comes to where it is compiled: it spreads to everything after."""
+
+LARGEST_TURN = 3.0
+"""Largest turn (rad) in a step. exp and dexpinv are regular below 2 pi; half of that leaves the stages room."""
+
+LARGEST_FREE_TURN = 1e15
+"""Turn (rad) beyond which double precision knows no digit of the attitude, however exact the motion."""
+
+
+def require_known_attitude(name: str, h: float, rate: float) -> None:
+    """Let pass a motion of h s at `rate` (rad/s) in closed form that leaves digits of the attitude.
+
+    Raises:
+        ConvergenceError: it turns further than `LARGEST_FREE_TURN`.
+    """
+    if not rate * abs(h) < LARGEST_FREE_TURN:
+        raise ConvergenceError(
+            f"{name}: {h:g} s at {rate:.3g} rad/s are {rate * abs(h):.3g} rad, expected less than "
+            f"{LARGEST_FREE_TURN:g} rad: beyond that no digit of the attitude is known; use a shorter duration"
+        )
+
+
+@compiled_as()
+def require_finite(name: str, h: float, step: Increment) -> Increment:
+    """Return `step`, which the method `name` made in h s. Compiled, any: what is not finite spreads by itself.
+
+    Raises:
+        ConvergenceError: a number in it is not finite.
+    """
+    (a, b, c), (d, e, f, g), (i, j, k), (m, n, o), (p, q, r), work = step
+    # What is not finite makes the sum so, and one look is cheaper than seventeen.
+    total = a + b + c + d + e + f + g + i + j + k + m + n + o + p + q + r + work
+    if not math.isfinite(total) and not all(map(math.isfinite, (*chain.from_iterable(step[:5]), work))):
+        raise _without_numbers(name, h)
+    return step
+
+
+def require_small_turn(name: str, h: float, rate: float) -> None:
+    """Let pass a stage of h s at `rate` (rad/s) that turns the body by less than `LARGEST_TURN`.
+
+    Raises:
+        ConvergenceError: it turns further.
+    """
+    if not rate * abs(h) < LARGEST_TURN:
+        turns_too_far(name, h, rate)
+
+
+@compiled_as(NO_INCREMENT)
+def turns_too_far(name: str, h: float, rate: float) -> Increment:
+    """Refuse a stage of h s at `rate` (rad/s).
+
+    Raises:
+        ConvergenceError: always.
+    """
+    turn = rate * abs(h)
+    if not math.isfinite(turn):
+        raise _without_numbers(name, h)
+    raise ConvergenceError(
+        f"{name}: a step of {h:g} s turns the body by {turn:.3g} rad, expected less than {LARGEST_TURN:g} rad; "
+        f"use a step below {LARGEST_TURN / rate:.3g} s"
+    )
+
+
+@compiled_as(NO_INCREMENT)
+def no_rotation(name: str, h: float, square: float, rate: float) -> Increment:
+    """Refuse a quaternion of norm `square`^(1/2), reached in h s from `rate` (rad/s).
+
+    Raises:
+        ConvergenceError: always.
+    """
+    raise ConvergenceError(
+        f"{name}: after a step of {h:g} s the quaternion has norm {square**0.5:.3g}, expected about 1; "
+        f"the body turns too far in one step at {rate:.3g} rad/s: use a shorter step"
+    )
+
+
+def _without_numbers(name: str, h: float) -> ConvergenceError:
+    return ConvergenceError(
+        f"{name}: a step of {h:g} s leads to numbers that are no longer finite, expected a motion that it resolves; "
+        f"use a step below {0.5 * abs(h):.3g} s or check the size of the wrench and of the effects"
+    )

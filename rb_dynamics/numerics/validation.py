@@ -1,0 +1,177 @@
+"""Arguments of the Python API, checked where they come in: what is wrong is said by name, before anything is computed.
+
+A wrong type is a TypeError, a wrong value an error of the caller's choice. Arrays of numpy are taken for the tuples
+that they look like. Never part of a step, and never guesses what was meant.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from rb_dynamics.numerics.rotation import NORM_TOLERANCE, Quaternion, unit
+from rb_dynamics.numerics.vector import Vector
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+T = TypeVar("T")
+
+_COUNTS = {3: "three", 4: "four"}
+
+
+def shown(value: object) -> str:
+    """Return `value` as a message shows it: on one line, and not at length."""
+    text = " ".join(repr(value).split())
+    return text if len(text) <= 60 else f"{text[:60]}..."
+
+
+def instance(value: object, kind: type[T], name: str, remedy: str) -> T:
+    """Return `value`, which has to be of this `kind`.
+
+    Raises:
+        TypeError: it is not.
+    """
+    if isinstance(value, kind):
+        return value
+    article = "an" if kind.__name__[0] in "AEIO" else "a"
+    raise TypeError(f"{name} is {shown(value)}, expected {article} {kind.__name__}; {remedy}")
+
+
+def mapping(value: object, name: str, remedy: str) -> Mapping[Any, Any]:
+    """Return `value`, which has to be a mapping.
+
+    Raises:
+        TypeError: it is none.
+    """
+    if isinstance(value, Mapping):
+        return value
+    raise TypeError(f"{name} is {shown(value)}, expected a mapping; {remedy}")
+
+
+def items(values: object, name: str, expected: str) -> list[Any]:
+    """Return the items of a sequence or an array; a text or a mapping is neither.
+
+    Raises:
+        TypeError: it is none.
+    """
+    if not isinstance(values, Iterable) or isinstance(values, (str, bytes, Mapping)) or getattr(values, "ndim", 1) == 0:
+        raise TypeError(f"{name} is {shown(values)}, expected {expected}; write a list")
+    return list(values)
+
+
+def instances(values: object, kind: type[T], name: str, remedy: str) -> tuple[T, ...]:
+    """Return the items of a sequence, each of this `kind`.
+
+    Raises:
+        TypeError: one is not, or it is no sequence.
+    """
+    found = items(values, name, f"a sequence of {kind.__name__}")
+    return tuple(instance(value, kind, f"{name}[{k}]", remedy) for k, value in enumerate(found))
+
+
+def whole(value: Any, name: str, remedy: str) -> int:
+    """Return `value`, a whole number of Python or numpy, as an int.
+
+    Raises:
+        TypeError: it is none.
+    """
+    try:
+        if not isinstance(value, bool):
+            return operator.index(value)
+    except TypeError:
+        pass
+    raise TypeError(f"{name} is {shown(value)}, expected a whole number; {remedy}")
+
+
+def number(
+    value: object,
+    name: str,
+    expected: str,
+    error: type[Exception] = ValueError,
+    least: float = -math.inf,
+    above: float = -math.inf,
+) -> float:
+    """Return `value` as a float: finite, at least `least` and greater than `above`, which `expected` says in words.
+
+    Raises:
+        TypeError: it is no number.
+        Exception: `error`, where it is another one.
+    """
+    found = _real(value)
+    if found is None:
+        raise TypeError(f"{name} is {shown(value)}, expected {expected}: write a number")
+    if not (math.isfinite(found) and found >= least and found > above):
+        raise error(f"{name} is {found!r}, expected {expected}")
+    return found
+
+
+def vector(value: object, name: str, expected: str, error: type[Exception] = ValueError) -> Vector:
+    """Return `value` as three finite floats.
+
+    Raises:
+        TypeError: it is no sequence of numbers.
+        Exception: `error`, where it is not three of them, or one is not finite.
+    """
+    x, y, z = _numbers(value, 3, name, expected, error)
+    return (x, y, z)
+
+
+def quaternion(value: object, name: str, error: type[Exception] = ValueError) -> Quaternion:
+    """Return `value` as a unit quaternion (x, y, z, w), of norm 1 to round-off.
+
+    Raises:
+        TypeError: it is no sequence of numbers.
+        Exception: `error`, where it is not four of them, one is not finite, or its norm not 1 within `NORM_TOLERANCE`.
+    """
+    x, y, z, w = _numbers(value, 4, name, "a unit quaternion (x, y, z, w)", error)
+    found = unit((x, y, z, w))
+    if found is None:
+        raise error(
+            f"{name} has norm {math.hypot(x, y, z, w):.6g}, expected a unit quaternion (x, y, z, w), norm 1 within "
+            f"{NORM_TOLERANCE:g}; divide it by its norm"
+        )
+    return found
+
+
+def as_array(value: object, name: str, expected: str, kind: str | None = "f8") -> npt.NDArray[Any]:
+    """Return `value` as an array of floats, or of what numpy makes of it where no `kind` is asked for.
+
+    Raises:
+        TypeError: it is no array of numbers.
+    """
+    import numpy as np
+
+    try:
+        found = np.asarray(value)
+        if found.dtype.kind in "fiu":
+            return found if kind is None else found.astype(kind, copy=False)
+    except ValueError:
+        pass
+    raise TypeError(f"{name} is {shown(value)}, expected {expected}; write an array of numbers of one shape") from None
+
+
+def _numbers(value: object, count: int, name: str, expected: str, error: type[Exception]) -> list[float]:
+    listed = list(value) if isinstance(value, Iterable) and getattr(value, "ndim", 1) != 0 else []
+    found = [number for number in map(_real, listed) if number is not None]
+    if not len(found) == len(listed) == count:
+        names = "(x, y, z)" if count == 3 else "(x, y, z, w)"
+        kind = error if found and len(found) == len(listed) else TypeError
+        raise kind(f"{name} is {shown(value)}, expected {expected}: write {_COUNTS[count]} numbers, {names}")
+    if not all(map(math.isfinite, found)):
+        raise error(f"{name} is {shown(tuple(found))}, expected {expected}: {_COUNTS[count]} finite numbers")
+    return found
+
+
+def _real(value: Any) -> float | None:
+    """Return a real number as a float; None for anything else, texts and truth values among them."""
+    if isinstance(value, (str, bytes, bool)) or getattr(value, "ndim", 0) != 0:
+        return None
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        return None
+    except OverflowError:
+        return math.inf

@@ -1,0 +1,141 @@
+"""`BagSink`: a run as a rosbag2 folder: MCAP files of bounded size and length, and the `metadata.yaml` of `ros2 bag`.
+
+Every file is a log of its own, with scene, metadata and all channels; `states_sha256` of each goes on from the one
+before, so the last one's is that of the run. Never imports ROS.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+
+from rb_dynamics.errors import LogError
+from rb_dynamics.formats.rosbag2_metadata import METADATA_FILE, BagFile, write_metadata
+from rb_dynamics.recording.mcap_sink import LogSettings, McapSink
+from rb_dynamics.recording.state_hash import StateHash
+from rb_dynamics.run.provenance import CONTINUES_IN
+from rb_dynamics.run.sink import Event, RunInfo, Sample
+
+
+class BagSink:
+    """Writes one run to one folder; a full file is closed and the next one begun before a sample."""
+
+    def __init__(
+        self,
+        folder: str | os.PathLike[str],
+        max_bytes: int = 0,
+        max_duration_s: float = 0.0,
+        namespace: str = "",
+        remap: Mapping[str, str] | None = None,
+        settings: LogSettings | None = None,
+    ) -> None:
+        """Say where to write; nothing is touched before `open`.
+
+        Args:
+            folder: made where it is missing; an earlier bag in it is replaced.
+            max_bytes: size at which the next file is begun; what waits for its chunk comes on top. 0: no bound.
+            max_duration_s: s of simulation time in one file; 0: no bound.
+            namespace: put before relative topic names.
+            remap: absolute names of single topics, by relative name.
+            settings: how the log is kept.
+        """
+        self.path = Path(folder)
+        self._max_bytes, self._max_ns = max_bytes, round(max_duration_s * 1e9)
+        self._namespace, self._remap, self._settings = namespace, remap, settings or LogSettings()
+        self._sink: McapSink | None = None
+        self._files: list[BagFile] = []
+        self._end_ns: int | None = None
+
+    def open(self, run: RunInfo) -> None:
+        """Begin the first file.
+
+        Raises:
+            LogError: the folder holds what is no part of a bag of its name, or cannot be written.
+        """
+        earlier = self._earlier()
+        self._run, self._states = run, StateHash()
+        self._files = []
+        self._end_ns = run.scene.end_ns
+        self._begin_file(0)
+        for file in earlier:
+            if file.name != self._files[0].name:
+                file.unlink()
+
+    def write(self, event: Event) -> None:
+        """Log one event.
+
+        Raises:
+            LogError: the file cannot be written any more; what was written before stays readable.
+        """
+        assert self._sink is not None, "open comes first"
+        if isinstance(event, Sample) and self._full(event.time_ns):
+            # What is in whole files is proven, however the next one ends.
+            self._sink.flush()
+            self._end_file({CONTINUES_IN: self._name(len(self._files))})
+            self._begin_file(event.time_ns)
+        self._sink.write(event)
+        self._files[-1].end_ns = event.time_ns
+
+    def close(self, result: Mapping[str, str]) -> None:
+        """Finish the last file and write `metadata.yaml`.
+
+        Raises:
+            LogError: a file cannot be written, or does not read back where that is verified.
+        """
+        if self._sink is None:
+            return
+        self._end_file(result)
+        try:
+            write_metadata(self.path, self._sink.channels(), self._files)
+        except OSError as error:
+            raise LogError(
+                f"cannot write {self.path / METADATA_FILE}: {error.strerror or error}; free space, the .mcap files "
+                "beside it are whole"
+            ) from error
+
+    def _begin_file(self, time_ns: int) -> None:
+        name = self._name(len(self._files))
+        sink = McapSink(self.path / name, self._namespace, self._remap, self._settings, self._states, time_ns)
+        sink.open(self._run)
+        self._sink = sink
+        self._files.append(BagFile(name, time_ns, time_ns))
+
+    def _end_file(self, result: Mapping[str, str]) -> None:
+        assert self._sink is not None
+        try:
+            self._sink.close(result)
+        finally:
+            self._files[-1].counts = +Counter(self._sink.counts())
+
+    def _full(self, time_ns: int) -> bool:
+        assert self._sink is not None
+        if time_ns == self._end_ns:
+            return False  # the last sample belongs to what it ends: no file of its own
+        too_long = self._max_ns and time_ns - self._files[-1].start_ns >= self._max_ns
+        return bool(too_long or (self._max_bytes and self._sink.size >= self._max_bytes))
+
+    def _name(self, number: int) -> str:
+        return f"{self.path.name}_{number}.mcap"
+
+    def _earlier(self) -> list[Path]:
+        """Return the files of an earlier bag, which this one replaces.
+
+        Raises:
+            LogError: the folder is a file, or holds something else, which nobody asked to mix with a bag.
+        """
+        if not self.path.exists():
+            return []
+        if not self.path.is_dir():
+            raise LogError(f"cannot write {self.path}: it is a file, expected a folder for a bag; give another name")
+        found = sorted(self.path.iterdir())
+        own = re.compile(rf"{re.escape(self.path.name)}_\d+\.mcap|{re.escape(METADATA_FILE)}")
+        foreign = [file.name for file in found if not own.fullmatch(file.name)]
+        if foreign:
+            raise LogError(
+                f"{self.path} holds {', '.join(foreign[:5])}, expected a new or empty folder or an earlier bag of that "
+                "name; give another name"
+            )
+        return found

@@ -1,0 +1,280 @@
+"""The page of a campaign: how many passed, how the metrics are spread, what drives them, and which runs to look at."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from rb_dynamics.errors import RigidBodyError
+from rb_dynamics.motion.step_control import NANOSECONDS
+from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, made_by, write_html
+from rb_dynamics.study.campaign.engine import flies_side_by_side
+from rb_dynamics.study.campaign.flight import Columns, watch_runs
+from rb_dynamics.study.campaign.metric_units import titled, unit_of
+from rb_dynamics.study.campaign.metrics import QUANTITIES, quantity
+from rb_dynamics.study.campaign.model import Campaign, Metric
+from rb_dynamics.study.campaign.scenes import Scenes
+from rb_dynamics.study.campaign.summary import (
+    BELOW,
+    CONFIDENCE,
+    SHOWN,
+    TRUE,
+    MetricSummary,
+    Summary,
+    few_runs,
+    interval_text,
+    percent,
+    rerun_commands,
+    summarise,
+)
+
+if TYPE_CHECKING:
+    from rb_dynamics.run.samples import Samples
+
+_WATCHED = 200
+"""Runs that are flown again for the figure over time."""
+
+_LOOKS = 600
+"""Most points of a line over time, less the first."""
+
+_LISTED = 30
+
+
+def write_campaign_page(
+    campaign: Campaign,
+    rows: Columns,
+    path: str | os.PathLike[str],
+    options: Sequence[str] = (),
+    summary: Summary | None = None,
+) -> None:
+    """Write the page of `rows` to `path`; `options` as in `rerun_commands`, `summary` that of the rows if it is known.
+
+    Raises:
+        LogError: the file cannot be written.
+        MissingExtraError: matplotlib or jinja2 is not installed.
+    """
+    write_html(path, campaign_report(campaign, rows, options, summary))
+
+
+def campaign_report(
+    campaign: Campaign, rows: Columns, options: Sequence[str] = (), summary: Summary | None = None
+) -> Report:
+    """Return the page of `rows`; where runs go side by side, the first of them are flown again to show them in time.
+
+    `options` and `summary` as in `write_campaign_page`.
+    """
+    from rb_dynamics.report import campaign_figures
+
+    summary = summary or summarise(campaign, rows)
+    passed = rows["passed"]
+    lead = (
+        f"{summary.runs} runs of {len(campaign.inputs)} dispersed numbers, {campaign.sampling.replace('_', ' ')}, seed "
+        f"{campaign.seed}: {summary.passed} passed, {summary.runs - summary.passed} failed."
+    )
+    spread = campaign_figures.histograms(
+        [(_title(each), rows[each.name], passed, _limit(campaign, each)) for each in campaign.metrics]
+    )
+    sections = [
+        Section("At a glance", _glance(campaign, summary), tiles=_tiles(summary, rows)),
+        *_over_time(campaign, summary, rows),
+        Section("How the metrics are spread", figures=[Figure(spread, _SPREAD)], table=_quantiles(summary)),
+    ]
+    if campaign.inputs:
+        drivers = campaign_figures.sensitivities([(each.name, each.drivers) for each in summary.metrics], summary.noise)
+        sections.append(
+            Section("What drives them", figures=[Figure(drivers, _DRIVERS), *_scatters(campaign, summary, rows)])
+        )
+    sections += [
+        Section("Runs that failed", _failed_text(campaign, summary, options), table=_failures(campaign, summary, rows)),
+        Section("The campaign", source=campaign.text, source_title="The campaign file"),
+        Section("The scene", source=campaign.scene_text, source_title="The base scene, as it is flown"),
+    ]
+    return Report(f"Campaign: {os.path.basename(campaign.source)}", lead, sections, made_by())
+
+
+_SPREAD = (
+    "How many runs have which value; orange ones failed. The dashed line is what is required. The table gives "
+    "the value that so many of the runs stay below, and where the one of 99 % lies for all possible runs, with "
+    f"{CONFIDENCE:.0%} confidence, whatever the distribution; the .json file has it for every quantile. A run "
+    "has no value where it never met the condition, or could not be flown."
+)
+_DRIVERS = (
+    "Spearman's rank correlation, the strongest inputs first: +1 where a metric only grows with an input, -1 where it "
+    "only falls. What stays within the grey band is no more than chance. Left out are inputs that only go with a "
+    "stronger one in these runs; the .json file has them (echoes)."
+)
+_SCATTER = (
+    "Each metric against the input that drives it most, where one does so by more than chance; orange runs failed."
+)
+
+
+def _glance(campaign: Campaign, summary: Summary) -> str:
+    parts = []
+    if campaign.requirements:
+        wanted = [f"{each.metric} {_range(each.below, each.above)}" for each in campaign.requirements]
+        parts.append(f"A run has passed where {' and '.join(wanted)}.")
+    else:
+        parts.append("Nothing is required of a run: every one that could be flown has passed.")
+    for metric in summary.metrics:
+        if metric.sensitivity and abs(metric.sensitivity[0][1]) > max(summary.noise, 0.1):
+            name, value = metric.sensitivity[0]
+            parts.append(f"{metric.name} depends most on {name} (rank correlation {value:+.2f}).")
+    if few := few_runs(campaign, summary):
+        parts.append(f"{few}.")
+    return "\n\n".join(parts)
+
+
+def _range(below: float, above: float) -> str:
+    bounds = [f"is below {below:g}"] if math.isfinite(below) else []
+    return " and ".join(bounds + ([f"is above {above:g}"] if math.isfinite(above) else []))
+
+
+def _tiles(summary: Summary, rows: Columns) -> list[Tile]:
+    low, high = percent(summary.pass_low, summary.runs), percent(summary.pass_high, summary.runs)
+    interval = f"of all possible runs {low} to {high}, with {CONFIDENCE:.0%} confidence"
+    failed = summary.runs - summary.passed
+    tiles = [
+        Tile("Passed", percent(summary.pass_rate, summary.runs), interval, "bad" if failed else "good"),
+        Tile("Failed", f"{failed}", f"of {summary.runs} runs", "bad" if failed else "good"),
+    ]
+    if summary.errors:
+        # The summary names the first of them only.
+        count = sum(map(bool, rows["error"]))
+        tiles.append(Tile("Could not be flown", f"{count}", summary.errors[0][1][:80], "bad"))
+    for metric in summary.metrics:
+        if metric.quantiles:
+            at = {each.probability: each for each in metric.quantiles}
+            tiles.append(
+                Tile(f"{metric.name}, 95 % of runs below", _number(at[0.95].value, metric.unit), _note(metric))
+            )
+    return tiles
+
+
+def _note(metric: MetricSummary) -> str:
+    middle = next(each.value for each in metric.quantiles if each.probability == 0.5)
+    missing = f", no value in {metric.missing} runs" if metric.missing else ""
+    return f"median {middle:.4g}, most {metric.most:.4g}{missing}"
+
+
+def _over_time(campaign: Campaign, summary: Summary, rows: Columns) -> list[Section]:
+    """Fly some runs again, the failed ones among them, and show what is judged over time."""
+    import numpy as np
+
+    from rb_dynamics.report import campaign_figures
+
+    followed: dict[tuple[object, ...], Metric] = {}
+    for metric in campaign.metrics:
+        followed.setdefault((metric.quantity, metric.target_xyzw), metric)
+    flyable = np.array([not text for text in rows["error"]])
+    failed = rows["run"][~rows["passed"] & flyable][:8].tolist()
+    runs = sorted({*rows["run"][flyable][: _WATCHED - len(failed)].tolist(), *failed})
+    if not runs or not flies_side_by_side(campaign):
+        return []
+    functions = [quantity(campaign, metric) for metric in followed.values()]
+    times: list[float] = []
+    values: list[list[object]] = [[] for _ in functions]
+
+    def watch(samples: Samples) -> None:
+        times.append(float(samples.time_ns / NANOSECONDS))
+        for column, function in zip(values, functions, strict=True):
+            column.append(function(samples))
+
+    # No more looks than are drawn, at times at which the runs were judged too.
+    looks = (Scenes(campaign).base.end_ns or 0) / campaign.observe_ns
+    seldom = replace(campaign, observe_ns=campaign.observe_ns * max(1, math.ceil(looks / _LOOKS)))
+    try:
+        watch_runs(seldom, runs, watch)
+    except (RigidBodyError, ValueError):
+        return []
+    bad = np.isin(runs, failed)
+    caption = f"median and the middle 90 % of {_some(len(runs), summary.runs, 'runs')}"
+    if failed:
+        caption += f"; orange: {_some(len(failed), summary.runs - summary.passed, 'that failed')}"
+    drawn = [
+        Figure(
+            campaign_figures.over_time(np.array(times), _quantity_title(metric), np.array(column), bad),
+            f"{_quantity_title(metric)}: {caption}.",
+        )
+        for metric, column in zip(followed.values(), values, strict=True)
+    ]
+    return [Section("Over time", figures=drawn)]
+
+
+def _some(shown: int, all_of_them: int, what: str) -> str:
+    """Return how many are shown, of how many."""
+    return f"{shown} of the {all_of_them} {what}" if shown < all_of_them else f"all {shown} {what}"
+
+
+def _scatters(campaign: Campaign, summary: Summary, rows: Columns) -> list[Figure]:
+    from rb_dynamics.report import campaign_figures
+
+    pairs = []
+    for metric, found in zip(campaign.metrics, summary.metrics, strict=True):
+        if found.sensitivity and abs(found.sensitivity[0][1]) > summary.noise:
+            name = found.sensitivity[0][0]
+            pairs.append((name, _title(metric), rows[name], rows[metric.name], rows["passed"]))
+    return [Figure(campaign_figures.scatters(pairs), _SCATTER)] if pairs else []
+
+
+def _quantiles(summary: Summary) -> Table:
+    header = ["metric", *BELOW, TRUE, "deviation", "no value"]
+    rows = []
+    for metric in summary.metrics:
+        at = {each.probability: each for each in metric.quantiles}
+        cells = [f"{at[probability].value:.3g}" if at else "-" for probability in SHOWN]
+        deviation = f"{metric.deviation:.3g}" if at else "-"
+        name = titled(metric.name, metric.unit)
+        rows.append([name, *cells, interval_text(at.get(0.99)), deviation, f"{metric.missing}"])
+    return Table(header, rows)
+
+
+def _failed_text(campaign: Campaign, summary: Summary, options: Sequence[str]) -> str:
+    if not summary.failed:
+        most = percent(1.0 - summary.pass_low, summary.runs)
+        return f"None. With {CONFIDENCE:.0%} confidence fewer than {most} of all possible runs would fail."
+    more = len(summary.failed) - _LISTED
+    rest = f" The first {_LISTED} are listed." if more > 0 else ""
+    (command,) = rerun_commands(campaign, summary.failed[:1], options)
+    return (
+        f"The command below flies run {summary.failed[0]} again, to the bit, with a full log of its motion and of its "
+        f"commands; with another number, any other.{rest}\n\n{command}"
+    )
+
+
+def _failures(campaign: Campaign, summary: Summary, rows: Columns) -> Table | None:
+    shown = summary.failed[:_LISTED]
+    if not shown:
+        return None
+    names = [metric.name for metric in campaign.metrics]
+    errors = dict(summary.errors)
+    cells: list[Sequence[str]] = []
+    header = ["run", *names, *(["not flown"] if errors else [])]
+    for run in shown:
+        values = ["never" if math.isnan(value := float(rows[name][run])) else f"{value:.4g}" for name in names]
+        cells.append([str(run), *values, *([errors.get(run, "")] if errors else [])])
+    return Table(header, cells, numeric=False)
+
+
+def _title(metric: Metric) -> str:
+    return titled(metric.name, unit_of(metric))
+
+
+def _quantity_title(metric: Metric) -> str:
+    if metric.quantity not in QUANTITIES:
+        return metric.quantity
+    name, unit = QUANTITIES[metric.quantity]
+    return titled(f"{name[:1].upper()}{name[1:]}", unit)
+
+
+def _limit(campaign: Campaign, metric: Metric) -> float | None:
+    for each in campaign.requirements:
+        if each.metric == metric.name:
+            return each.below if math.isfinite(each.below) else each.above
+    return None
+
+
+def _number(value: float, unit: str) -> str:
+    return f"{value:.4g} {unit}".strip()

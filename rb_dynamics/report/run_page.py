@@ -1,0 +1,374 @@
+"""The report of one recorded run: `Summary` and `Track` put into sections, figures and tables.
+
+Every number comes from `summary`, so the page and the terminal say the same. Never reads a scene or simulates.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from rb_dynamics.analysis.balance import Balance
+from rb_dynamics.analysis.checks import BOUND
+from rb_dynamics.analysis.summary import HALF, Summary, summarize
+from rb_dynamics.analysis.topics import read_track
+from rb_dynamics.analysis.track import Array, Series, Track, motion_of
+from rb_dynamics.body.plausibility import Symmetry, symmetry
+from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.formats.messages import APPLIED
+from rb_dynamics.report import plots, text
+from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, write_html
+from rb_dynamics.report.poinsot_figure import poinsot_view
+from rb_dynamics.run.provenance import RUN
+from rb_dynamics.scene.model import Scene
+
+
+def write_run_report(
+    log: str | os.PathLike[str],
+    html: str | os.PathLike[str],
+    *,
+    scene: Scene | None = None,
+    bound: float = BOUND,
+    extra: Sequence[Section] = (),
+) -> Summary:
+    """Write the report of the MCAP file `log` to `html` and return its numbers.
+
+    Args:
+        log: of this package, or any bag of pose, twist and wrench.
+        html: the page to write.
+        scene: gives mass properties and frames to a bag that does not have them.
+        bound: the largest defect accepted, relative to the largest energy or momentum seen.
+        extra: sections shown right after the numbers at a glance.
+
+    Raises:
+        LogError: `log` cannot be read or `html` not be written.
+        MissingExtraError: matplotlib or jinja2 is not installed.
+    """
+    track = read_track(read_bag(log), scene)
+    summary = summarize(track, bound)
+    write_html(html, run_report(track, summary, extra))
+    return summary
+
+
+def run_report(track: Track, summary: Summary, extra: Sequence[Section] = ()) -> Report:
+    """Return the page about one run."""
+    name = os.path.basename(summary.path)
+    source = "logged by rb_dynamics" if summary.own else "recorded"
+    lead = (
+        f"{summary.duration_s:.6g} s in {summary.samples} samples, {source}"
+        f"{f'; {summary.lacks}' if summary.lacks else ''}. "
+        f"{f'Every check passed{summary.reservation}.' if summary.passed else _failures(summary)}"
+    )
+    sections = [
+        Section("At a glance", tiles=_tiles(summary)),
+        *_warnings(summary),
+        *extra,
+        *_subject(track, summary),
+        *_motion(track),
+        *_residual(track, summary),
+        *_poinsot(track),
+        *_conservation(track, summary),
+        *_wrenches(track, summary),
+        *_tables(summary),
+        *_provenance(track),
+    ]
+    version = f" {summary.version}" if summary.version else ""
+    return Report(summary.scene or name, lead, sections, f"{name} · rb_dynamics{version}")
+
+
+def comparison_section(
+    time_s: Array, differences: Mapping[str, Array], heading: str = "Against the recorded truth", lead: str = ""
+) -> Section:
+    """Return a section on how far a run is from a reference.
+
+    Args:
+        time_s: s.
+        differences: by title with unit; numbers, or rows of a vector.
+        heading: of the section.
+        lead: what is compared with what.
+    """
+    rows = []
+    for title, values in differences.items():
+        sizes = np.abs(values) if values.ndim == 1 else np.linalg.norm(values, axis=1)
+        worst = int(sizes.argmax())
+        rows.append([title, f"{sizes[worst]:.3e}", f"{time_s[worst]:.6g}", f"{sizes[-1]:.3e}"])
+    caption = (
+        "Size of the difference. A good run stays near the round-off of the numbers compared; a difference that grows "
+        "steadily points to the method or its step, one that jumps to a command or a frame."
+    )
+    figure = Figure(plots.comparison(time_s, differences), caption)
+    return Section(heading, lead, figures=[figure], table=Table(["", "worst", "at t [s]", "at the end"], rows))
+
+
+def _failures(summary: Summary) -> str:
+    failed = [check.name for check in summary.checks if not check.passed]
+    return f"Failed: {'; '.join(failed)}."
+
+
+def _tiles(summary: Summary) -> list[Tile]:
+    return [*_run_tiles(summary), *_check_tiles(summary), *_size_tiles(summary)]
+
+
+def _run_tiles(summary: Summary) -> list[Tile]:
+    rate = next((topic.rate for topic in summary.topics if topic.rate and topic.count == summary.samples), 0.0)
+    samples = f"{summary.samples} samples" + (f", {rate:.4g} Hz" if rate else "")
+    tiles = [Tile("Duration", f"{summary.duration_s:.6g} s", samples)]
+    if summary.method:
+        asked = f"{summary.asked}; " if summary.asked != summary.method else ""
+        steps = (
+            "number of steps unknown" if summary.steps is None else f"{summary.steps} step{'s' * (summary.steps != 1)}"
+        )
+        tiles.append(Tile("Method", summary.method, f"{asked}{steps}"))
+    return tiles
+
+
+def _check_tiles(summary: Summary) -> list[Tile]:
+    """Return one tile for the checks of the data, those that failed each with their own, and one for each balance."""
+    judged = (" balance", "explains the motion")
+    data = [check for check in summary.checks if not check.name.endswith(judged)]
+    failed = [Tile(check.name, "failed", check.detail, "bad") for check in data if not check.passed]
+    whole = Tile("Log", "whole", "; ".join(check.name for check in data), "good")
+    tiles = failed or [whole]
+    if summary.residual is not None:
+        left = summary.residual
+        given = left.explained or left.explainable
+        label = f"Motion, by {'the inertia given' if given else 'any inertia'}"
+        value, colour = ("explained", "good") if left.explained else ("not explained", "bad")
+        tiles.append(Tile(label, value, f"{left.relative:.2g} left over", colour))
+    for check in summary.checks:
+        balance = summary.balance(check.name.removesuffix(" balance"))
+        if balance is not None and check.name.endswith(" balance"):
+            known = "" if balance.covered == 1.0 else f"; known for {100.0 * balance.covered:.3g} % of the time"
+            note = f"relative; {balance.worst:.2g} of {balance.scale:.3g} {balance.unit}{known}"
+            verdict = "bad" if not check.passed else "good" if check.share >= HALF else ""
+            tiles.append(Tile(f"{_capital(balance.name)} defect", f"{balance.relative:.2g}", note, verdict))
+    return tiles
+
+
+def _size_tiles(summary: Summary) -> list[Tile]:
+    shown = ("angular rate", "angular momentum", "linear momentum", "kinetic energy")
+    return [
+        Tile(f"Largest {name}", f"{r.high:.4g}", f"{r.unit}, at {r.high_at_s:.4g} s; smallest {r.low:.4g}")
+        for r in summary.ranges
+        for name in shown
+        if r.name.startswith(name)
+    ]
+
+
+def _capital(sentence: str) -> str:
+    return sentence[:1].upper() + sentence[1:]
+
+
+def _subject(track: Track, summary: Summary) -> list[Section]:
+    """Return what the body is, how it was computed and what to know about the data."""
+    facts = [
+        ["scene", summary.scene],
+        ["method", summary.method],
+        ["solver", summary.solver],
+        ["rb_dynamics", summary.version],
+    ]
+    body = track.body
+    if body is not None:
+        facts += [
+            ["mass", f"{body.mass:g} kg"],
+            ["centre of mass", f"{_numbers(body.center_of_mass)} m, from the body origin in body axes"],
+            ["principal moments", f"{_numbers(body.principal_moments)} kg m²"],
+            ["mass properties from", track.body_from],
+        ]
+    facts.append(["effects", track.bag.metadata.get(RUN, {}).get("effects", "")])
+    facts.append(["momenta and energy from", summary.momenta_from])
+    scenes = [content for name, content in sorted(track.bag.attachments.items()) if name.endswith((".yaml", ".yml"))]
+    return [
+        Section(
+            "What was simulated" if summary.own else "What was recorded",
+            "\n\n".join((*summary.missing, *summary.notes)),
+            table=Table(["", ""], [fact for fact in facts if fact[1]], numeric=False),
+            source=scenes[0].decode("utf-8", "replace") if scenes else "",
+            source_title="The scene",
+        )
+    ]
+
+
+def _numbers(values: Sequence[float]) -> str:
+    return ", ".join(f"{value:.6g}" for value in values)
+
+
+def _motion(track: Track) -> list[Section]:
+    figures = []
+    if track.pose is not None:
+        time_s, rows = track.seconds(track.pose.time_ns), track.pose.values
+        caption = (
+            f"{track.pose.topic}: in a good run both are smooth; a jump in position or attitude is a lost stretch "
+            "or a reset. The sign of the quaternion is chosen not to jump: q and -q are one attitude."
+        )
+        figures.append(Figure(plots.position_and_attitude(time_s, rows[:, :3], rows[:, 3:]), caption))
+    if track.twist is not None:
+        time_s, rows = track.seconds(track.twist.time_ns), track.twist.values
+        axes = "world" if track.twist_in_world else "body"
+        caption = f"{track.twist.topic}: in a good run these are continuous, with kinks only where a wrench changes."
+        figures.append(Figure(plots.rates_and_velocity(time_s, rows[:, 3:], rows[:, :3], axes), caption))
+    return [Section("Motion", figures=figures)] if figures else []
+
+
+def _warnings(summary: Summary) -> list[Section]:
+    found = summary.warnings
+    return [Section("Warnings", "\n\n".join(found))] if found else []
+
+
+def _residual(track: Track, summary: Summary) -> list[Section]:
+    left = summary.residual
+    if left is None:
+        return []
+    time_s = track.seconds(left.time_ns)
+    caption = (
+        "Mean force and torque between two samples that no recorded wrench explains, with the mass properties given. "
+        "In a good recording this is its noise around zero; a wrong inertia shows as a torque all along, "
+        "one that nobody commanded as a stretch; a thruster's is constant in body axes."
+    )
+    figure = Figure(plots.residual_wrench(time_s, left.force_world, left.torque_world, left.torque_body), caption)
+    header, *rows = text.inertia_rows(summary, track.body)
+    return [
+        Section(
+            "Does the body given explain the motion?",
+            text.residual_sentence(left, summary.start_ns),
+            figures=[figure],
+            table=Table(header, rows),
+        )
+    ]
+
+
+def _poinsot(track: Track) -> list[Section]:
+    pose, twist, body = track.pose, track.twist, track.body
+    if pose is None or twist is None or body is None:
+        return []
+    motion = motion_of(pose, twist, track.twist_in_world)
+    view = poinsot_view(body, track.seconds(motion.time_ns), motion.orientation_xyzw, motion.angular_velocity_body)
+    caption = (
+        "Where the ellipsoid of inertia touches the plane at right angles to the angular momentum of the body: the tip "
+        "of the angular velocity, on the ellipsoid and in the plane, each from its dot on. While no torque acts and "
+        "nothing turns inside the body, that plane is invariable and the ellipsoid rolls on it without slipping: the "
+        "left curve is closed, the right one lies between two circles."
+    )
+    if symmetry(body) is Symmetry.TRIAXIAL:
+        caption += (
+            " The grey lines on the ellipsoid cross at the middle axis; near a crossing a spin is unstable, and the "
+            "body turns over."
+        )
+    return [Section("Poinsot's construction", figures=[Figure(view, caption)])] if view else []
+
+
+def _conservation(track: Track, summary: Summary) -> list[Section]:
+    figures = []
+    angular, linear, kinetic = track.angular_momentum, track.linear_momentum, track.kinetic_energy
+    if angular is not None and linear is not None:
+        caption = "In a good run each is a horizontal line, to the last digit, for as long as nothing acts."
+        figures.append(Figure(plots.momenta(*_shared(track, angular, linear)), caption))
+    if kinetic is not None:
+        figures.append(_energy(track, kinetic))
+    figures += _defects(track, summary)
+    parts = [f"{_capital(balance.name)}: {balance.basis}." for balance in summary.balances]
+    basis = "\n\n".join([*parts, text.DEFECT] if parts else [])
+    rows = text.balance_rows(summary)
+    table = Table(rows[0], rows[1:]) if rows else None
+    return [Section("Momentum and energy", basis, figures=figures, table=table)] if figures or table else []
+
+
+def _energy(track: Track, kinetic: Series) -> Figure:
+    if track.work is None:
+        caption = "In a good run this is a horizontal line for as long as nothing acts."
+        return Figure(plots.energy(track.seconds(kinetic.time_ns), kinetic.values), caption)
+    caption = "In a good run the lines lie on one another: kinetic energy changes by the work done and nothing else."
+    return Figure(plots.energy(*_shared(track, kinetic, track.work)), caption)
+
+
+def _shared(track: Track, first: Series, second: Series) -> tuple[Array, Array, Array]:
+    """Return the times (s) that both have, with their values: a log that was cut off may end between two topics."""
+    time_ns, at_first, at_second = np.intersect1d(first.time_ns, second.time_ns, return_indices=True)
+    return track.seconds(time_ns), first.values[at_first], second.values[at_second]
+
+
+def _defects(track: Track, summary: Summary) -> list[Figure]:
+    figures = []
+    energy = summary.balance("energy")
+    if energy is not None:
+        caption = (
+            f"The part of the energy that no work explains. In a good run it stays far below the largest energy, "
+            f"{energy.scale:.3g} J; steady growth is the error of the method adding up."
+        )
+        figures.append(Figure(plots.energy_defect(*_series(track, energy)), caption))
+    angular, linear = summary.balance("angular momentum"), summary.balance("linear momentum")
+    if angular is not None or linear is not None:
+        caption = (
+            "The part of the momenta that no impulse explains, from the start of each stretch for which it is known. "
+            "In a good run this is noise of the last digit around zero."
+        )
+        given = [None if balance is None else _series(track, balance) for balance in (angular, linear)]
+        figures.append(Figure(plots.momentum_defects(*given), caption))
+    return figures
+
+
+def _series(track: Track, balance: Balance) -> tuple[Array, Array]:
+    return track.seconds(balance.time_ns), balance.defect
+
+
+def _wrenches(track: Track, summary: Summary) -> list[Section]:
+    panels, idle = [], []
+    for steps in track.acting:
+        name = steps.topic.removesuffix(APPLIED)
+        world = steps.world[steps.known]
+        axes = "world" if world.all() else "mixed" if world.any() else "body"
+        about = f"Torque of {name} about the centre of mass"
+        for kind, unit, vectors in ((f"Force of {name}", "N", steps.force), (about, "N m", steps.torque)):
+            if vectors.any():
+                shown = np.where(steps.known[:, None], vectors, np.nan)
+                panels.append((f"{kind}, {axes} axes [{unit}]", track.seconds(steps.time_ns), shown))
+            else:
+                idle.append(f"{kind[0].lower()}{kind[1:]}".removesuffix(" about the centre of mass"))
+    rows = text.channel_rows(summary)
+    if not rows:
+        return []
+    if came := text.command_rows(summary):
+        rows = [[*row, *times] for row, (_, *times) in zip(rows, came, strict=True)]
+    told = track.own or any(steps.topic.endswith(APPLIED) for steps in track.wrenches)
+    zero = f" Zero throughout: {', '.join(idle)}." if idle else ""
+    caption = (
+        f"What {'acted' if told else 'was commanded'}, each value held until the next. {text.TORQUE} In a good run "
+        f"this is what was meant: no spike, and no channel that falls silent, which the warnings name.{zero}"
+    )
+    figures = [Figure(plots.wrench_history(panels, track.seconds(np.array(track.span_ns))), caption)] if panels else []
+    paragraph = "" if panels else "No command came with a force or a torque, and no effect held one."
+    if unlogged := track.bag.metadata.get(RUN, {}).get("effects_not_logged_as_wrench", ""):
+        paragraph = f"{paragraph} What these effects did is in no wrench: {unlogged}.".strip()
+    return [Section("Wrenches", paragraph, figures=figures, table=Table(rows[0], rows[1:]))]
+
+
+def _tables(summary: Summary) -> list[Section]:
+    judged = [[c.name, text.verdict(c, "passed", "FAILED", "not judged"), c.detail] for c in summary.checks]
+    checks = Table(["check", "result", "detail"], judged, numeric=False)
+    named = [("First and last state", text.state_rows(summary)), ("Extremes", text.range_rows(summary))]
+    sections = [Section("Checks", table=checks)]
+    sections += [Section(title, table=Table(rows[0], rows[1:])) for title, rows in named if rows]
+    rows = text.topic_rows(summary)
+    sections.append(Section("Topics", "Rates and longest intervals are by log time.", table=Table(rows[0], rows[1:])))
+    if summary.health is not None:
+        values = Table(["", ""], [list(pair) for pair in summary.health.values], numeric=False)
+        sections.append(Section("Diagnostics", text.health_sentence(summary), table=values if values.rows else None))
+    return sections
+
+
+def _provenance(track: Track) -> list[Section]:
+    """Return every metadata record of the file, its name at its first fact; facts of several lines below, as they are.
+
+    Such is what rosbag2 keeps of a bag: its metadata.yaml.
+    """
+    facts, texts = [], []
+    for name, record in sorted(track.bag.metadata.items()):
+        told = [[key, value] for key, value in record.items() if value]
+        texts += [f"{name}: {key}\n\n{value.strip()}" for key, value in told if "\n" in value.strip()]
+        short = [[key, "below" if "\n" in value.strip() else value] for key, value in told]
+        facts += [["" if number else name, *fact] for number, fact in enumerate(short)]
+    table = Table(["record", "fact", ""], facts, numeric=False)
+    source = "\n\n\n".join(texts)
+    return [Section("Provenance", table=table, source=source, source_title="Longer facts")] if facts else []

@@ -1,0 +1,122 @@
+"""What a motion has: momenta, energy, work and the defects of their balances. Never changes a state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.loads.combined_effects import ActingEffects
+from rb_dynamics.loads.load import Load
+from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.motion.phase import Phase, inertia_of
+from rb_dynamics.motion.rk4 import differences_of, gyroscopic
+from rb_dynamics.numerics.rotation import Quaternion, rotate, rotate_inverse
+from rb_dynamics.numerics.vector import ZERO, Vector, add, cross, divide, dot, scale, subtract
+from rb_dynamics.numerics.vector import multiply as times
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """State and bookkeeping at one instant; field names are those of `simulate --json`.
+
+    Attributes:
+        time_ns: simulation time, integer nanoseconds.
+        position_world: of the body origin, m.
+        orientation_xyzw: body to world.
+        linear_velocity_world: of the body origin, m/s.
+        angular_velocity_body: rad/s.
+        angular_momentum_world: about the centre of mass, kg m^2/s.
+        linear_momentum_world: kg m/s.
+        kinetic_energy: translation and rotation, J.
+        work: of all loads since the start, J.
+        energy_defect: T - T0 - work, J.
+        angular_momentum_defect_world: L - L0 - integral of N dt, kg m^2/s.
+        linear_momentum_defect_world: p - p0 - integral of F dt, kg m/s.
+        potential_energy: of the effects that have one, J; None where none has.
+    """
+
+    time_ns: int
+    position_world: Vector
+    orientation_xyzw: Quaternion
+    linear_velocity_world: Vector
+    angular_velocity_body: Vector
+    angular_momentum_world: Vector
+    linear_momentum_world: Vector
+    kinetic_energy: float
+    work: float
+    energy_defect: float
+    angular_momentum_defect_world: Vector
+    linear_momentum_defect_world: Vector
+    potential_energy: float | None = None
+
+
+def kinetic_energy(body: RigidBody, phase: Phase) -> float:
+    """Return T = p . p / 2m + w . I w / 2, J: translation (lecture 24, page 6) and rotation (eq. 26)."""
+    momentum, omega = phase.linear_momentum_world, phase.angular_velocity
+    return 0.5 * (dot(momentum, scale(1.0 / body.mass, momentum)) + dot(omega, times(body.principal_moments, omega)))
+
+
+class Observer:
+    """Sees everything there is to see of a run: state, momenta, energies and the defects of their balances."""
+
+    def __init__(self, effects: ActingEffects, phase: Phase) -> None:
+        """Measure the defects from `phase`; `effects` act on their body beside the wrenches."""
+        self._body = body = effects.body
+        self._potential, self._storing = effects.potential(), effects.storing()
+        self._energy = kinetic_energy(body, phase)
+        self._spin, self._momentum = phase.angular_momentum_world(body), phase.linear_momentum_world
+        self._stored = self._storing(phase.point(body)).energy if self._storing else 0.0
+
+    def sample(self, phase: Phase, time_ns: int) -> Sample:
+        """Return the body in `phase`.
+
+        The defects are the raw residuals of the balances T - T0 = W (lecture 24, page 8), L - L0 = int N dt (page 18)
+        and p - p0 = int F dt (page 6), with W and the impulses by the method's own quadrature: never projected, never
+        smoothed. What moves inside the body counts in L and T. Its inner torque is booked with the others, and by
+        parts gives the change of its own momentum and the work of its motor, which therefore drop out of the defects.
+        """
+        body = self._body
+        state = phase.state(body, time_ns)
+        energy, work = kinetic_energy(body, phase), phase.work
+        spin, momentum = phase.angular_momentum_world(body), phase.linear_momentum_world
+        energy_defect = energy - self._energy - work
+        spin_defect = subtract(subtract(spin, self._spin), phase.torque_impulse_world)
+        if self._storing is not None:
+            stored = self._storing(phase.point(body))
+            energy, work = energy + stored.energy, work + (stored.energy - self._stored)
+            spin = add(spin, rotate(phase.orientation, stored.momentum))
+        return Sample(
+            time_ns=time_ns,
+            position_world=state.position_world,
+            orientation_xyzw=state.orientation_xyzw,
+            linear_velocity_world=state.linear_velocity_world,
+            angular_velocity_body=state.angular_velocity_body,
+            angular_momentum_world=spin,
+            linear_momentum_world=momentum,
+            kinetic_energy=energy,
+            work=work,
+            energy_defect=energy_defect,
+            angular_momentum_defect_world=spin_defect,
+            linear_momentum_defect_world=subtract(subtract(momentum, self._momentum), phase.impulse_world),
+            potential_energy=self._potential(phase.point(body)) if self._potential else None,
+        )
+
+
+def acceleration(body: RigidBody, phase: Phase, held: HeldWrench, load: Load | None = None) -> tuple[Vector, Vector]:
+    """Return the linear acceleration of the body origin (m/s^2) and the angular one (rad/s^2), both in body axes.
+
+    Euler's equations (lecture 24, eqs. 18 and 19) and F = m dv/dt under `held` (body parts in principal axes) and
+    `load`: the true acceleration, not a difference of velocities.
+    """
+    omega, moments, axes = phase.angular_velocity, inertia_of(body).moments, body.principal_orientation_xyzw
+    torque = add(held.torque_body, rotate_inverse(phase.orientation, held.torque_world))
+    push = held.force_world
+    if load is not None:
+        velocity = scale(1.0 / body.mass, phase.linear_momentum_world)
+        varying_force, varying_torque = load(0.0, ZERO, velocity, phase.orientation, omega)
+        push, torque = add(push, varying_force), add(torque, varying_torque)
+    omega_dot = rotate(axes, divide(add(torque, gyroscopic(differences_of(moments), omega)), moments))
+    force = rotate(axes, add(held.force_body, rotate_inverse(phase.orientation, push)))
+    omega_body, arm = rotate(axes, omega), body.center_of_mass
+    turning = add(cross(omega_dot, arm), cross(omega_body, cross(omega_body, arm)))
+    return subtract(scale(1.0 / body.mass, force), turning), omega_dot

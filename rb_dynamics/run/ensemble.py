@@ -1,0 +1,445 @@
+"""Many bodies at once, and whole schedules of held wrenches in one call: arrays in, arrays out.
+
+Each body moves as it would alone, to the bit: steps of one length from where a hold began, a shorter one to where the
+motion is looked at (`motion/arc.py`). Bodies never see each other. Compiled where numba is installed (extra `fast`) and
+it is worth it, in threads, and several bodies side by side in one core; without numba the same bits, one body after the
+other in plain Python, some hundred times slower.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from rb_dynamics.body.rigid_body import RigidBody, require_body
+from rb_dynamics.body.state import State
+from rb_dynamics.errors import WrenchError
+from rb_dynamics.motion import METHODS
+from rb_dynamics.motion.batch_kernel import Schedule, mover
+from rb_dynamics.motion.fixed_step_kernel import LONGEST_STRETCH
+from rb_dynamics.motion.kernel_layout import PHASE, phase_numbers
+from rb_dynamics.motion.method import Method
+from rb_dynamics.motion.phase import Phase, inertia_of
+from rb_dynamics.motion.step_control import NANOSECONDS, FixedStep, WholeArc
+from rb_dynamics.numerics.validation import as_array, instance, instances, number, shown, whole
+from rb_dynamics.run.samples import Samples
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    Numbers = npt.NDArray[np.float64]
+    Times = npt.NDArray[np.int64]
+
+
+class _Hold(NamedTuple):
+    """What is held, and the grid of full steps that began with it.
+
+    Attributes:
+        start_ns: when it began.
+        wrenches: four of (1, N, 3), see `Schedule`.
+        reached: full steps taken since.
+        state: after them.
+    """
+
+    start_ns: int
+    wrenches: tuple[Numbers, ...]
+    reached: int
+    state: Numbers
+
+
+class Ensemble:
+    """Bodies that move side by side, each under wrenches of its own.
+
+    Forces act through the centre of mass, `*_body` parts turn with the body. Until `hold` is called, all of them coast.
+
+    Attributes:
+        time_ns: simulation time, integer nanoseconds.
+    """
+
+    def __init__(
+        self,
+        bodies: RigidBody | Sequence[RigidBody],
+        states: Sequence[State],
+        method: str,
+        step: float | None = None,
+        threads: int | None = None,
+    ) -> None:
+        """Start from `states`, all of one time.
+
+        Args:
+            bodies: one for all, or one for each state.
+            states: of N bodies.
+            method: name of a method with a step, or `exact` for what has a closed form.
+            step: s; every method but `exact` needs it.
+            threads: at most so many, by default one for each core that may be used; the bits do not depend on it.
+
+        Raises:
+            TypeError: an argument is not of its type.
+            ValueError: numbers of bodies and states, times, method, step, threads or a state do not fit.
+        """
+        states = [state.checked(f"states[{k}]") for k, state in enumerate(instances(states, State, "states", _STATE))]
+        if isinstance(bodies, RigidBody):
+            many = [bodies] * len(states)
+        else:
+            many = list(instances(bodies, RigidBody, "bodies", "give one, or a list with one for each state"))
+        if not states or len(many) != len(states):
+            raise ValueError(
+                f"there are {len(many)} bodies and {len(states)} states, expected at least one state and one body for "
+                "all or one for each state"
+            )
+        times = sorted({state.time_ns for state in states})
+        if len(times) > 1:
+            raise ValueError(f"states begin between {times[0]} and {times[-1]} ns, expected one time for all of them")
+        self._steps = _Steps(method, step)
+        self._threads = _threads(threads)
+        self._body = _body_of_arrays(many)
+        self._mass_properties = _mass_properties(many)
+        self._particles = _particles(many)
+        self._start = self._state = _initial(self._body, states)
+        self._memory: list[Numbers] = []
+        self.time_ns = times[0]
+        nothing = _wrenches(1, len(many), self._particles, 0, 0, 0, 0)
+        self._hold = _Hold(self.time_ns, nothing, 0, self._state)
+
+    def __len__(self) -> int:
+        """Return the number of bodies."""
+        return len(self._particles)
+
+    def hold(
+        self,
+        force_body: npt.ArrayLike = 0.0,
+        torque_body: npt.ArrayLike = 0.0,
+        force_world: npt.ArrayLike = 0.0,
+        torque_world: npt.ArrayLike = 0.0,
+    ) -> None:
+        """Hold these from now on, instead of what was held: N and N m, each of a shape that broadcasts to (N, 3).
+
+        Steps begin anew here, as at every command of a run.
+
+        Raises:
+            ValueError: a shape does not fit.
+            WrenchError: a number is not finite, or a torque acts on a particle.
+        """
+        parts = _copies(force_body, torque_body, force_world, torque_world)
+        self._hold = _Hold(self.time_ns, _wrenches(1, len(self), self._particles, *parts), 0, self._state)
+
+    def advance(self, seconds: float) -> None:
+        """Advance by `seconds`, rounded to whole nanoseconds; see `advance_to`."""
+        seconds = number(seconds, "seconds", "a finite number of 0 or more (s)", least=0.0)
+        self.advance_to(self.time_ns + round(seconds * NANOSECONDS))
+
+    def advance_to(self, time_ns: int) -> None:
+        """Advance to `time_ns`; the steps, and so the bits of what follows, do not depend on where one stops to look.
+
+        Raises:
+            ValueError: the time has passed.
+            ConvergenceError: a step of a body cannot be solved; names the body. The ensemble stays where it was.
+        """
+        # Numbers of numpy overflow where those of Python grow.
+        time_ns = whole(time_ns, "time_ns", "give nanoseconds: round(1e9 * seconds)")
+        if time_ns < self.time_ns:
+            raise ValueError(f"time_ns is {time_ns}, expected {self.time_ns} or later: time only grows")
+        self._hold, self._state = self._advanced(self._hold, time_ns)
+        self.time_ns = time_ns
+
+    def follow(
+        self,
+        times_ns: npt.ArrayLike,
+        force_body: npt.ArrayLike = 0.0,
+        torque_body: npt.ArrayLike = 0.0,
+        force_world: npt.ArrayLike = 0.0,
+        torque_world: npt.ArrayLike = 0.0,
+    ) -> None:
+        """Hold each of K wrenches until its time: the same as K calls of `hold` and `advance_to`, without their cost.
+
+        Args:
+            times_ns: (K,), integers, none before the last nor before now; the last wrench stays held.
+            force_body: N, of a shape (3,) for all, (K, 3) for all bodies, or one that broadcasts to (K, N, 3).
+            torque_body: N m, likewise.
+            force_world: likewise.
+            torque_world: likewise.
+
+        Raises:
+            ValueError: a shape does not fit, or times do not grow.
+            WrenchError: a number is not finite, or a torque acts on a particle.
+            ConvergenceError: a step of a body cannot be solved; names the body. The ensemble stays where it was.
+        """
+        times = _times(times_ns, self.time_ns)
+        parts = _copies(force_body, torque_body, force_world, torque_world)
+        wrenches = _wrenches(len(times), len(self), self._particles, *parts)
+        state = self._state
+        before = tuple(wrench[:-1] for wrench in wrenches)
+        for schedule in self._steps.schedules(self.time_ns, times[:-1], before):
+            state = self._taken(schedule, state)
+        start_ns = int(times[-2]) if len(times) > 1 else self.time_ns
+        last = _Hold(start_ns, tuple(wrench[-1:] for wrench in wrenches), 0, state)
+        self._hold, self._state = self._advanced(last, int(times[-1]))
+        self.time_ns = int(times[-1])
+
+    def samples(self) -> Samples:
+        """Return state and bookkeeping of all bodies, now."""
+        # They look at the state when they are asked: its memory is theirs from now on.
+        self._memory = [array for array in self._memory if array is not self._state]
+        return Samples(self._body, self._start, self._state, self.time_ns)
+
+    def _advanced(self, hold: _Hold, time_ns: int) -> tuple[_Hold, Numbers]:
+        """Return `hold` with the full steps before `time_ns`, and the state then."""
+        count, rest = self._steps.split(time_ns - hold.start_ns)
+        state = hold.state
+        # In pieces, of which one can be taken again body by body, or be interrupted.
+        for done in range(hold.reached, count, LONGEST_STRETCH):
+            state = self._moved(hold, [min(LONGEST_STRETCH, count - done)], [0.0], state)
+        hold = hold._replace(reached=count, state=state)
+        return hold, self._moved(hold, [0], [rest], state) if rest > 0.0 else state
+
+    def _moved(self, hold: _Hold, counts: list[int], rests: list[float], state: Numbers) -> Numbers:
+        return self._taken(self._steps.schedule(counts, rests, hold.wrenches), state, hold.state)
+
+    def _taken(self, schedule: Schedule, state: Numbers, *kept: Numbers) -> Numbers:
+        """Return the state after `schedule`, in memory that neither `kept` nor anything seen from outside needs."""
+        needed = [self._state, self._hold.state, state, *kept]
+        after = next((a for a in self._memory if all(a is not other for other in needed)), None)
+        if after is None:
+            # As long as it is new, the memory of a large ensemble costs as much as a step.
+            import numpy as np
+
+            after = np.empty_like(state)
+            self._memory.append(after)
+        self._steps.mover.move(self._mass_properties, schedule, state, after, self._threads)
+        return after
+
+
+def driven_motion(
+    body: RigidBody,
+    state: State,
+    times_ns: npt.ArrayLike,
+    *,
+    method: str,
+    step: float | None = None,
+    force_body: npt.ArrayLike = 0.0,
+    torque_body: npt.ArrayLike = 0.0,
+    force_world: npt.ArrayLike = 0.0,
+    torque_world: npt.ArrayLike = 0.0,
+    last_only: bool = False,
+) -> Samples:
+    """Return the motion of `body` from `state` on under K wrenches, at the K times until which each of them is held.
+
+    The bits are those of `simulate` with the same commands, method and fixed step; a wrench that is held for a shorter
+    time than a step takes one step of its own length.
+
+    Args:
+        body: that moves.
+        state: at the start, where the first wrench is held from.
+        times_ns: (K,), integers, none before the last nor before the start.
+        method: name of a method with a step, or `exact` for what has a closed form.
+        step: s; every method but `exact` needs it.
+        force_body: N, through the centre of mass, of a shape (3,) or (K, 3).
+        torque_body: N m, likewise.
+        force_world: likewise, world axes.
+        torque_world: likewise.
+        last_only: return the last time alone, as a row of its own: the others are not kept.
+
+    Raises:
+        TypeError: an argument is not of its type.
+        ValueError: a shape or the state does not fit, times do not grow, or there is no such method or step.
+        WrenchError: a number is not finite, or a torque acts on a particle.
+        ConvergenceError: a step cannot be solved.
+    """
+    import numpy as np
+
+    require_body(body)
+    state = instance(state, State, "state", _STATE).checked("state")
+    steps, times = _Steps(method, step), _times(times_ns, state.time_ns)
+    parts = (force_body, torque_body, force_world, torque_world)
+    wrenches = _wrenches(len(times), 1, _particles([body]), *parts)
+    properties, start = _mass_properties([body]), np.array([phase_numbers(Phase.of(body, state))], dtype=np.float64)
+    if last_only:
+        now = start
+        for schedule in steps.schedules(state.time_ns, times, wrenches):
+            now, before = np.empty_like(start), now
+            steps.mover.move(properties, schedule, before, now, 1)
+        return Samples(body, start, now, times[-1:])
+    # The numbers of one time side by side, as they are written.
+    trace, now, first = np.empty((len(times), PHASE)), start, 0
+    for schedule in steps.schedules(state.time_ns, times, wrenches):
+        last = first + len(schedule.counts)
+        steps.mover.trace(properties, schedule, now, trace[first:last])
+        now, first = trace[last - 1 : last], last
+    return Samples(body, start, trace, times)
+
+
+_STATE = "write State(...), or take scene.initial"
+_PARTS = ("force_body", "torque_body", "force_world", "torque_world")
+
+
+class _Steps:
+    """Full steps of one length and a shorter one, as `Arc` takes them with `FixedStep`; `exact` has shorter ones only.
+
+    Attributes:
+        mover: takes them.
+    """
+
+    def __init__(self, name: object, step: float | None) -> None:
+        method = METHODS.get(name) if isinstance(name, str) else None
+        if method is None:
+            raise ValueError(f"method is {shown(name)}, expected one of {', '.join(METHODS)}; steps are fixed here")
+        self._length, self._denominator = _grid(method, step)
+        self._h = self._length / (self._denominator * NANOSECONDS)
+        self.mover = mover(method)
+
+    def split(self, length_ns: int) -> tuple[int, float]:
+        """Return the number of full steps in `length_ns`, and the length of the shorter one after them in s."""
+        count, rest = divmod(length_ns * self._denominator, self._length)
+        return count, rest / (self._denominator * NANOSECONDS)
+
+    def schedule(self, counts: npt.ArrayLike, rests: npt.ArrayLike, wrenches: tuple[Numbers, ...]) -> Schedule:
+        """Return the `Schedule` of these steps."""
+        import numpy as np
+
+        return Schedule(self._h, np.asarray(counts, dtype=np.int64), np.asarray(rests, dtype=np.float64), *wrenches)
+
+    def schedules(self, start_ns: int, times: Times, wrenches: tuple[Numbers, ...]) -> Iterator[Schedule]:
+        """Yield what leads from `start_ns` to each of `times`, in pieces of not many more than `LONGEST_STRETCH` steps.
+
+        Each time is the end of a grid and the beginning of the next one.
+        """
+        import numpy as np
+
+        if len(times) == 0:
+            return
+        lengths = np.diff(times, prepend=start_ns)
+        per_second, largest = self._denominator * NANOSECONDS, int(lengths.max()) * self._denominator
+        if max(per_second, largest, self._length) < 2**53:
+            counts = lengths * self._denominator // self._length
+            rests = (lengths * self._denominator - counts * self._length) / per_second
+        else:
+            # Whole numbers of any size, by Python, for each length that there is: mostly one.
+            found, where = np.unique(lengths, return_inverse=True)
+            splits = [self.split(length) for length in found.tolist()]
+            counts = np.array([count for count, _ in splits])[where]
+            rests = np.array([rest for _, rest in splits])[where]
+        whole, total = self.schedule(counts, rests, wrenches), np.cumsum(counts + (rests > 0.0))
+        first = 0
+        while first < len(times):
+            done = int(total[first - 1]) if first else 0
+            last = max(first + 1, int(np.searchsorted(total, done + LONGEST_STRETCH, side="right")))
+            yield whole.between(first, last)
+            first = last
+
+
+def _grid(method: Method, step: float | None) -> tuple[int, int]:
+    """Return the length of a full step in units of 1/denominator ns, and the denominator."""
+    if method.order is None:
+        return WholeArc.length, WholeArc.denominator
+    if step is None:
+        raise ValueError(f"step is None, expected a finite number greater than 0 (s), as {method.name} needs one")
+    step = number(step, "step", f"a finite number greater than 0 (s), as {method.name} needs one", above=0.0)
+    control = FixedStep(step)
+    return control.length, control.denominator
+
+
+def _threads(threads: int | None) -> int:
+    if threads is None:
+        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    count = whole(threads, "threads", "write how many, or None for one for each core")
+    if count < 1:
+        raise ValueError(f"threads is {count}, expected a whole number of at least 1")
+    return count
+
+
+def _times(times_ns: npt.ArrayLike, start_ns: int) -> Times:
+    import numpy as np
+
+    times = as_array(times_ns, "times_ns", "times in whole nanoseconds", None)
+    if times.ndim != 1 or times.size == 0 or times.dtype.kind not in "iu":
+        raise ValueError(
+            f"times_ns has shape {times.shape} and type {times.dtype}, expected (K,) integers, K > 0: nanoseconds; "
+            "round seconds by np.rint(1e9 * seconds).astype(np.int64)"
+        )
+    times = times.astype(np.int64)
+    if (bad := np.flatnonzero(np.diff(times, prepend=start_ns) < 0)).size:
+        k = int(bad[0])
+        before = int(times[k - 1]) if k else start_ns
+        raise ValueError(f"times_ns[{k}] is {times[k]}, expected {before} or later: time only grows")
+    return times
+
+
+def _copies(*parts: npt.ArrayLike) -> list[Numbers]:
+    """Return what is held on when the user's arrays may have changed."""
+    import numpy as np
+
+    return [np.array(as_array(part, name, "numbers")) for name, part in zip(_PARTS, parts, strict=True)]
+
+
+def _wrenches(
+    intervals: int, bodies: int, particles: npt.NDArray[np.bool_], *parts: npt.ArrayLike
+) -> tuple[Numbers, ...]:
+    """Return force_body, torque_body, force_world and torque_world, each as (intervals, bodies, 3)."""
+    import numpy as np
+
+    found = []
+    for name, part in zip(_PARTS, parts, strict=True):
+        array = given = as_array(part, name, "numbers")
+        if intervals > 1 and array.ndim == 2:
+            array = array[:, np.newaxis]
+        try:
+            array = np.broadcast_to(array, (intervals, bodies, 3))
+        except ValueError:
+            expected = f"({bodies}, 3)" if intervals == 1 else f"({intervals}, 3) or ({intervals}, {bodies}, 3)"
+            raise ValueError(f"{name} has shape {given.shape}, expected one that broadcasts to {expected}") from None
+        if not np.isfinite(given).all():
+            where = tuple(map(int, np.argwhere(~np.isfinite(given))[0]))
+            raise WrenchError(
+                f"{name}{list(where) if where else ''} is {given[where]}, expected finite numbers; mend what made it"
+            )
+        if name.startswith("torque") and particles.any() and array[:, particles].any():
+            raise WrenchError(
+                f"{name} acts on body {int(np.flatnonzero(particles)[0])}, expected none: it has no inertia, it is a "
+                "particle; give it an inertia, or command a force alone"
+            )
+        found.append(array)
+    return tuple(found)
+
+
+def _particles(bodies: Sequence[RigidBody]) -> npt.NDArray[np.bool_]:
+    import numpy as np
+
+    return np.array([body.is_particle for body in bodies])
+
+
+def _mass_properties(bodies: Sequence[RigidBody]) -> Numbers:
+    """Return what a step needs to know of each body: mass, moments, principal to body axes, as (N, 8)."""
+    import numpy as np
+
+    rows = [(body.mass, *inertia_of(body).moments, *body.principal_orientation_xyzw) for body in bodies]
+    return np.array(rows, dtype=np.float64)
+
+
+def _body_of_arrays(bodies: Sequence[RigidBody]) -> RigidBody:
+    """Return a body whose numbers are arrays over `bodies`: functions of floats then work on all of them at once."""
+
+    def columns(rows: list[Any]) -> Any:
+        import numpy as np
+
+        # The axis of the bodies last: rows come apart like tuples.
+        return tuple(np.moveaxis(np.array(rows, dtype=np.float64), 0, -1))
+
+    return RigidBody(
+        columns([(body.mass,) for body in bodies])[0],
+        columns([body.inertia for body in bodies]),
+        columns([body.center_of_mass for body in bodies]),
+        columns([body.principal_moments for body in bodies]),
+        columns([body.principal_orientation_xyzw for body in bodies]),
+    )
+
+
+def _initial(body: RigidBody, states: Sequence[State]) -> Numbers:
+    """Return the phases of `states` as (N, 35)."""
+    import numpy as np
+
+    fields = State.__slots__[1:]
+    columns: Any = [tuple(np.array([getattr(s, field) for s in states], dtype=np.float64).T) for field in fields]
+    phase = Phase.of(body, State(0, *columns))
+    return np.stack([np.broadcast_to(row, (len(states),)) for row in phase_numbers(phase)], axis=-1)

@@ -1,0 +1,135 @@
+"""What many bodies, or one at many times, look like: `Samples`, the arrays of an ensemble's state and bookkeeping.
+
+Never moves anything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property, wraps
+from typing import TYPE_CHECKING, Any
+
+from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.body.state import State
+from rb_dynamics.motion.kernel_layout import phase_of
+from rb_dynamics.motion.phase import Phase
+from rb_dynamics.run.diagnostics import kinetic_energy
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    Numbers = npt.NDArray[np.float64]
+    Times = npt.NDArray[np.int64]
+
+
+def _field(compute: Callable[[Any], Any]) -> cached_property[Numbers]:
+    """Make what `compute` returns for rows of numbers a field: an array, worked out once."""
+
+    @wraps(compute)
+    def field(samples: Samples) -> Numbers:
+        import numpy as np
+
+        # An energy beyond the range of numbers is infinite here as everywhere.
+        with np.errstate(all="ignore"):
+            found = compute(samples)
+        return np.stack(found, axis=-1) if isinstance(found, tuple) else np.asarray(found)
+
+    return cached_property(field)
+
+
+class Samples:
+    """State and bookkeeping of many bodies, or at many times: each field of `Sample` with a leading axis.
+
+    A field is worked out when it is first asked for: what nobody looks at costs nothing.
+
+    Attributes:
+        time_ns: of all bodies, or one for each row; integer nanoseconds.
+    """
+
+    def __init__(self, body: RigidBody, start: Numbers, state: Numbers, time_ns: int | Times) -> None:
+        """Look at what `body` (of arrays) does in `state`, whose books began at `start`: (..., `PHASE`)."""
+        self.time_ns = time_ns
+        self._body, self._began, self._state = body, start, state
+
+    @classmethod
+    def known(cls, time_ns: int | Times, **fields: Numbers) -> Samples:
+        """Return samples of which these fields are known, and no others."""
+        samples = cls.__new__(cls)
+        samples.time_ns = time_ns
+        samples.__dict__.update(fields)
+        return samples
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return len(self._state)
+
+    @_field
+    def position_world(self) -> Any:
+        """(..., 3), of the body origin, m."""
+        return self._seen.position_world
+
+    @_field
+    def orientation_xyzw(self) -> Any:
+        """(..., 4), body to world."""
+        return self._seen.orientation_xyzw
+
+    @_field
+    def linear_velocity_world(self) -> Any:
+        """(..., 3), of the body origin, m/s."""
+        return self._seen.linear_velocity_world
+
+    @_field
+    def angular_velocity_body(self) -> Any:
+        """(..., 3), rad/s."""
+        return self._seen.angular_velocity_body
+
+    @_field
+    def angular_momentum_world(self) -> Any:
+        """(..., 3), about the centre of mass, kg m^2/s."""
+        return self._phase.angular_momentum_world(self._body)
+
+    @_field
+    def linear_momentum_world(self) -> Any:
+        """(..., 3), kg m/s."""
+        return self._phase.linear_momentum_world
+
+    @_field
+    def kinetic_energy(self) -> Any:
+        """(...), translation and rotation, J."""
+        return kinetic_energy(self._body, self._phase)
+
+    @_field
+    def work(self) -> Any:
+        """(...), of the wrenches since the start, J."""
+        return self._phase.work
+
+    @_field
+    def energy_defect(self) -> Any:
+        """(...), T - T0 - work, J; see `Observer`."""
+        return self.kinetic_energy - kinetic_energy(self._body, _phase(self._began)) - self.work
+
+    @_field
+    def impulse_world(self) -> Any:
+        """(..., 3), integral of the force since the start, N s."""
+        return self._phase.impulse_world
+
+    @_field
+    def torque_impulse_world(self) -> Any:
+        """(..., 3), integral of the torque about the centre of mass since the start, N m s."""
+        return self._phase.torque_impulse_world
+
+    @cached_property
+    def _phase(self) -> Phase:
+        return _phase(self._state)
+
+    @cached_property
+    def _seen(self) -> State:
+        return self._phase.state(self._body, 0)
+
+
+def _phase(state: Numbers) -> Phase:
+    import numpy as np
+
+    # Each number of all rows side by side, as numpy is quick with.
+    return phase_of(tuple(np.ascontiguousarray(state.T)))

@@ -1,0 +1,414 @@
+"""The only loop: advances a scene from edge to edge (command, timeout, output, end) and tells sinks what happens.
+
+Offline runs, the node and replay all advance through `Simulation`, which never reads a clock, a file or a message;
+`simulate` opens a scene by its name and times the run.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+
+from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.errors import ConvergenceError, SceneError, WrenchError
+from rb_dynamics.loads.channels import AppliedWrench, WrenchChannels
+from rb_dynamics.loads.combined_effects import ActingEffects
+from rb_dynamics.loads.effect import nanoseconds
+from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.motion.arc import Arc
+from rb_dynamics.motion.phase import Phase, in_principal_axes
+from rb_dynamics.motion.step_control import NANOSECONDS
+from rb_dynamics.numerics.validation import instance, items, shown, whole
+from rb_dynamics.numerics.vector import Vector
+from rb_dynamics.recording.input_hash import RULE, InputHash
+from rb_dynamics.run.diagnostics import Observer, Sample, acceleration, kinetic_energy
+from rb_dynamics.run.provenance import INPUTS_RULE, run_metadata
+from rb_dynamics.run.sink import Event, RunInfo, Sink
+from rb_dynamics.scene import opened
+from rb_dynamics.scene.compile import Plan
+from rb_dynamics.scene.model import Scene
+
+_REMEDY = "give nanoseconds: round(1e9 * seconds)"
+
+# Hz: the first output after the start lies behind the end of time.
+_NEVER = 2.0**-31
+
+
+class Simulation:
+    """One run of a scene: takes commands, advances time, feeds sinks.
+
+    Time is integer nanoseconds from 0. The motion depends on the scene and on the commands with the times at which they
+    take effect, and on nothing else: not on how often `advance` is called, nor on the output rate.
+    """
+
+    def __init__(self, scene: Scene, sinks: Sequence[Sink] = ()) -> None:
+        """Prepare a run; `start` begins it.
+
+        Raises:
+            TypeError: an argument is not of its type.
+            SceneError: the solver makes no sense for the scene.
+        """
+        self.scene = instance(scene, Scene, "scene", "read one with read_scene(path)")
+        self.plan = Plan(scene)
+        self.time_ns = 0
+        self._computed_ns = 0
+        self._finished = False
+        self.end_ns = scene.end_ns
+        self._sinks = tuple(map(_sink, items(sinks, "sinks", "a sequence of sinks")))
+        self._effects = scene.acting
+        self._channels = _channels(scene, self._effects)
+        self._knots = [nanoseconds(knot) for knot in self._effects.knots()]
+        self._inputs = InputHash(scene)
+        self._steps_before = 0
+        self._used: dict[str, None] = {}
+        phase = Phase.of(scene.body, scene.initial)
+        _require_finite(scene.body, phase, 0)
+        self._observer = Observer(self._effects, phase)
+        self._phase = phase
+        self._arc = self._new_arc()
+        rate = Fraction(repr(float(scene.output_rate)))
+        self._period_ns = (NANOSECONDS / rate).as_integer_ratio() if rate else None
+        self._outputs = 0
+
+    @property
+    def sample(self) -> Sample:
+        """State and bookkeeping at `time_ns`."""
+        return self._observer.sample(self._phase, self.time_ns)
+
+    def look(self) -> Sample:
+        """Return state and bookkeeping at the last time that `advance` was given, edge or not; changes nothing.
+
+        Raises:
+            ConvergenceError: a step could not be solved.
+        """
+        phase = self._arc.at(self._computed_ns)
+        _require_finite(self.scene.body, phase, self._computed_ns)
+        return self._observer.sample(phase, self._computed_ns)
+
+    @property
+    def acceleration(self) -> tuple[Vector, Vector]:
+        """Acceleration of the body origin (m/s^2) and angular acceleration (rad/s^2) at `time_ns`, body axes."""
+        load = self._load_from(self._phase) if self._load_from else None
+        return acceleration(self.scene.body, self._phase, self._held, load)
+
+    @property
+    def steps(self) -> int:
+        """Steps taken so far; the short ones that only look between two grid points are not counted."""
+        return self._steps_before + self._arc.steps_to(self.time_ns)
+
+    @property
+    def methods(self) -> str:
+        """Names of the methods that have moved the body, in the order of their first use, joined by "+"."""
+        return "+".join(self._used) or self.plan.name
+
+    @property
+    def ended(self) -> bool:
+        """Whether the scene's duration is over."""
+        return self.time_ns == self.end_ns
+
+    def start(self) -> None:
+        """Open the sinks and give them the initial state; if one cannot be opened, those before it are closed.
+
+        Raises:
+            LogError: a log cannot be written.
+        """
+        if self._sinks:
+            facts = run_metadata(self.scene, self.plan.name, self.plan.description)
+            run = RunInfo(self.scene, self.plan.name, facts, lambda: self.acceleration)
+            with contextlib.ExitStack() as opened:
+                for sink in self._sinks:
+                    sink.open(run)
+                    opened.callback(sink.close, {})
+                opened.pop_all()
+        self._outputs = 1
+        self.write(self.sample)
+
+    def post(self, topic: str, wrench: Wrench, time_ns: int = 0) -> None:
+        """Let `wrench` take effect on channel `topic` at `time_ns`; a time that has passed means now.
+
+        One that lies behind the end is not kept.
+
+        Raises:
+            TypeError: an argument is not of its type.
+            WrenchError: the command cannot be honoured; the run goes on without it.
+        """
+        instance(topic, str, "topic", "write the name of a channel")
+        instance(wrench, Wrench, "wrench", "write Wrench(force, torque)")
+        time_ns = max(self._computed_ns, whole(time_ns, "time_ns", _REMEDY))
+        if self.end_ns is not None and time_ns > self.end_ns:
+            self._channels.check(topic, wrench)
+        else:
+            self._channels.post(topic, wrench, time_ns)
+
+    def honours(self, topic: str, wrench: Wrench) -> bool:
+        """Return whether `post` would take the command; changes nothing."""
+        try:
+            self._channels.check(topic, wrench)
+        except WrenchError:
+            return False
+        return True
+
+    def next_output_ns(self) -> int:
+        """Return the next time at which a sample is due."""
+        if self._period_ns is None:
+            return self._arc.next_grid_ns()
+        period, parts = self._period_ns
+        return (2 * self._outputs * period + parts) // (2 * parts)
+
+    def advance(self, until_ns: int) -> None:
+        """Advance to the last edge at or before `until_ns`, never past the end of the scene.
+
+        Raises:
+            ConvergenceError: a step could not be solved; `time_ns` and `sample` stand at the last good state.
+        """
+        until_ns = whole(until_ns, "until_ns", _REMEDY)
+        output = self.next_output_ns()
+        while True:
+            change = self._next_change_ns()
+            if change is not None and change <= self.time_ns:
+                self._apply_changes()
+                output = self.next_output_ns()
+                continue
+            edge = output if change is None else min(output, change)
+            if self.end_ns is not None:
+                edge = min(edge, self.end_ns)
+            if edge > until_ns or self.ended:
+                # Nothing to tell yet, but what leads there is done: the next call has less to do.
+                if not self.ended:
+                    self._arc.advance(until_ns)
+                    self._computed_ns = max(self._computed_ns, until_ns)
+                return
+            phase = self._arc.at(edge)
+            _require_finite(self.scene.body, phase, edge)
+            self.time_ns, self._phase = edge, phase
+            self._computed_ns = max(self._computed_ns, edge)
+            self._used.update(dict.fromkeys(self._arc.methods))
+            if edge == output:
+                self._outputs += 1
+                output = self.next_output_ns()
+                self.write(self.sample)
+            elif edge == self.end_ns or self._period_ns is None:
+                self.write(self.sample)
+
+    def write(self, event: Event) -> None:
+        """Tell every sink, until the run is finished."""
+        if not self._finished:
+            for sink in self._sinks:
+                sink.write(event)
+
+    def finish(self) -> None:
+        """Close every sink, even where one of them fails; a second call does nothing."""
+        if self._finished:
+            return
+        self._finished = True
+        result = {
+            "method": self.methods,
+            "steps": str(self.steps),
+            "end_time_ns": str(self.time_ns),
+            "inputs_sha256": self._inputs.hexdigest(),
+            INPUTS_RULE: RULE,
+        }
+        with contextlib.ExitStack() as stack:
+            for sink in self._sinks:
+                stack.callback(sink.close, result)
+
+    def _next_change_ns(self) -> int | None:
+        """Return when what acts changes next: a command, a timeout or a kink of an effect."""
+        change = self._channels.next_change_ns()
+        if self._knots and (change is None or self._knots[0] < change):
+            return self._knots[0]
+        return change
+
+    def _apply_changes(self) -> None:
+        steps = self.steps
+        ahead = [knot for knot in self._knots if knot > self.time_ns]
+        kink = len(ahead) < len(self._knots)
+        self._knots = ahead
+        changes = self._channels.apply(self.time_ns)
+        for change in changes:
+            # Only sinks are told the hash of the inputs, at the end.
+            if self._sinks and isinstance(change, AppliedWrench):
+                self._inputs.update(change)
+            self.write(change)
+        # What was rejected leaves no trace in the motion: no edge either.
+        if kink or any(isinstance(change, AppliedWrench) for change in changes):
+            self._steps_before = steps
+            self._arc = self._new_arc()
+
+    def _new_arc(self) -> Arc:
+        self._held = held = in_principal_axes(self.scene.body, self._channels.total())
+        body, load_from = self.scene.body, self._effects.load_from(self.time_ns / NANOSECONDS)
+        self._load_from = None if load_from is None else lambda phase: load_from(phase.point(body))
+        arc = self.plan.arc(held, self.time_ns, self._phase, self._load_from)
+        expected = [time for time in (self._next_change_ns(), self.end_ns) if time is not None]
+        arc.expected_ns = min(expected, default=self.time_ns)
+        return arc
+
+
+def without_outputs(scene: Scene) -> Scene:
+    """Return `scene` as it is run where nobody is told: outputs are not computed, which changes nothing else."""
+    return scene if scene.output_rate == 0.0 else replace(scene, output_rate=_NEVER)
+
+
+def _sink(sink: Sink) -> Sink:
+    for name in ("open", "write", "close"):
+        if isinstance(sink, type) or not callable(getattr(sink, name, None)):
+            raise TypeError(f"sinks has {shown(sink)}, expected what can open, write and close; give [MemorySink()]")
+    return sink
+
+
+def _channels(scene: Scene, effects: ActingEffects) -> WrenchChannels:
+    """Return the channels of the scene and, behind them, one for each effect that holds wrenches."""
+    schedules = effects.schedules()
+    channels = WrenchChannels(scene.channels, scene.frames, [name for name, _ in schedules])
+    for number, (_, entries) in enumerate(schedules):
+        for seconds, wrench in entries:
+            time_ns = nanoseconds(seconds)
+            channels.schedule(number, replace(wrench, stamp_ns=time_ns), time_ns)
+    return channels
+
+
+def _require_finite(body: RigidBody, phase: Phase, time_ns: int) -> None:
+    numbers = (*phase.high, *phase.low, *phase.orientation, *phase.angular_velocity, kinetic_energy(body, phase))
+    if not all(map(math.isfinite, numbers)):
+        raise ConvergenceError(
+            f"the state is no longer finite at t = {time_ns / NANOSECONDS:.9g} s: a momentum, a position or an energy "
+            "has left the range of double precision; check the size of velocities, wrench, mass and inertia, or use a "
+            "smaller step"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """What `simulate` returns.
+
+    Attributes:
+        sample: at the end of the run.
+        method: names of the methods that moved the body, joined by "+".
+        steps: of all of them.
+        wall_time_s: s.
+        rejected: why each command that could not be honoured was not; the run went on without them.
+    """
+
+    sample: Sample
+    method: str
+    steps: int
+    wall_time_s: float
+    rejected: tuple[str, ...] = ()
+
+
+def simulate(
+    scene: Scene | str | os.PathLike[str],
+    commands: Iterable[tuple[str, Wrench]] = (),
+    sinks: Sequence[Sink] = (),
+    progress: Callable[[float], None] | None = None,
+) -> Run:
+    """Run `scene` to the end of its duration; each of `commands` (topic, wrench) takes effect at its stamp.
+
+    Args:
+        scene: what is simulated, or its file; its `duration` must be given.
+        commands: wrench commands for the scene's channels; those after the end have no effect, those that cannot be
+            honoured are left out and named in the result, as the node does. A sequence may be in any order; anything
+            else is read as the run goes on, `LOOK_AHEAD` commands ahead of it, and not kept.
+        sinks: told everything that happens.
+        progress: called now and then with the fraction done.
+
+    Raises:
+        TypeError: an argument is not of its type.
+        SceneError: the file says no valid scene, or the scene has no duration.
+        LogError: a log cannot be written.
+        ConvergenceError: a step could not be solved; what was logged until then is complete.
+        ValueError: `commands` are no sequence, and one came after the run had gone beyond its stamp.
+    """
+    started = time.perf_counter()
+    scene = opened(scene)
+    if not (progress is None or callable(progress)):
+        raise TypeError(f"progress is {shown(progress)}, expected a function of the fraction done, or None")
+    run = Simulation(scene if sinks else without_outputs(scene), sinks)
+    if run.end_ns is None:
+        raise SceneError(
+            f"{scene.source}: duration: found nothing, expected the length of the run (s); add duration to the scene, "
+            "or give --duration"
+        )
+    rejected: list[str] = []
+    run.start()
+    try:
+        part = 0
+        # To advance in pieces changes nothing, see `Arc`.
+        for known_ns in _post_ahead(run, commands, rejected):
+            while part < 100 and run.end_ns * (part + 1) // 100 <= known_ns:
+                part += 1
+                run.advance(run.end_ns * part // 100)
+                if progress is not None:
+                    progress(part / 100.0)
+            run.advance(known_ns)
+    finally:
+        run.finish()
+    return Run(run.sample, run.methods, run.steps, time.perf_counter() - started, tuple(rejected))
+
+
+def as_command(command: object) -> tuple[str, Wrench]:
+    """Return `command`.
+
+    Raises:
+        TypeError: it is no pair of a topic and a wrench.
+    """
+    if isinstance(command, (tuple, list)) and len(command) == 2:
+        topic, wrench = command
+        if isinstance(topic, str) and isinstance(wrench, Wrench):
+            whole(wrench.stamp_ns, "commands: stamp_ns", _REMEDY)
+            return topic, wrench
+    raise TypeError(
+        f"commands has {shown(command)}, expected a channel and a Wrench; write [('wrench', Wrench(force, torque))]"
+    )
+
+
+def post_all(run: Simulation, commands: Sequence[tuple[str, Wrench]]) -> list[str]:
+    """Post `commands` to a run in the order in which `simulate` does; return why each that was rejected was.
+
+    Raises:
+        TypeError: one is no pair of a topic and a wrench.
+    """
+    rejected: list[str] = []
+    for _ in _post_ahead(run, commands, rejected):
+        pass
+    return rejected
+
+
+LOOK_AHEAD = 1000
+"""Commands that wait for their time in `simulate`: so many may come in any order, and more take no more memory."""
+
+
+def _post_ahead(run: Simulation, commands: Iterable[tuple[str, Wrench]], rejected: list[str]) -> Iterator[int]:
+    """Post commands, and yield now and then the time (ns) until which all have been posted; at last the end."""
+    if isinstance(commands, Sequence):
+        commands = sorted(map(as_command, commands), key=lambda command: command[1].stamp_ns)
+    elif not isinstance(commands, Iterable):
+        raise TypeError(f"commands is {shown(commands)}, expected (topic, wrench) pairs; give a list of them")
+    else:
+        commands = map(as_command, commands)
+    known_ns, newest_ns, waiting = -1, 0, 0
+    for topic, wrench in commands:
+        stamp_ns = wrench.stamp_ns
+        if stamp_ns > newest_ns:
+            if waiting >= LOOK_AHEAD and not run.ended:
+                known_ns, waiting = newest_ns, 0
+                yield known_ns
+            newest_ns = stamp_ns
+        elif max(stamp_ns, 0) <= known_ns:
+            raise ValueError(
+                f"commands: found one at {stamp_ns} ns when the run had reached {known_ns} ns, expected them in the "
+                "order of their stamps; give a list, which may be in any order"
+            )
+        try:
+            run.post(topic, wrench, stamp_ns)
+        except WrenchError as error:
+            rejected.append(f"{topic} at {stamp_ns / NANOSECONDS:.9f} s: {error}")
+        waiting += 1
+    if run.end_ns is not None:
+        yield run.end_ns

@@ -1,0 +1,73 @@
+"""`Sink`: what a run is told to. Memory, MCAP, Rerun and the node's publishers all stand behind these three calls.
+
+The events are values in the units and frames of the log; a sink never changes the run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Protocol
+
+from rb_dynamics.loads.channels import AppliedWrench, RejectedWrench
+from rb_dynamics.numerics.vector import Vector
+from rb_dynamics.run.diagnostics import Sample
+
+if TYPE_CHECKING:
+    from rb_dynamics.scene.model import Scene
+
+
+@dataclass(frozen=True, slots=True)
+class RunInfo:
+    """What is known when a run begins.
+
+    Attributes:
+        scene: the validated scene, with its text as `scene.text` and its file name as `scene.source`.
+        method: name of the method that runs, as in `METHODS`.
+        metadata: facts about the run as text: software versions, platform, method, seed, hash of the inputs.
+        acceleration: tells that of the body origin (m/s^2) and the angular one (rad/s^2), body axes, for the sample
+            that is being written; None where nothing is run.
+    """
+
+    scene: Scene
+    method: str
+    metadata: Mapping[str, str] = field(default_factory=dict)
+    acceleration: Callable[[], tuple[Vector, Vector]] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """Health of a run at one time: what `/diagnostics` shows.
+
+    Attributes:
+        time_ns: simulation time.
+        level: 0 OK, 1 WARN, 2 ERROR, as in diagnostic_msgs/DiagnosticStatus.
+        message: one line for a person.
+        values: key and value, as text.
+        name: of what the status is about: a node by its full name.
+    """
+
+    time_ns: int
+    level: int
+    message: str
+    values: Mapping[str, str]
+    name: str = "rb_dynamics"
+
+
+Event = Sample | AppliedWrench | RejectedWrench | Status
+
+
+class Sink(Protocol):
+    """Takes what happens in a run; `open` once, `write` in the order of time, `close` once."""
+
+    def open(self, run: RunInfo) -> None:
+        """Prepare for `run`; nothing is written before."""
+
+    def write(self, event: Event) -> None:
+        """Take one event; times never decrease."""
+
+    def close(self, result: Mapping[str, str]) -> None:
+        """Finish with facts known only at the end (steps, hash of the states) and release everything."""
+
+
+__all__ = ["AppliedWrench", "Event", "RejectedWrench", "RunInfo", "Sample", "Sink", "Status"]

@@ -1,0 +1,207 @@
+"""Runs a campaign: blocks of runs go to workers, here or on a cluster, and their rows to disk.
+
+Workers are processes of `dask.distributed` where that is installed, on this machine or behind the address of a
+scheduler, or else threads of this process. A worker that dies costs the blocks it was at, which are flown again. What
+is on disk is not flown again. Never looks at a number.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import math
+import os
+import platform
+import time
+from collections.abc import Callable, Generator, Iterator
+from importlib.util import find_spec
+from itertools import islice
+from typing import Any
+
+from rb_dynamics.errors import LogError, MissingExtraError
+from rb_dynamics.motion.step_control import NANOSECONDS
+from rb_dynamics.run.provenance import version
+from rb_dynamics.study.campaign.bodies import go_side_by_side, step_ns
+from rb_dynamics.study.campaign.control import DELAY
+from rb_dynamics.study.campaign.distributions import Choice, Stepped
+from rb_dynamics.study.campaign.flight import Columns, fly_block
+from rb_dynamics.study.campaign.model import Campaign
+from rb_dynamics.study.campaign.scenes import Scenes
+from rb_dynamics.study.campaign.store import Store
+
+Progress = Callable[[int, int], None]
+"""Told how many runs are done, and how many there are."""
+
+SIDE_BY_SIDE, ALONE = 2000, 20
+"""Runs in a block: enough that numpy's calls do not count; few enough for memory, and that little is lost by a kill."""
+
+_FEW = 250
+"""Runs side by side that a block has at least."""
+
+_START_S = 5.0
+"""About what starting workers takes, with what they import and load."""
+
+_BLOCKS_EACH = 4
+"""Blocks for each worker, at least: they do not end all at the same time."""
+
+_AHEAD = 3
+"""Blocks for each worker that the scheduler knows of."""
+
+
+def run_campaign(
+    campaign: Campaign,
+    store: Store,
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    block: int | None = None,
+    progress: Progress | None = None,
+) -> None:
+    """Fly the runs that `store` lacks, and finish it.
+
+    Args:
+        campaign: what is flown.
+        store: where its rows go.
+        workers: processes on this machine, 0 for threads of this process; by default one for each core, unless the
+            first block shows that this process is done before they would have been started.
+        scheduler: address of a running scheduler of `dask.distributed`, such as tcp://host:8786.
+        block: runs in a block, by default chosen; results do not depend on it.
+        progress: told now and then how far it is.
+
+    Raises:
+        LogError: the rows cannot be written, or the scheduler cannot be reached.
+        MissingExtraError: `scheduler` is given, and `distributed` is not installed.
+        SceneError: a function of the user returned what makes no sense.
+    """
+    if store.complete:
+        return
+    with_dask = find_spec("distributed") is not None
+    if scheduler is not None and not with_dask:
+        raise MissingExtraError("distributed", "scale", "a campaign on a cluster")
+    processes = _cores() if workers is None else workers
+    size = block or _block(campaign, max(1, processes))
+    blocks, done = store.missing(size), store.done
+    local = scheduler is None and (processes == 0 or not with_dask or campaign.runs - done <= size)
+    if local:
+        flown = _here(campaign, blocks)
+    elif scheduler is None and workers is None:
+        flown = _where_it_is_sooner(campaign, blocks, campaign.runs - done, processes)
+    else:
+        flown = _on_workers(campaign, blocks, scheduler, processes)
+    with contextlib.closing(flown):
+        for columns in flown:
+            store.write(columns)
+            done += len(columns["run"])
+            if progress is not None:
+                progress(done, campaign.runs)
+    store.finish()
+
+
+def flies_side_by_side(campaign: Campaign) -> bool:
+    """Return whether the runs of `campaign` go through the kernels for many bodies, and not one by one."""
+    dispersed = {each.name.partition(".")[0] for each in campaign.inputs}
+    base = Scenes(campaign).base
+    return (
+        dispersed.isdisjoint(("solver", "duration"))
+        and go_side_by_side([base], campaign.control is not None)
+        and _commands_on_grid(campaign, step_ns(base))
+    )
+
+
+def _commands_on_grid(campaign: Campaign, step: int | None) -> bool:
+    """Return whether all delays are whole multiples of a step (ns); else commands come between steps."""
+    if campaign.control is None or step is None:
+        return True
+    found = next((each.distribution for each in campaign.inputs if each.name == DELAY), None)
+    if found is None:
+        delays: tuple[float, ...] = (dict(campaign.control.numbers)[DELAY],)
+    else:
+        delays = found.values if isinstance(found, Choice) else (found.step,) if isinstance(found, Stepped) else ()
+    return bool(delays) and all(round(delay * NANOSECONDS) % step == 0 for delay in delays)
+
+
+def _block(campaign: Campaign, workers: int) -> int:
+    least, most = (_FEW, SIDE_BY_SIDE) if flies_side_by_side(campaign) else (1, ALONE)
+    return max(least, min(most, math.ceil(campaign.runs / (workers * _BLOCKS_EACH))))
+
+
+def _here(campaign: Campaign, blocks: Iterator[tuple[int, int]]) -> Generator[Columns, None, None]:
+    for first, last in blocks:
+        yield fly_block(campaign, first, last)
+
+
+def _where_it_is_sooner(
+    campaign: Campaign, blocks: Iterator[tuple[int, int]], left: int, processes: int
+) -> Generator[Columns, None, None]:
+    """Yield rows of the `left` runs from here, until starting workers is worth it."""
+    for first, last in blocks:
+        begin = time.perf_counter()
+        columns = fly_block(campaign, first, last)
+        took, left = time.perf_counter() - begin, left - (last - first)
+        yield columns
+        saved = took / (last - first) * left * (1.0 - 1.0 / processes)
+        if saved > _START_S:
+            yield from _on_workers(campaign, blocks, None, processes)
+
+
+def _on_workers(
+    campaign: Campaign, blocks: Iterator[tuple[int, int]], scheduler: str | None, processes: int
+) -> Generator[Columns, None, None]:
+    """Yield the rows of blocks as they are done; only a few for each worker are known to the scheduler at a time."""
+    from distributed import Client, LocalCluster, as_completed
+
+    with contextlib.ExitStack() as stack:
+        if scheduler is None:
+            cluster: Any = stack.enter_context(
+                LocalCluster(
+                    n_workers=processes,
+                    threads_per_worker=1,
+                    dashboard_address="127.0.0.1:0",
+                    silence_logs=logging.CRITICAL,
+                )
+            )
+            client = stack.enter_context(Client(cluster))
+        else:
+            try:
+                client = stack.enter_context(Client(scheduler, timeout=_PATIENCE_S))
+                client.wait_for_workers(1, timeout=_PATIENCE_S)
+            except (OSError, TimeoutError, ValueError) as error:
+                raise LogError(
+                    f"no scheduler with workers at {scheduler} within {_PATIENCE_S} s ({error}); start dask scheduler "
+                    "and dask worker, or correct the address, such as tcp://host:8786"
+                ) from error
+        workers = max(1, len(client.scheduler_info(n_workers=-1)["workers"]))
+
+        def submit(some: Iterator[tuple[int, int]]) -> list[Any]:
+            return [client.submit(fly_there, campaign, version(), *each, pure=False) for each in some]
+
+        waiting = as_completed(submit(islice(blocks, _AHEAD * workers)))
+        for future in waiting:
+            columns: Columns = future.result()
+            # Let go before the next: the scheduler keeps what somebody holds.
+            future.release()
+            for new in submit(islice(blocks, 1)):
+                waiting.add(new)
+            yield columns
+
+
+def fly_there(campaign: Campaign, commander: str, first: int, last: int) -> Columns:
+    """Return the rows of a block on a worker, in one thread; `commander` is the version of who commands.
+
+    Raises:
+        LogError: the worker has another version.
+        SceneError: as `fly_block` says.
+    """
+    if version() != commander:
+        raise LogError(
+            f"the worker on {platform.node()} has rb_dynamics {version()}, expected {commander} as here; install the "
+            "same everywhere and start the workers again"
+        )
+    return fly_block(campaign, first, last, 1)
+
+
+_PATIENCE_S = 30
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -1,0 +1,270 @@
+"""Flies a block of runs and returns their rows. Never writes a file and never knows of other blocks.
+
+A row depends on the campaign and the number of the run alone: a run that cannot be solved is flown again without the
+others, and they without it.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from rb_dynamics.errors import ConvergenceError, SceneError
+from rb_dynamics.run.samples import Samples
+from rb_dynamics.scene.model import Scene
+from rb_dynamics.study.campaign.bodies import Alone, Bodies, SideBySide, go_side_by_side, step_ns
+from rb_dynamics.study.campaign.control import Loop, check_values, delay_ns
+from rb_dynamics.study.campaign.metrics import Judge
+from rb_dynamics.study.campaign.model import Campaign
+from rb_dynamics.study.campaign.sampling import inputs
+from rb_dynamics.study.campaign.scenes import scenes_of
+from rb_dynamics.study.campaign.user_functions import FunctionError
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from rb_dynamics.run.sink import Sink
+
+    Numbers = npt.NDArray[np.float64]
+
+Columns = dict[str, Any]
+"""Rows of a block, by the names of the columns: arrays (n,), and a list of texts for `error`."""
+
+
+class _Run(NamedTuple):
+    number: int
+    values: Mapping[str, float]
+    scene: Scene
+
+
+def fly_block(campaign: Campaign, first: int, last: int, threads: int | None = None) -> Columns:
+    """Return the rows of the runs from `first` to `last`, which is left out.
+
+    Raises:
+        SceneError: a function of the user cannot be loaded, or returned what is no array of the right shape.
+    """
+    import numpy as np
+
+    names, scenes = [each.name for each in campaign.inputs], scenes_of(campaign)
+    table = inputs(campaign, first, last)
+    errors: dict[int, str] = {}
+    runs = []
+    for number, row in zip(range(first, last), table.tolist(), strict=True):
+        values = dict(zip(names, row, strict=True))
+        try:
+            check_values(values)
+            runs.append(_Run(number, values, scenes.scene(values)))
+        except SceneError as error:
+            errors[number] = str(error)
+    metrics = {metric.name: np.full(last - first, math.nan) for metric in campaign.metrics}
+    for group in _groups(campaign, runs):
+        for part, found, failed in _fly(campaign, group, threads):
+            errors |= {part[place].number: why for place, why in failed.items()}
+            flown = [place for place in range(len(part)) if place not in failed]
+            places = [part[place].number - first for place in flown]
+            for name, column in found.items():
+                metrics[name][places] = column[flown]
+    return {
+        "run": np.arange(first, last, dtype=np.int64),
+        "seed": np.full(last - first, campaign.seed, dtype=np.int64),
+        **{name: table[:, k] for k, name in enumerate(names)},
+        **metrics,
+        "passed": _passed(campaign, metrics, errors, first),
+        "error": [errors.get(number, "") for number in range(first, last)],
+    }
+
+
+def fly_alone(
+    campaign: Campaign, number: int, sinks: Sequence[Sink] = (), watch: Callable[[Samples], None] | None = None
+) -> dict[str, float]:
+    """Fly one run, with all that `sinks` are told of it, and return its metrics by name.
+
+    Raises:
+        SceneError: its inputs make no valid scene.
+        ConvergenceError: a step cannot be solved.
+        FunctionError: a function of the user's raised, or its law gave no finite torque.
+        LogError: a log cannot be written.
+    """
+    values = _values(campaign, number)
+    check_values(values)
+    # A log and a page of it name the scene by its source.
+    name = f"{campaign.source}, run {number}, seed {campaign.seed}"
+    run = _Run(number, values, replace(scenes_of(campaign).whole(values), source=name))
+    bodies, judge = Alone(run.scene, sinks), Judge(campaign, 1)
+    try:
+        failed = _advance(campaign, bodies, [run], judge, watch)
+    finally:
+        bodies.finish()
+    if failed:
+        raise FunctionError(failed[0])
+    return {name: float(column[0]) for name, column in judge.results().items()}
+
+
+def watch_runs(campaign: Campaign, numbers: Sequence[int], watch: Callable[[Samples], None]) -> None:
+    """Fly these runs side by side, and show `watch` all of them whenever they are looked at.
+
+    Raises:
+        ValueError: they cannot go side by side.
+        SceneError: the inputs of one make no valid scene.
+        ConvergenceError: a step of one cannot be solved.
+        FunctionError: a function of the user's raised.
+    """
+    runs = []
+    for number in numbers:
+        values = _values(campaign, number)
+        runs.append(_Run(number, values, scenes_of(campaign).scene(values)))
+    if not _together(campaign, runs):
+        raise ValueError("these runs cannot go side by side; fly each of them alone")
+    bodies = SideBySide([run.scene for run in runs], None)
+    _advance(campaign, bodies, runs, Judge(campaign, len(runs)), watch)
+
+
+def _values(campaign: Campaign, number: int) -> dict[str, float]:
+    """Return the inputs of one run by name."""
+    row = inputs(campaign, number, number + 1)[0].tolist()
+    return {each.name: value for each, value in zip(campaign.inputs, row, strict=True)}
+
+
+def _passed(
+    campaign: Campaign, metrics: Mapping[str, Numbers], errors: Mapping[int, str], first: int
+) -> npt.NDArray[np.bool_]:
+    """Return which runs could be flown and meet every requirement; what is no number meets none."""
+    import numpy as np
+
+    count = len(next(iter(metrics.values())))
+    good = np.array([number not in errors for number in range(first, first + count)], dtype=np.bool_)
+    for each in campaign.requirements:
+        good &= (metrics[each.metric] < each.below) & (metrics[each.metric] > each.above)
+    return good
+
+
+def _groups(campaign: Campaign, runs: list[_Run]) -> list[list[_Run]]:
+    """Return runs that go side by side together, and others each in a list of its own."""
+    together = [run for run in runs if _on_grid(campaign, run)]
+    if together and _together(campaign, together):
+        return [together, *([run] for run in runs if not _on_grid(campaign, run))]
+    return [[run] for run in runs]
+
+
+def _together(campaign: Campaign, runs: Sequence[_Run]) -> bool:
+    """Return whether these runs can go side by side."""
+    is_driven = campaign.control is not None
+    return go_side_by_side([run.scene for run in runs], is_driven) and all(_on_grid(campaign, run) for run in runs)
+
+
+def _on_grid(campaign: Campaign, run: _Run) -> bool:
+    """Return whether the commands of a run come at its steps: a body in a block cannot begin them anew by itself."""
+    step = step_ns(run.scene)
+    return campaign.control is None or step is None or delay_ns(campaign.control, run.values) % step == 0
+
+
+_Part = tuple[list[_Run], Mapping[str, "Numbers"], Mapping[int, str]]
+"""Runs, their metrics, and why some of them could not be flown, by their places."""
+
+
+def _fly(campaign: Campaign, runs: list[_Run], threads: int | None) -> list[_Part]:
+    """Fly `runs`; where one of them stops all, in parts."""
+    judge, scenes = Judge(campaign, len(runs)), [run.scene for run in runs]
+    try:
+        bodies = SideBySide(scenes, threads) if _together(campaign, runs) else Alone(scenes[0])
+        failed = _advance(campaign, bodies, runs, judge)
+    except (ConvergenceError, FunctionError) as error:
+        if len(runs) == 1:
+            return [(runs, {}, {0: str(error).removeprefix("body 0: ")})]
+        half = len(runs) // 2
+        return _fly(campaign, runs[:half], threads) + _fly(campaign, runs[half:], threads)
+    return [(runs, judge.results(), failed)]
+
+
+def _advance(
+    campaign: Campaign,
+    bodies: Bodies,
+    runs: Sequence[_Run],
+    judge: Judge,
+    watch: Callable[[Samples], None] | None = None,
+) -> Mapping[int, str]:
+    """Take the bodies from edge to edge (sample of the controller, command, look) to the end of their scene.
+
+    Returns why some could not be flown, by their places; it ends early where none could.
+    """
+    scene = runs[0].scene
+    end_ns = scene.end_ns or 0
+    loop = _closed(campaign, runs)
+    next_look_ns = next_sample_ns = 0
+    while True:
+        sampling = loop is not None and loop.period_ns > 0 and next_sample_ns < end_ns
+        time_ns = min(next_look_ns, end_ns)
+        if loop is not None:
+            time_ns = min(time_ns, loop.next_command_ns(end_ns), next_sample_ns if sampling else end_ns)
+        bodies.advance_to(time_ns)
+        looking, sampling = time_ns in (next_look_ns, end_ns), sampling and time_ns == next_sample_ns
+        if looking or sampling:
+            samples = bodies.samples()
+            if looking:
+                judge.look(samples)
+                if watch is not None:
+                    watch(samples)
+                next_look_ns = time_ns + campaign.observe_ns
+            if sampling and loop is not None:
+                loop.sample(time_ns, samples)
+                next_sample_ns += loop.period_ns
+        if time_ns >= end_ns or (loop is not None and len(loop.failed) == len(runs)):
+            return {} if loop is None else loop.failed
+        if loop is not None and (held := loop.commanded(time_ns)) is not None:
+            bodies.hold(*held)
+
+
+class _Closed:
+    """Controllers whose torques wait for their time."""
+
+    def __init__(self, loop: Loop, period_ns: int, delays_ns: Sequence[int]) -> None:
+        import numpy as np
+
+        self.period_ns, self.failed = period_ns, loop.failed
+        self._loop = loop
+        self._groups = [(delay, np.array(delays_ns) == delay) for delay in sorted(set(delays_ns))]
+        self._waiting: list[tuple[int, int, int]] = []
+        self._torques: dict[int, Numbers] = {}
+        self._held: Numbers = np.zeros((len(delays_ns), 3))
+        self._count = 0
+
+    def sample(self, time_ns: int, samples: Samples) -> None:
+        """Ask the law; what it commands waits for its time."""
+        self._torques[self._count] = self._loop.torque(samples)
+        for group, (delay, _) in enumerate(self._groups):
+            heapq.heappush(self._waiting, (time_ns + delay, self._count, group))
+        self._count += 1
+
+    def next_command_ns(self, end_ns: int) -> int:
+        """Return when the next torque takes effect, `end_ns` where none waits."""
+        return self._waiting[0][0] if self._waiting else end_ns
+
+    def commanded(self, time_ns: int) -> tuple[Numbers, npt.NDArray[np.bool_]] | None:
+        """Return the torques of all runs from now on, and which of them take effect now; None where none does."""
+        import numpy as np
+
+        changed = np.zeros(len(self._held), dtype=np.bool_)
+        while self._waiting and self._waiting[0][0] == time_ns:
+            _, number, group = heapq.heappop(self._waiting)
+            of_group = self._groups[group][1]
+            self._held = np.where(of_group[:, None], self._torques[number], self._held)
+            changed |= of_group
+            if group == len(self._groups) - 1:
+                # The longest delay is over.
+                del self._torques[number]
+        return (self._held, changed) if changed.any() else None
+
+
+def _closed(campaign: Campaign, runs: Sequence[_Run]) -> _Closed | None:
+    import numpy as np
+
+    control = campaign.control
+    if control is None:
+        return None
+    values = {each.name: np.array([run.values[each.name] for run in runs]) for each in campaign.inputs}
+    loop = Loop(campaign, control, [run.number for run in runs], values)
+    return _Closed(loop, control.period_ns, [delay_ns(control, run.values) for run in runs])

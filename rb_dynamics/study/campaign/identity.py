@@ -1,0 +1,84 @@
+"""Whether rows on disk are of this very campaign, and if not, what differs. Never reads or writes a file.
+
+The words of the file do not count, only what it says. The number of runs counts where a run depends on it: a Latin
+hypercube is laid out for it, random and Sobol samples can grow.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Mapping
+
+from rb_dynamics.errors import LogError
+from rb_dynamics.run.provenance import version
+from rb_dynamics.scene import document
+from rb_dynamics.scene.problems import Problems
+from rb_dynamics.study.campaign.model import Campaign
+
+Facts = Mapping[str, str]
+"""What is kept beside rows: the texts of campaign and scene, the version of the package, and hashes of own modules."""
+
+LAID_OUT = "latin_hypercube"
+"""The sampling in which a run depends on how many there are."""
+
+_SHOWN = 3
+
+
+def facts_of(campaign: Campaign) -> Facts:
+    """Return what the rows of `campaign` depend on; `modules` where it names some of the user's own."""
+    facts = {"campaign": campaign.text, "scene": campaign.scene_text, "version": version()}
+    hashes = campaign.modules.hashes
+    return facts | ({"modules": json.dumps(hashes, sort_keys=True)} if hashes else {})
+
+
+def check_same(facts: Facts, place: str | os.PathLike[str], campaign: Campaign, remedy: str) -> None:
+    """Check that rows with these `facts`, which lie in `place`, are of `campaign`; `remedy` is what else to do.
+
+    Raises:
+        LogError: they are not; it names what differs.
+    """
+    here = facts_of(campaign)
+    if not here.keys() <= facts.keys():
+        raise LogError(f"found no facts of a campaign in {place}, expected its rows; {remedy}")
+    there, ours = _said(facts), _said(here)
+    found = [
+        f"{key} is {there.get(key, 'absent')} there and {ours.get(key, 'absent')} here"
+        for key in dict.fromkeys([*ours, *there])
+        if there.get(key) != ours.get(key)
+    ]
+    if not found and list(there) == list(ours):
+        return
+    # Columns, and which random number goes to which input, follow the order of the file.
+    found = found or ["the keys stand in another order"]
+    if len(found) == 1 and found[0].startswith("runs is "):
+        remedy = (
+            "a Latin hypercube is laid out for its number of runs and cannot grow, as sampling: random and sobol can; "
+            f"fly more runs with another --seed and --out, or {remedy}"
+        )
+    more = [f"{len(found) - _SHOWN} more"] if len(found) > _SHOWN else []
+    raise LogError(f"{place} holds runs of another campaign: {', '.join(found[:_SHOWN] + more)}; {remedy}")
+
+
+def _said(facts: Facts) -> dict[str, str]:
+    """Return what campaign and scene say, by dotted key as `show` writes it."""
+    campaign = document.parse(facts["campaign"], Problems("campaign")).value
+    assert isinstance(campaign, dict)
+    # What `scene` and `set` lead to is in the text of the scene.
+    left_out = {"scene", "set"}
+    if "sampling" not in campaign or campaign["sampling"].value != LAID_OUT:
+        left_out.add("runs")
+    kept = [(name, node) for name, node in campaign.items() if name not in left_out]
+    said = {key: text for name, node in kept for key, text in _flat(node, name)}
+    said |= _flat(document.parse(facts["scene"], Problems("scene")), "scene")
+    hashes = json.loads(facts.get("modules", "{}"))
+    said |= {f"the source of the module {name}": sha[:12] for name, sha in hashes.items()}
+    return said | {"the version of rb_dynamics": facts["version"]}
+
+
+def _flat(node: document.Node, key: str) -> Iterator[tuple[str, str]]:
+    if isinstance(node.value, dict):
+        for name, item in node.value.items():
+            yield from _flat(item, document.join(key, name))
+    else:
+        yield key, repr(document.plain(node)).removesuffix(".0")

@@ -1,0 +1,18 @@
+"""The unit of a metric, and how it stands beside a name, for people. Never converts a number."""
+
+from __future__ import annotations
+
+from rb_dynamics.study.campaign.metrics import QUANTITIES
+from rb_dynamics.study.campaign.model import Metric
+
+
+def unit_of(metric: Metric) -> str:
+    """Return the unit of a metric, "" where only the user knows it."""
+    if metric.reduction == "time_to":
+        return "s"
+    return QUANTITIES.get(metric.quantity, ("", ""))[1]
+
+
+def titled(name: str, unit: str) -> str:
+    """Return a name with its unit in brackets, where it has one."""
+    return f"{name} [{unit}]" if unit else name

@@ -1,0 +1,220 @@
+"""What a run is judged by: quantities of its state, and what becomes of each over the run.
+
+Quantities are functions of `Samples`, so that a block of runs is looked at in one call; a user's own are too.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from rb_dynamics.errors import SceneError
+from rb_dynamics.motion.step_control import NANOSECONDS
+from rb_dynamics.study.campaign.model import Campaign, Metric
+from rb_dynamics.study.campaign.user_functions import called, named
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from rb_dynamics.run.samples import Samples
+
+    Numbers = npt.NDArray[np.float64]
+
+Quantity = Callable[["Samples"], "Numbers"]
+"""Takes samples of N bodies, and returns a number for each: (N,)."""
+
+
+def rate(samples: Samples) -> Numbers:
+    """Return |w|, rad/s."""
+    return _length(samples.angular_velocity_body)
+
+
+def angular_momentum(samples: Samples) -> Numbers:
+    """Return |L| about the centre of mass, kg m^2/s."""
+    return _length(samples.angular_momentum_world)
+
+
+def energy(samples: Samples) -> Numbers:
+    """Return the kinetic energy, J."""
+    return samples.kinetic_energy
+
+
+def energy_defect(samples: Samples) -> Numbers:
+    """Return |T - T0 - work|, J: how wrong the motion is."""
+    import numpy as np
+
+    return np.abs(samples.energy_defect)
+
+
+def attitude_from(target_xyzw: Sequence[float]) -> Quantity:
+    """Return the function that gives the angle from `target_xyzw`, rad, from 0 to pi."""
+    a, b, c, d = target_xyzw
+
+    def attitude(samples: Samples) -> Numbers:
+        import numpy as np
+
+        x, y, z, w = samples.orientation_xyzw.T
+        error = (
+            d * x - a * w - b * z + c * y,
+            d * y + a * z - b * w - c * x,
+            d * z - a * y + b * x - c * w,
+        )
+        size = np.sqrt(error[0] * error[0] + error[1] * error[1] + error[2] * error[2])
+        angle: Numbers = 2.0 * np.arctan2(size, np.abs(d * w + a * x + b * y + c * z))
+        return angle
+
+    return attitude
+
+
+QUANTITIES: Mapping[str, tuple[str, str]] = {
+    "attitude": ("angle from the target attitude", "rad"),
+    "rate": ("angular rate", "rad/s"),
+    "angular_momentum": ("angular momentum", "kg m²/s"),
+    "energy": ("kinetic energy", "J"),
+    "energy_defect": ("defect of the energy", "J"),
+}
+"""What each is and its unit."""
+
+_FUNCTIONS: Mapping[str, Quantity] = {
+    "rate": rate,
+    "angular_momentum": angular_momentum,
+    "energy": energy,
+    "energy_defect": energy_defect,
+}
+
+
+def _length(vectors: Numbers) -> Numbers:
+    import numpy as np
+
+    x, y, z = vectors.T
+    length: Numbers = np.sqrt(x * x + y * y + z * z)
+    return length
+
+
+def quantity(campaign: Campaign, metric: Metric) -> Quantity:
+    """Return the function that `metric` follows.
+
+    Raises:
+        SceneError: there is none of that name.
+    """
+    if metric.quantity == "attitude":
+        return attitude_from(metric.target_xyzw)
+    try:
+        return named(metric.quantity, _FUNCTIONS, campaign.modules)
+    except SceneError as error:
+        raise SceneError(f"{campaign.source}: metrics.{metric.name}.{metric.reduction}: {error}") from error
+
+
+class Judge:
+    """The metrics of N runs, followed over time in constant memory."""
+
+    def __init__(self, campaign: Campaign, count: int) -> None:
+        """Have seen nothing yet."""
+        functions: dict[tuple[object, ...], tuple[Quantity, list[_Reduction]]] = {}
+        self._reductions: dict[str, _Reduction] = {}
+        for metric in campaign.metrics:
+            reduction = self._reductions[metric.name] = REDUCTIONS[metric.reduction](metric, count)
+            # Looked at once, however many metrics follow it.
+            key = (metric.quantity, metric.target_xyzw)
+            functions.setdefault(key, (quantity(campaign, metric), []))[1].append(reduction)
+        self._functions = list(functions.items())
+
+    def look(self, samples: Samples) -> None:
+        """Take in N bodies at a time later than the last.
+
+        Raises:
+            FunctionError: a quantity of the user's raised.
+            SceneError: it returned something else than a number for each body.
+        """
+        import numpy as np
+
+        time_s, count = float(samples.time_ns / NANOSECONDS), len(samples.orientation_xyzw)
+        for (name, *_), (function, reductions) in self._functions:
+            values = called(f"metrics: {name}", lambda of=function: np.asarray(of(samples), dtype=np.float64))
+            if values.shape != (count,):
+                raise SceneError(
+                    f"metrics: {name} returned an array of shape {values.shape}, expected ({count},): a number for "
+                    "each body; correct the function"
+                )
+            for reduction in reductions:
+                reduction.take(time_s, values)
+
+    def results(self) -> dict[str, Numbers]:
+        """Return each metric by its name, (N,)."""
+        return {name: reduction.result() for name, reduction in self._reductions.items()}
+
+
+class _Reduction:
+    """What becomes of a quantity; this one keeps the last value."""
+
+    def __init__(self, metric: Metric, count: int) -> None:
+        import numpy as np
+
+        self._metric = metric
+        self._value: Numbers = np.full(count, math.nan)
+
+    def take(self, time_s: float, values: Numbers) -> None:
+        """Take in the values (N,) at a later time."""
+        self._value = values
+
+    def result(self) -> Numbers:
+        """Return the metric, (N,)."""
+        return self._value
+
+
+class _Worst(_Reduction):
+    def take(self, time_s: float, values: Numbers) -> None:
+        import numpy as np
+
+        self._value = np.fmax(self._value, values)
+
+
+class _Least(_Reduction):
+    def take(self, time_s: float, values: Numbers) -> None:
+        import numpy as np
+
+        self._value = np.fmin(self._value, values)
+
+
+class _Mean(_Reduction):
+    """Over time, by the trapezoidal rule."""
+
+    def __init__(self, metric: Metric, count: int) -> None:
+        import numpy as np
+
+        super().__init__(metric, count)
+        self._sum, self._since, self._time, self._last = np.zeros(count), math.nan, 0.0, np.zeros(count)
+
+    def take(self, time_s: float, values: Numbers) -> None:
+        if math.isnan(self._since):
+            self._since = time_s
+        else:
+            self._sum = self._sum + 0.5 * (time_s - self._time) * (values + self._last)
+        self._time, self._last = time_s, values
+
+    def result(self) -> Numbers:
+        return self._sum / (self._time - self._since) if self._time > self._since else self._last
+
+
+class _TimeTo(_Reduction):
+    """The first look (s) at which the condition holds, and where it has to stay, holds from then on; NaN if none."""
+
+    def take(self, time_s: float, values: Numbers) -> None:
+        import numpy as np
+
+        metric = self._metric
+        holds = (values < metric.below) & (values > metric.above)
+        self._value = np.where(np.isnan(self._value) & holds, time_s, self._value)
+        if metric.stays:
+            self._value = np.where(holds, self._value, math.nan)
+
+
+REDUCTIONS: Mapping[str, type[_Reduction]] = {
+    "final": _Reduction,
+    "worst": _Worst,
+    "least": _Least,
+    "mean": _Mean,
+    "time_to": _TimeTo,
+}

@@ -1,0 +1,303 @@
+"""Campaign files: YAML -> validated `Campaign`. The keys, defaults and limits of a campaign stand here.
+
+Never guesses: what is not understood is an error that names file, line, key, value, expectation and remedy, as in a
+scene file.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import os
+import re
+from collections.abc import Container, Mapping, Sequence
+from types import MappingProxyType
+
+from rb_dynamics.errors import SceneError
+from rb_dynamics.motion.step_control import NANOSECONDS
+from rb_dynamics.numerics.rotation import IDENTITY
+from rb_dynamics.scene import document
+from rb_dynamics.scene.fields import LONGEST, SHORTEST, Field, Rule, Section
+from rb_dynamics.scene.model import Scene
+from rb_dynamics.scene.overrides import apply_overrides
+from rb_dynamics.scene.problems import Problems
+from rb_dynamics.scene.read import parse_scene, read_scene
+from rb_dynamics.scene.text_file import read_text
+from rb_dynamics.study.campaign import laws
+from rb_dynamics.study.campaign.bodies import CHANNEL, step_ns
+from rb_dynamics.study.campaign.control import DELAY, NOT_NEGATIVE, NUMBER, POSITIVE, RULES
+from rb_dynamics.study.campaign.metrics import QUANTITIES, REDUCTIONS, Judge
+from rb_dynamics.study.campaign.model import SAMPLINGS, Campaign, Control, Metric, Requirement
+from rb_dynamics.study.campaign.read_dispersions import correlations, inputs
+from rb_dynamics.study.campaign.user_functions import named
+from rb_dynamics.study.campaign.user_modules import read_modules
+
+_NO_OVERRIDES: Mapping[str, object] = MappingProxyType({})
+
+_ROOT_KEYS = (
+    "scene", "set", "runs", "seed", "sampling", "disperse", "correlate", "control", "observe_rate", "metrics",
+    "require",
+)  # fmt: skip
+_CONTROL_KEYS = ("law", "rate", "delay", "saturation", "bias", "noise", "parameters")
+
+_COLUMNS = ("run", "seed", "passed", "error")
+
+_RUNS = Rule(
+    "a whole number from 1 to 1e12", lambda v: v == int(v) and 1 <= v <= 1e12, "write how many runs, such as 10000"
+)
+_SEED = Rule("a whole number from 0 to 9e15", lambda v: v == int(v) and 0 <= v <= 9e15, "write a seed such as 1")
+_RATE = Rule(
+    f"a number from {1.0 / LONGEST:.1e} to {1.0 / SHORTEST:g} (Hz)",
+    lambda v: 1.0 / LONGEST <= v <= 1.0 / SHORTEST,
+    "write how many times per second, such as 10",
+)
+
+_MOST_SOBOL = 2**30
+
+
+def read_campaign(path: str | os.PathLike[str], overrides: Mapping[str, object] = _NO_OVERRIDES) -> Campaign:
+    """Return the campaign in the YAML file `path`; `overrides` replace keys of its own, such as `runs`.
+
+    Raises:
+        SceneError: the file or the scene it names cannot be read or is not valid; one line for each problem.
+    """
+    return parse_campaign(read_text(path, "campaign"), os.fspath(path), overrides)
+
+
+def parse_campaign(text: str, source: str = "<campaign>", overrides: Mapping[str, object] = _NO_OVERRIDES) -> Campaign:
+    """Return the campaign in the YAML `text`; paths in it begin at the folder of `source`.
+
+    Raises:
+        SceneError: it is not valid; one line for each problem.
+    """
+    problems = Problems(source)
+    tree = document.parse(text, problems, "campaign", "scene")
+    if document.holds(tree, ("body",), "scene"):
+        raise SceneError(
+            f"{source}: found a scene, expected a campaign; run it with rb-dynamics simulate {source}, or write "
+            "a campaign with scene, runs and metrics (docs/campaigns.md)"
+        )
+    apply_overrides(tree, overrides, problems)
+    if overrides:
+        text = document.to_text(tree, f"{source} with overrides of {', '.join(overrides)}")
+    root = Field(tree, "", problems).section(_ROOT_KEYS)
+    folder = os.path.dirname(os.path.abspath(source))
+    control = _control(root.get("control"))
+    base = _base(root, control is not None, problems)
+    if base is None:
+        raise problems.error()
+    seed, sampling = int(root.number("seed", _SEED, 0.0)), _sampling(root.get("sampling"))
+    runs = int(root.number("runs", _RUNS, 1.0, required=True))
+    found = inputs(root.get("disperse"), base, dict(control.numbers) if control else {})
+    if sampling == "sobol" and runs > _MOST_SOBOL and (field := root.get("runs")):
+        field.reject(f"at most {_MOST_SOBOL} with sobol", "write fewer, or sampling: random")
+    mixing = correlations(root.get("correlate"), found)
+    metrics = _metrics(root, control, {*_COLUMNS, *(each.name for each in found)})
+    period_ns = control.period_ns if control else round(NANOSECONDS / (base.output_rate or 1.0))
+    observe = root.get("observe_rate")
+    if observe is not None:
+        period_ns = _period_ns(observe, observe.number(_RATE, 1.0))
+    requirements = _requirements(root.get("require"), metrics)
+    _check_grid(root, base, control)
+    if problems:
+        raise problems.error()
+    names = [each.quantity for each in metrics if each.quantity not in QUANTITIES]
+    if control is not None and control.law not in laws.LAWS:
+        names.append(control.law)
+    modules = read_modules(names, folder)
+    campaign = Campaign(
+        text, source, modules, base.text, runs, seed, sampling, found, mixing, control, period_ns, metrics, requirements
+    )  # fmt: skip
+    # Functions of the user are found now, not after hours.
+    Judge(campaign, 1)
+    if control is not None:
+        try:
+            named(control.law, laws.LAWS, modules)
+        except SceneError as error:
+            raise SceneError(f"{source}: control.law: {error}") from error
+    return campaign
+
+
+def _base(root: Section, controlled: bool, problems: Problems) -> Scene | None:
+    """Return the base scene with what `set` says, and a channel for the controller."""
+    field = root.get("scene")
+    if field is None:
+        root.missing("scene", "the path of a scene file", "add scene: with a path relative to the campaign file")
+        return None
+    name = field.text("the path of a scene file", bool, "write a path relative to the campaign file", "")
+    if not name:
+        return None
+    settings = root.get("set")
+    changes: dict[str, object] = {}
+    for key, value in settings.mapping("values of the scene by dotted key").items() if settings else ():
+        changes[key] = document.plain(value.node)
+    path = os.path.join(os.path.dirname(problems.source), name)
+    if not os.path.isfile(path):
+        field.reject("the path of a scene file", "correct the path, which begins at the folder of the campaign file")
+        return None
+    base = read_scene(path, changes)
+    if base.duration is None:
+        field.reject("a scene that ends", "add duration to the scene, or to set", "no duration in it")
+        return None
+    # The text tells nothing of where the file lay: the same campaign is the same everywhere.
+    title, tree = os.path.basename(name), document.parse(base.text, Problems(base.source))
+    if controlled:
+        if base.body.is_particle:
+            field.reject("a body that turns", "add body.inertia to the scene, or remove control", "a particle")
+            return None
+        channels = [
+            {"topic": each.topic, "timeout": each.timeout, "optional": each.optional}
+            for each in base.channels
+            if each.topic != CHANNEL
+        ]
+        apply_overrides(tree, {"wrenches": [*channels, {"topic": CHANNEL}]}, problems)
+    return parse_scene(document.to_text(tree, f"{title}, as a campaign flies it"), title)
+
+
+def _sampling(field: Field | None) -> str:
+    if field is None:
+        return "random"
+    text = field.node.value if isinstance(field.node.value, str) else ""
+    near = difflib.get_close_matches(text[:60], SAMPLINGS, n=1)
+    remedy = f"did you mean {near[0]}?" if near else "write one of them"
+    return field.text(f"one of {', '.join(SAMPLINGS)}", SAMPLINGS.__contains__, remedy, "random")
+
+
+def _control(field: Field | None) -> Control | None:
+    if field is None:
+        return None
+    section = field.section(_CONTROL_KEYS)
+    law = section.get("law")
+    if law is None:
+        known = ", ".join(laws.LAWS)
+        section.missing("law", f"one of {known}, or module.function", "add law: rate_damping")
+    name = "" if law is None else _name(law, tuple(laws.LAWS))
+    rate = section.get("rate")
+    if rate is None:
+        section.missing("rate", _RATE.expected, "add rate: 10")
+    period_ns = _period_ns(rate, rate.number(_RATE, 1.0)) if rate else NANOSECONDS
+    noise = section.section("noise", ("attitude", "rate"))
+    saturation = section.get("saturation")
+    numbers = {
+        DELAY: section.number("delay", RULES[DELAY], 0.0),
+        "control.saturation": math.inf if saturation is None else saturation.number(POSITIVE, 1.0),
+        **{f"control.bias[{i}]": value for i, value in enumerate(section.vector("bias", NUMBER))},
+        "control.noise.attitude": noise.number("attitude", NOT_NEGATIVE, 0.0),
+        "control.noise.rate": noise.number("rate", NOT_NEGATIVE, 0.0),
+    }
+    given = section.get("parameters")
+    parameters = given.mapping("parameters of the law") if given else {}
+    for key, value in parameters.items():
+        numbers.update(_parameter(value, f"control.parameters.{key}"))
+    _check_parameters(section, name, parameters)
+    return Control(name, period_ns, tuple(numbers.items()))
+
+
+def _name(field: Field, known: Sequence[str]) -> str:
+    """Return a name that is known, or one with a dot, which is looked for later."""
+    text = field.node.value if isinstance(field.node.value, str) else ""
+    near = difflib.get_close_matches(text[:60], known, n=1)
+    remedy = f"did you mean {near[0]}?" if near else "write one of them, or the dotted name of a function of your own"
+    expected = f"one of {', '.join(known)}, or module.function"
+    dotted = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)+")
+    return field.text(expected, lambda value: value in known or dotted.fullmatch(value) is not None, remedy, known[0])
+
+
+def _parameter(field: Field, key: str) -> dict[str, float]:
+    """Return a number, a list of numbers or a quaternion under the keys of its parts."""
+    value = field.node.value
+    if isinstance(value, list):
+        items = field.items("a list", "write numbers")
+        return {f"{key}[{i}]": item.number(NUMBER, 0.0) for i, item in enumerate(items)}
+    if isinstance(value, dict):
+        return {f"{key}[{i}]": part for i, part in enumerate(field.quaternion())}
+    return {key: field.number(NUMBER, 0.0)}
+
+
+def _check_parameters(section: Section, law: str, parameters: Mapping[str, Field]) -> None:
+    if law not in laws.LAWS:
+        return
+    required, optional = laws.REQUIRED[law], laws.OPTIONAL.get(law, ())
+    place = section.get("parameters") or section.field
+    for name in required:
+        if name not in parameters:
+            place.reject(f"the parameter {name} of {law}", f"add parameters: {{{name}: ...}}", "no such parameter")
+    for name, field in parameters.items():
+        if name not in (*required, *optional):
+            field.reject(f"one of {', '.join((*required, *optional))}", "remove it", f"an unknown parameter of {law}")
+        elif (name == "target") != isinstance(field.node.value, dict):
+            field.reject("{x:, y:, z:, w:} for target, and a number for others", "write it so")
+
+
+def _period_ns(field: Field, rate: float) -> int:
+    period = NANOSECONDS / rate
+    if abs(period - round(period)) > 1e-6 * period:
+        field.reject("a rate whose period is a whole number of nanoseconds", "write another rate")
+    return max(1, round(period))
+
+
+def _check_grid(root: Section, base: Scene, control: Control | None) -> None:
+    """Refuse a loop whose samples would not fall on the grid of fixed steps."""
+    if (
+        control is None
+        or base.solver.step is None
+        or (rate := root.section("control", _CONTROL_KEYS).get("rate")) is None
+    ):
+        return
+    step = step_ns(base)
+    if step is None or control.period_ns % step:
+        rate.reject(
+            f"a period that is a whole multiple of the step of {base.solver.step!r} s, in whole nanoseconds",
+            "change the rate, or solver.step in set",
+            f"a period of {control.period_ns} ns",
+        )
+
+
+def _metrics(root: Section, control: Control | None, taken: Container[str]) -> tuple[Metric, ...]:
+    field = root.get("metrics")
+    if field is None:
+        root.missing("metrics", "a mapping from names to metrics", "add metrics: {final_rate: {final: rate}}")
+        return ()
+    target = tuple(value for key, value in control.numbers if ".target[" in key) if control else ()
+    found = []
+    for name, entry in field.mapping("{reduction: quantity}").items():
+        section = entry.section((*REDUCTIONS, "target", "below", "above", "stays"))
+        given = [each for each in REDUCTIONS if each in section.values]
+        if len(given) != 1:
+            entry.reject(f"exactly one of {', '.join(REDUCTIONS)}", "write for example {final: rate}")
+            continue
+        if name in taken:
+            entry.reject("a name that no other column has", "rename the metric", f"the name {name}")
+        quantity = section.get(given[0])
+        aim, stays = section.get("target"), section.get("stays")
+        below, above = section.number("below", NUMBER, math.inf), section.number("above", NUMBER, -math.inf)
+        if given[0] == "time_to" and not ({"below", "above"} & section.values.keys()):
+            entry.reject("a threshold for time_to", "add below: or above:", "no threshold")
+        found.append(
+            Metric(
+                name,
+                given[0],
+                "" if quantity is None else _name(quantity, tuple(QUANTITIES)),
+                aim.quaternion() if aim else target or IDENTITY,
+                below,
+                above,
+                stays is None or stays.flag(default=True),
+            )
+        )
+    if not found and not root.field.problems:
+        field.reject("at least one metric", "add one, such as final_rate: {final: rate}")
+    return tuple(found)
+
+
+def _requirements(field: Field | None, metrics: Sequence[Metric]) -> tuple[Requirement, ...]:
+    if field is None:
+        return ()
+    section = field.section([metric.name for metric in metrics])
+    found = []
+    for name in section.values:
+        limits = section.section(name, ("below", "above"))
+        if not limits.values:
+            limits.field.reject("below or above", "write for example {below: 0.01}")
+        low, high = limits.number("above", NUMBER, -math.inf), limits.number("below", NUMBER, math.inf)
+        found.append(Requirement(name, high, low))
+    return tuple(found)

@@ -1,0 +1,126 @@
+"""The scene of one run: the base scene with the run's inputs in it, checked as any scene is.
+
+Where the inertia is dispersed, each second moment of the mass, the integral of x_k^2 dm along principal axis k, is
+multiplied by a factor greater than 0, and the axes are turned. The moments I_k are sums of two of them, so that every
+sample is the inertia of a real body.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+
+from rb_dynamics.numerics.rotation import Quaternion, exp, multiply, normalize
+from rb_dynamics.scene import document
+from rb_dynamics.scene.document import Node
+from rb_dynamics.scene.model import Scene
+from rb_dynamics.scene.overrides import apply_overrides
+from rb_dynamics.scene.problems import Problems
+from rb_dynamics.scene.read import parse_scene, scene_of
+from rb_dynamics.study.campaign.model import Campaign
+
+INERTIA, ORIENTATION = "body.inertia", "initial.orientation"
+FACTORS = tuple(f"{INERTIA}.second_moment[{i}]" for i in range(3))
+AXES = tuple(f"{INERTIA}.turn[{i}]" for i in range(3))
+TURNS = tuple(f"{ORIENTATION}.turn[{i}]" for i in range(3))
+ANYHOW = tuple(f"{ORIENTATION}.any[{i}]" for i in range(3))
+
+
+class Scenes:
+    """Makes the scenes of the runs of one campaign; base and inputs are read once."""
+
+    def __init__(self, campaign: Campaign) -> None:
+        """Read the base scene.
+
+        Raises:
+            SceneError: it is not valid.
+        """
+        problems = Problems(campaign.source)
+        self._campaign = campaign
+        self._tree = document.parse(campaign.scene_text, problems)
+        self.base = scene_of(_copy(self._tree), problems, campaign.scene_text)
+        self._keys = {each.name for each in campaign.inputs if not each.whole and not each.name.startswith("control.")}
+        self._wholes = {each.whole for each in campaign.inputs}
+
+    def scene(self, values: Mapping[str, float]) -> Scene:
+        """Return the scene of a run with these inputs, without its text.
+
+        Raises:
+            SceneError: the inputs make no valid scene.
+        """
+        problems, tree = Problems(self._campaign.source), _copy(self._tree)
+        apply_overrides(tree, self.overrides(values), problems)
+        return scene_of(tree, problems, "")
+
+    def whole(self, values: Mapping[str, float]) -> Scene:
+        """Return the same with the text that alone makes it again.
+
+        Raises:
+            SceneError: the inputs make no valid scene.
+        """
+        return parse_scene(self._campaign.scene_text, self._campaign.source, self.overrides(values))
+
+    def overrides(self, values: Mapping[str, float]) -> dict[str, object]:
+        """Return what a run with these inputs changes in the base scene, by dotted key."""
+        changes: dict[str, object] = {}
+        if INERTIA in self._wholes:
+            # Some forms of inertia give the mass and its centre too.
+            changes["body.mass"] = self.base.body.mass
+            changes["body.center_of_mass"] = self.base.body.center_of_mass
+            changes[INERTIA] = self._inertia(values)
+        if ORIENTATION in self._wholes:
+            changes[ORIENTATION] = dict(zip("xyzw", self._orientation(values), strict=True))
+        return changes | {key: values[key] for key in values if key in self._keys}
+
+    def _inertia(self, values: Mapping[str, float]) -> dict[str, object]:
+        body = self.base.body
+        total = 0.5 * sum(body.principal_moments)
+        # A plate has a second moment of 0, which rounding may make negative.
+        a, b, c = (
+            max(0.0, total - moment) * values[name]
+            for moment, name in zip(body.principal_moments, FACTORS, strict=True)
+        )
+        axes = multiply(_turn(values, AXES), body.principal_orientation_xyzw)
+        return {
+            "principal": {
+                "moments": (b + c, a + c, a + b),
+                "orientation": dict(zip("xyzw", normalize(axes), strict=True)),
+            }
+        }
+
+    def _orientation(self, values: Mapping[str, float]) -> Quaternion:
+        if ANYHOW[0] in values:
+            return any_attitude(*(values[name] for name in ANYHOW))
+        return normalize(multiply(self.base.initial.orientation_xyzw, _turn(values, TURNS)))
+
+
+@lru_cache(maxsize=4)
+def scenes_of(campaign: Campaign) -> Scenes:
+    """Return what makes the scenes of `campaign`: read once in each process."""
+    return Scenes(campaign)
+
+
+def any_attitude(u: float, v: float, w: float) -> Quaternion:
+    """Return an attitude, uniform over all of them where u, v, w are uniform from 0 to 1.
+
+    Shoemake, Uniform random rotations, Graphics Gems III (1992) 124.
+    """
+    a, b = math.sqrt(1.0 - u), math.sqrt(u)
+    first, second = 2.0 * math.pi * v, 2.0 * math.pi * w
+    return normalize((a * math.sin(first), a * math.cos(first), b * math.sin(second), b * math.cos(second)))
+
+
+def _turn(values: Mapping[str, float], names: Sequence[str]) -> Quaternion:
+    """Return the rotation by the vector of these names, rad."""
+    x, y, z = (values[name] for name in names)
+    return exp((x, y, z))
+
+
+def _copy(node: Node) -> Node:
+    value = node.value
+    if isinstance(value, dict):
+        value = {key: _copy(item) for key, item in value.items()}
+    elif isinstance(value, list):
+        value = [_copy(item) for item in value]
+    return Node(value, node.line, node.key_line, node.text, node.quoted)

@@ -1,0 +1,99 @@
+"""One run of a campaign again: alone, by the loop that `simulate` runs, with a full log, compared with its row."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rb_dynamics.errors import ConvergenceError, SceneError
+from rb_dynamics.recording.mcap_sink import McapSink
+from rb_dynamics.study.campaign.flight import fly_alone
+from rb_dynamics.study.campaign.identity import check_same
+from rb_dynamics.study.campaign.model import Campaign
+from rb_dynamics.study.campaign.store import read_facts, read_row
+from rb_dynamics.study.campaign.user_functions import FunctionError
+
+
+@dataclass(frozen=True)
+class Rerun:
+    """What a run gave when it was flown again.
+
+    Attributes:
+        run: its number.
+        metrics: by name; none where it could not be flown to its end.
+        row: the metrics in its row, None where there is none.
+        log: where it was logged.
+        error: why it could not be flown to its end.
+        row_error: why its row says so.
+    """
+
+    run: int
+    metrics: Mapping[str, float]
+    row: Mapping[str, float] | None
+    log: Path
+    error: str = ""
+    row_error: str = ""
+
+    @property
+    def differs(self) -> bool:
+        """Whether a metric is not that of the row, to the bit, or only one of both could be flown."""
+        if self.row is None:
+            return False
+        if bool(self.error) != bool(self.row_error):
+            return True
+        return any(
+            not (value == self.row[name] or (math.isnan(value) and math.isnan(self.row[name])))
+            for name, value in self.metrics.items()
+        )
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it for JSON; what is no finite number is None."""
+        metrics = {name: value if math.isfinite(value) else None for name, value in self.metrics.items()}
+        same = None if self.row is None else not self.differs
+        return {"run": self.run, "metrics": metrics, "error": self.error, "same_as_row": same, "log": str(self.log)}
+
+    def as_text(self) -> str:
+        """Return it for a person at a terminal."""
+        lines = [f"run {self.run}"]
+        if self.error:
+            lines.append(f"  not flown to its end: {self.error}")
+        if self.row_error:
+            lines.append(f"  its row says: {self.row_error}")
+        for name, value in self.metrics.items():
+            lines.append(
+                f"  {name:24}{_shown(value):>26}"
+                + ("" if self.row is None else f"{_shown(self.row[name]):>26} in its row")
+            )
+        if self.row is not None and not (self.error and self.row_error):
+            lines.append("differs from its row" if self.differs else "the same as its row, to the bit")
+        return "\n".join([*lines, f"wrote {self.log}"])
+
+
+def _shown(value: float) -> str:
+    return "never" if math.isnan(value) else repr(value)
+
+
+def rerun(campaign: Campaign, run: int, log: Path, rows: Path) -> Rerun:
+    """Fly `run` with all it has written to `log`, and compare it with its row where `rows` has one.
+
+    Raises:
+        SceneError: there is no such run, or its inputs make no valid scene.
+        LogError: a file cannot be read or written, or `rows` is of another campaign.
+    """
+    if not 0 <= run < campaign.runs:
+        raise SceneError(f"--rerun: found {run}, expected a run from 0 to {campaign.runs - 1}; correct the number")
+    compared = rows.exists()
+    if compared:
+        check_same(read_facts(rows), rows, campaign, "give --runs and --seed as they were given then, or another --out")
+    metrics, error = {}, ""
+    try:
+        metrics = fly_alone(campaign, run, [McapSink(log)])
+    except (ConvergenceError, FunctionError) as problem:
+        # The log ends where the run does.
+        error = str(problem)
+    found = read_row(rows, run) if compared else None
+    row = None if found is None else {each.name: float(found[each.name]) for each in campaign.metrics}
+    return Rerun(run, metrics, row, log, error, "" if found is None else str(found["error"]))

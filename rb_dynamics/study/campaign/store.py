@@ -1,0 +1,247 @@
+"""The rows of a campaign on disk: a Parquet file for each block while it runs, one for all of it at the end.
+
+What is on disk is whole: a file is written under another name and then renamed. The last file depends on the campaign
+alone, not on how its runs were divided, interrupted or ordered. Never flies a run.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import re
+import shutil
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rb_dynamics.errors import LogError, MissingExtraError
+from rb_dynamics.formats.log_file import make_folder
+from rb_dynamics.study.campaign.identity import Facts, check_same, facts_of
+from rb_dynamics.study.campaign.model import Campaign
+
+if TYPE_CHECKING:
+    from rb_dynamics.study.campaign.flight import Columns
+
+ROWS = 1 << 16
+"""Rows in a group of the last file, and so what is in memory at a time when it is written."""
+
+_METADATA = b"rb_dynamics"
+_ANEW = "give another file with --out, or --overwrite to begin anew"
+_PART = re.compile(r"runs-(\d+)-(\d+)\.parquet")
+
+
+class Store:
+    """The rows of one campaign: `path` when it is complete, files in `path` + ".parts" before."""
+
+    def __init__(self, path: str | os.PathLike[str], campaign: Campaign, overwrite: bool = False) -> None:
+        """Take up what is there of the same campaign.
+
+        Raises:
+            LogError: what is there is of another campaign, or the folder cannot be written.
+            MissingExtraError: pyarrow is not installed.
+        """
+        self._parquet = _parquet()
+        self.path, self._campaign = Path(path), campaign
+        self._parts = Path(f"{self.path}.parts")
+        try:
+            if overwrite:
+                self.path.unlink(missing_ok=True)
+                shutil.rmtree(self._parts, ignore_errors=True)
+            make_folder(self.path)
+            self.complete = False
+            if self.path.exists():
+                self._take_up()
+            else:
+                self._begin()
+        except OSError as error:
+            raise LogError(
+                f"cannot write {self._parts}: {error.strerror or error}; give another file with --out"
+            ) from error
+
+    def _take_up(self) -> None:
+        """Use the file at `path`, which holds all runs; those of a smaller campaign become a block of this one."""
+        check_same(read_facts(self.path), self.path, self._campaign, _ANEW)
+        runs = self._parquet.read_metadata(self.path).num_rows
+        self._check_not_more(runs, self.path)
+        # A kill may have left blocks of which the file is made.
+        shutil.rmtree(self._parts, ignore_errors=True)
+        self.complete = runs == self._campaign.runs
+        if not self.complete:
+            # First what says whose rows these are: a kill between the two must not leave rows without it.
+            self._begin()
+            os.replace(self.path, self._part(0, runs))
+
+    def _begin(self) -> None:
+        self._parts.mkdir(exist_ok=True)
+        facts = self._parts / "campaign.json"
+        if facts.exists():
+            check_same(json.loads(facts.read_text(encoding="utf-8")), self._parts, self._campaign, _ANEW)
+        self._check_not_more(max((last for _, last in self._on_disk()), default=0), self._parts)
+        with _renamed(facts) as new:
+            new.write_text(json.dumps(facts_of(self._campaign)), encoding="utf-8")
+
+    def _check_not_more(self, runs: int, place: Path) -> None:
+        if runs > self._campaign.runs:
+            raise LogError(
+                f"{place} holds rows up to run {runs - 1} of this campaign, which has {self._campaign.runs} runs now; "
+                f"give at least --runs {runs}, or {_ANEW}"
+            )
+
+    @property
+    def done(self) -> int:
+        """Runs whose rows are on disk."""
+        return self._campaign.runs if self.complete else sum(last - first for first, last in self._on_disk())
+
+    def missing(self, block: int) -> Iterator[tuple[int, int]]:
+        """Yield first and last (left out) of blocks of at most `block` runs that are not on disk, in order."""
+        if self.complete:
+            return
+        runs = self._campaign.runs
+        for (_, begin), (end, _) in pairwise([(0, 0), *self._on_disk(), (runs, runs)]):
+            for first in range(begin, end, block):
+                yield first, min(first + block, end)
+
+    def write(self, columns: Columns) -> None:
+        """Keep the rows of a block.
+
+        Raises:
+            LogError: the disk does not take them.
+        """
+        first, last = int(columns["run"][0]), int(columns["run"][-1]) + 1
+        try:
+            with _renamed(self._part(first, last)) as new:
+                self._parquet.write_table(self._table(columns), new)
+        except OSError as error:
+            raise LogError(
+                f"cannot write to {self._parts}: {error.strerror or error}; make room and run again"
+            ) from error
+
+    def finish(self) -> None:
+        """Make one file of all blocks; those are removed.
+
+        Raises:
+            LogError: the disk does not take it.
+        """
+        if self.complete:
+            return
+        try:
+            with _renamed(self.path) as new:
+                self._join(new)
+        except OSError as error:
+            raise LogError(f"cannot write {self.path}: {error.strerror or error}; make room and run again") from error
+        self.complete = True
+        shutil.rmtree(self._parts)
+
+    def _join(self, target: Path) -> None:
+        import pyarrow as pa
+
+        writer, waiting = None, None
+        for table in self._tables():
+            waiting = table if waiting is None else pa.concat_tables([waiting, table])
+            writer = writer or self._parquet.ParquetWriter(target, table.schema, compression="zstd")
+            while waiting.num_rows >= ROWS:
+                # In one chunk, or the pages of the file would show where blocks began.
+                writer.write_table(waiting.slice(0, ROWS).combine_chunks(), ROWS)
+                waiting = waiting.slice(ROWS)
+        if writer is not None and waiting is not None:
+            if waiting.num_rows:
+                writer.write_table(waiting.combine_chunks(), ROWS)
+            writer.close()
+
+    def _tables(self) -> Iterator[Any]:
+        """Yield all rows in order, never more than a group of a file at a time: a block may be a whole campaign."""
+        facts = {_METADATA: json.dumps(facts_of(self._campaign))}
+        for first, last in self._on_disk():
+            with self._parquet.ParquetFile(self._part(first, last)) as file:
+                for group in range(file.num_row_groups):
+                    yield file.read_row_group(group).replace_schema_metadata(facts)
+
+    def _table(self, columns: Columns) -> Any:
+        import pyarrow as pa
+
+        return pa.table({name: pa.array(column) for name, column in columns.items()})
+
+    def _part(self, first: int, last: int) -> Path:
+        return self._parts / f"runs-{first:012d}-{last:012d}.parquet"
+
+    def _on_disk(self) -> list[tuple[int, int]]:
+        matches = (_PART.fullmatch(path.name) for path in self._parts.iterdir())
+        return sorted((int(match[1]), int(match[2])) for match in matches if match)
+
+
+def read_rows(path: str | os.PathLike[str], columns: list[str] | None = None) -> Columns:
+    """Return the rows of a complete campaign: arrays by the names of the columns, and a list of texts for `error`.
+
+    Raises:
+        LogError: the file cannot be read.
+        MissingExtraError: pyarrow is not installed.
+    """
+    try:
+        table = _parquet().read_table(path, columns=columns)
+    except (OSError, ValueError) as error:
+        raise LogError(
+            f"cannot read {path}: {_reason(error)}, expected the rows of a campaign in Parquet; check the path"
+        ) from error
+    return {name: table[name].to_pylist() if name == "error" else table[name].to_numpy() for name in table.column_names}
+
+
+def read_row(path: str | os.PathLike[str], run: int) -> dict[str, Any] | None:
+    """Return the row of one run, None where there is none, without reading the others into memory for long.
+
+    Raises:
+        LogError: the file cannot be read.
+        MissingExtraError: pyarrow is not installed.
+    """
+    try:
+        with _parquet().ParquetFile(path) as file:
+            group = run // ROWS
+            if group >= file.num_row_groups:
+                return None
+            rows: list[dict[str, Any]] = file.read_row_group(group).slice(run % ROWS, 1).to_pylist()
+    except (OSError, ValueError) as error:
+        raise LogError(
+            f"cannot read {path}: {_reason(error)}, expected the rows of a campaign in Parquet; check the path"
+        ) from error
+    return rows[0] if rows else None
+
+
+def read_facts(path: str | os.PathLike[str]) -> Facts:
+    """Return what is kept beside the rows of a complete campaign; nothing where they are no campaign's.
+
+    Raises:
+        LogError: the file cannot be read.
+        MissingExtraError: pyarrow is not installed.
+    """
+    try:
+        metadata = _parquet().read_schema(path).metadata or {}
+        facts: Facts = json.loads(metadata.get(_METADATA, b"{}"))
+    except (OSError, ValueError) as error:
+        raise LogError(
+            f"cannot read {path}: {_reason(error)}, expected the rows of a campaign; give another file with --out"
+        ) from error
+    return facts
+
+
+def _reason(error: Exception) -> str:
+    return str(error).rstrip(".")
+
+
+@contextlib.contextmanager
+def _renamed(path: Path) -> Iterator[Path]:
+    """Yield a name to write to, which then becomes `path`."""
+    new = path.with_name(f"{path.name}.{os.getpid()}.new")
+    try:
+        yield new
+        os.replace(new, path)
+    finally:
+        new.unlink(missing_ok=True)
+
+
+def _parquet() -> Any:
+    try:
+        from pyarrow import parquet
+    except ImportError:
+        raise MissingExtraError("pyarrow", "scale", "a campaign") from None
+    return parquet

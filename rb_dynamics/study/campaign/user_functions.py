@@ -1,0 +1,69 @@
+"""What a campaign names: a law or a function of this package, or of the user's own by its dotted name."""
+
+from __future__ import annotations
+
+import os
+import traceback
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from rb_dynamics.errors import RigidBodyError, SceneError
+from rb_dynamics.study.campaign.user_modules import UserModules
+
+_LONGEST_REASON = 300
+
+
+class FunctionError(RigidBodyError):
+    """A function of the user's raised, or gave what is no number: the run that it was called for cannot be flown."""
+
+
+def named(name: str, known: Mapping[str, Callable[..., Any]], modules: UserModules) -> Callable[..., Any]:
+    """Return what is `known` by `name`, or the function `module.function` of the user's `modules`.
+
+    Raises:
+        SceneError: there is no such module or function, or its module cannot be loaded.
+    """
+    if name in known:
+        return known[name]
+    module, dot, function = name.rpartition(".")
+    if not dot:
+        raise SceneError(f"found {name}, expected one of {', '.join(known)}, or module.function; correct the name")
+    try:
+        found = getattr(modules.load(module), function)
+    except SceneError:
+        raise
+    except Exception as error:
+        raise SceneError(
+            f"found {name}, expected a function that can be imported ({_said(error)}); put its module beside the "
+            "campaign file or install it, or correct it"
+        ) from error
+    if not callable(found):
+        raise SceneError(f"found {name}, which is {found!r}, expected a function; correct the name")
+    result: Callable[..., Any] = found
+    return result
+
+
+def called(what: str, function: Callable[..., Any], *arguments: object) -> Any:
+    """Return what a function of the user's returns.
+
+    Raises:
+        FunctionError: it raised.
+        SceneError: it raised what has to do with the machine and not with the run.
+    """
+    try:
+        return function(*arguments)
+    except (OSError, MemoryError) as error:
+        raise SceneError(
+            f"{what} raised {_said(error)}; what a law or a metric needs has to be there on every worker"
+        ) from error
+    except Exception as error:
+        raise FunctionError(f"{what} raised {_said(error)}") from error
+
+
+def _said(error: Exception) -> str:
+    """Return what `error` says and where in the user's file it was raised, in one line."""
+    text = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(": ")
+    frames = traceback.extract_tb(error.__traceback__)
+    inner = [frame for frame in frames if "importlib" not in frame.filename]
+    where = f", {os.path.basename(inner[-1].filename)}:{inner[-1].lineno}" if len(inner) > 1 else ""
+    return f"{text[:_LONGEST_REASON]}{where}"

@@ -1,0 +1,43 @@
+"""`Stopwatch`: times runs as if each had a process of its own, without what its kernels take to compile or load.
+
+Never decides whether a kernel is worth it: `motion/fixed_step_kernel.py` does, by the tallies that are made here.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+
+from rb_dynamics.motion.fixed_step_kernel import Tally
+
+Clock = Callable[[], float]
+"""Returns the time in s; only differences count."""
+
+
+class Stopwatch:
+    """A clock that stands still while kernels are compiled or loaded.
+
+    Attributes:
+        kernels: time (s) that this took, by the name of the kernel.
+    """
+
+    def __init__(
+        self,
+        clock: Clock = time.perf_counter,
+        room: float = math.inf,
+        compiling: Callable[[str], None] | None = None,
+    ) -> None:
+        """Measure by `clock`; no kernel is begun when those before it took `room` s, and `compiling` is told before."""
+        self.kernels: dict[str, float] = {}
+        self._clock, self._room, self._compiling = clock, room, compiling
+
+    def __call__(self) -> float:
+        """Return the time (s) that counts."""
+        return self._clock() - math.fsum(self.kernels.values())
+
+    def tally(self, scale: float = 1.0, worth: float | None = None) -> Tally:
+        """Return a tally (see there) that notes what is compiled or loaded here."""
+        if math.fsum(self.kernels.values()) >= self._room:
+            worth = math.inf
+        return Tally(scale, worth, self._clock, self.kernels, self._compiling)

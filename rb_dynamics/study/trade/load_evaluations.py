@@ -1,0 +1,56 @@
+"""How often a method asks what acts on the body: counted on a step, as nothing that is written down stays true."""
+
+from __future__ import annotations
+
+from functools import cache
+
+from rb_dynamics.loads.load import Takes
+from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.motion import METHODS, Inertia, Method
+from rb_dynamics.numerics.rotation import IDENTITY, Quaternion
+from rb_dynamics.numerics.vector import ZERO, Vector
+
+
+def evaluations_in(methods: str, steps: int, *, by_accuracy: bool) -> int | None:
+    """Return the evaluations of torque and force in so many accepted steps, and in what they were compared with.
+
+    None where they are no fixed number: several `methods`, an implicit one, which iterates, or a Taylor series, which
+    has derivatives instead. Trials that were refused are not counted.
+    """
+    method = METHODS.get(methods)
+    once = None if method is None else _in_a_step(method)
+    if method is None or once is None:
+        return None
+    # A stride by doubling is two steps and the one that they are compared with.
+    return steps * once * (3 if by_accuracy and method.pair is None else 1)
+
+
+@cache
+def _in_a_step(method: Method) -> int | None:
+    """Return the evaluations in a step with the comparison that is embedded in it, if there is one."""
+    if method.order is None:
+        return 0
+    if method.takes == Takes.HELD:
+        return None
+    few, many = (_counted(method, h) for h in (1e-3, 0.1))
+    return few if few == many else None
+
+
+def _counted(method: Method, h: float) -> int:
+    load = _Counting()
+    step = method.pair or method.step
+    step(Inertia(1.0, (1.0, 2.0, 2.5)), HeldWrench(), h, ZERO, IDENTITY, (0.3, 1.0, 0.2), load)
+    return load.evaluations
+
+
+class _Counting:
+    """A load that counts how often it is asked."""
+
+    def __init__(self) -> None:
+        self.evaluations = 0
+
+    def __call__(
+        self, t: float, displacement: Vector, velocity: Vector, orientation: Quaternion, angular_velocity: Vector
+    ) -> tuple[Vector, Vector]:
+        self.evaluations += 1
+        return ZERO, (0.1 * orientation[0], 0.2, 0.3)

@@ -1,0 +1,149 @@
+"""The rows: every setting of every method that can take the scene, its error and its time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+
+from rb_dynamics.motion import METHODS
+from rb_dynamics.motion.exact import EXACT
+from rb_dynamics.motion.fixed_step_kernel import longest_in_plain
+from rb_dynamics.motion.step_control import NANOSECONDS
+from rb_dynamics.numerics.vector import norm
+from rb_dynamics.run.diagnostics import Sample
+from rb_dynamics.scene.model import Solver
+from rb_dynamics.study.trade.excerpt import Flight, Trial
+from rb_dynamics.study.trade.load_evaluations import evaluations_in
+from rb_dynamics.study.trade.reference import settings_of
+from rb_dynamics.study.trade.refinement import TIME_IS_UP, Climber
+from rb_dynamics.study.trade.result import HOPELESS, USELESS, Reference, Row
+
+_ACCURACIES = tuple(10.0**-k for k in range(3, 13))
+
+# A short run (s) is timed this often, and the best counts.
+_SHORT, _REPEATS = 0.05, 3
+
+# So many runs that are no better tell that no finer setting helps.
+_NO_BETTER = 3
+
+# So many settings before the one foreseen are measured: it may be wrong, and neighbours tell how the errors go.
+_BEFORE = 2
+
+
+class Table:
+    """Measures rows of `trial` against `truth`, on the way to the error `target` if there is one."""
+
+    def __init__(self, trial: Trial, reference: Reference, truth: Sample, target: float | None = None) -> None:
+        self.rows: dict[str, list[Row]] = {}
+        self._trial, self._reference, self._truth, self._target = trial, reference, truth, target
+
+    def measure(self, solver: Solver, limit: float) -> tuple[float, str]:
+        """Run a setting and add its row; see `Measure`."""
+        rows = self.rows.setdefault(solver.method, [])
+        if not rows:
+            self._trial.warm_up(solver)
+        tally = self._trial.as_the_whole()
+        flight = self._trial.fly(solver, tally, limit)
+        if flight is None:
+            return math.inf, TIME_IS_UP
+        best, is_short = flight.time, flight.time < min(_SHORT, limit / _REPEATS)
+        for _ in range(_REPEATS - 1 if is_short else int(flight.compiled)):
+            again = self._trial.fly(solver, self._trial.as_the_whole(tally.used), parts=1)
+            best = min(best, again.time if again else math.inf)
+        bare = best / self._trial.seconds
+        row = self._row(solver, flight, bare, self._trial.time_with_outputs(solver, tally.used, bare))
+        # The same steps again: a setting that changes nothing is not worth a row.
+        if not rows or _run(rows[-1]) != _run(row):
+            rows.append(row)
+        if row.within_trust:
+            return best, "as good as the reference"
+        errors = [row.error for row in rows]
+        if (
+            len(errors) > _NO_BETTER
+            and min(errors) < USELESS
+            and min(errors[-_NO_BETTER:]) >= min(errors[:-_NO_BETTER])
+        ):
+            return best, "finer settings are no better: round-off"
+        return best, ""
+
+    def foresee(self, coming: Sequence[Solver]) -> tuple[int, float]:
+        """Say of a method what its rows tell about its settings to come; see `Foresee`."""
+        rows = self.rows.get(coming[0].method, [])
+        far = far_from(self._target, rows, coming) if self._target is not None else 0
+        if not rows or rows[-1].step is None or rows[-1].compiled:
+            return far, math.inf
+        last = rows[-1]
+        most = longest_in_plain(METHODS[last.method]) * self._trial.seconds / self._trial.whole
+        # Where one has taken more in plain Python, none is compiled.
+        return far, last.bare_time_per_s * self._trial.seconds * most / last.steps if last.steps <= most else math.inf
+
+    def _row(self, solver: Solver, flight: Flight, bare: float, time_per_s: float) -> Row:
+        trial, reference, end = self._trial, self._reference, flight.sample
+        attitude, rate, position = trial.differences(end, self._truth)
+        return Row(
+            method=solver.method,
+            step=solver.step,
+            # Where all of the motion has a closed form, no accuracy sets anything.
+            accuracy=None if flight.methods == EXACT.name else solver.accuracy,
+            attitude_error=attitude,
+            rate_error=rate,
+            position_error=position,
+            error=trial.error(max(attitude, reference.attitude), max(position, reference.position)),
+            within_trust=attitude <= reference.attitude and position <= reference.position,
+            energy_defect=end.energy_defect,
+            angular_momentum_defect=norm(end.angular_momentum_defect_world),
+            linear_momentum_defect=norm(end.linear_momentum_defect_world),
+            time_per_s=time_per_s,
+            real_time_factor=1.0 / time_per_s,
+            bare_time_per_s=bare,
+            steps=flight.steps,
+            evaluations=evaluations_in(flight.methods, flight.steps, by_accuracy=solver.step is None),
+            compiled=flight.compiled,
+        )
+
+
+def far_from(target: float, rows: Sequence[Row], coming: Sequence[Solver]) -> int:
+    """Return how many of the settings `coming` are far from an error of `target`, by the order that `rows` show.
+
+    The errors are taken to fall no more slowly than those of the method do in the end, so that it is rather too few.
+    """
+    if len(rows) < 2 or not target < rows[-1].error < rows[-2].error <= HOPELESS:
+        return 0
+    before, last = rows[-2:]
+    fall = math.log(before.error / last.error) / math.log(_size(before) / _size(last))
+    order = METHODS[last.method].order if last.step is not None else 1
+    near = _size(last) * math.exp(math.log(target / last.error) / max(fall, order or 1))
+    return max(0, sum(_size(one) > near for one in coming) - _BEFORE)
+
+
+def _size(one: Row | Solver) -> float:
+    """Return what makes a setting coarse: its step or its accuracy."""
+    return one.step or one.accuracy or 0.0
+
+
+def _run(row: Row) -> tuple[int, float, float]:
+    return row.steps, row.attitude_error, row.position_error
+
+
+def climbers_for(trial: Trial) -> list[Climber]:
+    """Return all methods that can take the scene, with their settings."""
+    steps = _steps(trial)
+    climbers = []
+    for method in METHODS.usable():
+        if method.takes < trial.scene.acting.takes:
+            continue
+        if method.order is None or method.pair is not None or method.longest_step is not None:
+            climbers.append(Climber(method.name, settings_of(method.name, _ACCURACIES), growth=1.5))
+        else:
+            settings = [Solver(method.name, step=step, accuracy=None) for step in steps]
+            climbers.append(Climber(method.name, settings, growth=math.sqrt(2.0)))
+    return [*climbers, Climber("auto", settings_of("auto", _ACCURACIES), growth=1.5)]
+
+
+def _steps(trial: Trial) -> list[float]:
+    """Return steps (s) of two digits from 2 rad down, none longer than what lies between two commands."""
+    edges = sorted({0.0, trial.seconds, *(max(0, wrench.stamp_ns) / NANOSECONDS for _, wrench in trial.commands)})
+    longest = max(after - before for before, after in pairwise(edges))
+    natural = min(longest, 0.5 * trial.seconds, 2.0 / trial.rate if trial.rate > 0.0 else math.inf)
+    return [float(f"{natural * 2.0 ** (-0.5 * k):.2g}") for k in range(60)]

@@ -1,0 +1,129 @@
+"""Impulses and balances: exact where they claim it, honest about their error where not, blind to nothing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rb_dynamics.analysis.balance import Balance, balances
+from rb_dynamics.analysis.impulse import impulses, integral
+from rb_dynamics.analysis.topics import read_track
+from rb_dynamics.analysis.track import Track
+from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.loads.wrench import Wrench
+
+BOUND = 1e-6
+
+
+def track_of(flight: Any) -> Track:
+    return read_track(read_bag(flight.log))
+
+
+def named(track: Track, name: str, bound: float = BOUND) -> Balance:
+    return next(balance for balance in balances(track, bound) if balance.name == name)
+
+
+def test_integral_of_held_values_is_exact() -> None:
+    held_from = np.array([10, 20, 40])
+    rates = np.array([[1], [5], [-2]])
+    times = np.array([0, 10, 15, 20, 30, 40, 100])
+    assert integral(held_from, rates, times)[:, 0].tolist() == [0, 0, 5, 10, 60, 110, -10]
+
+
+def test_integral_starts_at_the_first_time() -> None:
+    assert integral(np.array([0]), np.array([[2.0]]), np.array([5, 8]))[:, 0].tolist() == [0.0, 6.0]
+
+
+def test_of_two_commands_at_one_time_the_later_counts() -> None:
+    assert integral(np.array([0, 0]), np.array([[9], [1]]), np.array([0, 7]))[:, 0].tolist() == [0, 7]
+
+
+def test_balances_agree_with_the_books_of_the_run(flight: Any) -> None:
+    track = track_of(flight)
+    covered = {balance.name: balance.covered for balance in balances(track, BOUND)}
+    # The torque times out between two samples 0.02 s apart.
+    assert covered == {"energy": 1.0, "angular momentum": pytest.approx(1.0 - 0.02 / 3.0), "linear momentum": 1.0}
+    assert max(balance.relative for balance in balances(track, BOUND)) < 1e-9
+    # The run's own quadrature of the torque impulse is another one; both leave only their errors.
+    samples = flight.samples
+    own = np.linalg.norm(samples.angular_momentum_defect_world, axis=1).max()
+    estimates = impulses(track, "torque", samples.time_ns).error
+    assert np.isinf(estimates).sum() == 1
+    error = estimates[np.isfinite(estimates)].sum()
+    assert 0.0 < error < 1e-7
+    assert named(track, "angular momentum").worst <= own + error
+
+
+def test_force_in_world_axes_is_exact(flight: Any) -> None:
+    balance = named(track_of(flight), "linear momentum")
+    assert "exact" in balance.basis
+    assert balance.worst < 1e-14
+    assert balance.scale == pytest.approx(np.linalg.norm(flight.samples.linear_momentum_world, axis=1).max())
+
+
+def test_coasting_is_drift(coasting: Any) -> None:
+    track = track_of(coasting)
+    assert named(track, "angular momentum").basis == "drift while no torque acts"
+    assert named(track, "linear momentum").worst == 0.0
+    assert named(track, "angular momentum").relative < 1e-9
+
+
+@pytest.mark.parametrize("name", ["angular momentum", "linear momentum"])
+def test_a_wrench_the_log_does_not_tell_of_is_found(flight: Any, name: str) -> None:
+    track = track_of(flight)
+    scaled = [replace(steps, force=1.001 * steps.force, torque=1.001 * steps.torque) for steps in track.wrenches]
+    assert named(replace(track, wrenches=tuple(scaled)), name).relative > 1e-4
+    assert named(replace(track, wrenches=()), name).relative > 1e-2
+
+
+def test_an_energy_that_leaks_is_found_while_coasting(coasting: Any) -> None:
+    track = track_of(coasting)
+    kinetic = track.kinetic_energy
+    assert kinetic is not None
+    leaking = replace(kinetic, values=kinetic.values * np.linspace(1.0, 0.999, len(kinetic.values)))
+    # Without the run's own books, as in a bag of another writer.
+    balance = named(replace(track, kinetic_energy=leaking, energy_defect=None, work=None), "energy")
+    assert balance.covered == 1.0
+    assert balance.relative == pytest.approx(1e-3, rel=1e-3)
+
+
+def test_error_of_the_quadrature_is_honest_and_of_fourth_order(flown: Any) -> None:
+    command = [("push", Wrench((0.0, 0.0, 0.0), (0.4, -0.3, 0.2), "body", 0))]
+    errors, estimates = [], []
+    for rate in ("10.0", "20.0", "40.0"):
+        track = track_of(flown(command, step="0.001", output_rate=rate))
+        momentum = track.angular_momentum
+        assert momentum is not None
+        torque = impulses(track, "torque", momentum.time_ns)
+        gained = momentum.values - momentum.values[0]
+        errors.append(np.linalg.norm(np.cumsum(torque.turning, axis=0) - gained, axis=1).max())
+        estimates.append(torque.error.sum())
+    assert all(error <= estimate for error, estimate in zip(errors, estimates, strict=True))
+    # h^5 in each interval, h^4 in the sum.
+    orders = np.log2(np.array(errors)[:-1] / np.array(errors)[1:])
+    assert orders == pytest.approx([4.0, 4.0], abs=0.3)
+
+
+def test_samples_too_far_apart_are_not_judged(flight: Any) -> None:
+    balance = named(track_of(flight), "angular momentum", bound=1e-14)
+    assert 0.0 < balance.covered < 1.0
+    known = f"known for {100.0 * balance.covered:.3g} % of the time; elsewhere a torque acts in body axes or none is"
+    assert f"{known} logged, and the samples do not give its impulse" in balance.basis
+    # From 0.5 s to the timeout at 1.05 s torques act, and so in the intervals with these ends.
+    assert balance.covered == pytest.approx(1.0 - 0.56 / 3.0, abs=0.01)
+    held = (balance.time_ns > 520_000_000) & (balance.time_ns < 1_040_000_000)
+    assert np.isnan(balance.defect[held]).all()
+    assert not np.isnan(balance.defect[~held & (balance.time_ns < 500_000_000)]).any()
+
+
+def test_a_command_between_two_samples_leaves_the_interval_out(flown: Any) -> None:
+    commands = [
+        ("push", Wrench((0.0, 0.0, 0.0), (0.1, 0.0, 0.0), "body", 500_000_000)),
+        ("push", Wrench((0.0, 0.0, 0.0), (0.2, 0.0, 0.0), "body", 507_000_000)),
+    ]
+    balance = named(track_of(flown(commands)), "angular momentum")
+    assert balance.covered == pytest.approx(1.0 - 0.02 / 3.0)
+    assert balance.relative < 1e-7

@@ -1,0 +1,117 @@
+"""The residual of a foreign bag is zero for the body that moved, and points to that body where another one is given."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rb_dynamics.analysis.residual import Residual, _possible, residual
+from rb_dynamics.analysis.topics import read_track
+from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.numerics.rotation_arrays import rotate_all_inverse
+from rb_dynamics.report.text import residual_sentence
+from rb_dynamics.scene import parse_scene
+
+TRUE = np.array([[0.5, 0.02, -0.01], [0.02, 0.7, 0.03], [-0.01, 0.03, 0.9]])
+OTHER = np.diag([0.5, 0.8, 0.9])
+BODY = "body: {frame: base, mass: 4.0, center_of_mass: [0.1, -0.2, 0.05], inertia: {matrix: MATRIX}}"
+
+
+@pytest.fixture
+def judged(bagger: Any) -> Callable[..., Residual]:
+    """Return a function that records a flight as another writer would and judges it by a body with this inertia."""
+    both = ("/thrust/applied", "/push/applied")
+
+    def judge(flight: Any, inertia: np.ndarray, wrenches: tuple[str, ...] = both, noise: float = 0.0) -> Residual:
+        rows, random = [], np.random.default_rng(1)
+        for sample in flight.samples.samples:
+            q, t = sample.orientation_xyzw, sample.time_ns
+            velocity = rotate_all_inverse(np.array(q), np.array(sample.linear_velocity_world))
+            rate = np.array(sample.angular_velocity_body) + noise * random.standard_normal(3)
+            rows.append(("/b/pose", "geometry_msgs/msg/PoseStamped", t, (t, "world", (*sample.position_world, *q))))
+            rows.append(("/b/twist", "geometry_msgs/msg/TwistStamped", t, (t, "base", (*velocity, *rate))))
+        log = read_bag(flight.log)
+        for topic in wrenches:
+            for time_ns, wrench in log.wrenches(topic):
+                frame = "base" if wrench.frame_id == "body" else wrench.frame_id
+                values = (time_ns, frame, (*wrench.force, *wrench.torque))
+                rows.append((topic, "geometry_msgs/msg/WrenchStamped", time_ns, values))
+        scene = parse_scene(BODY.replace("MATRIX", str(inertia.tolist())))
+        left = residual(read_track(read_bag(bagger(rows)), scene), 1e-6)
+        assert left is not None
+        return left
+
+    return judge
+
+
+def test_the_body_that_moved_explains_the_motion(flight: Any, judged: Any) -> None:
+    left = judged(flight, TRUE)
+    assert left.explained
+    assert left.scaled
+    assert left.relative < 1e-8
+    assert left.mass == pytest.approx(4.0, rel=1e-9)
+    np.testing.assert_allclose(left.inertia, TRUE, rtol=0, atol=1e-4)
+    assert max(left.root_mean_square) < 1e-6
+
+
+def test_another_inertia_does_not_and_the_right_one_is_found(flight: Any, judged: Any) -> None:
+    left = judged(flight, OTHER)
+    assert not left.explained
+    assert left.relative > 1e-5
+    np.testing.assert_allclose(left.inertia, TRUE, rtol=0, atol=1e-4)
+    assert left.explainable
+    assert "does NOT explain the motion. The best fit, principal moments of " in residual_sentence(left, 0)
+
+
+def test_where_no_inertia_explains_it_the_torque_nobody_commanded_is_named(flight: Any, judged: Any) -> None:
+    left = judged(flight, TRUE, wrenches=("/push/applied",))
+    assert not left.explained
+    assert not left.explainable
+    found = left.strongest
+    assert (found.start_ns, found.end_ns) == (500_000_000, 700_000_000)
+    np.testing.assert_allclose(found.torque_body, [0.2, -0.1, 0.3], atol=2e-3)
+    assert found.peak == pytest.approx(np.linalg.norm([0.2, -0.1, 0.3]), rel=1e-2)
+    said = residual_sentence(left, 0)
+    assert "NO inertia explains the motion" in said
+    assert "from t = 0.5 to 0.7 s: (0.2" in said
+    assert "principal moments" not in said
+
+
+def test_a_body_keeps_the_triangle_inequality() -> None:
+    assert _possible(np.diag([1.0, 1.0, 2.0]))
+    assert not _possible(np.diag([0.0276, 0.2366, 0.2952]))
+    assert not _possible(np.diag([-0.1, 1.0, 1.0]))
+
+
+def test_without_a_torque_only_the_ratios_are_told(coasting: Any, judged: Any) -> None:
+    twice = judged(coasting, 2.0 * TRUE)
+    assert twice.explained
+    assert not twice.scaled
+    assert twice.mass is None
+    other = judged(coasting, OTHER)
+    assert not other.explained
+    assert np.trace(other.inertia) == pytest.approx(2.2)
+    assert other.best < 1e-3 * other.relative
+
+
+def test_noise_does_not_condemn_the_right_inertia(flight: Any, judged: Any) -> None:
+    noisy = judged(flight, TRUE, noise=1e-5)
+    assert noisy.explained
+    assert noisy.relative > 1e-6
+    other = judged(flight, OTHER, noise=1e-5)
+    assert not other.explained
+    assert other.explainable
+
+
+def test_what_nobody_recorded_is_the_residual(flight: Any, judged: Any) -> None:
+    left = judged(flight, TRUE, wrenches=())
+    during = (left.time_ns > 1_000_000_000) & (left.time_ns <= 2_240_000_000)
+    np.testing.assert_allclose(left.force_world[during], np.tile([1.0, -2.0, 0.5], (int(during.sum()), 1)), atol=1e-9)
+    np.testing.assert_allclose(left.force_world[left.time_ns > 2_270_000_000], 0.0, atol=1e-9)
+
+
+def test_an_own_log_is_not_judged(flight: Any) -> None:
+    assert residual(read_track(read_bag(flight.log)), 1e-6) is None

@@ -1,0 +1,454 @@
+"""Reading ROS 2 MCAP files: those of other writers, our own, cut off, damaged and hostile ones."""
+
+from __future__ import annotations
+
+import logging
+import random
+import sys
+import tracemalloc
+from collections.abc import Callable
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.body.state import State
+from rb_dynamics.errors import LogError, MissingExtraError
+from rb_dynamics.formats import cdr
+from rb_dynamics.formats.bag_reader import Bag, RecordedWrenches, read_bag, read_wrenches
+from rb_dynamics.formats.mcap_records import MAX_RECORD_BYTES, McapFile
+from rb_dynamics.formats.ros2msg import schema_text
+from rb_dynamics.loads.wrench import Wrench, WrenchFrames
+from rb_dynamics.recording.mcap_sink import McapSink
+from rb_dynamics.run.diagnostics import Sample
+from rb_dynamics.run.sink import AppliedWrench, RunInfo
+from rb_dynamics.scene.model import Scene
+
+pytest.importorskip("mcap")
+
+from mcap.data_stream import RecordBuilder
+from mcap.records import Chunk, Header
+from mcap.writer import CompressionType, Writer
+
+SLEW = Path(__file__).parents[2] / "examples" / "slew.mcap"
+WRENCH = "geometry_msgs/msg/Wrench"
+STAMPED = "geometry_msgs/msg/WrenchStamped"
+MAGIC = b"\x89MCAP0\r\n"
+
+Row = tuple[str, str, int, bytes]
+
+
+def stamped(stamp_ns: int, first: float, frame: str = "body") -> bytes:
+    return cdr.encode(STAMPED, stamp_ns, frame, (first, 0.0, 0.0, 0.0, 0.0, 0.0))
+
+
+def write_rows(path: Path, rows: list[Row], encoding: str = "cdr", **options: Any) -> Path:
+    """Write (topic, type, log time, data) with the writer of the mcap package."""
+    with path.open("wb") as file:
+        writer = Writer(file, **options)
+        writer.start("ros2", "test")
+        channels: dict[str, int] = {}
+        for topic, type_name, log_time, data in rows:
+            if topic not in channels:
+                text = schema_text(type_name).encode() if type_name in cdr.LAYOUTS else b""
+                schema = writer.register_schema(type_name, "ros2msg", text)
+                channels[topic] = writer.register_channel(topic, encoding, schema)
+            writer.add_message(channels[topic], log_time, data, log_time)
+        writer.finish()
+    return path
+
+
+def write_log(path: Path, count: int) -> Path:
+    """Write a log of our own: `count` samples, a wrench before every tenth."""
+    scene = Scene(RigidBody.from_diagonal(2.0, (1.0, 2.0, 2.5)), WrenchFrames(), State(), text="body: {}\n")
+    sink = McapSink(path)
+    sink.open(RunInfo(scene, "rk4", {"seed": ""}))
+    zero, identity = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
+    for i in range(count):
+        force = (float(i), 0.5, -0.5)
+        if i % 10 == 0:
+            sink.write(AppliedWrench(i * 1000, "wrench", Wrench(force, zero, "body", i * 1000), "body", force, zero))
+        numbers = (0.1 * i, 0.2 * i, 1.0 / (i + 1))
+        energies = (1.0 * i, 2.0, 3.0)
+        sink.write(Sample(i * 1000, numbers, identity, force, numbers, force, numbers, *energies, zero, zero))
+    sink.close({"steps": "1"})
+    return path
+
+
+def test_the_recorded_flight() -> None:
+    commands = read_wrenches(SLEW, ["wrench/body", "/wrench/world"])
+    assert [topic for topic, _ in commands].count("wrench/body") == 600
+    assert [topic for topic, _ in commands].count("/wrench/world") == 600
+    assert [wrench.stamp_ns for _, wrench in commands[::2]] == [i * 100_000_000 for i in range(600)]
+    assert {topic: wrench.frame_id for topic, wrench in commands} == {"wrench/body": "body", "/wrench/world": "world"}
+    assert commands[0][1] == Wrench((0.0, 0.0, 0.0), (-0.01545, -0.0255, 0.0315), "body", 0)
+    bag = read_bag(SLEW)
+    assert bag.complete
+    times, poses = bag.poses("/truth/pose")
+    np.testing.assert_array_equal(times, np.arange(601) * 100_000_000)
+    np.testing.assert_allclose(np.linalg.norm(poses[:, 3:], axis=1), 1.0, rtol=1e-14)
+    assert bag.twists("/truth/twist")[1].shape == (601, 6)
+
+
+def test_the_recorded_flight_as_rosbags_reads_it() -> None:
+    highlevel = pytest.importorskip("rosbags.highlevel")
+    expected = []
+    with highlevel.AnyReader([SLEW]) as reader:
+        chosen = [each for each in reader.connections if each.topic == "/wrench/body"]
+        for connection, _, data in reader.messages(chosen):
+            message = reader.deserialize(data, connection.msgtype)
+            force, torque = message.wrench.force, message.wrench.torque
+            expected.append((force.x, force.y, force.z, torque.x, torque.y, torque.z))
+    found = [(*wrench.force, *wrench.torque) for _, wrench in read_wrenches(SLEW, ["wrench/body"])]
+    assert found == expected
+
+
+def test_names_that_do_not_match_are_listed() -> None:
+    with pytest.raises(LogError, match=r"/wrench/body \(600 messages\), /wrench/world \(600.*expects wrench;"):
+        read_wrenches(SLEW, ["wrench"])
+
+
+def test_a_bag_without_any_wrench(tmp_path: Path) -> None:
+    scalar = "std_msgs/msg/Float64"
+    path = write_rows(tmp_path / "a.mcap", [("/x", scalar, 0, cdr.encode(scalar, (1,)))])
+    with pytest.raises(LogError, match="wrench topics are none"):
+        read_wrenches(path, ["wrench"])
+
+
+def test_a_scene_without_channels_is_told_so(example_dir: Path) -> None:
+    with pytest.raises(LogError, match=r"the scene expects none; add a channel under `wrenches`"):
+        read_wrenches(example_dir / "slew.mcap", [])
+
+
+@pytest.mark.parametrize(("name", "remedy"), [("w.csv", "rb-dynamics convert "), ("s.yaml", "rb-dynamics simulate ")])
+def test_what_is_no_log_is_told_what_it_may_become(tmp_path: Path, name: str, remedy: str) -> None:
+    (tmp_path / name).write_text("body: {mass: 1}")
+    with pytest.raises(LogError, match=f"{name} does not begin like an MCAP file; .*{remedy}"):
+        read_wrenches(tmp_path / name, ["wrench"])
+    (tmp_path / name).write_text("")
+    with pytest.raises(LogError, match="it is empty"):
+        read_wrenches(tmp_path / name, ["wrench"])
+
+
+def test_a_file_cut_off_before_its_first_message_is_told_apart(tmp_path: Path, example_dir: Path) -> None:
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes((example_dir / "slew.mcap").read_bytes()[:100])
+    with pytest.raises(LogError, match=r"wrench topics are none.*cut off before a whole message"):
+        read_wrenches(cut, ["wrench"])
+
+
+def test_a_channel_that_never_spoke_is_no_error(tmp_path: Path) -> None:
+    assert read_wrenches(write_log(tmp_path / "coast.mcap", 0), ["wrench"]) == []
+
+
+def test_order_is_by_stamp_and_for_equal_stamps_that_of_the_file(tmp_path: Path) -> None:
+    stamps = [30, 10, 20, 10, 30, 20, 10]
+    rows: list[Row] = [(f"/{'ab'[i % 2]}", STAMPED, 100 + i, stamped(at, i)) for i, at in enumerate(stamps)]
+    found = read_wrenches(write_rows(tmp_path / "a.mcap", rows), ["a", "b"])
+    assert [int(wrench.force[0]) for _, wrench in found] == [1, 3, 6, 2, 5, 0, 4]
+    assert [topic for topic, _ in found] == ["b", "b", "a", "a", "b", "a", "a"]
+
+
+@given(st.lists(st.integers(-3, 30), min_size=1, max_size=40))
+@settings(max_examples=40)
+def test_commands_are_put_in_order_without_being_kept(
+    tmp_path_factory: pytest.TempPathFactory, stamps: list[int]
+) -> None:
+    rows: list[Row] = [(f"/{'ab'[i % 2]}", STAMPED, 100 + i, stamped(at, i)) for i, at in enumerate(stamps)]
+    found = RecordedWrenches(write_rows(tmp_path_factory.mktemp("bag") / "a.mcap", rows), ["a", "b"], end_ns=20)
+    in_order = sorted(range(len(stamps)), key=stamps.__getitem__)
+    for _ in range(2):
+        assert [int(wrench.force[0]) for _, wrench in found] == in_order
+    assert (len(found), found.first_ns, found.late) == (len(stamps), min(stamps), sum(at > 20 for at in stamps))
+
+
+def test_a_wrench_without_header_takes_its_log_time(tmp_path: Path) -> None:
+    data = cdr.encode(WRENCH, (1.0, 2.0, 3.0, 4.0, 5.0, 6.0))
+    path = write_rows(tmp_path / "a.mcap", [("/push", WRENCH, 70, data), ("/push", WRENCH, 60, data)])
+    first, second = read_wrenches(path, ["push"])
+    assert first == ("push", Wrench((1.0, 2.0, 3.0), (4.0, 5.0, 6.0), "", 60))
+    assert second[1].stamp_ns == 70
+
+
+def test_older_type_names_and_other_encodings(tmp_path: Path) -> None:
+    row: Row = ("/w", "geometry_msgs/WrenchStamped", 0, stamped(5, 1.0))
+    assert read_wrenches(write_rows(tmp_path / "old.mcap", [row]), ["w"])[0][1].stamp_ns == 5
+    with pytest.raises(LogError, match="wrench topics are none"):
+        read_wrenches(write_rows(tmp_path / "ros1.mcap", [row], encoding="ros1"), ["w"])
+
+
+def test_a_damaged_command_is_named(tmp_path: Path) -> None:
+    path = write_rows(tmp_path / "a.mcap", [("/w", STAMPED, 77, stamped(0, 1.0)[:40])])
+    with pytest.raises(LogError, match=r"a\.mcap: topic /w, log time 77 ns: .* ends after 40 bytes"):
+        read_wrenches(path, ["w"])
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"compression": CompressionType.ZSTD},
+        {"compression": CompressionType.LZ4},
+        {"compression": CompressionType.NONE},
+        {"compression": CompressionType.ZSTD, "chunk_size": 300},
+        {"compression": CompressionType.NONE, "use_chunking": False},
+        {"compression": CompressionType.ZSTD, "use_statistics": False, "repeat_channels": False, "enable_crcs": False},
+    ],
+)
+def test_every_way_to_write_a_container(tmp_path: Path, options: dict[str, Any]) -> None:
+    rows: list[Row] = [("/w", STAMPED, i, stamped(i, i)) for i in range(100)]
+    bag = read_bag(write_rows(tmp_path / "a.mcap", rows, **options))
+    assert bag.complete
+    assert [wrench.force[0] for _, wrench in bag.wrenches("/w")] == list(range(100))
+
+
+def test_a_bag_of_rosbags(tmp_path: Path) -> None:
+    rosbag2 = pytest.importorskip("rosbags.rosbag2")
+    typesys = pytest.importorskip("rosbags.typesys")
+    store = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
+    with rosbag2.Writer(tmp_path / "bag", version=9, storage_plugin=rosbag2.StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection("/wrench", STAMPED, typestore=store)
+        text = writer.add_connection("/text", "std_msgs/msg/String", typestore=store)
+        writer.write(
+            text, 1, bytes(store.serialize_cdr(store.types["std_msgs/msg/String"]("x"), "std_msgs/msg/String"))
+        )
+        for i in range(5):
+            writer.write(connection, i, stamped(i, i))
+    (path,) = (tmp_path / "bag").glob("*.mcap")
+    assert [wrench.stamp_ns for _, wrench in read_wrenches(path, ["wrench"])] == list(range(5))
+    unknown = read_bag(path).topics["/text"]
+    assert (unknown.type_name, unknown.count, unknown.messages) == ("std_msgs/msg/String", 1, [])
+    assert read_wrenches(tmp_path / "bag", ["wrench"]) == read_wrenches(path, ["wrench"])
+
+
+def test_our_own_log_as_arrays(tmp_path: Path) -> None:
+    bag = read_bag(write_log(tmp_path / "run.mcap", 50))
+    index = np.arange(50)
+    for times, rows in (bag.poses("/pose"), bag.poses("/odom")):
+        assert (times.dtype, rows.dtype) == (np.int64, np.float64)
+        np.testing.assert_array_equal(times, index * 1000)
+        np.testing.assert_array_equal(rows[:, 0], 0.1 * index)
+        np.testing.assert_array_equal(rows[:, 6], 1.0)
+    for _, rows in (bag.twists("/twist"), bag.twists("/odom")):
+        np.testing.assert_array_equal(rows[:, 0], index)
+        np.testing.assert_array_equal(rows[:, 5], 1.0 / (index + 1))
+    np.testing.assert_array_equal(bag.vectors("/linear_momentum")[1][:, 1], 0.2 * index)
+    times, energy = bag.scalars("/energy/kinetic")
+    np.testing.assert_array_equal(times, index * 1000)
+    np.testing.assert_array_equal(energy, index)
+    assert bag.wrenches("/wrench")[1] == (10_000, Wrench((10.0, 0.5, -0.5), (0.0, 0.0, 0.0), "body", 10_000))
+    assert bag.frame_ids("/twist") == {"body"}
+    assert bag.topics["/inertia"].decoded()[0][2][:4] == (2.0, 0.0, 0.0, 0.0)
+    assert "transient_local" in bag.topics["/inertia"].qos
+    assert bag.scalars("/energy/work")[1].shape == (50,)
+    empty = read_bag(write_log(tmp_path / "empty.mcap", 0))
+    assert (empty.poses("/pose")[1].shape, empty.scalars("/energy/work")[1].shape) == ((0, 7), (0,))
+
+
+def test_messages_that_differ_in_frame_or_length_or_endianness(tmp_path: Path) -> None:
+    store = pytest.importorskip("rosbags.typesys")
+    jazzy = store.get_typestore(store.Stores.ROS2_JAZZY)
+    name = "geometry_msgs/msg/Vector3Stamped"
+    for count, frames in enumerate((["a", "b"], ["a", "longer"], ["a", "a"]), 1):
+        rows: list[Row] = []
+        for i, frame in enumerate(frames):
+            data = cdr.encode(name, -(10**9) + i, frame, (i, 2.0 * i, 0.1))
+            if count == 3:
+                data = bytes(jazzy.serialize_cdr(jazzy.deserialize_cdr(data, name), name, little_endian=False))
+            rows.append(("/v", name, i, data))
+        bag = read_bag(write_rows(tmp_path / f"{count}.mcap", rows))
+        times, vectors = bag.vectors("/v")
+        assert times.tolist() == [-1_000_000_000, -999_999_999]
+        assert vectors.tolist() == [[0.0, 0.0, 0.1], [1.0, 2.0, 0.1]]
+        assert bag.frame_ids("/v") == set(frames)
+
+
+@pytest.mark.parametrize(
+    ("ask", "message"),
+    [
+        (lambda bag: bag.poses("/nowhere"), "no such topic, expected .*PoseStamped or nav_msgs/msg/Odom.*; .*'/pose'"),
+        (lambda bag: bag.poses("/twist"), "type 'geometry_msgs/msg/TwistStamped', expected"),
+        (lambda bag: bag.frame_ids("/energy/work"), "type 'std_msgs/msg/Float64', expected"),
+    ],
+)
+def test_a_topic_of_another_kind_is_an_error(tmp_path: Path, ask: Callable[[Bag], object], message: str) -> None:
+    bag = read_bag(write_log(tmp_path / "run.mcap", 2))
+    with pytest.raises(LogError, match=message):
+        ask(bag)
+
+
+def test_one_topic_of_two_publishers_is_merged_and_of_two_types_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    for second, fits in ((STAMPED, True), (WRENCH, False)):
+        with path.open("wb") as file:
+            writer = Writer(file)
+            writer.start("ros2", "test")
+            for type_name in (STAMPED, second):
+                schema = writer.register_schema(type_name, "ros2msg", b"")
+                channel = writer.register_channel("/w", "cdr", schema)
+                writer.add_message(channel, 1, stamped(1, 1.0), 1)
+            writer.finish()
+        if fits:
+            assert read_bag(path).topics["/w"].count == 2
+        else:
+            with pytest.raises(LogError, match="both types"):
+                read_bag(path)
+
+
+def test_a_file_cut_off_anywhere_gives_its_beginning(tmp_path: Path) -> None:
+    data = write_log(tmp_path / "run.mcap", 600).read_bytes()
+    whole = read_bag(tmp_path / "run.mcap").poses("/pose")[1]
+    source = random.Random(3)
+    cut = tmp_path / "cut.mcap"
+    counts = []
+    lengths = sorted({8, 9, 17, len(data) - 1, *(source.randrange(8, len(data)) for _ in range(60))})
+    for length in lengths:
+        cut.write_bytes(data[:length])
+        bag = read_bag(cut)
+        assert not bag.complete
+        poses = bag.poses("/pose")[1] if "/pose" in bag.topics else whole[:0]
+        np.testing.assert_array_equal(poses, whole[: len(poses)])
+        counts.append(len(poses))
+    assert counts == sorted(counts)
+    # The log is of several chunks, so a cut in the middle leaves the chunks before it.
+    assert {0, 600} < set(counts)
+
+
+def test_commands_of_a_file_cut_off_are_used_with_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path = write_log(tmp_path / "run.mcap", 600)
+    path.write_bytes(path.read_bytes()[:-300])
+    with caplog.at_level(logging.WARNING):
+        assert len(read_wrenches(path, ["wrench"])) == 60
+    assert "cut off" in caplog.text
+
+
+def test_zeros_after_a_power_loss_end_the_file(tmp_path: Path) -> None:
+    path = write_log(tmp_path / "run.mcap", 100)
+    path.write_bytes(path.read_bytes()[:-40] + bytes(5000))
+    bag = read_bag(path)
+    assert (bag.complete, bag.topics["/pose"].count) == (False, 100)
+    whole = write_log(tmp_path / "whole.mcap", 100).read_bytes()
+    path.write_bytes(whole[:8] + bytes(9) + whole[8:])
+    assert not read_bag(path).complete
+
+
+@pytest.mark.parametrize("content", [b"", b"\x89MCA", b"#ROSBAG V2.0\n", b"SQLite format 3\0", bytes(100)])
+def test_what_is_no_mcap_file_is_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "a.mcap"
+    path.write_bytes(content)
+    with pytest.raises(LogError, match="does not begin like an MCAP file"):
+        read_bag(path)
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match=r"cannot read .*none\.mcap: No such file"):
+        read_wrenches(tmp_path / "none.mcap", ["wrench"])
+
+
+@pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.NONE])
+def test_flipped_bits_are_a_log_error_or_harmless(tmp_path: Path, compression: CompressionType) -> None:
+    rows: list[Row] = [("/w", STAMPED, i, stamped(i, i)) for i in range(20)]
+    data = write_rows(tmp_path / "a.mcap", rows, compression=compression, chunk_size=500).read_bytes()
+    source = random.Random(11)
+    bad = tmp_path / "bad.mcap"
+    refused = 0
+    for _ in range(300):
+        flipped = bytearray(data)
+        flipped[source.randrange(8, len(data))] ^= 1 << source.randrange(8)
+        bad.write_bytes(flipped)
+        try:
+            for topic in read_bag(bad).topics.values():
+                topic.decoded()
+        except LogError:
+            refused += 1
+    assert refused > 50
+
+
+def chunk_file(path: Path, chunk: Chunk) -> Path:
+    builder = RecordBuilder()
+    Header("ros2", "test").write(builder)
+    chunk.write(builder)
+    path.write_bytes(MAGIC + builder.end())
+    return path
+
+
+def bomb(compression: str) -> bytes:
+    """Compress twice what is allowed."""
+    size = 2 * MAX_RECORD_BYTES
+    if compression == "zstd":
+        zstandard = pytest.importorskip("zstandard")
+        packer = zstandard.ZstdCompressor().compressobj(size=size)
+        return b"".join([*(packer.compress(bytes(2**24)) for _ in range(size // 2**24)), packer.flush()])
+    frame = pytest.importorskip("lz4.frame")
+    out = BytesIO()
+    with frame.open(out, "wb") as packed:
+        for _ in range(size // 2**24):
+            packed.write(bytes(2**24))
+    return out.getvalue()
+
+
+@pytest.mark.parametrize("compression", ["zstd", "lz4"])
+@pytest.mark.parametrize("claimed", [1000, 2 * MAX_RECORD_BYTES])
+def test_a_chunk_that_swells_is_refused_before_it_fills_the_memory(
+    tmp_path: Path, compression: str, claimed: int
+) -> None:
+    chunk = Chunk(compression, bomb(compression), 0, 0, 0, claimed)
+    path = chunk_file(tmp_path / "a.mcap", chunk)
+    chunk.data = b""
+    tracemalloc.start()
+    try:
+        with pytest.raises(LogError, match=r"a\.mcap is damaged"):
+            read_bag(path)
+        assert tracemalloc.get_traced_memory()[1] < 32 * 2**20
+    finally:
+        tracemalloc.stop()
+
+
+def test_a_record_beyond_the_limit_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    length = MAX_RECORD_BYTES + 1
+    with path.open("wb") as file:
+        file.write(MAGIC + b"\x06" + length.to_bytes(8, "little"))
+        file.truncate(length + 100)  # holes take no room on the disk
+    with pytest.raises(LogError, match=f"{length} bytes"):
+        read_bag(path)
+
+
+@pytest.mark.parametrize(
+    ("chunk", "message"),
+    [
+        (Chunk("brotli", b"", 0, 0, 0, 0), "compressed with 'brotli', expected one of"),
+        (Chunk("", b"\x05\xff", 0, 0, 0, 2), "ends within a record"),
+        (Chunk("", b"\x05" + (99).to_bytes(8, "little") + bytes(20), 0, 0, 0, 29), "ends within a record"),
+        (Chunk("", b"\x05" + (3).to_bytes(8, "little") + bytes(3), 0, 0, 0, 12), "message without its times"),
+        (Chunk("", b"\x05" + (22).to_bytes(8, "little") + bytes(22), 0, 0, 0, 31), "channel 0, which it does not"),
+        (Chunk("", b"\x04" + (2).to_bytes(8, "little") + bytes(2), 0, 0, 0, 11), "shorter than its fields"),
+        (Chunk("", b"abc", 0, 0, 1, 3), "checksum"),
+        (Chunk("", b"abc", 0, 0, 0, 4), "checksum"),
+    ],
+)
+def test_a_damaged_chunk_is_described(tmp_path: Path, chunk: Chunk, message: str) -> None:
+    with pytest.raises(LogError, match=message):
+        read_bag(chunk_file(tmp_path / "a.mcap", chunk))
+
+
+def test_without_zstandard_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write_log(tmp_path / "run.mcap", 1)
+    monkeypatch.setitem(sys.modules, "zstandard", None)
+    with pytest.raises(MissingExtraError, match="zstandard"):
+        read_bag(path)
+
+
+def test_the_container_alone(tmp_path: Path) -> None:
+    file = McapFile(write_log(tmp_path / "run.mcap", 3))
+    first = next(iter(file.messages()))
+    assert (first.channel.topic, first.log_time, first.publish_time) == ("/inertia", 0, 0)
+    assert not file.complete
+    assert len(list(file.messages())) == 1 + 3 * 9 + 2
+    assert file.complete
+    assert set(file.metadata) >= {"rb_dynamics", "rb_dynamics.topics", "rb_dynamics.result"}
+    assert file.attachments == {"scene.yaml": b"body: {}\n"}

@@ -1,0 +1,184 @@
+"""Wrench commands out of bags that others wrote: MCAP and SQLite, split, compressed, under other names."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import sqlite3
+from collections.abc import Mapping
+from pathlib import Path
+
+import pytest
+
+from rb_dynamics.errors import LogError
+from rb_dynamics.formats.bag_reader import read_bag, read_wrenches
+from rb_dynamics.formats.log_file import LogFile
+from rb_dynamics.formats.mcap_writer import McapWriter
+from rb_dynamics.loads.wrench import Wrench
+
+pytest.importorskip("rosbags")
+
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+COMMANDS = [Wrench((float(i), 0.0, 0.5), (0.0, -float(i), 0.0), "body", i * 1000) for i in range(20)]
+
+
+def record(
+    path: Path,
+    storage: StoragePlugin,
+    mode: CompressionMode = CompressionMode.NONE,
+    topic: str = "/wrench",
+    commands: list[Wrench] = COMMANDS,
+) -> Path:
+    kinds = STORE.types
+    vector, stamp = kinds["geometry_msgs/msg/Vector3"], kinds["builtin_interfaces/msg/Time"]
+    writer = Writer(path, version=9, storage_plugin=storage)
+    if mode is not CompressionMode.NONE:
+        writer.set_compression(mode, CompressionFormat.ZSTD)
+    with writer:
+        connection = writer.add_connection(topic, "geometry_msgs/msg/WrenchStamped", typestore=STORE)
+        for wrench in commands:
+            header = kinds["std_msgs/msg/Header"](stamp(0, wrench.stamp_ns), wrench.frame_id)
+            content = kinds["geometry_msgs/msg/Wrench"](vector(*wrench.force), vector(*wrench.torque))
+            message = kinds["geometry_msgs/msg/WrenchStamped"](header, content)
+            data = STORE.serialize_cdr(message, "geometry_msgs/msg/WrenchStamped")
+            writer.write(connection, 10**18 + wrench.stamp_ns, data)
+    return path
+
+
+@pytest.mark.parametrize("storage", list(StoragePlugin))
+@pytest.mark.parametrize("mode", [CompressionMode.NONE, CompressionMode.FILE, CompressionMode.MESSAGE])
+def test_bags_of_rosbag2(tmp_path: Path, storage: StoragePlugin, mode: CompressionMode) -> None:
+    if storage is StoragePlugin.MCAP and mode is CompressionMode.MESSAGE:
+        mode = CompressionMode.STORAGE
+    bag = record(tmp_path / "bag", storage, mode)
+    assert read_wrenches(bag, ["wrench"]) == [("wrench", wrench) for wrench in COMMANDS]
+    topic = read_bag(bag).topics["/wrench"]
+    assert (topic.count, topic.log_times[0]) == (20, 10**18)
+
+
+def test_a_database_without_its_folder(tmp_path: Path) -> None:
+    (file,) = record(tmp_path / "bag", StoragePlugin.SQLITE3).glob("*.db3")
+    assert [wrench for _, wrench in read_wrenches(file, ["/wrench"])] == COMMANDS
+
+
+def test_split_files_without_metadata_come_in_the_order_of_their_numbers(tmp_path: Path) -> None:
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    # Equal stamps keep the order of the bag: file 10 comes after file 9.
+    for number in (9, 10):
+        part = [Wrench((float(number), 0.0, 0.0), (0.0, 0.0, 0.0), "body", 5)]
+        (file,) = record(tmp_path / f"part_{number}", StoragePlugin.MCAP, commands=part).glob("*.mcap")
+        file.rename(folder / f"bag_{number}.mcap")
+    assert [wrench.force[0] for _, wrench in read_wrenches(folder, ["wrench"])] == [9.0, 10.0]
+
+
+def test_a_topic_of_another_name_is_mapped(tmp_path: Path) -> None:
+    bag = record(tmp_path / "bag", StoragePlugin.MCAP, topic="/robot/cmd")
+    with pytest.raises(LogError, match=r"/robot/cmd \(20 messages\).*--topic TOPIC=CHANNEL"):
+        read_wrenches(bag, ["wrench"])
+    for mapping in ({"/robot/cmd": "wrench"}, {"robot/cmd": "/wrench"}):
+        assert read_wrenches(bag, ["wrench", "other"], mapping) == [("wrench", wrench) for wrench in COMMANDS]
+    with pytest.raises(LogError, match=r"mapped are \['cmd'\], expected wrench topics of the bag: /robot/cmd"):
+        read_wrenches(bag, ["wrench"], {"cmd": "wrench"})
+    with pytest.raises(LogError, match=r"mapped to 'push', expected a channel of the scene: \['wrench'\]"):
+        read_wrenches(bag, ["wrench"], {"/robot/cmd": "push"})
+
+
+def test_a_mapped_channel_hears_that_topic_only(tmp_path: Path) -> None:
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    for number, topic in enumerate(("/wrench", "/cmd")):
+        part = [Wrench((float(number), 0.0, 0.0), (0.0, 0.0, 0.0), "body", 5)]
+        (file,) = record(tmp_path / f"part_{number}", StoragePlugin.MCAP, topic=topic, commands=part).glob("*.mcap")
+        file.rename(folder / f"bag_{number}.mcap")
+    assert [wrench.force[0] for _, wrench in read_wrenches(folder, ["wrench"], {"/cmd": "wrench"})] == [1.0]
+
+
+@pytest.mark.parametrize("text", ["", "rosbag2_bagfile_information: 3\n", "}{"])
+def test_a_damaged_metadata_file_is_named(tmp_path: Path, text: str) -> None:
+    bag = record(tmp_path / "bag", StoragePlugin.MCAP)
+    (bag / "metadata.yaml").write_text(text)
+    with pytest.raises(LogError, match=r"metadata\.yaml is not what rosbag2 writes"):
+        read_bag(bag)
+
+
+def test_a_folder_without_a_bag_and_a_damaged_database_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match=r"holds no bag: expected metadata\.yaml"):
+        read_bag(tmp_path)
+    (tmp_path / "bag.db3").write_text("not a database")
+    with pytest.raises(LogError, match=r"cannot read .*bag\.db3"):
+        read_bag(tmp_path / "bag.db3")
+
+
+@pytest.mark.parametrize("storage", list(StoragePlugin))
+def test_a_bag_compressed_as_a_whole_that_is_cut_off_or_damaged_is_refused(
+    tmp_path: Path, storage: StoragePlugin
+) -> None:
+    (file,) = record(tmp_path / "bag", storage, CompressionMode.FILE).glob("*.zstd")
+    whole = file.read_bytes()
+    for at in range(0, len(whole) // 2, len(whole) // 50):
+        file.write_bytes(whole[:at])
+        with pytest.raises(LogError, match=r"cannot read .*bag: .+; check the path"):
+            read_bag(tmp_path / "bag")
+        file.write_bytes(whole[:at] + bytes([whole[at] ^ 0xFF]) + whole[at + 1 :])
+        with contextlib.suppress(LogError):
+            read_bag(tmp_path / "bag")
+
+
+CELLS = {"name": "/wrench", "type": "std_msgs/msg/Float64", "timestamp": 5, "data": bytes(12)}
+
+
+def database(path: Path, cells: Mapping[str, object]) -> Path:
+    """Return a bag of one message in one file, with whatever `cells` hold: SQLite takes any type in any column."""
+    with contextlib.closing(sqlite3.connect(path)) as connection, connection:
+        connection.execute("CREATE TABLE topics(id, name, type, serialization_format, offered_qos_profiles)")
+        connection.execute("CREATE TABLE messages(id, topic_id, timestamp, data)")
+        connection.execute("INSERT INTO topics VALUES(1, :name, :type, 'cdr', '')", cells)
+        connection.execute("INSERT INTO messages VALUES(1, 1, :timestamp, :data)", cells)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("cell", "found"),
+    [
+        ("name", None),
+        ("name", b"/wrench"),
+        ("type", 3),
+        ("timestamp", None),
+        ("timestamp", "5"),
+        ("timestamp", 5.0),
+        ("data", None),
+        ("data", "text"),
+        ("data", 12),
+        ("data", 2**63 - 1),
+    ],
+)
+def test_a_cell_of_another_type_is_refused(tmp_path: Path, cell: str, found: object) -> None:
+    assert read_bag(database(tmp_path / "sound.db3", CELLS)).topics["/wrench"].log_times == [5]
+    with pytest.raises(LogError, match=r"cannot read .*bag\.db3: .+; check the path"):
+        read_bag(database(tmp_path / "bag.db3", CELLS | {cell: found}))
+
+
+def test_the_metadata_alone_is_answered_with_the_folder(tmp_path: Path) -> None:
+    (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information: {}\n")
+    with pytest.raises(LogError, match=f"give the folder: {re.escape(str(tmp_path))}$"):
+        read_bag(tmp_path / "metadata.yaml")
+
+
+def test_what_was_lost_in_any_file_of_a_bag_is_kept(tmp_path: Path) -> None:
+    lost = ({"reason": "damaged", "missing_ns": "1 2"}, {}, {"reason": "damaged", "missing_ns": "7 9"})
+    for number, facts in enumerate(lost):
+        with contextlib.closing(LogFile(tmp_path / f"bag_{number}.mcap")) as file:
+            writer = McapWriter(file, "test")
+            writer.begin()
+            if facts:
+                writer.add_metadata("rb_dynamics.interrupted", facts)
+            writer.finish()
+    bag = read_bag(tmp_path)
+    assert bag.missing == [(1, 2), (7, 9)]
+    assert bag.whole
+    assert bag.ended
+    assert not bag.complete

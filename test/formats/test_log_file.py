@@ -1,0 +1,58 @@
+"""Where logs go: what is read is never replaced, and what must be kept is moved aside under the next free number."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from rb_dynamics.errors import LogError
+from rb_dynamics.formats.log_file import LogFile, move_aside, require_other
+
+
+def test_an_earlier_file_is_replaced_but_not_where_the_new_one_cannot_be_opened(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_text("an earlier one")
+    file = LogFile(path)
+    file.write(b"new")
+    file.close()
+    assert path.read_bytes() == b"new"
+    with pytest.raises(LogError, match=r"cannot write .*run\.mcap"):
+        LogFile(path / "run.mcap")
+    assert path.read_bytes() == b"new"
+
+
+def test_what_is_read_is_refused_under_any_name(tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    bag.mkdir()
+    (bag / "bag_0.mcap").write_text("a bag")
+    (tmp_path / "other").symlink_to(bag / "bag_0.mcap")
+    for target in (bag, bag / "bag_0.mcap", tmp_path / "other", tmp_path, bag / ".." / "bag"):
+        with pytest.raises(LogError, match=r"is, or holds, what is read \(.*bag\); give another name"):
+            require_other(target, bag, tmp_path / "absent")
+    for target in (bag / "new.csv", tmp_path / "new", tmp_path / "bag2"):
+        require_other(target, bag)
+
+
+def test_earlier_logs_are_kept_in_the_order_of_their_numbers(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    assert move_aside(path) is None
+    for text in ("first", "second", "third"):
+        path.write_text(text)
+        move_aside(path)
+    assert {each.name: each.read_text() for each in tmp_path.iterdir()} == {
+        "run.1.mcap": "first",
+        "run.2.mcap": "second",
+        "run.3.mcap": "third",
+    }
+
+
+def test_the_folder_of_a_bag_is_kept_and_any_other_left_alone(tmp_path: Path) -> None:
+    bag = tmp_path / "flight.v2"
+    bag.mkdir()
+    assert move_aside(bag) is None
+    (bag / "notes.txt").write_text("mine")
+    assert move_aside(bag) is None
+    (bag / "flight.v2_0.mcap").write_text("a bag")
+    assert move_aside(bag) == tmp_path / "flight.v2.1"
+    assert not bag.exists()

@@ -1,0 +1,198 @@
+"""Strides by accuracy are the same compiled and plain: lengths, bits, choices of `auto`, and refusals."""
+
+from __future__ import annotations
+
+import random
+from dataclasses import replace
+
+import pytest
+from motions import Recorder, forced
+
+from rb_dynamics.errors import ConvergenceError
+from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.motion import METHODS, Increment, Inertia, Method, adaptive_kernel
+from rb_dynamics.motion.arc import Arc, Choose
+from rb_dynamics.motion.phase import Phase
+from rb_dynamics.motion.step_control import NANOSECONDS, AccuracyControl, OwnControl, StepControl
+from rb_dynamics.numerics import compilation
+from rb_dynamics.numerics.rotation import Quaternion, normalize
+from rb_dynamics.numerics.vector import ZERO, Vector, dot, norm
+from rb_dynamics.run.simulation import Simulation
+from rb_dynamics.scene.model import Solver
+
+needs_numba = pytest.mark.skipif(not compilation.available(), reason="nothing to compare with: numba is not installed")
+
+
+pytestmark = pytest.mark.usefixtures("kernel_cache")
+
+RK4, MIDPOINT = METHODS["rk4"].step, METHODS["midpoint"].step
+
+
+def pair(
+    inertia: Inertia, held: HeldWrench, h: float, v: Vector, q: Quaternion, omega: Vector, load: None = None
+) -> tuple[Increment, Increment]:
+    """Estimate the error of the midpoint rule by rk4."""
+    return RK4(inertia, held, h, v, q, omega, load), MIDPOINT(inertia, held, h, v, q, omega, load)
+
+
+def longest_step(
+    inertia: Inertia, held: HeldWrench, v: Vector, q: Quaternion, omega: Vector, accuracy: float, horizon: float
+) -> float:
+    """Know roughly how long a step may be: longer than the method can take where little is asked for."""
+    rate = norm(omega) + norm(held.torque_body) / inertia.moments[0] + 1e-3 * dot(q, q)
+    return (accuracy / horizon) ** 0.25 / rate
+
+
+# What the kernels reach is found by its module; these stand in the one of the tests.
+for function in (pair, longest_step):
+    function.__module__ = "rb_dynamics.motion.in_tests"
+
+KINDS: dict[str, Method] = {
+    "doubling": METHODS["rk4"],
+    "low": METHODS["dlm2"],
+    "pair": replace(METHODS["rk4"], name="rk4_with_midpoint", order=3, pair=pair),
+    "own": replace(METHODS["rk4"], name="rk4_that_knows", longest_step=longest_step),
+}
+
+
+def control_of(method: Method, inertia: Inertia, accuracy: float, horizon: float, *, ends: bool) -> StepControl:
+    if method.longest_step is not None:
+        return OwnControl(accuracy, horizon, ends=ends)
+    embedded = method.pair is not None
+    return AccuracyControl(accuracy, horizon, method.order, inertia, embedded=embedded, ends=ends)
+
+
+def case(method: Method, seed: int, choose_again: Choose | None = None) -> tuple[Arc, int]:
+    """Return an arc and its end; one in four is kicked so hard that the first trials are refused."""
+    r = random.Random(seed)
+
+    def vector(size: float) -> Vector:
+        return (r.uniform(-size, size), r.uniform(-size, size), r.uniform(-size, size))
+
+    hard = 10.0 ** r.uniform(3.0, 6.0) if seed % 4 == 0 else 0.0
+    inertia = Inertia(10.0 ** r.uniform(-2.0, 2.0), (r.uniform(1.0, 2.0), r.uniform(1.0, 2.0), r.uniform(1.0, 2.0)))
+    held = HeldWrench(vector(1.0), vector(max(hard, 1.0)), vector(1.0), vector(1.0))
+    spin = ZERO if r.random() < 0.1 else vector(10.0 ** r.uniform(-2.0, 1.0))
+    attitude = normalize((r.gauss(0.0, 1.0), r.gauss(0.0, 1.0), r.gauss(0.0, 1.0), r.gauss(0.0, 1.0)))
+    phase = Phase(attitude, spin, (*vector(10.0), *vector(1.0), *ZERO, *ZERO, 0.0, 0.0), (0.0,) * 14)
+    # The first trial is a hundredth of the horizon; it is to fail, but not many strides are to follow.
+    time, part, loose = (500.0 * hard**-0.5, 0.015, 1e6) if hard else (10.0 ** r.uniform(-1.0, 0.5), 1.0, 1.0)
+    control = control_of(method, inertia, loose * 10.0 ** r.uniform(-6.0, -2.0), time, ends=r.random() < 0.8)
+    end_ns = round(part * time * NANOSECONDS)
+    return Arc(method, inertia, held, control, 0, phase, choose_again=choose_again), end_ns
+
+
+def end(arc: Arc, end_ns: int, looks: tuple[float, ...] = ()) -> tuple[object, ...]:
+    """Return where an arc ends and how it came there, or why it does not."""
+    try:
+        for look in looks:
+            arc.advance(round(0.9 * look * end_ns))
+            arc.at(round(look * end_ns))
+        # By repr, which shows the sign of a zero too.
+        return repr(arc.at(end_ns)), arc.steps_to(end_ns), arc.next_grid_ns(), arc.methods
+    except ConvergenceError as error:
+        return type(error), str(error)
+
+
+@needs_numba
+@pytest.mark.parametrize("kind", KINDS)
+def test_strides_and_bits_are_those_of_plain_python(monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
+    refused = 0
+    for seed in range(60):
+        ends = []
+        for when, looks in (("never", ()), ("always", ()), ("always", (0.1, 0.11, 0.5, 0.9))):
+            monkeypatch.setenv("RB_DYNAMICS_COMPILE", when)
+            ends.append(end(*case(KINDS[kind], seed), looks))
+        assert ends[0] == ends[1] == ends[2], seed
+        refused += ends[0][0] is ConvergenceError
+
+    assert refused < 30
+
+
+@needs_numba
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_cannot_be_kept_is_refused_in_the_same_words(monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
+    inertia, said = Inertia(1.0, (1.0, 2.0, 2.5)), set()
+    for accuracy, spin in ((1e-17, 1.0), (1e-6, 1e10), (1e-6, 1e200)):
+        ends = []
+        for when in ("never", "always"):
+            monkeypatch.setenv("RB_DYNAMICS_COMPILE", when)
+            control = control_of(KINDS[kind], inertia, accuracy, 1.0, ends=True)
+            start = Phase((0.0, 0.0, 0.0, 1.0), (0.7 * spin, -spin, 0.9 * spin), (0.0,) * 14, (0.0,) * 14)
+            ends.append(end(Arc(KINDS[kind], inertia, HeldWrench(), control, 0, start), NANOSECONDS))
+        assert ends[0] == ends[1]
+        assert ends[0][0] is ConvergenceError
+        said.add(ends[0][1])
+
+    assert len(said) >= 2
+
+
+@needs_numba
+@pytest.mark.parametrize("kind", KINDS)
+def test_pieces_meet_without_a_seam(monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always")
+    whole = end(*case(KINDS[kind], 5))
+    monkeypatch.setattr("rb_dynamics.motion.arc.LONGEST_STRETCH", 7)
+
+    assert end(*case(KINDS[kind], 5)) == whole
+
+
+@needs_numba
+def test_a_choice_is_made_after_the_same_strides(monkeypatch: pytest.MonkeyPatch) -> None:
+    ends = []
+    for when, looks in (("never", ()), ("always", ()), ("always", tuple(k / 100.0 for k in range(1, 100)))):
+        monkeypatch.setenv("RB_DYNAMICS_COMPILE", when)
+        asked: list[tuple[object, ...]] = []
+
+        def other(phase: Phase, stepper: object, asked: list[tuple[object, ...]] = asked) -> tuple[Method, StepControl]:
+            asked.append(phase)
+            method = KINDS["doubling" if len(asked) == 2 else "low"]
+            accuracy = 1e-6 if method.order == 2 else 1e-12
+            return method, AccuracyControl(accuracy, 3.0, method.order, Inertia(1.0, (1.0, 1.0, 1.0)))
+
+        ends.append((end(*case(KINDS["low"], 1, other), looks), asked))
+
+    assert ends[0] == ends[1] == ends[2]
+    assert len(ends[0][1]) >= 4
+
+
+@needs_numba
+@pytest.mark.parametrize("method", ["auto", "rk4"])
+def test_a_run_has_the_same_bits(monkeypatch: pytest.MonkeyPatch, method: str) -> None:
+    """With commands, outputs and books: all that a sink is told, and with an output at each stride."""
+    for rate in (7.0, 0.0):
+        told = []
+        for when in ("never", "always"):
+            monkeypatch.setenv("RB_DYNAMICS_COMPILE", when)
+            sink, case = Recorder(), forced()
+            run = Simulation(case.scene(Solver(method, accuracy=1e-5), 1.0, output_rate=rate), [sink])
+            run.start()
+            for topic, wrench in case.commands:
+                run.post(topic, wrench, 400_000_000)
+            run.advance(NANOSECONDS)
+            run.finish()
+            told.append((repr(sink.events), sink.result))
+        assert told[0] == told[1]
+
+
+@needs_numba
+def test_short_arcs_come_to_be_worth_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "auto")
+    monkeypatch.setattr("rb_dynamics.motion.fixed_step_kernel.WORTH_COMPILING", 300)
+    monkeypatch.setattr("rb_dynamics.motion.fixed_step_kernel.WORTH_LOADING", 300)
+    arc, _ = case(KINDS["doubling"], 5)
+    (inertia, held, _), control, phase = arc._what_acts, arc._control, arc._phase
+    runs = adaptive_kernel.Strides(KINDS["doubling"], "doubling")
+
+    found = [runs.after((inertia, held), control, phase, 10**6, 5, 1) is not None for _ in range(102)]
+
+    assert found == [False] * 99 + [True] * 3
+    assert adaptive_kernel.Strides(KINDS["doubling"], "doubling").after((inertia, held), control, phase, 10**6, 5, 100)
+
+
+def test_what_has_no_kernel_runs_in_plain_python() -> None:
+    method = METHODS["rk4"]
+    control = AccuracyControl(1e-5, 1.0, 4, Inertia(1.0, (1.0, 1.0, 1.0)))
+
+    assert adaptive_kernel.strides_by(method, control) is adaptive_kernel.strides_by(method, control) is not None
+    assert adaptive_kernel.strides_by(replace(method, compiles=False), control) is None

@@ -1,0 +1,197 @@
+"""`auto`: keeps the accuracy against references, chooses by cost and step, and always chooses the same."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import pytest
+from motions import errors, forced
+
+from rb_dynamics.errors import ConvergenceError
+from rb_dynamics.loads.load import Takes
+from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.motion import METHODS, auto_method
+from rb_dynamics.motion.arc import Stepper
+from rb_dynamics.motion.auto_method import CANDIDATES, COST_OF_A_STEP, cheapest, longest_stride
+from rb_dynamics.motion.phase import Phase, in_principal_axes, inertia_of
+from rb_dynamics.motion.step_control import NANOSECONDS, AccuracyControl, StepControl
+from rb_dynamics.numerics.rotation import angle_between
+from rb_dynamics.numerics.vector import norm, subtract
+from rb_dynamics.run.simulation import Simulation, simulate
+from rb_dynamics.scene.compile import Plan
+from rb_dynamics.scene.model import Solver
+from rb_dynamics.scene.read import parse_scene
+
+DRIVEN = (
+    "body: {mass: 2.5, center_of_mass: [0.1, -0.2, 0.3], "
+    "inertia: {matrix: [[2.1, 0.1, -0.2], [0.1, 1.7, 0.3], [-0.2, 0.3, 2.9]]}}\n"
+    "initial: {position_world: [5, 0, 0], linear_velocity_world: [0, 1, 0], angular_velocity_body: [0.4, -0.2, 0.7]}\n"
+    "duration: 5\noutput_rate: 10\nwrenches: [{topic: a}, {topic: b}]\n"
+)
+EFFECTS = {
+    Takes.HELD: "effects: [{type: scheduled_wrench, schedule: [{time: 0, force: [1, 2, 0], torque: [0.3, 0, 0.2]}]}]",
+    Takes.FIELD: "effects: [{type: central_gravity, gravitational_parameter: 2, gravity_gradient: true}]",
+    Takes.ANY: "effects: [{type: linear_drag, translation: 0.2, rotation: 0.3}, "
+    "{type: rotor, axis_body: [0, 1, 1], axial_inertia: 0.1, spin_rate: 10}]",
+}
+
+
+@pytest.mark.parametrize("accuracy", [1e-4, 1e-7, 1e-10])
+def test_keeps_the_accuracy_against_thirty_digits(accuracy: float) -> None:
+    case = forced()
+    for time in case.states:
+        if time > 0.0:
+            plan = Plan(case.scene(Solver("auto", accuracy=accuracy), time))
+            start = Phase.of(case.body, case.initial)
+            arc = plan.arc(in_principal_axes(case.body, case.held), 0, start, None)
+            phase = arc.at(round(time * NANOSECONDS))
+            found = errors(case, time, phase)
+            path = norm(subtract(phase.state(case.body, 0).position_world, case.initial.position_world))
+            assert found["attitude"] <= accuracy
+            assert found["position_world"] <= accuracy * path
+
+
+@pytest.mark.parametrize("accuracy", [1e-4, 1e-7, 1e-10])
+@pytest.mark.parametrize("takes", Takes)
+def test_keeps_the_accuracy_under_every_kind_of_load(takes: Takes, accuracy: float) -> None:
+    """The reference is another method, a hundred times finer than the finest; mild scenes, where errors do not grow."""
+    reference = simulate(parse_scene(f"{DRIVEN}{EFFECTS[takes]}\nsolver: {{method: rkmk54, accuracy: 1.0e-12}}")).sample
+    sample = simulate(parse_scene(f"{DRIVEN}{EFFECTS[takes]}\nsolver: {{method: auto, accuracy: {accuracy!r}}}")).sample
+
+    assert angle_between(sample.orientation_xyzw, reference.orientation_xyzw) <= accuracy + 1e-12
+    path = norm(subtract(reference.position_world, (5.0, 0.0, 0.0)))
+    assert norm(subtract(sample.position_world, reference.position_world)) <= (accuracy + 1e-12) * path
+
+
+def test_every_candidate_is_a_method_that_takes_the_load_and_has_a_cost() -> None:
+    for takes, names in CANDIDATES.items():
+        assert len(set(names)) == len(names) >= 2
+        for name in names:
+            assert METHODS[name].takes >= takes
+            assert COST_OF_A_STEP[name] > 0.0
+
+
+class TestChoice:
+    def choose(self, costs: Mapping[str, float], monkeypatch: pytest.MonkeyPatch) -> str:
+        case = forced()
+        monkeypatch.setattr(auto_method, "COST_OF_A_STEP", costs)
+        plan = Plan(case.scene(Solver("auto", accuracy=1e-8), 10.0))
+        held = in_principal_axes(case.body, case.held)
+        (found,) = plan.arc(held, 0, Phase.of(case.body, case.initial), None).methods
+        return found
+
+    def test_follows_the_cost(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        names = CANDIDATES[Takes.HELD]
+        for wanted in names:
+            costs = {name: 1e-9 if name == wanted else 1e9 for name in names}
+            assert self.choose(costs, monkeypatch) == wanted
+
+    def test_on_short_arcs_the_cost_of_a_step_decides(self) -> None:
+        case = forced()
+        start, held = Phase.of(case.body, case.initial), in_principal_axes(case.body, case.held)
+        inertia = inertia_of(case.body)
+        methods = (METHODS["taylor"], METHODS["rk4"])
+
+        def control_for(method: object) -> StepControl:
+            return Plan(case.scene(Solver(method.name, accuracy=1e-6), 10.0)).arc(held, 0, start, None)._control
+
+        def advance_with(method: object) -> Stepper:
+            return Stepper(method, inertia, held, None)
+
+        long, _ = cheapest(methods, control_for, advance_with, start, 10.0, 10.0)
+        short, control = cheapest(methods, control_for, advance_with, start, 1e-6, 10.0)
+        assert long.name == "taylor"
+        assert short.name == min(("taylor", "rk4"), key=COST_OF_A_STEP.__getitem__)
+        assert longest_stride(control, advance_with(short), start) > 1e-6
+
+    def test_a_candidate_that_cannot_keep_the_accuracy_is_left_out(self) -> None:
+        """1e-12 is beyond what rkmk4 can do in any number of steps; taylor can."""
+        run = simulate(parse_scene(f"{DRIVEN}{EFFECTS[Takes.HELD]}\nsolver: {{method: auto, accuracy: 1.0e-12}}"))
+        assert set(run.method.split("+")) <= {"exact", "taylor", "dop853", "dlm6"}
+
+    def test_none_that_can_is_an_error_that_says_what_can_be_had(self) -> None:
+        with pytest.raises(ConvergenceError, match="cannot be kept"):
+            simulate(parse_scene(f"{DRIVEN}{EFFECTS[Takes.HELD]}\nsolver: {{method: auto, accuracy: 1.0e-17}}"))
+
+
+def test_commands_of_one_time_may_come_one_by_one() -> None:
+    """The choice counts the arcs that time goes into: the same bits whether commands are posted together or apart."""
+    commands = [
+        (topic, Wrench(torque=(0.1 * k, 0.05, -0.02 * k), stamp_ns=k * 70_000_000)) for k in range(60) for topic in "ab"
+    ]
+    text = f"{DRIVEN}solver: {{method: auto, accuracy: 1.0e-8}}"
+    together = simulate(parse_scene(text), commands)
+
+    apart = Simulation(parse_scene(text))
+    apart.start()
+    for topic, wrench in commands:
+        apart.advance(wrench.stamp_ns)
+        apart.post(topic, wrench, wrench.stamp_ns)
+        apart.advance(wrench.stamp_ns)
+    apart.advance(5 * NANOSECONDS)
+
+    assert apart.sample == together.sample
+    assert apart.methods == together.method
+
+
+def test_a_control_it_returns_knows_its_stride() -> None:
+    case = forced()
+    start, held = Phase.of(case.body, case.initial), in_principal_axes(case.body, case.held)
+    control = AccuracyControl(1e-9, 10.0, 4, inertia_of(case.body))
+    stepper = Stepper(METHODS["rk4"], inertia_of(case.body), held, None)
+    found = longest_stride(control, stepper, start)
+    first, _ = control.stride(start, stepper)
+    assert first / NANOSECONDS == pytest.approx(found, rel=0.5)
+
+
+MOVING = (
+    "body: {mass: 1, inertia: {diagonal: [1, 2, 3]}}\n"
+    "initial: {linear_velocity_world: [1, 2, 3], angular_velocity_body: [1, 2, 3]}\nwrenches: []\noutput_rate: 1\n"
+)
+
+
+class TestNasty:
+    @pytest.mark.parametrize("coefficient", [1e3, 1e5, 1e6])
+    def test_stiff_drag_stops_the_body_and_the_steps_grow_again(self, coefficient: float) -> None:
+        """An explicit method takes 1e5 steps and more; the transient must not choose for the whole run."""
+        drag = f"effects: [{{type: linear_drag, translation: {coefficient!r}, rotation: {coefficient!r}}}]"
+        run = simulate(parse_scene(f"{MOVING}duration: 1\n{drag}"))
+        assert run.steps < 2000
+        assert run.sample.position_world == pytest.approx(
+            (1.0 / coefficient, 2.0 / coefficient, 3.0 / coefficient), rel=1e-6, abs=3e-9
+        )
+        assert norm(run.sample.angular_velocity_body) < 1e-9
+
+    def test_radau_goes_on_where_the_speed_is_gone(self) -> None:
+        drag = "effects: [{type: linear_drag, translation: 1.0e+5}]\nsolver: {method: radau, accuracy: 1.0e-9}"
+        run = simulate(parse_scene(f"{MOVING}duration: 1\n{drag}"))
+        assert run.steps < 2000
+        assert norm(run.sample.linear_velocity_world) < 1e-9
+
+    def test_a_kick_after_a_long_coast_has_little_time_to_grow(self) -> None:
+        """Errors grow for what is left of the run, not for all of it: nothing to refuse."""
+        kick = "effects: [{type: scheduled_wrench, schedule: [{time: 1990, torque: [50, 20, 10]}, {time: 1991}]}]"
+        run = simulate(parse_scene(f"{MOVING}duration: 2000\n{kick}"))
+        fine = simulate(parse_scene(f"{MOVING}duration: 2000\n{kick}\nsolver: {{method: taylor, step: 0.007}}"))
+        assert angle_between(run.sample.orientation_xyzw, fine.sample.orientation_xyzw) <= 1e-9
+
+    def test_a_run_without_end_keeps_its_accuracy_for_ever(self) -> None:
+        """After the horizon of an hour too: the choice still has a rest to reckon with."""
+        text = f"{DRIVEN.replace('duration: 5', '')}solver: {{method: auto, accuracy: 1.0e-8}}"
+        late, early = Simulation(parse_scene(text)), Simulation(parse_scene(text))
+        late.advance(5000 * NANOSECONDS)
+        for run in (late, early):
+            run.start()
+            run.post("a", Wrench(torque=(0.3, -0.2, 0.1)))
+            run.advance(run.time_ns + 10 * NANOSECONDS)
+        assert late.steps - 1 <= 2 * early.steps
+        assert "exact" in late.methods
+
+    def test_the_bits_do_not_depend_on_how_often_it_is_asked(self) -> None:
+        drag = "effects: [{type: linear_drag, translation: 1.0e+3, rotation: 1.0e+3}]"
+        whole = simulate(parse_scene(f"{MOVING}duration: 1\n{drag}"))
+        pieces = Simulation(parse_scene(f"{MOVING}duration: 1\n{drag}"))
+        for k in range(1, 1001):
+            pieces.advance(k * NANOSECONDS // 1000)
+        assert pieces.sample == whole.sample
+        assert pieces.methods == whole.method

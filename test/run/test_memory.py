@@ -1,0 +1,79 @@
+"""Memory does not grow with the length of a run: nothing that has been told, nor a command that is done, is kept.
+
+Each run in a process of its own: Rerun keeps some memory of every recording that a process has made.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+if not Path("/proc/self/status").exists():
+    pytest.skip("peaks of memory are read from /proc", allow_module_level=True)
+pytest.importorskip("mcap")
+pytest.importorskip("rerun")
+
+SCENE = """
+body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}
+initial: {angular_velocity_body: [0.1, 2, 0.1]}
+wrenches: [{topic: wrench}]
+solver: {method: euler, step: 0.01}
+"""
+
+PRELUDE = """
+from rb_dynamics import Wrench, parse_scene, simulate
+from rb_dynamics.formats.bag_reader import RecordedWrenches
+from rb_dynamics.recording.mcap_sink import McapSink
+from rb_dynamics.recording.rerun_sink import RerunSink
+
+def peak_kb():
+    # Not ru_maxrss, which begins with that of the parent.
+    return next(int(line.split()[1]) for line in open("/proc/self/status") if line.startswith("VmHWM"))
+
+def commands(count, duration):
+    for k in range(count):
+        yield "wrench", Wrench((1e-6 * k, 0.0, 0.0), (0.0, 1e-6 * k, 0.0), "world", k * duration * 10**9 // count)
+"""
+RUN = {
+    "MCAP log": """
+def run(name, duration):
+    scene = parse_scene(SCENE, overrides={"duration": duration, "output_rate": 200.0})
+    simulate(scene, (), [McapSink(name + ".mcap")])
+""",
+    "Rerun recording": """
+def run(name, duration):
+    scene = parse_scene(SCENE, overrides={"duration": duration, "output_rate": 200.0})
+    simulate(scene, (), [RerunSink(name + ".rrd", max_rows=500, batch_rows=100)])
+""",
+    "commands": """
+def run(name, duration):
+    simulate(parse_scene(SCENE, overrides={"duration": duration}), commands(200 * duration, duration))
+""",
+    "commands of a bag": """
+def run(name, duration):
+    scene = parse_scene(SCENE, overrides={"duration": duration, "output_rate": 0.1})
+    simulate(scene, commands(200 * duration, duration), [McapSink(name + ".bag.mcap")])
+    bag = RecordedWrenches(name + ".bag.mcap", ["wrench"])
+    assert len(bag) == 200 * duration
+    simulate(scene, bag)
+""",
+}
+AT_MOST_KB = 3000
+
+
+@pytest.mark.parametrize("what", RUN)
+def test_ten_times_as_long_takes_no_more_memory(what: str, tmp_path: Path) -> None:
+    """Keeping what is told or commanded would take 6 to 30 MB."""
+    short, long = (_peak_kb(what, duration, tmp_path) for duration in (10, 100))
+    assert long - short < AT_MOST_KB
+
+
+def _peak_kb(what: str, duration: int, folder: Path) -> int:
+    """Return the peak of the resident size (kB) of a run in a process of its own."""
+    code = f"{PRELUDE}\nSCENE = {SCENE!r}\n{RUN[what]}\nrun('run', {duration})\nprint('PEAK', peak_kb())"
+    result = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
+    return int(result.stdout.rpartition("PEAK")[2])

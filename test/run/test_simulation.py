@@ -1,0 +1,488 @@
+"""The loop: what happens when, in which order it is told, and that nobody who looks changes the motion."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import sys
+from collections.abc import Iterator, Mapping
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from motions import Recorder, forced, scene
+
+from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.body.state import State
+from rb_dynamics.errors import ConvergenceError, SceneError, WrenchError
+from rb_dynamics.loads.channels import AppliedWrench, Channel
+from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.numerics.vector import ZERO
+from rb_dynamics.run.diagnostics import Sample
+from rb_dynamics.run.simulation import LOOK_AHEAD, Simulation, simulate
+from rb_dynamics.run.sink import Event, RunInfo
+from rb_dynamics.scene.model import Scene, Solver
+
+SECOND = 1_000_000_000
+END = 2 * SECOND
+
+CHANNELS = (Channel("body", timeout=0.7), Channel("world"))
+# On and off every grid, two at one time, one at the very end and one at 0.
+COMMANDS = [
+    ("body", Wrench((0.9, -0.4, 0.6), (0.3, -0.2, 0.25), "body", 0)),
+    ("world", Wrench((-0.5, 0.8, 0.3), (0.2, 0.35, -0.3), "world", 123_456_789)),
+    ("body", Wrench((-0.9, 0.4, 0.0), (-0.3, 0.2, 0.1), "", 500_000_000)),
+    ("world", Wrench((0.5, -0.8, 0.3), (-0.2, 0.0, 0.3), "world", 500_000_000)),
+    ("world", Wrench((0.1, 0.0, 0.0), ZERO, "world", 1_000_000_001)),
+    ("body", Wrench((0.1, 0.0, 0.0), ZERO, "body", END)),
+]
+SOLVERS = {
+    "whole step": Solver("rkmk4", step=0.02, accuracy=None),
+    "step of no whole ns": Solver("rkmk4", step=1.0 / 30.0, accuracy=None),
+    "accuracy": Solver("rkmk4", accuracy=1e-6),
+    "midpoint": Solver("midpoint", step=0.03, accuracy=None),
+}
+
+each_solver = pytest.mark.parametrize("solver", SOLVERS.values(), ids=list(SOLVERS))
+
+
+def driven(solver: Solver, output_rate: float = 100.0, duration: float | None = 2.0) -> Scene:
+    return scene(forced().body, forced().initial, solver, duration, output_rate, CHANNELS)
+
+
+def _stamp(command: tuple[str, Wrench]) -> int:
+    return command[1].stamp_ns
+
+
+def record(solver: Solver, output_rate: float) -> tuple[Sample, int, Recorder]:
+    recorder = Recorder()
+    run = simulate(driven(solver, output_rate), COMMANDS, [recorder])
+    return run.sample, run.steps, recorder
+
+
+class TestBits:
+    @each_solver
+    def test_do_not_depend_on_the_output_rate(self, solver: Solver) -> None:
+        by_rate = {rate: record(solver, rate) for rate in (0.0, 1.0, 10.0, 100.0, 333.3, 30.0)}
+
+        finest: Mapping[int, Sample] = {s.time_ns: s for s in by_rate[100.0][2].samples}
+        reference, steps, _ = by_rate[100.0]
+        for rate, (sample, count, recorder) in by_rate.items():
+            assert sample == reference, rate
+            assert count == steps, rate
+            shared = [s for s in recorder.samples if s.time_ns in finest]
+            assert len(shared) >= 2, rate
+            assert all(s == finest[s.time_ns] for s in shared), rate
+
+    @each_solver
+    @pytest.mark.parametrize("output_rate", [0.0, 10.0, 333.3])
+    @given(pieces=st.lists(st.integers(0, END) | st.sampled_from([w.stamp_ns for _, w in COMMANDS]), max_size=10))
+    @settings(max_examples=6)
+    def test_do_not_depend_on_how_advance_is_called(
+        self, solver: Solver, output_rate: float, pieces: list[int]
+    ) -> None:
+        whole, split = Recorder(), Recorder()
+        for recorder, ends in ((whole, []), (split, sorted(pieces))):
+            run = Simulation(driven(solver, output_rate), [recorder])
+            for topic, wrench in COMMANDS:
+                run.post(topic, wrench, wrench.stamp_ns)
+            run.start()
+            for end in [*ends, END]:
+                run.advance(end)
+            run.finish()
+
+        assert split.events == whole.events
+        assert split.result == whole.result
+
+    @each_solver
+    def test_do_not_depend_on_when_a_command_arrives_before_its_time(self, solver: Solver) -> None:
+        early = record(solver, 0.0)[0]
+
+        run = Simulation(driven(solver, 0.0))
+        waiting = sorted(COMMANDS, key=lambda c: c[1].stamp_ns)
+        for topic, wrench in waiting:
+            run.advance(wrench.stamp_ns - 1)
+            run.post(topic, wrench, wrench.stamp_ns)
+        run.advance(END)
+
+        assert run.sample == early
+
+    def test_the_same_run_twice(self) -> None:
+        first, second = (record(SOLVERS["accuracy"], 100.0) for _ in range(2))
+
+        assert first[2].events == second[2].events
+        assert first[2].result == second[2].result
+
+
+class TestOutputs:
+    @pytest.mark.parametrize("rate", [30.0, 100.0, 333.3, 7.0, 59.94, 1000.0, 0.1])
+    def test_fall_on_the_nearest_nanosecond(self, rate: float) -> None:
+        """k / rate, rounded to the nearest: the k-th sample has no memory of the roundings before it."""
+        recorder = Recorder()
+        still = scene(RigidBody.from_diagonal(1.0, (1.0, 1.0, 1.0)), State(), Solver(step=1.0), 2.0, rate)
+        simulate(still, (), [recorder])
+
+        expected = [
+            math.floor(k * SECOND / Fraction(repr(rate)) + Fraction(1, 2)) for k in range(math.floor(2 * rate) + 1)
+        ]
+        times = [s.time_ns for s in recorder.samples]
+        assert times == [*expected, *([END] if expected[-1] != END else [])]
+        assert len(set(times)) == len(times)
+
+    @pytest.mark.parametrize(
+        ("rate", "expected"),
+        [(30.0, 33_333_333_333_333), (333.3, 3_000_300_030_003), (1e3, 10**12), (0.1, 10**16)],
+    )
+    def test_are_exact_after_a_million(self, rate: float, expected: int) -> None:
+        run = Simulation(driven(SOLVERS["whole step"], rate, None))
+        run._outputs = 1_000_000
+
+        assert run.next_output_ns() == expected
+
+    def test_rate_zero_is_every_step_and_every_change(self) -> None:
+        recorder = Recorder()
+        simulate(driven(Solver("rk4", step=0.25), 0.0), COMMANDS, [recorder])
+
+        times = [s.time_ns for s in recorder.samples]
+        # From each change on, steps are counted anew: at 0.7 s a timeout would fall, were it not renewed at 0.5 s.
+        expected = [0, 123_456_789, 373_456_789, 500_000_000, 750_000_000]
+        assert times[:5] == expected
+        assert times[5:] == [
+            1_000_000_000,
+            1_000_000_001,
+            1_200_000_000,
+            1_450_000_000,
+            1_700_000_000,
+            1_950_000_000,
+            END,
+        ]
+
+    def test_the_end_is_always_told_once(self) -> None:
+        for rate in (0.0, 0.3, 1.0, 3.0, 100.0):
+            recorder = Recorder()
+            simulate(driven(SOLVERS["whole step"], rate), COMMANDS, [recorder])
+            assert [s.time_ns for s in recorder.samples].count(END) == 1
+            assert recorder.samples[0].time_ns == 0
+
+    def test_times_never_decrease(self) -> None:
+        recorder = record(SOLVERS["step of no whole ns"], 333.3)[2]
+
+        times = [event.time_ns for event in recorder.events]
+        assert times == sorted(times)
+
+
+class TestCommands:
+    def test_take_effect_at_their_stamp(self) -> None:
+        """v = F t / m from the stamp on, to the nanosecond, off every grid."""
+        body = RigidBody.from_diagonal(2.0, (1.0, 1.0, 1.0))
+        stamp = 333_333_337
+        commands = [("wrench", Wrench((4.0, 0.0, 0.0), ZERO, "world", stamp))]
+
+        run = simulate(scene(body, State(), Solver(step=0.1), 1.0), commands)
+
+        held = (SECOND - stamp) / SECOND
+        assert run.sample.linear_velocity_world[0] == pytest.approx(2.0 * held, rel=1e-15)
+        assert run.sample.position_world[0] == pytest.approx(held**2, rel=1e-15)
+
+    def test_are_told_with_the_state_they_find(self) -> None:
+        recorder = record(SOLVERS["whole step"], 10.0)[2]
+
+        at_half = [event for event in recorder.events if event.time_ns == 500_000_000]
+        assert [type(event) for event in at_half] == [Sample, AppliedWrench, AppliedWrench]
+        applied = [event for event in recorder.events if isinstance(event, AppliedWrench)]
+        assert [(a.time_ns, a.topic, a.received is None) for a in applied] == [
+            (0, "body", False),
+            (123_456_789, "world", False),
+            (500_000_000, "body", False),
+            (500_000_000, "world", False),
+            (1_000_000_001, "world", False),
+            (1_200_000_000, "body", True),
+            (END, "body", False),
+        ]
+
+    def test_of_the_past_take_effect_now(self) -> None:
+        run = Simulation(driven(SOLVERS["whole step"]))
+        run.advance(SECOND)
+        run.post("world", COMMANDS[1][1], 5)
+        run.advance(SECOND)
+        other = Simulation(driven(SOLVERS["whole step"]))
+        other.post("world", COMMANDS[1][1], SECOND)
+        other.advance(END)
+        run.advance(END)
+
+        assert run.sample == other.sample
+
+    def test_of_the_past_keep_their_order_of_arrival(self) -> None:
+        """Both mean now, so the one that came last wins, whatever their stamps say."""
+        run = Simulation(driven(SOLVERS["whole step"]))
+        run.advance(SECOND)
+        for x, stamp in ((1.0, 9), (2.0, 5)):
+            run.post("world", Wrench((x, 0.0, 0.0), ZERO, "world"), stamp)
+        run.advance(END)
+        other = Simulation(driven(SOLVERS["whole step"]))
+        other.post("world", Wrench((2.0, 0.0, 0.0), ZERO, "world"), SECOND)
+        other.advance(END)
+
+        assert run.sample == other.sample
+
+    def test_of_one_time_the_last_wins(self) -> None:
+        once = [("world", Wrench((1.0, 0.0, 0.0), ZERO, "world", 7))]
+        thrice = [("world", Wrench((float(x), 0.0, 0.0), (0.0, float(x), 0.0), "world", 7)) for x in (5, 9)] + once
+
+        assert (
+            simulate(driven(SOLVERS["whole step"]), thrice).sample
+            == simulate(driven(SOLVERS["whole step"]), once).sample
+        )
+
+    def test_after_the_end_have_no_effect(self) -> None:
+        late = [*COMMANDS, ("world", Wrench((1e3, 0.0, 0.0), ZERO, "world", END + 1))]
+
+        assert simulate(driven(SOLVERS["whole step"]), late).sample == record(SOLVERS["whole step"], 100.0)[0]
+
+    @pytest.mark.parametrize("ahead", [1, 2, 1000])
+    def test_may_come_as_an_iterator_in_order_or_as_a_sequence_in_any(
+        self, ahead: int, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(sys.modules["rb_dynamics.simulate"], "LOOK_AHEAD", ahead)
+        unknown = ("body", Wrench(frame_id="nowhere", stamp_ns=123_456_789))
+        late = ("world", Wrench(frame_id="nowhere", stamp_ns=END + 1))
+        told = []
+        for posted in (sorted([*COMMANDS, unknown, late], key=_stamp), [late, unknown, *reversed(COMMANDS)]):
+            for commands in (posted, iter(sorted(posted, key=_stamp))):
+                recorder = Recorder()
+                run = simulate(driven(SOLVERS["accuracy"]), commands, [recorder])
+                told.append((recorder.events, recorder.result, run.sample, run.steps, run.rejected))
+
+        assert len(told[0][-1]) == 2
+        assert all(each == told[0] for each in told)
+
+    def test_are_read_as_the_run_goes_on(self) -> None:
+        read = [0]
+
+        def endless() -> Iterator[tuple[str, Wrench]]:
+            for k in range(5 * LOOK_AHEAD):
+                read[0] += 1
+                yield "world", Wrench((1.0, 0.0, 0.0), ZERO, "world", k * END // (5 * LOOK_AHEAD))
+
+        waiting: list[int] = []
+
+        class Watch(Recorder):
+            def write(self, event: Event) -> None:
+                super().write(event)
+                if isinstance(event, AppliedWrench):
+                    waiting.append(read[0] - 1 - len(waiting))
+
+        simulate(driven(SOLVERS["whole step"], 1.0), endless(), [Watch()])
+
+        assert read[0] == len(waiting) == 5 * LOOK_AHEAD
+        assert max(waiting) <= LOOK_AHEAD
+
+    def test_out_of_order_and_too_late_are_refused(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(sys.modules["rb_dynamics.simulate"], "LOOK_AHEAD", 1)
+
+        with pytest.raises(ValueError, match="found one at 5 ns when the run had reached 123456789 ns"):
+            simulate(driven(SOLVERS["whole step"]), iter([*COMMANDS[:3], ("world", Wrench(stamp_ns=5))]))
+
+    def test_that_cannot_be_honoured_leave_the_run_as_it_is(self) -> None:
+        run = Simulation(driven(SOLVERS["whole step"]))
+        for bad in (Wrench((math.nan, 0.0, 0.0)), Wrench(frame_id="nowhere")):
+            for time_ns in (0, 123_456_789, SECOND):
+                with pytest.raises(WrenchError):
+                    run.post("body", bad, time_ns)
+        with pytest.raises(WrenchError, match="wrench topic is 'wrench'"):
+            run.post("wrench", Wrench())
+        run.advance(END)
+
+        assert run.sample == simulate(driven(SOLVERS["whole step"])).sample
+
+    def test_a_pulse_of_one_nanosecond_counts(self) -> None:
+        body = RigidBody.from_diagonal(1.0, (1.0, 1.0, 1.0))
+        pulse = [
+            ("wrench", Wrench((1e9, 0.0, 0.0), ZERO, "world", 500_000_000)),
+            ("wrench", Wrench(ZERO, ZERO, "world", 500_000_001)),
+        ]
+
+        run = simulate(scene(body, State(), Solver(step=0.1), 1.0), pulse)
+
+        assert run.sample.linear_velocity_world[0] == pytest.approx(1.0, rel=1e-15)
+        assert run.sample.position_world[0] == pytest.approx(0.5 - 0.5e-9, rel=1e-12)
+
+
+class TestTime:
+    def test_a_step_of_no_whole_nanosecond_carries_its_remainder(self) -> None:
+        run = simulate(scene(forced().body, forced().initial, Solver("rk4", step=1.0 / 3e3), 1.0, 1.0))
+
+        assert run.steps == math.ceil(1 / Fraction(repr(1.0 / 3e3)))
+
+    def test_advance_stops_at_the_last_edge(self) -> None:
+        run = Simulation(driven(SOLVERS["whole step"], 10.0))
+        run.advance(199_999_999)
+
+        assert run.time_ns == 100_000_000
+        run.advance(10**18)
+        assert run.time_ns == END
+        assert run.ended
+
+    def test_without_a_duration_it_runs_until_stopped(self) -> None:
+        run = Simulation(driven(SOLVERS["whole step"], 1.0, None))
+        run.advance(5 * SECOND)
+
+        assert run.time_ns == 5 * SECOND
+        assert not run.ended
+
+    def test_no_duration_at_all(self) -> None:
+        recorder = Recorder()
+        run = simulate(driven(SOLVERS["whole step"], 100.0, 0.0), COMMANDS, [recorder])
+
+        assert [s.time_ns for s in recorder.samples] == [0]
+        assert run.steps == 0
+
+    @pytest.mark.parametrize("number", [float, np.float64, np.float32, int])
+    def test_numbers_of_any_kind_will_do(self, number: type) -> None:
+        one = dataclasses.replace(driven(Solver("rk4", step=number(1))), duration=number(2), output_rate=number(1))
+
+        assert simulate(one, COMMANDS).sample == simulate(driven(Solver("rk4", step=1.0), 1.0), COMMANDS).sample
+
+
+class TestRefusal:
+    def test_simulate_needs_an_end(self) -> None:
+        with pytest.raises(SceneError, match="duration: found nothing, expected the length"):
+            simulate(driven(SOLVERS["whole step"], duration=None))
+
+    @pytest.mark.parametrize("bad", [0.0, -0.1, math.nan, math.inf])
+    def test_what_would_never_end_is_refused(self, bad: float) -> None:
+        with pytest.raises(SceneError, match=r"solver\.step is"):
+            Simulation(driven(Solver("rk4", step=bad)))
+        with pytest.raises(SceneError, match=r"solver\.accuracy is"):
+            Simulation(driven(Solver("rk4", accuracy=bad)))
+
+    @pytest.mark.parametrize("bad", [-1.0, math.nan, math.inf])
+    def test_rate_and_duration_are_checked(self, bad: float) -> None:
+        with pytest.raises(SceneError, match="output_rate is"):
+            Simulation(driven(SOLVERS["whole step"], bad))
+        with pytest.raises(SceneError, match="duration is"):
+            Simulation(driven(SOLVERS["whole step"], duration=bad))
+
+    def test_an_unknown_method_is_named_with_the_known_ones(self) -> None:
+        with pytest.raises(SceneError, match=r"solver\.method is 'rk5', expected auto or one of .*rk4"):
+            Simulation(driven(Solver("rk5", step=0.1)))
+
+
+class TestFailure:
+    """A torque that spins the body up until a step of 10 ms turns it too far, some 13 s later."""
+
+    def spun_up(self) -> tuple[Simulation, Recorder]:
+        recorder = Recorder()
+        run = Simulation(scene(forced().body, State(), Solver("rkmk4", step=0.01), 100.0, 1.0), [recorder])
+        run.post("wrench", Wrench(ZERO, (100.0, 0.0, 0.0), "body"))
+        run.start()
+        with pytest.raises(ConvergenceError, match="expected less than 3 rad"):
+            run.advance(100 * SECOND)
+        return run, recorder
+
+    def test_stands_at_the_last_good_state(self) -> None:
+        run, recorder = self.spun_up()
+
+        assert run.time_ns == recorder.samples[-1].time_ns > SECOND
+        assert run.sample == recorder.samples[-1]
+
+    def test_goes_on_where_the_cause_is_taken_away(self) -> None:
+        run, _ = self.spun_up()
+        stopped = run.sample
+
+        run.post("wrench", Wrench(ZERO, ZERO, "body"))
+        run.advance(run.time_ns + SECOND)
+
+        assert run.time_ns == stopped.time_ns + SECOND
+        assert math.isfinite(run.sample.kinetic_energy)
+        assert run.sample.kinetic_energy == pytest.approx(stopped.kinetic_energy, rel=0.05)
+
+    def test_the_sinks_are_closed(self) -> None:
+        recorder = Recorder()
+        spun = scene(forced().body, State(), Solver("rkmk4", step=0.01), 100.0, 1.0)
+        with pytest.raises(ConvergenceError):
+            simulate(spun, [("wrench", Wrench(ZERO, (100.0, 0.0, 0.0), "body"))], [recorder])
+
+        assert recorder.result is not None
+        assert recorder.result["end_time_ns"] == str(recorder.samples[-1].time_ns)
+
+
+class TestSinks:
+    def test_each_is_told_the_same(self) -> None:
+        first, second = Recorder(), Recorder()
+        simulate(driven(SOLVERS["whole step"]), COMMANDS, [first, second])
+
+        assert first.events == second.events
+        assert first.run is second.run
+        assert first.run is not None
+        assert first.run.method == "rkmk4"
+        assert first.result is not None
+        assert {"steps", "end_time_ns", "inputs_sha256"} <= set(first.result)
+
+    def test_one_that_fails_to_close_does_not_keep_the_others_open(self) -> None:
+        class Broken(Recorder):
+            def close(self, result: Mapping[str, str]) -> None:
+                raise OSError("disk full")
+
+        whole = [Recorder(), Recorder()]
+        with pytest.raises(OSError, match="disk full"):
+            simulate(driven(SOLVERS["whole step"], 1.0), (), [whole[0], Broken(), whole[1]])
+
+        assert all(recorder.result is not None for recorder in whole)
+
+    def test_one_that_fails_to_open_is_heard(self) -> None:
+        class Broken(Recorder):
+            def open(self, run: RunInfo) -> None:
+                raise OSError("no such folder")
+
+        with pytest.raises(OSError, match="no such folder"):
+            simulate(driven(SOLVERS["whole step"]), (), [Broken()])
+
+    def test_the_inputs_have_a_hash_of_their_own(self) -> None:
+        def inputs(commands: list[tuple[str, Wrench]]) -> str:
+            recorder = Recorder()
+            simulate(driven(SOLVERS["whole step"], 1.0), commands, [recorder])
+            assert recorder.result is not None
+            return recorder.result["inputs_sha256"]
+
+        changed = [("body", dataclasses.replace(COMMANDS[0][1], force=(0.9, -0.4, 0.6000000000000001))), *COMMANDS[1:]]
+        assert inputs(COMMANDS) == inputs(list(COMMANDS))
+        assert inputs(COMMANDS) != inputs(changed)
+        assert inputs(COMMANDS) != inputs(COMMANDS[1:])
+
+    def test_progress_ends_at_one(self) -> None:
+        told: list[float] = []
+        simulate(driven(SOLVERS["whole step"], 1.0), (), progress=told.append)
+
+        assert told == sorted(told)
+        assert told[-1] == 1.0
+
+
+def test_what_a_run_returns() -> None:
+    recorder = Recorder()
+    run = simulate(driven(SOLVERS["midpoint"]), COMMANDS, [recorder])
+
+    assert run.sample == recorder.samples[-1]
+    assert run.method == "midpoint"
+    assert recorder.result is not None
+    assert run.steps == int(recorder.result["steps"])
+    assert run.wall_time_s > 0.0
+    events: list[Event] = recorder.events
+    assert events[0] == recorder.samples[0]
+
+
+def test_a_run_without_end_is_not_stopped_for_what_rounding_would_add_in_an_hour() -> None:
+    """The node has no end: a short stride, as commands in quick succession lead to, is no reason to stop what flies."""
+    solver = Solver("auto", accuracy=1e-10)
+    run = Simulation(driven(solver, duration=None))
+    run.start()
+    for k in range(40):
+        torque = (0.3 * (-1.0) ** k, 0.2, 0.1 * k)
+        run.post("body", Wrench(torque=torque, stamp_ns=k * 1_700_000), k * 1_700_000)
+    run.advance(100_000_000)
+
+    assert run.time_ns == 100_000_000
+    with pytest.raises(ConvergenceError, match="rounding alone"):
+        simulate(driven(solver, duration=3600.0), [("body", Wrench(torque=(0.3, 0.2, 0.1)))])

@@ -1,0 +1,75 @@
+"""Signals from outside: a command that writes a log closes it, and says by its exit code what ended it."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pty
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.run.stop_signals import Stopped, interrupted_by_signals
+
+SCENE = """\
+body: {mass: 1, inertia: {diagonal: [1, 2, 3]}}
+initial: {angular_velocity_body: [0.1, 3, 0.1]}
+solver: {method: rk4, step: 0.001}
+output_rate: 1000
+duration: 100000
+"""
+
+
+def begun(log: Path, *before: str, **options: int) -> subprocess.Popen[str]:
+    """Return a run of `SCENE` that has begun to write `log`."""
+    scene = log.with_name("scene.yaml")
+    scene.write_text(SCENE)
+    command = [*before, sys.executable, "-m", "rb_dynamics", "simulate", str(scene), "--mcap", str(log)]
+    run = subprocess.Popen(command, text=True, **{"stderr": subprocess.PIPE, **options})
+    while run.poll() is None and not (log.exists() and log.stat().st_size > 100_000):
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            run.wait(0.02)
+    return run
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+def test_a_signal_closes_the_log_and_is_the_exit_code(tmp_path: Path, number: signal.Signals) -> None:
+    log = tmp_path / "run.mcap"
+    with begun(log) as run:
+        run.send_signal(number)
+        _, err = run.communicate(timeout=60)
+    assert (run.returncode, err) == (128 + number, "rb-dynamics: interrupted\n")
+    bag = read_bag(log)
+    assert bag.complete
+    assert bag.topics["/pose"].count > 100
+
+
+def test_a_terminal_that_is_closed_closes_the_log(tmp_path: Path) -> None:
+    ours, theirs = pty.openpty()
+    with begun(tmp_path / "run.mcap", "setsid", "--ctty", stdin=theirs, stdout=theirs, stderr=theirs) as run:
+        os.close(theirs)
+        os.close(ours)
+        assert run.wait(60) == 128 + signal.SIGHUP
+    assert read_bag(tmp_path / "run.mcap").complete
+
+
+def test_the_first_signal_interrupts_and_what_was_there_comes_back() -> None:
+    before = signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGHUP)
+    with interrupted_by_signals():
+        with pytest.raises(Stopped):
+            signal.raise_signal(signal.SIGHUP)
+        signal.raise_signal(signal.SIGTERM)
+    assert (signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGHUP)) == before
+
+
+def test_nohup_is_obeyed() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with interrupted_by_signals():
+            signal.raise_signal(signal.SIGHUP)
+    finally:
+        signal.signal(signal.SIGHUP, before)

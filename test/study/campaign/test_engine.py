@@ -1,0 +1,486 @@
+"""Campaigns from the command line and on workers: the same file however it came about."""
+
+from __future__ import annotations
+
+import html
+import json
+import math
+import os
+import re
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from campaigns import CAMPAIGN, SCENE, write
+
+from rb_dynamics.cli import main
+from rb_dynamics.errors import LogError
+from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.run.provenance import RUN
+from rb_dynamics.study.campaign.engine import fly_there, run_campaign
+from rb_dynamics.study.campaign.flight import fly_block
+from rb_dynamics.study.campaign.model import Campaign
+from rb_dynamics.study.campaign.read import read_campaign
+from rb_dynamics.study.campaign.store import Store, read_row, read_rows
+
+pytest.importorskip("pyarrow")
+pytestmark = pytest.mark.filterwarnings("default::DeprecationWarning")
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(autouse=True)
+def _plain(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "never")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]))
+
+
+def fly(campaign: Path, out: Path, **arguments: Any) -> bytes:
+    read = read_campaign(campaign)
+    run_campaign(read, Store(out, read), **{"workers": 0, **arguments})
+    return out.read_bytes()
+
+
+def test_the_file_does_not_depend_on_blocks(tmp_path: Path) -> None:
+    campaign = write(tmp_path)
+    whole = fly(campaign, tmp_path / "whole.parquet")
+    for block in (1, 7, 24):
+        assert fly(campaign, tmp_path / f"{block}.parquet", block=block) == whole
+    rows = read_rows(tmp_path / "whole.parquet")
+    assert rows["run"].tolist() == list(range(24))
+    assert set(rows["seed"].tolist()) == {7}
+    assert not Path(f"{tmp_path / 'whole.parquet'}.parts").exists()
+
+
+def test_one_that_was_interrupted_goes_on(tmp_path: Path) -> None:
+    class StoppedError(Exception):
+        pass
+
+    def stop(done: int, _: int) -> None:
+        if done >= 12:
+            raise StoppedError
+
+    campaign, out = write(tmp_path), tmp_path / "broken.parquet"
+    with pytest.raises(StoppedError):
+        fly(campaign, out, block=5, progress=stop)
+    seen: list[int] = []
+    again = fly(campaign, out, block=4, progress=lambda done, _: seen.append(done))
+
+    assert seen == [19, 23, 24]
+    assert again == fly(campaign, tmp_path / "whole.parquet")
+    fly(campaign, out, progress=lambda done, _: seen.append(done))
+    assert seen == [19, 23, 24]
+
+
+@pytest.mark.parametrize(("full_at", "place"), [(12, r"broken\.parquet\.parts"), (24, r"broken\.parquet")])
+def test_a_full_disk_keeps_what_is_on_it(tmp_path: Path, full_at: int, place: str) -> None:
+    resource = pytest.importorskip("resource")
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+
+    def fill(done: int, _: int) -> None:
+        if done >= full_at:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (100, hard))
+
+    campaign, out = write(tmp_path), tmp_path / "broken.parquet"
+    try:
+        with pytest.raises(
+            LogError, match=rf"^cannot write (to )?\S+/{place}: .*File too large; make room and run again$"
+        ):
+            fly(campaign, out, block=6, progress=fill)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert not list(tmp_path.rglob("*.new"))
+    assert Store(out, read_campaign(campaign)).done == full_at
+    assert fly(campaign, out) == fly(campaign, tmp_path / "whole.parquet")
+
+
+def test_few_runs_start_no_other_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def start(*_: object) -> None:
+        raise AssertionError("workers were started")
+
+    monkeypatch.setattr("rb_dynamics.study.campaign.engine._on_workers", start)
+    assert len(fly(write(tmp_path), tmp_path / "rows.parquet", workers=2)) > 0
+
+
+@pytest.mark.parametrize(("start_s", "elsewhere"), [(math.inf, []), (0.0, [(6, 12), (12, 18), (18, 24)])])
+def test_workers_are_started_where_that_is_sooner(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, start_s: float, elsewhere: list[tuple[int, int]]
+) -> None:
+    """What the first block took tells, where nobody says how many workers."""
+    pytest.importorskip("distributed")
+    flown: list[tuple[int, int]] = []
+
+    def note(campaign: Campaign, blocks: Iterator[tuple[int, int]], *_: object) -> Iterator[Any]:
+        for block in blocks:
+            flown.append(block)
+            yield fly_block(campaign, *block)
+
+    monkeypatch.setattr("rb_dynamics.study.campaign.engine._on_workers", note)
+    monkeypatch.setattr("rb_dynamics.study.campaign.engine._START_S", start_s)
+    monkeypatch.setattr("rb_dynamics.study.campaign.engine._cores", lambda: 4)
+    campaign = write(tmp_path)
+    rows = fly(campaign, tmp_path / "rows.parquet", workers=None, block=6)
+    assert flown == elsewhere
+    assert rows == fly(campaign, tmp_path / "here.parquet")
+
+
+def test_runs_of_another_campaign_are_not_mixed(tmp_path: Path) -> None:
+    campaign, out = write(tmp_path), tmp_path / "rows.parquet"
+    fly(campaign, out)
+    write(tmp_path, CAMPAIGN.replace("seed: 7", "seed: 8"))
+    with pytest.raises(LogError, match=r"another campaign: seed is 7 there and 8 here; .* --overwrite to begin anew"):
+        fly(campaign, out)
+    read = read_campaign(campaign)
+    assert not Store(out, read, overwrite=True).complete
+
+
+def changed(text: str) -> str:
+    """Put two of the dispersed numbers in another order: each then has the other's random numbers."""
+    first, second = "  body.mass: {uniform: {low: 1.5, high: 2.5}}\n", "  initial.orientation: any\n"
+    assert first in text
+    return text.replace(first, "").replace(second, second + first)
+
+
+@pytest.mark.parametrize(
+    ("text", "scene", "message"),
+    [
+        (CAMPAIGN.replace("deviation: 0.2", "deviation: 0.3"), SCENE, r"deviation is 0.2 there and 0.3 here; "),
+        (CAMPAIGN, SCENE.replace("mass: 2.0", "mass: 2.1"), r"scene.body.mass is 2 there and 2.1 here; "),
+        (CAMPAIGN.replace("scene.yaml\n", "scene.yaml\nset: {duration: 1}\n"), SCENE, r": scene.duration is 2 there"),
+        (CAMPAIGN.replace("gain: 1.0}\n", "gain: 1.0}\nobserve_rate: 2\n"), SCENE, r"observe_rate is absent"),
+        (changed(CAMPAIGN), SCENE, "the keys stand in another order; "),
+    ],
+)  # fmt: skip
+def test_what_differs_is_said(tmp_path: Path, text: str, scene: str, message: str) -> None:
+    out = tmp_path / "rows.parquet"
+    Store(out, read_campaign(write(tmp_path)))
+    with pytest.raises(LogError, match=message):
+        Store(out, read_campaign(write(tmp_path, text, scene)))
+
+
+def test_words_of_the_file_do_not_count(tmp_path: Path) -> None:
+    campaign, out = write(tmp_path), tmp_path / "rows.parquet"
+    fly(campaign, out)
+    read = read_campaign(write(tmp_path, "# Said better.\n" + CAMPAIGN.replace("runs: 24", "runs: 2.4e+1")))
+    assert Store(out, read).complete
+
+
+def test_rows_of_no_campaign(tmp_path: Path) -> None:
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    parquet.write_table(pa.table({"run": [1]}), tmp_path / "rows.parquet")
+    with pytest.raises(LogError, match=r"found no facts of a campaign in .*rows.parquet, expected its rows; give an"):
+        fly(write(tmp_path), tmp_path / "rows.parquet")
+
+
+@pytest.mark.parametrize("sampling", ["random", "sobol"])
+def test_a_campaign_grows(tmp_path: Path, sampling: str) -> None:
+    campaign, out = write(tmp_path, CAMPAIGN.replace("random", sampling)), tmp_path / "rows.parquet"
+    whole = fly(campaign, tmp_path / "whole.parquet")
+
+    def grow(runs: int) -> list[int]:
+        seen: list[int] = []
+        read = read_campaign(campaign, {"runs": runs} if runs < 24 else {})
+        run_campaign(read, Store(out, read), workers=0, block=10, progress=lambda done, _: seen.append(done))
+        return seen
+
+    assert grow(11) == [10, 11]
+    assert grow(24) == [21, 24]
+    assert out.read_bytes() == whole
+    with pytest.raises(
+        LogError, match=r"holds rows up to run 23 of this campaign, which has 11 runs now; give at leas"
+    ):
+        grow(11)
+    assert out.read_bytes() == whole
+
+
+def test_growing_rows_keep_whose_they_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A kill right after the finished file became a block: another campaign must not go on from it."""
+
+    class KilledError(Exception):
+        pass
+
+    def killed(source: Path, target: Path) -> None:
+        replace(source, target)
+        if Path(target).name.startswith("runs-"):
+            raise KilledError
+
+    campaign, out, replace = write(tmp_path), tmp_path / "rows.parquet", os.replace
+    read = read_campaign(campaign, {"runs": 11})
+    run_campaign(read, Store(out, read), workers=0)
+    with monkeypatch.context() as patched:
+        patched.setattr("rb_dynamics.study.campaign.store.os.replace", killed)
+        with pytest.raises(KilledError):
+            Store(out, read_campaign(campaign))
+    assert not out.exists()
+    with pytest.raises(LogError, match="seed is 7 there and 8 here"):
+        Store(out, read_campaign(campaign, {"seed": 8}))
+    assert fly(campaign, out) == fly(campaign, tmp_path / "whole.parquet")
+
+
+def test_blocks_left_beside_a_complete_file_go(tmp_path: Path) -> None:
+    campaign, out = write(tmp_path), tmp_path / "rows.parquet"
+    whole, left = fly(campaign, out), Path(f"{out}.parts")
+    left.mkdir()
+    (left / "runs-000000000000-000000000024.parquet").write_bytes(whole)
+    assert fly(campaign, out) == whole
+    assert not left.exists()
+
+
+def test_a_latin_hypercube_does_not_grow(tmp_path: Path) -> None:
+    campaign, out = write(tmp_path, CAMPAIGN.replace("random", "latin_hypercube")), tmp_path / "rows.parquet"
+    fly(campaign, out)
+    more = read_campaign(campaign, {"runs": 30})
+    with pytest.raises(LogError, match=r"runs is 24 there and 30 here; a Latin hypercube .* with another --seed "):
+        Store(out, more)
+
+
+def test_rows_in_many_groups(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rb_dynamics.study.campaign.store.ROWS", 10)
+    campaign = write(tmp_path)
+    assert fly(campaign, tmp_path / "a.parquet", block=3) == fly(campaign, tmp_path / "b.parquet", block=24)
+    found = [read_row(tmp_path / "a.parquet", run) for run in range(25)]
+    assert [None if row is None else row["run"] for row in found] == [*range(24), None]
+    read = read_campaign(campaign, {"runs": 17})
+    run_campaign(read, Store(tmp_path / "c.parquet", read), workers=0)
+    assert fly(campaign, tmp_path / "c.parquet") == (tmp_path / "a.parquet").read_bytes()
+
+
+def command(*arguments: object) -> list[str]:
+    return [sys.executable, "-m", "rb_dynamics", "campaign", *map(str, arguments)]
+
+
+def test_the_command_and_a_rerun(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene = SCENE.replace("body:\n", "body:\n  frame: bus\n")
+    campaign, out = write(tmp_path, scene=scene), tmp_path / "out" / "rows.parquet"
+    assert main(["campaign", str(campaign), "--workers", "0", "--out", str(out), "--json"]) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert summary["runs"] == 24
+    assert summary == json.loads(out.with_suffix(".json").read_text())
+
+    failed = summary["failed"][0]
+    assert main(["campaign", str(campaign), "--rerun", str(failed), "--out", str(out), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["same_as_row"] is True
+    assert found["metrics"]["final_rate"] == read_rows(out)["final_rate"][failed]
+    # What was flown is in the log, and it alone gives the same run again.
+    assert main(["replay", found["log"]]) == 0
+    assert "the same to the last bit" in capsys.readouterr().out
+    # It says which run it is, and in which axes the controller commands.
+    log = read_bag(found["log"])
+    assert log.metadata[RUN]["scene_file"] == f"campaign.yaml, run {failed}, seed 7"
+    assert log.frame_ids("/control") == {"bus"}
+
+    assert main(["campaign", str(campaign), "--rerun", "24", "--out", str(out)]) == 2
+    assert "found 24, expected a run from 0 to 23" in capsys.readouterr().err
+
+
+def test_the_command_printed_for_a_failed_run_flies_that_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A Latin hypercube of other runs has other numbers in the same run, so that the options have to be there."""
+    campaign = write(tmp_path, CAMPAIGN.replace("sampling: random", "sampling: latin_hypercube"))
+    out = tmp_path / "the rows" / "it's.parquet"
+    assert main(["campaign", str(campaign), "--workers", "0", "--runs", "12", "--seed", "5", "--out", str(out)]) == 0
+    text = capsys.readouterr().out
+    line = next(line for line in text.splitlines() if "--rerun" in line).strip()
+    words = shlex.split(line)
+    assert words[0] == "rb-dynamics"
+    assert main(words[1:]) == 0
+    assert "the same as its row, to the bit" in capsys.readouterr().out
+    page = out.with_suffix(".html")
+    if page.exists():
+        assert line in html.unescape(page.read_text(encoding="utf-8"))
+
+    without = [word for word in words[1:] if word not in ("--runs", "12")]
+    log = tmp_path / "another.mcap"
+    assert main([*without, "--mcap", str(log)]) == 2
+    assert f"{out} holds runs of another campaign: runs is 12 there and 24 here; " in capsys.readouterr().err
+    assert not log.exists()
+
+
+def test_a_rerun_without_a_row_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = CAMPAIGN.replace("below: 0.4}", "below: 1.0e-9}")
+    out = tmp_path / "rows.parquet"
+    assert main(["campaign", str(write(tmp_path, text)), "--rerun", "3", "--out", str(out)]) == 0
+    printed = capsys.readouterr()
+    assert printed.err == f"note: no row of run 3 in {out} to compare with\n"
+    assert next(line.split() for line in printed.out.splitlines() if "settled" in line) == ["settled", "never"]
+    assert "nan" not in printed.out
+
+
+LAW = "def law(parameters):\n    return lambda measured: -{gain} * measured.angular_velocity_body\n"
+
+
+def test_rows_of_another_law_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Whether the law has changed, or only what it imports."""
+    campaign = write(tmp_path, CAMPAIGN.replace("law: rate_damping", "law: own.law.law"))
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own" / "law.py").write_text("from .gain import GAIN\n" + LAW.format(gain="GAIN"))
+    (tmp_path / "own" / "gain.py").write_text("GAIN = 1.0\n")
+    arguments = ["campaign", str(campaign), "--out", str(tmp_path / "rows.parquet"), "--workers", "0"]
+    assert main(arguments) == 0
+    assert main([*arguments, "--rerun", "3"]) == 0
+    capsys.readouterr()
+    (tmp_path / "own" / "gain.py").write_text("GAIN = 1.0000001\n")
+    message = r"another campaign: .*the source of the module own.gain is \w{12} there and \w{12} here; "
+    for more in ([], ["--runs", "30"], ["--rerun", "3"]):
+        assert main([*arguments, *more]) == 2
+        assert re.search(message, capsys.readouterr().err)
+    assert main([*arguments, "--overwrite"]) == 0
+    assert main([*arguments, "--rerun", "3"]) == 0
+
+
+def test_a_rerun_that_differs_is_seen(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Here a law depends on what the campaign cannot know."""
+    gain = "float(__import__('os').environ['OWN_GAIN'])"
+    (tmp_path / "changing_law.py").write_text(LAW.format(gain=gain))
+    campaign = write(tmp_path, CAMPAIGN.replace("law: rate_damping", "law: changing_law.law"))
+    arguments = ["campaign", str(campaign), "--out", str(tmp_path / "r.parquet"), "--workers", "0"]
+    monkeypatch.setenv("OWN_GAIN", "1.0")
+    assert main(arguments) == 0
+    monkeypatch.setenv("OWN_GAIN", "1.0000001")
+    assert main([*arguments[:-2], "--rerun", "3"]) == 1
+    assert "differs from its row" in capsys.readouterr().out
+
+
+def test_runs_that_a_law_fails_are_rows_and_the_exit_code_tells(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    law = LAW.format(gain="(1.0 + 0.0 * (check(measured) or 1.0))")
+    check = "def check(measured):\n    if abs(measured.angular_velocity_body[:, 0]).max() > 0.6:\n        [][0]\n"
+    (tmp_path / "own_check.py").write_text(f"{check}\n\n{law}")
+    campaign = write(tmp_path, CAMPAIGN.replace("law: rate_damping", "law: own_check.law"))
+    out = tmp_path / "rows.parquet"
+    arguments = ["campaign", str(campaign), "--out", str(out), "--workers", "0"]
+    for _ in range(2):
+        # Whether they have just been flown or are on disk.
+        assert main([*arguments, "--json"]) == 1
+        printed = json.loads(capsys.readouterr().out)
+    failed, why = printed["errors"][0]
+    assert 0 < len(printed["errors"]) < 24
+    assert why == "control.law: own_check.law raised IndexError: list index out of range, own_check.py:3"
+    assert main([*arguments, "--rerun", str(failed)]) == 1
+    found = capsys.readouterr()
+    assert f"not flown to its end: {why}\n  its row says: {why}\n" in found.out
+    assert "differs" not in found.out
+    # The log has it as far as it went.
+    assert read_bag(tmp_path / f"rows-{failed}.mcap").metadata[RUN]["end_time_ns"] != "2000000000"
+
+
+def wait_for(what: str, condition: Any, timeout: float = 60.0) -> None:
+    end = time.monotonic() + timeout
+    while not condition():
+        assert time.monotonic() < end, f"waited {timeout} s for {what}"
+        time.sleep(0.02)
+
+
+@contextmanager
+def process(folder: Path, *arguments: object) -> Iterator[subprocess.Popen[bytes]]:
+    with (folder / "log.txt").open("ab") as log:
+        child = subprocess.Popen(list(map(str, arguments)), cwd=folder, stdout=log, stderr=log)
+    try:
+        yield child
+    finally:
+        child.kill()
+        child.wait()
+
+
+@pytest.fixture
+def scheduler(tmp_path: Path) -> Iterator[Path]:
+    """Start a scheduler; return the file that has its address."""
+    pytest.importorskip("distributed")
+    file = tmp_path / "scheduler.json"
+    run = (sys.executable, "-m", "distributed.cli.dask_scheduler", "--port", "0", "--host", "127.0.0.1")
+    with process(tmp_path, *run, "--no-dashboard", "--scheduler-file", file):
+        wait_for("the scheduler", file.exists)
+        yield file
+
+
+@contextmanager
+def worker(folder: Path, file: Path) -> Iterator[subprocess.Popen[bytes]]:
+    run = (sys.executable, "-m", "distributed.cli.dask_worker", "--nthreads", "1", "--no-nanny", "--no-dashboard")
+    with process(folder, *run, "--scheduler-file", file) as child:
+        yield child
+
+
+@pytest.mark.slow
+def test_workers_of_a_cluster_one_of_which_is_killed(tmp_path: Path, scheduler: Path) -> None:
+    campaign = write(tmp_path, CAMPAIGN.replace("runs: 24", "runs: 200"))
+    out, parts = tmp_path / "cluster.parquet", tmp_path / "cluster.parquet.parts"
+    address = json.loads(scheduler.read_text())["address"]
+    run = command(campaign, "--scheduler", address, "--out", out, "--block", 5)
+
+    def on_disk(count: int) -> bool:
+        return parts.exists() and len(list(parts.glob("runs-*.parquet"))) > count
+
+    with worker(tmp_path, scheduler) as doomed, process(tmp_path, *run) as child:
+        wait_for("blocks of the first worker", lambda: on_disk(1))
+        with worker(tmp_path, scheduler), worker(tmp_path, scheduler):
+            wait_for("more blocks", lambda: on_disk(4))
+            doomed.send_signal(signal.SIGKILL)
+            assert child.wait(timeout=90) == 0, (tmp_path / "log.txt").read_text()
+    assert out.read_bytes() == fly(campaign, tmp_path / "here.parquet")
+
+
+@pytest.mark.slow
+def test_killed_half_way_and_started_again(tmp_path: Path) -> None:
+    """Processes on this machine; what the kill left is taken up, and the file is that of an undisturbed run."""
+    pytest.importorskip("distributed")
+    campaign = write(tmp_path, CAMPAIGN.replace("runs: 24", "runs: 200"))
+    out, parts = tmp_path / "killed.parquet", tmp_path / "killed.parquet.parts"
+    with process(tmp_path, *command(campaign, "--workers", 2, "--block", 5, "--out", out)) as child:
+        wait_for("some blocks", lambda: parts.exists() and len(list(parts.glob("runs-*.parquet"))) > 8)
+        child.kill()
+        child.wait()
+    left = len(list(parts.glob("runs-*.parquet")))
+    assert 8 < left < 40
+    with process(tmp_path, *command(campaign, "--workers", 2, "--block", 10, "--out", out)) as child:
+        assert child.wait(timeout=90) == 0, (tmp_path / "log.txt").read_text()
+    assert f"note: {5 * left} of 200 runs are on disk already" in (tmp_path / "log.txt").read_text()
+    assert out.read_bytes() == fly(campaign, tmp_path / "here.parquet")
+
+
+def test_a_scheduler_that_is_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("rb_dynamics.study.campaign.engine._PATIENCE_S", 0.5)
+    with pytest.raises(LogError, match=r"no scheduler with workers at tcp://127.0.0.1:9 "):
+        fly(write(tmp_path), tmp_path / "rows.parquet", scheduler="tcp://127.0.0.1:9")
+
+
+def test_a_worker_of_another_version_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match=r"has rb_dynamics \S+, expected 0\.0\.0 as here; install the same"):
+        fly_there(read_campaign(write(tmp_path)), "0.0.0", 0, 1)
+
+
+def test_a_cluster_flies_the_law_of_each_study(tmp_path: Path, scheduler: Path) -> None:
+    """Two studies with modules of the same names, and one of them edited, on the same worker."""
+    address = json.loads(scheduler.read_text())["address"]
+    folders = [tmp_path / name for name in ("A", "B")]
+    for folder, gain in zip(folders, (0.5, -0.5), strict=True):
+        folder.mkdir()
+        write(folder, CAMPAIGN.replace("rate_damping", "own_law.law"))
+        (folder / "own_law.py").write_text("from own_gain import GAIN\n" + LAW.format(gain="GAIN"))
+        (folder / "own_gain.py").write_text(f"GAIN = {gain}\n")
+    with worker(tmp_path, scheduler):
+        first, second = (
+            fly(folder / "campaign.yaml", tmp_path / f"{folder.name}.parquet", scheduler=address, block=6)
+            for folder in folders
+        )
+        (folders[0] / "own_gain.py").write_text("GAIN = 0.6\n")
+        edited = fly(folders[0] / "campaign.yaml", tmp_path / "edited.parquet", scheduler=address, block=6)
+    assert edited == fly(folders[0] / "campaign.yaml", tmp_path / "edited_here.parquet")
+    assert second == fly(folders[1] / "campaign.yaml", tmp_path / "B_here.parquet")
+    rates = [read_rows(tmp_path / f"{name}.parquet")["final_rate"].mean() for name in ("A", "B", "edited")]
+    assert rates[2] < rates[0] < 0.6 < rates[1]
+    assert len({first, second, edited}) == 3

@@ -1,0 +1,347 @@
+"""Blocks of runs: each run as it would be alone, to the bit, and the controller as it is described."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from campaigns import CAMPAIGN, SCENE, write
+
+from rb_dynamics import Simulation, Wrench
+from rb_dynamics.errors import SceneError
+from rb_dynamics.recording.memory import MemorySink
+from rb_dynamics.study.campaign.bodies import CHANNEL
+from rb_dynamics.study.campaign.engine import flies_side_by_side
+from rb_dynamics.study.campaign.flight import fly_alone, fly_block
+from rb_dynamics.study.campaign.model import Campaign
+from rb_dynamics.study.campaign.read import read_campaign
+from rb_dynamics.study.campaign.sampling import inputs
+from rb_dynamics.study.campaign.scenes import Scenes
+from rb_dynamics.study.campaign.user_functions import FunctionError
+
+EFFECT = "effects: [{type: linear_drag, rotation: 0.05}]\n"
+ACCURATE = ("solver: {method: rk4, step: 0.05}", "solver: {method: auto, accuracy: 1.0e-8}")
+
+
+@pytest.fixture(autouse=True)
+def _plain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing here is worth compiling; that compiled runs have the same bits, test_ensemble.py shows."""
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "never")
+
+
+def rows(columns: dict[str, Any]) -> list[str]:
+    lists = [column if isinstance(column, list) else column.tolist() for column in columns.values()]
+    return [repr(row) for row in zip(*lists, strict=True)]
+
+
+@pytest.mark.parametrize("scene", [SCENE, SCENE + EFFECT, SCENE.replace(*ACCURATE)], ids=["many", "effect", "auto"])
+def test_a_run_is_the_same_in_any_block(tmp_path: Path, scene: str) -> None:
+    campaign = read_campaign(write(tmp_path, CAMPAIGN, scene))
+    whole = fly_block(campaign, 0, 14)
+
+    parts = [row for first, last in ((0, 1), (1, 12), (12, 14)) for row in rows(fly_block(campaign, first, last, 1))]
+    assert parts == rows(whole)
+    assert not any(whole["error"])
+    assert len(set(whole["final_rate"].tolist())) == 14
+
+
+@pytest.mark.parametrize("law", ["rate_damping", "b_dot", "attitude_pd"])
+def test_a_run_alone_has_the_bits_of_the_block(tmp_path: Path, law: str) -> None:
+    parameters = {
+        "rate_damping": "{gain: 1.0}",
+        "b_dot": "{gain: 1.0, field_period: 3.0}",
+        "attitude_pd": "{gain: 1.0}",
+    }[law]
+    text = CAMPAIGN.replace("law: rate_damping", f"law: {law}").replace("{gain: 1.0}", parameters)
+    if law == "attitude_pd":
+        aim = "{proportional: 0.7, derivative: 1.1, target: {x: 0.6, y: 0, z: 0, w: 0.8}}"
+        text = text.replace("{gain: 1.0}", aim)
+        text = text.replace("control.parameters.gain: {log_uniform", "control.parameters.derivative: {log_uniform")
+    campaign = read_campaign(write(tmp_path, text))
+    block = fly_block(campaign, 0, 4)
+
+    for run in range(4):
+        alone = fly_alone(campaign, run)
+        assert {name: repr(value) for name, value in alone.items()} == {
+            name: repr(float(block[name][run])) for name in alone
+        }
+
+
+def test_a_run_alone_ends_when_its_scene_does(tmp_path: Path) -> None:
+    """8562165.564 * 1e9 is a nanosecond less in double precision."""
+    text = "scene: scene.yaml\nset: {duration: 8562165.564, output_rate: 1e-6}\nobserve_rate: 1e-6\nruns: 1\n"
+    scene = SCENE.replace("{method: rk4, step: 0.05}", "{method: auto}")
+    campaign = read_campaign(write(tmp_path, text + "metrics: {final_rate: {final: rate}}\n", scene))
+    fly_alone(campaign, 0, [memory := MemorySink()])
+    assert memory.time_ns[-1] == 8_562_165_564_000_000
+
+
+def test_the_controller_is_what_it_is_said_to_be(tmp_path: Path) -> None:
+    """The commands of a run, made again by hand: sampled, damped, limited, biased and late."""
+    text = CAMPAIGN.replace("noise: {rate: 0.01, attitude: 0.01}", "bias: [0.01, 0, -0.02]")
+    campaign = read_campaign(write(tmp_path, text))
+    names, run = [each.name for each in campaign.inputs], 3
+    values = dict(zip(names, inputs(campaign, run, run + 1)[0].tolist(), strict=True))
+    scene = Scenes(campaign).whole(values)
+
+    simulation, delay_ns = Simulation(scene), round(values["control.delay"] * 20) * 50_000_000
+    for k in range(8):
+        simulation.advance(k * 250_000_000)
+        spin = simulation.look().angular_velocity_body
+        torque = [min(max(-values["control.parameters.gain"] * w, -0.6), 0.6) for w in spin]
+        biased = (torque[0] + 0.01, torque[1], torque[2] - 0.02)
+        simulation.post(CHANNEL, Wrench(torque=biased), k * 250_000_000 + delay_ns)
+    simulation.advance(2_000_000_000)
+    w = simulation.sample.angular_velocity_body
+    assert fly_block(campaign, run, run + 1)["final_rate"][0] == math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
+
+
+def test_noise_is_of_the_size_that_is_asked_for(tmp_path: Path) -> None:
+    (tmp_path / "spy_law.py").write_text(
+        "import numpy as np\nSEEN = []\n\n\ndef law(parameters):\n    def command(measured):\n"
+        "        SEEN.append((measured.angular_velocity_body.copy(), measured.orientation_xyzw.copy()))\n"
+        "        return 0.0 * measured.angular_velocity_body\n    return command\n"
+    )
+    text = CAMPAIGN.replace("law: rate_damping", "law: spy_law.law").replace("  rate: 4\n", "  rate: 20\n")
+    text = text.replace("disperse:", "disperse:\n  initial.position_world: {normal: {deviation: 1}}\nxdisperse:")
+    text = text[: text.index("xdisperse:")] + text[text.index("control:\n") :]
+    scene = SCENE.replace("[0.4, -0.3, 0.5]\n", "[0, 0, 0]\n  position_world: [0, 0, 0]\n")
+    campaign = read_campaign(write(tmp_path, text, scene))
+    fly_block(campaign, 0, 24)
+
+    seen = campaign.modules.load("spy_law").SEEN
+    spins = np.array([spin for spin, _ in seen])
+    turns = 2.0 * np.array([attitude[:, :3] for _, attitude in seen])
+    assert spins.shape == (40, 24, 3)
+    assert spins.std() == pytest.approx(0.01, rel=0.1)
+    assert turns.std() == pytest.approx(0.01, rel=0.1)
+    assert np.corrcoef(spins[:, 0].ravel(), spins[:, 1].ravel())[0, 1] == pytest.approx(0.0, abs=0.3)
+
+
+def test_the_attitude_law_points(tmp_path: Path) -> None:
+    text = """\
+scene: scene.yaml
+set: {duration: 40}
+runs: 4
+disperse: {initial.orientation: any}
+control:
+  law: attitude_pd
+  rate: 4
+  parameters: {proportional: 0.4, derivative: 1.2, target: {x: 0, y: 0.6, z: 0, w: 0.8}}
+metrics: {off: {final: attitude}, worst: {worst: attitude}, defect: {final: energy_defect}}
+"""
+    found = fly_block(read_campaign(write(tmp_path, text)), 0, 4)
+    assert found["off"].max() < 1e-2 < 1.0 < found["worst"].max()
+    assert found["defect"].max() < 1e-6
+
+
+def test_metrics(tmp_path: Path) -> None:
+    """Free motion about one axis: everything is known."""
+    scene = "body: {mass: 1, inertia: {diagonal: [1, 2, 3]}}\ninitial: {angular_velocity_body: [0, 0, 0.5]}\n"
+    text = """\
+scene: scene.yaml
+set: {duration: 4, output_rate: 10}
+runs: 2
+metrics:
+  last: {final: attitude}
+  most: {worst: attitude}
+  least: {least: attitude}
+  mean: {mean: attitude}
+  reached: {time_to: attitude, above: 0.999}
+  never: {time_to: attitude, above: 3}
+  passing: {time_to: attitude, below: 1.5, stays: false}
+  staying: {time_to: attitude, below: 1.5}
+  momentum: {final: angular_momentum}
+  energy: {final: energy}
+"""
+    found = fly_block(read_campaign(write(tmp_path, text, scene)), 0, 2)
+    expected = {
+        "last": 2.0, "most": 2.0, "least": 0.0, "mean": 1.0, "reached": 2.0, "never": math.nan, "passing": 0.0,
+        "staying": math.nan, "momentum": 1.5, "energy": 0.375,
+    }  # fmt: skip
+    for name, value in expected.items():
+        assert found[name] == pytest.approx([value, value], nan_ok=True, abs=1e-12), name
+
+
+def test_a_run_that_cannot_be_solved_does_not_stop_the_others(tmp_path: Path) -> None:
+    text = """\
+scene: scene.yaml
+runs: 6
+sampling: latin_hypercube
+disperse: {"initial.angular_velocity_body[0]": {choice: {values: [0.1, 20000.0], weights: [5, 1]}}}
+metrics: {final_rate: {final: rate}}
+"""
+    found = fly_block(read_campaign(write(tmp_path, text)), 0, 6)
+    bad = [run for run in range(6) if found["initial.angular_velocity_body[0]"][run] > 1.0]
+    assert len(bad) == 1
+    assert [bool(error) for error in found["error"]] == [run in bad for run in range(6)]
+    assert "rk4" in found["error"][bad[0]]
+    assert found["passed"].tolist() == [run not in bad for run in range(6)]
+    assert math.isnan(found["final_rate"][bad[0]])
+
+
+def test_a_sample_that_is_no_scene_is_named(tmp_path: Path) -> None:
+    text = """\
+scene: scene.yaml
+runs: 4
+sampling: latin_hypercube
+disperse: {body.mass: {uniform: {low: -1.0, high: 1.0}}}
+metrics: {final_rate: {final: rate}}
+"""
+    found = fly_block(read_campaign(write(tmp_path, text)), 0, 4)
+    assert sum("body.mass: found -0." in error for error in found["error"]) == 2
+    assert found["passed"].sum() == 2
+
+
+OWN = """\
+import numpy as np
+
+
+def law(parameters):
+    gain = parameters["gain"][:, None]
+
+    def torque(measured):
+        {first}
+        rate = measured.angular_velocity_body
+        rate *= -gain
+        return {torque}
+
+    return torque
+
+
+def quantity(samples):
+    {quantity}
+    return samples.angular_velocity_body[:, 0]
+"""
+GOOD = {"first": "pass", "torque": "rate", "quantity": "pass"}
+FAST = "np.any(gain > 1.8) and measured.time_s > 0.9"
+LATE = "samples.time_ns > 10**9 and np.any(samples.angular_velocity_body > 0.3)"
+BAD = {
+    "NaN": {"torque": f"np.where((gain > 1.8) & (measured.time_s > 0.9), np.nan, {GOOD['torque']})"},
+    "raise": {"first": f"raise_ = [][1] if {FAST} else 0"},
+    "quantity": {"quantity": f"[][1] if {LATE} else 0"},
+}
+
+
+@pytest.mark.parametrize("bad", ["NaN", "raise", "quantity"])
+@pytest.mark.parametrize("scene", [SCENE, SCENE + EFFECT], ids=["many", "alone"])
+def test_a_function_that_fails_for_a_run_is_a_row_with_its_reason(tmp_path: Path, scene: str, bad: str) -> None:
+    text = CAMPAIGN.replace("law: rate_damping", "law: own_bad.law").replace(
+        "{final: rate}", "{final: own_bad.quantity}"
+    )
+    (tmp_path / "own_bad.py").write_text(OWN.format(**GOOD))
+    good = fly_block(read_campaign(write(tmp_path, text, scene)), 0, 24)
+    (tmp_path / "own_bad.py").write_text(OWN.format(**{**GOOD, **BAD[bad]}))
+    campaign = read_campaign(write(tmp_path, text, scene))
+    found = fly_block(campaign, 0, 24)
+
+    failed = [run for run, error in enumerate(found["error"]) if error]
+    reason = {
+        "NaN": r"control.law: own_bad.law returned \(nan, nan, nan\) N m at t = 1.0 s, no finite torque",
+        "raise": r"control.law: own_bad.law raised IndexError: list index out of range, own_bad.py:8",
+        "quantity": r"metrics: own_bad.quantity raised IndexError: list index out of range, own_bad.py:17",
+    }[bad]
+    assert 0 < len(failed) < 20
+    assert all(re.fullmatch(reason, found["error"][run]) for run in failed)
+    assert np.isnan(found["final_rate"][failed]).all()
+    assert not found["passed"][failed].any()
+    if bad != "quantity":
+        assert failed == [run for run in range(24) if good["control.parameters.gain"][run] > 1.8]
+    others = [run for run in range(24) if run not in failed]
+    assert [rows(found)[run] for run in others] == [rows(good)[run] for run in others]
+    parts = [row for first in (0, 1, 13) for row in rows(fly_block(campaign, first, {0: 1, 1: 13, 13: 24}[first]))]
+    assert parts == rows(found)
+    with pytest.raises(FunctionError, match=reason):
+        fly_alone(campaign, failed[0])
+
+
+def test_a_law_that_lacks_a_file_is_no_failed_run(tmp_path: Path) -> None:
+    (tmp_path / "own_bad.py").write_text(OWN.format(**{**GOOD, "first": "open('/none/such')"}))
+    campaign = read_campaign(write(tmp_path, CAMPAIGN.replace("law: rate_damping", "law: own_bad.law")))
+    with pytest.raises(SceneError, match=r"own_bad.law raised FileNotFoundError: .*, own_bad.py:8; what a law or a m"):
+        fly_block(campaign, 0, 2)
+
+
+@pytest.mark.parametrize(("returned", "message"), [("None", "returned None, expected a function of what is measured")])
+def test_a_law_that_makes_no_function(tmp_path: Path, returned: str, message: str) -> None:
+    (tmp_path / "own_none.py").write_text(f"def law(parameters):\n    return {returned}\n")
+    campaign = read_campaign(write(tmp_path, CAMPAIGN.replace("law: rate_damping", "law: own_none.law")))
+    with pytest.raises(SceneError, match=f"control.law: own_none.law {message}; correct the law"):
+        fly_block(campaign, 0, 2)
+
+
+def test_a_controller_that_cannot_be_is_a_row_with_its_reason(tmp_path: Path) -> None:
+    """A delay before the sample, noise of negative size, no torque at all."""
+    text = CAMPAIGN.replace("{choice: {values: [0.0, 0.1, 0.35]}}", "{choice: {values: [-0.05, 0.1]}}")
+    more = "  control.saturation: {uniform: {low: -1, high: 1}}\n  control.noise.rate: {uniform: {low: -1, high: 1}}\n"
+    campaign = read_campaign(write(tmp_path, text.replace("disperse:\n", f"disperse:\n{more}")))
+    found = fly_block(campaign, 0, 24)
+    for run, error in enumerate(found["error"]):
+        wrong = [
+            key
+            for key in ("control.saturation", "control.noise.rate", "control.delay")
+            if not (found[key][run] > 0.0 if key == "control.saturation" else found[key][run] >= 0.0)
+        ]
+        assert error.startswith(f"{wrong[0]}: found -" if wrong else "")
+        assert bool(error) == bool(wrong)
+    assert 0 < sum(map(bool, found["error"])) < 24
+
+
+@pytest.mark.parametrize("scene", [SCENE, SCENE + EFFECT], ids=["many", "effect"])
+def test_a_delay_between_steps_is_flown_as_it_is(tmp_path: Path, scene: str) -> None:
+    """The torque comes at its own time, however long the steps are: beside runs whose delays are whole steps."""
+    fixed = "solver: {method: rk4, step: 0.05}"
+    text = CAMPAIGN.replace("[0.0, 0.1, 0.35]", "[0.0, 0.01, 0.1]").replace("noise: {rate: 0.01, attitude: 0.01}", "")
+    steps = [
+        fly_block(read_campaign(write(tmp_path, text, scene.replace(fixed, other))), 0, 12)
+        for other in (fixed, fixed.replace("0.05", "0.01"), ACCURATE[1])
+    ]
+    assert set(steps[0]["control.delay"].tolist()) == {0.0, 0.01, 0.1}
+    for other in steps[1:]:
+        assert steps[0]["final_rate"] == pytest.approx(other["final_rate"], rel=1e-6)
+    campaign = read_campaign(write(tmp_path, text, scene))
+    alone = [fly_alone(campaign, run)["final_rate"] for run in range(12)]
+    assert alone == steps[0]["final_rate"].tolist()
+    assert not flies_side_by_side(campaign)
+
+
+@pytest.mark.parametrize(
+    ("delay", "expected"),
+    [
+        ("{choice: {values: [0.05, 0.1]}}", True),
+        ("{choice: {values: [0.05, 0.01]}}", False),
+        ("{uniform: {low: 0.05, high: 0.45}}", False),
+        ("{uniform: {low: 0.05, high: 0.45, step: 0.05}}", True),
+        ("{uniform: {low: 0.02, high: 0.04, step: 0.02}}", False),
+        ("{normal: {deviation: 0.02, low: 0, high: 0.4, step: 0.1}}", True),
+    ],
+)
+def test_delays_of_whole_steps_go_side_by_side(tmp_path: Path, delay: str, expected: bool) -> None:
+    campaign = read_campaign(write(tmp_path, CAMPAIGN.replace("{choice: {values: [0.0, 0.1, 0.35]}}", delay)))
+    assert flies_side_by_side(campaign) == expected
+    fixed = CAMPAIGN.replace("  control.delay: {choice: {values: [0.0, 0.1, 0.35]}}\n", "")
+    for value, on_grid in ((0.1, True), (0.02, False)):
+        text = fixed.replace("delay: 0.1", f"delay: {value}")
+        assert flies_side_by_side(read_campaign(write(tmp_path, text))) == on_grid
+
+
+def test_an_own_law_and_an_own_quantity(tmp_path: Path) -> None:
+    (tmp_path / "own_code.py").write_text(
+        "def law(parameters):\n    return lambda measured: parameters['push']\n\n\n"
+        "def first(samples):\n    return samples.angular_velocity_body[:, 0]\n"
+    )
+    text = """\
+scene: scene.yaml
+runs: 3
+control: {law: own_code.law, rate: 4, parameters: {push: [0.0, 0.0, 0.2]}}
+metrics: {first: {final: own_code.first}, momentum: {final: angular_momentum}}
+"""
+    campaign: Campaign = read_campaign(write(tmp_path, text))
+    sink = MemorySink()
+    alone = fly_alone(campaign, 1, [sink])
+    assert alone["first"] == sink.samples[-1].angular_velocity_body[0]
+    assert fly_block(campaign, 0, 3)["first"].tolist() == [alone["first"]] * 3

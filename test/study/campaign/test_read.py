@@ -1,0 +1,127 @@
+"""Campaign files: what they may say, and what is said of those that are wrong."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from campaigns import CAMPAIGN, SCENE, write
+
+from rb_dynamics.errors import SceneError
+from rb_dynamics.scene import read_scene
+from rb_dynamics.study.campaign.distributions import Choice, LogUniform, Normal, Uniform
+from rb_dynamics.study.campaign.read import read_campaign
+
+ROOT = Path(__file__).parents[2]
+BARE = "scene: scene.yaml\nruns: 3\nmetrics: {final_rate: {final: rate}}\n"
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "config" / "campaigns").glob("*.yaml")), ids=lambda path: path.stem)
+def test_every_shipped_campaign_is_valid(path: Path) -> None:
+    assert read_campaign(path).runs >= 100
+
+
+def test_what_a_campaign_says(tmp_path: Path) -> None:
+    campaign = read_campaign(write(tmp_path))
+
+    found = {each.name: each.distribution for each in campaign.inputs}
+    assert found["body.mass"] == Uniform(1.5, 2.5)
+    assert [found[f"initial.angular_velocity_body[{i}]"] for i in range(3)] == [
+        Normal(0.4, 0.2), Normal(-0.3, 0.2), Normal(0.5, 0.2),
+    ]  # fmt: skip
+    assert found["control.delay"] == Choice((0.0, 0.1, 0.35), (1 / 3, 1 / 3, 1 / 3))
+    assert found["control.parameters.gain"] == LogUniform(0.5, 2.0)
+    assert campaign.control is not None
+    assert campaign.control.period_ns == campaign.observe_ns == 250_000_000
+    assert "topic: control" in campaign.scene_text
+
+
+def test_the_text_tells_nothing_of_the_folder(tmp_path: Path) -> None:
+    folders = [tmp_path / "a", tmp_path / "b"]
+    for folder in folders:
+        folder.mkdir()
+    one, other = (read_campaign(write(folder)) for folder in folders)
+    assert one.scene_text == other.scene_text
+
+
+def test_overrides(tmp_path: Path) -> None:
+    campaign = read_campaign(write(tmp_path), {"runs": 5, "seed": 2})
+    assert (campaign.runs, campaign.seed) == (5, 2)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("runs: 24", "runs: 0"), r"campaign.yaml:2: runs: found 0, expected a whole number from 1 to 1e12"),
+        (("runs: 24", "runs: 1.5"), r"runs: found 1.5, expected a whole number"),
+        (("sampling: random", "sampling: sobel"), r"campaign.yaml:4: sampling: found sobel, .* did you mean sobol\?"),
+        (("disperse:", "dispers:"), r"found an unknown key, .* did you mean disperse\?"),
+        (("body.mass: {u", "body.mas: {u"), r"campaign.yaml:7: disperse.body.mas: found no number under body.mas"),
+        (("{low: 1.5, high: 2.5}", "{low: 2.5, high: 1.5}"), r"disperse.body.mass.uniform: .* expected low less than"),
+        (("deviation: 0.2", "deviaton: 0.2"), r"did you mean deviation\?"),
+        (("{second_moments: 0.3, axes: 0.1}", "{moments: 0.3}"), r"disperse.body.inertia.moments: found an unk"),
+        (("law: rate_damping", "law: rate_dampin"), r"control.law: .* did you mean rate_damping\?"),
+        (("law: rate_damping", "law: nowhere.law"), r"control.law: found nowhere.law, expected a function that can be"),
+        (("gain: 1.0}", "gian: 1.0}"), r"control.parameters: found no such parameter, expected the parameter gain"),
+        (("  rate: 4\n", "  rate: 3\n"), r"control.rate: found a rate|control.rate: found .* whole"),
+        (("  rate: 4\n", "  rate: 8\n"), r"control.rate: found a period of 125000000 ns, expected a period that is a"),
+        (("{final: rate}", "{final: rat}"), r"metrics.final_rate.final: found rat, .* did you mean rate\?"),
+        (("{final: rate}", "{final: rate, worst: rate}"), r"exactly one of final, worst"),
+        (("final_rate: {final", "error: {final"), r"metrics.error: found the name error, expected a name"),
+        (("rate, below: 0.4}", "rate}"), r"metrics.settled: found no threshold, expected a threshold for time_to"),
+        (("  final_rate: {below", "  last_rate: {below"), r"require.last_rate: found an unknown key"),
+        (("scene: scene.yaml", "scene: sceen.yaml"), r"campaign.yaml:1: scene: found sceen.yaml, expected the path of"),
+        (("runs: 24", "set: {body.mass: -1}\nruns: 24"), r"scene.yaml:override: body.mass: found -1"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_said(tmp_path: Path, change: tuple[str, str], message: str) -> None:
+    assert change[0] in CAMPAIGN
+    with pytest.raises(SceneError, match=message):
+        read_campaign(write(tmp_path, CAMPAIGN.replace(*change)))
+
+
+@pytest.mark.parametrize(
+    ("pairs", "message"),
+    [
+        ([("body.mass", "body.weight", 0.5)], r"expected a dispersed number; choose from .*body.mass"),
+        ([("body.mass", "body.mass", 0.5)], "two different inputs"),
+        ([("body.mass", "control.delay", 1.5)], "a number between -1 and 1"),
+        (
+            [
+                ("body.mass", "control.delay", 0.9),
+                ("body.mass", "control.parameters.gain", 0.9),
+                ("control.delay", "control.parameters.gain", -0.9),
+            ],
+            "expected correlations that numbers can have, all together",
+        ),
+    ],
+)
+def test_correlations_that_cannot_be(tmp_path: Path, pairs: list[tuple[str, str, float]], message: str) -> None:
+    lines = "".join(f"  - {{between: [{a}, {b}], coefficient: {c}}}\n" for a, b, c in pairs)
+    with pytest.raises(SceneError, match=message):
+        read_campaign(write(tmp_path, f"{CAMPAIGN}correlate:\n{lines}"))
+
+
+def test_a_particle_has_no_controller(tmp_path: Path) -> None:
+    scene = "body: {mass: 1}\nduration: 1\nsolver: {method: rk4, step: 0.05}\n"
+    text = BARE + "control: {law: rate_damping, rate: 4, parameters: {gain: 1}}\n"
+    with pytest.raises(SceneError, match=r"campaign.yaml:1: scene: found a particle, expected a body that turns"):
+        read_campaign(write(tmp_path, text, scene))
+
+
+def test_a_scene_without_an_end(tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match=r"scene: found no duration in it, expected a scene that ends"):
+        read_campaign(write(tmp_path, BARE, SCENE.replace("duration: 2.0\n", "")))
+
+
+def test_a_scene_given_for_a_campaign_and_a_campaign_for_a_scene(tmp_path: Path) -> None:
+    campaign = write(tmp_path)
+    scene = tmp_path / "scene.yaml"
+    with pytest.raises(
+        SceneError, match=rf"^{scene}: found a scene, .* rb-dynamics simulate {scene}, or write [^\n]*$"
+    ):
+        read_campaign(scene)
+    with pytest.raises(
+        SceneError, match=rf"^{campaign}: found a campaign, .* rb-dynamics campaign {campaign}, [^\n]*$"
+    ):
+        read_scene(campaign)

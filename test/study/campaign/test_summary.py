@@ -1,0 +1,214 @@
+"""Statistics of a campaign: intervals that cover what they say, ranks, and the page."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from campaigns import CAMPAIGN, write
+from scipy import stats
+
+from rb_dynamics.study.campaign.flight import fly_block
+from rb_dynamics.study.campaign.model import Campaign
+from rb_dynamics.study.campaign.read import read_campaign
+from rb_dynamics.study.campaign.sampling import inputs
+from rb_dynamics.study.campaign.summary import (
+    as_text,
+    proportion_interval,
+    quantile_interval,
+    rerun_commands,
+    summarise,
+)
+
+
+@pytest.mark.parametrize(("count", "probability"), [(60, 0.5), (200, 0.95), (400, 0.01)])
+def test_intervals_of_quantiles_cover(count: int, probability: float) -> None:
+    r, true = np.random.default_rng(5), stats.expon.ppf(probability)
+    found = [quantile_interval(np.sort(r.exponential(size=count)), probability) for _ in range(400)]
+    covered = [(each.low is None or each.low <= true) and (each.high is None or true <= each.high) for each in found]
+    # At least 95 %; of 400 trials fewer than 92 % would be a chance of 1 in 200.
+    assert np.mean(covered) > 0.92
+    assert np.mean([each.value for each in found]) == pytest.approx(true, rel=0.2)
+
+
+def test_too_few_runs_bound_nothing() -> None:
+    found = quantile_interval(np.arange(20.0), 0.99)
+    assert found.high is None
+    assert found.value == 19.0
+    assert quantile_interval(np.array([3.0]), 0.5).value == 3.0
+
+
+def test_the_interval_of_a_pass_rate() -> None:
+    # Clopper and Pearson: no failure in n runs bounds the rate of failures by 1 - 0.025^(1/n).
+    low, high = proportion_interval(100, 100)
+    assert (low, high) == (pytest.approx(0.025 ** (1.0 / 100.0)), 1.0)
+    assert proportion_interval(0, 100) == (0.0, pytest.approx(1.0 - low))
+
+
+def test_what_rows_show(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "never")
+    campaign = read_campaign(write(tmp_path))
+    rows = fly_block(campaign, 0, 24)
+    summary = summarise(campaign, rows)
+
+    assert summary.passed == rows["passed"].sum()
+    assert list(summary.failed) == [run for run in range(24) if not rows["final_rate"][run] < 0.25]
+    metric = {each.name: each for each in summary.metrics}["final_rate"]
+    expected = {each.name: stats.spearmanr(rows[each.name], rows["final_rate"]).statistic for each in campaign.inputs}
+    assert dict(metric.sensitivity) == pytest.approx(expected)
+    sizes = [abs(value) for _, value in metric.sensitivity]
+    assert sizes == sorted(sizes, reverse=True)
+    assert metric.quantiles[2].value == pytest.approx(np.median(rows["final_rate"]), rel=0.05)
+    settled = {each.name: each for each in summary.metrics}["settled"]
+    assert settled.missing == np.isnan(rows["settled"]).sum()
+    json.dumps(summary.as_dict(), allow_nan=False)
+    assert f"{summary.passed} of 24" in as_text(campaign, summary)
+    assert f"--rerun {summary.failed[0]}" in as_text(campaign, summary)
+    assert "(rank correlation, -1 to 1)" in as_text(campaign, summary)
+
+
+def by_its_inputs(folder: Path, runs: int) -> tuple[Campaign, dict[str, Any]]:
+    """Return a campaign by Sobol points, and rows of it that hold its inputs, a third of them failed."""
+    campaign = read_campaign(write(folder, CAMPAIGN.replace("random", "sobol").replace("runs: 24", f"runs: {runs}")))
+    table, numbers = inputs(campaign, 0, runs), np.arange(runs)
+    rows: dict[str, Any] = {each.name: table[:, k] for k, each in enumerate(campaign.inputs)}
+    metrics = {metric.name: np.ones(runs) for metric in campaign.metrics}
+    return campaign, {"run": numbers, **rows, **metrics, "passed": numbers % 3 > 0, "error": [""] * runs}
+
+
+def test_in_few_runs_an_input_that_goes_with_the_one_that_counts_is_told_apart(tmp_path: Path) -> None:
+    """The metric is an input; what correlates with it does so for that alone."""
+    campaign, rows = by_its_inputs(tmp_path, 16)
+    names = [each.name for each in campaign.inputs]
+    correlations = abs(stats.spearmanr(np.stack([rows[name] for name in names], axis=1)).statistic)
+    pairs = [(correlations[i, j], names[i], names[j]) for i in range(len(names)) for j in range(i)]
+    shared, driver, bystander = max(pairs)
+    assert shared > summarise(campaign, rows).noise
+    rows["final_rate"] = rows[driver]
+    metric = {each.name: each for each in summarise(campaign, rows).metrics}["final_rate"]
+
+    assert abs(dict(metric.sensitivity)[bystander]) == pytest.approx(shared)
+    assert metric.drivers[0] == (driver, pytest.approx(1.0))
+    assert bystander not in dict(metric.drivers)
+    assert (bystander, driver) in [(name, stronger) for name, stronger, _ in metric.echoes]
+    text = as_text(campaign, summarise(campaign, rows))
+    assert f"not told apart: {metric.echoes[0][0]}, which goes with {driver}" in text
+    assert f"16 runs are few for {len(names)} inputs" in text
+
+
+def test_with_runs_enough_two_that_both_count_are_both_named(tmp_path: Path) -> None:
+    campaign, rows = by_its_inputs(tmp_path, 1024)
+    one, other = (each.name for each in campaign.inputs[:2])
+    rows["final_rate"] = stats.zscore(rows[one]) + 0.5 * stats.zscore(rows[other])
+    summary = summarise(campaign, rows)
+    metric = {each.name: each for each in summary.metrics}["final_rate"]
+    assert metric.echoes == ()
+    assert [name for name, _ in metric.drivers[:2]] == [one, other]
+    assert "are few for" not in as_text(campaign, summary)
+
+
+def test_a_printed_command_begins_as_the_program_was_called(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    campaign = read_campaign(write(tmp_path))
+    monkeypatch.setenv("PATH", str(tmp_path))
+    (tmp_path / "rb-dynamics").touch(0o755)
+    for called, begins in (
+        (".venv/bin/rb-dynamics", ".venv/bin/rb-dynamics campaign "),
+        ("/a place/rb-dynamics", "'/a place/rb-dynamics' campaign "),
+        # As a shell calls what it has found by its name.
+        (str(tmp_path / "rb-dynamics"), "rb-dynamics campaign "),
+        ("/some/where/__main__.py", "rb-dynamics campaign "),
+    ):
+        monkeypatch.setattr("sys.argv", [called, "campaign"])
+        (command,) = rerun_commands(campaign, [3])
+        assert command.startswith(begins)
+
+
+def test_a_condition_that_is_never_met_is_no_number(tmp_path: Path) -> None:
+    text = "scene: scene.yaml\nruns: 3\nmetrics: {never: {time_to: rate, above: 100}}\n"
+    campaign = read_campaign(write(tmp_path, text))
+    summary = summarise(campaign, fly_block(campaign, 0, 3))
+    assert summary.metrics[0].missing == 3
+    assert math.isnan(summary.metrics[0].mean)
+    assert json.loads(json.dumps(summary.as_dict(), allow_nan=False))["metrics"][0]["mean"] is None
+    assert "never [s]" in as_text(campaign, summary)
+
+
+def test_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("matplotlib")
+    pytest.importorskip("jinja2")
+    from rb_dynamics.report.campaign_page import campaign_report, write_campaign_page
+
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "never")
+    campaign = read_campaign(write(tmp_path))
+    rows = fly_block(campaign, 0, 24)
+    report = campaign_report(campaign, rows)
+
+    headings = [section.heading for section in report.sections]
+    assert headings[:4] == ["At a glance", "Over time", "How the metrics are spread", "What drives them"]
+    for section in report.sections:
+        for figure in section.figures:
+            assert ElementTree.fromstring(figure.svg).tag == "svg"
+    failed = next(section for section in report.sections if section.heading == "Runs that failed")
+    failures = failed.table
+    assert failures is not None
+    # One command for all of them.
+    assert failed.text.count("--rerun") == 1
+    assert failed.text.endswith(f"campaign.yaml --rerun {failures.rows[0][0]}")
+    assert [row[0] for row in failures.rows] == [str(run) for run in rows["run"][~rows["passed"]]]
+    write_campaign_page(campaign, rows, tmp_path / "page.html")
+    campaign_page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "src=" not in campaign_page
+    assert "url(http" not in campaign_page
+
+
+def test_the_page_says_what_part_of_the_runs_it_shows_over_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("matplotlib")
+    from rb_dynamics.report import campaign_page
+
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "never")
+    monkeypatch.setattr(campaign_page, "_WATCHED", 20)
+    campaign, rows = by_its_inputs(tmp_path, 36)
+    # Of the first 12 runs, which are flown for the figure, 4 failed; those that are drawn go on to the 22nd.
+    report = campaign_page.campaign_report(campaign, rows)
+    (section,) = (section for section in report.sections if section.heading == "Over time")
+    assert all("16 of the 36 runs; orange: 8 of the 12 that failed." in figure.caption for figure in section.figures)
+
+
+def test_the_page_draws_no_input_that_drives_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("matplotlib")
+    from rb_dynamics.report import campaign_page
+
+    campaign, rows = by_its_inputs(tmp_path, 36)
+    monkeypatch.setattr(campaign_page, "_over_time", lambda *_: [])
+
+    def drawn() -> int:
+        (section,) = (
+            each for each in campaign_page.campaign_report(campaign, rows).sections if each.heading.endswith("them")
+        )
+        return len(section.figures)
+
+    # All runs have the same metrics: no input drives any.
+    assert drawn() == 1
+    rows["final_rate"] = rows[campaign.inputs[0].name]
+    assert drawn() == 2
+
+
+def test_the_page_counts_every_run_that_could_not_be_flown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where the summary does not name them all."""
+    pytest.importorskip("matplotlib")
+    from rb_dynamics.report.campaign_page import campaign_report
+
+    monkeypatch.setattr("rb_dynamics.study.campaign.summary.MOST_FAILURES", 2)
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "never")
+    campaign = read_campaign(write(tmp_path))
+    rows = fly_block(campaign, 0, 24)
+    rows["error"] = [*(5 * ["too fast"]), *rows["error"][5:]]
+    (tile,) = (tile for tile in campaign_report(campaign, rows).sections[0].tiles if tile.label == "Could not be flown")
+    assert tile.value == "5"

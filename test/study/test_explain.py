@@ -1,0 +1,244 @@
+"""`explain`: what it says of a scene is true of the run."""
+
+from __future__ import annotations
+
+import importlib
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from rb_dynamics.cli import main
+from rb_dynamics.errors import SceneError
+from rb_dynamics.formats.bag_reader import read_wrenches
+from rb_dynamics.loads.effect_types import EFFECTS
+from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.motion import fixed_step_kernel
+from rb_dynamics.numerics import compilation
+from rb_dynamics.numerics.rotation import angle_between
+from rb_dynamics.run.simulation import Simulation, simulate
+from rb_dynamics.scene.model import Scene, Solver
+from rb_dynamics.scene.read import parse_scene, read_scene
+from rb_dynamics.study.explain import explain
+from rb_dynamics.study.stopwatch import Stopwatch
+
+ROOT = Path(__file__).parents[1]
+RIGID = "body: {mass: 2, inertia: {diagonal: [1, 2, 2.5]}}\ninitial: {angular_velocity_body: [0.3, 1, 0.2]}\n"
+
+
+needs_numba = pytest.mark.skipif(not compilation.available(), reason="nothing to compile with: numba is not installed")
+
+
+@pytest.fixture(autouse=True)
+def _plain(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "never")
+
+
+def said(text: str) -> str:
+    return explain(parse_scene(text)).as_text()
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "config").glob("*.yaml")), ids=lambda path: path.stem)
+def test_every_shipped_scene_can_be_explained(path: Path) -> None:
+    scene = read_scene(path)
+    found = explain(scene, budget=0.3)
+    listed = {effect.kind for effect in scene.effects}
+    for kind in EFFECTS.own:
+        assert any(f"effect {kind}:" in item for item in found.modelled) == (kind in listed)
+        assert any(kind in item and "not listed" in item for item in found.left_out) == (kind not in listed)
+    assert found.trial_s > 0.0
+    assert found.attitude_error >= 0.0
+
+
+def test_a_free_body_is_in_closed_form() -> None:
+    text = said(RIGID + "wrenches: []\nduration: 10")
+    assert "auto: exact, as nothing turns the body" in text
+    assert "moved by            exact" in text
+    assert "Jacobi's elliptic functions" in text
+    assert "bounds of the closed form" in text
+
+
+@pytest.mark.parametrize(
+    ("moments", "words"), [("[1, 1, 1]", "uniform rotation"), ("[1, 1, 2]", "trigonometric functions")]
+)
+def test_the_class_of_the_body_says_how_it_turns(moments: str, words: str) -> None:
+    assert words in said(f"body: {{mass: 1, inertia: {{diagonal: {moments}}}}}\nduration: 1\nwrenches: []")
+
+
+def test_a_particle_has_three_degrees_of_freedom() -> None:
+    found = explain(parse_scene("body: {mass: 1}\nduration: 1\nwrenches: []"))
+    assert found.modelled == ("body: a particle, three degrees of freedom",)
+    assert "attitude and rotation: the body has no inertia" in found.left_out
+
+
+def test_the_error_it_names_is_the_error_there_is() -> None:
+    """rk4 at a coarse step: against a run that is a million times better."""
+    scene = read_scene(ROOT / "config" / "dzhanibekov.yaml", {"solver.method": "rk4", "solver.step": 0.02})
+    exact = simulate(read_scene(ROOT / "config" / "dzhanibekov.yaml")).sample
+    true = angle_between(simulate(scene).sample.orientation_xyzw, exact.orientation_xyzw)
+
+    found = explain(scene, budget=60.0)
+
+    assert found.trial_s == 100.0
+    assert found.steps_per_s == pytest.approx(50.0)
+    assert found.attitude_error == pytest.approx(true, rel=0.05)
+
+
+def test_channels_are_tried_with_the_commands_of_a_bag_or_a_probe() -> None:
+    scene = read_scene(ROOT / "config" / "slew.yaml", {"duration": 5.0})
+    commands = read_wrenches(str(ROOT / "examples" / "slew.mcap"), [channel.topic for channel in scene.channels])
+
+    # A budget that no machine is too busy for: both are tried to the end.
+    probed, flown = explain(scene, budget=60.0), explain(scene, commands, budget=60.0)
+
+    assert any("probe" in remark for remark in probed.remarks)
+    assert not any("probe" in remark for remark in flown.remarks)
+    assert flown.attitude_error < 1e-12 < probed.attitude_error
+
+
+def test_a_scene_without_end_is_tried_for_the_budget() -> None:
+    found = explain(parse_scene(RIGID + "effects: [{type: linear_drag, rotation: 0.1}]\nwrenches: []"), budget=0.2)
+    assert 0.0 < found.trial_s < 3600.0
+    assert any(
+        remark.startswith("cost: measured over the first ") and "of 3600 s" in remark for remark in found.remarks
+    )
+
+
+def test_a_trial_with_time_enough_reaches_the_end() -> None:
+    """Whatever the length: pieces that double end there, not a little before."""
+    found = explain(
+        parse_scene(RIGID + "effects: [{type: linear_drag, rotation: 0.1}]\nduration: 0.30001"), budget=60.0
+    )
+    assert found.trial_s == 0.30001
+    assert not any("measured over" in remark for remark in found.remarks)
+
+
+def test_the_error_is_that_at_the_end_though_outputs_leave_the_trial_no_time_to_go_there(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """By a clock on which only outputs take time, a millisecond each."""
+    spent = [0.0]
+
+    class Timed(Simulation):
+        def __init__(self, scene: Scene) -> None:
+            super().__init__(scene)
+            self._every = 1e-12 * scene.output_rate
+
+        def advance(self, time_ns: int) -> None:
+            spent[0] += self._every * (time_ns - self.time_ns)
+            super().advance(time_ns)
+
+    module = importlib.import_module("rb_dynamics.explain")
+    monkeypatch.setattr(module, "Simulation", Timed)
+    monkeypatch.setattr(module, "Stopwatch", lambda: Stopwatch(lambda: spent[0]))
+    scene = parse_scene(RIGID + "wrenches: []\nduration: 40\nsolver: {method: rk4, step: 0.02}\n")
+    ends = [simulate(replace(scene, solver=solver)).sample for solver in (scene.solver, Solver())]
+
+    found = explain(scene, budget=0.5)
+
+    assert found.trial_s < 20.0
+    assert (found.error_s, found.whole_s) == (40.0, 40.0)
+    assert found.attitude_error == pytest.approx(
+        angle_between(ends[0].orientation_xyzw, ends[1].orientation_xyzw), rel=0.05
+    )
+    assert f"attitude error      {found.attitude_error:.2g} rad after all 40 s" in found.as_text()
+
+
+def test_a_closed_form_keeps_to_the_budget_with_a_million_outputs() -> None:
+    """It has one step, so that steps do not tell when the trial has lasted for long enough."""
+    found = explain(read_scene(ROOT / "config" / "dzhanibekov.yaml", {"duration": 1e9}), budget=0.05)
+    assert found.methods == "exact"
+    assert 0.0 < found.trial_s < 1e4
+    assert found.cost_per_s > 100.0 * found.bare_cost_per_s
+
+
+def test_commands_act_in_the_order_in_which_simulate_takes_them() -> None:
+    """Both are stamped before the start, where the later stamp wins: nothing, and the motion has a closed form."""
+    scene = parse_scene(RIGID + "duration: 1")
+    commands = [
+        ("wrench", Wrench(stamp_ns=-1)),
+        ("wrench", Wrench(torque=(0.1, 0.2, 0.3), stamp_ns=-2)),
+    ]
+    assert explain(scene, commands, budget=0.1).methods == simulate(scene, commands).method == "exact"
+
+
+def test_commands_that_cannot_be_honoured_are_left_out_and_counted() -> None:
+    found = explain(
+        parse_scene(RIGID + "duration: 1"), [("wrench", Wrench(frame_id="nowhere")), ("wrench", Wrench())], budget=0.1
+    )
+    (remark,) = (remark for remark in found.remarks if "rejected" in remark)
+    assert remark.startswith("1 of 2 wrench commands were rejected; the first: wrench at 0.000000000 s: ")
+
+
+def test_an_error_that_is_not_that_of_the_end_says_so_on_its_line() -> None:
+    found = explain(parse_scene(RIGID + "effects: [{type: linear_drag, rotation: 0.1}]\nwrenches: []"), budget=0.2)
+    assert 0.0 < found.error_s < found.whole_s == 3600.0
+    lines = [line for line in found.as_text().splitlines() if " error  " in line]
+    assert len(lines) == 2
+    assert all(line.endswith(f"after {found.error_s:g} s of 3600 s only") for line in lines)
+
+
+def test_a_scene_without_end_whose_first_output_is_hours_away() -> None:
+    assert explain(parse_scene(RIGID + "wrenches: []\noutput_rate: 1.0e-4"), budget=60.0).trial_s == 3600.0
+
+
+@pytest.mark.parametrize("duration", [0.0, 1e-10])
+def test_a_scene_that_is_over_at_once_is_refused(duration: float) -> None:
+    scene = replace(parse_scene(RIGID + "wrenches: []"), duration=duration)
+    with pytest.raises(SceneError, match=r"duration: found .* expected a motion to measure"):
+        explain(scene)
+
+
+def test_outputs_have_a_cost_of_their_own() -> None:
+    """The closed form needs one step for the end, and one for each output."""
+    found = explain(parse_scene(RIGID + "wrenches: []\nduration: 10"), budget=60.0)
+    assert found.cost_per_s > 10.0 * found.bare_cost_per_s > 0.0
+    assert "with all outputs" in found.as_text()
+
+
+def test_no_cost_holds_what_happens_once_or_a_while_in_which_the_machine_was_busy(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """By a clock on which a step takes a millisecond, the first call of all a minute, and a trial's second one more."""
+    module = importlib.import_module("rb_dynamics.explain")
+    spent = [0.0]
+    calls: list[int] = []
+
+    class Timed(Simulation):
+        def advance(self, time_ns: int) -> None:
+            before = self.steps
+            super().advance(time_ns)
+            calls.append(time_ns)
+            spent[0] += 1e-3 * (self.steps - before) + (60.0 if len(calls) in (1, 3) else 0.0)
+
+    monkeypatch.setattr(module, "Simulation", Timed)
+    monkeypatch.setattr(module, "Stopwatch", lambda: Stopwatch(lambda: spent[0]))
+    found = explain(
+        parse_scene(RIGID + "effects: [{type: linear_drag, rotation: 1.0e-3}]\nwrenches: []\nduration: 600"), budget=0.5
+    )
+
+    assert found.bare_cost_per_s < 0.1
+    assert found.cost_per_s < 0.1
+    assert found.trial_s < 600.0
+
+
+@needs_numba
+@pytest.mark.parametrize(("duration", "worth_it"), [("1.0e+5", True), ("10", False)])
+def test_the_cost_is_that_of_the_whole_run(duration: str, worth_it: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ten million steps are compiled, though only some of them are tried; a thousand are not, though it could be."""
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "auto")
+    fixed_step_kernel.kernel.cache_clear()
+    scene = parse_scene(RIGID + f"duration: {duration}\nsolver: {{method: rk4, step: 0.01}}\noutput_rate: 1")
+    found = explain(scene, budget=0.2)
+    assert found.compiled is worth_it
+    assert any(remark.startswith("kernels compiled or loaded: 1, in") for remark in found.remarks) is worth_it
+    assert ("moved by            rk4, compiled" in found.as_text()) is worth_it
+
+
+def test_json_has_all_of_it(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["explain", str(ROOT / "config" / "boxes.yaml"), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["methods"] == "exact"
+    assert found["cost_per_s"] > 0.0
+    assert {"modelled", "left_out", "solver", "attitude_error", "position_error"} <= found.keys()

@@ -1,0 +1,449 @@
+"""A log is run again from what is in it: to the last bit, and what was changed in it shows."""
+
+from __future__ import annotations
+
+import dataclasses
+import struct
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rb_dynamics import Wrench, parse_scene, simulate
+from rb_dynamics.errors import LogError
+from rb_dynamics.formats import cdr
+from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.formats.bag_source import Source, open_source
+from rb_dynamics.formats.log_file import LogFile
+from rb_dynamics.formats.mcap_records import McapFile, Message
+from rb_dynamics.formats.mcap_writer import McapWriter
+from rb_dynamics.formats.recovery import recover
+from rb_dynamics.recording.mcap_sink import LogSettings, McapSink
+from rb_dynamics.recording.rosbag2_sink import BagSink
+from rb_dynamics.run.simulation import Simulation
+from rb_dynamics.run.sink import Status
+from rb_dynamics.study.replay import replay
+
+SCENE = parse_scene(
+    "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}, center_of_mass: [0.1, 0, 0.2]}\n"
+    "initial: {angular_velocity_body: [0.1, 2, 0.1], linear_velocity_world: [1, 2, 3]}\n"
+    "wrenches: [{topic: push, timeout: 0.35}, {topic: /robot/turn}]\n"
+    "effects: [{type: uniform_gravity, acceleration_world: [0, 0, -9.8]}, {type: linear_drag, translation: 0.1}]\n"
+    "solver: {method: rkmk4, step: 0.01}\nduration: 2\noutput_rate: 30\n"
+)
+COMMANDS = [
+    ("push", Wrench((1.0, 2.0, 3.0), (0.1, 0.0, -0.1), "world", 0)),
+    ("push", Wrench((float("nan"), 0.0, 0.0), (0.0, 0.0, 0.0), "body", 100_000_000)),
+    ("robot/turn", Wrench((0.0, 0.0, 0.0), (0.3, 0.2, 0.1), "", 333_333_333)),
+    ("push", Wrench((-0.0, 1.0, 0.0), (0.0, 0.0, 0.0), "body", 333_333_333)),
+    ("push", Wrench((0.0, 1.0, 0.0), (0.0, 0.0, 0.0), "nowhere", 400_000_000)),
+    ("push", Wrench((0.0, 2.0, 0.0), (0.0, 0.0, 0.0), "body", 1_999_999_999)),
+]
+
+
+def edited(
+    source: Path,
+    target: Path,
+    edit: Callable[[Message], Message | None] = lambda message: message,
+    facts: Mapping[str, str] | None = None,
+) -> Path:
+    """Copy a log through `edit`, which changes a message or leaves it out, and with other `facts` in its metadata."""
+    old = McapFile(source)
+    messages = list(old.messages())
+    file = LogFile(target)
+    writer = McapWriter(file, "test")
+    writer.begin()
+    numbers = {
+        channel.topic: writer.add_channel(
+            channel.topic, channel.encoding, writer.add_schema(*channel.schema), channel.metadata
+        )
+        for channel in old.channels.values()
+    }
+    for message in filter(None, map(edit, messages)):
+        writer.add_messages((numbers[message.channel.topic],), (message.data,), message.log_time, message.publish_time)
+    for name, data in old.attachments.items():
+        writer.add_attachment(name, "", data)
+    for name, said in old.metadata.items():
+        writer.add_metadata(name, said | {key: value for key, value in (facts or {}).items() if key in said})
+    writer.finish()
+    file.close()
+    return target
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    simulate(SCENE, COMMANDS, [McapSink(tmp_path / "run.mcap")])
+    return tmp_path / "run.mcap"
+
+
+def test_the_same_bits(log: Path) -> None:
+    found = replay(log)
+    assert found.identical
+    assert (found.samples, found.commands, found.complete, found.software) == (61, 6, True, {})
+    assert set(found.hashes) == {"states_sha256", "inputs_sha256", "scene_sha256"}
+    assert found.uncompared == {("/push", "commands that were rejected: nothing follows from their numbers"): 2}
+    assert all(logged == here and len(logged) == 64 for logged, here in found.hashes.values())
+
+
+def test_names_in_a_namespace_and_remapped(tmp_path: Path) -> None:
+    sink = McapSink(tmp_path / "run.mcap", namespace="/sat", remap={"pose": "/truth", "push": "/cmd/push"})
+    simulate(SCENE, COMMANDS, [sink])
+    found = replay(tmp_path / "run.mcap")
+    assert found.identical
+    assert found.commands == 6
+
+
+def test_every_step_and_frames_of_other_names(tmp_path: Path) -> None:
+    scene = parse_scene(
+        "world_frame: inertial\nbody: {frame: sat, mass: 2, inertia: {diagonal: [1, 2, 3]}}\n"
+        "wrenches: [{topic: wrench}]\nsolver: {method: dop853, accuracy: 1.0e-8}\nduration: 2\noutput_rate: 0\n"
+    )
+    command = Wrench((1.0, 0.0, 0.0), (0.0, 0.5, 0.0), "inertial", 123_456_789)
+    simulate(scene, [("wrench", command)], [McapSink(tmp_path / "run.mcap")])
+    assert replay(tmp_path / "run.mcap").identical
+
+
+def test_a_split_bag_and_a_recovered_beginning(tmp_path: Path, log: Path) -> None:
+    simulate(SCENE, COMMANDS, [BagSink(tmp_path / "bag", max_duration_s=0.7)])
+    assert replay(tmp_path / "bag").identical
+    log.write_bytes(log.read_bytes()[:-6000])
+    recover(log, tmp_path / "saved.mcap")
+    for path in (log, tmp_path / "saved.mcap"):
+        found = replay(path)
+        assert found.identical
+        assert not found.complete
+        assert set(found.hashes) == {"scene_sha256"}, "cut off before its first checkpoint"
+
+
+def test_whole_files_are_proven_though_the_last_one_has_no_sample_left(tmp_path: Path) -> None:
+    folder = tmp_path / "bag"
+    simulate(SCENE, COMMANDS, [BagSink(folder, max_duration_s=0.7)])
+    last = max(folder.glob("*.mcap"))
+    start = McapFile(last)
+    begun_ns = next(start.messages()).log_time
+    # A kill right after the file was begun: its first chunk is there, no sample is.
+    data = last.read_bytes()
+    last.write_bytes(data[: data.index(b"rb_dynamics.result") // 2])
+    found = replay(folder)
+    assert found.identical
+    assert not found.complete
+    assert found.proven_ns is not None
+    assert found.proven_ns == read_bag(folder).poses("/pose")[0][-1]
+    assert found.proven_ns < begun_ns
+
+
+def test_behind_a_piece_that_is_missing_nothing_is_said(tmp_path: Path, log: Path) -> None:
+    def edit(message: Message) -> Message | None:
+        return None if 900_000_000 < message.log_time < 1_100_000_000 else message
+
+    damaged = edited(log, tmp_path / "damaged.mcap", edit)
+    damaged.write_bytes(damaged.read_bytes()[:-8])
+    recover(damaged, tmp_path / "saved.mcap")
+    found = replay(tmp_path / "saved.mcap")
+    assert found.gap_ns == 933_333_333
+    assert not found.identical
+    assert found.differences == {}
+    assert found.hashes == {}
+
+
+def test_the_states_of_a_log_that_was_cut_off_are_proven_up_to_its_last_checkpoint(tmp_path: Path) -> None:
+    scene = dataclasses.replace(
+        SCENE, text=SCENE.text.replace("output_rate: 30", "output_rate: 1000"), output_rate=1000.0
+    )
+    whole, path = tmp_path / "whole.mcap", tmp_path / "run.mcap"
+    simulate(scene, COMMANDS, [McapSink(whole, settings=LogSettings(flush_s=0.0))])
+    assert replay(whole).proven_ns == 2_000_000_000
+    path.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+    recover(path, tmp_path / "saved.mcap")
+    for each in (path, tmp_path / "saved.mcap"):
+        found = replay(each)
+        last_ns = read_bag(each).poses("/pose")[0][-1]
+        assert found.identical
+        assert found.proven_ns is not None
+        assert last_ns - 100_000_000 < found.proven_ns <= last_ns
+        assert set(found.hashes) == {"states_sha256", "scene_sha256"}
+
+    checkpoint = read_bag(path).metadata["rb_dynamics.checkpoint"]["states_sha256"].encode()
+    path.write_bytes(path.read_bytes().replace(checkpoint, b"0" * 64))
+    assert replay(path).proven_ns is None
+    assert not replay(path).identical
+
+
+def test_a_log_that_is_still_being_written_is_compared_up_to_where_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = parse_scene(SCENE.text.replace("duration: 2", "duration: 40"))
+    simulate(scene, COMMANDS, [McapSink(tmp_path / "whole.mcap", settings=LogSettings(flush_s=0.0))])
+    data, growing = (tmp_path / "whole.mcap").read_bytes(), tmp_path / "growing.mcap"
+    lengths = iter((len(data) // 2, 3 * len(data) // 4))
+
+    def grown(path: Path) -> Source:
+        growing.write_bytes(data[: next(lengths)])
+        return open_source(path)
+
+    monkeypatch.setattr("rb_dynamics.study.replay.open_source", grown)
+    found = replay(growing)
+    assert found.identical
+    assert not found.complete
+    assert 0 < found.samples < 1200
+
+
+def test_one_changed_bit_is_found_where_it_is(tmp_path: Path, log: Path) -> None:
+    def edit(message: Message) -> Message:
+        if message.channel.topic == "/linear_momentum" and message.log_time == 1_000_000_000:
+            (z,) = struct.unpack("<d", message.data[-8:])
+            return message._replace(data=message.data[:-8] + struct.pack("<d", z * (1.0 + 2.0**-52)))
+        return message
+
+    found = replay(edited(log, tmp_path / "edited.mcap", edit))
+    assert not found.identical
+    assert found.first == (1_000_000_000, "/linear_momentum")
+    assert list(found.differences) == ["/linear_momentum"]
+    difference = found.differences["/linear_momentum"]
+    assert difference.largest_ns == 1_000_000_000
+    assert 0.0 < difference.relative < 1e-15
+
+
+def test_a_changed_command_moves_what_comes_after(tmp_path: Path, log: Path) -> None:
+    def edit(message: Message) -> Message:
+        if message.channel.topic == "/robot/turn":
+            return message._replace(data=message.data[:-8] + struct.pack("<d", 0.1001))
+        return message
+
+    found = replay(edited(log, tmp_path / "edited.mcap", edit))
+    assert found.first == (333_333_333, "/robot/turn/applied")
+    assert found.differences["/pose"].first_ns == 366_666_667
+    assert [name for name, (logged, here) in found.hashes.items() if logged == here] == ["scene_sha256"]
+
+
+def test_not_a_number_is_no_small_difference(tmp_path: Path, log: Path) -> None:
+    def edit(message: Message) -> Message:
+        if message.channel.topic == "/energy/work" and message.log_time == 1_000_000_000:
+            return message._replace(data=message.data[:-8] + struct.pack("<d", float("nan")))
+        return message
+
+    found = replay(edited(log, tmp_path / "edited.mcap", edit))
+    assert not found.differences["/energy/work"].relative <= 1.0
+
+
+@pytest.mark.parametrize("times", [{1_000_000_000}, {2_000_000_000}])
+def test_what_was_taken_out_is_missed(tmp_path: Path, log: Path, times: set[int]) -> None:
+    def edit(message: Message) -> Message | None:
+        return None if message.channel.topic == "/twist" and message.log_time in times else message
+
+    found = replay(edited(log, tmp_path / "edited.mcap", edit))
+    assert not found.identical
+    assert len(found.missing) == 1
+    assert found.missing[0].startswith("/twist at 2.0")
+
+
+def test_what_was_put_in_is_seen(tmp_path: Path, log: Path) -> None:
+    late: list[Message] = []
+
+    def edit(message: Message) -> Message:
+        if message.channel.topic == "/twist" and not late:
+            late.append(message)
+        if message.log_time == 2_000_000_000 and message.channel.topic == "/energy/potential":
+            return message._replace(channel=late[0].channel, data=late[0].data)
+        return message
+
+    found = replay(edited(log, tmp_path / "edited.mcap", edit))
+    assert any(line.startswith("/twist at 2.0") and "1 messages that the replay" in line for line in found.missing)
+
+
+def test_another_version_is_named(tmp_path: Path, log: Path) -> None:
+    old = McapFile(log)
+    for _ in old.messages():
+        pass
+
+    def software(path: Path) -> Path:
+        data = log.read_bytes()
+        there = old.metadata["rb_dynamics"]["version.numpy"].encode()
+        path.write_bytes(data.replace(there, b"9" * len(there)))
+        return path
+
+    found = replay(software(tmp_path / "edited.mcap"))
+    assert found.identical
+    was, here = found.software["version.numpy"]
+    assert set(was) == {"9"}
+    assert here == old.metadata["rb_dynamics"]["version.numpy"]
+
+
+def off_by(relative: float, *topics: str) -> Callable[[Message], Message]:
+    """Return an edit that puts the last number of the first array in messages of `topics` at 1 s off by so much."""
+
+    def moved(layout: Sequence[cdr.Field], values: Sequence[Any]) -> tuple[Any, ...]:
+        place = next(number for number, kind in enumerate(layout) if isinstance(kind, int | list))
+        kind, found = layout[place], values[place]
+        new = [moved(kind, found[0])] if isinstance(kind, list) else (*found[:-1], found[-1] * (1.0 + relative))
+        return (*values[:place], new, *values[place + 1 :])
+
+    def edit(message: Message) -> Message:
+        if message.channel.topic not in topics or message.log_time != 1_000_000_000:
+            return message
+        name = message.channel.type_name
+        values = moved(cdr.LAYOUTS[name], cdr.decode(name, message.data))
+        return message._replace(data=cdr.encode(name, *values))
+
+    return edit
+
+
+FRAMES = parse_scene(
+    SCENE.text.replace("body: {", "body: {frames: {jet: {position: [0.1, 0, 0]}}, ").replace(
+        "duration: 2", "duration: 1"
+    )
+)
+
+
+@pytest.fixture
+def full(tmp_path: Path) -> Path:
+    """Return a log with every topic there is."""
+    sink = McapSink(tmp_path / "full.mcap", settings=LogSettings(accel=True))
+    run = Simulation(FRAMES, [sink])
+    run.start()
+    for topic, wrench in COMMANDS[:1] + COMMANDS[2:4]:
+        run.post(topic, wrench, wrench.stamp_ns)
+    run.write(Status(0, 0, "fine", {}))
+    run.advance(1_000_000_000)
+    run.finish()
+    return tmp_path / "full.mcap"
+
+
+def test_one_bit_of_any_topic_is_seen(tmp_path: Path, full: Path) -> None:
+    found = replay(full)
+    assert found.identical
+    assert found.uncompared == {("/diagnostics", "messages that say how a node was"): 1}
+    topics = (
+        {channel.topic for channel in open_source(full).channels.values()} if list(McapFile(full).messages()) else {}
+    )
+    topics = set(read_bag(full).topics) - {"/diagnostics"}
+    assert {"/inertia", "/tf_static", "/accel", "/push", "/push/applied", "/odom"} <= topics
+    for topic in sorted(topics):
+        seen: list[Message] = []
+
+        def edit(message: Message, topic: str = topic, seen: list[Message] = seen) -> Message:
+            if message.channel.topic != topic or seen:
+                return message
+            seen.append(message)
+            # The lowest bit of the exponent of its last number.
+            return message._replace(data=message.data[:-2] + bytes([message.data[-2] ^ 0x10, message.data[-1]]))
+
+        found = replay(edited(full, tmp_path / "edited.mcap", edit))
+        assert seen
+        assert not found.identical, topic
+        commanded = {"/push": "/push/applied", "/robot/turn": "/robot/turn/applied"}
+        assert commanded.get(topic, topic) in found.differences
+
+
+@pytest.mark.parametrize("topic", ["/inertia", "/tf_static", "/accel", "/push/applied"])
+def test_a_topic_that_is_gone_or_of_another_time_is_missed(tmp_path: Path, full: Path, topic: str) -> None:
+    def gone(message: Message) -> Message | None:
+        return None if message.channel.topic == topic else message
+
+    def late(message: Message) -> Message:
+        return message._replace(publish_time=message.publish_time + 1) if message.channel.topic == topic else message
+
+    assert [line.partition(" ")[0] for line in replay(edited(full, tmp_path / "e.mcap", gone)).missing] == [topic]
+    assert list(replay(edited(full, tmp_path / "e.mcap", late)).differences) == [topic]
+
+
+OTHER = {"version.numpy": "9.9"}
+
+
+@pytest.mark.parametrize("topic", ["/pose", "/odom", "/tf", "/energy/work", "/linear_momentum"])
+def test_with_another_numpy_a_change_within_the_bound_is_corruption_where_the_states_are_proven(
+    tmp_path: Path, full: Path, topic: str
+) -> None:
+    found = replay(edited(full, tmp_path / "e.mcap", off_by(1e-12, topic), OTHER))
+    assert set(found.software) == {"version.numpy"}
+    assert found.differences[topic].relative < 1e-11
+    assert found.corrupt == [topic]
+    assert not found.within(1e-9)
+    # What no hash is over may have other digits on another version, and on this one not.
+    found = replay(edited(full, tmp_path / "e.mcap", off_by(1e-12, "/accel"), OTHER))
+    assert found.corrupt == []
+    assert found.within(1e-9)
+    assert not found.within(0.0)
+    assert not replay(edited(full, tmp_path / "e.mcap", off_by(1e-12, "/accel"))).within(1e-9)
+
+
+def test_with_another_numpy_and_other_bits_a_log_must_agree_with_itself(tmp_path: Path, full: Path) -> None:
+    other = OTHER | {"states_sha256": "0" * 64}
+    found = replay(edited(full, tmp_path / "e.mcap", off_by(1e-12, "/pose", "/odom", "/tf"), other))
+    assert found.torn == []
+    assert found.within(1e-9)
+    found = replay(edited(full, tmp_path / "e.mcap", off_by(1e-12, "/pose", "/tf"), other))
+    assert [line.partition(" ")[0] for line in found.torn] == ["/odom"]
+    assert not found.within(1e-9)
+    found = replay(edited(full, tmp_path / "e.mcap", off_by(1e-12, "/energy/work"), other))
+    assert found.torn == found.corrupt == []
+    assert found.within(1e-9)
+
+
+def test_scene_and_commands_are_the_same_whatever_the_version(tmp_path: Path, full: Path) -> None:
+    for name in ("scene_sha256", "inputs_sha256"):
+        found = replay(edited(full, tmp_path / "e.mcap", facts=OTHER | {name: "0" * 64}))
+        assert found.corrupt == [name]
+        assert not found.within(1e-9)
+
+
+def test_a_log_of_rule_1_is_the_same_still() -> None:
+    """Commands came in another order than a replay posts them, one at the very time of its channel's timeout."""
+    found = replay(Path(__file__).parent / "recording" / "rule_1.mcap")
+    logged, here = found.hashes["inputs_sha256"]
+    assert logged == here
+    assert found.missing == []
+    assert found.identical or found.software
+
+
+def test_the_order_in_which_changes_of_a_nanosecond_were_seen_does_not_count(tmp_path: Path) -> None:
+    scene = parse_scene(
+        "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\n"
+        "wrenches: [{topic: a, timeout: 0.1}, {topic: b, timeout: 0.1}]\n"
+        "effects:\n- {type: uniform_gravity, acceleration_world: [0, 0, -9.8]}\n"
+        "- {type: scheduled_wrench, schedule: [{time: 0.1, force: [0, 0, 1]}]}\n"
+        "solver: {method: rkmk4, step: 0.05}\nduration: 0.3\noutput_rate: 20\n"
+    )
+    commands = [(name, Wrench((1.0, 2.0, 3.0), stamp_ns=ns)) for ns in (0, 100_000_000) for name in ("a", "b", "a")]
+    hashes = []
+    for order in (range(6), (1, 0, 2, 4, 3, 5), (0, 2, 1, 3, 5, 4)):
+        path = tmp_path / "run.mcap"
+        run = Simulation(scene, [McapSink(path)])
+        run.start()
+        for number in order:
+            topic, wrench = commands[number]
+            # As a node in lockstep: time goes to the stamp before the next command has come.
+            run.advance(wrench.stamp_ns)
+            run.post(topic, wrench, wrench.stamp_ns)
+        run.advance(300_000_000)
+        run.finish()
+        assert replay(path).identical
+        hashes.append(open_result(path))
+    at_once = tmp_path / "at_once.mcap"
+    simulate(scene, commands, [McapSink(at_once)])
+    assert {*hashes} == {open_result(at_once)}
+
+
+def open_result(path: Path) -> str:
+    """Return the hash of the inputs of a log."""
+    return read_bag(path).metadata["rb_dynamics.result"]["inputs_sha256"]
+
+
+def test_a_file_of_a_split_bag_is_not_all_of_the_run(tmp_path: Path) -> None:
+    simulate(SCENE, COMMANDS, [BagSink(tmp_path / "bag", max_duration_s=0.7)])
+    for number in range(3):
+        with pytest.raises(LogError, match="found one file of a bag"):
+            replay(tmp_path / "bag" / f"bag_{number}.mcap")
+
+
+def test_a_bag_of_others_is_refused_with_the_remedy(example_dir: Path) -> None:
+    with pytest.raises(LogError, match=r"cannot be run again; .*simulate SCENE --wrench BAG"):
+        replay(example_dir / "slew.mcap")
+
+
+def test_a_scene_that_is_not_valid_is_an_error_of_the_scene(tmp_path: Path) -> None:
+    scene = dataclasses.replace(SCENE, text="body: {mass: -2}")
+    simulate(scene, [], [McapSink(tmp_path / "run.mcap")])
+    with pytest.raises(Exception, match="mass"):
+        replay(tmp_path / "run.mcap")

@@ -1,0 +1,122 @@
+"""The trial and its reference: nothing is found ready-made, and what rounding does not leave is not asked for."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rb_dynamics.errors import ConvergenceError
+from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.motion import fixed_step_kernel
+from rb_dynamics.motion.taylor import _expand
+from rb_dynamics.numerics import compilation
+from rb_dynamics.run.simulation import simulate
+from rb_dynamics.scene.model import Solver
+from rb_dynamics.scene.read import parse_scene
+from rb_dynamics.study.stopwatch import Stopwatch
+from rb_dynamics.study.trade.excerpt import Trial, accepted, trial_of
+from rb_dynamics.study.trade.reference import find_reference
+
+CLOCK = time.process_time
+TORQUE = [("wrench", Wrench(torque=(0.1, 0.2, 0.0)))]
+
+needs_numba = pytest.mark.skipif(not compilation.available(), reason="nothing to compile with: numba is not installed")
+
+
+@pytest.fixture(autouse=True)
+def _plain(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "never")
+
+
+def trial(spin: str, duration: str, limit: float, clock: Callable[[], float] = CLOCK) -> Trial:
+    body = "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}"
+    text = f"{body}\ninitial: {{angular_velocity_body: {spin}}}\nduration: {duration}"
+    return trial_of(parse_scene(text), TORQUE, limit, Stopwatch(clock))
+
+
+def test_a_run_finds_nothing_that_another_one_has_computed() -> None:
+    """The same motion in one step of one expansion: cheap to look up, and what is timed is to compute it."""
+    one = trial("[0.1, 2, 0.1]", "0.01", 1.0)
+    looked_up = []
+    for _ in range(2):
+        assert one.fly(Solver("taylor", accuracy=1e-6), one.as_the_whole(), parts=1) is not None
+        looked_up.append(_expand.cache_info())
+    assert looked_up[0] == looked_up[1]
+    assert looked_up[0].misses > 0
+
+
+def test_an_accuracy_that_rounding_does_not_leave_is_loosened_until_it_can_be_kept() -> None:
+    """At 200 rad/s the finest are refused: the finest that is kept makes the reference."""
+    one = trial("[10, 200, 10]", "200", 0.05)
+    same, reference, _ = find_reference(one, [CLOCK() + 60.0], lambda: None)
+    method, accuracy = reference.method.split(", accuracy ")
+    assert same == one
+    assert 1e-14 < float(accuracy) < 1e-9
+    assert reference.is_useful
+    with pytest.raises(ConvergenceError, match="rounding alone"):
+        one.fly(Solver(method, accuracy=0.1 * float(accuracy)), one.as_the_whole())
+
+
+def test_commands_act_in_the_order_in_which_simulate_takes_them() -> None:
+    """Both are stamped before the start, where the later stamp wins."""
+    scene = parse_scene(
+        "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\nduration: 1\nsolver: {method: rk4, step: 0.1}"
+    )
+    commands = [("wrench", Wrench(torque=(0.1 * k, 0.2, 0.0), stamp_ns=-k)) for k in (1, 3, 2)]
+    one = trial_of(scene, accepted(scene, commands), 1.0, Stopwatch(CLOCK))
+    flight = one.fly(scene.solver, one.as_the_whole())
+    assert flight is not None
+    assert flight.sample == simulate(scene, commands).sample
+
+
+@needs_numba
+class TestCompiled:
+    """An hour passes whenever a kernel is compiled or loaded."""
+
+    @pytest.fixture
+    def hours(self, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[float]:
+        passed: list[float] = []
+        compile_kernel = fixed_step_kernel.compile_kernel
+
+        def slowly(function: Callable[..., Any], signature: str) -> Callable[..., Any]:
+            passed.append(3600.0)
+            return compile_kernel(function, signature)
+
+        monkeypatch.setattr(fixed_step_kernel, "compile_kernel", slowly)
+        monkeypatch.setenv("RB_DYNAMICS_COMPILE", "auto")
+        # What other tests have loaded is not to be found.
+        fixed_step_kernel.kernel.cache_clear()
+        return passed
+
+    def test_a_run_is_compiled_as_the_whole_would_be_and_its_time_does_not_hold_that(self, hours: list[float]) -> None:
+        rk4 = Solver("rk4", step=0.01, accuracy=None)
+        ends = {}
+        for duration in ("10", "1000"):
+            hours.clear()
+            one = trial("[0.1, 2, 0.1]", duration, 0.02, clock=lambda: CLOCK() + sum(hours)).part(10.0)
+            for _ in range(2):
+                flight = one.fly(rk4, one.as_the_whole())
+                assert flight is not None
+                # 1000 steps, or 100 000.
+                assert flight.compiled is (duration == "1000")
+                assert flight.time < 3600.0
+                ends[duration] = flight.sample
+            assert [*one.clock.kernels] == (["_run_on_numbers_rk4"] if duration == "1000" else [])
+            assert all(3600.0 <= took < 7200.0 for took in one.clock.kernels.values())
+        assert ends["10"] == ends["1000"]
+
+    def test_what_is_loaded_is_not_used_where_the_whole_would_not(self, hours: list[float]) -> None:
+        rk4 = Solver("rk4", step=0.01, accuracy=None)
+        one = trial("[0.1, 2, 0.1]", "1", 1.0)
+        used = []
+        for tally in (one.clock.tally(1e3), one.clock.tally(), one.clock.tally(1e3, math.inf)):
+            flight = one.fly(rk4, tally)
+            assert flight is not None
+            used.append(flight.compiled)
+        assert used == [True, False, False]
+        assert len(hours) == 1

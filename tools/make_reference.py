@@ -1,0 +1,509 @@
+"""Write docs/reference: scene keys, command line, node, log and Python API, as the code itself tells them.
+
+    python tools/make_reference.py            # the page of the node takes rclpy
+    python tools/make_reference.py --check    # says what is out of date, exit code 1
+
+Keys, what is expected of them and defaults come from the scene reader, which is given a wrong value for each; options
+from the parsers; topics and services from a node that is started; channels and metadata from a log that is written.
+What a thing is for stands here, in one line each, and a thing without such a line is an error.
+"""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import difflib
+import importlib
+import inspect
+import os
+import re
+import sys
+import tempfile
+from collections.abc import Callable, Iterable, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import python_api
+import yaml
+
+import rb_dynamics as rb
+from rb_dynamics.body.shapes import SHAPES
+from rb_dynamics.cli import COMMANDS
+from rb_dynamics.errors import SceneError
+from rb_dynamics.formats.bag_reader import read_bag, read_wrenches
+from rb_dynamics.loads.effect_types import EFFECTS
+from rb_dynamics.motion import METHODS
+from rb_dynamics.recording.input_hash import InputHash
+from rb_dynamics.recording.mcap_sink import LogSettings, McapSink
+from rb_dynamics.recording.state_hash import StateHash
+
+FOLDER = Path(__file__).resolve().parent / "reference"
+ROOT = FOLDER.parent.parent
+NOTE = "*Written by `tools/make_reference.py` from the code.*\n"
+
+UNKNOWN = "no_such_key"
+SMALLEST: dict[str, Any] = {"body": {"mass": 1.0, "inertia": {"diagonal": [1.0, 1.0, 1.0]}}}
+
+# Sections of a scene: heading, path to it, a tree in which it stands.
+SECTIONS: list[tuple[str, str, dict[str, Any]]] = [
+    ("The whole", "", SMALLEST),
+    ("body", "body", SMALLEST),
+    ("body.inertia", "body.inertia", {"body": {"mass": 1.0, "inertia": {}}}),
+    ("body.inertia.principal", "body.inertia.principal", {"body": {"mass": 1.0, "inertia": {"principal": {}}}}),
+    ("body.inertia.particles[]", "body.inertia.particles[0]", {"body": {"inertia": {"particles": [{}]}}}),
+    ("body.inertia.mesh", "body.inertia.mesh", {"body": {"inertia": {"mesh": {}}}}),
+    ("body.inertia.urdf", "body.inertia.urdf", {"body": {"inertia": {"urdf": {}}}}),
+    ("body.frames.NAME", "body.frames.NAME", {"body": SMALLEST["body"] | {"frames": {"NAME": {}}}}),
+    ("initial", "initial", SMALLEST | {"initial": {}}),
+    ("wrenches[]", "wrenches[0]", SMALLEST | {"wrenches": [{}]}),
+    ("solver", "solver", SMALLEST | {"solver": {}}),
+]
+
+SCENE = """\
+One YAML file: the body, how it starts, what acts on it, how it is computed. Every key is checked. SI units; vectors are
+`[x, y, z]`; a name that ends in `_world` or `_body` says in which axes its vector is given. Any value can be changed
+from outside by its dotted key: `--set body.mass=2`, or a parameter of the node.
+
+[config/slew.yaml](../../config/slew.yaml) explains a whole one.
+"""
+
+SHAPE = """\
+`type`, the lengths below in m, `density` (kg/m³) or `body.mass`, and `orientation` from shape to body axes.
+"""
+
+CLI = """\
+`rb-dynamics COMMAND --help` says the same. Exit codes: 0 done, 1 ran and failed its check, 2 bad input, with one
+message and no traceback. A progress bar appears on a terminal, none in a pipe.
+"""
+
+LOG = """\
+One MCAP file of profile `ros2`: CDR, `ros2msg` schemas, QoS and type hashes on every channel. All times are simulation
+nanoseconds from 0. [Logs](../logs.md) says how it is written, proven and looked at.
+"""
+
+NODE = """\
+Names are relative and can be remapped. Every topic is RELIABLE. All stamps are simulation time, and none is zero. A
+topic that nobody reads is not computed. [The node in a ROS 2 graph](../ros.md) has the rest.
+"""
+
+PARAMETERS = """\
+`use_sim_time` makes time follow `/clock`. Numbers, texts and lists of numbers of the scene are parameters too, by their
+dotted keys, such as `body.mass`; they may be set while the node is paused.
+"""
+
+MEANING = {
+    "world_frame": "name of the inertial frame",
+    "body": "what the body is",
+    "initial": "state at time 0; what is left out is zero, the orientation the identity",
+    "wrenches": "channels by which commands come; they add up; `[]` for none",
+    "effects": "what else acts; a thing not listed is not modelled and costs nothing",
+    "solver": "how the motion is computed",
+    "duration": "s; `simulate` needs it here or as `--duration`, a node without one runs until it is stopped",
+    "output_rate": "Hz of published and logged states; 0 is every step",
+    "body.frame": "name of the frame fixed to the body",
+    "body.mass": "kg; not beside particles and urdf",
+    "body.center_of_mass": "m, from the body origin, body axes",
+    "body.inertia": "about the centre of mass, body axes, kg m²; exactly one form; a body without one is a particle",
+    "body.frames": "frames fixed to the body, by name, in which a wrench may be given",
+    "body.inertia.matrix": "`[[Ixx, Ixy, Ixz], [Ixy, Iyy, Iyz], [Ixz, Iyz, Izz]]`, with Ixy = −∫ xy dm",
+    "body.inertia.diagonal": "`[Ixx, Iyy, Izz]`, where the body axes are principal axes",
+    "body.inertia.principal": "moments and the rotation to the body axes",
+    "body.inertia.particles": "a list; mass and centre of mass follow",
+    "body.inertia.shape": "a textbook shape, see below",
+    "body.inertia.mesh": "a closed surface (extra `mesh`); the centre of mass follows",
+    "body.inertia.urdf": "a link of a URDF; mass and centre of mass follow",
+    "body.inertia.principal.moments": "kg m²",
+    "body.inertia.principal.orientation": "rotation from principal to body axes",
+    "body.inertia.particles[0].mass": "kg",
+    "body.inertia.particles[0].position": "m, from the body origin, body axes",
+    "body.inertia.mesh.file": "STL, OBJ or PLY; relative to the scene file",
+    "body.inertia.mesh.density": "kg/m³; or `body.mass`",
+    "body.inertia.mesh.scale": "m per unit of the file",
+    "body.inertia.urdf.file": "relative to the scene file",
+    "body.inertia.urdf.link": "its `inertial` element is read",
+    "body.frames.NAME.position": "m, from the body origin, body axes",
+    "body.frames.NAME.orientation": "rotation from this frame to body axes",
+    "initial.position_world": "m, of the body origin",
+    "initial.orientation": "rotation from body to world axes, named by component",
+    "initial.linear_velocity_world": "m/s, of the body origin",
+    "initial.angular_velocity_body": "rad/s",
+    "wrenches[0].topic": "name of the topic",
+    "wrenches[0].timeout": "s without a command until the channel drops to zero; 0 holds for ever",
+    "wrenches[0].optional": "in lockstep, time does not wait for this channel to speak",
+    "solver.method": "`auto`, or a method by name: [Set the solver](../how-to/solver.md)",
+    "solver.accuracy": "error accepted at the end: attitude in rad, position relative to the distance travelled",
+    "solver.step": "s; instead of an accuracy",
+    "acceleration_world": "m/s²; its force acts like a held wrench and has a potential energy",
+    "gravitational_parameter": "μ = G M, m³/s²",
+    "center_world": "m; of the attracting centre",
+    "gravity_gradient": "also the torque, and the force, of its gradient over the body",
+    "translation": "N s/m (linear) or N s²/m² (quadratic); one number, or one for each body axis",
+    "rotation": "N m s/rad or N m s²/rad²; one number, or one for each body axis",
+    "medium_velocity_world": "m/s; of the medium",
+    "axis_body": "direction of the wheel's axis",
+    "axial_inertia": "kg m², of the wheel about its axis",
+    "spin_rate": "rad/s relative to the body; a number, or a schedule `[{time:, rate:}, ...]`",
+    "frame_id": "axes and point of the wrenches, as in a header",
+    "schedule": "`[{time:, force:, torque:}, ...]`, each held until the next; s, N, N m",
+}
+
+ACTS = {
+    "uniform_gravity": "m g everywhere. Potential energy.",
+    "central_gravity": "Attraction by a centre. Potential energy. Changes inside a step.",
+    "linear_drag": "Against the motion through a medium, by the speed. Changes inside a step.",
+    "quadratic_drag": "Against the motion through a medium, by its square. Changes inside a step.",
+    "rotor": "A wheel in the body (gyrostat). Its momentum and energy count in the books.",
+    "scheduled_wrench": "Wrenches by time.",
+}
+
+EXAMPLES = {kind: f"config/{kind}.yaml" for kind in ACTS} | {"uniform_gravity": "config/boxes.yaml"}
+
+TOPICS = {
+    "pose": "of the body origin, world frame",
+    "twist": "of the body origin, body axes",
+    "odom": "both; twist in body axes",
+    "angular_momentum": "world axes, about the centre of mass",
+    "linear_momentum": "world axes",
+    "energy/kinetic": "J",
+    "energy/work": "J; of wrenches and effects",
+    "energy/defect": "J; T − T₀ − work",
+    "energy/potential": "J; where an effect has one",
+    "inertia": "mass properties; a late reader gets them too",
+    "accel": "of the body origin, body axes, from the equations; with `publish_accel` (log: `--accel`)",
+    "/clock": "simulation time, from the steps; with `publish_clock`",
+    "/tf": "the pose; with `publish_tf`, where tf2_msgs is installed (log: always)",
+    "/tf_static": "the scene's fixed frames; as `/tf`",
+    "/diagnostics": "1 Hz, by a node: state, defects, commands accepted, rejected, early, late, lost; overruns",
+    "~/set_state": "moves the body: pose in the world frame, twist in body axes",
+    "wrench": "one for each of the scene's channels; [what a wrench means](../how-to/wrenches.md)",
+    "wrench/applied": "what acted, and from when",
+    "effects/TYPE/applied": "the same of an effect that is held like a wrench",
+    "/parameter_events": "",
+    "/rosout": "",
+}
+
+SERVICES = {
+    "~/pause": "pauses or goes on",
+    "~/step": "one output period, while paused or in lockstep",
+    "~/reset": "time 0, initial state, no commands, new logs",
+}
+
+METADATA = {
+    "rb_dynamics": "what ran: method, versions, platform, hash of the scene",
+    "rb_dynamics.topics": "names of the topics after remapping",
+    "rb_dynamics.checkpoint": "behind each chunk: samples so far, and the SHA-256 of all of them",
+    "rb_dynamics.result": "how it ended: steps, hash of inputs and of all states (below); of a file of a bag that is "
+    "not the last `states_sha256` up to its end and, in `continues_in`, the name of the next one",
+}
+
+
+HASHES = """
+    Two runs share a hash exactly when what it is over agrees to the last bit, wherever they were made.
+
+    - `states_sha256`: {states}
+    - `inputs_sha256`: {inputs} `inputs_rule` is 2. A log without it is of rule 1: over every change of what acted,
+      effects and timeouts included, in the order in which the log has them; `replay` checks that too.
+    - `scene_sha256`: SHA-256 over the attached scene.
+"""
+
+
+def words(hashing: type) -> str:
+    """Return what the docstring of a hash says, in one paragraph."""
+    text = inspect.cleandoc(hashing.__doc__ or "").partition("Attributes:")[0]
+    return " ".join(text.replace("`Sample`", "a sample").split())
+
+
+def told(texts: dict[str, str], name: str) -> str:
+    """Return what one of the tables above says of a name.
+
+    Raises:
+        SystemExit: it says nothing; names what to write, and where.
+    """
+    if name not in texts:
+        sys.exit(f"tools/make_reference.py says nothing of {name!r}: write a line beside those of {list(texts)[:3]}")
+    return texts[name]
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table of Markdown."""
+    lines = [list(head), ["---"] * len(head), *(list(row) for row in rows)]
+    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines) + "\n"
+
+
+def problems(tree: dict[str, Any]) -> dict[str, str]:
+    """Return what the reader finds wrong with a scene, by key."""
+    try:
+        rb.parse_scene(yaml.safe_dump(tree, sort_keys=False))
+    except SceneError as error:
+        found = [re.fullmatch(r"<scene>:\d+: (\S+): (found .*)", line) for line in str(error).splitlines()]
+        return {match[1]: match[2] for match in found if match}
+    return {}
+
+
+def place(tree: dict[str, Any], path: str) -> dict[str, Any]:
+    """Return the mapping at a dotted path."""
+    here: Any = tree
+    for part in re.findall(r"[^.\[\]]+", path):
+        here = here[int(part) if part.isdigit() else part]
+    assert isinstance(here, dict)
+    return here
+
+
+def keys(tree: dict[str, Any], path: str) -> list[str]:
+    """Return the keys that the reader knows at `path`: it lists them where it is given one that it does not know."""
+    probe = copy.deepcopy(tree)
+    place(probe, path)[UNKNOWN] = 0
+    text = problems(probe)[f"{path}.{UNKNOWN}".lstrip(".")]
+    return text.partition("expected one of ")[2].partition(";")[0].split(", ")
+
+
+def expected(tree: dict[str, Any], path: str, key: str) -> str:
+    """Return what the reader expects at a key, in its own words."""
+    name = f"{path}.{key}".lstrip(".")
+    for wrong in ([], {}, "?"):
+        probe = copy.deepcopy(tree)
+        place(probe, path)[key] = wrong
+        text = problems(probe).get(name, "")
+        if text:
+            words = text.partition(", expected ")[2].rpartition("; ")[0]
+            # What plug-ins bring to this machine is not on the page.
+            for name in set(METHODS) - set(METHODS.own):
+                words = re.sub(rf", {re.escape(name)}\b", "", words)
+            return re.sub(r"a mapping of .*", "a section, see below", words)
+    raise ValueError(f"{name}: the reader accepts anything")
+
+
+DEFAULTS: dict[str, Callable[[rb.Scene], object]] = {
+    "world_frame": lambda scene: scene.frames.world_frame,
+    "wrenches": lambda scene: f"[{{topic: {scene.channels[0].topic}}}]",
+    "effects": lambda scene: list(scene.effects),
+    "output_rate": lambda scene: scene.output_rate,
+    "body.frame": lambda scene: scene.frames.body_frame,
+    "body.center_of_mass": lambda scene: list(scene.body.center_of_mass),
+    "wrenches[0].timeout": lambda scene: scene.channels[0].timeout,
+    "wrenches[0].optional": lambda scene: str(scene.channels[0].optional).lower(),
+    "solver.method": lambda scene: scene.solver.method,
+    "solver.accuracy": lambda scene: scene.solver.accuracy,
+}
+
+
+def scene_page() -> str:
+    smallest = rb.parse_scene(yaml.safe_dump(SMALLEST))
+    parts = [
+        "# Scene\n",
+        NOTE,
+        SCENE,
+    ]
+    for title, path, tree in SECTIONS:
+        rows = []
+        for key in keys(tree, path):
+            name = f"{path}.{key}".lstrip(".")
+            default = f"`{DEFAULTS[name](smallest)}`" if name in DEFAULTS else ""
+            rows.append((f"`{key}`", expected(tree, path, key), default, told(MEANING, name)))
+        heading = title if not path else f"`{title}`"
+        parts += [f"## {heading}\n", table(("key", "expected", "default", ""), rows)]
+    shapes = [
+        (f"`{name}`", ", ".join(f"`{each}`" for each in form.dimensions), "[x, y, z]" if form.vector else "")
+        for name, form in SHAPES.items()
+    ]
+    parts += [
+        "## `body.inertia.shape`\n",
+        SHAPE,
+        table(("type", "lengths", ""), shapes),
+        "## `effects[]`\n",
+    ]
+    for kind in EFFECTS.own:
+        tree = SMALLEST | {"effects": [{"type": kind}]}
+        names = [key for key in keys(tree, "effects[0]") if key != "type"]
+        parts += [
+            f"### `{kind}`\n",
+            f"{told(ACTS, kind)} Example: [{EXAMPLES[kind]}](../../{EXAMPLES[kind]}).\n",
+            table(("key", ""), [(f"`{name}`", told(MEANING, name)) for name in names]),
+        ]
+    return "\n".join(parts)
+
+
+class Recorder(argparse.ArgumentParser):
+    """A parser that keeps what is added to it, in groups too."""
+
+    def __init__(self) -> None:
+        self.added: list[argparse.Action] = []
+        super().__init__(add_help=False)
+
+    def _add_action(self, action: argparse.Action) -> argparse.Action:
+        self.added.append(action)
+        return super()._add_action(action)
+
+
+def cli_page() -> str:
+    parts = [
+        "# Command line\n",
+        NOTE,
+        CLI,
+    ]
+    for name in COMMANDS:
+        module = importlib.import_module(f"rb_dynamics.cli.{name}")
+        parser = Recorder()
+        module.add_arguments(parser)
+        rows = []
+        for action in parser.added:
+            value = action.metavar if action.nargs != 0 else ""
+            value = " ".join(value) if isinstance(value, tuple) else value or ""
+            label = f"{', '.join(action.option_strings)} {value}".strip() or action.dest
+            rows.append((f"`{label}`", (action.help or "") % vars(action)))
+        doc = inspect.cleandoc(module.__doc__ or "")
+        parts += [f"## {name}\n", doc + "\n", table(("argument", ""), rows)] if rows else [f"## {name}\n", doc + "\n"]
+    return "\n".join(parts)
+
+
+def anywhere(key: str) -> str:
+    """Return a key of the metadata, without what depends on the packages that are installed here."""
+    return re.sub(r"^version\..*", "version.*", key)
+
+
+def log_page() -> str:
+    frames = {"thruster": {"position": [0.1, 0.0, 0.0]}}
+    scene = rb.read_scene(
+        ROOT / "config" / "slew.yaml",
+        {"duration": 1.0, "body.frames": frames, "wrenches": [{"topic": "wrench/body"}],
+         "effects": [{"type": "uniform_gravity", "acceleration_world": [0.0, 0.0, -9.8]}]},
+    )  # fmt: skip
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "run.mcap"
+        commands = read_wrenches(ROOT / "examples" / "slew.mcap", ["wrench/body"])
+        rb.simulate(scene, commands, [McapSink(path, settings=LogSettings(accel=True))])
+        bag = read_bag(path)
+    rows = []
+    for topic in bag.topics.values():
+        name = topic.name.replace("wrench/body", "wrench").replace("uniform_gravity", "TYPE")
+        known = name if name in TOPICS else name.removeprefix("/")
+        rows.append((f"`{known}`", f"`{topic.type_name}`", told(TOPICS, known)))
+    data = [
+        (f"`{name}`", ", ".join(f"`{key}`" for key in dict.fromkeys(map(anywhere, values))), told(METADATA, name))
+        for name, values in bag.metadata.items()
+    ]
+    return "\n".join(
+        (
+            "# Log\n",
+            NOTE,
+            LOG,
+            "## Channels\n",
+            table(("channel", "type", ""), sorted(rows)),
+            "Behind a namespace or remappings the names are those of the node.\n",
+            "## Metadata\n",
+            table(("record", "keys", ""), data),
+            "A log that had to stop early has `rb_dynamics.interrupted` besides, with the reason.\n",
+            "## Hashes\n",
+            inspect.cleandoc(HASHES).format(states=words(StateHash), inputs=words(InputHash)) + "\n",
+            "## Attachments\n",
+            table(
+                ("name", ""), [(f"`{name}`", "the scene, with meshes and URDF resolved") for name in bag.attachments]
+            ),
+        )
+    )
+
+
+def python_page() -> str:
+    return "\n".join(("# Python API\n", NOTE, *python_api.page()))
+
+
+def shown(value: object) -> str:
+    """Return a default as it is written."""
+    text = str(value).lower() if isinstance(value, bool) else str(value)
+    return f"`{text}`" if text else ""
+
+
+def ros_page() -> str:
+    import rclpy
+    from rclpy.signals import SignalHandlerOptions
+
+    from rb_dynamics.ros import settings
+    from rb_dynamics.ros.node import RigidBodyNode
+
+    gravity = {"type": "uniform_gravity", "acceleration_world": [0.0, 0.0, -9.8]}
+    with tempfile.NamedTemporaryFile("w", suffix=".yaml") as scene:
+        yaml.safe_dump(SMALLEST | {"effects": [gravity]}, scene)
+        scene.flush()
+        asked = [f"scene:={scene.name}", "publish_clock:=true", "publish_accel:=true", "start_paused:=true"]
+        arguments = [word for each in asked for word in ("-p", each)]
+        rclpy.init(args=["--ros-args", *arguments], signal_handler_options=SignalHandlerOptions.NO)
+        try:
+            node = RigidBodyNode()
+            outward = {p.topic_name: p for p in node.publishers}
+            inward = {s.topic_name: s for s in node.subscriptions}
+            services = {s.srv_name: s.srv_type for s in node.services}
+            node.destroy_node()
+        finally:
+            rclpy.try_shutdown()
+
+    def type_name(kind: type) -> str:
+        package, _, rest = kind.__module__.partition(".")
+        return f"`{package}/{rest.partition('.')[0]}/{kind.__name__}`"
+
+    def short(name: str) -> str:
+        name = name.replace("/rigid_body/", "~/")
+        return name if name in TOPICS or name in SERVICES else name.removeprefix("/")
+
+    def row(name: str, direction: str, end: Any) -> tuple[str, ...]:
+        durability = end.qos_profile.durability.name.lower().replace("_", " ")
+        return (f"`{short(name)}`", direction, type_name(end.msg_type), durability, told(TOPICS, short(name)))
+
+    rows = [row(name, "in", end) for name, end in sorted(inward.items())]
+    rows += [row(name, "out", end) for name, end in sorted(outward.items())]
+    if "/tf" not in outward:
+        tf = "`tf2_msgs/msg/TFMessage`"
+        rows += [("`/tf`", "out", tf, "volatile", told(TOPICS, "/tf"))]
+        rows += [("`/tf_static`", "out", tf, "transient local", told(TOPICS, "/tf_static"))]
+    listed = [each for each in rows if each[-1]]
+    parameters = [(f"`{name}`", shown(value), text) for name, value, text in settings.documented()]
+    own = [(short(name), type_name(kind)) for name, kind in sorted(services.items()) if short(name) in SERVICES]
+    return "\n".join(
+        (
+            "# Topics, parameters and services\n",
+            NOTE,
+            NODE,
+            "## Topics\n",
+            table(("topic", "", "type", "durability", ""), listed),
+            "## Parameters\n",
+            table(("parameter", "default", ""), parameters),
+            PARAMETERS,
+            "## Services\n",
+            table(("service", "type", ""), [(f"`{name}`", kind, SERVICES[name]) for name, kind in own]),
+            "Besides, those of [simulation_interfaces](../ros.md#simulation_interfaces) where that is installed.\n",
+        )
+    )  # fmt: skip
+
+
+PAGES: dict[str, Callable[[], str]] = {
+    "scene.md": scene_page,
+    "cli.md": cli_page,
+    "ros.md": ros_page,
+    "log.md": log_page,
+    "python.md": python_page,
+}
+
+
+def main(arguments: list[str]) -> int:
+    """Write the pages, or say which are out of date; exit code 1 where one is."""
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "OFF"
+    stale = 0
+    for name, make in PAGES.items():
+        if make is ros_page and find_spec("rclpy") is None:
+            print(f"docs/reference/{name}: left as it is, as rclpy is not installed")
+            continue
+        text, path = make(), FOLDER / name
+        if "--check" not in arguments:
+            FOLDER.mkdir(exist_ok=True)
+            path.write_text(text, encoding="utf-8")
+            continue
+        found = path.read_text(encoding="utf-8") if path.exists() else ""
+        if found != text:
+            stale = 1
+            print(f"docs/reference/{name} is not what the code says; run `python tools/make_reference.py`")
+            print("\n".join(list(difflib.unified_diff(found.splitlines(), text.splitlines(), lineterm="", n=0))[:20]))
+    return stale
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
