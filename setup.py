@@ -92,7 +92,7 @@ setup(
     **METADATA,
     python_requires=">=3.10",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["py.typed", "**/*.css", "**/*.html.j2", "**/*.json", "**/*.msg", "**/*.yaml"]},
+    package_data={NAME: ["py.typed", "*.pyi", "**/*.css", "**/*.html.j2", "**/*.json", "**/*.msg", "**/*.yaml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),

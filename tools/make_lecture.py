@@ -34,7 +34,7 @@ from rb_dynamics.report.svg import COLORS
 from rb_dynamics.theory.poinsot import energy_ellipsoid, herpolhode, invariable_plane, polhode
 
 ROOT = Path(__file__).resolve().parent.parent
-TEMPLATE = ROOT / "docs" / "lecture.template.md"
+TEMPLATE = ROOT / "tools" / "lecture.template.md"
 PAGE = ROOT / "docs" / "lecture.md"
 IMAGES = ROOT / "docs" / "images"
 

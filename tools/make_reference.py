@@ -38,8 +38,8 @@ from rb_dynamics.recording.input_hash import InputHash
 from rb_dynamics.recording.mcap_sink import LogSettings, McapSink
 from rb_dynamics.recording.state_hash import StateHash
 
-FOLDER = Path(__file__).resolve().parent / "reference"
-ROOT = FOLDER.parent.parent
+ROOT = Path(__file__).resolve().parents[1]
+FOLDER = ROOT / "docs" / "reference"
 NOTE = "*Written by `tools/make_reference.py` from the code.*\n"
 
 UNKNOWN = "no_such_key"

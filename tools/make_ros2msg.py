@@ -11,7 +11,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from rb_dynamics.formats.cdr import LAYOUTS
 
-TARGET = Path(__file__).parents[1] / "rb_dynamics" / "recording" / "ros2msg.py"
+TARGET = Path(__file__).parents[1] / "rb_dynamics" / "formats" / "ros2msg.py"
 
 SEPARATOR = "=" * 80 + "\n"
 

@@ -44,7 +44,7 @@ from rb_dynamics.scene.model import Solver
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs" / "verification.md"
 IMAGES = ROOT / "docs" / "images"
-sys.path[:0] = [str(ROOT / "test"), str(ROOT / "test" / "verification"), str(ROOT / "test" / "motion")]
+sys.path[:0] = [str(ROOT / "test" / "support"), str(ROOT / "test" / "verification"), str(ROOT / "test" / "motion")]
 free_reference, motions, test_extremes, test_free, test_invariants, test_order, test_second_simulator, wrenches = map(
     import_module,
     (

@@ -11,7 +11,6 @@ import textwrap
 from collections.abc import Iterator, Mapping
 from enum import Enum
 from functools import cached_property
-from importlib import import_module
 from itertools import groupby
 from types import FunctionType
 from typing import Any, Protocol
@@ -21,8 +20,8 @@ import rb_dynamics as rb
 WIDTH = 100  # of a signature on one line
 
 HEAD = """\
-Everything here is a name of `rb_dynamics` itself: `import rb_dynamics as rb`. Two modules stand beside it,
-`rb_dynamics.theory.poinsot` and `rb_dynamics.theory.euler_equations`: [the lecture](../lecture.md) uses each of their functions.
+Everything here is a name of `rb_dynamics` itself: `import rb_dynamics as rb`. Two of the names are modules,
+`rb.poinsot` and `rb.euler_equations`: [the lecture](../lecture.md) uses each of their functions.
 `rb.METHODS` holds the methods by name; [Extending](../extending.md) says how to add to them.
 
 Types: a `Vector` is a tuple of three floats, a `Quaternion` one of four, x y z w, and a `Matrix` one of three rows;
@@ -34,12 +33,12 @@ PARTS = {
     "loads": "What acts",
     "motion": "Methods and free motion",
     "scene": "Scenes",
-    "simulate": "Runs",
-    "diagnostics": "Runs",
-    "ensemble": "Many bodies at once",
-    "samples": "Many bodies at once",
-    "explain": "Runs",
-    "trade": "Runs",
+    "run.simulation": "Runs",
+    "run.diagnostics": "Runs",
+    "study": "Runs",
+    "run.ensemble": "Many bodies at once",
+    "run.samples": "Many bodies at once",
+    "run.sink": "Sinks",
     "recording": "Sinks",
     "errors": "Errors",
 }
@@ -69,9 +68,9 @@ def page() -> Iterator[str]:
         for _, name, thing in group:
             yield from entry(name, thing)
     for name, title in MODULES.items():
-        module = import_module(f"rb_dynamics.{name}")
+        module = getattr(rb, name)
         yield f"## {title}\n"
-        yield f"In `rb_dynamics.{name}`. {as_markdown(inspect.getdoc(module) or '')}"
+        yield f"In `rb.{name}`. {as_markdown(inspect.getdoc(module) or '')}"
         for each, thing in vars(module).items():
             if not each.startswith("_") and getattr(thing, "__module__", "") == module.__name__:
                 yield from entry(each, thing)
@@ -82,7 +81,8 @@ def public_names() -> Iterator[tuple[str, str, Any]]:
     for name in rb.__all__:
         thing = getattr(rb, name)
         if inspect.isclass(thing) or inspect.isfunction(thing):
-            yield name, thing.__module__.split(".")[1], thing
+            below = thing.__module__.removeprefix("rb_dynamics.")
+            yield name, below if below in PARTS else below.split(".")[0], thing
 
 
 def entry(name: str, thing: Any) -> Iterator[str]:

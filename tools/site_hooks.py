@@ -16,8 +16,8 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
-DOCS = Path(__file__).resolve().parent
-ROOT = DOCS.parent
+ROOT = Path(__file__).resolve().parents[1]
+DOCS = ROOT / "docs"
 BESIDE = ("CHANGELOG.rst", "CONTRIBUTING.md", "LICENSE", "QUALITY_DECLARATION.md")
 LINK = re.compile(r"\]\(([^)\s#]+)(#[^)\s]*)?\)")
 FORMULA = re.compile(r"\$<code>(.*?)</code>\$", re.DOTALL)

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from rb_dynamics.formats.bag_reader import Bag
     from rb_dynamics.numerics.rotation import Quaternion
     from rb_dynamics.numerics.vector import Vector
-    from rb_dynamics.report.html import Section
 
 _ROWS = 7
 
@@ -94,19 +93,6 @@ class Comparison:
     def within(self, tolerance: float) -> bool:
         """Return whether every difference is at most `tolerance`."""
         return all(value <= tolerance for value in self.worst().values())
-
-    def section(self) -> Section:
-        """Return the comparison as a section of an HTML report."""
-        import numpy as np
-
-        from rb_dynamics.report.run_page import comparison_section
-
-        return comparison_section(
-            np.array(self.times_ns) / 1e9,
-            {name: np.array(values) for name, values in self.series().items()},
-            "Against the recorded flight",
-            f"Pose and twist as they came back over DDS, compared with the recording at {len(self.times_ns)} stamps.",
-        )
 
     def as_text(self, tolerance: float) -> str:
         """Return a table: the differences at some of the stamps, the largest of all, and the verdict."""

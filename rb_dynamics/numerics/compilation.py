@@ -22,7 +22,7 @@ from pickle import UnpicklingError
 from types import FunctionType, ModuleType
 from typing import Any, TypeVar
 
-_PACKAGE = Path(__file__).parent
+_PACKAGE = Path(__file__).parents[1]
 _F = TypeVar("_F", bound=Callable[..., Any])
 _MARK = "__compiled_as__"
 _MONTH = 30 * 86400.0

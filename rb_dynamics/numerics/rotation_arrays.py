@@ -1,4 +1,4 @@
-"""Rotations of many vectors at once: arrays of unit quaternions xyzw. One at a time, on floats: `numerics/rotation.py`."""
+"""Rotations of many vectors at once: arrays of unit quaternions xyzw. One at a time, on floats: `rotation.py`."""
 
 from __future__ import annotations
 

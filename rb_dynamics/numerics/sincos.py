@@ -1,7 +1,7 @@
 """Sine and cosine together by polynomials: the same bits on every machine, and no call that would stop a compiler.
 
-A compiler takes them for many bodies at once (`motion/batch_kernel.py`), which a call of the C library it does not. Never for
-angles beyond `LARGEST`: what turns a body further in one step is refused long before.
+A compiler takes them for many bodies at once (`motion/batch_kernel.py`), which it cannot do with a call of the C
+library. Never for angles beyond `LARGEST`: what turns a body further in one step is refused long before.
 """
 
 from __future__ import annotations

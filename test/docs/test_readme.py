@@ -16,7 +16,7 @@ import yaml
 from rb_dynamics import parse_scene
 from rb_dynamics.motion import METHODS
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 PAGES = [
     ROOT / "README.md",
     ROOT / "docs" / "campaigns.md",

@@ -27,7 +27,7 @@ from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader, AnyReaderError
 
-KILLER = Path(__file__).resolve().parent.parent / "log_killer.py"
+KILLER = Path(__file__).resolve().parent.parent / "support" / "log_killer.py"
 
 
 def killed(folder: Path, kills: int, *times: float) -> list[dict[str, Any]]:

@@ -23,7 +23,7 @@ from rb_dynamics.scene.read import parse_scene, read_scene
 from rb_dynamics.study.explain import explain
 from rb_dynamics.study.stopwatch import Stopwatch
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 RIGID = "body: {mass: 2, inertia: {diagonal: [1, 2, 2.5]}}\ninitial: {angular_velocity_body: [0.3, 1, 0.2]}\n"
 
 

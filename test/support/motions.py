@@ -27,7 +27,7 @@ from rb_dynamics.run.diagnostics import Sample
 from rb_dynamics.run.sink import Event, RunInfo
 from rb_dynamics.scene.model import Scene, Solver
 
-DATA = Path(__file__).parent / "verification" / "data"
+DATA = Path(__file__).parents[1] / "verification" / "data"
 
 EPS = 2.0**-52
 

@@ -33,7 +33,7 @@ from rb_dynamics.study.campaign.store import Store, read_row, read_rows
 pytest.importorskip("pyarrow")
 pytestmark = pytest.mark.filterwarnings("default::DeprecationWarning")
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture(autouse=True)

@@ -12,7 +12,7 @@ from rb_dynamics.scene import read_scene
 from rb_dynamics.study.campaign.distributions import Choice, LogUniform, Normal, Uniform
 from rb_dynamics.study.campaign.read import read_campaign
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 BARE = "scene: scene.yaml\nruns: 3\nmetrics: {final_rate: {final: rate}}\n"
 
 

@@ -31,7 +31,7 @@ from rb_dynamics.study.trade import Recommendation, Row, Trade, measurement, ref
 
 # The package: rb_dynamics.trade is the function.
 TRADE = importlib.import_module("rb_dynamics.trade")
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 SPINNING = "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\ninitial: {angular_velocity_body: [0.1, 2, 0.1]}\n"
 DRAG = SPINNING + "wrenches: []\neffects: [{type: linear_drag, rotation: 0.1}]\nduration: 2\n"
 # So near the middle axis that rounding decides when it turns over: no two methods can agree.

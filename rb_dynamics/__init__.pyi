@@ -1,0 +1,57 @@
+"""The public names of rb_dynamics and where each is defined; type checkers and `__init__.py` read them here."""
+
+from rb_dynamics.body.mass_properties import inertia_ellipsoid as inertia_ellipsoid
+from rb_dynamics.body.mass_properties import radius_of_gyration as radius_of_gyration
+from rb_dynamics.body.mass_properties import scalar_inertia as scalar_inertia
+from rb_dynamics.body.particles import body_of_particles as body_of_particles
+from rb_dynamics.body.plausibility import Finding as Finding
+from rb_dynamics.body.plausibility import Symmetry as Symmetry
+from rb_dynamics.body.plausibility import examine as examine
+from rb_dynamics.body.plausibility import symmetry as symmetry
+from rb_dynamics.body.rigid_body import RigidBody as RigidBody
+from rb_dynamics.body.state import State as State
+from rb_dynamics.errors import BodyError as BodyError
+from rb_dynamics.errors import ConvergenceError as ConvergenceError
+from rb_dynamics.errors import LogError as LogError
+from rb_dynamics.errors import MissingExtraError as MissingExtraError
+from rb_dynamics.errors import PluginError as PluginError
+from rb_dynamics.errors import RigidBodyError as RigidBodyError
+from rb_dynamics.errors import SceneError as SceneError
+from rb_dynamics.errors import WrenchError as WrenchError
+from rb_dynamics.loads.central_gravity import CentralGravity as CentralGravity
+from rb_dynamics.loads.channels import AppliedWrench as AppliedWrench
+from rb_dynamics.loads.channels import Channel as Channel
+from rb_dynamics.loads.drag import LinearDrag as LinearDrag
+from rb_dynamics.loads.drag import QuadraticDrag as QuadraticDrag
+from rb_dynamics.loads.effect import Effect as Effect
+from rb_dynamics.loads.rotor import Rotor as Rotor
+from rb_dynamics.loads.scheduled_wrench import ScheduledWrench as ScheduledWrench
+from rb_dynamics.loads.uniform_gravity import UniformGravity as UniformGravity
+from rb_dynamics.loads.wrench import FixedFrame as FixedFrame
+from rb_dynamics.loads.wrench import Wrench as Wrench
+from rb_dynamics.loads.wrench import WrenchFrames as WrenchFrames
+from rb_dynamics.motion import METHODS as METHODS
+from rb_dynamics.motion.free_motion import FreeMotion as FreeMotion
+from rb_dynamics.motion.free_motion import free_motion as free_motion
+from rb_dynamics.recording.memory import MemorySink as MemorySink
+from rb_dynamics.recording.state_hash import HashSink as HashSink
+from rb_dynamics.run.diagnostics import Sample as Sample
+from rb_dynamics.run.ensemble import Ensemble as Ensemble
+from rb_dynamics.run.ensemble import driven_motion as driven_motion
+from rb_dynamics.run.samples import Samples as Samples
+from rb_dynamics.run.simulation import Run as Run
+from rb_dynamics.run.simulation import Simulation as Simulation
+from rb_dynamics.run.simulation import simulate as simulate
+from rb_dynamics.run.sink import Sink as Sink
+from rb_dynamics.scene import parse_scene as parse_scene
+from rb_dynamics.scene import read_scene as read_scene
+from rb_dynamics.scene.model import Scene as Scene
+from rb_dynamics.scene.model import Solver as Solver
+from rb_dynamics.study.explain import Explanation as Explanation
+from rb_dynamics.study.explain import explain as explain
+from rb_dynamics.study.trade import Trade as Trade
+from rb_dynamics.study.trade import trade as trade
+from rb_dynamics.theory import euler_equations as euler_equations
+from rb_dynamics.theory import poinsot as poinsot
+
+__version__: str
