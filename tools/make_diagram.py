@@ -60,16 +60,24 @@ BOXES = {
     "parts": Box(160, 210, "body/   loads/   motion/", "what a Scene is made of", files=("body", "loads", "motion")),
     "compile": Box(160, 305, "scene/compile.py", "method, step control", files=("scene/compile.py",)),
     "loop": Box(
-        480, 400, "simulate.py", "the only loop: from edge to edge, command, output, end", 600, "loop", ("simulate.py",)
+        480,
+        400,
+        "run/simulation.py",
+        "the only loop: from edge to edge, command, output, end",
+        600,
+        "loop",
+        ("run/simulation.py",),
     ),
-    "sample": Box(480, 490, "diagnostics.py", "Sample: state, momenta, energy, defects", 290, "", ("diagnostics.py",)),
+    "sample": Box(
+        480, 490, "run/diagnostics.py", "Sample: state, momenta, energy, defects", 290, "", ("run/diagnostics.py",)
+    ),
     "memory": Box(100, 595, "memory.py", "arrays", 150, files=("recording/memory.py",)),
     "hash": Box(290, 595, "state_hash.py", "SHA-256 of all states", 150, files=("recording/state_hash.py",)),
     "mcap": Box(480, 595, "mcap_sink.py", "run.mcap, bag folder", 150, files=("recording/mcap_sink.py",)),
     "rerun": Box(670, 595, "rerun_sink.py", "run.rrd", 150, files=("recording/rerun_sink.py",)),
     "publish": Box(860, 595, "ros/publishers.py", "pose, twist, odom, ...", 150, files=("ros/publishers.py",)),
-    "report": Box(370, 720, "report/", "inspect: HTML, video", 180, files=("report",)),
-    "replay": Box(600, 720, "replay.py", "runs the log again, to the bit", 210, files=("replay.py",)),
+    "report": Box(370, 720, "analysis/   report/", "inspect: findings, HTML, video", 210, files=("analysis", "report")),
+    "replay": Box(600, 720, "study/replay.py", "runs the log again, to the bit", 210, files=("study/replay.py",)),
 }
 
 ARROWS = [

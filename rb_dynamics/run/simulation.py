@@ -25,8 +25,8 @@ from rb_dynamics.motion.phase import Phase, in_principal_axes
 from rb_dynamics.motion.step_control import NANOSECONDS
 from rb_dynamics.numerics.validation import instance, items, shown, whole
 from rb_dynamics.numerics.vector import Vector
-from rb_dynamics.recording.input_hash import RULE, InputHash
 from rb_dynamics.run.diagnostics import Observer, Sample, acceleration, kinetic_energy
+from rb_dynamics.run.input_hash import RULE, InputHash
 from rb_dynamics.run.provenance import INPUTS_RULE, run_metadata
 from rb_dynamics.run.sink import Event, RunInfo, Sink
 from rb_dynamics.scene import opened

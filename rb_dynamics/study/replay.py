@@ -45,8 +45,8 @@ from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.numerics.decimals import whole_number
 from rb_dynamics.numerics.validation import shown
 from rb_dynamics.numerics.vector import ZERO
-from rb_dynamics.recording.input_hash import AppliedHash
 from rb_dynamics.recording.state_hash import StateHash
+from rb_dynamics.run.input_hash import AppliedHash
 from rb_dynamics.run.provenance import (
     CHECKPOINT,
     INPUTS_RULE,

@@ -48,7 +48,7 @@ NAMED = [
 
 @pytest.fixture(scope="module")
 def lecture(root: Path) -> ModuleType:
-    spec = importlib.util.spec_from_file_location("make_lecture", root / "docs" / "make_lecture.py")
+    spec = importlib.util.spec_from_file_location("make_lecture", root / "tools" / "make_lecture.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)

@@ -19,7 +19,7 @@ pytest.importorskip("matplotlib", reason="extra 'plot' is not installed")
 def generator(root: Path) -> ModuleType:
     """The script as a module; the folders that it puts on the path are taken off again."""
     path = list(sys.path)
-    spec = importlib.util.spec_from_file_location("make_verification", root / "docs" / "make_verification.py")
+    spec = importlib.util.spec_from_file_location("make_verification", root / "tools" / "make_verification.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
