@@ -47,6 +47,20 @@ _SMALLEST_PART = 32
 # What is run before the stopwatch, to import and tabulate what a run needs.
 _WARM_UP_NS = 1000
 
+NOT_MODELLED = (
+    "contact, collision, friction",
+    "joints, several bodies that act on each other",
+    "flexible parts, slosh, cables",
+    "mass that leaves: propellant, staging",
+    "atmosphere models, aerodynamic tables, solar pressure, magnetic field",
+    "harmonics, third bodies, ephemerides",
+    "a moving or rotating world frame",
+    "sensors, cameras",
+    "actuators",
+    "relativity, radiation of momentum",
+)
+"""What no scene can say, as docs/limits.md has it, which says what to take instead."""
+
 _FREE_ROTATION = {
     Symmetry.SPHERE: "uniform rotation, as the three moments are equal",
     Symmetry.OBLATE: "trigonometric functions, as two moments are equal",
@@ -61,7 +75,7 @@ class Explanation:
 
     Attributes:
         modelled: each thing that is modelled, and how.
-        left_out: each thing that is not, and why.
+        left_out: each thing that is not, and why: of what this scene could say, and behind it what no scene can.
         solver: what runs it, with its setting.
         methods: names of the methods that moved the body in the trial.
         trial_s: simulated seconds of the trial with all outputs, on which steps and cost stand.
@@ -238,7 +252,7 @@ def _left_out(scene: Scene) -> tuple[str, ...]:
     absent = [kind for kind in EFFECTS.own if kind not in listed]
     if absent:
         items.append(f"{', '.join(absent)}: not listed in effects")
-    return tuple(items)
+    return (*items, *(f"{thing}: in no scene" for thing in NOT_MODELLED))
 
 
 def probed(

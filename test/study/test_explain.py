@@ -20,7 +20,7 @@ from rb_dynamics.numerics.rotation import angle_between
 from rb_dynamics.run.simulation import Simulation, simulate
 from rb_dynamics.scene.model import Scene, Solver
 from rb_dynamics.scene.read import parse_scene, read_scene
-from rb_dynamics.study.explain import explain
+from rb_dynamics.study.explain import NOT_MODELLED, explain
 from rb_dynamics.study.stopwatch import Stopwatch
 
 ROOT = Path(__file__).parents[2]
@@ -95,6 +95,15 @@ def test_channels_are_tried_with_the_commands_of_a_bag_or_a_probe() -> None:
     assert any("probe" in remark for remark in probed.remarks)
     assert not any("probe" in remark for remark in flown.remarks)
     assert flown.attitude_error < 1e-12 < probed.attitude_error
+
+
+def test_what_is_in_no_scene_is_what_the_page_of_limits_says() -> None:
+    page = (ROOT / "docs" / "limits.md").read_text(encoding="utf-8")
+    rows = [line.split(" | ")[0].removeprefix("| ") for line in page.splitlines() if line.startswith("| ")]
+    assert tuple(rows[1 : rows.index("you want")]) == NOT_MODELLED
+    found = explain(parse_scene(RIGID + "duration: 1"), budget=0.1)
+    assert found.left_out[-len(NOT_MODELLED) :] == tuple(f"{thing}: in no scene" for thing in NOT_MODELLED)
+    assert all(thing in found.as_text() for thing in NOT_MODELLED)
 
 
 def test_a_scene_without_end_is_tried_for_the_budget() -> None:
