@@ -31,7 +31,8 @@ import rb_dynamics as rb
 from rb_dynamics.body.shapes import SHAPES
 from rb_dynamics.cli import COMMANDS
 from rb_dynamics.errors import SceneError
-from rb_dynamics.formats.bag_reader import read_bag, read_wrenches
+from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.formats.wrench_bags import read_wrenches
 from rb_dynamics.loads.effect_types import EFFECTS
 from rb_dynamics.motion import METHODS
 from rb_dynamics.recording.mcap_sink import LogSettings, McapSink

@@ -41,8 +41,9 @@ def run(args: argparse.Namespace) -> int:
 
     from rb_dynamics.analysis.comparison import Comparison
     from rb_dynamics.cli import output
-    from rb_dynamics.formats.bag_reader import read_bag, read_wrenches
+    from rb_dynamics.formats.bag_reader import read_bag
     from rb_dynamics.formats.log_file import make_folder
+    from rb_dynamics.formats.wrench_bags import read_wrenches
     from rb_dynamics.recording.rerun_sink import RerunSink
     from rb_dynamics.report.run_page import write_run_report
     from rb_dynamics.run.simulation import simulate

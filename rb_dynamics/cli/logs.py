@@ -61,7 +61,7 @@ def log_sinks(args: argparse.Namespace) -> list[GuardedSink]:
 
     targets = (text.partition("=")[2] for text in args.sink)
     for name in filter(None, (args.mcap, args.bag, args.rerun, args.html, *targets)):
-        require_other(name, *filter(None, (args.scene, args.wrench)))
+        require_other(name, *filter(None, (args.scene, *args.wrench)))
     logged = any((args.mcap, args.bag, args.rerun, args.sink))
     for option, is_given in (("--flush", args.flush is not None), ("--accel", args.accel), ("--verify", args.verify)):
         require_with(args, option, is_given, "a log (--mcap, --bag or --rerun)", logged)

@@ -10,7 +10,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from rb_dynamics.formats.bag_reader import RecordedWrenches
+    from rb_dynamics.formats.wrench_bags import RecordedWrenches
     from rb_dynamics.run.simulation import Run
     from rb_dynamics.scene.model import Scene
 
@@ -59,6 +59,12 @@ def note_coasting(scene: Scene) -> None:
     if scene.channels and not scene.effects and "wrenches" in scene.text:
         topics = ", ".join(channel.topic for channel in scene.channels)
         print(f"note: no commands on {topics}: the body coasts; give a bag of commands with --wrench", file=sys.stderr)
+
+
+def note_start(commands: RecordedWrenches) -> None:
+    """Say on stderr which time of the bags is time 0 of the run, where it is not that of the stamps."""
+    for note in commands.notes:
+        print(f"note: {note}", file=sys.stderr)
 
 
 def warn_outside(commands: RecordedWrenches, scene: Scene) -> None:

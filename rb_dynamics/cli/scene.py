@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import argparse
 import math
-from typing import TYPE_CHECKING
+from decimal import Decimal
+from typing import TYPE_CHECKING, cast
 
 from rb_dynamics.cli.parser import require_with
 from rb_dynamics.numerics.option_numbers import real
 
 if TYPE_CHECKING:
-    from rb_dynamics.formats.bag_reader import RecordedWrenches
+    from rb_dynamics.formats.wrench_bags import RecordedWrenches, Start
     from rb_dynamics.loads.wrench import Wrench
     from rb_dynamics.scene.model import Scene
 
@@ -31,10 +32,14 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
 def add_wrench(parser: argparse.ArgumentParser) -> None:
     """Add the bag of wrench commands, and which of its topics drives which channel."""
     parser.add_argument(
-        "--wrench",
-        metavar="BAG",
-        help="bag with wrench commands, MCAP or a rosbag2 folder; each takes effect at its stamp",
-    )
+        "--wrench", action="append", default=[], metavar="BAG",
+        help="bag with wrench commands, MCAP or a rosbag2 folder; may be given again, and all are flown",
+    )  # fmt: skip
+    parser.add_argument(
+        "--wrench-start", type=_start, metavar="auto|bag|first|stamp|SECONDS",
+        help="which time of the bags is time 0 of the run: stamp: that of their stamps; bag: their start; first: the "
+        "first command; SECONDS: that stamp; auto (default): stamp where commands lie within the run so, else bag",
+    )  # fmt: skip
     parser.add_argument(
         "--topic", action="append", default=[], metavar="TOPIC=CHANNEL",
         help="topic of the bag that drives a channel of the scene, where their names differ; may be given again",
@@ -81,19 +86,33 @@ def read_with_commands(args: argparse.Namespace) -> tuple[Scene, RecordedWrenche
 
     Raises:
         SceneError: the scene is not valid, or a value cannot be read.
-        LogError: the bag cannot be read, or `--topic` is not TOPIC=CHANNEL.
+        LogError: a bag cannot be read, none of its commands has an effect, or `--topic` is not TOPIC=CHANNEL.
     """
     require_with(args, "--topic", bool(args.topic), "--wrench", args.wrench)
+    require_with(args, "--wrench-start", args.wrench_start is not None, "--wrench", args.wrench)
     scene = read(args)
     if not args.wrench:
         return scene, []
     from rb_dynamics.cli import output
-    from rb_dynamics.formats.bag_reader import RecordedWrenches
+    from rb_dynamics.formats.wrench_bags import RecordedWrenches
+    from rb_dynamics.loads.channels import WrenchChannels
 
     end_ns = math.inf if scene.end_ns is None else scene.end_ns
-    commands = RecordedWrenches(args.wrench, [channel.topic for channel in scene.channels], end_ns, _mapping(args))
+    topics, start = [channel.topic for channel in scene.channels], args.wrench_start
+    check = WrenchChannels(scene.channels, scene.frames).check
+    commands = RecordedWrenches(args.wrench, topics, end_ns, _mapping(args), "auto" if start is None else start, check)
+    output.note_start(commands)
+    commands.require_some()
     output.warn_outside(commands, scene)
     return scene, commands
+
+
+def _start(text: str) -> Start:
+    """Return which time is time 0 of a run; seconds, as the decimal number that was written, in ns."""
+    if text in ("auto", "bag", "first", "stamp"):
+        return cast("Start", text)
+    real("auto, bag, first, stamp or a number of seconds", lambda value: abs(value) < 2.0**31)(text)
+    return round(Decimal(text) * 10**9)
 
 
 def _mapping(args: argparse.Namespace) -> dict[str, str]:

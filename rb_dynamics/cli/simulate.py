@@ -1,7 +1,8 @@
 """Run a scene offline, without ROS, and print its final state.
 
-The wrench commands come from a ROS 2 MCAP bag (--wrench) whose WrenchStamped or Wrench topics carry the names of the
-scene's channels; without one the body coasts. The same commands through the node in lockstep give the same bits.
+The wrench commands come from ROS 2 bags (--wrench) whose WrenchStamped or Wrench topics carry the names of the scene's
+channels; without one the body coasts. The same commands through the node in lockstep give the same bits. A bag of which
+no command acts is an error.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
         if args.html:
             make_folder(Path(args.html))
         with output.progress(args.scene) as progress:
-            result = simulate(scene, commands, sinks, progress)
+            result = simulate(scene, commands, sinks, progress, getattr(commands, "facts", None))
         output.warn_rejected(result, len(commands))
         print(output.as_json(result) if args.json else output.as_text(result), flush=True)
         if args.html:

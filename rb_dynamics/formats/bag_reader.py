@@ -1,4 +1,4 @@
-"""What a ROS 2 bag says: wrench commands for a run, and poses, twists and scalars as arrays.
+"""What a ROS 2 bag says: poses, twists, wrenches and scalars as arrays.
 
 Any writer will do (rosbag2, this package, others), and so will a file that was cut off. Never needs ROS or the index of
 the file, and keeps only messages of the types in `rb_dynamics.formats.cdr.LAYOUTS`.
@@ -6,13 +6,8 @@ the file, and keeps only messages of the types in `rb_dynamics.formats.cdr.LAYOU
 
 from __future__ import annotations
 
-import heapq
-import logging
-import math
 import os
 import re
-from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -22,8 +17,8 @@ from numpy.typing import NDArray
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
-from rb_dynamics.formats.bag_source import Source, open_source
-from rb_dynamics.formats.mcap_records import Channel, Message
+from rb_dynamics.formats.bag_source import open_source
+from rb_dynamics.formats.mcap_records import Channel
 from rb_dynamics.formats.messages import (
     ODOMETRY,
     PLAIN_WRENCH,
@@ -40,14 +35,12 @@ from rb_dynamics.run.provenance import DAMAGED, INTERRUPTED, MISSING_FILES, RESU
 Times = NDArray[np.int64]
 Values = NDArray[np.float64]
 
-_logger = logging.getLogger(__name__)
-
 # Of each kind of quantity: the types that carry it, and where it stands in their decoded values.
 _POSES = {POSE: 2, ODOMETRY: 3}
 _TWISTS = {TWIST: 2, ODOMETRY: 5}
 _VECTORS = {VECTOR: 2}
 _SCALARS = {SCALAR: 0}
-_WRENCHES = {PLAIN_WRENCH: 0, WRENCH: 2}
+WRENCHES = {PLAIN_WRENCH: 0, WRENCH: 2}
 
 
 @dataclass
@@ -153,7 +146,7 @@ class Bag:
 
     def wrenches(self, topic: str) -> list[tuple[int, Wrench]]:
         """Return log time (ns) and command for each message, in the order of the file; of WrenchStamped or Wrench."""
-        source = self._topic(topic, _WRENCHES)
+        source = self._topic(topic, WRENCHES)
         pairs = zip(source.log_times, source.messages, strict=True)
         return [(time_ns, decode_wrench(source.type_name, time_ns, message)) for time_ns, message in pairs]
 
@@ -200,113 +193,6 @@ def read_bag(path: str | os.PathLike[str]) -> Bag:
     return bag
 
 
-class RecordedWrenches:
-    """The commands in a bag for the wrench channels of a scene, by stamp; equal stamps in the order of the bag.
-
-    Read anew each time they are gone through, never kept: a bag of any length takes little memory. One that is written
-    in the order of its stamps takes least; a command that comes late is waited for.
-
-    Attributes:
-        first_ns: the earliest stamp; None where there is none.
-        late: how many lie after `end_ns`.
-    """
-
-    def __init__(
-        self,
-        path: str | os.PathLike[str],
-        topics: Sequence[str],
-        end_ns: float = math.inf,
-        mapping: Mapping[str, str] | None = None,
-    ) -> None:
-        """Look through the bag for the commands on `topics`; a leading slash makes no difference between names.
-
-        A Wrench without header has its log time as stamp and frame "".
-
-        Args:
-            path: a bag, see `open_source`.
-            topics: names of the scene's channels.
-            end_ns: of the run.
-            mapping: the channel that each topic of the bag drives, where their names differ.
-
-        Raises:
-            LogError: the bag cannot be read or is damaged, `mapping` names what is not there, or none of its wrench
-                topics is one of `topics`.
-        """
-        self._path, self._wanted = Path(path), _wanted(topics, mapping or {})
-        self._count = self.late = self._delay_ns = 0
-        self.first_ns: int | None = None
-        newest_ns = None
-        source, found = open_source(self._path), Counter[str]()
-        for _, wrench in _commands(source, self._wanted, found):
-            stamp_ns = wrench.stamp_ns
-            self._count += 1
-            self.late += stamp_ns > end_ns
-            self.first_ns = stamp_ns if self.first_ns is None else min(self.first_ns, stamp_ns)
-            newest_ns = stamp_ns if newest_ns is None else max(newest_ns, stamp_ns)
-            self._delay_ns = max(self._delay_ns, newest_ns - stamp_ns)
-        for channel in source.channels.values():
-            if _type_name(channel) in _WRENCHES:
-                found[channel.topic] += 0
-        missing = {name.removeprefix("/") for name in mapping or {}} - {name.removeprefix("/") for name in found}
-        if missing:
-            raise LogError(
-                f"{source.path}: mapped are {sorted(missing)}, expected wrench topics of the bag: {_listed(found)}; "
-                "map one of these"
-            )
-        if not any(name.removeprefix("/") in self._wanted for name in found):
-            raise LogError(_no_commands(source, topics, found))
-        if not source.complete:
-            _logger.warning("%s was cut off; the %d commands in it are used", source.path, len(self))
-        elif absent := source.metadata.get(INTERRUPTED, {}).get(MISSING_FILES) or next_file(source.metadata):
-            _logger.warning("%s is without %s; the %d commands in it are used", source.path, absent, len(self))
-
-    def __len__(self) -> int:
-        """Return how many there are."""
-        return self._count
-
-    def __iter__(self) -> Iterator[tuple[str, Wrench]]:
-        """Yield topic, as the scene writes it, and command."""
-        waiting: list[tuple[int, int, tuple[str, Wrench]]] = []
-        newest_ns = self.first_ns or 0
-        for number, command in enumerate(_commands(open_source(self._path), self._wanted, Counter())):
-            stamp_ns = command[1].stamp_ns
-            newest_ns = max(newest_ns, stamp_ns)
-            heapq.heappush(waiting, (stamp_ns, number, command))
-            # Nothing that is still to come is older than this.
-            while waiting and waiting[0][0] <= newest_ns - self._delay_ns:
-                yield heapq.heappop(waiting)[2]
-        while waiting:
-            yield heapq.heappop(waiting)[2]
-
-
-def read_wrenches(
-    path: str | os.PathLike[str], topics: Sequence[str], mapping: Mapping[str, str] | None = None
-) -> list[tuple[str, Wrench]]:
-    """Return all of `RecordedWrenches`.
-
-    Args:
-        path: a bag, see `open_source`.
-        topics: names of the scene's channels.
-        mapping: the channel that each topic of the bag drives, where their names differ.
-
-    Raises:
-        LogError: the bag cannot be read or is damaged, `mapping` names what is not there, or none of its wrench topics
-            is one of `topics`.
-    """
-    return list(RecordedWrenches(path, topics, mapping=mapping))
-
-
-def _commands(source: Source, wanted: Mapping[str, str], found: Counter[str]) -> Iterator[tuple[str, Wrench]]:
-    """Yield the commands in the order of the bag, and count in `found` what wrench topics have."""
-    for message in source.messages():
-        type_name = _type_name(message.channel)
-        if type_name in _WRENCHES:
-            found[message.channel.topic] += 1
-            topic = wanted.get(message.channel.topic.removeprefix("/"))
-            if topic is not None:
-                yield topic, _command(source, type_name, message)
-
-
 def _stamped(topic: Topic) -> bool:
     return cdr.LAYOUTS[topic.type_name][0] == cdr.STAMP
 
@@ -342,55 +228,7 @@ def _width(topic: Topic, place: int) -> int:
     return count if isinstance(count, int) else 0
 
 
-def _wanted(topics: Sequence[str], mapping: Mapping[str, str]) -> dict[str, str]:
-    """Return the channel of each topic of the bag, without leading slash; a channel that is mapped has that topic only.
-
-    Raises:
-        LogError: a topic is mapped to what is no channel.
-    """
-    channels = {topic.removeprefix("/"): topic for topic in topics}
-    mapped = {source.removeprefix("/"): channel.removeprefix("/") for source, channel in mapping.items()}
-    for source, channel in mapped.items():
-        if channel not in channels:
-            raise LogError(
-                f"topic {source} is mapped to {channel!r}, expected a channel of the scene: {list(topics)}; name one"
-            )
-    by_name = {name: topic for name, topic in channels.items() if name not in mapped.values()}
-    return by_name | {source: channels[channel] for source, channel in mapped.items()}
-
-
-def _no_commands(file: Source, topics: Sequence[str], found: Counter[str]) -> str:
-    if not found:
-        remedy = "give a bag of WrenchStamped or Wrench messages"
-        if not file.complete:
-            remedy = "the file was cut off before a whole message: record it again"
-    elif not topics:
-        remedy = "add a channel under `wrenches` in the scene, or leave out the bag"
-    else:
-        remedy = (
-            "name the channel under `wrenches` in the scene like the topic in the file, or map the topic with --topic "
-            "TOPIC=CHANNEL"
-        )
-    return (
-        f"{file.path} has no channel of the scene: its wrench topics are {_listed(found)}, the scene expects "
-        f"{', '.join(topics) or 'none'}; {remedy}"
-    )
-
-
-def _listed(found: Counter[str]) -> str:
-    return ", ".join(f"{name} ({count} messages)" for name, count in sorted(found.items())) or "none"
-
-
-def _command(file: Source, type_name: str, message: Message) -> Wrench:
-    try:
-        return decode_wrench(type_name, message.log_time, message.data)
-    except LogError as error:
-        raise LogError(
-            f"{file.path}: topic {message.channel.topic}, log time {message.log_time} ns: {error}"
-        ) from error
-
-
-def _type_name(channel: Channel) -> str:
+def named_type(channel: Channel) -> str:
     """Return "pkg/msg/Type", for the older "pkg/Type" too; what is no CDR is given its encoding and so fits no type."""
     type_name = channel.type_name
     if channel.encoding != "cdr":
@@ -400,11 +238,11 @@ def _type_name(channel: Channel) -> str:
 
 def _topic_of(bag: Bag, channel: Channel) -> Topic:
     """Return the topic a channel belongs to, new where it is the first: a topic may have several publishers."""
-    type_name = _type_name(channel)
-    topic = bag.topics.setdefault(channel.topic, Topic(channel.topic, type_name))
-    if topic.type_name != type_name:
+    kind = named_type(channel)
+    topic = bag.topics.setdefault(channel.topic, Topic(channel.topic, kind))
+    if topic.type_name != kind:
         raise LogError(
-            f"{bag.path}: topic {topic.name} has both types {topic.type_name} and {type_name}, expected one; give them "
+            f"{bag.path}: topic {topic.name} has both types {topic.type_name} and {kind}, expected one; give them "
             "names of their own and record again"
         )
     topic.qos = topic.qos or channel.metadata.get("offered_qos_profiles", "")

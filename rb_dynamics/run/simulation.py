@@ -10,7 +10,7 @@ import contextlib
 import math
 import os
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
@@ -46,8 +46,13 @@ class Simulation:
     take effect, and on nothing else: not on how often `advance` is called, nor on the output rate.
     """
 
-    def __init__(self, scene: Scene, sinks: Sequence[Sink] = ()) -> None:
+    def __init__(self, scene: Scene, sinks: Sequence[Sink] = (), facts: Mapping[str, str] | None = None) -> None:
         """Prepare a run; `start` begins it.
+
+        Args:
+            scene: what is simulated.
+            sinks: told everything that happens.
+            facts: what logs are to say of the run beside what is known here, such as where its commands come from.
 
         Raises:
             TypeError: an argument is not of its type.
@@ -59,6 +64,7 @@ class Simulation:
         self._computed_ns = 0
         self._finished = False
         self.end_ns = scene.end_ns
+        self._facts = facts or {}
         self._sinks = tuple(map(_sink, items(sinks, "sinks", "a sequence of sinks")))
         self._effects = scene.acting
         self._channels = _channels(scene, self._effects)
@@ -118,7 +124,7 @@ class Simulation:
             LogError: a log cannot be written.
         """
         if self._sinks:
-            facts = run_metadata(self.scene, self.plan.name, self.plan.description)
+            facts = {**run_metadata(self.scene, self.plan.name, self.plan.description), **self._facts}
             run = RunInfo(self.scene, self.plan.name, facts, lambda: self.acceleration)
             with contextlib.ExitStack() as opened:
                 for sink in self._sinks:
@@ -307,6 +313,7 @@ def simulate(
     commands: Iterable[tuple[str, Wrench]] = (),
     sinks: Sequence[Sink] = (),
     progress: Callable[[float], None] | None = None,
+    facts: Mapping[str, str] | None = None,
 ) -> Run:
     """Run `scene` to the end of its duration; each of `commands` (topic, wrench) takes effect at its stamp.
 
@@ -317,6 +324,7 @@ def simulate(
             else is read as the run goes on, `LOOK_AHEAD` commands ahead of it, and not kept.
         sinks: told everything that happens.
         progress: called now and then with the fraction done.
+        facts: what logs are to say of the run beside what is known here, such as where its commands come from.
 
     Raises:
         TypeError: an argument is not of its type.
@@ -329,7 +337,7 @@ def simulate(
     scene = opened(scene)
     if not (progress is None or callable(progress)):
         raise TypeError(f"progress is {shown(progress)}, expected a function of the fraction done, or None")
-    run = Simulation(scene if sinks else without_outputs(scene), sinks)
+    run = Simulation(scene if sinks else without_outputs(scene), sinks, facts)
     if run.end_ns is None:
         raise SceneError(
             f"{scene.source}: duration: found nothing, expected the length of the run (s); add duration to the scene, "

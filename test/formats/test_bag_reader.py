@@ -13,16 +13,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from bag_rows import STAMPED, Row, stamped, write_rows
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import LogError, MissingExtraError
 from rb_dynamics.formats import cdr
-from rb_dynamics.formats.bag_reader import Bag, RecordedWrenches, read_bag, read_wrenches
+from rb_dynamics.formats.bag_reader import Bag, read_bag
 from rb_dynamics.formats.mcap_records import MAX_RECORD_BYTES, McapFile
-from rb_dynamics.formats.ros2msg import schema_text
+from rb_dynamics.formats.wrench_bags import read_wrenches
 from rb_dynamics.loads.wrench import Wrench, WrenchFrames
 from rb_dynamics.recording.mcap_sink import McapSink
 from rb_dynamics.run.diagnostics import Sample
@@ -37,30 +36,7 @@ from mcap.writer import CompressionType, Writer
 
 SLEW = Path(__file__).parents[2] / "examples" / "slew.mcap"
 WRENCH = "geometry_msgs/msg/Wrench"
-STAMPED = "geometry_msgs/msg/WrenchStamped"
 MAGIC = b"\x89MCAP0\r\n"
-
-Row = tuple[str, str, int, bytes]
-
-
-def stamped(stamp_ns: int, first: float, frame: str = "body") -> bytes:
-    return cdr.encode(STAMPED, stamp_ns, frame, (first, 0.0, 0.0, 0.0, 0.0, 0.0))
-
-
-def write_rows(path: Path, rows: list[Row], encoding: str = "cdr", **options: Any) -> Path:
-    """Write (topic, type, log time, data) with the writer of the mcap package."""
-    with path.open("wb") as file:
-        writer = Writer(file, **options)
-        writer.start("ros2", "test")
-        channels: dict[str, int] = {}
-        for topic, type_name, log_time, data in rows:
-            if topic not in channels:
-                text = schema_text(type_name).encode() if type_name in cdr.LAYOUTS else b""
-                schema = writer.register_schema(type_name, "ros2msg", text)
-                channels[topic] = writer.register_channel(topic, encoding, schema)
-            writer.add_message(channels[topic], log_time, data, log_time)
-        writer.finish()
-    return path
 
 
 def write_log(path: Path, count: int) -> Path:
@@ -108,23 +84,6 @@ def test_the_recorded_flight_as_rosbags_reads_it() -> None:
     assert found == expected
 
 
-def test_names_that_do_not_match_are_listed() -> None:
-    with pytest.raises(LogError, match=r"/wrench/body \(600 messages\), /wrench/world \(600.*expects wrench;"):
-        read_wrenches(SLEW, ["wrench"])
-
-
-def test_a_bag_without_any_wrench(tmp_path: Path) -> None:
-    scalar = "std_msgs/msg/Float64"
-    path = write_rows(tmp_path / "a.mcap", [("/x", scalar, 0, cdr.encode(scalar, (1,)))])
-    with pytest.raises(LogError, match="wrench topics are none"):
-        read_wrenches(path, ["wrench"])
-
-
-def test_a_scene_without_channels_is_told_so(example_dir: Path) -> None:
-    with pytest.raises(LogError, match=r"the scene expects none; add a channel under `wrenches`"):
-        read_wrenches(example_dir / "slew.mcap", [])
-
-
 @pytest.mark.parametrize(("name", "remedy"), [("w.csv", "rb-dynamics convert "), ("s.yaml", "rb-dynamics simulate ")])
 def test_what_is_no_log_is_told_what_it_may_become(tmp_path: Path, name: str, remedy: str) -> None:
     (tmp_path / name).write_text("body: {mass: 1}")
@@ -142,50 +101,11 @@ def test_a_file_cut_off_before_its_first_message_is_told_apart(tmp_path: Path, e
         read_wrenches(cut, ["wrench"])
 
 
-def test_a_channel_that_never_spoke_is_no_error(tmp_path: Path) -> None:
-    assert read_wrenches(write_log(tmp_path / "coast.mcap", 0), ["wrench"]) == []
-
-
-def test_order_is_by_stamp_and_for_equal_stamps_that_of_the_file(tmp_path: Path) -> None:
-    stamps = [30, 10, 20, 10, 30, 20, 10]
-    rows: list[Row] = [(f"/{'ab'[i % 2]}", STAMPED, 100 + i, stamped(at, i)) for i, at in enumerate(stamps)]
-    found = read_wrenches(write_rows(tmp_path / "a.mcap", rows), ["a", "b"])
-    assert [int(wrench.force[0]) for _, wrench in found] == [1, 3, 6, 2, 5, 0, 4]
-    assert [topic for topic, _ in found] == ["b", "b", "a", "a", "b", "a", "a"]
-
-
-@given(st.lists(st.integers(-3, 30), min_size=1, max_size=40))
-@settings(max_examples=40)
-def test_commands_are_put_in_order_without_being_kept(
-    tmp_path_factory: pytest.TempPathFactory, stamps: list[int]
-) -> None:
-    rows: list[Row] = [(f"/{'ab'[i % 2]}", STAMPED, 100 + i, stamped(at, i)) for i, at in enumerate(stamps)]
-    found = RecordedWrenches(write_rows(tmp_path_factory.mktemp("bag") / "a.mcap", rows), ["a", "b"], end_ns=20)
-    in_order = sorted(range(len(stamps)), key=stamps.__getitem__)
-    for _ in range(2):
-        assert [int(wrench.force[0]) for _, wrench in found] == in_order
-    assert (len(found), found.first_ns, found.late) == (len(stamps), min(stamps), sum(at > 20 for at in stamps))
-
-
-def test_a_wrench_without_header_takes_its_log_time(tmp_path: Path) -> None:
-    data = cdr.encode(WRENCH, (1.0, 2.0, 3.0, 4.0, 5.0, 6.0))
-    path = write_rows(tmp_path / "a.mcap", [("/push", WRENCH, 70, data), ("/push", WRENCH, 60, data)])
-    first, second = read_wrenches(path, ["push"])
-    assert first == ("push", Wrench((1.0, 2.0, 3.0), (4.0, 5.0, 6.0), "", 60))
-    assert second[1].stamp_ns == 70
-
-
 def test_older_type_names_and_other_encodings(tmp_path: Path) -> None:
     row: Row = ("/w", "geometry_msgs/WrenchStamped", 0, stamped(5, 1.0))
     assert read_wrenches(write_rows(tmp_path / "old.mcap", [row]), ["w"])[0][1].stamp_ns == 5
     with pytest.raises(LogError, match="wrench topics are none"):
         read_wrenches(write_rows(tmp_path / "ros1.mcap", [row], encoding="ros1"), ["w"])
-
-
-def test_a_damaged_command_is_named(tmp_path: Path) -> None:
-    path = write_rows(tmp_path / "a.mcap", [("/w", STAMPED, 77, stamped(0, 1.0)[:40])])
-    with pytest.raises(LogError, match=r"a\.mcap: topic /w, log time 77 ns: .* ends after 40 bytes"):
-        read_wrenches(path, ["w"])
 
 
 @pytest.mark.parametrize(

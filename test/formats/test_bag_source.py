@@ -11,9 +11,10 @@ from pathlib import Path
 import pytest
 
 from rb_dynamics.errors import LogError
-from rb_dynamics.formats.bag_reader import read_bag, read_wrenches
+from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.formats.log_file import LogFile
 from rb_dynamics.formats.mcap_writer import McapWriter
+from rb_dynamics.formats.wrench_bags import read_wrenches
 from rb_dynamics.loads.wrench import Wrench
 
 pytest.importorskip("rosbags")

@@ -10,8 +10,9 @@ import yaml
 from rb_dynamics.analysis.summary import summarize
 from rb_dynamics.analysis.topics import read_track
 from rb_dynamics.errors import LogError
-from rb_dynamics.formats.bag_reader import RecordedWrenches, read_bag
+from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.formats.recovery import recover
+from rb_dynamics.formats.wrench_bags import RecordedWrenches
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.recording.mcap_sink import LogSettings, McapSink
 from rb_dynamics.recording.rosbag2_sink import BagSink
@@ -217,5 +218,5 @@ def test_a_copy_under_another_name_of_the_folder_is_the_same_bag(split: Path, tm
 
 def test_commands_of_a_bag_that_lacks_files_come_with_a_warning(split: Path, caplog: pytest.LogCaptureFixture) -> None:
     (split / "spin_1.mcap").unlink()
-    assert len(RecordedWrenches(split, ["wrench"])) == 2
+    assert len(RecordedWrenches([split], ["wrench"])) == 2
     assert "spin is without spin_1.mcap; the 2 commands in it are used" in caplog.text

@@ -25,7 +25,7 @@ solver: {method: euler, step: 0.01}
 
 PRELUDE = """
 from rb_dynamics import Wrench, parse_scene, simulate
-from rb_dynamics.formats.bag_reader import RecordedWrenches
+from rb_dynamics.formats.wrench_bags import RecordedWrenches
 from rb_dynamics.recording.mcap_sink import McapSink
 from rb_dynamics.recording.rerun_sink import RerunSink
 
@@ -56,7 +56,7 @@ def run(name, duration):
 def run(name, duration):
     scene = parse_scene(SCENE, overrides={"duration": duration, "output_rate": 0.1})
     simulate(scene, commands(200 * duration, duration), [McapSink(name + ".bag.mcap")])
-    bag = RecordedWrenches(name + ".bag.mcap", ["wrench"])
+    bag = RecordedWrenches([name + ".bag.mcap"], ["wrench"])
     assert len(bag) == 200 * duration
     simulate(scene, bag)
 """,

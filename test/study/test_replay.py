@@ -390,7 +390,7 @@ def test_scene_and_commands_are_the_same_whatever_the_version(tmp_path: Path, fu
 
 def test_a_log_of_rule_1_is_the_same_still() -> None:
     """Commands came in another order than a replay posts them, one at the very time of its channel's timeout."""
-    found = replay(Path(__file__).parent / "recording" / "rule_1.mcap")
+    found = replay(Path(__file__).parent / "rule_1.mcap")
     logged, here = found.hashes["inputs_sha256"]
     assert logged == here
     assert found.missing == []

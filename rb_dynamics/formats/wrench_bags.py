@@ -1,0 +1,389 @@
+"""`RecordedWrenches`: the wrench commands in one or several bags for the channels of a scene, in the time of a run.
+
+Never needs ROS, and keeps none of the commands. `Start` says which time of the bags is time 0 of the run.
+"""
+
+from __future__ import annotations
+
+import heapq
+import logging
+import math
+import os
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Literal, TypeAlias
+
+from rb_dynamics.errors import LogError, WrenchError
+from rb_dynamics.formats.bag_reader import WRENCHES, named_type
+from rb_dynamics.formats.bag_source import Source, open_source
+from rb_dynamics.formats.mcap_records import Message
+from rb_dynamics.formats.messages import decode_wrench
+from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.run.provenance import INTERRUPTED, MISSING_FILES, RUN, next_file
+
+_logger = logging.getLogger(__name__)
+
+Start: TypeAlias = Literal["auto", "bag", "first", "stamp"] | int
+"""Which time is time 0 of the run.
+
+stamp: 0 of the stamps. first: the first command. bag: the first message of any topic, or the first command where that
+is stamped up to 1 s earlier, for it takes time to be recorded. An integer: that stamp, ns. auto: as with stamp for
+each bag of which some commands lie within the run so, as with bag for the others. Several bags are of one time: the
+earliest of their starts is that of all. Except with stamp, commands of a bag without any stamp, and of a log of ours,
+which says when each took effect, go by their log times.
+"""
+
+_NANOSECONDS = 1_000_000_000
+_LATENCY_NS = _NANOSECONDS
+
+
+def read_wrenches(
+    path: str | os.PathLike[str], topics: Sequence[str], mapping: Mapping[str, str] | None = None
+) -> list[tuple[str, Wrench]]:
+    """Return all of `RecordedWrenches` of one bag, at their stamps.
+
+    Args:
+        path: a bag, see `open_source`.
+        topics: names of the scene's channels.
+        mapping: the channel that each topic of the bag drives, where their names differ.
+
+    Raises:
+        LogError: the bag cannot be read or is damaged, `mapping` names what is not there, or none of its wrench topics
+            is one of `topics`.
+    """
+    return list(RecordedWrenches([path], topics, mapping=mapping))
+
+
+@dataclass
+class _Span:
+    """The times, ns, of the commands in a bag by one clock; `delay_ns` is how far one may come behind a later one."""
+
+    first_ns: int | None = None
+    last_ns: int | None = None
+    delay_ns: int = 0
+
+    def __str__(self) -> str:
+        """Return from when to when they go."""
+        return f"at {_seconds(self.first_ns or 0)} to {_seconds(self.last_ns or 0)} s"
+
+    def add(self, time_ns: int) -> None:
+        self.first_ns = time_ns if self.first_ns is None else min(self.first_ns, time_ns)
+        self.last_ns = time_ns if self.last_ns is None else max(self.last_ns, time_ns)
+        self.delay_ns = max(self.delay_ns, self.last_ns - time_ns)
+
+
+@dataclass
+class _Recording:
+    """What is known of one bag.
+
+    Attributes:
+        path: of the bag.
+        by_log: commands go by their log times.
+        offset_ns: of time 0 of the run, by the clock that counts.
+        found: commands on each of its wrench topics.
+        count: commands for channels of the scene.
+        begin_ns: the earliest log time of any message.
+        within: commands between start and end of the run.
+        early: commands before its start, which act from the start on, unless another follows.
+        acting: those within that can be honoured.
+        refused: why the first that cannot be honoured cannot.
+        lost: what is missing of the bag; "" where it is whole.
+        ours: a log of a run.
+    """
+
+    path: Path
+    by_log: bool = False
+    offset_ns: int = 0
+    found: Counter[str] = field(default_factory=Counter)
+    count: int = 0
+    begin_ns: int | None = None
+    within: int = 0
+    early: int = 0
+    acting: int = 0
+    refused: str = ""
+    lost: str = ""
+    ours: bool = False
+    stamps: _Span = field(default_factory=_Span)
+    log_times: _Span = field(default_factory=_Span)
+
+    @property
+    def span(self) -> _Span:
+        """The commands by the clock that counts."""
+        return self.log_times if self.by_log else self.stamps
+
+    @property
+    def start_ns(self) -> int:
+        """Where it begins, see `Start`."""
+        first_ns, begin_ns = self.span.first_ns or 0, self.begin_ns or 0
+        return first_ns if begin_ns - _LATENCY_NS <= first_ns < begin_ns else begin_ns
+
+    @property
+    def unstamped(self) -> bool:
+        """Whether stamps say nothing although log times do."""
+        stamps, log_times = self.stamps, self.log_times
+        return stamps.first_ns == stamps.last_ns == 0 and log_times.first_ns != log_times.last_ns
+
+    def reaches(self, end_ns: float) -> bool:
+        """Whether commands lie within a run that ends at `end_ns`, if time 0 is 0 of their clock; so where none is."""
+        first_ns, last_ns = self.span.first_ns or 0, self.span.last_ns or 0
+        return first_ns <= end_ns and last_ns >= 0
+
+    def timed(self, wrench: Wrench, log_time_ns: int) -> Wrench:
+        """Return a command with its time in the run as its stamp."""
+        time_ns = (log_time_ns if self.by_log else wrench.stamp_ns) - self.offset_ns
+        return wrench if time_ns == wrench.stamp_ns else replace(wrench, stamp_ns=time_ns)
+
+
+class RecordedWrenches:
+    """The commands in bags for the wrench channels of a scene, by time; equal times in the order of the bags.
+
+    A command's stamp is its time in the run. Read anew each time they are gone through, never kept: a bag of any length
+    takes little memory. One that is written in the order of its stamps takes least; a command that comes late is waited
+    for.
+
+    Attributes:
+        first_ns: the earliest time; None where there is no command.
+        late: how many lie after `end_ns`.
+        notes: what a person should know of how the bags were read, one line each.
+        facts: which bags, and which time of each is time 0 of the run: for the metadata of a log.
+    """
+
+    def __init__(
+        self,
+        paths: Sequence[str | os.PathLike[str]],
+        topics: Sequence[str],
+        end_ns: float = math.inf,
+        mapping: Mapping[str, str] | None = None,
+        start: Start = "stamp",
+        check: Callable[[str, Wrench], None] | None = None,
+    ) -> None:
+        """Look through the bags for the commands on `topics`; a leading slash makes no difference between names.
+
+        A Wrench without header has its log time as stamp and frame "".
+
+        Args:
+            paths: bags, see `open_source`.
+            topics: names of the scene's channels.
+            end_ns: of the run.
+            mapping: the channel that each topic of the bags drives, where their names differ.
+            start: which time of the bags is time 0 of the run.
+            check: raises a `WrenchError` for a command that cannot be honoured.
+
+        Raises:
+            LogError: a bag cannot be read or is damaged, `mapping` names what is not there, or none of a bag's wrench
+                topics is one of `topics`.
+        """
+        self._topics, self._mapping = topics, mapping or {}
+        self._wanted, self._end_ns, self._check = _wanted(topics, self._mapping), end_ns, check
+        self._bags = [self._looked_through(_Recording(Path(path))) for path in paths]
+        self._require_topics()
+        self.notes: list[str] = []
+        if start != "stamp":
+            self._begin(start)
+        spans = [(bag, bag.span.first_ns) for bag in self._bags]
+        self.first_ns = min((first - bag.offset_ns for bag, first in spans if first is not None), default=None)
+        self.late = sum(bag.count - bag.within - bag.early for bag in self._bags)
+        self.facts = {
+            "wrench_bags": ", ".join(bag.path.name for bag in self._bags),
+            "wrench_start_ns": ", ".join(str(bag.offset_ns) for bag in self._bags),
+        }
+        for bag in self._bags:
+            if bag.lost:
+                _logger.warning("%s %s; the %d commands in it are used", bag.path, bag.lost, bag.count)
+
+    def require_some(self) -> None:
+        """Refuse a bag that says something, and nothing that acts.
+
+        Raises:
+            LogError: says where its commands lie, and why.
+        """
+        for bag in self._bags:
+            if bag.count and not bag.acting:
+                raise LogError(self._no_effect(bag))
+
+    def __len__(self) -> int:
+        """Return how many there are."""
+        return sum(bag.count for bag in self._bags)
+
+    def __iter__(self) -> Iterator[tuple[str, Wrench]]:
+        """Yield topic, as the scene writes it, and command."""
+        return heapq.merge(*map(self._in_order, self._bags), key=lambda command: command[1].stamp_ns)
+
+    def _looked_through(self, bag: _Recording) -> _Recording:
+        """Fill in what is to be known of a bag, its commands timed as it says by now.
+
+        Raises:
+            LogError: it cannot be read or is damaged.
+        """
+        bag = _Recording(bag.path, bag.by_log, bag.offset_ns)
+        source = open_source(bag.path)
+        for message, command in _commands(source, self._wanted):
+            log_time = message.log_time
+            bag.begin_ns = log_time if bag.begin_ns is None else min(bag.begin_ns, log_time)
+            if named_type(message.channel) in WRENCHES:
+                bag.found[message.channel.topic] += 1
+            if command is not None:
+                self._count(bag, *command, log_time)
+        for channel in source.channels.values():
+            if named_type(channel) in WRENCHES:
+                bag.found[channel.topic] += 0
+        absent = source.metadata.get(INTERRUPTED, {}).get(MISSING_FILES) or next_file(source.metadata)
+        bag.lost = "was cut off" if not source.complete else f"is without {absent}" if absent else ""
+        bag.ours = RUN in source.metadata
+        return bag
+
+    def _count(self, bag: _Recording, topic: str, wrench: Wrench, log_time: int) -> None:
+        bag.count += 1
+        bag.stamps.add(wrench.stamp_ns)
+        bag.log_times.add(log_time)
+        timed = bag.timed(wrench, log_time)
+        within = 0 <= timed.stamp_ns <= self._end_ns
+        bag.within += within
+        bag.early += timed.stamp_ns < 0
+        try:
+            if self._check is not None:
+                self._check(topic, timed)
+            bag.acting += within
+        except WrenchError as error:
+            bag.refused = bag.refused or str(error)
+
+    def _require_topics(self) -> None:
+        """Refuse bags that have not what they are given for.
+
+        Raises:
+            LogError: `mapping` names what is not there, or no wrench topic of a bag is a channel.
+        """
+        found = sum((bag.found for bag in self._bags), Counter[str]())
+        found.update({name: 0 for bag in self._bags for name in bag.found})
+        missing = {name.removeprefix("/") for name in self._mapping} - {name.removeprefix("/") for name in found}
+        if missing:
+            raise LogError(
+                f"{', '.join(str(bag.path) for bag in self._bags)}: mapped are {sorted(missing)}, expected wrench "
+                f"topics of the bag: {_listed(found)}; map one of these"
+            )
+        for bag in self._bags:
+            if not any(name.removeprefix("/") in self._wanted for name in bag.found):
+                raise LogError(_no_commands(bag, self._topics))
+
+    def _begin(self, start: Start) -> None:
+        """Find time 0 of the run, and look again through the bags whose times are not as stamped."""
+        for bag in self._bags:
+            bag.by_log = bag.ours or bag.unstamped
+            if bag.unstamped and not bag.ours:
+                self.notes.append(f"{bag.path}: its commands have no stamps, so each acts at its log time")
+        moved = [bag for bag in self._bags if start != "auto" or not bag.reaches(self._end_ns)]
+        if moved:
+            time_0 = self._time_0(start, moved)
+            for bag in moved:
+                bag.offset_ns = time_0
+                if start == "auto":
+                    self.notes.append(
+                        f"{bag.path}: none of its commands, {bag.span}, lies within the run, which "
+                        f"{self._run()}: time 0 is the start of the bag, {_seconds(time_0)} s; --wrench-start says "
+                        "otherwise"
+                    )
+        self._bags = [self._looked_through(bag) if bag.by_log or bag.offset_ns else bag for bag in self._bags]
+
+    def _time_0(self, start: Start, bags: Sequence[_Recording]) -> int:
+        """Return what is time 0 of the run for `bags`."""
+        if isinstance(start, int):
+            return start
+        if start == "first":
+            return min((bag.span.first_ns for bag in bags if bag.span.first_ns is not None), default=0)
+        return min(bag.start_ns for bag in bags)
+
+    def _run(self) -> str:
+        """Return from when to when the run goes."""
+        return "begins at 0 s" if math.isinf(self._end_ns) else f"goes from 0 to {_seconds(int(self._end_ns))} s"
+
+    def _no_effect(self, bag: _Recording) -> str:
+        """Say where the commands of a bag lie that are all without effect, and what to do."""
+        if bag.within:
+            return (
+                f"{bag.path}: of its {bag.count} wrench commands each that the run reaches is rejected: {bag.refused}"
+            )
+        zero = f", with time 0 at {_seconds(bag.offset_ns)} s of the bag" if bag.offset_ns else ""
+        return (
+            f"{bag.path}: none of its {bag.count} wrench commands acts: they lie {bag.span}, the run {self._run()}"
+            f"{zero}; let the run begin with the first one by --wrench-start first, or at a time of the bag by "
+            "--wrench-start SECONDS, or make it longer with --duration"
+        )
+
+    def _in_order(self, bag: _Recording) -> Iterator[tuple[str, Wrench]]:
+        waiting: list[tuple[int, int, tuple[str, Wrench]]] = []
+        newest_ns = (bag.span.first_ns or 0) - bag.offset_ns
+        for number, (message, command) in enumerate(_commands(open_source(bag.path), self._wanted)):
+            if command is None:
+                continue
+            topic, wrench = command[0], bag.timed(command[1], message.log_time)
+            newest_ns = max(newest_ns, wrench.stamp_ns)
+            heapq.heappush(waiting, (wrench.stamp_ns, number, (topic, wrench)))
+            # Nothing that is still to come is older than this.
+            while waiting and waiting[0][0] <= newest_ns - bag.span.delay_ns:
+                yield heapq.heappop(waiting)[2]
+        while waiting:
+            yield heapq.heappop(waiting)[2]
+
+
+def _commands(source: Source, wanted: Mapping[str, str]) -> Iterator[tuple[Message, tuple[str, Wrench] | None]]:
+    """Yield the messages in the order of the bag, each with the channel and the command that it is, if it is one."""
+    for message in source.messages():
+        kind = named_type(message.channel)
+        topic = wanted.get(message.channel.topic.removeprefix("/")) if kind in WRENCHES else None
+        yield message, None if topic is None else (topic, _command(source, kind, message))
+
+
+def _seconds(time_ns: int) -> str:
+    """Return a time in s with all its digits."""
+    sign, whole, rest = "-" if time_ns < 0 else "", *divmod(abs(time_ns), _NANOSECONDS)
+    return f"{sign}{whole}.{rest:09d}".rstrip("0").rstrip(".")
+
+
+def _wanted(topics: Sequence[str], mapping: Mapping[str, str]) -> dict[str, str]:
+    """Return the channel of each topic of the bag, without leading slash; a channel that is mapped has that topic only.
+
+    Raises:
+        LogError: a topic is mapped to what is no channel.
+    """
+    channels = {topic.removeprefix("/"): topic for topic in topics}
+    mapped = {source.removeprefix("/"): channel.removeprefix("/") for source, channel in mapping.items()}
+    for source, channel in mapped.items():
+        if channel not in channels:
+            raise LogError(
+                f"topic {source} is mapped to {channel!r}, expected a channel of the scene: {list(topics)}; name one"
+            )
+    by_name = {name: topic for name, topic in channels.items() if name not in mapped.values()}
+    return by_name | {source: channels[channel] for source, channel in mapped.items()}
+
+
+def _no_commands(bag: _Recording, topics: Sequence[str]) -> str:
+    if not bag.found:
+        remedy = "give a bag of WrenchStamped or Wrench messages"
+        if bag.lost:
+            remedy = "the file was cut off before a whole message: record it again"
+    elif not topics:
+        remedy = "add a channel under `wrenches` in the scene, or leave out the bag"
+    else:
+        remedy = (
+            "name the channel under `wrenches` in the scene like the topic in the file, or map the topic with --topic "
+            "TOPIC=CHANNEL"
+        )
+    return (
+        f"{bag.path} has no channel of the scene: its wrench topics are {_listed(bag.found)}, the scene expects "
+        f"{', '.join(topics) or 'none'}; {remedy}"
+    )
+
+
+def _listed(found: Counter[str]) -> str:
+    return ", ".join(f"{name} ({count} messages)" for name, count in sorted(found.items())) or "none"
+
+
+def _command(file: Source, type_name: str, message: Message) -> Wrench:
+    try:
+        return decode_wrench(type_name, message.log_time, message.data)
+    except LogError as error:
+        raise LogError(
+            f"{file.path}: topic {message.channel.topic}, log time {message.log_time} ns: {error}"
+        ) from error

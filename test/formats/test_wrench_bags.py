@@ -1,0 +1,243 @@
+"""Recorded commands for a run: which, in which order, and which time of the bags is time 0."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from bag_rows import STAMPED, Row, stamped, write_rows
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rb_dynamics import parse_scene, simulate
+from rb_dynamics.cli import main
+from rb_dynamics.errors import LogError
+from rb_dynamics.formats import cdr
+from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.formats.wrench_bags import RecordedWrenches, Start, read_wrenches
+from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.recording.mcap_sink import McapSink
+
+pytest.importorskip("mcap")
+
+SLEW = Path(__file__).parents[2] / "examples" / "slew.mcap"
+WRENCH = "geometry_msgs/msg/Wrench"
+WALL_NS = 1_700_000_000_123_456_789
+SECOND = 1_000_000_000
+
+
+def test_names_that_do_not_match_are_listed() -> None:
+    with pytest.raises(LogError, match=r"/wrench/body \(600 messages\), /wrench/world \(600.*expects wrench;"):
+        read_wrenches(SLEW, ["wrench"])
+
+
+def test_a_bag_without_any_wrench(tmp_path: Path) -> None:
+    scalar = "std_msgs/msg/Float64"
+    path = write_rows(tmp_path / "a.mcap", [("/x", scalar, 0, cdr.encode(scalar, (1,)))])
+    with pytest.raises(LogError, match="wrench topics are none"):
+        read_wrenches(path, ["wrench"])
+
+
+def test_a_scene_without_channels_is_told_so(example_dir: Path) -> None:
+    with pytest.raises(LogError, match=r"the scene expects none; add a channel under `wrenches`"):
+        read_wrenches(example_dir / "slew.mcap", [])
+
+
+def test_a_channel_that_never_spoke_is_no_error(tmp_path: Path) -> None:
+    scene = parse_scene("body: {mass: 1}\nwrenches: [{topic: wrench}]\nduration: 1\n")
+    simulate(scene, sinks=[McapSink(tmp_path / "coast.mcap")])
+    found = RecordedWrenches([tmp_path / "coast.mcap"], ["wrench"], SECOND, start="auto")
+    assert list(found) == []
+    found.require_some()
+
+
+def test_order_is_by_stamp_and_for_equal_stamps_that_of_the_file(tmp_path: Path) -> None:
+    stamps = [30, 10, 20, 10, 30, 20, 10]
+    rows: list[Row] = [(f"/{'ab'[i % 2]}", STAMPED, 100 + i, stamped(at, i)) for i, at in enumerate(stamps)]
+    found = read_wrenches(write_rows(tmp_path / "a.mcap", rows), ["a", "b"])
+    assert [int(wrench.force[0]) for _, wrench in found] == [1, 3, 6, 2, 5, 0, 4]
+    assert [topic for topic, _ in found] == ["b", "b", "a", "a", "b", "a", "a"]
+
+
+@given(st.lists(st.integers(-3, 30), min_size=1, max_size=40))
+@settings(max_examples=40)
+def test_commands_are_put_in_order_without_being_kept(
+    tmp_path_factory: pytest.TempPathFactory, stamps: list[int]
+) -> None:
+    rows: list[Row] = [(f"/{'ab'[i % 2]}", STAMPED, 100 + i, stamped(at, i)) for i, at in enumerate(stamps)]
+    found = RecordedWrenches([write_rows(tmp_path_factory.mktemp("bag") / "a.mcap", rows)], ["a", "b"], end_ns=20)
+    in_order = sorted(range(len(stamps)), key=stamps.__getitem__)
+    for _ in range(2):
+        assert [int(wrench.force[0]) for _, wrench in found] == in_order
+    assert (len(found), found.first_ns, found.late) == (len(stamps), min(stamps), sum(at > 20 for at in stamps))
+
+
+def test_a_wrench_without_header_takes_its_log_time(tmp_path: Path) -> None:
+    data = cdr.encode(WRENCH, (1.0, 2.0, 3.0, 4.0, 5.0, 6.0))
+    path = write_rows(tmp_path / "a.mcap", [("/push", WRENCH, 70, data), ("/push", WRENCH, 60, data)])
+    first, second = read_wrenches(path, ["push"])
+    assert first == ("push", Wrench((1.0, 2.0, 3.0), (4.0, 5.0, 6.0), "", 60))
+    assert second[1].stamp_ns == 70
+
+
+def test_a_damaged_command_is_named(tmp_path: Path) -> None:
+    path = write_rows(tmp_path / "a.mcap", [("/w", STAMPED, 77, stamped(0, 1.0)[:40])])
+    with pytest.raises(LogError, match=r"a\.mcap: topic /w, log time 77 ns: .* ends after 40 bytes"):
+        read_wrenches(path, ["w"])
+
+
+def recorded(path: Path, begin_ns: int, stamps: list[int], topic: str = "/wrench", latency_ns: int = 1_000_000) -> Path:
+    """Write commands of 1 N at `stamps`, each recorded a little later, behind another message at `begin_ns`."""
+    rows: list[Row] = [("/chatter", "std_msgs/msg/Float64", begin_ns, cdr.encode("std_msgs/msg/Float64", (0.0,)))]
+    rows += [(topic, STAMPED, max(begin_ns, at + latency_ns), stamped(at, 1.0)) for at in stamps]
+    return write_rows(path, rows)
+
+
+@pytest.mark.parametrize(
+    ("start", "expected", "noted"),
+    [
+        ("auto", [SECOND, 2 * SECOND], "time 0 is the start of the bag, 1700000000.123456789 s"),
+        ("bag", [SECOND, 2 * SECOND], ""),
+        ("first", [0, SECOND], ""),
+        ("stamp", [WALL_NS + SECOND, WALL_NS + 2 * SECOND], ""),
+        (WALL_NS + 7, [SECOND - 7, 2 * SECOND - 7], ""),
+    ],
+)
+def test_what_is_time_0(tmp_path: Path, start: Start, expected: list[int], noted: str) -> None:
+    bag = recorded(tmp_path / "a.mcap", WALL_NS, [WALL_NS + SECOND, WALL_NS + 2 * SECOND])
+    found = RecordedWrenches([bag], ["wrench"], 10 * SECOND, start=start)
+    assert [wrench.stamp_ns for _, wrench in found] == expected
+    assert (found.first_ns, found.late) == (expected[0], 0 if start != "stamp" else 2)
+    assert noted in "".join(found.notes)
+    assert bool(found.notes) == bool(noted)
+    offset = WALL_NS + SECOND - expected[0]
+    assert found.facts == {"wrench_bags": "a.mcap", "wrench_start_ns": str(offset)}
+
+
+def test_stamps_within_the_run_stand(tmp_path: Path) -> None:
+    bag = recorded(tmp_path / "a.mcap", WALL_NS, [9 * SECOND, 11 * SECOND])
+    found = RecordedWrenches([bag], ["wrench"], 10 * SECOND, start="auto")
+    assert [wrench.stamp_ns for _, wrench in found] == [9 * SECOND, 11 * SECOND]
+    assert (found.late, found.notes) == (1, [])
+
+
+def test_a_command_stamped_before_it_was_recorded_is_the_start(tmp_path: Path) -> None:
+    bag = write_rows(tmp_path / "a.mcap", [("/wrench", STAMPED, WALL_NS, stamped(WALL_NS - 2_000_000, 1.0))])
+    assert [wrench.stamp_ns for _, wrench in RecordedWrenches([bag], ["wrench"], SECOND, start="auto")] == [0]
+
+
+def test_commands_without_stamps_go_by_their_log_times(tmp_path: Path) -> None:
+    rows: list[Row] = [("/wrench", STAMPED, WALL_NS + i * SECOND, stamped(0, 1.0)) for i in range(3)]
+    bag = write_rows(tmp_path / "a.mcap", rows)
+    found = RecordedWrenches([bag], ["wrench"], 10 * SECOND, start="auto")
+    assert [wrench.stamp_ns for _, wrench in found] == [0, SECOND, 2 * SECOND]
+    assert "have no stamps" in found.notes[0]
+    assert [wrench.stamp_ns for _, wrench in RecordedWrenches([bag], ["wrench"], start="stamp")] == [0, 0, 0]
+
+
+def test_several_bags_are_of_one_time_and_in_one_order(tmp_path: Path) -> None:
+    one = recorded(tmp_path / "one.mcap", WALL_NS, [WALL_NS, WALL_NS + 2 * SECOND])
+    two = recorded(tmp_path / "two.mcap", WALL_NS + SECOND, [WALL_NS + SECOND, WALL_NS + 2 * SECOND], "/push")
+    found = RecordedWrenches([one, two], ["push", "wrench"], 10 * SECOND, start="auto")
+    expected = [("wrench", 0), ("push", SECOND), ("wrench", 2 * SECOND), ("push", 2 * SECOND)]
+    assert [(topic, wrench.stamp_ns) for topic, wrench in found] == expected
+    assert len(found) == 4
+    assert found.facts["wrench_start_ns"] == f"{WALL_NS}, {WALL_NS}"
+    # One that was recorded in the time of a run stands as it is.
+    three = recorded(tmp_path / "three.mcap", 0, [5])
+    found = RecordedWrenches([one, three], ["wrench"], 10 * SECOND, start="auto")
+    assert [wrench.stamp_ns for _, wrench in found] == [0, 5, 2 * SECOND]
+    assert found.facts["wrench_start_ns"] == f"{WALL_NS}, 0"
+
+
+def test_a_mapped_topic_may_be_in_any_of_the_bags(tmp_path: Path) -> None:
+    one, two = recorded(tmp_path / "one.mcap", 0, [1], "/cmd"), recorded(tmp_path / "two.mcap", 0, [2], "/push")
+    found = RecordedWrenches([one, two], ["wrench", "push"], mapping={"/cmd": "wrench"})
+    assert [topic for topic, _ in found] == ["wrench", "push"]
+    with pytest.raises(LogError, match=r"two.mcap has no channel of the scene"):
+        RecordedWrenches([one, two], ["wrench"], mapping={"/cmd": "wrench"})
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    path = tmp_path / "scene.yaml"
+    path.write_text(
+        "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\nwrenches: [{topic: wrench}, {topic: push}]\nduration: 4\n"
+    )
+    return path
+
+
+def test_a_bag_by_the_clock_on_the_wall_flies_and_its_log_says_how(
+    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    one = recorded(tmp_path / "one.mcap", WALL_NS, [WALL_NS + SECOND])
+    two = recorded(tmp_path / "two.mcap", WALL_NS, [WALL_NS + 2 * SECOND], "/push")
+    log = tmp_path / "run.mcap"
+    bags = ["--wrench", str(one), "--wrench", str(two)]
+    assert main(["simulate", str(scene), *bags, "--mcap", str(log), "--json"]) == 0
+    said = capsys.readouterr()
+    # 1 N on 2 kg for 3 s, and another for 2 s.
+    assert json.loads(said.out)["linear_velocity_world"][0] == pytest.approx(2.5, rel=1e-12)
+    assert "time 0 is the start of the bag" in said.err
+    facts = read_bag(log).metadata["rb_dynamics"]
+    assert (facts["wrench_bags"], facts["wrench_start_ns"]) == ("one.mcap, two.mcap", f"{WALL_NS}, {WALL_NS}")
+    assert main(["replay", str(log)]) == 0
+    # The log of that run flies again without a start of its own.
+    capsys.readouterr()
+    assert main(["simulate", str(scene), "--wrench", str(log), "--json"]) == 0
+    again = capsys.readouterr()
+    assert json.loads(again.out)["linear_velocity_world"] == json.loads(said.out)["linear_velocity_world"]
+    assert again.err == ""
+
+
+def test_a_log_is_flown_by_when_its_commands_took_effect(scene: Path, tmp_path: Path) -> None:
+    log = tmp_path / "run.mcap"
+    bag = recorded(tmp_path / "one.mcap", WALL_NS, [WALL_NS + SECOND])
+    assert main(["simulate", str(scene), "--wrench", str(bag), "--wrench-start", "first", "--mcap", str(log)]) == 0
+    found = RecordedWrenches([log], ["wrench", "push"], 4 * SECOND, start="auto")
+    assert [wrench.stamp_ns for _, wrench in found] == [0]
+
+
+@pytest.mark.parametrize(
+    ("stamps", "force", "start", "says"),
+    [
+        ([WALL_NS], 1.0, "stamp", "none of its 1 wrench commands acts: they lie at 1700000000.123456789 to"),
+        ([5 * SECOND], 1.0, "stamp", "the run goes from 0 to 4 s; let the run begin with the first one by"),
+        ([5 * SECOND, 6 * SECOND], 1.0, "auto", "--wrench-start first"),
+        ([0, SECOND], 1.0, "1.5", "with time 0 at 1.5 s of the bag"),
+        ([0, SECOND], float("nan"), "auto", "each that the run reaches is rejected: wrench force is (nan"),
+    ],
+)
+@pytest.mark.parametrize("command", ["simulate", "explain"])
+def test_commands_that_all_miss_are_an_error(
+    scene: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    command: str,
+    stamps: list[int],
+    force: float,
+    start: str,
+    says: str,
+) -> None:
+    begin: list[Row] = [("/tick", WRENCH, 0, b"")] if start == "auto" else []
+    bag = write_rows(tmp_path / "a.mcap", begin + [("/wrench", STAMPED, at, stamped(at, force)) for at in stamps])
+    log = ["--mcap", str(tmp_path / "run.mcap")] if command == "simulate" else []
+    assert main([command, str(scene), "--wrench", str(bag), "--wrench-start", start, *log]) == 2
+    assert says in capsys.readouterr().err
+    assert not (tmp_path / "run.mcap").exists()
+
+
+def test_one_bag_of_several_that_misses_is_an_error(
+    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    flown, missed = recorded(tmp_path / "a.mcap", 0, [0], "/push"), recorded(tmp_path / "b.mcap", 0, [9 * SECOND])
+    assert main(["simulate", str(scene), "--wrench", str(flown), "--wrench", str(missed)]) == 2
+    assert "b.mcap: none of its 1 wrench commands acts: they lie at 9 to 9 s" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("text", ["soon", "nan", "1e99", ""])
+def test_a_start_that_is_none_is_refused(scene: Path, capsys: pytest.CaptureFixture[str], text: str) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(["simulate", str(scene), "--wrench", str(SLEW), "--wrench-start", text])
+    assert "expected auto, bag, first, stamp or a number of seconds" in capsys.readouterr().err
