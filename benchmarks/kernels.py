@@ -23,8 +23,9 @@ from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Inertia, Method
 from rb_dynamics.motion.arc import Arc
 from rb_dynamics.motion.phase import Phase
-from rb_dynamics.motion.step_control import NANOSECONDS, AccuracyControl, FixedStep, OwnControl, StepControl
+from rb_dynamics.motion.step_control import AccuracyControl, FixedStep, OwnControl, StepControl
 from rb_dynamics.numerics.compilation import available
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import normalize
 
 INERTIA = Inertia(3.7, (1.6, 2.1, 2.9))

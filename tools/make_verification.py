@@ -36,7 +36,8 @@ from rb_dynamics.motion import Inertia
 from rb_dynamics.motion.arc import Arc
 from rb_dynamics.motion.closed_form import free_rotation
 from rb_dynamics.motion.phase import Phase
-from rb_dynamics.motion.step_control import NANOSECONDS, FixedStep
+from rb_dynamics.motion.step_control import FixedStep
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import IDENTITY, rotate
 from rb_dynamics.numerics.vector import ZERO, Vector, dot, multiply, norm, scale, subtract
 from rb_dynamics.scene.model import Solver

@@ -10,7 +10,8 @@ from peers.translate import answer, body_of, held_of, numbers_of, states_of
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.arc import Arc
 from rb_dynamics.motion.phase import Phase, inertia_of
-from rb_dynamics.motion.step_control import NANOSECONDS, FixedStep
+from rb_dynamics.motion.step_control import FixedStep
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 
 # Two families, which share no formula but that of the books, with the least number of steps in a hold: the first with
 # few, as each adds its rounding. None of the ways that are compared takes the same steps.

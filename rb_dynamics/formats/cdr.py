@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, Final, TypeAlias
 
 from rb_dynamics.errors import LogError
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS, split_stamp
 
 # A field is STAMP, STRING, BYTE, the number of float64 in a row, or a list: a sequence of structures of such fields.
 Field: TypeAlias = "str | int | list[Field]"
@@ -42,25 +43,9 @@ LAYOUTS: dict[str, tuple[Field, ...]] = {
 
 _ENCAPSULATION = b"\x00\x01\x00\x00"
 _ORIGIN = len(_ENCAPSULATION)
-_NANOSECONDS = 1_000_000_000
 _ZERO_COVARIANCE = bytes(36 * 8)
 
 Packer: TypeAlias = Callable[..., bytes]
-
-
-def split_stamp(time_ns: int) -> tuple[int, int]:
-    """Return integer nanoseconds as (sec, nanosec) of `builtin_interfaces/Time`.
-
-    Raises:
-        LogError: the seconds do not fit in 32 bits.
-    """
-    seconds, nanoseconds = divmod(time_ns, _NANOSECONDS)
-    if not -(2**31) <= seconds < 2**31:
-        raise LogError(
-            f"time is {time_ns} ns, expected |time| < 2^31 s (68 years): a ROS stamp holds no more; count time from "
-            "the start of the run"
-        )
-    return seconds, nanoseconds
 
 
 def encode(type_name: str, *values: Any) -> bytes:
@@ -234,7 +219,7 @@ class _Decoder:
             return self._take(f"{field}d", 8, 8 * field)
         if field == STAMP:
             seconds, nanoseconds = self._take("iI", 4, 8)
-            return seconds * _NANOSECONDS + nanoseconds
+            return seconds * NANOSECONDS + nanoseconds
         if field == STRING:
             return self._string()
         return self._take("B", 1, 1)[0]

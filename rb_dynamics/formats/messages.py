@@ -6,14 +6,16 @@ The same for what writes a log and for what holds a replay against it. Never imp
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import chain
 from typing import TYPE_CHECKING
 
 from rb_dynamics.formats import cdr
 from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.numerics.nanoseconds import split_stamp
 from rb_dynamics.numerics.rotation import rotate_inverse
 from rb_dynamics.numerics.vector import Vector
 from rb_dynamics.run.diagnostics import Sample
-from rb_dynamics.run.sink import AppliedWrench
+from rb_dynamics.run.sink import AppliedWrench, Status
 
 if TYPE_CHECKING:
     from rb_dynamics.loads.wrench import WrenchFrames
@@ -102,13 +104,13 @@ def decode_wrench(type_name: str, log_time: int, data: bytes) -> Wrench:
 def encode_applied(event: AppliedWrench) -> bytes:
     """Return the message of a wrench as it acts."""
     pack = cdr.stamped_packer(WRENCH, event.frame_id)
-    return pack(*cdr.split_stamp(event.time_ns), *event.force, *event.torque)
+    return pack(*split_stamp(event.time_ns), *event.force, *event.torque)
 
 
 def encode_received(command: Wrench) -> bytes:
     """Return the message of a command as it came; its stamp may be of any clock."""
     pack = cdr.stamped_packer(WRENCH, command.frame_id)
-    return pack(*cdr.split_stamp(command.stamp_ns), *command.force, *command.torque)
+    return pack(*split_stamp(command.stamp_ns), *command.force, *command.torque)
 
 
 def encode_inertia(scene: Scene, time_ns: int) -> bytes:
@@ -117,6 +119,12 @@ def encode_inertia(scene: Scene, time_ns: int) -> bytes:
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = body.inertia
     values = (body.mass, *body.center_of_mass, xx, xy, xz, yy, yz, zz)
     return cdr.encode(INERTIA, time_ns, scene.frames.body_frame, values)
+
+
+def encode_status(status: Status, hardware_id: str) -> bytes:
+    """Return the message that `/diagnostics` has of a status."""
+    values = (status.level, status.name, status.message, hardware_id, list(status.values.items()))
+    return cdr.encode(DIAGNOSTICS, status.time_ns, "", [values])
 
 
 def encode_fixed(frames: WrenchFrames, time_ns: int) -> bytes:
@@ -128,40 +136,66 @@ def encode_fixed(frames: WrenchFrames, time_ns: int) -> bytes:
     return cdr.encode(TRANSFORMS, parts)
 
 
-def sample_encoder(
+class Stamped:
+    """A sample as its messages have it: the stamp in two integers, the pose, and the twist in body axes.
+
+    Attributes:
+        sample: with the rest.
+        stamp: seconds and nanoseconds.
+        pose: position of the body origin (m, world axes) and attitude xyzw.
+        twist: velocity of the body origin (m/s) and angular velocity (rad/s), body axes.
+    """
+
+    __slots__ = ("pose", "sample", "stamp", "twist")
+
+    def __init__(self, sample: Sample, stamp_ns: int) -> None:
+        """Stamp `sample` with `stamp_ns`.
+
+        Raises:
+            LogError: a stamp does not hold that time.
+        """
+        self.sample, self.stamp = sample, split_stamp(stamp_ns)
+        self.pose = (*sample.position_world, *sample.orientation_xyzw)
+        velocity_body = rotate_inverse(sample.orientation_xyzw, sample.linear_velocity_world)
+        self.twist = (*velocity_body, *sample.angular_velocity_body)
+
+
+def sample_packers(
     world: str, body: str, acceleration: Acceleration | None = None
-) -> Callable[[Sample], tuple[bytes, ...]]:
-    """Return what makes the messages of a sample, in the order of `sample_topics`.
+) -> dict[str, Callable[[Stamped], bytes]]:
+    """Return what makes the message of each topic that a sample can have, by the name of the topic.
 
     `acceleration` tells that of the body origin (m/s^2) and the angular one (rad/s^2) at the sample, body axes; None
-    leaves it out.
+    leaves the topic out.
     """
     pack_pose, pack_twist = cdr.stamped_packer(POSE, world), cdr.stamped_packer(TWIST, body)
     pack_odometry, pack_vector = cdr.odometry_packer(world, body), cdr.stamped_packer(VECTOR, world)
-    pack_transform = cdr.transform_packer(world, body)
-    pack_scalar, pack_accel = cdr.float64_packer(), cdr.stamped_packer(ACCELERATION, body)
+    pack_transform, pack_scalar = cdr.transform_packer(world, body), cdr.float64_packer()
+    packers: dict[str, Callable[[Stamped], bytes]] = {
+        "pose": lambda s: pack_pose(*s.stamp, *s.pose),
+        "twist": lambda s: pack_twist(*s.stamp, *s.twist),
+        "odom": lambda s: pack_odometry(*s.stamp, s.pose, s.twist),
+        "angular_momentum": lambda s: pack_vector(*s.stamp, *s.sample.angular_momentum_world),
+        "linear_momentum": lambda s: pack_vector(*s.stamp, *s.sample.linear_momentum_world),
+        "energy/kinetic": lambda s: pack_scalar(s.sample.kinetic_energy),
+        "energy/work": lambda s: pack_scalar(s.sample.work),
+        "energy/defect": lambda s: pack_scalar(s.sample.energy_defect),
+        "/tf": lambda s: pack_transform(*s.stamp, s.pose),
+        POTENTIAL[0]: lambda s: pack_scalar(s.sample.potential_energy),
+    }
+    if acceleration is not None:
+        pack_accel = cdr.stamped_packer(ACCELERATION, body)
+        packers[ACCEL[0]] = lambda s: pack_accel(*s.stamp, *chain(*acceleration()))
+    return packers
+
+
+def sample_encoder(scene: Scene, acceleration: Acceleration | None = None) -> Callable[[Sample], tuple[bytes, ...]]:
+    """Return what makes the messages of a sample of `scene`, in the order of `sample_topics`."""
+    packers = sample_packers(scene.frames.world_frame, scene.frames.body_frame, acceleration)
+    in_order = [packers[name] for name, _ in sample_topics(scene, acceleration is not None)]
 
     def encode(sample: Sample) -> tuple[bytes, ...]:
-        second, nanosecond = cdr.split_stamp(sample.time_ns)
-        pose = (*sample.position_world, *sample.orientation_xyzw)
-        velocity_body = rotate_inverse(sample.orientation_xyzw, sample.linear_velocity_world)
-        twist = (*velocity_body, *sample.angular_velocity_body)
-        return (
-            pack_pose(second, nanosecond, *pose),
-            pack_twist(second, nanosecond, *twist),
-            pack_odometry(second, nanosecond, pose, twist),
-            pack_vector(second, nanosecond, *sample.angular_momentum_world),
-            pack_vector(second, nanosecond, *sample.linear_momentum_world),
-            pack_scalar(sample.kinetic_energy),
-            pack_scalar(sample.work),
-            pack_scalar(sample.energy_defect),
-            pack_transform(second, nanosecond, pose),
-            *(() if sample.potential_energy is None else (pack_scalar(sample.potential_energy),)),
-            *(() if acceleration is None else (pack_accel(second, nanosecond, *_joined(acceleration())),)),
-        )
+        stamped = Stamped(sample, sample.time_ns)
+        return tuple([pack(stamped) for pack in in_order])
 
     return encode
-
-
-def _joined(pair: tuple[Vector, Vector]) -> tuple[float, ...]:
-    return (*pair[0], *pair[1])

@@ -7,7 +7,6 @@ for again and costs nothing.
 from __future__ import annotations
 
 from collections.abc import Callable
-from fractions import Fraction
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 from rb_dynamics.body.rigid_body import RigidBody
@@ -54,16 +53,6 @@ Potential = Callable[[Point], float]
 
 Storing = Callable[[Point], Stored]
 """What moves inside the body at a point."""
-
-
-def nanoseconds(seconds: float) -> int:
-    """Return a time (s), taken as the decimal number that was written, in whole nanoseconds."""
-    return round(Fraction(repr(float(seconds))) * 1_000_000_000)
-
-
-def on_nanosecond(seconds: float) -> float:
-    """Return a time (s), taken as the decimal number that was written, rounded to whole nanoseconds."""
-    return nanoseconds(seconds) / 1_000_000_000
 
 
 class Effect:

@@ -25,7 +25,6 @@ from rb_dynamics.motion.kernel_layout import (
 from rb_dynamics.motion.method import Increment, Inertia, Method
 from rb_dynamics.motion.phase import MOMENTUM, Phase, grown, is_finite, total
 from rb_dynamics.motion.step_control import (
-    NANOSECONDS,
     AccuracyControl,
     Goal,
     Learnt,
@@ -37,6 +36,7 @@ from rb_dynamics.motion.step_control import (
     rounding,
 )
 from rb_dynamics.numerics.compilation import specialise
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.vector import Vector, scale
 
 if TYPE_CHECKING:

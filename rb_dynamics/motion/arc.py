@@ -14,7 +14,8 @@ from rb_dynamics.motion.adaptive_kernel import Progress, strides_by
 from rb_dynamics.motion.fixed_step_kernel import LONGEST_STRETCH, kernel
 from rb_dynamics.motion.method import Inertia, Load, Method
 from rb_dynamics.motion.phase import Phase
-from rb_dynamics.motion.step_control import NANOSECONDS, AccuracyControl, FixedStep, OwnControl, StepControl
+from rb_dynamics.motion.step_control import AccuracyControl, FixedStep, OwnControl, StepControl
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import Vector, scale
 

@@ -14,7 +14,8 @@ from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.load import Takes
 from rb_dynamics.motion.method import Method
 from rb_dynamics.motion.phase import Phase
-from rb_dynamics.motion.step_control import NANOSECONDS, Advance, StepControl
+from rb_dynamics.motion.step_control import Advance, StepControl
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 
 COST_OF_A_STEP: Mapping[str, float] = MappingProxyType(
     {"rk4": 1.0, "dop853": 1.5, "taylor": 1.8, "dlm6": 3.7, "dmv864": 3.7, "dmv104": 3.5, "radau": 16.0}

@@ -14,6 +14,7 @@ from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.motion.method import Inertia
 from rb_dynamics.motion.phase import IMPULSE, MOMENTUM, POSITION, Phase, elapsed, is_finite, total
 from rb_dynamics.motion.step_checks import NO_ATTITUDE
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import angle_between
 from rb_dynamics.numerics.vector import norm, scale, subtract
 
@@ -31,7 +32,6 @@ class Advance(Protocol):
         """Return the longest step in s that adds at most accuracy * step / horizon to the error at the end."""
 
 
-NANOSECONDS = 1_000_000_000
 _EPSILON = 2.0**-52
 
 # What doubling may use up of the accuracy: errors grow faster than linearly while a body turns over its middle

@@ -23,7 +23,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rb_dynamics.errors import LogError
-from rb_dynamics.formats import cdr
 from rb_dynamics.formats.log_file import LogFile
 from rb_dynamics.formats.mcap_records import Channel, McapFile, Schema
 from rb_dynamics.formats.mcap_writer import McapWriter
@@ -38,6 +37,7 @@ from rb_dynamics.formats.messages import (
     encode_fixed,
     encode_inertia,
     encode_received,
+    encode_status,
     qos_profile,
     sample_depth,
     sample_encoder,
@@ -129,7 +129,7 @@ class McapSink:
         self._writer = McapWriter(self._file, f"rb_dynamics {version()}")
         self._guarded(self._begin, run, topics)
         self._sample_ids = [self._ids[name] for name, _ in samples]
-        self._encode_sample = sample_encoder(run.scene.frames.world_frame, self._body_frame, acceleration)
+        self._encode_sample = sample_encoder(run.scene, acceleration)
         if self.settings.flush_s > 0.0:
             threading.Thread(target=self._keep_flushing, name=f"flush {self.path.name}", daemon=True).start()
 
@@ -295,9 +295,7 @@ class McapSink:
         self._add(event.topic + APPLIED, encode_applied(event), event.time_ns)
 
     def _write_status(self, event: Status) -> None:
-        status = (event.level, event.name, event.message, self._body_frame, list(event.values.items()))
-        message = cdr.encode(DIAGNOSTICS, event.time_ns, "", [status])
-        self._add("/diagnostics", message, event.time_ns)
+        self._add("/diagnostics", encode_status(event, self._body_frame), event.time_ns)
 
 
 def verify(path: Path, counts: Mapping[str, int]) -> None:

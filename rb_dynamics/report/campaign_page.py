@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from rb_dynamics.errors import RigidBodyError
-from rb_dynamics.motion.step_control import NANOSECONDS
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, made_by, write_html
 from rb_dynamics.study.campaign.engine import flies_side_by_side
 from rb_dynamics.study.campaign.flight import Columns, watch_runs

@@ -23,8 +23,9 @@ from nav_msgs.msg import Odometry
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
-from rb_dynamics.errors import ConvergenceError, SceneError
+from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.wrench import WrenchFrames
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS, split_stamp
 from rb_dynamics.numerics.rotation import Quaternion, rotate, rotate_inverse, unit
 from rb_dynamics.numerics.validation import shown
 from rb_dynamics.numerics.vector import Vector
@@ -35,28 +36,12 @@ if TYPE_CHECKING:
     from simulation_interfaces.msg import EntityState
     from tf2_msgs.msg import TFMessage
 
-_NANOSECONDS = 1_000_000_000
-_LAST_NS = 2**31 * _NANOSECONDS
-
-
-def split_stamp(time_ns: int) -> tuple[int, int]:
-    """Return integer nanoseconds as the seconds and nanoseconds of a stamp.
-
-    Raises:
-        ConvergenceError: the time is past 2^31 s, where stamps end.
-    """
-    if not 0 <= time_ns < _LAST_NS:
-        raise ConvergenceError(
-            f"time is {time_ns / _NANOSECONDS:.9g} s, expected less than 2^31 s, where stamps end; reset it"
-        )
-    return divmod(time_ns, _NANOSECONDS)
-
 
 def to_stamp(time_ns: int) -> Time:
     """Return integer nanoseconds as a stamp.
 
     Raises:
-        ConvergenceError: the time is past 2^31 s, where stamps end.
+        LogError: the time is past 2^31 s, where stamps end.
     """
     return stamp(split_stamp(time_ns))
 
@@ -68,7 +53,7 @@ def stamp(parts: tuple[int, int]) -> Time:
 
 def to_nanoseconds(stamp: Time) -> int:
     """Return a stamp as integer nanoseconds."""
-    return int(stamp.sec) * _NANOSECONDS + int(stamp.nanosec)
+    return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
 
 
 def inertia(body: RigidBody, body_frame: str, time_ns: int) -> InertiaStamped:

@@ -13,8 +13,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from rb_dynamics.body.state import State
-from rb_dynamics.errors import ConvergenceError, RigidBodyError, SceneError, WrenchError
+from rb_dynamics.errors import ConvergenceError, LogError, RigidBodyError, SceneError, WrenchError
 from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.recording.failure_guard import GuardedSink
 from rb_dynamics.ros.arrivals import Arrival, Arrivals
 from rb_dynamics.ros.health import Health
@@ -24,12 +25,11 @@ from rb_dynamics.run.sink import Sink
 from rb_dynamics.scene import parse_scene
 from rb_dynamics.scene.model import Scene
 
-_NANOSECONDS = 1_000_000_000
 # How long the node may wait without looking at signals, and compute without looking at messages or signals.
 LONGEST_WAIT = 0.05
 _LONGEST_BURST_NS = 5_000_000
 # A command this far ahead was stamped by another clock, most likely.
-_FAR_AHEAD_NS = 10**6 * _NANOSECONDS
+_FAR_AHEAD_NS = 10**6 * NANOSECONDS
 
 
 @dataclass(frozen=True)
@@ -363,7 +363,7 @@ class Driver:
         """Return the scene with `overrides` and with what is left of its duration."""
         scene = self._scene
         if scene.end_ns is not None:
-            overrides = overrides | {"duration": max(1, scene.end_ns - self._passed_ns()) / _NANOSECONDS}
+            overrides = overrides | {"duration": max(1, scene.end_ns - self._passed_ns()) / NANOSECONDS}
         return parse_scene(scene.text, scene.source, overrides) if overrides else scene
 
     def _passed_ns(self) -> int:
@@ -406,7 +406,7 @@ class Driver:
 
         An output may be far away: what is not computed until then is a lag before.
         """
-        return min(self._next_ns(), self._reached_ns + self.pacer.since(round(LONGEST_WAIT * _NANOSECONDS)))
+        return min(self._next_ns(), self._reached_ns + self.pacer.since(round(LONGEST_WAIT * NANOSECONDS)))
 
     def _lockstep_limit(self) -> int:
         """Return the smallest of the channels' newest stamps; no further may time advance."""
@@ -419,7 +419,7 @@ class Driver:
         newest_ns = self._newest.get(oldest)
         if newest_ns is None:
             return f", waits for the first command on {oldest}" if oldest else ""
-        seconds = (newest_ns + (self.pacer.offset_ns or 0)) / _NANOSECONDS
+        seconds = (newest_ns + (self.pacer.offset_ns or 0)) / NANOSECONDS
         return f", waits for a command on {oldest} that is stamped later than {seconds:.9f} s"
 
     def _burst(self) -> None:
@@ -429,7 +429,8 @@ class Driver:
             until = min(self._goal_ns, self._reached_ns + self._slice_ns)
             try:
                 self.simulation.advance(until)
-            except (ConvergenceError, OverflowError) as error:
+            except (ConvergenceError, LogError, OverflowError) as error:
+                # A log stops itself alone: the error of one here is that of a stamp that no message can hold.
                 self.fail(f"the motion cannot be continued: {error}")
                 return
             whole_slice = until - self._reached_ns == self._slice_ns
@@ -437,7 +438,7 @@ class Driver:
             before, now = now, time.monotonic_ns()
             # Only a whole slice tells what a slice costs: that nothing costs nothing is no reason to take more.
             if whole_slice and now - before < _LONGEST_BURST_NS // 8:
-                self._slice_ns = min(2 * self._slice_ns, _NANOSECONDS)
+                self._slice_ns = min(2 * self._slice_ns, NANOSECONDS)
             elif now - before > _LONGEST_BURST_NS // 2:
                 self._slice_ns = max(1, self._slice_ns // 2)
             if not self.behind or now - begun > _LONGEST_BURST_NS:

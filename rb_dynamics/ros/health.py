@@ -11,13 +11,14 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.ros.arrivals import Arrival
 from rb_dynamics.ros.pacing import ClockFollower, Pacer
 from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.run.sink import Status
 
 OK, WARN, ERROR = 0, 1, 2
-_PERIOD_NS = 1_000_000_000
+_PERIOD_NS = NANOSECONDS
 # How many different warnings are logged in a second.
 _REASONS = 5
 # Characters of a warning or failure: a peer must not make the node repeat a megabyte every second.

@@ -38,9 +38,9 @@ from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
 
 from rb_dynamics.errors import LogError, RigidBodyError, SceneError
-from rb_dynamics.formats.cdr import split_stamp
 from rb_dynamics.formats.log_file import move_aside
 from rb_dynamics.formats.messages import ACCEL, COMMAND_DEPTH, SAMPLE_TOPICS, WRENCH, decode_wrench
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS, split_stamp
 from rb_dynamics.recording.failure_guard import GuardedSink
 from rb_dynamics.ros import conversions
 from rb_dynamics.ros.arrivals import Losses
@@ -53,7 +53,6 @@ from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.run.stop_signals import stop_signals
 from rb_dynamics.scene.model import Scene
 
-_NANOSECONDS = 1_000_000_000
 # s: up to so long it sleeps instead of waiting for messages, so often it then looks at services, and for so long.
 _LONGEST_SLEEP, _BETWEEN_TURNS, _LONGEST_TURN = 0.006, 0.1, 0.005
 # s before an output: what came until then is computed before the output is due, and does not keep it waiting.
@@ -141,7 +140,7 @@ class RigidBodyNode(Node):
         simulation = self.driver.simulation
         simulation.finish()
         self.get_logger().info(
-            f"stopped at {simulation.time_ns / _NANOSECONDS:.9g} s after {simulation.steps} steps of "
+            f"stopped at {simulation.time_ns / NANOSECONDS:.9g} s after {simulation.steps} steps of "
             f"{simulation.methods}"
         )
 
@@ -346,7 +345,7 @@ class RigidBodyNode(Node):
 def _warm_up(scene: Scene) -> None:
     """Compile now what is to be compiled, while no time passes yet."""
     if scene.solver.step is not None and os.environ.get("RB_DYNAMICS_COMPILE") == "always":
-        Simulation(scene).advance(round(2 * scene.solver.step * _NANOSECONDS))
+        Simulation(scene).advance(round(2 * scene.solver.step * NANOSECONDS))
 
 
 def _waiting(subscription: Subscription) -> Iterator[tuple[Any, dict[str, Any]]]:

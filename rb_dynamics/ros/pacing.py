@@ -9,11 +9,12 @@ import math
 import time
 from collections.abc import Callable
 
-_NANOSECONDS = 1_000_000_000
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS
+
 # A lag beyond this is given up and counted: catching up without bound is a spiral.
 LARGEST_LAG_NS = 100_000_000
 # A clock that leaps this far at once is another clock, most likely: nobody waits for so much to be computed.
-LARGEST_LEAP_NS = 10 * _NANOSECONDS
+LARGEST_LEAP_NS = 10 * NANOSECONDS
 # s of steady time after which a clock that does not move counts as paused.
 _PAUSE = 1.0
 
@@ -59,7 +60,7 @@ class Pacer:
     def seconds_until(self, time_ns: int) -> float:
         """Return how long to wait (s, not negative) until simulation time should be `time_ns`."""
         ahead = (time_ns - self._time_ns) / self.factor - (time.monotonic_ns() - self._clock_ns)
-        return max(0.0, ahead / _NANOSECONDS)
+        return max(0.0, ahead / NANOSECONDS)
 
     def values(self) -> dict[str, str]:
         """Return what diagnostics show."""

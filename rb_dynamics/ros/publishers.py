@@ -25,6 +25,7 @@ from std_msgs.msg import Float64
 
 from rb_dynamics.formats import cdr
 from rb_dynamics.loads.wrench import WrenchFrames
+from rb_dynamics.numerics.nanoseconds import split_stamp
 from rb_dynamics.numerics.rotation import rotate_inverse
 from rb_dynamics.numerics.vector import Vector
 from rb_dynamics.ros import conversions
@@ -118,7 +119,7 @@ class TopicSink:
             stamp_ns = self._stamp_ns(event.time_ns)
             if stamp_ns is None:
                 return
-            self._newest = event, conversions.split_stamp(stamp_ns)
+            self._newest = event, split_stamp(stamp_ns)
             for publisher, make in self._samples:
                 if publisher.get_subscription_count():
                     publisher.publish(make(*self._newest))

@@ -21,7 +21,8 @@ from rb_dynamics.motion.fixed_step_kernel import LONGEST_STRETCH
 from rb_dynamics.motion.kernel_layout import PHASE, phase_numbers
 from rb_dynamics.motion.method import Method
 from rb_dynamics.motion.phase import Phase, inertia_of
-from rb_dynamics.motion.step_control import NANOSECONDS, FixedStep, WholeArc
+from rb_dynamics.motion.step_control import FixedStep, WholeArc
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.validation import as_array, instance, instances, number, shown, whole
 from rb_dynamics.run.samples import Samples
 

@@ -18,11 +18,10 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import ConvergenceError, SceneError, WrenchError
 from rb_dynamics.loads.channels import AppliedWrench, WrenchChannels
 from rb_dynamics.loads.combined_effects import ActingEffects
-from rb_dynamics.loads.effect import nanoseconds
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion.arc import Arc
 from rb_dynamics.motion.phase import Phase, in_principal_axes
-from rb_dynamics.motion.step_control import NANOSECONDS
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
 from rb_dynamics.numerics.validation import instance, items, shown, whole
 from rb_dynamics.numerics.vector import Vector
 from rb_dynamics.run.diagnostics import Observer, Sample, acceleration, kinetic_energy

@@ -10,8 +10,9 @@ from rb_dynamics.body.state import State
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.channels import Channel
 from rb_dynamics.loads.combined_effects import ActingEffects
-from rb_dynamics.loads.effect import Effect, nanoseconds
+from rb_dynamics.loads.effect import Effect
 from rb_dynamics.loads.wrench import WrenchFrames
+from rb_dynamics.numerics.nanoseconds import nanoseconds
 from rb_dynamics.numerics.validation import instance, instances, number, shown
 
 DEFAULT_ACCURACY = 1e-9

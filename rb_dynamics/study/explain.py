@@ -20,7 +20,7 @@ from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.caching import forget
 from rb_dynamics.motion.exact import EXACT
 from rb_dynamics.motion.fixed_step_kernel import Tally, counted_by
-from rb_dynamics.motion.step_control import NANOSECONDS
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import angle_between
 from rb_dynamics.numerics.validation import items, number
 from rb_dynamics.numerics.vector import norm, scale, subtract

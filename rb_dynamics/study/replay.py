@@ -259,7 +259,7 @@ class _Comparison:
         frames, accel = scene.frames, ACCEL[0] in names
         samples = sample_topics(scene, accel)
         self._sample_topics = [names[name] for name, _ in samples]
-        self._encode = sample_encoder(frames.world_frame, frames.body_frame, run.acceleration if accel else None)
+        self._encode = sample_encoder(scene, run.acceleration if accel else None)
         self._body_frame = frames.body_frame
         commands = {channel.topic for channel in scene.channels}
         held = [*commands, *(name for name, _ in scene.acting.schedules())]

@@ -20,6 +20,7 @@ from hypothesis import strategies as st
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr, ros2msg
+from rb_dynamics.numerics.nanoseconds import split_stamp
 
 ROOT = Path(__file__).parents[2]
 
@@ -116,7 +117,7 @@ def test_rosbags_reads_what_we_write(type_name: str, data: st.DataObject) -> Non
 
 @given(frame=st.text(max_size=20), child=st.text(max_size=20), stamp=st.integers(0, 2**31 * 10**9 - 1))
 def test_packers_give_the_bytes_of_encode(frame: str, child: str, stamp: int) -> None:
-    split = cdr.split_stamp(stamp)
+    split = split_stamp(stamp)
     numbers = tuple(i + 0.5 for i in range(10))
     for kind in ("Pose", "Twist", "Accel", "Wrench", "Vector3", "Inertia"):
         name = f"geometry_msgs/msg/{kind}Stamped"
@@ -171,13 +172,13 @@ def test_text_that_is_not_utf8_is_an_error() -> None:
 
 @pytest.mark.parametrize(("time_ns", "split"), [(0, (0, 0)), (-1, (-1, 999_999_999)), (1_500_000_000, (1, 5 * 10**8))])
 def test_split_stamp(time_ns: int, split: tuple[int, int]) -> None:
-    assert cdr.split_stamp(time_ns) == split
+    assert split_stamp(time_ns) == split
 
 
 @pytest.mark.parametrize("time_ns", [2**31 * 10**9, -(2**31) * 10**9 - 1])
 def test_a_stamp_beyond_32_bits_of_seconds_is_refused(time_ns: int) -> None:
     with pytest.raises(LogError, match=str(time_ns)):
-        cdr.split_stamp(time_ns)
+        split_stamp(time_ns)
 
 
 @pytest.mark.ros

@@ -13,8 +13,9 @@ from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Increment, Inertia, Method, adaptive_kernel
 from rb_dynamics.motion.arc import Arc, Choose
 from rb_dynamics.motion.phase import Phase
-from rb_dynamics.motion.step_control import NANOSECONDS, AccuracyControl, OwnControl, StepControl
+from rb_dynamics.motion.step_control import AccuracyControl, OwnControl, StepControl
 from rb_dynamics.numerics import compilation
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import Quaternion, normalize
 from rb_dynamics.numerics.vector import ZERO, Vector, dot, norm
 from rb_dynamics.run.simulation import Simulation

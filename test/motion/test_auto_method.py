@@ -14,7 +14,8 @@ from rb_dynamics.motion import METHODS, auto_method
 from rb_dynamics.motion.arc import Stepper
 from rb_dynamics.motion.auto_method import CANDIDATES, COST_OF_A_STEP, cheapest, longest_stride
 from rb_dynamics.motion.phase import Phase, in_principal_axes, inertia_of
-from rb_dynamics.motion.step_control import NANOSECONDS, AccuracyControl, StepControl
+from rb_dynamics.motion.step_control import AccuracyControl, StepControl
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import angle_between
 from rb_dynamics.numerics.vector import norm, subtract
 from rb_dynamics.run.simulation import Simulation, simulate

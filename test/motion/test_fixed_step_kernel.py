@@ -22,8 +22,9 @@ from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Inertia, Method, fixed_step_kernel
 from rb_dynamics.motion.arc import Arc, Stepper
 from rb_dynamics.motion.phase import Phase
-from rb_dynamics.motion.step_control import NANOSECONDS, FixedStep
+from rb_dynamics.motion.step_control import FixedStep
 from rb_dynamics.numerics import compilation
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import normalize
 from rb_dynamics.numerics.vector import ZERO, Vector, scale
 from rb_dynamics.run.simulation import Simulation

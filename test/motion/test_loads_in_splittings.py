@@ -26,7 +26,8 @@ from rb_dynamics.motion import METHODS, Increment, Inertia
 from rb_dynamics.motion.arc import Arc, LoadFrom
 from rb_dynamics.motion.method import Load, Takes
 from rb_dynamics.motion.phase import Phase, in_principal_axes, inertia_of
-from rb_dynamics.motion.step_control import NANOSECONDS, FixedStep
+from rb_dynamics.motion.step_control import FixedStep
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import Quaternion, angle_between, conjugate, multiply, rotate, rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, cross, dot, norm, scale, subtract
 from rb_dynamics.numerics.vector import multiply as times

@@ -13,7 +13,8 @@ from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.arc import Arc
 from rb_dynamics.motion.phase import Phase, in_principal_axes, inertia_of
-from rb_dynamics.motion.step_control import NANOSECONDS, AccuracyControl, FixedStep
+from rb_dynamics.motion.step_control import AccuracyControl, FixedStep
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.vector import ZERO, Vector, norm, subtract
 from rb_dynamics.scene.compile import Plan
 from rb_dynamics.scene.model import Solver

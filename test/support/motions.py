@@ -20,7 +20,8 @@ from rb_dynamics.loads.wrench import HeldWrench, Wrench, WrenchFrames
 from rb_dynamics.motion.arc import Arc
 from rb_dynamics.motion.method import Method
 from rb_dynamics.motion.phase import Phase, in_principal_axes, inertia_of
-from rb_dynamics.motion.step_control import NANOSECONDS, FixedStep
+from rb_dynamics.motion.step_control import FixedStep
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import angle_between
 from rb_dynamics.numerics.vector import norm, subtract
 from rb_dynamics.run.diagnostics import Sample

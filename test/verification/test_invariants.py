@@ -18,8 +18,9 @@ from rb_dynamics.body.state import State
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.arc import Arc
 from rb_dynamics.motion.phase import Phase, inertia_of
-from rb_dynamics.motion.step_control import NANOSECONDS, FixedStep
+from rb_dynamics.motion.step_control import FixedStep
 from rb_dynamics.numerics import rotation
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.vector import norm, subtract
 from rb_dynamics.run.diagnostics import kinetic_energy
 

@@ -15,8 +15,9 @@ from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.arc import Arc
 from rb_dynamics.motion.method import Inertia
 from rb_dynamics.motion.phase import Phase
-from rb_dynamics.motion.step_control import NANOSECONDS, FixedStep
+from rb_dynamics.motion.step_control import FixedStep
 from rb_dynamics.numerics import compilation
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import IDENTITY, rotate
 from rb_dynamics.numerics.vector import dot, multiply, norm, scale, subtract
 

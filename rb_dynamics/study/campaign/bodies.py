@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Protocol
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.exact import EXACT
-from rb_dynamics.motion.step_control import NANOSECONDS
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.vector import subtract
 from rb_dynamics.run.diagnostics import Sample
 from rb_dynamics.run.ensemble import Ensemble

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from rb_dynamics.errors import SceneError
-from rb_dynamics.motion.step_control import NANOSECONDS
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.study.campaign.model import Campaign, Metric
 from rb_dynamics.study.campaign.user_functions import called, named
 

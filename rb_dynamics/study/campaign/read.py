@@ -14,7 +14,7 @@ from collections.abc import Container, Mapping, Sequence
 from types import MappingProxyType
 
 from rb_dynamics.errors import SceneError
-from rb_dynamics.motion.step_control import NANOSECONDS
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import IDENTITY
 from rb_dynamics.scene import document
 from rb_dynamics.scene.fields import LONGEST, SHORTEST, Field, Rule, Section

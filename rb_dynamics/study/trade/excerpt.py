@@ -15,7 +15,7 @@ from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.caching import forget
 from rb_dynamics.motion.fixed_step_kernel import WORTH_LOADING, OnDemand, Tally, counted_by
-from rb_dynamics.motion.step_control import NANOSECONDS
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import angle_between
 from rb_dynamics.numerics.vector import norm, subtract
 from rb_dynamics.run.diagnostics import Sample

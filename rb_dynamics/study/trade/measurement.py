@@ -9,7 +9,7 @@ from itertools import pairwise
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.exact import EXACT
 from rb_dynamics.motion.fixed_step_kernel import longest_in_plain
-from rb_dynamics.motion.step_control import NANOSECONDS
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.vector import norm
 from rb_dynamics.run.diagnostics import Sample
 from rb_dynamics.scene.model import Solver

@@ -1,0 +1,37 @@
+"""Time in whole nanoseconds: from seconds as they were written, and as the two integers of a ROS stamp."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+from rb_dynamics.errors import LogError
+
+NANOSECONDS = 1_000_000_000
+"""In a second."""
+
+LAST_STAMP_NS = 2**31 * NANOSECONDS
+"""A ROS stamp counts seconds in 32 bits, one of them the sign: 68 years."""
+
+
+def nanoseconds(seconds: float) -> int:
+    """Return a time (s), taken as the decimal number that was written, in whole nanoseconds."""
+    return round(Fraction(repr(float(seconds))) * NANOSECONDS)
+
+
+def on_nanosecond(seconds: float) -> float:
+    """Return a time (s), taken as the decimal number that was written, rounded to whole nanoseconds."""
+    return nanoseconds(seconds) / NANOSECONDS
+
+
+def split_stamp(time_ns: int) -> tuple[int, int]:
+    """Return a time (ns) as (sec, nanosec) of `builtin_interfaces/Time`.
+
+    Raises:
+        LogError: the seconds do not fit in 32 bits.
+    """
+    if not -LAST_STAMP_NS <= time_ns < LAST_STAMP_NS:
+        raise LogError(
+            f"time is {time_ns} ns, expected |time| < 2^31 s (68 years): a ROS stamp holds no more; count time from "
+            "the start of the run"
+        )
+    return divmod(time_ns, NANOSECONDS)
