@@ -245,7 +245,7 @@ class TestCommands:
     def test_may_come_as_an_iterator_in_order_or_as_a_sequence_in_any(
         self, ahead: int, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        monkeypatch.setattr(sys.modules["rb_dynamics.simulate"], "LOOK_AHEAD", ahead)
+        monkeypatch.setattr(sys.modules["rb_dynamics.run.simulation"], "LOOK_AHEAD", ahead)
         unknown = ("body", Wrench(frame_id="nowhere", stamp_ns=123_456_789))
         late = ("world", Wrench(frame_id="nowhere", stamp_ns=END + 1))
         told = []
@@ -280,7 +280,7 @@ class TestCommands:
         assert max(waiting) <= LOOK_AHEAD
 
     def test_out_of_order_and_too_late_are_refused(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(sys.modules["rb_dynamics.simulate"], "LOOK_AHEAD", 1)
+        monkeypatch.setattr(sys.modules["rb_dynamics.run.simulation"], "LOOK_AHEAD", 1)
 
         with pytest.raises(ValueError, match="found one at 5 ns when the run had reached 123456789 ns"):
             simulate(driven(SOLVERS["whole step"]), iter([*COMMANDS[:3], ("world", Wrench(stamp_ns=5))]))

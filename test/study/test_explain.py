@@ -138,7 +138,7 @@ def test_the_error_is_that_at_the_end_though_outputs_leave_the_trial_no_time_to_
             spent[0] += self._every * (time_ns - self.time_ns)
             super().advance(time_ns)
 
-    module = importlib.import_module("rb_dynamics.explain")
+    module = importlib.import_module("rb_dynamics.study.explain")
     monkeypatch.setattr(module, "Simulation", Timed)
     monkeypatch.setattr(module, "Stopwatch", lambda: Stopwatch(lambda: spent[0]))
     scene = parse_scene(RIGID + "wrenches: []\nduration: 40\nsolver: {method: rk4, step: 0.02}\n")
@@ -210,7 +210,7 @@ def test_no_cost_holds_what_happens_once_or_a_while_in_which_the_machine_was_bus
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """By a clock on which a step takes a millisecond, the first call of all a minute, and a trial's second one more."""
-    module = importlib.import_module("rb_dynamics.explain")
+    module = importlib.import_module("rb_dynamics.study.explain")
     spent = [0.0]
     calls: list[int] = []
 

@@ -29,8 +29,8 @@ from rb_dynamics.scene.model import Scene, Solver
 from rb_dynamics.scene.read import parse_scene, read_scene
 from rb_dynamics.study.trade import Recommendation, Row, Trade, measurement, reference, trade
 
-# The package: rb_dynamics.trade is the function.
-TRADE = importlib.import_module("rb_dynamics.trade")
+# The package: rb_dynamics.study.trade is the function in the namespace of its parent.
+TRADE = importlib.import_module("rb_dynamics.study.trade")
 ROOT = Path(__file__).parents[3]
 SPINNING = "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\ninitial: {angular_velocity_body: [0.1, 2, 0.1]}\n"
 DRAG = SPINNING + "wrenches: []\neffects: [{type: linear_drag, rotation: 0.1}]\nduration: 2\n"
