@@ -132,6 +132,9 @@ MEANING = {
     "wrenches[0].topic": "name of the topic",
     "wrenches[0].timeout": "s without a command until the channel drops to zero; 0 holds for ever",
     "wrenches[0].optional": "in lockstep, time does not wait for this channel to speak",
+    "wrenches[0].max_force": "N, the largest force that a command may have; no limit where it is absent",
+    "wrenches[0].max_torque": "N m, the largest torque that a command may have, without the moment of its force",
+    "wrenches[0].on_excess": "what becomes of a command beyond a limit: rejected, or scaled down to the limit",
     "solver.method": "`auto`, or a method by name: [Set the solver](../how-to/solver.md)",
     "solver.accuracy": "error accepted at the end: attitude in rad, position relative to the distance travelled",
     "solver.step": "s; instead of an accuracy",
@@ -284,6 +287,7 @@ DEFAULTS: dict[str, Callable[[rb.Scene], object]] = {
     "body.center_of_mass": lambda scene: list(scene.body.center_of_mass),
     "wrenches[0].timeout": lambda scene: scene.channels[0].timeout,
     "wrenches[0].optional": lambda scene: str(scene.channels[0].optional).lower(),
+    "wrenches[0].on_excess": lambda scene: scene.channels[0].on_excess,
     "solver.method": lambda scene: scene.solver.method,
     "solver.accuracy": lambda scene: scene.solver.accuracy,
 }

@@ -46,15 +46,20 @@ def fate(track: Track, steps: WrenchSteps, source: Topic, declared: WrenchFrames
     came = track.bag.wrenches(source.name) if source.count else []
     refused = [(at, wrench) for at, wrench in came if declared and not _honoured(declared, wrench)]
     honoured = Counter(at for at, _ in came) - Counter(at for at, _ in refused)
-    # Every applied wrench that no command stands behind is a timeout: that is how a log is written.
-    alone = sorted((Counter(steps.time_ns.tolist()) - honoured).elements())
+    acted = Counter(steps.time_ns.tolist())
     pieces = track.bag.missing
-    drops = [at for at in alone if not any(begin <= at <= end for begin, end in pieces)]
+
+    def known(times: Counter[int]) -> list[int]:
+        return [at for at in sorted(times.elements()) if not any(begin <= at <= end for begin, end in pieces)]
+
+    # Every applied wrench that no command stands behind is a timeout: that is how a log is written. A command behind
+    # which none stands was too large.
+    alone, drops, too_large = acted - honoured, known(acted - honoured), known(honoured - acted)
     return Fate(
-        applied=len(steps.time_ns) - len(alone),
+        applied=len(steps.time_ns) - alone.total(),
         timeouts=len(drops) if _known(track, drops) else None,
         timed_out_ns=drops[0] if drops else None,
-        rejected=None if declared is None else len(refused),
+        rejected=None if declared is None else len(refused) + len(too_large),
         undeclared=tuple(
             sorted({each.frame_id for _, each in refused if declared and not _honoured(declared, _nothing(each))})
         ),

@@ -79,11 +79,17 @@ def warn_outside(commands: RecordedWrenches, scene: Scene) -> None:
 
 
 def warn_rejected(run: Run, commands: int) -> None:
-    """Say on stderr how many commands could not be honoured, and why the first was not."""
+    """Say on stderr how many commands could not be honoured, why the first was not, and how many were clipped."""
     if run.rejected:
         print(
             f"warning: {len(run.rejected)} of {commands} wrench commands were rejected and had no effect; "
             f"the first: {run.rejected[0]}",
+            file=sys.stderr,
+        )
+    if run.clipped:
+        print(
+            f"note: {run.clipped} of {commands} wrench commands were clipped to max_force or max_torque of their "
+            "channel",
             file=sys.stderr,
         )
 

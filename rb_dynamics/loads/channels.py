@@ -1,18 +1,28 @@
 """Wrench channels: each holds its last command until the next one or its timeout; channels add up.
 
-Knows when a command takes effect; what it does about the centre of mass is `loads/wrench.py`'s.
+Knows when a command takes effect, and which are too large; what one does about the centre of mass is
+`loads/wrench.py`'s.
 """
 
 from __future__ import annotations
 
 import heapq
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import WrenchError
-from rb_dynamics.loads.wrench import HeldWrench, Wrench, WrenchFrames
-from rb_dynamics.numerics.vector import ZERO, Vector
+from rb_dynamics.loads.wrench import HeldWrench, Wrench, WrenchFrames, largest_wrench, require_possible
+from rb_dynamics.numerics.vector import ZERO, Vector, scale
+
+ON_EXCESS = ("reject", "clip")
+"""What may become of a command beyond the limits of its channel."""
+
+# m/s^2 and rad/s^2: beyond, no actuator is meant, and a command under which the motion cannot go on is what is wrong.
+# Below, it is the step or the accuracy, and whoever chose it has to know.
+_HUGE = 1e6
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,11 +33,45 @@ class Channel:
         topic: relative topic name.
         timeout: s after which the channel drops to zero; 0 holds for ever.
         optional: in lockstep, does not hold time back before it has spoken.
+        max_force: N, the largest force that a command may have; infinite for no limit.
+        max_torque: N m, likewise; of the torque that is commanded, without the moment of the force.
+        on_excess: what becomes of a command beyond a limit: `reject`, or `clip` to scale the vector down to the limit.
     """
 
     topic: str = "wrench"
     timeout: float = 0.0
     optional: bool = False
+    max_force: float = math.inf
+    max_torque: float = math.inf
+    on_excess: str = "reject"
+
+    def limited(self, wrench: Wrench) -> Wrench:
+        """Return `wrench` as the limits let it act: itself where it keeps them.
+
+        Raises:
+            WrenchError: it does not, and the channel does not clip.
+        """
+        force = self._within("force", wrench.force, self.max_force, "N")
+        torque = self._within("torque", wrench.torque, self.max_torque, "N m")
+        if force is wrench.force and torque is wrench.torque:
+            return wrench
+        return replace(wrench, force=force, torque=torque)
+
+    def _within(self, name: str, vector: Vector, limit: float, unit: str) -> Vector:
+        if limit == math.inf:
+            return vector
+        norm = math.hypot(*vector)
+        # Who saturates at the limit itself rounds its norm.
+        if norm <= limit * (1.0 + 1e-12):
+            return vector
+        if self.on_excess == "clip":
+            # In two parts, as the norm of finite numbers need not be finite.
+            direction = scale(1.0 / max(map(abs, vector)), vector)
+            return scale(limit / math.hypot(*direction), direction)
+        raise WrenchError(
+            f"wrench {name} is {norm:.9g} {unit}, expected at most max_{name} = {limit!r} {unit} of the channel "
+            f"{self.topic}; command less, or set on_excess: clip in the scene"
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +85,7 @@ class AppliedWrench:
         frame_id: the axes of `force` and `torque`: body or world frame.
         force: N, through the centre of mass.
         torque: N m, about the centre of mass.
+        clipped: whether the channel's limits made the command smaller.
     """
 
     time_ns: int
@@ -49,6 +94,7 @@ class AppliedWrench:
     frame_id: str
     force: Vector
     torque: Vector
+    clipped: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,13 +134,23 @@ class _Pending(NamedTuple):
     wrench: Wrench
     held: HeldWrench | None
     reason: str = ""
+    clipped: bool = False
 
 
 class WrenchChannels:
     """The channels of one run, in the order of the scene."""
 
-    def __init__(self, channels: Sequence[Channel], frames: WrenchFrames, effects: Sequence[str] = ()) -> None:
-        """Start with every channel at zero; behind those of the scene comes one for each of `effects`."""
+    def __init__(
+        self,
+        channels: Sequence[Channel],
+        frames: WrenchFrames,
+        effects: Sequence[str] = (),
+        body: RigidBody | None = None,
+    ) -> None:
+        """Start with every channel at zero; behind those of the scene comes one for each of `effects`.
+
+        `body` says what is too large for a command; without it, nothing finite is.
+        """
         self._channels = (*channels, *(Channel(name) for name in effects))
         self._commanded = len(channels)
         self._index = {c.topic.lstrip("/"): i for i, c in enumerate(channels)}
@@ -104,20 +160,24 @@ class WrenchChannels:
         self._holds = [_Hold() for _ in self._channels]
         self._queue: list[_Pending] = []
         self._number = 0
+        self._body = body
+        self._largest = largest_wrench(body) if body is not None else (math.inf, math.inf)
+        # The commands that the last `apply` looked at, and what was held before.
+        self._done: list[_Pending] = []
+        self._before: list[tuple[HeldWrench, int | None]] = []
 
-    def post(self, topic: str, wrench: Wrench, time_ns: int) -> None:
-        """Let `wrench` take effect on the channel `topic` at `time_ns`.
+    def post(self, topic: str, wrench: Wrench, time_ns: int) -> bool:
+        """Let `wrench` take effect on the channel `topic` at `time_ns`; return whether its limits clipped it.
 
         Raises:
-            WrenchError: no such channel, a component is not finite, or the frame is unknown. The command has no effect;
-                on a channel of the scene it is reported as rejected when its time comes.
+            WrenchError: no such channel, a component is not finite or too large, or the frame is unknown. The command
+                has no effect; on a channel of the scene it is reported as rejected when its time comes.
         """
-        self._post(self._channel(topic), wrench, time_ns)
+        return self._post(self._channel(topic), wrench, time_ns)
 
-    def check(self, topic: str, wrench: Wrench) -> None:
-        """Do nothing but refuse what `post` refuses."""
-        self._channel(topic)
-        self._frames.hold(wrench)
+    def check(self, topic: str, wrench: Wrench) -> bool:
+        """Do nothing but refuse what `post` refuses; return whether it would be clipped."""
+        return self._hold(self._channel(topic), wrench)[1]
 
     def schedule(self, effect: int, wrench: Wrench, time_ns: int) -> None:
         """Let `wrench` take effect on the channel of an effect, by its number: no command can reach it.
@@ -133,14 +193,28 @@ class WrenchChannels:
             raise WrenchError(f"wrench topic is {topic!r}, expected one of {sorted(self._index)} as in scene.wrenches")
         return channel
 
-    def _post(self, channel: int, wrench: Wrench, time_ns: int) -> None:
+    def _post(self, channel: int, wrench: Wrench, time_ns: int) -> bool:
         self._number += 1
         try:
-            held = self._frames.hold(wrench)
+            held, clipped = self._hold(channel, wrench)
         except WrenchError as error:
             heapq.heappush(self._queue, _Pending(time_ns, channel, self._number, wrench, None, str(error)))
             raise
-        heapq.heappush(self._queue, _Pending(time_ns, channel, self._number, wrench, held))
+        heapq.heappush(self._queue, _Pending(time_ns, channel, self._number, wrench, held, "", clipped))
+        return clipped
+
+    def _hold(self, channel: int, wrench: Wrench) -> tuple[HeldWrench, bool]:
+        """Return what a command does while it is held, and whether the limits of its channel made it smaller."""
+        # What is no wrench at all has no size.
+        held, limits = self._frames.hold(wrench), self._channels[channel]
+        limited = limits.limited(wrench)
+        if limited is not wrench:
+            held = self._frames.hold(limited)
+        if channel < self._commanded:
+            force = max(map(abs, (*held.force_body, *held.force_world)))
+            torque = max(map(abs, (*held.torque_body, *held.torque_world)))
+            require_possible(force, torque, self._largest)
+        return held, limited is not wrench
 
     def next_change_ns(self) -> int | None:
         """Return when the held wrench changes next: a command or a timeout; None if it never does."""
@@ -157,6 +231,8 @@ class WrenchChannels:
         due: list[_Pending] = []
         while self._queue and self._queue[0].time_ns <= now_ns:
             due.append(heapq.heappop(self._queue))
+        self._done = due
+        self._before = [(hold.held, hold.expires_ns) for hold in self._holds]
         commanded = {pending.channel for pending in due if pending.held is not None}
         changes: list[AppliedWrench | RejectedWrench] = []
         for i, hold in enumerate(self._holds):
@@ -174,8 +250,36 @@ class WrenchChannels:
             hold.held = pending.held
             timeout = self._timeout_ns[pending.channel]
             hold.expires_ns = now_ns + timeout if timeout else None
-            changes.append(self._applied(now_ns, pending.channel, pending.wrench))
+            changes.append(self._applied(now_ns, pending.channel, pending.wrench, pending.clipped))
         return changes
+
+    @property
+    def huge(self) -> bool:
+        """Whether the last `apply` did what no actuator does: whether the motion goes on under it is to be tried."""
+        return any(self._acceleration(pending) > _HUGE for pending in self._done)
+
+    def take_back(self, reason: str) -> RejectedWrench:
+        """Undo what the last `apply` did; the next one rejects the largest of its commands for `reason`.
+
+        Returns that one.
+        """
+        largest = max(self._done, key=self._acceleration)
+        for hold, before in zip(self._holds, self._before, strict=True):
+            hold.held, hold.expires_ns = before
+        for pending in self._done:
+            again = pending._replace(held=None, reason=reason) if pending is largest else pending
+            heapq.heappush(self._queue, again)
+        return RejectedWrench(largest.time_ns, self._channels[largest.channel].topic, largest.wrench, reason)
+
+    def _acceleration(self, pending: _Pending) -> float:
+        """Return the largest number in the accelerations (m/s^2, rad/s^2) that a command gives; 0 for none."""
+        if pending.held is None or self._body is None or pending.channel >= self._commanded:
+            return 0.0
+        held, body = pending.held, self._body
+        linear = max(map(abs, (*held.force_body, *held.force_world))) / body.mass
+        if body.is_particle:
+            return linear
+        return max(linear, max(map(abs, (*held.torque_body, *held.torque_world))) / min(body.principal_moments))
 
     def total(self) -> HeldWrench:
         """Return the sum of the channels, always in the order of the scene, so that its bits do not vary."""
@@ -184,11 +288,12 @@ class WrenchChannels:
             total = total + hold.held
         return total
 
-    def _applied(self, now_ns: int, channel: int, received: Wrench | None) -> AppliedWrench:
+    def _applied(self, now_ns: int, channel: int, received: Wrench | None, clipped: bool = False) -> AppliedWrench:
         held, frames = self._holds[channel].held, self._frames
         topic = self._channels[channel].topic
         if received is not None and received.frame_id == frames.world_frame:
-            return AppliedWrench(now_ns, topic, received, frames.world_frame, held.force_world, held.torque_world)
+            force, torque = held.force_world, held.torque_world
+            return AppliedWrench(now_ns, topic, received, frames.world_frame, force, torque, clipped)
         if received is None:
             return AppliedWrench(now_ns, topic, None, frames.body_frame, ZERO, ZERO)
-        return AppliedWrench(now_ns, topic, received, frames.body_frame, held.force_body, held.torque_body)
+        return AppliedWrench(now_ns, topic, received, frames.body_frame, held.force_body, held.torque_body, clipped)

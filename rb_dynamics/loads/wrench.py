@@ -181,6 +181,40 @@ class WrenchFrames:
         return HeldWrench(force_body=force, torque_body=add(torque, moment))
 
 
+# s; and what is a double still when it is squared.
+_HELD, _SQUARE = 3600.0, 1e154
+# rad/s^2: what leads from rest, within a millisecond, to a radian in a nanosecond.
+_FASTEST = 1e12
+
+
+def largest_wrench(body: RigidBody) -> tuple[float, float]:
+    """Return the largest force (N) and torque (N m) that can be simulated at all.
+
+    Under the force a body at rest stays within the range of doubles for an hour: v^2 and m v^2 leave it first. Under
+    the torque it turns, after a millisecond, by no more than a radian in a nanosecond, the unit of time.
+    """
+    force = min(body.mass, math.sqrt(body.mass)) * (_SQUARE / _HELD)
+    return force, math.inf if body.is_particle else _FASTEST * min(body.principal_moments)
+
+
+def require_possible(force: float, torque: float, largest: tuple[float, float]) -> None:
+    """Check the largest components of a wrench about the centre of mass against those of `largest_wrench`.
+
+    Raises:
+        WrenchError: one is too large, or no number.
+    """
+    for name, size, limit, unit, why in (
+        ("force", force, largest[0], "N", "the body would leave the range of double precision within an hour"),
+        ("torque", torque, largest[1], "N m", "the body would soon turn by a radian in a nanosecond, the unit of time"),
+    ):
+        # A moment may be infinite minus infinite.
+        if not size <= limit:
+            raise WrenchError(
+                f"wrench {name} about the centre of mass is {size:.3g} {unit}, expected at most {limit:.3g} {unit}: "
+                f"{why}; mend what commands it"
+            )
+
+
 def _plain(wrench: Wrench) -> Wrench:
     """Return `wrench` with force and torque of plain floats.
 

@@ -305,16 +305,27 @@ class Driver:
 
     def _post(self, topic: str, wrench: Wrench, time_ns: int) -> bool:
         try:
-            self.simulation.post(topic, wrench, time_ns)
+            clipped = self.simulation.post(topic, wrench, time_ns)
         except WrenchError as error:
             self.health.rejected(topic)
             self.health.warn(f"{topic}: rejected: {error}")
             return False
+        if clipped:
+            self.health.clipped(topic)
         commands = self._commands[topic]
         insort(commands, (time_ns, wrench), key=_time_of)
         # Of those that have acted only the newest is held.
         del commands[: max(0, bisect_right(commands, self.simulation.time_ns, key=_time_of) - 1)]
         return True
+
+    def _forget_what_was_taken_back(self) -> None:
+        """Reject what seemed good when it was taken."""
+        while self.simulation.taken_back:
+            rejected = self.simulation.taken_back.pop()
+            topic = rejected.topic
+            self._commands[topic] = [each for each in self._commands[topic] if each[1] is not rejected.received]
+            self.health.taken_back(topic)
+            self.health.warn(f"{topic}: rejected: {rejected.reason}")
 
     def _begin(self, before_ns: int) -> None:
         """Start the simulation, so many ns after the last reset."""
@@ -433,6 +444,8 @@ class Driver:
                 # A log stops itself alone: the error of one here is that of a stamp that no message can hold.
                 self.fail(f"the motion cannot be continued: {error}")
                 return
+            finally:
+                self._forget_what_was_taken_back()
             whole_slice = until - self._reached_ns == self._slice_ns
             self._reached_ns = max(self._reached_ns, until)
             before, now = now, time.monotonic_ns()

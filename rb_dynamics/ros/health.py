@@ -44,6 +44,7 @@ class _Counts:
     duplicate: int = 0
     superseded: int = 0
     lost: int = 0
+    clipped: int = 0
 
 
 class Throttle:
@@ -100,6 +101,15 @@ class Health:
     def rejected(self, topic: str) -> None:
         """Count a command that was not honoured."""
         self._counts[topic].rejected += 1
+
+    def taken_back(self, topic: str) -> None:
+        """Count a command as rejected that was accepted at first."""
+        self._counts[topic].accepted -= 1
+        self._counts[topic].rejected += 1
+
+    def clipped(self, topic: str) -> None:
+        """Count a command that the limits of its channel made smaller; it is one of those that are accepted."""
+        self._counts[topic].clipped += 1
 
     def lost(self, topic: str, number: int) -> None:
         """Count commands that never came."""

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from rb_dynamics.body.rigid_body import RigidBody, require_body
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import WrenchError
+from rb_dynamics.loads.wrench import largest_wrench, require_possible
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.batch_kernel import Schedule, mover
 from rb_dynamics.motion.fixed_step_kernel import LONGEST_STRETCH
@@ -101,7 +102,8 @@ class Ensemble:
         self._start = self._state = _initial(self._body, states)
         self._memory: list[Numbers] = []
         self.time_ns = times[0]
-        nothing = _wrenches(1, len(many), self._particles, 0, 0, 0, 0)
+        self._largest = _largest(many)
+        nothing = _wrenches(1, len(many), self._particles, self._largest, 0, 0, 0, 0)
         self._hold = _Hold(self.time_ns, nothing, 0, self._state)
 
     def __len__(self) -> int:
@@ -124,7 +126,9 @@ class Ensemble:
             WrenchError: a number is not finite, or a torque acts on a particle.
         """
         parts = _copies(force_body, torque_body, force_world, torque_world)
-        self._hold = _Hold(self.time_ns, _wrenches(1, len(self), self._particles, *parts), 0, self._state)
+        self._hold = _Hold(
+            self.time_ns, _wrenches(1, len(self), self._particles, self._largest, *parts), 0, self._state
+        )
 
     def advance(self, seconds: float) -> None:
         """Advance by `seconds`, rounded to whole nanoseconds; see `advance_to`."""
@@ -169,7 +173,7 @@ class Ensemble:
         """
         times = _times(times_ns, self.time_ns)
         parts = _copies(force_body, torque_body, force_world, torque_world)
-        wrenches = _wrenches(len(times), len(self), self._particles, *parts)
+        wrenches = _wrenches(len(times), len(self), self._particles, self._largest, *parts)
         state = self._state
         before = tuple(wrench[:-1] for wrench in wrenches)
         for schedule in self._steps.schedules(self.time_ns, times[:-1], before):
@@ -254,7 +258,7 @@ def driven_motion(
     state = instance(state, State, "state", _STATE).checked("state")
     steps, times = _Steps(method, step), _times(times_ns, state.time_ns)
     parts = (force_body, torque_body, force_world, torque_world)
-    wrenches = _wrenches(len(times), 1, _particles([body]), *parts)
+    wrenches = _wrenches(len(times), 1, _particles([body]), _largest([body]), *parts)
     properties, start = _mass_properties([body]), np.array([phase_numbers(Phase.of(body, state))], dtype=np.float64)
     if last_only:
         now = start
@@ -375,7 +379,11 @@ def _copies(*parts: npt.ArrayLike) -> list[Numbers]:
 
 
 def _wrenches(
-    intervals: int, bodies: int, particles: npt.NDArray[np.bool_], *parts: npt.ArrayLike
+    intervals: int,
+    bodies: int,
+    particles: npt.NDArray[np.bool_],
+    largest: tuple[float, float],
+    *parts: npt.ArrayLike,
 ) -> tuple[Numbers, ...]:
     """Return force_body, torque_body, force_world and torque_world, each as (intervals, bodies, 3)."""
     import numpy as np
@@ -400,8 +408,16 @@ def _wrenches(
                 f"{name} acts on body {int(np.flatnonzero(particles)[0])}, expected none: it has no inertia, it is a "
                 "particle; give it an inertia, or command a force alone"
             )
+        size = max(float(given.max(initial=0.0)), -float(given.min(initial=0.0)))
+        require_possible(*((size, 0.0) if name.startswith("force") else (0.0, size)), largest)
         found.append(array)
     return tuple(found)
+
+
+def _largest(bodies: Sequence[RigidBody]) -> tuple[float, float]:
+    """Return the largest force and torque that each of `bodies` can be simulated under."""
+    forces, torques = zip(*map(largest_wrench, bodies), strict=True)
+    return min(forces), min(torques)
 
 
 def _particles(bodies: Sequence[RigidBody]) -> npt.NDArray[np.bool_]:

@@ -13,14 +13,16 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from typing import cast
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import ConvergenceError, SceneError, WrenchError
-from rb_dynamics.loads.channels import AppliedWrench, WrenchChannels
+from rb_dynamics.loads.channels import AppliedWrench, RejectedWrench, WrenchChannels
 from rb_dynamics.loads.combined_effects import ActingEffects
-from rb_dynamics.loads.wrench import Wrench
-from rb_dynamics.motion.arc import Arc
+from rb_dynamics.loads.wrench import HeldWrench, Wrench
+from rb_dynamics.motion.arc import Arc, LoadFrom
 from rb_dynamics.motion.phase import Phase, in_principal_axes
+from rb_dynamics.motion.step_control import WholeArc
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
 from rb_dynamics.numerics.validation import instance, items, shown, whole
 from rb_dynamics.numerics.vector import Vector
@@ -43,6 +45,10 @@ class Simulation:
 
     Time is integer nanoseconds from 0. The motion depends on the scene and on the commands with the times at which they
     take effect, and on nothing else: not on how often `advance` is called, nor on the output rate.
+
+    Attributes:
+        clipped: how many commands the limits of their channel have made smaller.
+        taken_back: commands that `post` took, and that were rejected as the motion could not go on under them.
     """
 
     def __init__(self, scene: Scene, sinks: Sequence[Sink] = (), facts: Mapping[str, str] | None = None) -> None:
@@ -69,13 +75,18 @@ class Simulation:
         self._channels = _channels(scene, self._effects)
         self._knots = [nanoseconds(knot) for knot in self._effects.knots()]
         self._inputs = InputHash(scene)
+        self.taken_back: list[RejectedWrench] = []
+        self.clipped = 0
         self._steps_before = 0
         self._used: dict[str, None] = {}
         phase = Phase.of(scene.body, scene.initial)
         _require_finite(scene.body, phase, 0)
         self._observer = Observer(self._effects, phase)
         self._phase = phase
-        self._arc = self._new_arc()
+        self._held, self._load_from = HeldWrench(), cast("LoadFrom | None", None)
+        self._arc = self._new_arc(self.plan)
+        # Whether something else acts from `time_ns` on than in `_arc`.
+        self._stale = False
         rate = Fraction(repr(float(scene.output_rate)))
         self._period_ns = (NANOSECONDS / rate).as_integer_ratio() if rate else None
         self._outputs = 0
@@ -133,10 +144,10 @@ class Simulation:
         self._outputs = 1
         self.write(self.sample)
 
-    def post(self, topic: str, wrench: Wrench, time_ns: int = 0) -> None:
+    def post(self, topic: str, wrench: Wrench, time_ns: int = 0) -> bool:
         """Let `wrench` take effect on channel `topic` at `time_ns`; a time that has passed means now.
 
-        One that lies behind the end is not kept.
+        One that lies behind the end is not kept. Returns whether the limits of the channel make it smaller.
 
         Raises:
             TypeError: an argument is not of its type.
@@ -146,9 +157,10 @@ class Simulation:
         instance(wrench, Wrench, "wrench", "write Wrench(force, torque)")
         time_ns = max(self._computed_ns, whole(time_ns, "time_ns", _REMEDY))
         if self.end_ns is not None and time_ns > self.end_ns:
-            self._channels.check(topic, wrench)
-        else:
-            self._channels.post(topic, wrench, time_ns)
+            return self._channels.check(topic, wrench)
+        clipped = self._channels.post(topic, wrench, time_ns)
+        self.clipped += clipped
+        return clipped
 
     def honours(self, topic: str, wrench: Wrench) -> bool:
         """Return whether `post` would take the command; changes nothing."""
@@ -174,10 +186,12 @@ class Simulation:
         until_ns = whole(until_ns, "until_ns", _REMEDY)
         output = self.next_output_ns()
         while True:
+            if self._stale:
+                self._renew()
+                output = self.next_output_ns()
             change = self._next_change_ns()
             if change is not None and change <= self.time_ns:
                 self._apply_changes()
-                output = self.next_output_ns()
                 continue
             edge = output if change is None else min(output, change)
             if self.end_ns is not None:
@@ -230,11 +244,12 @@ class Simulation:
         return change
 
     def _apply_changes(self) -> None:
-        steps = self.steps
         ahead = [knot for knot in self._knots if knot > self.time_ns]
         kink = len(ahead) < len(self._knots)
         self._knots = ahead
         changes = self._channels.apply(self.time_ns)
+        while self._channels.huge and not self._goes_on():
+            changes = self._channels.apply(self.time_ns)
         for change in changes:
             # Only sinks are told the hash of the inputs, at the end.
             if self._sinks and isinstance(change, AppliedWrench):
@@ -242,14 +257,37 @@ class Simulation:
             self.write(change)
         # What was rejected leaves no trace in the motion: no edge either.
         if kink or any(isinstance(change, AppliedWrench) for change in changes):
-            self._steps_before = steps
-            self._arc = self._new_arc()
+            self._stale = True
 
-    def _new_arc(self) -> Arc:
+    def _goes_on(self) -> bool:
+        """Return whether one step can be taken under what acts now; else the largest command is rejected instead."""
+        before = self._held, self._load_from
+        try:
+            # A plan of its own: the other remembers the steps it has found.
+            arc = self._new_arc(Plan(self.scene))
+            grid_ns = arc.next_grid_ns()
+            # A closed form takes no steps.
+            if grid_ns - self.time_ns < WholeArc.length:
+                _require_finite(self.scene.body, arc.at(grid_ns), grid_ns)
+        except (ConvergenceError, OverflowError) as error:
+            rejected = self._channels.take_back(f"not one step can be taken under it: {error}")
+            self.taken_back.append(rejected)
+            return False
+        finally:
+            self._held, self._load_from = before
+        return True
+
+    def _renew(self) -> None:
+        """Begin a new arc at `time_ns`."""
+        steps = self.steps
+        self._arc = self._new_arc(self.plan)
+        self._steps_before, self._stale = steps, False
+
+    def _new_arc(self, plan: Plan) -> Arc:
         self._held = held = in_principal_axes(self.scene.body, self._channels.total())
         body, load_from = self.scene.body, self._effects.load_from(self.time_ns / NANOSECONDS)
         self._load_from = None if load_from is None else lambda phase: load_from(phase.point(body))
-        arc = self.plan.arc(held, self.time_ns, self._phase, self._load_from)
+        arc = plan.arc(held, self.time_ns, self._phase, self._load_from)
         expected = [time for time in (self._next_change_ns(), self.end_ns) if time is not None]
         arc.expected_ns = min(expected, default=self.time_ns)
         return arc
@@ -270,7 +308,7 @@ def _sink(sink: Sink) -> Sink:
 def _channels(scene: Scene, effects: ActingEffects) -> WrenchChannels:
     """Return the channels of the scene and, behind them, one for each effect that holds wrenches."""
     schedules = effects.schedules()
-    channels = WrenchChannels(scene.channels, scene.frames, [name for name, _ in schedules])
+    channels = WrenchChannels(scene.channels, scene.frames, [name for name, _ in schedules], scene.body)
     for number, (_, entries) in enumerate(schedules):
         for seconds, wrench in entries:
             time_ns = nanoseconds(seconds)
@@ -298,6 +336,7 @@ class Run:
         steps: of all of them.
         wall_time_s: s.
         rejected: why each command that could not be honoured was not; the run went on without them.
+        clipped: number of commands that the limits of their channel made smaller.
     """
 
     sample: Sample
@@ -305,6 +344,7 @@ class Run:
     steps: int
     wall_time_s: float
     rejected: tuple[str, ...] = ()
+    clipped: int = 0
 
 
 def simulate(
@@ -356,7 +396,9 @@ def simulate(
             run.advance(known_ns)
     finally:
         run.finish()
-    return Run(run.sample, run.methods, run.steps, time.perf_counter() - started, tuple(rejected))
+    wall_time_s = time.perf_counter() - started
+    rejected += (f"{late.topic} at {late.time_ns / NANOSECONDS:.9f} s: {late.reason}" for late in run.taken_back)
+    return Run(run.sample, run.methods, run.steps, wall_time_s, tuple(rejected), run.clipped)
 
 
 def as_command(command: object) -> tuple[str, Wrench]:

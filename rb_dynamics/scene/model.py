@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 from rb_dynamics.body.plausibility import Finding
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import SceneError
-from rb_dynamics.loads.channels import Channel
+from rb_dynamics.loads.channels import ON_EXCESS, Channel
 from rb_dynamics.loads.combined_effects import ActingEffects
 from rb_dynamics.loads.effect import Effect
 from rb_dynamics.loads.wrench import WrenchFrames
@@ -105,6 +106,16 @@ class Scene:
                 raise SceneError(f"channels[{k}].topic is '', expected the name of a topic; write one, as 'wrench'")
             expected = "a time of 0 (hold for ever) or more (s)"
             number(channel.timeout, f"channels[{k}].timeout", expected, SceneError, least=0.0)
+            for name in ("max_force", "max_torque"):
+                limit = getattr(channel, name)
+                if limit != math.inf:
+                    expected = "a number greater than 0, infinite for no limit"
+                    number(limit, f"channels[{k}].{name}", expected, SceneError, above=0.0)
+            if channel.on_excess not in ON_EXCESS:
+                raise SceneError(
+                    f"channels[{k}].on_excess is {shown(channel.on_excess)}, expected {' or '.join(ON_EXCESS)}; "
+                    "write one of them"
+                )
 
     @property
     def end_ns(self) -> int | None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import re
 
+from rb_dynamics.loads.channels import ON_EXCESS
 from rb_dynamics.scene.fields import LONGEST, SHORTEST, Field, Rule, Section
 from rb_dynamics.scene.model import Channel
 
@@ -21,6 +23,12 @@ _TIMEOUT = Rule(
     "write 0 or the time after which the channel drops to zero",
 )
 
+_LIMITS = {
+    name: Rule(f"a number greater than 0 ({unit})", lambda v: v > 0.0, "leave it out for no limit")
+    for name, unit in (("max_force", "N"), ("max_torque", "N m"))
+}
+_KEYS = ("topic", "timeout", "optional", *_LIMITS, "on_excess")
+
 
 def channels(field: Field | None) -> tuple[Channel, ...]:
     """Return the channels in the order of the scene; one named `wrench` where the section is absent."""
@@ -28,7 +36,7 @@ def channels(field: Field | None) -> tuple[Channel, ...]:
         return (Channel(),)
     taken: dict[str, str] = {}
     entries = field.items("a list of channels", "write a list such as [{topic: wrench}], or [] for none")
-    return tuple(_channel(entry.section(("topic", "timeout", "optional")), taken) for entry in entries)
+    return tuple(_channel(entry.section(_KEYS), taken) for entry in entries)
 
 
 def _channel(section: Section, taken: dict[str, str]) -> Channel:
@@ -37,7 +45,21 @@ def _channel(section: Section, taken: dict[str, str]) -> Channel:
         _topic(section, taken),
         section.number("timeout", _TIMEOUT, 0.0),
         optional is not None and optional.flag(default=False),
+        section.number("max_force", _LIMITS["max_force"], math.inf),
+        section.number("max_torque", _LIMITS["max_torque"], math.inf),
+        _on_excess(section),
     )
+
+
+def _on_excess(section: Section) -> str:
+    """Return what becomes of a command beyond a limit; notes one that is said where there is no limit."""
+    field = section.get("on_excess")
+    if field is None:
+        return ON_EXCESS[0]
+    if not any(section.get(name) for name in _LIMITS):
+        field.reject(" or ".join(_LIMITS), "add one of them, or remove on_excess", "no limit")
+    expected = " or ".join(ON_EXCESS)
+    return field.text(expected, lambda text: text in ON_EXCESS, f"write {expected}", ON_EXCESS[0])
 
 
 def _topic(section: Section, taken: dict[str, str]) -> str:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import WrenchError
 from rb_dynamics.loads.channels import AppliedWrench, Channel, RejectedWrench, WrenchChannels
 from rb_dynamics.loads.wrench import FixedFrame, HeldWrench, Wrench, WrenchFrames
-from rb_dynamics.numerics.vector import ZERO
+from rb_dynamics.numerics.vector import ZERO, Vector
 
 MS = 1_000_000
 
@@ -242,3 +244,95 @@ class TestRefusal:
             for topic in order:
                 c.post(topic, push(1.0), 5)
             assert [change.topic for change in c.apply(5)] == ["a", "b"]
+
+
+class TestLimits:
+    LIMITS = Channel("wrench", max_force=5.0, max_torque=1.0)
+
+    @pytest.mark.parametrize(
+        ("force", "torque", "says"),
+        [
+            ((3.0, 0.0, 4.1), ZERO, r"force is 5.08035432 N, expected at most max_force = 5.0 N of the channel wrench"),
+            (ZERO, (0.0, -1.01, 0.0), r"torque is 1.01 N m, expected at most max_torque = 1.0 N m"),
+            ((1e308, 1e308, 1e308), ZERO, "max_force"),
+            ((math.inf, 0.0, 0.0), ZERO, "finite"),
+        ],
+    )
+    def test_beyond_them_a_command_is_rejected(self, force: Vector, torque: Vector, says: str) -> None:
+        c = channels(self.LIMITS)
+        c.post("wrench", push(1.0), 0)
+        with pytest.raises(WrenchError, match=says):
+            c.post("wrench", Wrench(force, torque), 0)
+        with pytest.raises(WrenchError, match=says):
+            c.check("wrench", Wrench(force, torque))
+
+        assert [type(change) for change in c.apply(0)] == [AppliedWrench, RejectedWrench]
+        assert c.total().force_body == (1.0, 0.0, 0.0)
+
+    def test_at_them_it_acts_however_its_norm_is_rounded(self) -> None:
+        c = channels(self.LIMITS)
+        for k in range(1, 100):
+            direction = (math.sin(k), math.cos(3.0 * k), 0.7)
+            norm = math.sqrt(sum(v * v for v in direction))
+            wrench = Wrench(tuple(5.0 / norm * v for v in direction), tuple(1.0 / norm * v for v in direction))
+            assert not c.post("wrench", wrench, k)
+            [applied] = c.apply(k)
+            assert isinstance(applied, AppliedWrench)
+            assert (applied.force, applied.torque, applied.clipped) == (wrench.force, wrench.torque, False)
+
+    @pytest.mark.parametrize("size", [10.0, 1e200, 1e308])
+    def test_clipped_it_keeps_its_direction(self, size: float) -> None:
+        c = channels(replace(self.LIMITS, on_excess="clip"))
+        wrench = Wrench((0.6 * size, 0.0, -0.8 * size), (0.0, 0.25, 0.0), "hook")
+        assert c.post("wrench", wrench, 3)
+
+        [applied] = c.apply(3)
+        assert isinstance(applied, AppliedWrench)
+        assert applied.clipped
+        assert applied.received == wrench
+        assert applied.force == pytest.approx((3.0, 0.0, -4.0), rel=1e-15)
+        # The moment is that of the force that acts, and has no limit.
+        assert applied.torque == pytest.approx((-0.75 * 4.0, 0.25, -0.75 * 3.0), rel=1e-15)
+
+    def test_a_force_and_a_torque_are_clipped_each_for_itself(self) -> None:
+        c = channels(replace(self.LIMITS, on_excess="clip"))
+        c.post("wrench", Wrench((1.0, 0.0, 0.0), (0.0, 0.0, 9.0), "world"), 0)
+        c.apply(0)
+
+        assert c.total() == HeldWrench(force_world=(1.0, 0.0, 0.0), torque_world=(0.0, 0.0, 1.0))
+
+    def test_infinite_is_rejected_where_others_are_clipped(self) -> None:
+        c = channels(replace(self.LIMITS, on_excess="clip"))
+        with pytest.raises(WrenchError, match="finite"):
+            c.post("wrench", push(math.inf), 0)
+
+
+class TestTooLarge:
+    BODY = RigidBody.from_diagonal(2.0, (1.0, 2.0, 2.5))
+
+    @pytest.mark.parametrize(
+        ("wrench", "says"),
+        [
+            (push(1e308), r"force about the centre of mass is 1e\+308 N, expected at most 3.93e\+150 N"),
+            (push(-1e200, "world"), "range of double precision"),
+            (
+                Wrench(torque=(0.0, 1e20, 0.0)),
+                r"torque about the centre of mass is 1e\+20 N m, expected at most 1e",
+            ),
+            (Wrench((1e140, 0.0, 0.0), frame_id="hook"), "radian in a nanosecond"),
+        ],
+    )
+    def test_is_rejected_like_infinity(self, wrench: Wrench, says: str) -> None:
+        frames = WrenchFrames(fixed={"hook": FixedFrame((0.0, 1.0, 0.0))})
+        c = WrenchChannels((Channel("wrench"),), frames, (), self.BODY)
+        c.post("wrench", push(1.0), 0)
+        with pytest.raises(WrenchError, match=says):
+            c.post("wrench", wrench, 0)
+
+        assert [type(change) for change in c.apply(0)] == [AppliedWrench, RejectedWrench]
+        assert c.total().force_body == (1.0, 0.0, 0.0)
+
+    def test_a_particle_has_no_torque_to_be_too_large(self) -> None:
+        c = WrenchChannels((Channel("wrench"),), WrenchFrames(turns=False), (), RigidBody.particle(2.0))
+        c.post("wrench", push(1e100), 0)
+        assert [type(change) for change in c.apply(0)] == [AppliedWrench]

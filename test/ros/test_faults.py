@@ -23,6 +23,7 @@ from ros_harness import Peer, running, stamp, values
 from std_srvs.srv import SetBool, Trigger
 
 from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.study.replay import replay
 
 pytestmark = pytest.mark.ros
 _log = logging.getLogger(__name__)
@@ -104,6 +105,50 @@ def test_a_subnormal_wrench_acts_and_harms_nothing(scene: Path, peer: Peer) -> N
     assert all(map(math.isfinite, (last.x, last.y, last.z)))
     assert last.z < 0.0
     assert "nan" not in " ".join(values(diagnostics[-1]).values())
+
+
+def test_a_wrench_that_nothing_can_follow_is_rejected_and_the_command_before_is_held(
+    tmp_path: Path, peer: Peer
+) -> None:
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(
+        "body: {mass: 2, inertia: {diagonal: [1, 2, 2.5]}}\ninitial: {angular_velocity_body: [0.3, -0.2, 0.1]}\n"
+        "wrenches: [{topic: wrench}, {topic: jet, max_force: 3, on_excess: clip}, {topic: push, max_force: 3}]\n"
+        "solver: {method: rkmk4, step: 0.005}\n"
+    )
+    with running(scene, start_paused=True, mcap=tmp_path / "run.mcap") as node:
+        diagnostics, momenta = peer.diagnostics(), peer.listen(Vector3Stamped, "linear_momentum")
+        peer.wrench(force=(1.0, 0.0, 0.0), frame_id="world")
+        peer.wrench(force=(1e308, 0.0, 0.0), frame_id="world")
+        peer.wrench(force=(0.0, 1e200, 0.0))
+        peer.wrench("jet", force=(30.0, 40.0, 0.0), frame_id="world")
+        peer.wrench("push", force=(0.0, 40.0, 0.0), frame_id="world")
+
+        def told(**expected: str) -> bool:
+            shown = values(diagnostics[-1]) if diagnostics else {}
+            return all(shown.get(name.replace("_", ": ")) == count for name, count in expected.items())
+
+        peer.until(
+            lambda: told(
+                wrench_rejected="2", wrench_accepted="1", jet_clipped="1", jet_accepted="1", push_rejected="1"
+            ),
+            "every command counted",
+        )
+        # This one is seen to be too large when it is to act.
+        peer.wrench(torque=(1e8, 2e8, 1e8))
+        peer.until(lambda: told(wrench_accepted="1", wrench_rejected="3"), "the command taken back")
+        peer.call("rigid_body/pause", SetBool.Request(data=False))
+        peer.until(lambda: values(diagnostics[-1])["state"] == "running", "a node that runs")
+        count = len(momenta)
+        peer.until(lambda: len(momenta) > count + 10, "motion")
+        assert values(diagnostics[-1])["state"] == "running"
+        assert diagnostics[-1].status[0].level == b"\x01"
+        assert node.stop() == 0, node.err
+    assert "expected at most" in node.err
+    assert "max_force = 3.0 N of the channel push" in node.err
+    assert "not one step can be taken under it" in node.err
+    assert momentum_per_second(momenta, stamp(momenta[-10])) == pytest.approx(1.0 + 1.8, rel=1e-9)
+    assert replay(tmp_path / "run.mcap").identical
 
 
 def test_bytes_that_are_no_wrench_are_rejected_and_the_next_command_acts(

@@ -266,6 +266,14 @@ def test_what_is_no_number_is_no_wrench() -> None:
         many.hold(force_world=(math.nan, 0.0, 0.0))
 
 
+@pytest.mark.parametrize("wrench", [{"force_world": (0.0, -1e200, 0.0)}, {"torque_body": (1e20, 0.0, 0.0)}])
+def test_what_no_body_can_follow_is_no_wrench(wrench: dict[str, tuple[float, float, float]]) -> None:
+    with pytest.raises(WrenchError, match=r"about the centre of mass is 1e\+20.*expected at most"):
+        Ensemble(BODY, [STATE], "rk4", 0.1).hold(**wrench)
+    with pytest.raises(WrenchError, match=r"about the centre of mass is 1e\+20.*expected at most"):
+        driven(BODY, STATE, [1000], method="rk4", step=0.1, **wrench)
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

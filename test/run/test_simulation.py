@@ -20,6 +20,7 @@ from rb_dynamics.errors import ConvergenceError, SceneError, WrenchError
 from rb_dynamics.loads.channels import AppliedWrench, Channel
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.numerics.vector import ZERO
+from rb_dynamics.recording.memory import MemorySink
 from rb_dynamics.run.diagnostics import Sample
 from rb_dynamics.run.simulation import LOOK_AHEAD, Simulation, simulate
 from rb_dynamics.run.sink import Event, RunInfo
@@ -486,3 +487,39 @@ def test_a_run_without_end_is_not_stopped_for_what_rounding_would_add_in_an_hour
     assert run.time_ns == 100_000_000
     with pytest.raises(ConvergenceError, match="rounding alone"):
         simulate(driven(solver, duration=3600.0), [("body", Wrench(torque=(0.3, 0.2, 0.1)))])
+
+
+class TestTooLarge:
+    """A command that no body can follow is rejected, and nothing else is any different."""
+
+    GOOD = ("body", Wrench((1.0, 0.0, 0.0), (0.0, 0.1, 0.02), "body", 100_000_000))
+    # The last is possible as a wrench, but not with steps of 20 ms.
+    BAD = (
+        Wrench((0.0, 1e308, 0.0), stamp_ns=300_000_000),
+        Wrench((1e200, 0.0, 0.0), frame_id="world", stamp_ns=300_000_000),
+        Wrench(torque=(1e15, 0.0, 1.0), stamp_ns=300_000_000),
+        Wrench(torque=(1e8, 1e8, 2e8), stamp_ns=305_000_000),
+    )
+
+    @pytest.mark.parametrize("bad", BAD, ids=["1e308 N", "1e200 N", "1e15 N m", "1e8 N m"])
+    def test_leaves_no_trace_and_is_named(self, bad: Wrench) -> None:
+        solver = SOLVERS["whole step"]
+        good = ("world", dataclasses.replace(self.GOOD[1], stamp_ns=bad.stamp_ns))
+        without, told = MemorySink(), MemorySink()
+        expected = simulate(driven(solver), [self.GOOD, good], [without])
+        run = simulate(driven(solver), [self.GOOD, good, ("body", bad)], [told])
+
+        assert run.sample == expected.sample
+        assert run.steps == expected.steps
+        assert told.samples == without.samples
+        assert told.applied == without.applied
+        assert [(each.time_ns, each.received) for each in told.rejected] == [(bad.stamp_ns, bad)]
+        [said] = run.rejected
+        assert said.startswith(f"body at {bad.stamp_ns / 1e9:.9f} s: ")
+        assert expected.rejected == ()
+        # Nobody listens, nothing is output, and the same is said.
+        assert simulate(driven(solver, 0.0), [self.GOOD, good, ("body", bad)]).rejected == run.rejected
+
+    def test_where_a_step_is_too_long_for_a_wrench_that_is_possible_that_is_an_error(self) -> None:
+        with pytest.raises(ConvergenceError, match=r"rkmk4: a step of 0.02 s turns the body by"):
+            simulate(driven(SOLVERS["whole step"]), [("body", Wrench(torque=(1e4, 1e4, 0.0)))])

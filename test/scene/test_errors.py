@@ -403,6 +403,19 @@ CASES = {
         ["wrenches[0].topic: found energy/work", "publish itself"],
     ),
     "topic of the log": (after("wrenches: [{topic: a/applied}]"), ["wrenches[0].topic: found a/applied", "/applied"]),
+    "max_force zero": (
+        after("wrenches: [{topic: a, max_force: 0}]"),
+        ["wrenches[0].max_force: found 0", "greater"],
+    ),
+    "max_torque no number": (after("wrenches: [{topic: a, max_torque: .inf}]"), ["wrenches[0].max_torque: found .inf"]),
+    "on_excess unknown": (
+        after("wrenches: [{topic: a, max_force: 1, on_excess: cut}]"),
+        ["s.yaml:5: wrenches[0].on_excess: found cut, expected reject or clip; write reject or clip"],
+    ),
+    "on_excess of nothing": (
+        after("wrenches: [{topic: a, on_excess: clip}]"),
+        ["wrenches[0].on_excess: found no limit, expected max_force or max_torque; add one of them"],
+    ),
     "timeout negative": (
         after("wrenches: [{topic: a, timeout: -1}]"),
         ["s.yaml:5: wrenches[0].timeout: found -1", "0 (hold"],

@@ -50,7 +50,7 @@ def test_every_key() -> None:
           angular_velocity_body: [7, 8, 9]
         wrenches:
           - {topic: wrench, timeout: 0.5}
-          - {topic: /arm/wrench, optional: true}
+          - {topic: /arm/wrench, optional: true, max_force: 10, max_torque: 1.5, on_excess: clip}
         effects: []
         solver: {method: rk4, step: 0.001}
         duration: 60
@@ -62,7 +62,7 @@ def test_every_key() -> None:
     fixed = {"thruster": FixedFrame((1.0, 2.0, 3.0), (1.0, 0.0, 0.0, 0.0)), "sensor": FixedFrame()}
     assert scene.frames == WrenchFrames("inertial", "base_link", fixed, (0.1, -0.2, 3.0), turns=True)
     assert scene.initial == State(0, (1.0, 2.0, 3.0), (0.0, 1.0, 0.0, 0.0), (4.0, 5.0, 6.0), (7.0, 8.0, 9.0))
-    assert scene.channels == (Channel("wrench", 0.5, False), Channel("/arm/wrench", 0.0, True))
+    assert scene.channels == (Channel("wrench", 0.5, False), Channel("/arm/wrench", 0.0, True, 10.0, 1.5, "clip"))
     assert scene.solver == Solver("rk4", 0.001, None)
     assert (scene.duration, scene.output_rate) == (60.0, 0.0)
 

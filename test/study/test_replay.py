@@ -11,6 +11,8 @@ from typing import Any
 import pytest
 
 from rb_dynamics import Wrench, parse_scene, simulate
+from rb_dynamics.analysis.summary import summarize
+from rb_dynamics.analysis.topics import read_track
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_reader import read_bag
@@ -84,6 +86,30 @@ def test_the_same_bits(log: Path) -> None:
     assert set(found.hashes) == {"states_sha256", "inputs_sha256", "scene_sha256"}
     assert found.uncompared == {("/push", "commands that were rejected: nothing follows from their numbers"): 2}
     assert all(logged == here and len(logged) == 64 for logged, here in found.hashes.values())
+
+
+def test_what_was_too_large_or_clipped_is_so_again(tmp_path: Path) -> None:
+    text = SCENE.text.replace("timeout: 0.35", "max_force: 2.5, on_excess: clip")
+    huge = [
+        ("robot/turn", Wrench((1e308, 0.0, 0.0), stamp_ns=400_000_000)),
+        # Possible as a wrench, but not with steps of 10 ms.
+        ("robot/turn", Wrench(torque=(0.0, 1e8, 2e8), stamp_ns=500_000_000)),
+    ]
+    run = simulate(parse_scene(text), COMMANDS + huge, [McapSink(tmp_path / "run.mcap")])
+    assert (len(run.rejected), run.clipped) == (4, 1)
+
+    found = replay(tmp_path / "run.mcap")
+    assert found.identical
+    assert found.commands == 8
+    log = read_bag(tmp_path / "run.mcap")
+    [(_, received), *_], [(_, applied), *_] = log.wrenches("/push"), log.wrenches("/push/applied")
+    assert received.force == (1.0, 2.0, 3.0)
+    assert applied.force == pytest.approx([2.5 / 14.0**0.5 * v for v in received.force], rel=1e-15)
+    shown = {channel.topic: channel for channel in summarize(read_track(log)).channels}
+    assert {topic: (c.received, c.rejected, c.timeouts) for topic, c in shown.items() if c.received} == {
+        "/push": (5, 2, 0),
+        "/robot/turn": (3, 2, 0),
+    }
 
 
 def test_names_in_a_namespace_and_remapped(tmp_path: Path) -> None:
