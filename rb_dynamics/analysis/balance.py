@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rb_dynamics.analysis.impulse import Impulse, impulses
+from rb_dynamics.analysis.noise import Noise, judge
 from rb_dynamics.analysis.track import Array, Series, Times, Track
 
 
@@ -26,6 +27,7 @@ class Balance:
         covered: fraction of the time for which it is known.
         scale: the largest energy or momentum seen.
         basis: what the defect is measured against, for a person.
+        noise: of the recording, and whether the defect is more; None of a log of this package, which has none.
     """
 
     name: str
@@ -35,6 +37,7 @@ class Balance:
     covered: float
     scale: float
     basis: str
+    noise: Noise | None = None
 
     @property
     def worst(self) -> float:
@@ -88,10 +91,10 @@ def _energy(track: Track) -> Balance | None:
     if kinetic is None or not len(kinetic.time_ns) or not track.acted:
         return None
     idle = impulses(track, "force", kinetic.time_ns).idle & impulses(track, "torque", kinetic.time_ns).idle
-    defect, covered = _from_start(kinetic.values[:, None], idle, kinetic.time_ns)
+    defect, covered, noise = _from_start(kinetic.values[:, None], idle, kinetic.time_ns)
     scale = float(kinetic.values.max(initial=0.0))
     basis = _basis("drift of T while no wrench acts", covered, "the recording does not say what work a wrench does")
-    return Balance("energy", "J", kinetic.time_ns, defect[:, 0], covered, scale, basis)
+    return Balance("energy", "J", kinetic.time_ns, defect[:, 0], covered, scale, basis, None if track.own else noise)
 
 
 def _momentum(track: Track, name: str, kind: str, unit: str, series: Series, accepted: float) -> Balance | None:
@@ -101,17 +104,15 @@ def _momentum(track: Track, name: str, kind: str, unit: str, series: Series, acc
     total = np.cumsum(impulse.exact, axis=0)
     sizes = np.linalg.norm(np.concatenate([series.values, total]), axis=1)
     scale = max(float(sizes.max()), _moved(track) if name == "linear momentum" else 0.0)
-    good = impulse.error == 0.0
-    by_quadrature = float(impulse.error[np.isfinite(impulse.error)].sum())
-    if 0.0 < by_quadrature <= accepted * scale:
-        total = np.cumsum(impulse.exact + np.where(np.isfinite(impulse.error)[:, None], impulse.turning, 0.0), axis=0)
-        good = np.isfinite(impulse.error)
-    else:
-        by_quadrature = 0.0
-    defect, covered = _from_start(series.values - total, good, series.time_ns)
+    least_first = np.argsort(impulse.error, kind="stable")
+    good = np.zeros(len(least_first), dtype=bool)
+    good[least_first] = np.cumsum(impulse.error[least_first]) <= accepted * scale
+    by_quadrature = float(impulse.error[good].sum())
+    total = np.cumsum(impulse.exact + np.where(good[:, None], impulse.turning, 0.0), axis=0)
+    defect, covered, noise = _from_start(series.values - total, good, series.time_ns)
     rest = f"a {kind} acts in body axes or none is logged, and the samples do not give its impulse"
     basis = _basis(_measured(impulse, good, kind, by_quadrature, unit), covered, rest)
-    return Balance(name, unit, series.time_ns, defect, covered, scale, basis)
+    return Balance(name, unit, series.time_ns, defect, covered, scale, basis, None if track.own else noise)
 
 
 def _measured(impulse: Impulse, good: NDArray[np.bool_], kind: str, by_quadrature: float, unit: str) -> str:
@@ -142,8 +143,11 @@ def _basis(what: str, covered: float, rest: str) -> str:
     return f"{what}; known for {100.0 * covered:.3g} % of the time; elsewhere {rest}"
 
 
-def _from_start(values: Array, good: NDArray[np.bool_], time_ns: Times) -> tuple[Array, float]:
-    """Return `values` relative to the start of their stretch of good intervals, and how much of the time these are."""
+def _from_start(values: Array, good: NDArray[np.bool_], time_ns: Times) -> tuple[Array, float, Noise]:
+    """Return `values` relative to the start of their stretch of good intervals, and how much of the time these are.
+
+    The last is their noise, and whether they change by more.
+    """
     count = len(values)
     good = good.copy()
     good[0] = False
@@ -153,4 +157,4 @@ def _from_start(values: Array, good: NDArray[np.bool_], time_ns: Times) -> tuple
     lengths = np.diff(time_ns, prepend=time_ns[:1])
     total = int(lengths.sum())
     covered = float(lengths[good].sum() / total) if total else 0.0
-    return defect, covered
+    return defect, covered, judge(values[known], starts[known])

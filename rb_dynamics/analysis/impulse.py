@@ -2,7 +2,8 @@
 
 A wrench held in world axes gives an impulse that is exact. One that turns with the body gives an integral over the
 attitude, which is known at the samples only: it is taken by quadrature between two samples, with an estimate of the
-error that the caller has to judge. Where a wrench changes between two samples, or attitude is not known, there is none.
+error that the caller has to judge. Where it changes between two samples, attitude is interpolated; where attitude or
+wrench are not known, there is none.
 """
 
 from __future__ import annotations
@@ -14,9 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rb_dynamics.analysis.track import Array, Times, Track, WrenchSteps, unit_rows
-from rb_dynamics.numerics.rotation_arrays import rotate_all, rotate_all_inverse
+from rb_dynamics.numerics.rotation_arrays import rotate_all, rotate_all_inverse, rotation_vectors
 
 Rates = TypeVar("Rates", Array, Times)
+
+# h^5/384 for the interpolated attitude and h^5/2880 for Simpson's rule, over h^5/720.
+_INTERPOLATED = 720.0 / 384.0 + 720.0 / 2880.0
 
 
 @dataclass(frozen=True)
@@ -81,7 +85,7 @@ def _of_channel(steps: WrenchSteps, kind: str, time_ns: Times, attitude: _Attitu
     flags = np.column_stack([active & ~world, active]).astype(np.int64)
     # Whether a wrench acts is counted in whole nanoseconds, so that no rounding makes a free stretch look forced.
     turns, acts = np.diff(integral(steps.time_ns, flags, time_ns), axis=0, prepend=0).T != 0
-    turning, error = _turning(steps, vectors, time_ns, attitude)
+    turning, error = _turning(steps, vectors, time_ns, attitude, turns)
     exact = integral(steps.time_ns, np.where(world[:, None], vectors, 0.0), time_ns) * 1e-9
     return Impulse(
         exact=np.diff(exact, axis=0, prepend=0.0),
@@ -91,7 +95,9 @@ def _of_channel(steps: WrenchSteps, kind: str, time_ns: Times, attitude: _Attitu
     )
 
 
-def _turning(steps: WrenchSteps, vectors: Array, time_ns: Times, attitude: _Attitude | None) -> tuple[Array, Array]:
+def _turning(
+    steps: WrenchSteps, vectors: Array, time_ns: Times, attitude: _Attitude | None, turns: NDArray[np.bool_]
+) -> tuple[Array, Array]:
     """Return the integral of R b over each interval in which b is held, and an estimate of its error.
 
     With f = R b and f' = R (w x b) at both ends: h/2 (f0 + f1) + h^2/12 (f0' - f1'), whose error is h^5/720 f''''
@@ -102,7 +108,8 @@ def _turning(steps: WrenchSteps, vectors: Array, time_ns: Times, attitude: _Atti
     if attitude is None or not len(steps.time_ns) or count < 2:
         return turning, error
     first = np.searchsorted(steps.time_ns, time_ns[:-1], side="right") - 1
-    held = (first >= 0) & (first == np.searchsorted(steps.time_ns, time_ns[1:], side="left") - 1) & steps.known[first]
+    last = np.searchsorted(steps.time_ns, time_ns[1:], side="left") - 1
+    held = (first >= 0) & (first == last) & steps.known[first]
     b = vectors[first]
     h: Array = np.diff(time_ns)[:, None] * 1e-9
     q, w = attitude.orientation_xyzw, attitude.angular_velocity
@@ -110,20 +117,81 @@ def _turning(steps: WrenchSteps, vectors: Array, time_ns: Times, attitude: _Atti
     before = np.cross(w[:-1], b).astype(np.float64)
     after = np.cross(w[1:], b).astype(np.float64)
     turning[1:] += h * h / 12.0 * (rotate_all(q[:-1], before) - rotate_all(q[1:], after))
-    error[1:] = np.where(held, _remainder(h[:, 0], b, w), np.inf)
+    error[1:] = np.where(held, _remainder(h[:, 0], np.linalg.norm(b, axis=1), w), np.inf)
+    known = np.concatenate([[0], np.cumsum(steps.known)])
+    begin = np.maximum(first, 0)
+    changed = turns[1:] & (last > first) & (known[last + 1] - known[begin] == last + 1 - begin)
+    rows = np.flatnonzero(changed)
+    if len(rows):
+        pieces = _pieces(begin[rows], last[rows])
+        turning[rows + 1] = _by_pieces(steps.time_ns, vectors, time_ns, q, w, rows, *pieces)
+        largest = np.maximum.reduceat(np.linalg.norm(vectors[pieces[0]], axis=1), pieces[1])
+        whole = _INTERPOLATED * _remainder(h[:, 0], np.ones(count - 1), w)
+        kink = h[:, 0] ** 3 / 100.0 * _acceleration(h[:, 0], w)
+        error[rows + 1] = largest * (whole + kink)[rows]
     return turning, error
 
 
-def _remainder(h: Array, b: Array, w: Array) -> Array:
+def _pieces(first: NDArray[np.intp], last: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the steps from each `first` to its `last`, all in a row, and where those of each begin."""
+    counts = last - first + 1
+    begins = np.cumsum(counts) - counts
+    return np.arange(int(counts.sum())) - np.repeat(begins - first, counts), begins
+
+
+def _by_pieces(
+    from_ns: Times,
+    vectors: Array,
+    time_ns: Times,
+    q: Array,
+    w: Array,
+    rows: NDArray[np.intp],
+    pieces: NDArray[np.intp],
+    begins: NDArray[np.intp],
+) -> Array:
+    """Return the integral of R b over the interval behind each of `rows`, in which b changes: by Simpson's rule.
+
+    The rotation since the begin is interpolated by a cubic (Hermite) in its rotation vector r, r' = w + r x w / 2 + ...
+    (Iserles, Munthe-Kaas, Norsett & Zanna, Acta Numerica 9 (2000) 215, section B.2). Where r'' jumps by a, the cubic is
+    wrong by at most about h^2 a / 200.
+    """
+    of = np.repeat(np.arange(len(rows)), np.diff(begins, append=len(pieces)))
+    h = (time_ns[rows + 1] - time_ns[rows]).astype(np.float64) * 1e-9
+    turned = rotation_vectors(q)[rows]
+    twist = np.cross(turned, w[rows + 1])
+    initial = (h[:, None] * w[rows])[of]
+    final = (h[:, None] * (w[rows + 1] + 0.5 * twist + np.cross(turned, twist) / 12.0))[of]
+    since = np.clip(from_ns[pieces] - time_ns[rows][of], 0, None) * 1e-9 / h[of]
+    until = np.append(since[1:], 1.0)
+    until[np.append(begins[1:] - 1, len(pieces) - 1)] = 1.0
+    length = (until - since)[:, None]
+    total = np.zeros((len(pieces), 3))
+    for part, weight in ((0.0, 1.0), (0.5, 4.0), (1.0, 1.0)):
+        u = since[:, None] + part * length
+        angle = u * (1.0 - u) ** 2 * initial + u**2 * (3.0 - 2.0 * u) * turned[of] - u**2 * (1.0 - u) * final
+        size = np.linalg.norm(angle, axis=1, keepdims=True)
+        relative = np.hstack([0.5 * np.sinc(size / (2.0 * np.pi)) * angle, np.cos(0.5 * size)])
+        total += weight / 6.0 * length * rotate_all(relative, vectors[pieces])
+    return rotate_all(q[rows], h[:, None] * np.add.reduceat(total, begins, axis=0))
+
+
+def _remainder(h: Array, size_of_b: Array, w: Array) -> Array:
     """Return h^5/720 |b| (W^4 + 18 W^2 A + 5 A^2), which is |f''''| with W and A the largest rate and acceleration.
 
     Euler's equations give |w''| <= 2 W A and |w'''| <= 2 A^2 + 4 W^2 A; A is their W^2 added to the mean acceleration.
     """
     rate = np.linalg.norm(w, axis=1)
-    size = np.maximum(rate[:-1], rate[1:])
-    turn = np.linalg.norm(np.diff(w, axis=0), axis=1) / np.where(h > 0.0, h, 1.0) + size**2
+    size, turn = np.maximum(rate[:-1], rate[1:]), _acceleration(h, w)
     fourth = size**4 + 18.0 * size**2 * turn + 5.0 * turn**2
-    result: Array = h**5 / 720.0 * np.linalg.norm(b, axis=1) * fourth
+    result: Array = h**5 / 720.0 * size_of_b * fourth
+    return result
+
+
+def _acceleration(h: Array, w: Array) -> Array:
+    """Return the mean angular acceleration of each interval, and W^2 more."""
+    rate = np.linalg.norm(w, axis=1)
+    mean = np.linalg.norm(np.diff(w, axis=0), axis=1) / np.where(h > 0.0, h, 1.0)
+    result: Array = mean + np.maximum(rate[:-1], rate[1:]) ** 2
     return result
 
 

@@ -1,11 +1,12 @@
 """What a recorded motion says of its body: the wrench that nothing recorded explains, the inertia that fits best.
 
-Where no inertia fits, a torque acted that is not in the recording: then it says when, about which axis and how large.
+With J and P the impulses of the recorded torques and forces (`impulse.py`), R I w - J and m v - P for the centre of
+mass are constant: exact, and linear in I and m. Nothing is differentiated. What changes by more than its own noise
+(`noise.py`) has a cause: an inertia that is another, a constant error of the rates, or a torque that is not in the
+recording; then it says when, about which axis and how large. Never judges where impulses are not known.
 
-From sample to sample, with J and P the impulses of the recorded torques and forces (`impulse.py`),
-R2 I w2 - R1 I w1 = J and m (v2 - v1) = P for the centre of mass: exact, and linear in I and m. What is left over with
-the body given, divided by the time between the samples, is the mean residual wrench. Never judges where impulses are
-not known.
+Rates with noise stand on both sides of a fit, and plain least squares would make what they multiply too small: rates
+of the neighbouring samples, whose noise is another, are the instruments (Fuller, Measurement Error Models, 1.4).
 """
 
 from __future__ import annotations
@@ -13,25 +14,33 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rb_dynamics.analysis.impulse import Impulse, impulses
+from rb_dynamics.analysis.noise import Labels, Noise, centred, judge, means, typical
 from rb_dynamics.analysis.track import Array, Times, Track, motion_of
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.numerics.rotation_arrays import rotate_all, rotate_all_inverse
 
-# A fit of six numbers improves on the body given by chance: its F statistic exceeds 3.75 once in 1000 times.
-_CHANCE = 3.75
 # Directions of the inertia that the motion moves less than this, relative to the best seen, are left as given.
 _SEEN = 1e-6
+# The same, relative to what noise alone would move them.
+_ABOVE_NOISE = 10.0
 # A torque whose impulse is smaller than this part of the momentum does not tell the scale of the inertia.
 _FELT = 1e-3
 _LEAST_INTERVALS = 10
-# An inertia explains what is left over where it leaves no more than this part of it.
+# An interval counts where the error of its impulse is at most this part of the momentum.
+_ROUGH = 1e-4
+# An inertia, or an error of the rates, explains what is left over where it leaves no more than this part of it.
 _FITS = 0.1
 # A body keeps I1 + I2 >= I3; a fit to numbers with noise may miss that by this part of I3.
 _FLAT = 0.01
-# What is left over lasts where neighbours agree at least this much; noise of the rates makes them opposite.
-_LASTS = 0.5
+# A torque stands out where it is so many times its noise; means are taken of as many samples as that needs.
+_STANDS_OUT = 8.0
+# A mass is told where its standard deviation is less than this part of it.
+_TOLD = 0.1
+TELLS = 0.5
+"""A motion says nothing of an inertia where each moment may be wrong by more than this part of it unseen."""
 
 
 @dataclass(frozen=True)
@@ -63,13 +72,17 @@ class Residual:
         force_world: mean residual force in each interval, N, world axes.
         torque_world: mean residual torque about the centre of mass, N m, world axes.
         torque_body: the same in body axes at the end of the interval.
-        relative: left over momentum over the largest angular momentum seen, root mean square of an interval.
+        relative: what no recorded torque explains over the largest angular momentum seen, root mean square.
         best: the same with the inertia that fits best.
         inertia: which that is, kg m^2, body axes; its scale is that of the body given where no torque tells it.
         scaled: whether a torque told the scale.
         mass: which fits best, kg; None where no force tells it.
-        explained: whether the inertia given leaves no more than `bound`, or no more than chance.
+        mass_error: standard deviation of `mass` by the noise, kg.
+        explained: whether the inertia given leaves no more than `bound`, or no more than noise.
         explainable: whether an inertia that a body can have explains it.
+        noise: standard deviation of the angular momentum over the largest; 0 where it is within `bound`.
+        unseen: of each principal moment, ascending, about how large a relative error would not be seen for noise.
+        bias: the constant error of the rates that explains what is left over, rad/s, body axes; None where none does.
     """
 
     start_ns: Times
@@ -82,8 +95,17 @@ class Residual:
     inertia: Array
     scaled: bool
     mass: float | None
+    mass_error: float
     explained: bool
     explainable: bool
+    noise: float
+    unseen: tuple[float, float, float]
+    bias: Array | None
+
+    @property
+    def told(self) -> bool:
+        """Whether the noise lets the motion say anything of the inertia."""
+        return not self.explained or self.noise == 0.0 or min(self.unseen) < TELLS
 
     @property
     def strongest(self) -> Stretch:
@@ -118,33 +140,55 @@ def residual(track: Track, bound: float) -> Residual | None:
     motion = motion_of(pose, twist, track.twist_in_world)
     time_ns, attitude, omega = motion.time_ns, motion.orientation_xyzw, motion.angular_velocity_body
     push, turn = (impulses(track, kind, time_ns) for kind in ("force", "torque"))
-    known = np.isfinite(push.error) & np.isfinite(turn.error) & (np.diff(time_ns, prepend=time_ns[:1]) > 0)
-    if int(known.sum()) < _LEAST_INTERVALS:
+    scale = float(np.linalg.norm(omega @ np.array(body.inertia), axis=1).max(initial=0.0))
+    # Over a hole the quadrature says nothing, whatever it says of its error.
+    known = (turn.error <= _ROUGH * scale) & np.isfinite(push.error)
+    known[1:] &= np.diff(time_ns) > 0
+    if int(known[1:].sum()) < _LEAST_INTERVALS:
         return None
+    known[:1] = False
+    stretch = np.cumsum(~known, dtype=np.int_)
     speed = rotate_all(attitude, motion.linear_velocity_body + np.cross(omega, np.array(body.center_of_mass)))
-    seconds = np.diff(time_ns, prepend=time_ns[:1])[known, None] * 1e-9
-    force, mass = _of_mass(body, np.diff(speed, axis=0, prepend=speed[:1])[known], _impulse(push)[known])
+    pushed, turned = (np.cumsum(_impulse(each), axis=0) for each in (push, turn))
+    of_force = body.mass * speed - pushed
+    mass, mass_error = _of_mass(speed, pushed, stretch)
     basis = np.stack([rotate_all(attitude, omega @ unit) for unit in _UNITS], axis=2)
-    fit = _of_inertia(body, np.diff(basis, axis=0, prepend=basis[:1])[known], _impulse(turn)[known], basis)
-    count = fit.left.size
-    improved = max(0.0, float(np.sum(fit.left**2) - np.sum(fit.best_left**2))) / 6.0
-    noise = float(np.sum(fit.best_left**2)) / max(count - 6, 1)
+    fit = _of_inertia(body, basis, turned, stretch)
     relative, best = (_rms(left) / fit.scale if fit.scale > 0.0 else 0.0 for left in (fit.left, fit.best_left))
-    torque = fit.left / seconds
-    lasts = _agreement(fit.best_left) > _LASTS
+    # What the quadrature may be wrong by has a cause.
+    accepted = bound + (float(turn.error[known].sum()) / scale if scale > 0.0 else 0.0)
+    explained = relative <= accepted or not fit.noise.beyond
+    explainable = (best <= max(_FITS * relative, accepted) or not judge(fit.best_left, stretch).beyond) and _possible(
+        fit.inertia
+    )
+    bias = None if explained else _bias(body, attitude, fit.left, stretch)
+    size = _block(fit.left, stretch, fit.noise)
+    rows = np.arange(len(time_ns)).astype(np.float64)
+    (at, of), seconds = means(rows, stretch, size), means((time_ns - time_ns[0]) * 1e-9, stretch, size)[0]
+    follows = np.diff(of) == 0
+    ends = np.rint(at).astype(np.intp)
+    force, torque = (
+        (np.diff(means(left, stretch, size)[0], axis=0) / np.diff(seconds)[:, None])[follows]
+        for left in (of_force, fit.left)
+    )
+    noise = fit.noise.level / fit.scale if fit.scale > 0.0 else 0.0
     return Residual(
-        start_ns=time_ns[:-1][known[1:]],
-        time_ns=time_ns[known],
-        force_world=force / seconds,
+        start_ns=time_ns[ends[:-1][follows]],
+        time_ns=time_ns[ends[1:][follows]],
+        force_world=force,
         torque_world=torque,
-        torque_body=rotate_all_inverse(attitude[known], torque),
+        torque_body=rotate_all_inverse(attitude[ends[1:][follows]], torque),
         relative=relative,
         best=best,
         inertia=fit.inertia,
         scaled=fit.scaled,
         mass=mass,
-        explained=relative <= bound or (improved <= _CHANCE * noise and not lasts),
-        explainable=(best <= _FITS * relative or not lasts) and _possible(fit.inertia),
+        mass_error=mass_error,
+        explained=explained,
+        explainable=explainable,
+        noise=noise if relative > bound else 0.0,
+        unseen=fit.unseen,
+        bias=bias,
     )
 
 
@@ -168,21 +212,64 @@ class _Fit:
     inertia: Array
     scaled: bool
     scale: float
+    noise: Noise
+    unseen: tuple[float, float, float]
 
 
-def _of_inertia(body: RigidBody, change: Array, impulse: Array, basis: Array) -> _Fit:
-    """Return what `change` (n, 3, 6) times the inertia leaves of the impulses (n, 3), as given and at best."""
+def _of_inertia(body: RigidBody, basis: Array, turned: Array, stretch: Labels) -> _Fit:
+    """Return what `basis` (n, 3, 6) times the inertia leaves of the impulses so far (n, 3), as given and at best."""
     given = np.array([body.inertia[i][j] for i, j in _PLACES])
-    scale = float(np.linalg.norm(basis @ given, axis=1).max())
-    left = change @ given - impulse
-    rows = change.reshape(-1, 6)
-    scaled = float(np.linalg.norm(impulse.cumsum(axis=0), axis=1).max()) > _FELT * scale
+    momentum = basis @ given
+    scale = float(np.linalg.norm(momentum, axis=1).max())
+    left = centred(momentum - turned, stretch)
+    noise = judge(left, stretch)
+    felt = np.linalg.norm(centred(turned, stretch), axis=1).max()
+    scaled = float(felt) > max(_FELT * scale, noise.level)
     # Without a torque every multiple of an inertia fits as well: changes that keep the trace are looked for.
     free = np.eye(6) if scaled else _keeping_trace()
-    step = np.linalg.lstsq(rows @ free, -left.ravel(), rcond=_SEEN)[0]
-    best = given + free @ step
+    moved = centred(basis, stretch)
+    between = _between(stretch)
+    before, here, after = moved[:-2][between], moved[1:-1][between], moved[2:][between]
+    beside = 0.5 * (before + after)
+    normal = np.einsum("nri,nrj->ij", beside, here)
+    pull = np.einsum("nri,nr->i", beside, left[1:-1][between])
+    values, vectors = np.linalg.eigh(free.T @ (normal + normal.T) @ free / 2.0)
+    # By noise alone a sum of products differs from zero by about the root of how many there are.
+    smallest = float(np.abs(values).max()) * _SEEN**2
+    rates = (noise.level / max(float(np.linalg.norm(given)), 1e-300)) ** 2
+    seen = values > max(smallest, _ABOVE_NOISE * rates * np.sqrt(len(here)))
+    vectors = free @ vectors[:, seen]
+    best = given - vectors @ np.linalg.solve(vectors.T @ normal @ vectors, vectors.T @ pull)
     inertia: Array = np.tensordot(best, np.array(_UNITS), axes=1)
-    return _Fit(left, change @ best - impulse, inertia, scaled, scale)
+    best_left = centred(basis @ best - turned, stretch)
+    return _Fit(left, best_left, inertia, scaled, scale, noise, _unseen(body, vectors, values[seen], noise))
+
+
+def _between(stretch: Labels) -> NDArray[np.bool_]:
+    """Return of each row but the first and last whether both neighbours are of its stretch."""
+    result: NDArray[np.bool_] = stretch[:-2] == stretch[2:]
+    return result
+
+
+def _unseen(body: RigidBody, directions: Array, values: Array, noise: Noise) -> tuple[float, float, float]:
+    """Return about how large a relative error of each principal moment, ascending, is not seen for noise."""
+    moments, axes = np.linalg.eigh(np.array(body.inertia))
+    found = []
+    for moment, axis in zip(moments, axes.T, strict=True):
+        change = directions.T @ np.array([(1.0 if i == j else 2.0) * axis[i] * axis[j] for i, j in _PLACES])
+        effect = float(moment * np.sqrt(np.sum(values * change**2)))
+        found.append(noise.seen() / effect if effect > 0.0 else np.inf)
+    return found[0], found[1], found[2]
+
+
+def _bias(body: RigidBody, attitude: Array, left: Array, stretch: Labels) -> Array | None:
+    """Return the constant error of the rates (rad/s, body axes) that explains what is `left`; None where none does."""
+    matrix = np.array(body.inertia)
+    effect = centred(np.stack([rotate_all(attitude, row) for row in matrix.T], axis=2), stretch)
+    bias = np.linalg.lstsq(effect.reshape(-1, 3), left.ravel(), rcond=_SEEN)[0]
+    rest = left - effect @ bias
+    result: Array = np.asarray(bias, dtype=np.float64)
+    return result if _rms(rest) <= _FITS * _rms(left) or not judge(rest, stretch).beyond else None
 
 
 def _keeping_trace() -> Array:
@@ -193,21 +280,34 @@ def _keeping_trace() -> Array:
     return basis
 
 
-def _of_mass(body: RigidBody, change: Array, impulse: Array) -> tuple[Array, float | None]:
-    """Return what the mass given leaves of the impulses, and the mass that fits best; None where no force tells."""
-    moved = float(np.sum(change**2))
-    mass = float(np.sum(change * impulse)) / moved if moved > 0.0 and impulse.any() else None
-    return body.mass * change - impulse, mass
+def _of_mass(speed: Array, pushed: Array, stretch: Labels) -> tuple[float | None, float]:
+    """Return the mass that fits best, and its standard deviation; None where no force tells it.
+
+    The impulses, which have no noise, are the instruments.
+    """
+    impulse = centred(pushed, stretch)
+    felt, along = float(np.sum(impulse**2)), float(np.sum(impulse * speed))
+    if felt == 0.0 or along <= 0.0:
+        return None, np.inf
+    mass = felt / along
+    error = judge(mass * speed - pushed, stretch).level * np.sqrt(felt) / along
+    return (mass, error) if error <= _TOLD * mass else (None, error)
 
 
 def _impulse(impulse: Impulse) -> Array:
     return impulse.exact + np.where(np.isfinite(impulse.error)[:, None], impulse.turning, 0.0)
 
 
-def _agreement(left: Array) -> float:
-    """Return the correlation of neighbours: near 1 for what acts for a while, -1/2 for noise of the rates."""
-    whole = float(np.sum(left**2))
-    return float(np.sum(left[1:] * left[:-1])) / whole if whole > 0.0 else 0.0
+def _block(left: Array, stretch: Labels, noise: Noise) -> int:
+    """Return of how many samples to take means so that the largest torque stands out of its noise."""
+    size = 1
+    while noise.sizes and size < noise.sizes[-1]:
+        mean, of = means(left, stretch, size)
+        steps = np.linalg.norm(np.diff(mean, axis=0), axis=1)[np.diff(of) == 0]
+        if steps.max(initial=0.0) > _STANDS_OUT * typical(mean, of):
+            break
+        size *= 2
+    return size
 
 
 def _possible(inertia: Array) -> bool:

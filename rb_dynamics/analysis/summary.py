@@ -203,10 +203,14 @@ def _body(track: Track, facts: Mapping[str, str]) -> list[str]:
 def _explained(left: Residual | None) -> list[Check]:
     if left is None:
         return []
-    unexplained = f"from sample to sample {left.relative:.3g} of the angular momentum has no cause"
+    name = "inertia explains the motion"
+    if not left.told:
+        return [Check(name, True, "not judged; the noise of the recording hides it", judged=False, share=0.0)]
+    if left.explained and left.noise:
+        return [Check(name, True, f"up to its noise, {left.noise:.3g} of the angular momentum in a sample")]
+    unexplained = f"{left.relative:.3g} of the angular momentum has no cause"
     verdict = "" if left.explained or left.explainable else "; no inertia explains it"
-    detail = f"{unexplained}; with the best fit {left.best:.3g}{verdict}"
-    return [Check("inertia explains the motion", left.explained, detail)]
+    return [Check(name, left.explained, f"{unexplained}; with the best fit {left.best:.3g}{verdict}")]
 
 
 def _topic(topic: Topic, start_ns: int) -> TopicFacts:

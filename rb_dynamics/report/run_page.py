@@ -136,6 +136,7 @@ def _check_tiles(summary: Summary) -> list[Tile]:
         given = left.explained or left.explainable
         label = f"Motion, by {'the inertia given' if given else 'any inertia'}"
         value, colour = ("explained", "good") if left.explained else ("not explained", "bad")
+        value, colour = (value, colour) if left.told else ("cannot tell", "")
         tiles.append(Tile(label, value, f"{left.relative:.2g} left over", colour))
     for check in summary.checks:
         balance = summary.balance(check.name.removesuffix(" balance"))
@@ -223,9 +224,10 @@ def _residual(track: Track, summary: Summary) -> list[Section]:
         return []
     time_s = track.seconds(left.time_ns)
     caption = (
-        "Mean force and torque between two samples that no recorded wrench explains, with the mass properties given. "
-        "In a good recording this is its noise around zero; a wrong inertia shows as a torque all along, "
-        "one that nobody commanded as a stretch; a thruster's is constant in body axes."
+        "Mean force and torque that no recorded wrench explains, with the mass properties given: between two samples, "
+        "or, where they have noise, between the means of as many as it takes. In a good recording this is its noise "
+        "around zero; a wrong inertia shows as a torque all along, one that nobody commanded as a stretch; a "
+        "thruster's is constant in body axes."
     )
     figure = Figure(plots.residual_wrench(time_s, left.force_world, left.torque_world, left.torque_body), caption)
     header, *rows = text.inertia_rows(summary, track.body)

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from rb_dynamics.analysis.checks import Check
-from rb_dynamics.analysis.residual import Residual
+from rb_dynamics.analysis.residual import TELLS, Residual
 from rb_dynamics.analysis.summary import Summary
 from rb_dynamics.analysis.track import frame_names
 from rb_dynamics.body.rigid_body import RigidBody
@@ -154,7 +154,16 @@ def residual_sentence(left: Residual, start_ns: int) -> str:
     """Return how well the body given explains the motion, and what would explain it; times from `start_ns`."""
     force, torque = left.root_mean_square
     size = f"Residual force {force:.3g} N and torque {torque:.3g} N m (root mean square)."
-    if left.explained:
+    if not left.told:
+        verdict = (
+            "CANNOT TELL at this noise whether the inertia given explains the motion: it is "
+            f"{_noise(left)}, and {_unseen(left)}."
+        )
+    elif left.explained and left.noise:
+        verdict = (
+            f"The inertia given explains the motion up to its noise, {_noise(left)}. At this noise {_unseen(left)}."
+        )
+    elif left.explained:
         verdict = "The inertia given explains the motion."
     elif left.explainable:
         rest = f"{100.0 * left.best / left.relative:.2g} %" if left.relative > 0.0 else "all"
@@ -162,12 +171,35 @@ def residual_sentence(left: Residual, start_ns: int) -> str:
         scale = "" if left.scaled else " (up to a factor, as no torque tells the scale)"
         verdict = (
             f"The inertia given does NOT explain the motion. The best fit, principal moments of {moments} kg m²{scale}"
-            f", leaves {rest} of what the inertia given leaves unexplained."
+            f", leaves {rest} of what the inertia given leaves unexplained.{_bias(left, 'would explain it too')}"
         )
+    elif left.bias is not None:
+        verdict = f"NO inertia explains the motion.{_bias(left, 'does')}"
     else:
         verdict = f"NO inertia explains the motion: a torque acted that nobody commanded. {_strongest(left, start_ns)}"
-    mass = "" if left.mass is None else f" The forces fit a mass of {left.mass:.9g} kg best."
-    return f"{verdict} {size}{mass}"
+    return f"{verdict} {size}{_mass(left)}"
+
+
+def _noise(left: Residual) -> str:
+    return f"{left.noise:.2g} of the angular momentum in a sample" if np.isfinite(left.noise) else "not known"
+
+
+def _unseen(left: Residual) -> str:
+    told = [f"{100.0 * part:.2g} %" if part < TELLS else "any size" for part in left.unseen]
+    return f"errors of the principal moments of {told[0]}, {told[1]} and {told[2]} would not be seen"
+
+
+def _bias(left: Residual, does: str) -> str:
+    if left.bias is None:
+        return ""
+    return f" A constant error of the measured rates of {_vector(left.bias.tolist())} rad/s, as gyros have, {does}."
+
+
+def _mass(left: Residual) -> str:
+    if left.mass is None:
+        return " The noise hides which mass the forces fit." if np.isfinite(left.mass_error) else ""
+    digits = f"{left.mass:.9g}" if left.mass_error < 1e-8 * left.mass else f"{left.mass:.4g} ± {left.mass_error:.2g}"
+    return f" The forces fit a mass of {digits} kg best."
 
 
 def _strongest(left: Residual, start_ns: int) -> str:
@@ -193,7 +225,8 @@ def inertia_rows(summary: Summary, body: RigidBody | None) -> list[list[str]]:
     if left is None or body is None:
         return []
     columns = [("given", np.array(body.inertia))]
-    columns += [("fits best", left.inertia)] if left.explained or left.explainable else []
+    fits = left.noise == 0.0 if left.explained else left.explainable
+    columns += [("fits best", left.inertia)] if fits else []
     rows = [["kg m², body axes", *(name for name, _ in columns)]]
     for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)):
         rows.append([f"I{'xyz'[i]}{'xyz'[j]}", *(f"{inertia[i, j]:.6g}" for _, inertia in columns)])

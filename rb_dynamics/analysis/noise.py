@@ -1,0 +1,108 @@
+"""The noise of what should be constant, told from the recording itself, and whether it changes by more than that.
+
+Third differences show noise and next to nothing of a smooth change; the spread about the mean shows both. Where there
+is noise alone their ratio is 1 (von Neumann, Annals of Mathematical Statistics 12 (1941) 367, with higher differences).
+It is taken of the means of ever longer blocks: longer ones see smaller changes, shorter ones faster changes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rb_dynamics.analysis.track import Array
+
+Labels = NDArray[np.int_]
+
+# Sum of the squares of 1, -3, 3, -1.
+_THIRD = 20.0
+# Of the ratio of K means of one number: 2/K (1 + 2 (0.75^2 + 0.3^2 + 0.05^2) - 1).
+_SPREAD = 2.62
+# So many standard deviations above 1 a ratio counts as more than noise: of 10 000 recordings of noise alone next to
+# none, with fewer means than these too, whose ratio is skewed.
+_BEYOND = 10.0
+_LEAST_MEANS = 16
+# Neighbouring samples may be one measurement, held or filtered: where there are enough, means are of no fewer.
+_NEIGHBOURS = 4
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What `judge` found.
+
+    Attributes:
+        level: standard deviation of one sample, all components together; infinite where there are too few to tell.
+        beyond: whether the values change by more than noise.
+        sizes: blocks that were looked at, in samples.
+    """
+
+    level: float
+    beyond: bool
+    sizes: tuple[int, ...]
+
+    def seen(self) -> float:
+        """Return the root of the sum of squares, over all samples, of a smooth change that is surely seen."""
+        return 2.0 * self.level * float(np.sqrt(_BEYOND * np.sqrt(_SPREAD * _LEAST_MEANS)))
+
+
+def judge(values: Array, stretch: Labels) -> Noise:
+    """Return the noise of `values`, (n, c), and whether they are constant but for it within each stretch.
+
+    Args:
+        values: what should be constant within a stretch.
+        stretch: number of the stretch of each row, ascending.
+    """
+    size = _NEIGHBOURS if len(values) >= _NEIGHBOURS * 2 * _LEAST_MEANS else 1
+    level, beyond = np.inf, False
+    sizes: list[int] = []
+    while True:
+        mean, of = means(values, stretch, size)
+        third = _thirds(mean, of)
+        count = len(mean) - len(np.unique(of))
+        if len(third) < _LEAST_MEANS - 3 or count < _LEAST_MEANS - 1:
+            if size == 1 or sizes:
+                return Noise(level, beyond, tuple(sizes))
+            size = 1
+            continue
+        noise = float(np.sum(third**2)) / len(third) / _THIRD
+        spread = float(np.sum(centred(mean, of) ** 2)) / count
+        level = level if sizes else float(np.sqrt(size * noise))
+        beyond = beyond or bool(spread > (1.0 + _BEYOND * np.sqrt(_SPREAD / len(third))) * noise)
+        sizes.append(size)
+        size *= 2
+
+
+def typical(values: Array, stretch: Labels) -> float:
+    """Return about the size of the noise of a row, its median, which short changes do not move; 0 for too few."""
+    third = _thirds(values, stretch)
+    return float(np.median(np.linalg.norm(third, axis=1)) / np.sqrt(_THIRD)) if len(third) else 0.0
+
+
+def _thirds(values: Array, stretch: Labels) -> Array:
+    """Return the third differences within stretches."""
+    third: Array = values[3:] - 3.0 * values[2:-1] + 3.0 * values[1:-2] - values[:-3]
+    within: Array = third[stretch[3:] == stretch[:-3]]
+    return within
+
+
+def means(values: Array, stretch: Labels, size: int) -> tuple[Array, Labels]:
+    """Return the mean of each block of `size` rows, none across two stretches, and its stretch; a rest is left out."""
+    begins = np.flatnonzero(np.diff(stretch, prepend=stretch[:1] - 1))
+    lengths = np.diff(begins, append=len(stretch)) // size
+    firsts = (
+        np.repeat(begins - size * np.concatenate([[0], np.cumsum(lengths)[:-1]]), lengths) if len(begins) else begins
+    )
+    rows = (firsts + size * np.arange(len(firsts)))[:, None] + np.arange(size)
+    mean: Array = values[rows].mean(axis=1)
+    return mean, np.repeat(stretch[begins], lengths)
+
+
+def centred(values: Array, stretch: Labels) -> Array:
+    """Return `values` less the mean of their stretch."""
+    _, number, count = np.unique(stretch, return_inverse=True, return_counts=True)
+    flat = values.reshape(len(values), -1)
+    sums = np.stack([np.bincount(number, column, len(count)) for column in flat.T], axis=1)
+    result: Array = (flat - (sums / count[:, None])[number]).reshape(values.shape)
+    return result

@@ -1,0 +1,96 @@
+"""A recording with the noise of sensors: the body that flew is not accused, and what is truly wrong is still found."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from noisy_recordings import recording
+
+from rb_dynamics.analysis.noise import centred, judge, means
+from rb_dynamics.analysis.residual import Residual
+from rb_dynamics.analysis.summary import Summary, summarize
+from rb_dynamics.analysis.topics import read_track
+from rb_dynamics.report.text import residual_sentence
+from rb_dynamics.scene.model import Scene
+
+FEW = 8
+MANY = 1000
+
+
+def summary_of(seed: int, scene: Scene | None = None, uncommanded: float = 0.0) -> Summary:
+    made = recording(seed, uncommanded)
+    return summarize(read_track(made.bag, scene or made.scene()))
+
+
+def accused(seeds: range) -> list[int]:
+    """Return the seeds of recordings of which a check fails although all that is given is true."""
+    return [seed for seed in seeds if not summary_of(seed).passed]
+
+
+def test_the_body_that_flew_is_not_accused() -> None:
+    assert not accused(range(FEW))
+
+
+@pytest.mark.slow
+def test_of_a_thousand_recordings_at_most_ten_accuse_the_body_that_flew() -> None:
+    assert len(accused(range(MANY))) <= MANY // 100
+
+
+def judged(seed: int, scene: Scene | None = None, uncommanded: float = 0.0) -> Residual:
+    left = summary_of(seed, scene, uncommanded).residual
+    assert left is not None
+    return left
+
+
+def test_another_inertia_and_mass_are_found_where_the_noise_lets_see_them() -> None:
+    found = [(recording(seed), summary_of(seed).residual) for seed in range(3)]
+    for seed, (made, left) in enumerate(found):
+        if left is None:
+            assert not made.facts["with_pose"]
+            continue
+        assert left.told
+        if left.unseen[0] > 0.3:
+            continue
+        other = judged(seed, made.scene(moments=1.3))
+        assert not other.explained
+        assert other.explainable
+        if made.facts["commanded"]:
+            assert left.mass == pytest.approx(made.body.mass, abs=4.0 * left.mass_error)
+            heavy = summary_of(seed, made.scene(mass=1.3))
+            assert [check.name for check in heavy.checks if not check.passed] == ["linear momentum balance"]
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+def test_a_torque_that_nobody_commanded_is_found_above_noise(seed: int) -> None:
+    left = judged(seed, uncommanded=0.05)
+    assert not left.explained
+    assert not left.explainable
+    assert left.bias is None
+    size = 0.05 * max(recording(seed).body.principal_moments)
+    found = left.strongest
+    third = (int(left.time_ns[-1]) // 3) * 1e-9
+    assert found.start_ns * 1e-9 == pytest.approx(third, rel=0.2)
+    assert found.end_ns * 1e-9 == pytest.approx(2.0 * third, rel=0.2)
+    assert np.linalg.norm(found.torque_body) == pytest.approx(size, rel=0.3)
+    assert "a torque acted that nobody commanded" in residual_sentence(left, 0)
+
+
+def test_noise_is_told_and_means_take_no_two_stretches() -> None:
+    random = np.random.default_rng(3)
+    stretch = np.repeat([0, 1, 2], [500, 3, 700])
+    values = 0.2 * random.standard_normal((1203, 3)) + np.array([5.0, -7.0, 90.0])[stretch][:, None]
+    noise = judge(values, stretch)
+    assert noise.level == pytest.approx(0.2 * np.sqrt(3.0), rel=0.1)
+    assert not noise.beyond
+    assert judge(values + 0.2 * np.sin(np.arange(1203) * 0.02)[:, None], stretch).beyond
+    mean, of = means(values, stretch, 4)
+    assert np.bincount(of).tolist() == [125, 0, 175]
+    np.testing.assert_allclose(mean[125], values[503:507].mean(axis=0))
+    assert np.abs(centred(values, stretch)[500:503].mean(axis=0)).max() < 1e-12
+
+
+def test_of_too_few_nothing_is_told() -> None:
+    noise = judge(np.arange(12.0)[:, None], np.zeros(12, dtype=np.int_))
+    assert noise.sizes == ()
+    assert not noise.beyond
+    assert np.isinf(noise.level)

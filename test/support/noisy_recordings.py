@@ -1,0 +1,144 @@
+"""Recordings of random flights of random bodies, with the noise that sensors have and the stamps that they give."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rb_dynamics import State
+from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.formats import cdr
+from rb_dynamics.formats.bag_reader import Bag, Topic
+from rb_dynamics.numerics.rotation_arrays import rotate_all_inverse
+from rb_dynamics.run.ensemble import driven_motion
+from rb_dynamics.scene import parse_scene
+from rb_dynamics.scene.model import Scene
+
+POSE, TWIST = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/TwistStamped"
+WRENCH = "geometry_msgs/msg/WrenchStamped"
+STEP_NS = 100_000_000
+CHANNELS = "wrenches: [{topic: torque}, {topic: force}]"
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What `recording` made.
+
+    Attributes:
+        bag: of pose and twist with noise, and the commands.
+        body: which flew.
+        facts: what it was, for a person.
+    """
+
+    bag: Bag
+    body: RigidBody
+    facts: dict[str, Any]
+
+    def scene(self, moments: float = 1.0, mass: float = 1.0) -> Scene:
+        """Return the scene of the body, its smallest moment and its mass times these factors."""
+        values, axes = np.linalg.eigh(np.array(self.body.inertia))
+        values[0] *= moments
+        return scene_of(self.body.mass * mass, (axes * values) @ axes.T, self.body.center_of_mass)
+
+
+def scene_of(mass: float, inertia: Any, center: Any) -> Scene:
+    matrix = (0.5 * (np.array(inertia) + np.array(inertia).T)).tolist()
+    body = f"body: {{frame: base, mass: {mass!r}, center_of_mass: {list(center)}, inertia: {{matrix: {matrix}}}}}"
+    return parse_scene(f"{body}\n{CHANNELS}\n")
+
+
+@functools.cache
+def recording(seed: int, uncommanded: float = 0.0) -> Recording:
+    """Return a recording; `uncommanded` is a torque about a fixed axis of the body that it does not tell of, N m.
+
+    It acts for the middle third; as a multiple of the largest moment times rad/s^2.
+    """
+    random = np.random.default_rng(seed)
+    rate = random.uniform(50.0, 400.0)
+    count = int(min(1000, rate * random.uniform(6.0, 20.0)))
+    stamps = random.choice(["even", "jitter", "random"])
+    commanded, with_pose = bool(random.random() < 0.6), bool(random.random() < 0.85)
+    gyro, speed = 10 ** random.uniform(-4.0, np.log10(5e-3)), 10 ** random.uniform(-4.0, -2.0)
+    tracker = random.choice([0.0, 1.0]) * 10 ** random.uniform(-4.0, -3.0)
+    body = _body(random)
+    times = _times(random, stamps, rate, count)
+    changes = np.arange(0, times[-1], STEP_NS) + int(random.choice([0, 1]) * random.integers(0, STEP_NS))
+    torques = commanded * random.standard_normal((len(changes), 3)) * 0.1 * max(body.principal_moments)
+    forces = commanded * random.standard_normal((len(changes), 3)) * 0.05 * body.mass
+    knots = np.union1d(times, changes)
+    held = np.searchsorted(changes, knots, side="left") - 1  # what acts until each knot
+    wrong = uncommanded * max(body.principal_moments) * _unit(random)
+    thirds = (knots > times[-1] // 3) & (knots <= 2 * times[-1] // 3)
+    torque = np.where(held[:, None] >= 0, torques[held], 0.0) + np.where(thirds[:, None], wrong, 0.0)
+    state = State(
+        position_world=(0.0, 0.0, 0.0),
+        orientation_xyzw=(0.0, 0.0, 0.0, 1.0),
+        linear_velocity_world=tuple((0.3 * random.standard_normal(3)).tolist()),
+        angular_velocity_body=tuple((10 ** random.uniform(-1.0, 0.5) * _unit(random)).tolist()),
+    )
+    flown = driven_motion(
+        body,
+        state,
+        knots,
+        method="rkmk4",
+        step=0.01,
+        torque_body=torque,
+        force_world=np.where(held[:, None] >= 0, forces[held], 0.0),
+    )
+    at = np.searchsorted(knots, times)
+    attitude = np.asarray(flown.orientation_xyzw)[at]
+    velocity = rotate_all_inverse(attitude, np.asarray(flown.linear_velocity_world)[at])
+    rates = np.asarray(flown.angular_velocity_body)[at] + gyro * random.standard_normal((count, 3))
+    velocity += speed * random.standard_normal((count, 3))
+    position = np.asarray(flown.position_world)[at] + tracker * random.standard_normal((count, 3))
+    attitude = attitude + np.pad(0.5 * tracker * random.standard_normal((count, 3)), ((0, 0), (0, 1)))
+    attitude /= np.linalg.norm(attitude, axis=1, keepdims=True)
+    topics = [_topic("/b/twist", TWIST, times, "base", np.hstack([velocity, rates]))]
+    if with_pose:
+        topics.append(_topic("/b/pose", POSE, times, "world", np.hstack([position, attitude])))
+    if commanded:
+        nothing = np.zeros_like(torques)
+        topics.append(_topic("/torque", WRENCH, changes, "base", np.hstack([nothing, torques])))
+        topics.append(_topic("/force", WRENCH, changes, "world", np.hstack([forces, nothing])))
+    else:
+        # That nothing acted is known, too.
+        topics.append(_topic("/torque", WRENCH, times[:1], "base", np.zeros((1, 6))))
+    bag = Bag(Path("noisy.mcap"), True, {topic.name: topic for topic in topics}, {}, {})
+    facts = {"rate": rate, "count": count, "stamps": str(stamps), "commanded": commanded, "with_pose": with_pose}
+    return Recording(bag, body, {**facts, "gyro": gyro, "speed": speed, "tracker": tracker})
+
+
+def _topic(name: str, type_name: str, times: Any, frame: str, rows: Any) -> Topic:
+    stamps = times.tolist()
+    messages = [cdr.encode(type_name, t, frame, row) for t, row in zip(stamps, rows.tolist(), strict=True)]
+    return Topic(name, type_name, "", stamps, stamps, messages)
+
+
+def _unit(random: Any) -> Any:
+    vector = random.standard_normal(3)
+    return vector / np.linalg.norm(vector)
+
+
+def _body(random: Any) -> RigidBody:
+    """Return a body of 1 to 100 kg: a cloud of points of some shape."""
+    points = random.standard_normal((8, 3)) * random.uniform(0.05, 0.5, 3)
+    mass = float(10 ** random.uniform(0.0, 2.0))
+    points -= points.mean(axis=0)
+    second = mass * points.T @ points / len(points)
+    turn = np.linalg.qr(random.standard_normal((3, 3)))[0]
+    inertia = turn @ (np.trace(second) * np.eye(3) - second) @ turn.T
+    center = random.choice([0.0, 1.0]) * 0.1 * random.standard_normal(3)
+    return RigidBody.from_matrix(mass, (0.5 * (inertia + inertia.T)).tolist(), center.tolist())
+
+
+def _times(random: Any, stamps: str, rate: float, count: int) -> Any:
+    even = np.arange(count) / rate
+    if stamps == "jitter":
+        even = even + np.concatenate([[0.0], random.uniform(-0.3, 0.3, count - 1)]) / rate
+    elif stamps == "random":
+        even = np.concatenate([[0.0], np.cumsum(random.exponential(0.8, count - 1) + 0.2)]) / rate
+    return np.rint(even * 1e9).astype(np.int64)
