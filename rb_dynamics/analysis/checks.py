@@ -22,6 +22,10 @@ BOUND = 1e-6
 
 # An interval this much longer than the usual one is a gap, where intervals are even.
 _GAP = 1.5
+# The same where they are not: a lost message or two is none.
+_FAR = 5.0
+# Streams of one recording do not begin and end at once; s.
+_APART = 1.0
 
 
 @dataclass(frozen=True)
@@ -108,7 +112,25 @@ def _whole(series: Series, track: Track) -> Check:
     if missing := gaps(series.time_ns):
         start = track.seconds(series.time_ns)[longest]
         return Check(name, False, f"gaps: {missing}, the longest {apart} from t = {start:.6g} s")
+    if late := _stops(series, track):
+        return Check(name, False, late)
     return Check(name, True, f"{count} samples, all finite, at most {apart} apart")
+
+
+def _stops(series: Series, track: Track) -> str:
+    """Return how long before the end of the recording its messages stop; "" where they do not."""
+    own = track.bag.topics.get(series.topic)
+    if track.own or own is None or not own.count:
+        return ""
+    last = max(own.log_times)
+    name, end = max(((each.name, max(each.log_times)) for each in track.bag.topics.values() if each.count), key=_second)
+    if end - last <= max(_APART * 1e9, longest_usual(series.time_ns) if len(series.time_ns) > 3 else 0.0):
+        return ""
+    return f"it stops {(end - last) * 1e-9:.6g} s before the recording does, which goes on with {name}"
+
+
+def _second(pair: tuple[str, int]) -> int:
+    return pair[1]
 
 
 def _unit(orientation: Array, bound: float) -> Check:
@@ -135,10 +157,20 @@ def _balanced(track: Track, balance: Balance, bound: float) -> Check:
 
 
 def gaps(time_ns: Times) -> int:
-    """Return how many intervals are longer than usual; 0 where nine in ten are not even to 1 %."""
+    """Return how many intervals are longer than `longest_usual`."""
+    return int((np.diff(time_ns) > longest_usual(time_ns)).sum())
+
+
+def longest_usual(time_ns: Times) -> float:
+    """Return the longest interval (ns) that is no gap; infinite for fewer than three.
+
+    Where nine in ten are even to 1 %, one and a half of the usual one. Else what lies far beyond the spread of the
+    intervals: times at random, of exponential intervals, go beyond it once in 20 million.
+    """
     steps = np.diff(time_ns)
     if len(steps) < 3:
-        return 0
-    usual = float(np.median(steps))
-    even = np.abs(steps - usual) <= 0.01 * usual
-    return int((steps > _GAP * usual).sum()) if usual > 0.0 and even.mean() >= 0.9 else 0
+        return float(np.inf)
+    usual, long = (float(part) for part in np.quantile(steps, (0.5, 0.9)))
+    if usual > 0.0 and float((np.abs(steps - usual) <= 0.01 * usual).mean()) >= 0.9:
+        return _GAP * usual
+    return max(_FAR * usual, usual + 10.0 * (long - usual))

@@ -242,7 +242,7 @@ class _Finder:
         return body, topic.name
 
     def _note_unused(self) -> None:
-        kinds = (POSE, TWIST, *WRENCHES) if self.used else ()
+        kinds = (POSE, TWIST, *WRENCHES, *(() if RUN in self.bag.metadata else (ODOMETRY,)))
         named = {topic.name for topic in self.bag.topics.values() if topic.type_name in kinds and topic.count}
         if others := sorted(named - self.used):
             self.notes.append(f"One body is inspected; these topics are left out: {', '.join(others)}.")

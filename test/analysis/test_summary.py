@@ -332,9 +332,16 @@ def test_cut_off_log_is_incomplete_and_still_read(flight: Any, tmp_path: Path) -
 
 @pytest.mark.parametrize(
     ("steps", "count"),
-    [([5] * 40, 0), ([5] * 20 + [15] + [5] * 20, 1), ([5] * 40 + [2], 0), ([1, 7, 3, 9, 2, 8, 4, 6], 0), ([5], 0)],
+    [
+        ([5] * 40, 0),
+        ([5] * 20 + [15] + [5] * 20, 1),
+        ([5] * 40 + [2], 0),
+        ([1, 7, 3, 9, 2, 8, 4, 6], 0),
+        ([5], 0),
+        ([9, 10, 12] * 9 + [3000], 1),
+    ],
 )
-def test_gaps_stand_out_from_even_intervals_only(steps: list[int], count: int) -> None:
+def test_gaps_stand_out(steps: list[int], count: int) -> None:
     assert gaps(np.cumsum([0, *steps])) == count
 
 
@@ -342,6 +349,31 @@ def test_gap_in_the_motion_fails(bagger: Any) -> None:
     summary = summary_of(bagger([pose(EVERY * (k if k < 30 else k + 7)) for k in range(60)]))
     assert failed(summary) == ["/b/pose is whole"]
     assert "the longest 0.08 s from t = 0.29 s" in next(check.detail for check in summary.checks if not check.passed)
+
+
+def test_random_intervals_have_no_gap_and_a_hole_in_them_is_one() -> None:
+    random = np.random.default_rng(5)
+    for _ in range(200):
+        scale, spread = 10 ** random.uniform(5.0, 8.0), random.uniform(0.0, 1.0)
+        steps = scale * ((1.0 - spread) + spread * random.exponential(1.0, 2000))
+        assert gaps(np.cumsum(np.rint(steps).astype(np.int64))) == 0
+        steps[700] = 40.0 * scale
+        assert gaps(np.cumsum(np.rint(steps).astype(np.int64))) == 1
+
+
+def test_a_stream_that_stops_before_the_recording_fails(bagger: Any) -> None:
+    rows = [pose(EVERY * k) for k in range(200)] + [twist(EVERY * k) for k in range(600)]
+    summary = summary_of(bagger(rows))
+    assert failed(summary) == ["/b/pose is whole"]
+    said = next(check.detail for check in summary.checks if not check.passed)
+    assert said == "it stops 4 s before the recording does, which goes on with /b/twist"
+
+
+def test_odometry_that_is_not_used_is_named(bagger: Any) -> None:
+    none = (0.0,) * 36
+    rows = [*(pose(EVERY * k) for k in range(9)), *(twist(EVERY * k) for k in range(9))]
+    rows += [("/odom", ODOMETRY, EVERY * k, (EVERY * k, "w", "b", STILL, none, (0.0,) * 6, none)) for k in range(9)]
+    assert any("left out: /odom" in note for note in summary_of(bagger(rows)).notes)
 
 
 def test_time_that_goes_back_fails(bagger: Any) -> None:

@@ -32,6 +32,7 @@ def test_the_body_that_flew_is_not_accused() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(3000)
 def test_of_a_thousand_recordings_at_most_ten_accuse_the_body_that_flew() -> None:
     assert len(accused(range(MANY))) <= MANY // 100
 
