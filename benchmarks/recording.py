@@ -2,22 +2,30 @@
 
 Usage: python benchmarks/recording.py
 
-A tumbling body, thinning off. "Mcap" and "sink" are all of it, from an event to the closed file; "columns" begins where
-a batch lies in arrays, and a row is one time of one entity. "Scalars" is a single entity in one call: what Rerun itself
-takes. Best of some repeats. Times are of this machine.
+A tumbling body, thinning off. "Writer" begins where the messages of the node's topics are packed, and goes through our
+writer and through that of the package mcap, with chunks of one size, compressed and not. "Mcap" and "sink" are all of
+it, from an event to the closed file; "columns" begins where a batch lies in arrays, and a row is one time of one
+entity. "Scalars" is a single entity in one call: what Rerun itself takes. Best of some repeats, in processor time
+where nothing else is said; of this machine.
 """
 
 from __future__ import annotations
 
+import sys
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
+from mcap.writer import CompressionType, Writer
 
 import rb_dynamics as rb
-from rb_dynamics.formats.messages import SAMPLE_TOPICS
+from rb_dynamics.formats.log_file import LogFile
+from rb_dynamics.formats.mcap_writer import CHUNK_BYTES, McapWriter
+from rb_dynamics.formats.messages import SAMPLE_TOPICS, sample_encoder
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.recording import rerun_layout as layout
 from rb_dynamics.recording.mcap_sink import McapSink
@@ -28,6 +36,7 @@ from rb_dynamics.run.sink import RunInfo, Sample, Sink
 from rb_dynamics.scene.shipped import shipped
 
 SAMPLES = 20 * BATCH_ROWS
+WRITTEN = 10_000
 REPEATS = 5
 
 
@@ -38,6 +47,7 @@ def main() -> None:
     samples = memory.samples
     with tempfile.TemporaryDirectory() as folder:
         log, path = Path(folder) / "run.mcap", Path(folder) / "run.rrd"
+        writers(log, scene, samples)
         rate = len(samples) / best(lambda: through(McapSink(log), scene, samples))
         print(f"mcap      {rate * len(SAMPLE_TOPICS):12,.0f} messages/s, {rate:,.0f} samples/s")
         print(f"          {log.stat().st_size / len(samples):12.0f} bytes per sample")
@@ -46,6 +56,53 @@ def main() -> None:
         print(f"          {path.stat().st_size / len(samples):12.0f} bytes per sample")
         print(f"columns   {columns(path, scene, samples):12,.0f} rows/s in batches of {BATCH_ROWS}")
         print(f"scalars   {scalars(path):12,.0f} rows/s of 3 numbers")
+
+
+def writers(path: Path, scene: rb.Scene, samples: list[Sample]) -> None:
+    """Print the messages per second through each writer."""
+    encode = sample_encoder(scene.frames.world_frame, scene.frames.body_frame, None)
+    packed = [(sample.time_ns, encode(sample)) for sample in samples[:WRITTEN]]
+    size = sum(map(len, packed[0][1]))
+    print(f"writer    {size:12,.0f} bytes in the {len(SAMPLE_TOPICS)} messages of a sample")
+    for compression in (CompressionType.ZSTD, CompressionType.NONE):
+        for name, task in (("ours", ours), ("mcap", library)):
+            rate = len(packed) * len(SAMPLE_TOPICS) / best(partial(task, path, compression, packed))
+            print(f"          {rate:12,.0f} messages/s, {name}, {compression.name.lower()}")
+
+
+Packed = list[tuple[int, tuple[bytes, ...]]]
+
+
+def ours(path: Path, compression: CompressionType, packed: Packed) -> float:
+    file = LogFile(path)
+    with patch.dict(sys.modules, {} if compression == CompressionType.ZSTD else {"zstandard": None}):
+        writer = McapWriter(file, "benchmark")
+    begin = time.process_time()
+    writer.begin()
+    ids = [
+        writer.add_channel(topic, "cdr", writer.add_schema(kind, "ros2msg", b""), {}) for topic, kind in SAMPLE_TOPICS
+    ]
+    for time_ns, messages in packed:
+        writer.add_messages(ids, messages, time_ns, time_ns)
+    writer.finish()
+    file.close()
+    return time.process_time() - begin
+
+
+def library(path: Path, compression: CompressionType, packed: Packed) -> float:
+    with path.open("wb") as file:
+        writer = Writer(file, CHUNK_BYTES, compression)
+        begin = time.process_time()
+        writer.start("ros2", "benchmark")
+        ids = [
+            writer.register_channel(topic, "cdr", writer.register_schema(kind, "ros2msg", b""))
+            for topic, kind in SAMPLE_TOPICS
+        ]
+        for time_ns, messages in packed:
+            for channel, message in zip(ids, messages, strict=True):
+                writer.add_message(channel, time_ns, message, time_ns)
+        writer.finish()
+        return time.process_time() - begin
 
 
 def best(task: Callable[[], float]) -> float:

@@ -3,8 +3,8 @@
 Works on logs of this package and on any ROS 2 MCAP bag of pose, twist and wrench; topics are found by type. A bag
 without mass properties gives motion and rates; with --scene also momenta and energy, from the twist.
 
-Exit codes: 0 every check passed; 1 the log is incomplete or a defect is beyond --bound (the last lines say which);
-2 the file cannot be read.
+Exit codes: 0 every check passed; 1 the log is incomplete, a defect is beyond --bound or --verify found a fault (the
+last lines say which); 2 the file cannot be read.
 """
 
 from __future__ import annotations
@@ -31,6 +31,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="REL",
         help="largest defect accepted, relative to the largest energy or momentum seen (default 1e-6)",
     )
+    parser.add_argument(
+        "--verify",
+        action="store_true",
+        help="read the MCAP again with the package mcap (extra: log): checksums, index, counts, order",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -41,11 +46,15 @@ def run(args: argparse.Namespace) -> int:
     from rb_dynamics.analysis.summary import summarize
     from rb_dynamics.analysis.topics import read_track
     from rb_dynamics.cli import output
+    from rb_dynamics.errors import LogError
     from rb_dynamics.formats.bag_reader import read_bag
     from rb_dynamics.formats.log_file import make_folder, require_other
+    from rb_dynamics.formats.verification import require_library, verify_bag
     from rb_dynamics.report.text import as_text
     from rb_dynamics.scene.read import read_scene
 
+    if args.verify:
+        require_library("--verify")
     for written in filter(None, (args.html, args.video)):
         require_other(written, *filter(None, (args.log, args.scene)))
         make_folder(Path(written))
@@ -66,4 +75,11 @@ def run(args: argparse.Namespace) -> int:
         with output.progress(f"rendering {args.video}") as progress:
             frames = write_video(args.video, track, progress=progress)
         print(f"wrote {args.video}: {frames} frames")
+    if args.verify:
+        try:
+            count = verify_bag(Path(args.log))
+        except LogError as error:
+            print(f"error: {error}", file=sys.stderr)
+            return 1
+        print(f"verified with the package mcap: {count} messages, their checksums, index and order")
     return 0 if summary.passed else 1

@@ -47,7 +47,9 @@ def add_log(parser: argparse.ArgumentParser) -> None:
         help="wall time after which what was logged survives a kill (default 0.5); 0: whole chunks only",
     )  # fmt: skip
     parser.add_argument("--accel", action="store_true", help="log the acceleration of the body origin too")
-    parser.add_argument("--verify", action="store_true", help="read the finished log again and count its messages")
+    parser.add_argument(
+        "--verify", action="store_true", help="read the finished log again with the package mcap (extra: log)"
+    )
 
 
 def log_sinks(args: argparse.Namespace) -> list[GuardedSink]:

@@ -1,7 +1,9 @@
 """The MCAP container: schemas, channels, messages, metadata and attachments of a file, in the order of the file.
 
-Reads front to back without the index, so a file that was never finished gives all it has. Every length is checked
-against what is there before memory is asked for. Never looks inside a message.
+Ours, and not that of the package mcap, which refuses a file without its end, or with one damaged chunk, and lets a
+length in the file decide how much memory it takes. Reads front to back without the index, so a file that was never
+finished gives all it has. Every length is checked against what is there before memory is asked for. Never looks inside
+a message.
 
 Format: the MCAP specification, version 0. A record is one byte of opcode, the length of its content, the content.
 """

@@ -16,7 +16,6 @@ from __future__ import annotations
 import contextlib
 import os
 import threading
-from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,7 +23,7 @@ from typing import TYPE_CHECKING
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.log_file import LogFile
-from rb_dynamics.formats.mcap_records import Channel, McapFile, Schema
+from rb_dynamics.formats.mcap_records import Channel, Schema
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.messages import (
     APPLIED,
@@ -44,6 +43,7 @@ from rb_dynamics.formats.messages import (
     sample_topics,
 )
 from rb_dynamics.formats.ros2msg import TYPE_HASHES, schema_text
+from rb_dynamics.formats.verification import require_library, verify
 from rb_dynamics.recording.state_hash import StateHash
 from rb_dynamics.run.diagnostics import Sample
 from rb_dynamics.run.provenance import CHECKPOINT, INTERRUPTED, RESULT, RUN, SCENE, TOPICS, version
@@ -66,7 +66,7 @@ class LogSettings:
     Attributes:
         flush_s: s of wall time after which what was written survives a kill; 0 leaves that to the size of the chunks,
             and makes the bytes of the file depend on the run alone.
-        verify: read the finished file again and count its messages.
+        verify: read the finished file again with the package mcap (extra: log), and count its messages.
         accel: log the acceleration too, on `accel`.
     """
 
@@ -121,7 +121,10 @@ class McapSink:
 
         Raises:
             LogError: the file cannot be written, or two channels have one name.
+            MissingExtraError: the file is to be verified, and the package mcap is not installed.
         """
+        if self.settings.verify:
+            require_library(f"verifying {self.path}")
         acceleration = run.acceleration if self.settings.accel else None
         samples = sample_topics(run.scene, acceleration is not None)
         topics = self._topics(run.scene, samples)
@@ -296,21 +299,3 @@ class McapSink:
 
     def _write_status(self, event: Status) -> None:
         self._add("/diagnostics", encode_status(event, self._body_frame), event.time_ns)
-
-
-def verify(path: Path, counts: Mapping[str, int]) -> None:
-    """Read a finished file front to back, every checksum with it, and count its messages by topic.
-
-    Raises:
-        LogError: it is damaged, not finished, or holds other than `counts`.
-    """
-    file = McapFile(path)
-    found = Counter(message.channel.topic for message in file.messages())
-    written = Counter(counts)
-    if not file.complete or found != written:
-        differing = sorted(topic for topic in found | written if found[topic] != written[topic])
-        raise LogError(
-            f"{path} does not read back as it was written: "
-            + (", ".join(f"{topic}: {found[topic]} of {written[topic]} messages" for topic in differing) or "no footer")
-            + "; run again, and check the disk if that helps nothing"
-        )

@@ -38,7 +38,7 @@ _PARAMETERS: dict[str, tuple[object, str]] = {
     "max_bag_size": (0, "bytes at which the bag begins its next file; 0 = no bound"),
     "max_bag_duration": (0.0, "s of simulation time in one file of the bag; 0 = no bound"),
     "flush": (FLUSH_S, "s of wall time after which what was logged survives a kill; 0 = whole chunks only"),
-    "verify": (False, "read each finished log again and count its messages"),
+    "verify": (False, "read each finished log again with the package mcap (extra: log)"),
     "rerun": ("", "write a Rerun recording to this file"),
     "sink": ("", "tell the run to a sink by name, such as one of a plug-in: NAME=TARGET, or a list of these"),
 }

@@ -27,7 +27,7 @@ from rb_dynamics.formats.mcap_writer import CHUNK_BYTES
 from rb_dynamics.formats.messages import COMMAND_DEPTH, sample_depth
 from rb_dynamics.formats.ros2msg import TYPE_HASHES
 from rb_dynamics.loads.wrench import Wrench, WrenchFrames
-from rb_dynamics.recording.mcap_sink import LogSettings, McapSink, verify
+from rb_dynamics.recording.mcap_sink import LogSettings, McapSink
 from rb_dynamics.recording.memory import MemorySink
 from rb_dynamics.recording.state_hash import StateHash
 from rb_dynamics.run.diagnostics import Sample
@@ -393,32 +393,6 @@ def test_a_flush_after_the_end_does_nothing(tmp_path: Path) -> None:
     states.update(make_samples(1)[0])
     sink.flush()
     assert path.read_bytes() == before
-
-
-def test_verify_reads_the_file_again_and_counts(tmp_path: Path) -> None:
-    path = write(tmp_path / "run.mcap", make_samples(100), settings=LogSettings(verify=True))
-    counts = {name: topic.count for name, topic in read_bag(path).topics.items()}
-    verify(path, counts)
-    with pytest.raises(LogError, match="/pose: 100 of 101 messages"):
-        verify(path, {**counts, "/pose": 101})
-    data = path.read_bytes()
-    path.write_bytes(data[:-9])
-    with pytest.raises(LogError, match="no footer"):
-        verify(path, counts)
-    path.write_bytes(_with_a_flipped_bit(path, data))
-    with pytest.raises(LogError, match="damaged"):
-        verify(path, counts)
-
-
-def _with_a_flipped_bit(path: Path, data: bytes) -> bytes:
-    """Return a file of which one bit in the middle of its largest chunk is another."""
-    path.write_bytes(data)
-    with path.open("rb") as file:
-        summary = make_reader(file).get_summary()
-    assert summary is not None
-    chunk = max(summary.chunk_indexes, key=lambda index: index.chunk_length)
-    place = chunk.chunk_start_offset + chunk.chunk_length // 2
-    return data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :]
 
 
 def test_a_full_disk_at_open_is_a_clear_error() -> None:

@@ -1,0 +1,205 @@
+"""`verify`: holds a finished MCAP file against the format by the reader of the package mcap, which is not ours.
+
+Never repairs anything: `recover` does.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO
+
+from rb_dynamics.errors import LogError, MissingExtraError
+from rb_dynamics.formats.bag_source import SplitMcap, open_source
+from rb_dynamics.formats.mcap_records import MAGIC, MAX_RECORD_BYTES, McapFile
+
+if TYPE_CHECKING:
+    from mcap.records import Footer, Message
+
+# Of a record, before its content.
+_HEAD_BYTES = 9
+_CHECKSUM = struct.Struct("<I")
+
+
+def require_library(purpose: str) -> None:
+    """Check that the package mcap is installed.
+
+    Raises:
+        MissingExtraError: it is not.
+    """
+    try:
+        import mcap.reader  # noqa: F401
+    except ImportError:
+        raise MissingExtraError("mcap", "log", purpose) from None
+
+
+def verify_bag(path: Path) -> int:
+    """Return how many messages a bag holds, after `verify` of each of its files.
+
+    Raises:
+        LogError: as `verify`, or a file is not MCAP.
+        MissingExtraError: the package mcap is not installed.
+    """
+    source = open_source(path)
+    if not isinstance(source, (SplitMcap, McapFile)):
+        raise LogError(f"cannot verify {path}: it is no MCAP bag, expected .mcap; leave out --verify")
+    files = source.files if isinstance(source, SplitMcap) else [source.path]
+    return sum(map(verify, files))
+
+
+def verify(path: Path, written: Mapping[str, int] | None = None) -> int:
+    """Read all of a finished MCAP file, front to back and again by its index, and return how many messages it holds.
+
+    Every checksum has to fit, index and statistics have to say what is there, and in logs of this package no log time
+    is before the one in front of it.
+
+    Args:
+        path: the file.
+        written: messages that it has to hold, by topic; None where nobody knows.
+
+    Raises:
+        LogError: something is not so; says what.
+        MissingExtraError: the package mcap is not installed.
+    """
+    require_library(f"verifying {path}")
+    try:
+        with path.open("rb") as file:
+            found = _front_to_back(file)
+            faults = list(_faults(file, found, written))
+    except OSError as error:
+        raise LogError(f"cannot read {path}: {error.strerror or error}; check the path") from error
+    except Exception as error:  # a reader of malformed files may raise anything
+        raise _unlike(path, f"the package mcap cannot read it ({type(error).__name__}: {error})") from error
+    if faults:
+        raise _unlike(path, "; ".join(faults))
+    return found.messages.total()
+
+
+def _unlike(path: Path, faults: str) -> LogError:
+    return LogError(
+        f"{path} does not read back as it should: {faults}. Save what can be read with `rb-dynamics recover`, or run "
+        "again, and check the disk if that helps nothing"
+    )
+
+
+@dataclass
+class _Read:
+    """What stands in the file, in its order.
+
+    Attributes:
+        messages: by number of the channel.
+        records: by kind; those in chunks are not counted.
+        begin_ns, end_ns: first and last log time, ns.
+        sorted: whether no log time is before the one in front of it.
+        library: that wrote the file, as its header says.
+        footer: None where there is none.
+    """
+
+    messages: Counter[int] = field(default_factory=Counter)
+    records: Counter[str] = field(default_factory=Counter)
+    begin_ns: int = 2**64
+    end_ns: int = 0
+    sorted: bool = True
+    library: str = ""
+    footer: Footer | None = None
+    _last_ns: int = 0
+
+    def add(self, message: Message) -> None:
+        self.sorted = self.sorted and message.log_time >= self._last_ns
+        self.messages[message.channel_id] += 1
+        self.begin_ns, self.end_ns = min(self.begin_ns, message.log_time), max(self.end_ns, message.log_time)
+        self._last_ns = message.log_time
+
+
+def _front_to_back(file: BinaryIO) -> _Read:
+    from mcap.records import Chunk, Footer, Header, Message
+    from mcap.stream_reader import StreamReader, breakup_chunk
+
+    found = _Read()
+    reader = StreamReader(file, emit_chunks=True, validate_crcs=True, record_size_limit=MAX_RECORD_BYTES)
+    for record in reader.records:
+        found.records[type(record).__name__] += 1
+        if isinstance(record, Chunk):
+            for inner in breakup_chunk(record, validate_crc=True):
+                if isinstance(inner, Message):
+                    found.add(inner)
+        elif isinstance(record, Message):
+            found.add(record)
+        elif isinstance(record, Header):
+            found.library = record.library
+        elif isinstance(record, Footer):
+            found.footer = record
+    return found
+
+
+def _faults(file: BinaryIO, found: _Read, written: Mapping[str, int] | None) -> Iterator[str]:
+    from mcap.reader import make_reader
+
+    file.seek(0)
+    reader = make_reader(file, validate_crcs=True)
+    summary = reader.get_summary()
+    if summary is None or summary.statistics is None or found.footer is None:
+        yield "it has no summary with statistics"
+        return
+    if not found.sorted and found.library.startswith("rb_dynamics"):
+        yield "a log time is before the one in front of it"
+    names = {number: channel.topic for number, channel in summary.channels.items()}
+    said = summary.statistics
+    told = Counter(said.channel_message_counts)
+    yield from _differing("its statistics say otherwise", _by_topic(names, found.messages), _by_topic(names, told))
+    by_index = Counter(message.channel_id for _, _, message in reader.iter_messages())
+    yield from _differing("its index leads elsewhere", _by_topic(names, found.messages), _by_topic(names, by_index))
+    if written is not None:
+        yield from _differing("other was written", _by_topic(names, found.messages), Counter(written))
+    facts = {
+        "messages": (found.messages.total(), said.message_count),
+        "chunks": (found.records["Chunk"], said.chunk_count),
+        "chunks in the index": (found.records["Chunk"], len(summary.chunk_indexes)),
+        "attachments": (found.records["Attachment"], said.attachment_count),
+        "attachments in the index": (found.records["Attachment"], len(summary.attachment_indexes)),
+        "metadata records": (found.records["Metadata"], said.metadata_count),
+        "metadata records in the index": (found.records["Metadata"], len(summary.metadata_indexes)),
+        "channels": (len(summary.channels), said.channel_count),
+        "schemas": (len(summary.schemas), said.schema_count),
+    }
+    if found.messages:
+        facts["ns, the first log time"] = found.begin_ns, said.message_start_time
+        facts["ns, the last log time"] = found.end_ns, said.message_end_time
+    for what, (there, claimed) in facts.items():
+        if there != claimed:
+            yield f"{there} {what}, and its summary says {claimed}"
+    # The library passes over these two checksums.
+    for index in summary.attachment_indexes:
+        if not _fits(_bytes(file, index.offset, index.offset + index.length)[_HEAD_BYTES:]):
+            yield f"the checksum of the attachment {index.name} does not fit"
+    end = file.seek(0, 2) - len(MAGIC)
+    if not _fits(_bytes(file, found.footer.summary_start, end)):
+        yield "the checksum of its summary does not fit"
+
+
+def _by_topic(names: Mapping[int, str], counts: Mapping[int, int]) -> Counter[str]:
+    found: Counter[str] = Counter()
+    for number, count in counts.items():
+        found[names.get(number, f"channel {number}")] += count
+    return found
+
+
+def _differing(why: str, found: Counter[str], claimed: Counter[str]) -> Iterator[str]:
+    differing = sorted(topic for topic in found | claimed if found[topic] != claimed[topic])
+    if differing:
+        yield f"{why}: " + ", ".join(f"{topic}: {found[topic]} of {claimed[topic]} messages" for topic in differing)
+
+
+def _bytes(file: BinaryIO, begin: int, end: int) -> bytes:
+    file.seek(begin)
+    return file.read(end - begin)
+
+
+def _fits(data: bytes) -> bool:
+    """Return whether the checksum at the end of `data` is that of what is before it; 0 says that there is none."""
+    (checksum,) = _CHECKSUM.unpack(data[-_CHECKSUM.size :])
+    return checksum in (0, zlib.crc32(data[: -_CHECKSUM.size]))
