@@ -25,7 +25,7 @@ from rb_dynamics.formats.messages import (
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.run.provenance import RUN, SCENE, TOPICS
 from rb_dynamics.scene.model import Scene
-from rb_dynamics.scene.read import parse_scene
+from rb_dynamics.scene.read import UNSAID, parse_scene
 
 # The columns of a row, by topic; `odom` and `/tf` say again what pose and twist say.
 COLUMNS: dict[str, tuple[str, ...]] = {
@@ -71,7 +71,13 @@ def scene_and_names(source: Source, purpose: str = "run again") -> tuple[Scene, 
             f"it cannot be {purpose}; inspect reads any bag, and its commands are flown with simulate SCENE --wrench "
             "BAG"
         )
-    scene = parse_scene(source.attachments[SCENE].decode(), f"{source.path}: {SCENE}")
+    text = source.attachments[SCENE].decode()
+    if text == UNSAID:
+        raise LogError(
+            f"{source.path} cannot be {purpose}: its scene was made or changed in Python, and no text in the log says "
+            "what it is; read scenes with what is to be changed: read_scene(path, {'body.mass': 2.0})"
+        )
+    scene = parse_scene(text, f"{source.path}: {SCENE}")
     topics = [name for name, _ in (*SAMPLE_TOPICS, POTENTIAL, MASS_PROPERTIES, TF_STATIC)]
     for topic in [*(c.topic for c in scene.channels), *(name for name, _ in scene.acting.schedules())]:
         topics += [topic, topic + APPLIED]

@@ -33,6 +33,7 @@ from rb_dynamics.run.sink import Event, RunInfo, Sink
 from rb_dynamics.scene import opened
 from rb_dynamics.scene.compile import Plan
 from rb_dynamics.scene.model import Scene
+from rb_dynamics.scene.read import with_true_text
 
 _REMEDY = "give nanoseconds: round(1e9 * seconds)"
 
@@ -63,7 +64,8 @@ class Simulation:
             TypeError: an argument is not of its type.
             SceneError: the solver makes no sense for the scene.
         """
-        self.scene = instance(scene, Scene, "scene", "read one with read_scene(path)")
+        scene = instance(scene, Scene, "scene", "read one with read_scene(path)")
+        self.scene = scene = with_true_text(scene) if sinks else scene
         self.plan = Plan(scene)
         self.time_ns = 0
         self._computed_ns = 0

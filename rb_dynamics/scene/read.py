@@ -9,6 +9,7 @@ import contextlib
 import difflib
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from types import MappingProxyType
 
 from rb_dynamics.body.rigid_body import RigidBody
@@ -61,6 +62,10 @@ _OUTPUT_RATE = Rule(
     lambda v: v == 0.0 or 1.0 / LONGEST <= v <= 1.0 / SHORTEST,
     "write how many states per second to publish and log, such as 100",
 )
+
+
+UNSAID = "# This scene was made or changed in Python: no text says what it is.\n"
+"""The text of a scene in a log, where there is none that makes it again."""
 
 
 def opened(scene: Scene | str | os.PathLike[str]) -> Scene:
@@ -153,6 +158,19 @@ def scene_of(tree: document.Node, problems: Problems, text: str, changes: Sequen
         findings=reading.findings,
         surface=reading.surface,
     )
+
+
+def with_true_text(scene: Scene) -> Scene:
+    """Return `scene`; where its text says another one, as after `replace`, with a text that says so.
+
+    A log that held the text of another scene would be replayed, and flown again, as that one.
+    """
+    try:
+        if parse_scene(scene.text, scene.source) == scene:
+            return scene
+    except SceneError:
+        pass
+    return replace(scene, text=UNSAID)
 
 
 def _initial(section: Section, body: RigidBody | None) -> State:

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from rb_dynamics import Wrench, parse_scene, simulate
+from rb_dynamics import RigidBody, Wrench, parse_scene, simulate
 from rb_dynamics.analysis.summary import summarize
 from rb_dynamics.analysis.topics import read_track
 from rb_dynamics.errors import LogError
@@ -473,3 +473,15 @@ def test_a_scene_that_is_not_valid_is_an_error_of_the_scene(tmp_path: Path) -> N
     simulate(scene, [], [McapSink(tmp_path / "run.mcap")])
     with pytest.raises(Exception, match="mass"):
         replay(tmp_path / "run.mcap")
+
+
+def test_a_log_of_a_scene_that_no_text_says_is_not_run_again_as_another(tmp_path: Path) -> None:
+    """After `replace` the text is that of the scene before: the log would be called false."""
+    scene = parse_scene("body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\nduration: 0.1\n")
+    path = tmp_path / "run.mcap"
+    simulate(dataclasses.replace(scene, body=RigidBody.from_diagonal(1.0, (1.0, 1.0, 1.0))), sinks=[McapSink(path)])
+    with pytest.raises(LogError, match="cannot be run again: its scene was made or changed in Python"):
+        replay(path)
+
+    simulate(dataclasses.replace(scene, source="other.yaml"), sinks=[McapSink(path)])
+    assert replay(path).identical
