@@ -20,7 +20,7 @@ SCENE = parse_scene(
 def test_it_is_what_the_reference_says(tmp_path: Path) -> None:
     commands = [
         ("turn", Wrench((0.0, -0.0, 5e-324), (1.0, 2.0, 1 / 3), "world", 0)),
-        ("push", Wrench((1e300, 0.0, 0.0), stamp_ns=0)),
+        ("push", Wrench((1e100, 0.0, 0.0), stamp_ns=0)),
         ("push", Wrench((0.0, 0.0, 1.0), stamp_ns=0)),
         ("push", Wrench((float("inf"), 0.0, 0.0), stamp_ns=7)),
         ("push", Wrench((0.0, 1.0, 0.0), stamp_ns=500_000_000)),
