@@ -157,7 +157,7 @@ class RecordedWrenches:
         end_ns: float = math.inf,
         mapping: Mapping[str, str] | None = None,
         start: Start = "stamp",
-        check: Callable[[str, Wrench], None] | None = None,
+        check: Callable[[str, Wrench], object] | None = None,
     ) -> None:
         """Look through the bags for the commands on `topics`; a leading slash makes no difference between names.
 

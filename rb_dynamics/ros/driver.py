@@ -153,6 +153,7 @@ class Driver:
         """Pause or go on."""
         if self.paused and not paused:
             self.pacer.restart(self._reached_ns)
+            self.health.went_on()
         self.paused, self.stopped = paused, False
         self._hold_still()
 
@@ -203,6 +204,11 @@ class Driver:
     def stamp_ns(self) -> int:
         """What a message about this moment is stamped; never 0."""
         return max(1, self.simulation.time_ns + (self.pacer.offset_ns or 0))
+
+    @property
+    def shown_time(self) -> str:
+        """Simulation time, and what our stamps show then, for a person."""
+        return f"simulation time {self.simulation.time_ns / 1e9:.9g} s (header.stamp {self.stamp_ns / 1e9:.9g} s)"
 
     def set_state(self, state: State) -> None:
         """Begin a new run from `state`; stamps and commands go on.
@@ -288,15 +294,15 @@ class Driver:
             )
         if time_ns - computed_ns > _FAR_AHEAD_NS:
             self.health.warn(
-                f"{topic}: a command is stamped {wrench.stamp_ns / 1e9:.9g} s, far ahead of the simulation at "
-                f"{(computed_ns + (offset_ns or 0)) / 1e9:.9g} s, expected the time that its stamps show"
+                f"{topic}: a command has the header.stamp {wrench.stamp_ns / 1e9:.9g} s, far ahead of ours, "
+                f"{(computed_ns + (offset_ns or 0)) / 1e9:.9g} s, expected the time that our stamps show"
             )
 
     def fail(self, message: str) -> None:
         """Pause, because the motion is no longer what it should be."""
         self.paused = True
         self._hold_still()
-        self.health.failed(f"paused, because {message}; ~/reset starts again")
+        self.health.paused(f"paused at {self.shown_time}, because {message}; ~/reset starts again")
 
     def _hold_still(self) -> None:
         self._goal_ns = self._reached_ns
@@ -431,7 +437,7 @@ class Driver:
         if newest_ns is None:
             return f", waits for the first command on {oldest}" if oldest else ""
         seconds = (newest_ns + (self.pacer.offset_ns or 0)) / NANOSECONDS
-        return f", waits for a command on {oldest} that is stamped later than {seconds:.9f} s"
+        return f", waits for a command on {oldest} with a header.stamp later than {seconds:.9f} s"
 
     def _burst(self) -> None:
         """Advance towards the goal until a few milliseconds have passed; how it is cut up changes nothing."""

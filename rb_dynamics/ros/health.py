@@ -79,12 +79,23 @@ class Health:
         self._counts = {topic: _Counts() for topic in self._topics}
         self.states = StateCounts()
         self._mismatches: dict[str, int] = {}
-        self._warning = self._failure = ""
+        self._warning = self._failure = self._pause = ""
 
     @property
     def failure(self) -> str:
-        """The newest failure, or ""."""
-        return self._failure
+        """Why the run is paused, or else the newest failure, or ""."""
+        return self._pause or self._failure
+
+    def paused(self, message: str) -> None:
+        """Remember why the run is paused, until it goes on."""
+        self._pause = _cut(message)
+        self._say(ERROR, self._pause)
+
+    def went_on(self) -> None:
+        """The run goes on: that it was paused, and why, is the newest warning."""
+        if self._pause:
+            self._warning, self._pause = _cut(f"went on after it had {self._pause}"), ""
+            self._say(WARN, self._warning)
 
     def accepted(self, topic: str, arrival: Arrival | None) -> None:
         """Count a command, and how its stamp stood where stamps matter."""
@@ -115,10 +126,10 @@ class Health:
         """Count commands that never came."""
         self._counts[topic].lost += number
 
-    def mismatched(self, topic: str, number: int, message: str) -> None:
+    def mismatched(self, topic: str, number: int, message: str, say: Callable[[str], None]) -> None:
         """Count peers whose QoS does not fit ours on `topic`: nothing will ever pass between us."""
         self._mismatches[topic] = self._mismatches.get(topic, 0) + number
-        self.failed(f"{topic}: {message}")
+        say(f"{topic}: {message}")
 
     def warn(self, message: str) -> None:
         """Remember the newest warning."""
@@ -141,9 +152,12 @@ class Health:
     def status(self, simulation: Simulation, pacer: Pacer | ClockFollower, state: str, awaited: str = "") -> Status:
         """Return the status of the node in its `state`, and what that waits for."""
         sample = simulation.sample
+        offset_ns = pacer.offset_ns
+        stamp = "none yet" if offset_ns is None else f"{max(1, sample.time_ns + offset_ns) / 1e9:.9f} s"
         values = {
             "state": state,
-            "time": f"{sample.time_ns / 1e9:.9f} s",
+            "simulation time": f"{sample.time_ns / 1e9:.9f} s",
+            "header.stamp": stamp,
             "method": simulation.plan.description,
             "steps": str(simulation.steps),
             "energy defect": f"{sample.energy_defect:.3g} J",
@@ -157,11 +171,13 @@ class Health:
             states = asdict(self.states).items()
             values |= {f"~/set_state: {name.replace('_', ' ')}": str(count) for name, count in states}
         values |= {f"{topic}: incompatible QoS": str(count) for topic, count in self._mismatches.items()}
-        level, message = OK, state + awaited
-        if self._failure:
-            level, message = ERROR, self._failure
-        elif warning := self._warning or pacer.warning():
-            level, message = WARN, warning
+        wrong = [
+            (ERROR, self._pause),
+            (ERROR, self._failure),
+            (WARN, self._warning or pacer.warning()),
+        ]
+        level = max((each for each, message in wrong if message), default=OK)
+        message = "; ".join(message for each, message in wrong if message and each == level) or state + awaited
         return Status(sample.time_ns, level, message, values, self._name)
 
 

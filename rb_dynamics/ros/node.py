@@ -140,8 +140,7 @@ class RigidBodyNode(Node):
         simulation = self.driver.simulation
         simulation.finish()
         self.get_logger().info(
-            f"stopped at {simulation.time_ns / NANOSECONDS:.9g} s after {simulation.steps} steps of "
-            f"{simulation.methods}"
+            f"stopped at {self.driver.shown_time} after {simulation.steps} steps of {simulation.methods}"
         )
 
     def _introduction(self) -> str:
@@ -194,7 +193,14 @@ class RigidBodyNode(Node):
             incompatible_qos=lambda event: self._health.mismatched(
                 topic,
                 event.total_count_change,
-                "a commander's QoS does not fit, expected RELIABLE; nothing it sends acts",
+                "a commander's QoS does not fit, expected RELIABLE; nothing it sends acts: publish RELIABLE"
+                + (
+                    ", as in lockstep no command may be lost"
+                    if lockstep
+                    else f", or start this node with -p qos_overrides.{self.resolve_topic_name(topic)}.subscription."
+                    "reliability:=best_effort"
+                ),
+                self._health.failed,
             ),
             message_lost=lambda event: self._on_lost(topic, self._losses[topic].tell(event.total_count_change)),
             matched=lambda _: self._losses[topic].forget(),

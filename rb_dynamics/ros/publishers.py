@@ -165,7 +165,10 @@ class TopicSink:
 
         def mismatched(event: Any) -> None:
             self._health.mismatched(
-                topic, event.total_count_change, "a reader's QoS does not fit what is offered, RELIABLE and VOLATILE"
+                topic,
+                event.total_count_change,
+                "a reader's QoS does not fit what is offered, RELIABLE and VOLATILE: it hears nothing",
+                self._health.warn,
             )
 
         publisher = self._node.create_publisher(

@@ -426,10 +426,10 @@ def test_lockstep_says_what_it_waits_for_and_warns_of_commands_that_move_no_time
     assert message() == "lockstep, waits for the first command on wrench"
     for topic in ("wrench", "push"):
         body.command(topic, Wrench(stamp_ns=0))
-    assert message() == "lockstep, waits for a command on wrench that is stamped later than 0.000000000 s"
+    assert message() == "lockstep, waits for a command on wrench with a header.stamp later than 0.000000000 s"
     body.command("wrench", Wrench(stamp_ns=20_000_000))
     body.tick()
-    assert "waits for a command on push that is stamped later than 0.0" in message()
+    assert "waits for a command on push with a header.stamp later than 0.0" in message()
     body.command("push", Wrench(stamp_ns=0))
     assert "stamp each for the output that is to come" in message()
 
@@ -459,3 +459,16 @@ def test_a_state_whose_quaternion_is_a_little_off_keeps_its_speed() -> None:
     body = driver()
     body.set_state(to_state(message, body.scene.frames))
     assert body.state.linear_velocity_world == pytest.approx((0.0, 1.0, 0.0), abs=1e-15)
+
+
+def test_what_is_told_of_a_pause_holds_as_long_as_the_pause() -> None:
+    body = driver(mode=Mode())
+    status = lambda: body.health.status(body.simulation, body.pacer, "")  # noqa: E731
+    body.fail("a command was lost")
+    assert status().level == 2
+    assert status().message.startswith("paused at simulation time 0 s (header.stamp 1e-09 s), because a command was")
+    assert body.health.failure == status().message
+    body.pause(False)
+    assert (status().level, body.health.failure) == (1, "")
+    assert status().message.startswith("went on after it had paused at simulation time 0 s")
+    assert (status().values["simulation time"], status().values["header.stamp"]) == ("0.000000000 s", "0.000000001 s")
