@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from rb_dynamics.study.campaign.flight import Columns
     from rb_dynamics.study.campaign.model import Campaign
+    from rb_dynamics.study.campaign.store import Store
     from rb_dynamics.study.campaign.summary import Summary
 
 HELP = "fly a scene many times with dispersed numbers"
@@ -65,18 +66,28 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _run_all(args: argparse.Namespace, campaign: Campaign, out: Path) -> int:
-    import json
     from pathlib import Path
 
-    from rb_dynamics.cli.output import counting
-    from rb_dynamics.formats.log_file import LogFile, make_folder
-    from rb_dynamics.study.campaign.engine import flies_side_by_side, run_campaign
-    from rb_dynamics.study.campaign.store import Store, read_rows
-    from rb_dynamics.study.campaign.summary import as_text, summarise
+    from rb_dynamics.formats.log_file import make_folder
+    from rb_dynamics.study.campaign.store import Store
 
     if args.html:
         make_folder(Path(args.html))
-    store = Store(out, campaign, args.overwrite)
+    with contextlib.closing(Store(out, campaign, args.overwrite)) as store:
+        return _fly(args, campaign, store)
+
+
+def _fly(args: argparse.Namespace, campaign: Campaign, store: Store) -> int:
+    """Fly what `store` lacks, and say what all rows show."""
+    import json
+
+    from rb_dynamics.cli.output import counting
+    from rb_dynamics.formats.log_file import LogFile
+    from rb_dynamics.study.campaign.engine import flies_side_by_side, run_campaign
+    from rb_dynamics.study.campaign.store import read_rows
+    from rb_dynamics.study.campaign.summary import as_text, summarise
+
+    out = store.path
     if store.done:
         print(f"note: {store.done} of {campaign.runs} runs are on disk already", file=sys.stderr)
     if not flies_side_by_side(campaign):

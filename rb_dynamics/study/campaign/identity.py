@@ -10,7 +10,7 @@ import json
 import os
 from collections.abc import Iterator, Mapping
 
-from rb_dynamics.errors import LogError
+from rb_dynamics.errors import LogError, SceneError
 from rb_dynamics.run.provenance import version
 from rb_dynamics.scene import document
 from rb_dynamics.scene.problems import Problems
@@ -39,9 +39,12 @@ def check_same(facts: Facts, place: str | os.PathLike[str], campaign: Campaign, 
         LogError: they are not; it names what differs.
     """
     here = facts_of(campaign)
-    if not here.keys() <= facts.keys():
+    if not isinstance(facts, dict) or not (here.keys() - {"modules"}) <= facts.keys():
         raise LogError(f"found no facts of a campaign in {place}, expected its rows; {remedy}")
-    there, ours = _said(facts), _said(here)
+    try:
+        there, ours = _said(facts), _said(here)
+    except (SceneError, TypeError, AttributeError, ValueError) as error:
+        raise LogError(f"what {place} says of its campaign is damaged ({error}); {remedy}") from error
     found = [
         f"{key} is {there.get(key, 'absent')} there and {ours.get(key, 'absent')} here"
         for key in dict.fromkeys([*ours, *there])
@@ -63,7 +66,8 @@ def check_same(facts: Facts, place: str | os.PathLike[str], campaign: Campaign, 
 def _said(facts: Facts) -> dict[str, str]:
     """Return what campaign and scene say, by dotted key as `show` writes it."""
     campaign = document.parse(facts["campaign"], Problems("campaign")).value
-    assert isinstance(campaign, dict)
+    if not isinstance(campaign, dict):
+        raise TypeError("no campaign in it")
     # What `scene` and `set` lead to is in the text of the scene.
     left_out = {"scene", "set"}
     if "sampling" not in campaign or campaign["sampling"].value != LAID_OUT:

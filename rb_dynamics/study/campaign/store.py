@@ -1,7 +1,8 @@
 """The rows of a campaign on disk: a Parquet file for each block while it runs, one for all of it at the end.
 
-What is on disk is whole: a file is written under another name and then renamed. The last file depends on the campaign
-alone, not on how its runs were divided, interrupted or ordered. Never flies a run.
+What is on disk is whole: a file is written under another name, brought to the disk and then renamed. One process at a
+time writes; what is there is looked at before it is taken up. The last file depends on the campaign alone, not on how
+its runs were divided, interrupted or ordered. Never flies a run.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import json
 import os
 import re
 import shutil
+import weakref
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -19,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 from rb_dynamics.errors import LogError, MissingExtraError
 from rb_dynamics.formats.log_file import make_folder
 from rb_dynamics.study.campaign.identity import Facts, check_same, facts_of
+from rb_dynamics.study.campaign.lock import lock
 from rb_dynamics.study.campaign.model import Campaign
 
 if TYPE_CHECKING:
@@ -29,36 +32,50 @@ ROWS = 1 << 16
 
 _METADATA = b"rb_dynamics"
 _ANEW = "give another file with --out, or --overwrite to begin anew"
+_REMOVE = "remove the file, whose runs are then flown again"
 _PART = re.compile(r"runs-(\d+)-(\d+)\.parquet")
 
 
 class Store:
-    """The rows of one campaign: `path` when it is complete, files in `path` + ".parts" before."""
+    """The rows of one campaign: `path` when it is complete, files in `path` + ".parts" before.
+
+    It is this process's until it is closed, or nobody has it any more.
+    """
 
     def __init__(self, path: str | os.PathLike[str], campaign: Campaign, overwrite: bool = False) -> None:
         """Take up what is there of the same campaign.
 
         Raises:
-            LogError: what is there is of another campaign, or the folder cannot be written.
+            LogError: what is there is of another campaign, damaged, or being written by another process, or the folder
+                cannot be written.
             MissingExtraError: pyarrow is not installed.
         """
         self._parquet = _parquet()
         self.path, self._campaign = Path(path), campaign
         self._parts = Path(f"{self.path}.parts")
+        make_folder(self.path)
+        self._release = weakref.finalize(self, lock(self.path))
         try:
             if overwrite:
                 self.path.unlink(missing_ok=True)
                 shutil.rmtree(self._parts, ignore_errors=True)
-            make_folder(self.path)
             self.complete = False
             if self.path.exists():
                 self._take_up()
             else:
                 self._begin()
         except OSError as error:
+            self.close()
             raise LogError(
                 f"cannot write {self._parts}: {error.strerror or error}; give another file with --out"
             ) from error
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Let other processes have it."""
+        self._release()
 
     def _take_up(self) -> None:
         """Use the file at `path`, which holds all runs; those of a smaller campaign become a block of this one."""
@@ -77,10 +94,32 @@ class Store:
         self._parts.mkdir(exist_ok=True)
         facts = self._parts / "campaign.json"
         if facts.exists():
-            check_same(json.loads(facts.read_text(encoding="utf-8")), self._parts, self._campaign, _ANEW)
+            check_same(_read_json(facts), self._parts, self._campaign, _ANEW)
+        elif self._on_disk():
+            raise LogError(f"found rows in {self._parts}, but no {facts.name} that says of which campaign; {_ANEW}")
+        self._check_parts()
         self._check_not_more(max((last for _, last in self._on_disk()), default=0), self._parts)
         with _renamed(facts) as new:
             new.write_text(json.dumps(facts_of(self._campaign)), encoding="utf-8")
+
+    def _check_parts(self) -> None:
+        """Check that each file holds the runs that its name says, and no run is in two of them."""
+        end, before = 0, None
+        for first, last in self._on_disk():
+            path = self._part(first, last)
+            if first < end:
+                raise LogError(
+                    f"{before} and {path.name} in {self._parts} both hold run {first}; remove one of them, whose other "
+                    f"runs are then flown again, or {_ANEW}"
+                )
+            rows, least, most = _runs_in(self._parquet, path)
+            if (rows, least, most) != (last - first, first, last - 1):
+                found = f"{rows} of the runs {least} to {most}" if rows else "no runs"
+                raise LogError(
+                    f"{path} holds {found}, expected all of {first} to {last - 1} as its name says; {_REMOVE}, or "
+                    f"{_ANEW}"
+                )
+            end, before = last, path.name
 
     def _check_not_more(self, runs: int, place: Path) -> None:
         if runs > self._campaign.runs:
@@ -112,7 +151,7 @@ class Store:
         first, last = int(columns["run"][0]), int(columns["run"][-1]) + 1
         try:
             with _renamed(self._part(first, last)) as new:
-                self._parquet.write_table(self._table(columns), new)
+                self._parquet.write_table(self._table(columns), new, write_page_checksum=True)
         except OSError as error:
             raise LogError(
                 f"cannot write to {self._parts}: {error.strerror or error}; make room and run again"
@@ -122,7 +161,7 @@ class Store:
         """Make one file of all blocks; those are removed.
 
         Raises:
-            LogError: the disk does not take it.
+            LogError: the disk does not take it, or a block cannot be read.
         """
         if self.complete:
             return
@@ -154,9 +193,12 @@ class Store:
         """Yield all rows in order, never more than a group of a file at a time: a block may be a whole campaign."""
         facts = {_METADATA: json.dumps(facts_of(self._campaign))}
         for first, last in self._on_disk():
-            with self._parquet.ParquetFile(self._part(first, last)) as file:
+            with _readable(self._part(first, last)) as path, self._opened(path) as file:
                 for group in range(file.num_row_groups):
                     yield file.read_row_group(group).replace_schema_metadata(facts)
+
+    def _opened(self, path: Path) -> Any:
+        return self._parquet.ParquetFile(path, page_checksum_verification=True)
 
     def _table(self, columns: Columns) -> Any:
         import pyarrow as pa
@@ -225,18 +267,64 @@ def read_facts(path: str | os.PathLike[str]) -> Facts:
 
 
 def _reason(error: Exception) -> str:
-    return str(error).rstrip(".")
+    return " ".join(str(error).split()).rstrip(".")
+
+
+def _read_json(path: Path) -> Facts:
+    try:
+        facts: Facts = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise LogError(f"cannot read {path}: {_reason(error)}; it is damaged, {_ANEW}") from error
+    return facts
+
+
+def _runs_in(parquet: Any, path: Path) -> tuple[int, int, int]:
+    """Return how many runs a block has, the first and the last of them, by what the file says of its columns.
+
+    Raises:
+        LogError: the file cannot be read.
+    """
+    with _readable(path), parquet.ParquetFile(path) as file:
+        column = file.schema_arrow.get_field_index("run")
+        groups = [file.metadata.row_group(k) for k in range(file.metadata.num_row_groups)]
+        known = [group.column(column).statistics for group in groups if column >= 0]
+        if not known or any(each is None or not each.has_min_max for each in known):
+            raise ValueError("no runs in it")
+        rows = sum(group.num_rows for group in groups)
+        return rows, min(each.min for each in known), max(each.max for each in known)
+
+
+@contextlib.contextmanager
+def _readable(path: Path) -> Iterator[Path]:
+    """Yield the name of a block; what cannot be read in it is an error that names it."""
+    try:
+        yield path
+    except (OSError, ValueError) as error:
+        raise LogError(f"cannot read {path}: {_reason(error)}; it is damaged, {_REMOVE}, or {_ANEW}") from error
 
 
 @contextlib.contextmanager
 def _renamed(path: Path) -> Iterator[Path]:
-    """Yield a name to write to, which then becomes `path`."""
-    new = path.with_name(f"{path.name}.{os.getpid()}.new")
+    """Yield a name to write to; what is written there comes to the disk, and then becomes `path`."""
+    new = path.with_name(f"{path.name}.new")
     try:
         yield new
+        _to_disk(new)
         os.replace(new, path)
+        with contextlib.suppress(OSError):
+            # Not every system can wait for a folder; the file itself is there, under one of both names.
+            _to_disk(path.parent)
     finally:
         new.unlink(missing_ok=True)
+
+
+def _to_disk(path: Path) -> None:
+    """Wait until the disk has a file, or the names in a folder."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def _parquet() -> Any:

@@ -6,8 +6,10 @@ import html
 import json
 import math
 import os
+import platform
 import re
 import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -23,7 +25,7 @@ from campaigns import CAMPAIGN, SCENE, write
 from rb_dynamics.cli import main
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_reader import read_bag
-from rb_dynamics.run.provenance import RUN
+from rb_dynamics.run.provenance import RESULT, RUN
 from rb_dynamics.study.campaign.engine import fly_there, run_campaign
 from rb_dynamics.study.campaign.flight import fly_block
 from rb_dynamics.study.campaign.model import Campaign
@@ -235,6 +237,151 @@ def test_blocks_left_beside_a_complete_file_go(tmp_path: Path) -> None:
     assert not left.exists()
 
 
+def interrupted(campaign: Path, out: Path, block: int = 7) -> Path:
+    """Fly all but the last block; return the folder of the parts."""
+    read = read_campaign(campaign)
+    store = Store(out, read)
+    for first, last in list(store.missing(block))[:-1]:
+        store.write(fly_block(read, first, last))
+    return Path(f"{out}.parts")
+
+
+def test_one_process_at_a_time(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    campaign, out = write(tmp_path), tmp_path / "rows.parquet"
+    arguments = ["campaign", str(campaign), "--out", str(out), "--workers", "0"]
+    code = f"import sys, time\nfrom rb_dynamics.study.campaign.lock import lock\nlock({str(out)!r})\n"
+    with process(tmp_path, sys.executable, "-c", code + "print('locked', flush=True)\ntime.sleep(60)") as other:
+        wait_for("the lock", lambda: "locked" in (tmp_path / "log.txt").read_text())
+        for more in ([], ["--overwrite"]):
+            assert main([*arguments, *more]) == 2
+            error = capsys.readouterr().err
+            assert f"{out} is being written by process {other.pid} on {platform.node()}; wait until it is d" in error
+        assert not Path(f"{out}.parts").exists()
+        other.kill()
+        other.wait()
+        assert main(arguments) == 0
+    assert not Path(f"{out}.lock").exists()
+    assert out.read_bytes() == fly(campaign, tmp_path / "whole.parquet")
+
+
+def test_a_store_that_is_held_here(tmp_path: Path) -> None:
+    read = read_campaign(write(tmp_path))
+    held = Store(tmp_path / "rows.parquet", read)
+    with pytest.raises(LogError, match=f"is being written by process {os.getpid()} on "):
+        Store(tmp_path / "rows.parquet", read)
+    held.close()
+    Store(tmp_path / "rows.parquet", read)
+
+
+def copied(parts: Path) -> None:
+    shutil.copy(parts / "runs-000000000000-000000000007.parquet", parts / "runs-000000000003-000000000010.parquet")
+
+
+def renamed(parts: Path) -> None:
+    (parts / "runs-000000000014-000000000021.parquet").rename(parts / "runs-000000000014-000000000023.parquet")
+
+
+def moved(parts: Path) -> None:
+    (parts / "runs-000000000014-000000000021.parquet").rename(parts / "runs-000000000015-000000000022.parquet")
+
+
+def truncated(parts: Path) -> None:
+    path = parts / "runs-000000000007-000000000014.parquet"
+    path.write_bytes(path.read_bytes()[:-100])
+
+
+def flipped(parts: Path) -> None:
+    path = parts / "runs-000000000007-000000000014.parquet"
+    data = bytearray(path.read_bytes())
+    data[len(data) // 4] ^= 1
+    path.write_bytes(data)
+
+
+def emptied(parts: Path) -> None:
+    (parts / "campaign.json").write_bytes(b"")
+
+
+def no_mapping(parts: Path) -> None:
+    (parts / "campaign.json").write_text("[1, 2]")
+
+
+def no_texts(parts: Path) -> None:
+    (parts / "campaign.json").write_text('{"campaign": 1, "scene": null, "version": []}')
+
+
+def no_campaign(parts: Path) -> None:
+    (parts / "campaign.json").write_text('{"campaign": "[", "scene": "1", "version": "1"}')
+
+
+def binary(parts: Path) -> None:
+    (parts / "campaign.json").write_bytes(b"\xff\xfe\0")
+
+
+def removed(parts: Path) -> None:
+    (parts / "campaign.json").unlink()
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (copied, r"runs-0+-0+7.parquet and runs-0+3-0+10.parquet in .*.parts both hold run 3; remove one of them, "),
+        (renamed, r"0+14-0+23.parquet holds 7 of the runs 14 to 20, expected all of 14 to 22 as its name says; remove"),
+        (moved, r"runs-0+15-0+22.parquet holds 7 of the runs 14 to 20, expected all of 15 to 21 as its name says"),
+        (truncated, r"cannot read .*/runs-0+7-0+14.parquet: .*; it is damaged, remove the file, whose runs are then "),
+        (flipped, r"cannot read .*/runs-0+7-0+14.parquet: .*; it is damaged, remove the file, whose runs are then "),
+        (emptied, r"cannot read .*/campaign.json: .*; it is damaged, give another file with --out, or --overwrite to"),
+        (binary, r"cannot read .*/campaign.json: .*; it is damaged, give another file with --out, or --overwrite to"),
+        (no_mapping, r"found no facts of a campaign in .*.parts, expected its rows; give another"),
+        (no_texts, r"what .*.parts says of its campaign is damaged .*; give another"),
+        (no_campaign, r"what .*.parts says of its campaign is damaged .*; give another"),
+        (removed, r"found rows in .*.parts, but no campaign.json that says of which campaign; give another"),
+    ],
+)
+def test_damaged_parts_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], damage: Any, message: str
+) -> None:
+    campaign, out = write(tmp_path), tmp_path / "rows.parquet"
+    damage(interrupted(campaign, out))
+    arguments = ["campaign", str(campaign), "--out", str(out), "--workers", "0"]
+    assert main(arguments) == 2
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert re.search(message, error), error
+    assert not out.exists()
+    assert main([*arguments, "--overwrite"]) == 0
+    assert out.read_bytes() == fly(campaign, tmp_path / "whole.parquet")
+
+
+def test_a_damaged_part_that_is_removed_is_flown_again(tmp_path: Path) -> None:
+    campaign, out = write(tmp_path), tmp_path / "rows.parquet"
+    parts = interrupted(campaign, out)
+    truncated(parts)
+    (parts / "runs-000000000007-000000000014.parquet").unlink()
+    assert fly(campaign, out) == fly(campaign, tmp_path / "whole.parquet")
+
+
+def test_what_is_written_is_on_the_disk_before_it_has_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    done: list[str] = []
+    fsync, replace = os.fsync, os.replace
+
+    def noted_fsync(descriptor: int) -> None:
+        done.append(f"disk {Path(os.readlink(f'/proc/self/fd/{descriptor}')).name}")
+        fsync(descriptor)
+
+    def noted_replace(source: Path, target: Path) -> None:
+        done.append(f"name {Path(target).name}")
+        replace(source, target)
+
+    monkeypatch.setattr(os, "fsync", noted_fsync)
+    monkeypatch.setattr(os, "replace", noted_replace)
+    interrupted(write(tmp_path), tmp_path / "rows.parquet", 12)
+    part = "runs-000000000000-000000000012.parquet"
+    assert done == [
+        f"{step} {name}"
+        for file in ("campaign.json", part)
+        for step, name in (("disk", f"{file}.new"), ("name", file), ("disk", "rows.parquet.parts"))
+    ]
+
+
 def test_a_latin_hypercube_does_not_grow(tmp_path: Path) -> None:
     campaign, out = write(tmp_path, CAMPAIGN.replace("random", "latin_hypercube")), tmp_path / "rows.parquet"
     fly(campaign, out)
@@ -375,7 +522,7 @@ def test_runs_that_a_law_fails_are_rows_and_the_exit_code_tells(
     assert f"not flown to its end: {why}\n  its row says: {why}\n" in found.out
     assert "differs" not in found.out
     # The log has it as far as it went.
-    assert read_bag(tmp_path / f"rows-{failed}.mcap").metadata[RUN]["end_time_ns"] != "2000000000"
+    assert read_bag(tmp_path / f"rows-{failed}.mcap").metadata[RESULT]["end_time_ns"] != "2000000000"
 
 
 def wait_for(what: str, condition: Any, timeout: float = 60.0) -> None:
@@ -403,7 +550,7 @@ def scheduler(tmp_path: Path) -> Iterator[Path]:
     file = tmp_path / "scheduler.json"
     run = (sys.executable, "-m", "distributed.cli.dask_scheduler", "--port", "0", "--host", "127.0.0.1")
     with process(tmp_path, *run, "--no-dashboard", "--scheduler-file", file):
-        wait_for("the scheduler", file.exists)
+        wait_for("the scheduler", lambda: file.exists() and file.read_text().endswith("}"))
         yield file
 
 
