@@ -106,7 +106,7 @@ def _fly(args: argparse.Namespace, campaign: Campaign, store: Store) -> int:
     found = summary.as_dict()
     with contextlib.closing(LogFile(out.with_suffix(".json"))) as file:
         file.write(json.dumps(found, allow_nan=False).encode())
-    print(json.dumps(found, allow_nan=False) if args.json else as_text(campaign, summary, _options(args)))
+    print(json.dumps(found, allow_nan=False) if args.json else as_text(campaign, summary, _options(args), str(out)))
     page = _write_page(args, campaign, rows, out, summary)
     if not args.json:
         for path in (out, out.with_suffix(".json"), page):

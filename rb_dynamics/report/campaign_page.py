@@ -18,17 +18,17 @@ from rb_dynamics.study.campaign.metrics import QUANTITIES, quantity
 from rb_dynamics.study.campaign.model import Campaign, Metric
 from rb_dynamics.study.campaign.scenes import Scenes
 from rb_dynamics.study.campaign.summary import (
-    BELOW,
     CONFIDENCE,
-    SHOWN,
-    TRUE,
+    EITHER_WAY,
     MetricSummary,
     Summary,
+    far_text,
     few_runs,
-    interval_text,
     percent,
+    quantile_table,
     rerun_commands,
     summarise,
+    worst_text,
 )
 
 if TYPE_CHECKING:
@@ -74,13 +74,15 @@ def campaign_report(
         f"{summary.runs} runs of {len(campaign.inputs)} dispersed numbers, {campaign.sampling.replace('_', ' ')}, seed "
         f"{campaign.seed}: {summary.passed} passed, {summary.runs - summary.passed} failed."
     )
+    header, *cells = quantile_table(summary)
+    table = Table(header, cells)
     spread = campaign_figures.histograms(
         [(_title(each), rows[each.name], passed, _limit(campaign, each)) for each in campaign.metrics]
     )
     sections = [
-        Section("At a glance", _glance(campaign, summary), tiles=_tiles(summary, rows)),
+        Section("At a glance", _glance(campaign, summary), tiles=_tiles(summary)),
         *_over_time(campaign, summary, rows),
-        Section("How the metrics are spread", figures=[Figure(spread, _SPREAD)], table=_quantiles(summary)),
+        Section("How the metrics are spread", far_text(summary), figures=[Figure(spread, _SPREAD)], table=table),
     ]
     if campaign.inputs:
         drivers = campaign_figures.sensitivities([(each.name, each.drivers) for each in summary.metrics], summary.noise)
@@ -88,6 +90,7 @@ def campaign_report(
             Section("What drives them", figures=[Figure(drivers, _DRIVERS), *_scatters(campaign, summary, rows)])
         )
     sections += [
+        Section("The worst runs", _worst_text(campaign, summary, options)),
         Section("Runs that failed", _failed_text(campaign, summary, options), table=_failures(campaign, summary, rows)),
         Section("The campaign", source=campaign.text, source_title="The campaign file"),
         Section("The scene", source=campaign.scene_text, source_title="The base scene, as it is flown"),
@@ -97,14 +100,15 @@ def campaign_report(
 
 _SPREAD = (
     "How many runs have which value; orange ones failed. The dashed line is what is required. The table gives "
-    "the value that so many of the runs stay below, and where the one of 99 % lies for all possible runs, with "
+    "the value that so many of the runs stay below, and where the one of 99.73 % lies for all possible runs, with "
     f"{CONFIDENCE:.0%} confidence, whatever the distribution; the .json file has it for every quantile. A run "
     "has no value where it never met the condition, or could not be flown."
 )
 _DRIVERS = (
     "Spearman's rank correlation, the strongest inputs first: +1 where a metric only grows with an input, -1 where it "
-    "only falls. What stays within the grey band is no more than chance. Left out are inputs that only go with a "
-    "stronger one in these runs; the .json file has them (echoes)."
+    "only falls. Either way: with the distance of the input from its median, above or below. What stays within the "
+    "grey band is no more than chance. Left out are inputs that only go with a stronger one in these runs; the .json "
+    "file has them (echoes)."
 )
 _SCATTER = (
     "Each metric against the input that drives it most, where one does so by more than chance; orange runs failed."
@@ -119,8 +123,8 @@ def _glance(campaign: Campaign, summary: Summary) -> str:
     else:
         parts.append("Nothing is required of a run: every one that could be flown has passed.")
     for metric in summary.metrics:
-        if metric.sensitivity and abs(metric.sensitivity[0][1]) > max(summary.noise, 0.1):
-            name, value = metric.sensitivity[0]
+        if metric.drivers and abs(metric.drivers[0][1]) > max(summary.noise, 0.1):
+            name, value = metric.drivers[0]
             parts.append(f"{metric.name} depends most on {name} (rank correlation {value:+.2f}).")
     if few := few_runs(campaign, summary):
         parts.append(f"{few}.")
@@ -132,7 +136,7 @@ def _range(below: float, above: float) -> str:
     return " and ".join(bounds + ([f"is above {above:g}"] if math.isfinite(above) else []))
 
 
-def _tiles(summary: Summary, rows: Columns) -> list[Tile]:
+def _tiles(summary: Summary) -> list[Tile]:
     low, high = percent(summary.pass_low, summary.runs), percent(summary.pass_high, summary.runs)
     interval = f"of all possible runs {low} to {high}, with {CONFIDENCE:.0%} confidence"
     failed = summary.runs - summary.passed
@@ -141,15 +145,11 @@ def _tiles(summary: Summary, rows: Columns) -> list[Tile]:
         Tile("Failed", f"{failed}", f"of {summary.runs} runs", "bad" if failed else "good"),
     ]
     if summary.errors:
-        # The summary names the first of them only.
-        count = sum(map(bool, rows["error"]))
-        tiles.append(Tile("Could not be flown", f"{count}", summary.errors[0][1][:80], "bad"))
+        tiles.append(Tile("Could not be flown", f"{summary.not_flown}", summary.errors[0][1][:80], "bad"))
     for metric in summary.metrics:
-        if metric.quantiles:
-            at = {each.probability: each for each in metric.quantiles}
-            tiles.append(
-                Tile(f"{metric.name}, 95 % of runs below", _number(at[0.95].value, metric.unit), _note(metric))
-            )
+        value = next((each.value for each in metric.quantiles if each.probability == 0.95), None)
+        if value is not None:
+            tiles.append(Tile(f"{metric.name}, 95 % of runs below", _number(value, metric.unit), _note(metric)))
     return tiles
 
 
@@ -213,30 +213,24 @@ def _scatters(campaign: Campaign, summary: Summary, rows: Columns) -> list[Figur
 
     pairs = []
     for metric, found in zip(campaign.metrics, summary.metrics, strict=True):
-        if found.sensitivity and abs(found.sensitivity[0][1]) > summary.noise:
-            name = found.sensitivity[0][0]
+        if found.drivers and abs(found.drivers[0][1]) > summary.noise:
+            name = found.drivers[0][0].removesuffix(EITHER_WAY)
             pairs.append((name, _title(metric), rows[name], rows[metric.name], rows["passed"]))
     return [Figure(campaign_figures.scatters(pairs), _SCATTER)] if pairs else []
 
 
-def _quantiles(summary: Summary) -> Table:
-    header = ["metric", *BELOW, TRUE, "deviation", "no value"]
-    rows = []
-    for metric in summary.metrics:
-        at = {each.probability: each for each in metric.quantiles}
-        cells = [f"{at[probability].value:.3g}" if at else "-" for probability in SHOWN]
-        deviation = f"{metric.deviation:.3g}" if at else "-"
-        name = titled(metric.name, metric.unit)
-        rows.append([name, *cells, interval_text(at.get(0.99)), deviation, f"{metric.missing}"])
-    return Table(header, rows)
+def _worst_text(campaign: Campaign, summary: Summary, options: Sequence[str]) -> str:
+    found = [metric for metric in summary.metrics if metric.worst]
+    runs = dict.fromkeys(metric.worst.run for metric in found if metric.worst)
+    return "\n\n".join([*map(worst_text, found), *rerun_commands(campaign, list(runs), options)])
 
 
 def _failed_text(campaign: Campaign, summary: Summary, options: Sequence[str]) -> str:
     if not summary.failed:
         most = percent(1.0 - summary.pass_low, summary.runs)
         return f"None. With {CONFIDENCE:.0%} confidence fewer than {most} of all possible runs would fail."
-    more = len(summary.failed) - _LISTED
-    rest = f" The first {_LISTED} are listed." if more > 0 else ""
+    failed = summary.runs - summary.passed
+    rest = f" {_LISTED} of {failed} are listed; the rows have all, where passed is false." if failed > _LISTED else ""
     (command,) = rerun_commands(campaign, summary.failed[:1], options)
     return (
         f"The command below flies run {summary.failed[0]} again, to the bit, with a full log of its motion and of its "

@@ -15,7 +15,7 @@ from types import MappingProxyType
 
 from rb_dynamics.errors import SceneError
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
-from rb_dynamics.numerics.rotation import IDENTITY
+from rb_dynamics.numerics.rotation import IDENTITY, unit
 from rb_dynamics.scene import document
 from rb_dynamics.scene.fields import LONGEST, SHORTEST, Field, Rule, Section
 from rb_dynamics.scene.model import Scene
@@ -225,8 +225,11 @@ def _check_parameters(section: Section, law: str, parameters: Mapping[str, Field
     for name, field in parameters.items():
         if name not in (*required, *optional):
             field.reject(f"one of {', '.join((*required, *optional))}", "remove it", f"an unknown parameter of {law}")
-        elif (name == "target") != isinstance(field.node.value, dict):
-            field.reject("{x:, y:, z:, w:} for target, and a number for others", "write it so")
+        elif name == "target":
+            if not isinstance(field.node.value, dict):
+                field.quaternion()
+        elif isinstance(field.node.value, (list, dict)):
+            field.number(NUMBER, 0.0)
 
 
 def _period_ns(field: Field, rate: float) -> int:
@@ -258,7 +261,8 @@ def _metrics(root: Section, control: Control | None, taken: Container[str]) -> t
     if field is None:
         root.missing("metrics", "a mapping from names to metrics", "add metrics: {final_rate: {final: rate}}")
         return ()
-    target = tuple(value for key, value in control.numbers if ".target[" in key) if control else ()
+    numbers = control.numbers if control else ()
+    target = tuple(value for key, value in numbers if key.startswith("control.parameters.target["))
     found = []
     for name, entry in field.mapping("{reduction: quantity}").items():
         section = entry.section((*REDUCTIONS, "target", "below", "above", "stays"))
@@ -270,6 +274,12 @@ def _metrics(root: Section, control: Control | None, taken: Container[str]) -> t
             entry.reject("a name that no other column has", "rename the metric", f"the name {name}")
         quantity = section.get(given[0])
         aim, stays = section.get("target"), section.get("stays")
+        if not aim and target and quantity and quantity.node.value == "attitude" and not _is_attitude(target):
+            entry.reject(
+                "an attitude in control.parameters.target, or a target of its own",
+                "add target: {x:, y:, z:, w:} to the metric",
+                f"{list(target)} as the target of the law",
+            )
         below, above = section.number("below", NUMBER, math.inf), section.number("above", NUMBER, -math.inf)
         if given[0] == "time_to" and not ({"below", "above"} & section.values.keys()):
             entry.reject("a threshold for time_to", "add below: or above:", "no threshold")
@@ -287,6 +297,10 @@ def _metrics(root: Section, control: Control | None, taken: Container[str]) -> t
     if not found and not root.field.problems:
         field.reject("at least one metric", "add one, such as final_rate: {final: rate}")
     return tuple(found)
+
+
+def _is_attitude(numbers: Sequence[float]) -> bool:
+    return len(numbers) == 4 and unit((numbers[0], numbers[1], numbers[2], numbers[3])) is not None
 
 
 def _requirements(field: Field | None, metrics: Sequence[Metric]) -> tuple[Requirement, ...]:

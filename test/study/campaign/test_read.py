@@ -71,6 +71,14 @@ def test_overrides(tmp_path: Path) -> None:
         (("rate, below: 0.4}", "rate}"), r"metrics.settled: found no threshold, expected a threshold for time_to"),
         (("  final_rate: {below", "  last_rate: {below"), r"require.last_rate: found an unknown key"),
         (("scene: scene.yaml", "scene: sceen.yaml"), r"campaign.yaml:1: scene: found sceen.yaml, expected the path of"),
+        (("deviation: 0.2", "deviation: 1e308"), r"normal: .* expected numbers within the range of double precision"),
+        (("{low: 1.5, high: 2.5}", "{low: -1e308, high: 1e308}"), r"expected a width within the range of double prec"),
+        (("{low: 1.5, high: 2.5}", "{half_width: 1e308, step: 0.1}"), r"whole multiples"),
+        (("{low: 0.5, high: 2.0}", "{low: 1e-300, high: 1e300}"), r"expected a ratio of high to low within the range"),
+        (("0.35]}", "0.35], weights: [1e308, 1e308, 1]}"), r"one is greater than 0, with a sum that is finite"),
+        (("second_moments: 0.3", "second_moments: 1e308"), r"second_moments: found 1e\+?308, expected a number from 0 "),
+        (("{low: 1.5, high: 2.5}", "{low: 1.5, high: 2.5, step: 0.4}"), r"expected a step of which the lowest and the"),
+        (("{low: 1.5, high: 2.5}", "{low: 1.5, high: 2.5, step: 1e-320}"), r"expected a step of which the lowest and"),
         (("runs: 24", "set: {body.mass: -1}\nruns: 24"), r"scene.yaml:override: body.mass: found -1"),
     ],
 )  # fmt: skip
@@ -100,6 +108,30 @@ def test_correlations_that_cannot_be(tmp_path: Path, pairs: list[tuple[str, str,
     lines = "".join(f"  - {{between: [{a}, {b}], coefficient: {c}}}\n" for a, b, c in pairs)
     with pytest.raises(SceneError, match=message):
         read_campaign(write(tmp_path, f"{CAMPAIGN}correlate:\n{lines}"))
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ("target: [0, 0, 0, 1]", r"target: found \S.*, expected {x:, y:, z:, w:}; name the components, .* {x: 0, y: 0"),
+        ("target: 1", r"target: found 1, expected a mapping of x, y, z, w"),
+        ("derivative: [1, 2]", r"derivative: found .*, expected a finite number; write a single number"),
+    ],
+)  # fmt: skip
+def test_parameters_of_a_known_law(tmp_path: Path, parameters: str, message: str) -> None:
+    law = f"control: {{law: attitude_pd, rate: 4, parameters: {{proportional: 1, {parameters}}}}}\n"
+    with pytest.raises(SceneError, match=message):
+        read_campaign(write(tmp_path, BARE + law))
+
+
+def test_an_attitude_is_no_angle_from_the_target_of_another_law(tmp_path: Path) -> None:
+    (tmp_path / "own_aim.py").write_text("def law(parameters):\n    return None\n")
+    law = "control: {law: own_aim.law, rate: 4, parameters: {target: [0, 0, 1]}}\n"
+    text = BARE.replace("{final: rate}", "{final: attitude}") + law
+    with pytest.raises(SceneError, match=r"found \[0.0, 0.0, 1.0\] as the target of the law, expected an attitude in"):
+        read_campaign(write(tmp_path, text))
+    mended = text.replace("{final: attitude}", "{final: attitude, target: {x: 0, y: 0, z: 0, w: 1}}")
+    assert read_campaign(write(tmp_path, mended)).metrics[0].target_xyzw == (0.0, 0.0, 0.0, 1.0)
 
 
 def test_a_particle_has_no_controller(tmp_path: Path) -> None:

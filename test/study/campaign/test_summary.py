@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -14,10 +15,11 @@ from campaigns import CAMPAIGN, write
 from scipy import stats
 
 from rb_dynamics.study.campaign.flight import fly_block
-from rb_dynamics.study.campaign.model import Campaign
+from rb_dynamics.study.campaign.model import Campaign, Requirement
 from rb_dynamics.study.campaign.read import read_campaign
 from rb_dynamics.study.campaign.sampling import inputs
 from rb_dynamics.study.campaign.summary import (
+    FAR,
     as_text,
     proportion_interval,
     quantile_interval,
@@ -39,7 +41,14 @@ def test_intervals_of_quantiles_cover(count: int, probability: float) -> None:
 def test_too_few_runs_bound_nothing() -> None:
     found = quantile_interval(np.arange(20.0), 0.99)
     assert found.high is None
-    assert found.value == 19.0
+    # The largest of 20 stands for 97.5 %: nothing is known of 99 %, but that it is hardly below the second largest.
+    assert found.value is None
+    assert found.low == 18.0
+    assert quantile_interval(np.arange(20.0), 0.975).value == 19.0
+    assert quantile_interval(np.arange(186.0), FAR).value == 185.0
+    assert quantile_interval(np.arange(185.0), FAR).value is None
+    assert quantile_interval(np.arange(1365.0), FAR).high == 1364.0
+    assert quantile_interval(np.arange(1364.0), FAR).high is None
     assert quantile_interval(np.array([3.0]), 0.5).value == 3.0
 
 
@@ -99,6 +108,75 @@ def test_in_few_runs_an_input_that_goes_with_the_one_that_counts_is_told_apart(t
     text = as_text(campaign, summarise(campaign, rows))
     assert f"not told apart: {metric.echoes[0][0]}, which goes with {driver}" in text
     assert f"16 runs are few for {len(names)} inputs" in text
+
+
+def test_what_depends_on_an_input_whatever_its_sign_is_found(tmp_path: Path) -> None:
+    """An even dependence has no rank correlation; on another input it is even and falls."""
+    campaign, rows = by_its_inputs(tmp_path, 512)
+    spin, mass = rows["initial.angular_velocity_body[0]"], rows["body.mass"]
+    rows["final_rate"] = abs(spin - np.median(spin))
+    rows["worst_energy"] = -abs(mass - np.median(mass)) + 0.01 * stats.zscore(rows["control.parameters.gain"])
+    summary = summarise(campaign, rows)
+    final, worst, _ = summary.metrics
+
+    assert abs(dict(final.sensitivity)["initial.angular_velocity_body[0]"]) < 0.1
+    assert dict(final.either_way)["initial.angular_velocity_body[0]"] == pytest.approx(1.0, abs=1e-3)
+    assert final.drivers[0][0] == "initial.angular_velocity_body[0] either way"
+    assert worst.drivers[0] == ("body.mass either way", pytest.approx(-1.0, abs=0.02))
+    text = as_text(campaign, summary)
+    assert "depends     final_rate on initial.angular_velocity_body[0] either way +1.00" in text
+    assert " either way: on how far an input is from its median" in text
+    json.dumps(summary.as_dict(), allow_nan=False)
+
+
+def test_the_worst_runs_are_named_with_their_command(tmp_path: Path) -> None:
+    campaign, rows = by_its_inputs(tmp_path, 36)
+    values = np.arange(36.0)
+    rows |= {
+        "final_rate": abs(values - 20.0),
+        "worst_energy": -values,
+        "settled": np.where(values == 7.0, np.nan, values),
+    }
+    text = as_text(campaign, summarise(campaign, rows), ["--seed", "7"])
+    # Below 0.25 is required of the first; nothing of the others, which are the largest then.
+    assert "worst       final_rate: 20 rad/s, the largest, in run 0\n" in text
+    assert "worst       settled: 35 s, the largest, in run 35\n" in text
+    assert [line.split()[-1] for line in text.splitlines() if "--seed 7 --rerun" in line][:2] == ["0", "35"]
+    for limits, expected in (
+        ((Requirement("settled", above=3.0),), "settled: no value in run 7"),
+        ((Requirement("final_rate", above=3.0),), "final_rate: 0 rad/s, the smallest, in run 20"),
+        ((Requirement("final_rate", 19.0, 2.5),), "final_rate: 0 rad/s, the smallest, in run 20"),
+        ((Requirement("final_rate", 19.0, 0.5),), "final_rate: 20 rad/s, the largest, in run 0"),
+    ):
+        assert expected in as_text(campaign, summarise(replace(campaign, requirements=limits), rows))
+    # A run that could not be flown is no worst run: it stands among those.
+    rows["error"] = [*(7 * [""]), "too fast", *(28 * [""])]
+    required = replace(campaign, requirements=(Requirement("settled", 100.0),))
+    assert "settled: 35 s, the largest, in run 35" in as_text(campaign, summarise(required, rows))
+
+
+def test_lists_say_what_part_of_all_they_show(tmp_path: Path) -> None:
+    campaign, rows = by_its_inputs(tmp_path, 36)
+    rows["error"] = [*(7 * ["too fast"]), *(29 * [""])]
+    text = as_text(campaign, summarise(campaign, rows), rows="out/rows.parquet")
+    assert "\n            5 of 7 shown; all in out/rows.parquet, where error is not empty\n" in text
+    assert "full log (5 of 12 shown; all in out/rows.parquet, where passed is false):\n" in text
+
+
+def test_far_quantiles_say_how_far_they_can_be_trusted(tmp_path: Path) -> None:
+    campaign, rows = by_its_inputs(tmp_path, 36)
+    rows["final_rate"] = np.arange(36.0)
+    line = next(line for line in as_text(campaign, summarise(campaign, rows)).splitlines() if "final_rate [" in line)
+    assert line.split() == ["final_rate", "[rad/s]", "unknown", "17", "34", "unknown", "unknown", "34", "or", "more"]
+    assert "99.73 %: unknown with fewer than 186 runs, without an upper bound with fewer than 1365." in as_text(
+        campaign, summarise(campaign, rows)
+    )
+    campaign, rows = by_its_inputs(tmp_path, 2048)
+    rows["final_rate"] = np.arange(2048.0)
+    text = as_text(campaign, summarise(campaign, rows))
+    assert "99.73 % below" in text
+    assert "2042  2036 to 2047" in text
+    assert "unknown" not in text
 
 
 def test_with_runs_enough_two_that_both_count_are_both_named(tmp_path: Path) -> None:
