@@ -76,7 +76,7 @@ def test_overrides(tmp_path: Path) -> None:
         (("{low: 1.5, high: 2.5}", "{half_width: 1e308, step: 0.1}"), r"whole multiples"),
         (("{low: 0.5, high: 2.0}", "{low: 1e-300, high: 1e300}"), r"expected a ratio of high to low within the range"),
         (("0.35]}", "0.35], weights: [1e308, 1e308, 1]}"), r"one is greater than 0, with a sum that is finite"),
-        (("second_moments: 0.3", "second_moments: 1e308"), r"second_moments: found 1e\+?308, expected a number from 0 "),
+        (("second_moments: 0.3", "second_moments: 1e308"), r"second_moments: found 1e\+?308, expected a number from"),
         (("{low: 1.5, high: 2.5}", "{low: 1.5, high: 2.5, step: 0.4}"), r"expected a step of which the lowest and the"),
         (("{low: 1.5, high: 2.5}", "{low: 1.5, high: 2.5, step: 1e-320}"), r"expected a step of which the lowest and"),
         (("runs: 24", "set: {body.mass: -1}\nruns: 24"), r"scene.yaml:override: body.mass: found -1"),
