@@ -47,7 +47,7 @@ def by_accuracy(method: Method) -> StepControl:
         return OwnControl(ACCURACY, 1.0, ends=False)
     order = method.order or 0
     accuracy, pair = COARSER.get(order, ACCURACY), method.pair is not None
-    return AccuracyControl(accuracy, 1.0, order, INERTIA, embedded=pair, ends=False)
+    return AccuracyControl(accuracy, 1.0, order, INERTIA, start=SUMS[:3], embedded=pair, ends=False)
 
 
 CONTROLS = (lambda _: FixedStep(STEP), by_accuracy)

@@ -1,7 +1,7 @@
 """Say what a scene models, what it leaves out and why, which solver runs it, what that costs and how wrong it is.
 
-Cost and error are measured on the scene itself: it is run for about a second, and once more, finer, to compare with:
-to its end if there is time, and the lines of the error say after how long.
+Cost and error are measured on the scene itself: it is run for about a second, and once more by another method, to
+compare with: to its end if there is time, and the lines of the error say after how long.
 Give the commands of --wrench to measure it under them; without a bag the channels are tried with a probe.
 """
 

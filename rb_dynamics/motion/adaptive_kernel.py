@@ -167,7 +167,8 @@ def _longest_step(*arguments: Any) -> float:
 def _run_on_numbers(numbers: Numbers, room: int, count: int) -> tuple[int, int, int]:
     """Do what `run` does, on an array."""
     c, g, i, k = numbers, _GOAL_AT, _PHASE_AT, _AFTER_AT
-    goal = Goal(c[g], c[g + 1], c[g + 2] != 0.0, c[g + 3], c[g + 4], c[g + 5], c[g + 6])
+    share, x, y, z = c[g + 6], c[g + 7], c[g + 8], c[g + 9]
+    goal = Goal(c[g], c[g + 1], c[g + 2] != 0.0, c[g + 3], c[g + 4], c[g + 5], share, x, y, z, c[g + 10])
     learnt = Learnt(c[i + PHASE], c[i + PHASE + 1])
     progress = run(constants_at(c), goal, learnt, phase_at(c, i), room, count)
     write_phase(c, i, progress.phase)

@@ -7,6 +7,7 @@ small pieces gives the same bits as in one.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 from rb_dynamics.loads.wrench import HeldWrench
@@ -14,10 +15,10 @@ from rb_dynamics.motion.adaptive_kernel import Progress, strides_by
 from rb_dynamics.motion.fixed_step_kernel import LONGEST_STRETCH, kernel
 from rb_dynamics.motion.method import Inertia, Load, Method
 from rb_dynamics.motion.phase import Phase
-from rb_dynamics.motion.step_control import AccuracyControl, FixedStep, OwnControl, StepControl
+from rb_dynamics.motion.step_control import AccuracyControl, FixedStep, OwnControl, StepControl, WholeArc
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import Quaternion
-from rb_dynamics.numerics.vector import Vector, scale
+from rb_dynamics.numerics.vector import ZERO, Vector, dot, norm, scale, subtract
 
 LoadFrom = Callable[[Phase], Load]
 """What acts beside the held wrench during a step that starts in a phase."""
@@ -92,6 +93,8 @@ class Arc:
             phase = self._phase
             for _ in range(parts):
                 phase = self._advance(phase, h)
+        if isinstance(self._control, WholeArc):
+            self._control.require_known(self._phase, phase, h)
         return phase
 
     def advance(self, time_ns: int) -> None:
@@ -193,6 +196,10 @@ class Arc:
             self.methods.append(method.name)
 
 
+# By this much of the speed two speeds differ to tell what drag does to their difference.
+_FASTER = 2.0**-10
+
+
 class Stepper:
     """An `Advance`: a method, the body that it moves and what acts on it; and the kernel of the method."""
 
@@ -230,6 +237,22 @@ class Stepper:
             accuracy,
             horizon,
         )
+
+    def slowing(self, phase: Phase) -> float:
+        """Return the rate (1/s) at which drag makes differences of speed die down in `phase`; 0 without drag."""
+        velocity = self._velocity(phase)
+        speed = norm(velocity)
+        if self._load_from is None or not speed > 0.0:
+            return 0.0
+        load, q, omega = self._load_from(phase), phase.orientation, phase.angular_velocity
+        force, _ = load(0.0, ZERO, velocity, q, omega)
+        faster, _ = load(0.0, ZERO, scale(1.0 + _FASTER, velocity), q, omega)
+        more = subtract(force, faster)
+        # Less is what rounding makes of a force that does not depend on the speed.
+        if not norm(more) > 1e-9 * norm(force):
+            return 0.0
+        rate = dot(more, scale(1.0 / speed, velocity)) / (self._inertia.mass * _FASTER * speed)
+        return rate if 0.0 < rate < math.inf else 0.0
 
     def _arguments(
         self, phase: Phase, h: float

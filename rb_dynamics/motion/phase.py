@@ -14,7 +14,7 @@ from rb_dynamics.loads.effect import Point
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia
 from rb_dynamics.numerics.rotation import Quaternion, conjugate, multiply, rotate, rotate_inverse
-from rb_dynamics.numerics.vector import ZERO, Vector, add, cross, scale, subtract
+from rb_dynamics.numerics.vector import ZERO, Vector, add, cross, norm, scale, subtract
 from rb_dynamics.numerics.vector import multiply as times
 
 # Sums carried with compensation: position of the centre of mass, linear momentum, impulse, torque impulse (world axes,
@@ -106,6 +106,37 @@ class Phase(NamedTuple):
         return State(time_ns, *of_origin(body.center_of_mass, body.principal_orientation_xyzw, at, q, velocity, w))
 
 
+class Course(NamedTuple):
+    """What lies behind a run, over all arcs: what errors of rounding grow with.
+
+    Attributes:
+        arcs: how many.
+        turned: rad.
+        travelled: by the centre of mass, m.
+        rates: at their starts but that of the first, added up, rad/s: at each one a rate is rounded.
+        speeds: likewise, m/s.
+    """
+
+    arcs: int = 0
+    turned: float = 0.0
+    travelled: float = 0.0
+    rates: float = 0.0
+    speeds: float = 0.0
+
+    def on(self, inertia: Inertia, start: Phase, end: Phase) -> Course:
+        """Return the same with an arc from `start` to `end`; between them nothing is faster than at one of them."""
+        time = end.time - start.time
+        rates = norm(start.angular_velocity), norm(end.angular_velocity)
+        speeds = norm(start.linear_momentum_world) / inertia.mass, norm(end.linear_momentum_world) / inertia.mass
+        return Course(
+            self.arcs + 1,
+            self.turned + max(rates) * time,
+            self.travelled + max(speeds) * time,
+            self.rates + (rates[0] if self.arcs else 0.0),
+            self.speeds + (speeds[0] if self.arcs else 0.0),
+        )
+
+
 def of_origin(
     center_of_mass: Vector,
     axes: Quaternion,
@@ -138,6 +169,16 @@ def total(phase: Phase, first: int) -> Vector:
     """Return the vector among the sums of `phase` that begins at `first`."""
     h, low, i = phase.high, phase.low, first
     return (h[i] + low[i], h[i + 1] + low[i + 1], h[i + 2] + low[i + 2])
+
+
+def gain(before: Phase, after: Phase, first: int) -> Vector:
+    """Return by how much the vector among the sums that begins at `first` has grown, however large it is."""
+    a, b, c, d, i = after.high, after.low, before.high, before.low, first
+    return (
+        (a[i] - c[i]) + (b[i] - d[i]),
+        (a[i + 1] - c[i + 1]) + (b[i + 1] - d[i + 1]),
+        (a[i + 2] - c[i + 2]) + (b[i + 2] - d[i + 2]),
+    )
 
 
 def elapsed(phase: Phase) -> float:

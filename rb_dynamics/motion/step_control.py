@@ -12,11 +12,11 @@ from typing import Any, NamedTuple, Protocol
 
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.motion.method import Inertia
-from rb_dynamics.motion.phase import IMPULSE, MOMENTUM, POSITION, Phase, elapsed, is_finite, total
+from rb_dynamics.motion.phase import MOMENTUM, POSITION, Phase, elapsed, gain, is_finite
 from rb_dynamics.motion.step_checks import NO_ATTITUDE
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import angle_between
-from rb_dynamics.numerics.vector import norm, scale, subtract
+from rb_dynamics.numerics.vector import Vector, norm, subtract
 
 
 class Advance(Protocol):
@@ -30,6 +30,9 @@ class Advance(Protocol):
 
     def longest_step(self, phase: Phase, accuracy: float, horizon: float) -> float:
         """Return the longest step in s that adds at most accuracy * step / horizon to the error at the end."""
+
+    def slowing(self, phase: Phase) -> float:
+        """Return the rate (1/s) at which drag makes differences of speed die down in `phase`; 0 without drag."""
 
 
 _EPSILON = 2.0**-52
@@ -53,6 +56,8 @@ class Goal(NamedTuple):
         order: of the result whose error is estimated.
         errors: how many of its errors make up the difference of two results.
         share: what may be used up of the accuracy.
+        x, y, z: where the centre of mass starts, world axes, m.
+        slowing: at which errors of velocity die down now, 1/s; see `Advance.slowing`.
     """
 
     accuracy: float
@@ -62,6 +67,10 @@ class Goal(NamedTuple):
     order: float = 1.0
     errors: float = 1.0
     share: float = 1.0
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+    slowing: float = 0.0
 
 
 class Learnt(NamedTuple):
@@ -69,11 +78,11 @@ class Learnt(NamedTuple):
 
     Attributes:
         step: near which the next one is sought, s; 0 before the first.
-        fastest: the largest speed, m/s: the distance travelled is not short because a body has come to rest.
+        farthest: from the start, m: so far the body has travelled at least, whether it comes to rest or returns.
     """
 
     step: float = 0.0
-    fastest: float = 0.0
+    farthest: float = 0.0
 
 
 class Stride(NamedTuple):
@@ -143,6 +152,25 @@ class WholeArc:
     denominator = parts = 1
     length = 2**64
 
+    def __init__(self, accuracy: float = math.inf, turned: float = 0.0) -> None:
+        """Take the accepted error, and the turn (rad) that lies behind the arc."""
+        self._accuracy, self._turned = accuracy, turned
+
+    def require_known(self, start: Phase, end: Phase, h: float) -> None:
+        """Let pass a way of h s from `start` to `end` after which rounding leaves the accuracy.
+
+        Raises:
+            ConvergenceError: names the accuracy that can be reached.
+        """
+        turned = self._turned + max(norm(start.angular_velocity), norm(end.angular_velocity)) * h
+        error = _EPSILON * (1.0 + turned)
+        if error > self._accuracy:
+            raise ConvergenceError(
+                f"accuracy {self._accuracy:g} cannot be kept: in closed form too, rounding alone adds about "
+                f"{error:.1g} rad in a turn of {turned:.3g} rad; accept that much as solver.accuracy, or shorten the "
+                "run"
+            )
+
     def stride(self, phase: Phase, advance: Advance) -> tuple[int, Phase | None]:
         """Return the whole arc; it has not been taken."""
         return self.length, None
@@ -192,9 +220,11 @@ class AccuracyControl:
     of the halves, which are kept. An embedded pair takes it once: the difference of its two results estimates the
     error of the lower order, and the result of the higher order is kept.
 
-    The error is what the stride adds to attitude (rad) and, relative to the distance travelled, to position at the end
-    of the run: errors of rate and velocity count with the time they have to grow, linearly. A stride h may add a share
-    of accuracy * h / horizon. Where the motion amplifies errors faster, as near the middle axis or in a chaotic tumble,
+    The error is what the stride adds to attitude (rad) and to position at the end of the run: errors of rate and
+    velocity count with the time they have to grow, linearly, and those of velocity less under drag. A stride h may add
+    a share of accuracy * h / horizon to the attitude and, to the position, the same of the distance to the farthest
+    place so far or, if that is more, a share of accuracy of what it travels itself: together no more than twice that of
+    the distance travelled. Where the motion amplifies errors faster, as near the middle axis or in a chaotic tumble,
     more than the share comes together: the accuracy is no bound there, and `explain` and `trade` show what is reached.
 
     Attributes:
@@ -214,17 +244,19 @@ class AccuracyControl:
         order: int,
         inertia: Inertia,
         *,
+        start: Vector,
         embedded: bool = False,
         ends: bool = True,
     ) -> None:
         """Take the accepted error, the length of the run in s, the order of the method, and whether it is a pair.
 
-        Where the run has no end (`ends`), the horizon is what the accuracy is kept over, counted from any time.
+        `start` is where the centre of mass is at the start of the run, world axes, m. Where the run has no end
+        (`ends`), the horizon is what the accuracy is kept over, counted from any time.
         """
         if embedded:
-            self.goal = Goal(accuracy, horizon, ends, inertia.mass, order - 1.0)
+            self.goal = Goal(accuracy, horizon, ends, inertia.mass, order - 1.0, 1.0, 1.0, *start)
         else:
-            self.goal = Goal(accuracy, horizon, ends, inertia.mass, float(order), 2.0**order - 1.0, _SHARE)
+            self.goal = Goal(accuracy, horizon, ends, inertia.mass, float(order), 2.0**order - 1.0, _SHARE, *start)
         self.learnt = self.following = Learnt()
         self.embedded = embedded
         self.parts = 1 if embedded else 2
@@ -236,7 +268,8 @@ class AccuracyControl:
             ConvergenceError: not even a stride of 1 ns keeps the accuracy.
         """
         trials = _Trials(advance, self.embedded)
-        length, after, learnt, error = by_trial(self.goal, self.learnt, phase, trials)
+        goal = self.goal._replace(slowing=advance.slowing(phase))
+        length, after, learnt, error = by_trial(goal, self.learnt, phase, trials)
         if length == 0 and trials.refused is not None:
             raise ConvergenceError(
                 f"accuracy {self.goal.accuracy:g} cannot be kept: not even a step of 1 ns can be taken: "
@@ -285,14 +318,14 @@ def by_trial(goal: Goal, learnt: Learnt, phase: Phase, trials: Any) -> Stride:
         length = max(1, round(min(h * NANOSECONDS, _LONGEST)))
         h = length / NANOSECONDS
         kept, other = _attempt(trials, phase, h)
-        error, fastest = _estimate(goal, learnt.fastest, phase, kept, other)
+        error, farthest = _estimate(goal, learnt.farthest, phase, kept, other, h)
         allowed = goal.share * goal.accuracy * h / goal.horizon
         following = 5.0 * h
         if error > 0.0:
             factor = 0.9 * (allowed / error) ** (1.0 / goal.order)
             following = h * min(5.0, max(0.2, factor))
         if error <= allowed:
-            return Stride(length, kept, Learnt(following, fastest), error)
+            return Stride(length, kept, Learnt(following, farthest), error)
         if length == 1:
             return Stride(0, phase, learnt, error)
         h = following
@@ -335,25 +368,34 @@ def _first(goal: Goal, phase: Phase) -> float:
     return min(0.01 * goal.horizon, 0.1 / rate if rate > 0.0 else math.inf)
 
 
-def _estimate(goal: Goal, fastest: float, phase: Phase, kept: Phase, other: Phase) -> tuple[float, float]:
-    """Return the error that the stride from `phase` to `kept` adds, infinite if refused, and the largest speed."""
+def _estimate(goal: Goal, farthest: float, phase: Phase, kept: Phase, other: Phase, h: float) -> tuple[float, float]:
+    """Return the error that the stride of h s from `phase` to `kept` adds, infinite if refused, and the farthest."""
     if not (is_finite(kept) and is_finite(other)):
-        return math.inf, fastest
+        return math.inf, farthest
     rest, rate = _rest(goal, phase), norm(kept.angular_velocity)
     rate_error = norm(subtract(other.angular_velocity, kept.angular_velocity))
     attitude = angle_between(other.orientation, kept.orientation) + rate_error * rest
-    momentum, impulse, per_mass = total(kept, MOMENTUM), total(kept, IMPULSE), 1.0 / goal.mass
-    drift = norm(subtract(total(other, POSITION), total(kept, POSITION)))
-    drift += norm(scale(per_mass, subtract(total(other, MOMENTUM), momentum))) * rest
-    at_start = norm(scale(per_mass, subtract(momentum, impulse)))
-    fastest = max(fastest, norm(scale(per_mass, momentum)), at_start)
-    position = drift / (fastest * goal.horizon) if fastest > 0.0 else 0.0
     # What rounding alone makes of the difference is no reason to step shorter.
-    floor = _EPSILON * (1.0 + rate * rest)
+    attitude -= _EPSILON * (1.0 + rate * rest)
+    per_mass, moved = 1.0 / goal.mass, norm(gain(phase, kept, POSITION))
+    gained = norm(gain(phase, kept, MOMENTUM)) * per_mass
+    # Where drag goes with the speed, as with its square, the slowing falls like 1/t while the body comes to rest.
+    grows = math.log1p(goal.slowing * rest) / goal.slowing if goal.slowing > 0.0 else rest
+    drift = norm(gain(kept, other, POSITION)) + norm(gain(kept, other, MOMENTUM)) * per_mass * grows
+    drift -= 4.0 * _EPSILON * (moved + gained * grows)
+    farthest = max(farthest, norm(_away(goal, phase)), norm(_away(goal, kept)))
+    travelled = max(moved * goal.horizon / h, farthest)
+    position = drift / travelled if travelled > 0.0 else 0.0
     error = max(attitude, position)
     if not math.isfinite(error):
-        return math.inf, fastest
-    return (0.0 if error <= floor else error - floor) / goal.errors, fastest
+        return math.inf, farthest
+    return max(0.0, error) / goal.errors, farthest
+
+
+def _away(goal: Goal, phase: Phase) -> Vector:
+    """Return where the centre of mass is, seen from where it was at the start of the run, m."""
+    high, low = phase.high, phase.low
+    return (high[0] - goal.x + low[0], high[1] - goal.y + low[1], high[2] - goal.z + low[2])
 
 
 def _rest(goal: Goal, phase: Phase) -> float:

@@ -21,7 +21,7 @@ from rb_dynamics.loads.channels import AppliedWrench, RejectedWrench, WrenchChan
 from rb_dynamics.loads.combined_effects import ActingEffects
 from rb_dynamics.loads.wrench import HeldWrench, Wrench
 from rb_dynamics.motion.arc import Arc, LoadFrom
-from rb_dynamics.motion.phase import Phase, in_principal_axes
+from rb_dynamics.motion.phase import Course, Phase, in_principal_axes
 from rb_dynamics.motion.step_control import WholeArc
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
 from rb_dynamics.numerics.validation import instance, items, shown, whole
@@ -123,6 +123,19 @@ class Simulation:
     def methods(self) -> str:
         """Names of the methods that have moved the body, in the order of their first use, joined by "+"."""
         return "+".join(self._used) or self.plan.name
+
+    @property
+    def moving(self) -> tuple[str, ...]:
+        """Names of the methods that have led to the last time that `advance` was given, edge or not."""
+        return tuple(dict.fromkeys((*self._used, *(self._arc.methods if self._computed_ns > self.time_ns else ()))))
+
+    def course(self) -> Course:
+        """Return what lies behind the last time that `advance` was given, edge or not; changes nothing.
+
+        Raises:
+            ConvergenceError: a step could not be solved.
+        """
+        return self.plan.course(self._arc.at(self._computed_ns))
 
     @property
     def ended(self) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 from rb_dynamics.errors import SceneError
@@ -12,7 +13,7 @@ from rb_dynamics.motion import METHODS, Method
 from rb_dynamics.motion.arc import Arc, LoadFrom, Stepper
 from rb_dynamics.motion.auto_method import CANDIDATES, cheapest
 from rb_dynamics.motion.exact import EXACT, has_closed_form, is_free
-from rb_dynamics.motion.phase import Phase, inertia_of
+from rb_dynamics.motion.phase import Course, Phase, inertia_of
 from rb_dynamics.motion.step_control import AccuracyControl, FixedStep, OwnControl, StepControl, WholeArc
 from rb_dynamics.scene.model import DEFAULT_ACCURACY, Scene
 
@@ -37,6 +38,8 @@ class Plan:
         self._scene = scene
         self._inertia = inertia_of(scene.body)
         self._accuracy = scene.solver.accuracy or DEFAULT_ACCURACY
+        self._from_ns, self._from, self._course = 0, Phase.of(scene.body, scene.initial), Course()
+        self._start = self._from.center_of_mass_world
         self._ends = bool(scene.duration)
         self._horizon = scene.duration or OPEN_END_HORIZON
         self.takes = scene.acting.takes
@@ -67,9 +70,17 @@ class Plan:
         def stepper(method: Method) -> Stepper:
             return Stepper(method, self._inertia, held, load_from)
 
+        # Commands of one time may come one by one, each with an arc into which no time goes.
+        if start_ns > self._from_ns:
+            self._course = self.course(phase)
+            self._from_ns, self._from = start_ns, phase
         method, control = self._choose(held, start_ns, phase, load_from is None, stepper)
         again = None if self._method is not None or method is EXACT else self._cheapest
         return Arc(method, self._inertia, held, control, start_ns, phase, load_from, again)
+
+    def course(self, phase: Phase) -> Course:
+        """Return what lies behind `phase`, which is on the last arc."""
+        return self._course.on(self._inertia, self._from, phase)
 
     def _choose(
         self, held: HeldWrench, start_ns: int, phase: Phase, steady: bool, stepper: Callable[[Method], Stepper]
@@ -81,7 +92,7 @@ class Plan:
                 self._driven_arcs += self._driven
             self._driven = not (steady and has_closed_form(held, phase.orientation, phase.angular_velocity))
             if not self._driven:
-                return EXACT, WholeArc()
+                return EXACT, WholeArc(self._accuracy if self._ends else math.inf, self._course.turned)
             # Chosen anew after 0, 1, 2, 4, 8 ... driven arcs: the choice follows the scene and costs little.
             if self._driven_arcs & (self._driven_arcs - 1) == 0:
                 self._chosen = self._cheapest(phase, stepper)
@@ -108,7 +119,9 @@ class Plan:
         if method.longest_step is not None:
             return OwnControl(accuracy, horizon, ends=self._ends)
         pair = method.pair is not None
-        return AccuracyControl(accuracy, horizon, method.order, self._inertia, embedded=pair, ends=self._ends)
+        return AccuracyControl(
+            accuracy, horizon, method.order, self._inertia, embedded=pair, ends=self._ends, start=self._start
+        )
 
     def _steps(self, method: Method | None) -> str:
         solver = self._scene.solver

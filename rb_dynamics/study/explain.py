@@ -1,7 +1,7 @@
 """`explain`: what a scene models and what it leaves out, which solver runs it, what that costs and how wrong it is.
 
 The decisions are those of `scene/compile.py` and the loads; cost and error are measured on the scene itself, by running
-it, and a second time more finely, for a bounded time. Never changes anything.
+it, and a second time by another method, for a bounded time. Never changes anything.
 """
 
 from __future__ import annotations
@@ -44,6 +44,9 @@ _LEAST_STEPS = 16
 # A trial begins with so small a part of the run, as a power of 1/2: what a second of it costs is not known.
 _SMALLEST_PART = 32
 
+# To have something to compare with nobody waits for a kernel to be compiled.
+_LOADING_ALONE = 1e300
+
 # What is run before the stopwatch, to import and tabulate what a run needs.
 _WARM_UP_NS = 1000
 
@@ -84,8 +87,9 @@ class Explanation:
             writing them, and compiling and loading kernels, comes on top.
         bare_cost_per_s: the same without outputs: where nobody is told, only the end is computed.
         compiled: whether kernels have a part in it.
-        attitude_error: after `error_s`, rad; against a finer run, or the bound of the closed form.
-        position_error: likewise, m; None where nothing tells it.
+        attitude_error: after `error_s`, rad; against a run by another method, or the bound of the closed form; None
+            where nothing tells it.
+        position_error: likewise, m.
         error_s: simulated seconds after which the errors are those, s; less than `whole_s` where there was no time to
             get to the end.
         whole_s: length of the scene, s.
@@ -102,7 +106,7 @@ class Explanation:
     cost_per_s: float
     bare_cost_per_s: float
     compiled: bool
-    attitude_error: float
+    attitude_error: float | None
     position_error: float | None
     error_s: float
     whole_s: float
@@ -117,7 +121,10 @@ class Explanation:
         """Return it for a person."""
         whole = f"after all {self.whole_s:g} s"
         when = whole if self.error_s == self.whole_s else f"after {self.error_s:g} s of {self.whole_s:g} s only"
-        position = "not known" if self.position_error is None else f"{self.position_error:.2g} m {when}"
+        attitude, position = (
+            "not known" if error is None else f"{error:.2g} {unit} {when}"
+            for error, unit in ((self.attitude_error, "rad"), (self.position_error, "m"))
+        )
         lines = [
             "modelled",
             *(f"  {item}" for item in self.modelled),
@@ -130,7 +137,7 @@ class Explanation:
             f"  steps               {self.steps_per_s:.4g} per simulated s",
             f"  computing           {_speed(self.bare_cost_per_s)}: for its end alone, as simulate without a log",
             f"  with all outputs    {_speed(self.cost_per_s)}: as with a log, to which its writing comes",
-            f"  attitude error      {self.attitude_error:.2g} rad {when}",
+            f"  attitude error      {attitude}",
             f"  position error      {position}",
             f"  ({self.error_basis})",
             *(f"note: {remark}" for remark in self.remarks),
@@ -152,8 +159,8 @@ def explain(
         scene: is not changed; or its file.
         commands: wrench commands of the scene's channels; without any, a channel is tried with a probe if no
             effect acts.
-        budget: about how long the trial may compute, s, and as long again the finer run that tells the error; a trial
-            that it ends is run once more, as the machine may be busy.
+        budget: about how long the trial may compute, s, and as long again a run by another method, which tells the
+            error; a trial that it ends is run once more, as the machine may be busy.
 
     Raises:
         TypeError: an argument is not of its type.
@@ -355,39 +362,62 @@ def _errors(
     length: float,
     budget: float,
     stopwatch: Stopwatch,
-) -> tuple[float, float | None, float, str]:
+) -> tuple[float | None, float | None, float, str]:
     """Return the errors of attitude and position, after how long (s) they are those, and what they were found by.
 
-    That is `length`, or as far as a finer run gets in the budget; `run`, a part of the same, goes on to there.
+    That is `length`, or as far as a run with another method gets in the budget; `run`, a part of the same, goes on to
+    there. Steps that are shorter would be no proof: where commands bound them, they are the same.
     """
-    if run.methods == EXACT.name:
-        seconds = run.time_ns / NANOSECONDS
-        bound = 100.0 * _EPSILON * (1.0 + norm(run.sample.angular_velocity_body) * seconds)
-        size = norm(run.sample.position_world) + norm(run.sample.linear_velocity_world) * seconds
-        return bound, 4.0 * _EPSILON * size, seconds, "bounds of the closed form: round-off"
-    for factor in (100.0, 10.0):
-        finer = _finer(scene.solver, factor)
+    end = run.look()
+    if run.moving == (EXACT.name,):
+        return (
+            *_closed_form_bounds(scene, run, length),
+            end.time_ns / NANOSECONDS,
+            "bounds of the closed form: round-off",
+        )
+    finest = min(scene.solver.accuracy or DEFAULT_ACCURACY, DEFAULT_ACCURACY)
+    for name, accuracy in _others(scene, run.moving, finest):
+        solver = Solver(name, accuracy=accuracy)
         try:
-            check, seconds, _ = _timed(replace(scene, solver=finer), commands, length, budget, stopwatch, False)
+            with counted_by(stopwatch.tally(worth=_LOADING_ALONE)):
+                check = _timed(replace(scene, solver=solver), commands, length, budget, stopwatch, False)[0]
+            truth = check.look()
+            if run.look().time_ns > truth.time_ns:
+                run = _start(scene, commands)
+            run.advance(truth.time_ns)
+            end, course = run.look(), run.course()
         except ConvergenceError:
             continue
-        if run.time_ns > check.time_ns:
-            run = _start(scene, commands)
-        run.advance(check.time_ns)
-        attitude = angle_between(run.sample.orientation_xyzw, check.sample.orientation_xyzw)
-        position = norm(subtract(run.sample.position_world, check.sample.position_world))
-        return attitude, position, seconds, f"difference from a run with {_setting(finer)}"
-    return scene.solver.accuracy or 0.0, None, length, "the accuracy asked for: no finer run could be made"
+        if end.time_ns != truth.time_ns:
+            continue
+        # Not less than what the numbers can tell, or one that is as rough as what it is compared with.
+        far = norm(end.position_world) + course.travelled
+        trust = 0.0 if accuracy <= finest else accuracy
+        floors = 4.0 * _EPSILON * (1.0 + course.turned), 4.0 * _EPSILON * far
+        attitude = angle_between(end.orientation_xyzw, truth.orientation_xyzw)
+        position = norm(subtract(end.position_world, truth.position_world))
+        return (
+            max(attitude, trust, floors[0]),
+            max(position, trust * course.travelled, floors[1]),
+            end.time_ns / NANOSECONDS,
+            f"difference from a run by {name} with accuracy {accuracy:.3g}",
+        )
+    return None, None, length, "no other method could run it, so that there was nothing to compare with"
 
 
-def _finer(solver: Solver, factor: float) -> Solver:
-    if solver.step is not None:
-        order = None if solver.method == "auto" else METHODS[solver.method].order
-        return Solver(solver.method, step=solver.step / factor ** (1.0 / (order or 4)))
-    return Solver(solver.method, accuracy=(solver.accuracy or DEFAULT_ACCURACY) / factor)
+def _closed_form_bounds(scene: Scene, run: Simulation, length: float) -> tuple[float, float]:
+    """Return what rounding may have come to: each arc rounds its turn, and what the next one starts with."""
+    start, end, course = scene.initial, run.look(), run.course()
+    attitude = _EPSILON * (100.0 * (course.arcs + course.turned) + 4.0 * course.rates * length)
+    far = norm(start.position_world) + norm(end.position_world) + course.travelled + course.speeds * length
+    return attitude, 4.0 * _EPSILON * far + norm(scene.body.center_of_mass) * attitude
 
 
-def _setting(solver: Solver) -> str:
-    if solver.step is not None:
-        return f"step {solver.step:.3g} s"
-    return f"accuracy {solver.accuracy:.3g}"
+# What runs are compared with: methods of different families, in the order in which they are taken.
+_FAMILIES = ("taylor", "dop853", "dlm6", "rkmk54", "radau")
+
+
+def _others(scene: Scene, used: Sequence[str], accuracy: float) -> list[tuple[str, float]]:
+    """Return what to compare a run by the methods `used` with: another one, finer than `accuracy`, or as it may be."""
+    able = [name for name in _FAMILIES if name not in used and METHODS[name].takes >= scene.acting.takes]
+    return [(name, factor * accuracy) for factor in (0.01, 0.1, 1.0, 1e2, 1e4) for name in able[:2]]

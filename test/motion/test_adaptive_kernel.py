@@ -56,11 +56,13 @@ KINDS: dict[str, Method] = {
 }
 
 
-def control_of(method: Method, inertia: Inertia, accuracy: float, horizon: float, *, ends: bool) -> StepControl:
+def control_of(
+    method: Method, inertia: Inertia, accuracy: float, horizon: float, *, start: Vector = ZERO, ends: bool
+) -> StepControl:
     if method.longest_step is not None:
         return OwnControl(accuracy, horizon, ends=ends)
     embedded = method.pair is not None
-    return AccuracyControl(accuracy, horizon, method.order, inertia, embedded=embedded, ends=ends)
+    return AccuracyControl(accuracy, horizon, method.order, inertia, start=start, embedded=embedded, ends=ends)
 
 
 def case(method: Method, seed: int, choose_again: Choose | None = None) -> tuple[Arc, int]:
@@ -78,7 +80,8 @@ def case(method: Method, seed: int, choose_again: Choose | None = None) -> tuple
     phase = Phase(attitude, spin, (*vector(10.0), *vector(1.0), *ZERO, *ZERO, 0.0, 0.0), (0.0,) * 14)
     # The first trial is a hundredth of the horizon; it is to fail, but not many strides are to follow.
     time, part, loose = (500.0 * hard**-0.5, 0.015, 1e6) if hard else (10.0 ** r.uniform(-1.0, 0.5), 1.0, 1.0)
-    control = control_of(method, inertia, loose * 10.0 ** r.uniform(-6.0, -2.0), time, ends=r.random() < 0.8)
+    accuracy, start = loose * 10.0 ** r.uniform(-6.0, -2.0), phase.center_of_mass_world
+    control = control_of(method, inertia, accuracy, time, start=start, ends=r.random() < 0.8)
     end_ns = round(part * time * NANOSECONDS)
     return Arc(method, inertia, held, control, 0, phase, choose_again=choose_again), end_ns
 
@@ -143,13 +146,14 @@ def test_a_choice_is_made_after_the_same_strides(monkeypatch: pytest.MonkeyPatch
     ends = []
     for when, looks in (("never", ()), ("always", ()), ("always", tuple(k / 100.0 for k in range(1, 100)))):
         monkeypatch.setenv("RB_DYNAMICS_COMPILE", when)
-        asked: list[tuple[object, ...]] = []
+        asked: list[Phase] = []
 
-        def other(phase: Phase, stepper: object, asked: list[tuple[object, ...]] = asked) -> tuple[Method, StepControl]:
+        def other(phase: Phase, stepper: object, asked: list[Phase] = asked) -> tuple[Method, StepControl]:
             asked.append(phase)
             method = KINDS["doubling" if len(asked) == 2 else "low"]
             accuracy = 1e-6 if method.order == 2 else 1e-12
-            return method, AccuracyControl(accuracy, 3.0, method.order, Inertia(1.0, (1.0, 1.0, 1.0)))
+            start = asked[0].center_of_mass_world
+            return method, AccuracyControl(accuracy, 3.0, method.order, Inertia(1.0, (1.0, 1.0, 1.0)), start=start)
 
         ends.append((end(*case(KINDS["low"], 1, other), looks), asked))
 
@@ -193,7 +197,7 @@ def test_short_arcs_come_to_be_worth_it(monkeypatch: pytest.MonkeyPatch) -> None
 
 def test_what_has_no_kernel_runs_in_plain_python() -> None:
     method = METHODS["rk4"]
-    control = AccuracyControl(1e-5, 1.0, 4, Inertia(1.0, (1.0, 1.0, 1.0)))
+    control = AccuracyControl(1e-5, 1.0, 4, Inertia(1.0, (1.0, 1.0, 1.0)), start=ZERO)
 
     assert adaptive_kernel.strides_by(method, control) is adaptive_kernel.strides_by(method, control) is not None
     assert adaptive_kernel.strides_by(replace(method, compiles=False), control) is None

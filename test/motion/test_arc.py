@@ -54,7 +54,7 @@ def tumbling(control: StepControl, method: str = "rkmk4", start_ns: int = 0) -> 
 
 def controls(kind: str) -> StepControl:
     if kind == "accuracy":
-        return AccuracyControl(1e-6, 2.0, 4, inertia_of(forced().body))
+        return AccuracyControl(1e-6, 2.0, 4, inertia_of(forced().body), start=forced().initial.position_world)
     return FixedStep({"whole": 0.02, "third": 1.0 / 30.0, "odd": 0.0123456789}[kind])
 
 

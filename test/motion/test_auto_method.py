@@ -138,7 +138,7 @@ def test_commands_of_one_time_may_come_one_by_one() -> None:
 def test_a_control_it_returns_knows_its_stride() -> None:
     case = forced()
     start, held = Phase.of(case.body, case.initial), in_principal_axes(case.body, case.held)
-    control = AccuracyControl(1e-9, 10.0, 4, inertia_of(case.body))
+    control = AccuracyControl(1e-9, 10.0, 4, inertia_of(case.body), start=start.center_of_mass_world)
     stepper = Stepper(METHODS["rk4"], inertia_of(case.body), held, None)
     found = longest_stride(control, stepper, start)
     first, _ = control.stride(start, stepper)
@@ -196,3 +196,35 @@ class TestNasty:
             pieces.advance(k * NANOSECONDS // 1000)
         assert pieces.sample == whole.sample
         assert pieces.methods == whole.method
+
+
+SPINNING = (
+    "body: {mass: 1, inertia: {diagonal: [1, 2, 3]}}\ninitial: {angular_velocity_body: [0, 100, 0]}\nwrenches: []\n"
+)
+
+
+def test_a_closed_form_too_refuses_what_rounding_spoils() -> None:
+    """1e10 rad leave 1e-6 rad of attitude: who asks for that gets it, who names the method takes what there is."""
+    with pytest.raises(
+        ConvergenceError, match=r"1e-09 cannot be kept: in closed form too, rounding alone .* 2e-06 rad"
+    ):
+        simulate(parse_scene(f"{SPINNING}duration: 1.0e+8\n"))
+    simulate(parse_scene(f"{SPINNING}duration: 1.0e+8\nsolver: {{method: auto, accuracy: 1.0e-5}}\n"))
+    simulate(parse_scene(f"{SPINNING}duration: 1.0e+8\nsolver: {{method: exact}}\n"))
+
+
+def test_what_is_braked_in_time_keeps_its_accuracy() -> None:
+    """What counts is the turn that was made, not what it would have been without the brake."""
+    brake = "effects: [{type: scheduled_wrench, schedule: [{time: 1000, torque: [0, -20, 0]}, {time: 1010}]}]\n"
+    simulate(parse_scene(f"{SPINNING}{brake}duration: 1.0e+8\n"))
+    with pytest.raises(ConvergenceError, match="in closed form too"):
+        simulate(
+            parse_scene(f"{SPINNING}{brake.replace('1000', '1.0e+6').replace('1010', '1000010')}duration: 1.0e+8\n")
+        )
+
+
+def test_a_run_without_end_is_not_stopped_by_its_closed_form() -> None:
+    run = Simulation(parse_scene(f"{SPINNING}output_rate: 1.0e-8"))
+    run.start()
+    run.advance(10**17)
+    assert run.methods == "exact"

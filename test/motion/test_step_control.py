@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from fractions import Fraction
 
+import numpy as np
 import pytest
 from motions import STEPPED, Case, errors, forced, free
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
@@ -16,8 +20,10 @@ from rb_dynamics.motion.phase import Phase, in_principal_axes, inertia_of
 from rb_dynamics.motion.step_control import AccuracyControl, FixedStep
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.vector import ZERO, Vector, norm, subtract
+from rb_dynamics.run.simulation import Run, simulate
 from rb_dynamics.scene.compile import Plan
 from rb_dynamics.scene.model import Solver
+from rb_dynamics.scene.read import parse_scene
 
 
 def driven(case: Case, method: str, accuracy: float, horizon: float) -> Arc:
@@ -114,8 +120,10 @@ class TestPair:
 
         case, chosen = forced(), STEPPED[method]
         inertia, held = inertia_of(case.body), in_principal_axes(case.body, case.held)
-        control = AccuracyControl(accuracy, time, chosen.order, inertia, embedded=embedded)
         start = Phase.of(case.body, case.initial)
+        control = AccuracyControl(
+            accuracy, time, chosen.order, inertia, start=start.center_of_mass_world, embedded=embedded
+        )
         phase = Arc(chosen, inertia, held, control, 0, start, lambda _: nothing).at(round(time * NANOSECONDS))
         found = errors(case, time, phase)
         path = norm(subtract(phase.state(case.body, 0).position_world, case.initial.position_world))
@@ -149,7 +157,7 @@ class TestPair:
         for looks in ([], [1_234_567, 300_000_001, 300_000_002, 999_999_999]):
             case = forced()
             inertia, held = inertia_of(case.body), in_principal_axes(case.body, case.held)
-            control = AccuracyControl(1e-8, 1.0, 5, inertia, embedded=True)
+            control = AccuracyControl(1e-8, 1.0, 5, inertia, start=ZERO, embedded=True)
             arc = Arc(STEPPED["rkmk54"], inertia, held, control, 0, Phase.of(case.body, case.initial))
             for look in looks:
                 arc.at(look)
@@ -160,7 +168,7 @@ class TestPair:
     def test_a_step_that_the_method_refuses_is_made_shorter(self) -> None:
         case = Case(forced().body, State(), HeldWrench(torque_body=(1e6, 2e6, -1e6)), {})
         inertia, held = inertia_of(case.body), in_principal_axes(case.body, case.held)
-        control = AccuracyControl(1e-5, 0.001, 5, inertia, embedded=True)
+        control = AccuracyControl(1e-5, 0.001, 5, inertia, start=ZERO, embedded=True)
 
         phase = Arc(STEPPED["rkmk54"], inertia, held, control, 0, Phase.of(case.body, case.initial)).at(1_000_000)
 
@@ -169,8 +177,8 @@ class TestPair:
     def test_looks_with_one_step_as_the_stride_is_taken(self) -> None:
         inertia = inertia_of(forced().body)
 
-        assert AccuracyControl(1e-5, 1.0, 5, inertia, embedded=True).parts == 1
-        assert AccuracyControl(1e-5, 1.0, 5, inertia).parts == 2
+        assert AccuracyControl(1e-5, 1.0, 5, inertia, start=ZERO, embedded=True).parts == 1
+        assert AccuracyControl(1e-5, 1.0, 5, inertia, start=ZERO).parts == 2
 
 
 class TestStride:
@@ -224,7 +232,7 @@ class TestStride:
 
     def test_strides_are_whole_nanoseconds(self) -> None:
         case = forced()
-        control = AccuracyControl(1e-9, 1.0, 4, inertia_of(case.body))
+        control = AccuracyControl(1e-9, 1.0, 4, inertia_of(case.body), start=ZERO)
         arc = driven(case, "rkmk4", 1e-9, 1.0)
 
         assert control.denominator == 1
@@ -244,3 +252,59 @@ class TestFixedStep:
 
         assert Fraction(stride, control.denominator) == Fraction(repr(float(step))) * NANOSECONDS
         assert after is None
+
+
+def particle_under(effects: str, velocity: float, duration: float, method: str, accuracy: float) -> Run:
+    return simulate(
+        parse_scene(
+            f"body: {{mass: 1}}\ninitial: {{linear_velocity_world: [{velocity!r}, 0, 0]}}\nwrenches: []\n"
+            f"effects: [{effects}]\nduration: {duration!r}\nsolver: {{method: {method}, accuracy: {accuracy!r}}}\n"
+        )
+    )
+
+
+CONTROLLED = [("auto", 1e-9), ("auto", 1e-5), ("rk4", 1e-6), ("rkmk54", 1e-7), ("dop853", 1e-9)]
+
+
+class TestDistanceTravelled:
+    """A position error counts relative to what has been travelled, not to what a speed that is gone would have been."""
+
+    @pytest.mark.parametrize(("method", "accuracy"), CONTROLLED)
+    def test_after_a_fast_beginning(self, method: str, accuracy: float) -> None:
+        """From 1e6 m/s to rest within some metres, near a centre that then pulls it on for an hour."""
+        effects = (
+            "{type: quadratic_drag, translation: 1}, "
+            "{type: central_gravity, gravitational_parameter: 1.0e-3, center_world: [0, 30, 0]}"
+        )
+
+        def slope(_: float, y: NDArray[np.float64]) -> NDArray[np.float64]:
+            to, speed = np.array([-y[0], 30.0 - y[1]]), np.hypot(y[2], y[3])
+            return np.array([*y[2:4], *(1e-3 * to / np.hypot(*to) ** 3 - speed * y[2:4]), speed])
+
+        end = solve_ivp(slope, (0, 3000), [0, 0, 1e6, 0, 0], method="DOP853", rtol=3e-14, atol=1e-15).y[:, -1]
+
+        x, y, _ = particle_under(effects, 1e6, 3000.0, method, accuracy).sample.position_world
+
+        assert np.hypot(x - end[0], y - end[1]) <= accuracy * end[4]
+
+    @pytest.mark.parametrize(("method", "accuracy"), CONTROLLED)
+    @pytest.mark.parametrize("velocity", [1e-3, 1.0, 1e4])
+    def test_under_drag_that_has_a_closed_form(self, velocity: float, method: str, accuracy: float) -> None:
+        for effects, time, path in (
+            ("{type: linear_drag, translation: 0.7}", 300.0, velocity / 0.7 * -math.expm1(-210.0)),
+            ("{type: quadratic_drag, translation: 0.7}", 300.0, math.log1p(210.0 * velocity) / 0.7),
+        ):
+            run = particle_under(effects, velocity, time, method, accuracy)
+            assert abs(run.sample.position_world[0] - path) <= accuracy * path
+            assert run.steps <= 2000
+
+    @pytest.mark.parametrize(("method", "accuracy"), CONTROLLED)
+    def test_after_a_return_to_the_start(self, method: str, accuracy: float) -> None:
+        """Thrown up, with the drag of the air: where it comes down again it has travelled all the way."""
+        effects = "{type: quadratic_drag, translation: 0.01}, {type: uniform_gravity, acceleration_world: [-10, 0, 0]}"
+        limit = math.sqrt(10.0 / 0.01)
+        rise, top = limit / 10.0 * math.atan(50.0 / limit), limit**2 / 20.0 * math.log1p((50.0 / limit) ** 2)
+        fall = limit / 10.0 * math.acosh(math.exp(top * 10.0 / limit**2))
+        run = particle_under(effects, 50.0, round(rise + fall, 9), method, accuracy)
+
+        assert abs(run.sample.position_world[0]) <= accuracy * 2.0 * top + 1e-9 * limit

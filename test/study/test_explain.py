@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import importlib
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 
+import mpmath
 import pytest
 
 from rb_dynamics.cli import main
@@ -85,6 +87,62 @@ def test_the_error_it_names_is_the_error_there_is() -> None:
     assert found.attitude_error == pytest.approx(true, rel=0.05)
 
 
+@pytest.mark.parametrize("solver", [Solver("midpoint", step=5.0), Solver("rk4", accuracy=0.01)])
+def test_the_error_is_that_though_commands_leave_no_finer_steps(solver: Solver) -> None:
+    """Commands come every 20 ms: a step of 0.05 s instead of 5 s would be the very same run."""
+    scene = replace(read_scene(ROOT / "config" / "slew.yaml", {"duration": 12.0}), solver=solver)
+    commands = read_wrenches(str(ROOT / "examples" / "slew.mcap"), [channel.topic for channel in scene.channels])
+    truth = simulate(replace(scene, solver=Solver("dop853", accuracy=1e-13)), commands).sample
+    true = angle_between(simulate(scene, commands).sample.orientation_xyzw, truth.orientation_xyzw)
+
+    found = explain(scene, commands, budget=60.0)
+
+    assert true > 1e-14
+    assert found.attitude_error == pytest.approx(true, rel=0.1)
+    assert "difference from a run by taylor" in found.error_basis
+
+
+def test_the_error_of_a_part_is_that_at_the_time_it_names() -> None:
+    """Neither a command nor an output before the end: what had been reached there was the start, twice."""
+    scene = parse_scene(
+        "body: {mass: 1, inertia: {diagonal: [1, 1, 1]}}\nwrenches: []\nduration: 1.0e+6\n"
+        "initial: {angular_velocity_body: [0, 0, 1]}\nsolver: {method: rk4, step: 0.3}\n"
+        "effects: [{type: linear_drag, rotation: 1.0e-6}]\n"
+    )
+    found = explain(scene, budget=0.1)
+    turn = 1e6 * -math.expm1(-1e-6 * found.error_s)
+    end = simulate(replace(scene, duration=found.error_s)).sample
+
+    assert 0.0 < found.error_s < 1e6
+    true = angle_between(end.orientation_xyzw, (0.0, 0.0, math.sin(0.5 * turn), math.cos(0.5 * turn)))
+    assert found.attitude_error == pytest.approx(true, rel=0.1)
+
+
+BRAKED = (
+    "body: {{mass: 2, inertia: {{diagonal: [1, 2, 2.5]}}}}\ninitial: {{angular_velocity_body: [0, 0, 1000]}}\n"
+    "wrenches: []\neffects: [{{type: scheduled_wrench, schedule: [{{time: 100000, torque: [0, 0, -250]}}, "
+    "{{time: 100010}}]}}]\nduration: 1.0001e+5\nsolver: {{method: auto, accuracy: {accuracy}}}\n"
+)
+
+
+def test_the_bound_of_the_closed_form_holds_what_came_before_the_end() -> None:
+    scene = parse_scene(BRAKED.format(accuracy=1e-6))
+    # 1e8 rad, and 5000 rad while it is braked.
+    half = float(mpmath.fmod(mpmath.mpf(100_005_000) / 2, 2 * mpmath.pi))
+    true = angle_between(simulate(scene).sample.orientation_xyzw, (0.0, 0.0, math.sin(half), math.cos(half)))
+
+    found = explain(scene)
+
+    assert 1e-12 < true <= found.attitude_error <= 1e-5
+
+
+def test_where_no_other_method_comes_to_an_end_the_error_is_not_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importlib.import_module("rb_dynamics.study.explain"), "_FAMILIES", ())
+    found = explain(parse_scene(RIGID + "duration: 1\nsolver: {method: rk4, step: 0.1}\n"))
+    assert (found.attitude_error, found.position_error) == (None, None)
+    assert "attitude error      not known" in found.as_text()
+
+
 def test_channels_are_tried_with_the_commands_of_a_bag_or_a_probe() -> None:
     scene = read_scene(ROOT / "config" / "slew.yaml", {"duration": 5.0})
     commands = read_wrenches(str(ROOT / "examples" / "slew.mcap"), [channel.topic for channel in scene.channels])
@@ -156,7 +214,8 @@ def test_the_error_is_that_at_the_end_though_outputs_leave_the_trial_no_time_to_
 
 def test_a_closed_form_keeps_to_the_budget_with_a_million_outputs() -> None:
     """It has one step, so that steps do not tell when the trial has lasted for long enough."""
-    found = explain(read_scene(ROOT / "config" / "dzhanibekov.yaml", {"duration": 1e9}), budget=0.05)
+    changes = {"duration": 1e9, "solver.accuracy": 1e-3}
+    found = explain(read_scene(ROOT / "config" / "dzhanibekov.yaml", changes), budget=0.05)
     assert found.methods == "exact"
     assert 0.0 < found.trial_s < 1e4
     assert found.cost_per_s > 100.0 * found.bare_cost_per_s
@@ -241,7 +300,7 @@ def test_the_cost_is_that_of_the_whole_run(duration: str, worth_it: bool, monkey
     scene = parse_scene(RIGID + f"duration: {duration}\nsolver: {{method: rk4, step: 0.01}}\noutput_rate: 1")
     found = explain(scene, budget=0.2)
     assert found.compiled is worth_it
-    assert any(remark.startswith("kernels compiled or loaded: 1, in") for remark in found.remarks) is worth_it
+    assert any(remark.startswith("kernels compiled or loaded: ") for remark in found.remarks) is worth_it
     assert ("moved by            rk4, compiled" in found.as_text()) is worth_it
 
 
