@@ -48,13 +48,14 @@ def run(args: argparse.Namespace) -> int:
     from rb_dynamics.cli import output
     from rb_dynamics.errors import LogError
     from rb_dynamics.formats.bag_reader import read_bag
-    from rb_dynamics.formats.log_file import make_folder, require_other
+    from rb_dynamics.formats.log_file import make_folder, require_apart, require_other
     from rb_dynamics.formats.verification import require_library, verify_bag
     from rb_dynamics.report.text import as_text
     from rb_dynamics.scene.read import read_scene
 
     if args.verify:
         require_library("--verify")
+    require_apart(filter(None, (args.html, args.video)))
     for written in filter(None, (args.html, args.video)):
         require_other(written, *filter(None, (args.log, args.scene)))
         make_folder(Path(written))

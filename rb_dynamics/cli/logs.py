@@ -27,7 +27,12 @@ def add_log(parser: argparse.ArgumentParser) -> None:
     where.add_argument(
         "--bag", metavar="DIR", default="", help="write it as a rosbag2 folder: MCAP files and metadata.yaml"
     )
-    parser.add_argument("--rerun", metavar="F", default="", help="write it as a Rerun recording (extra: log)")
+    parser.add_argument(
+        "--rerun",
+        metavar="F",
+        default="",
+        help="write it as a Rerun recording, or show it in the viewer at rerun+http://HOST:PORT/proxy (extra: log)",
+    )
     parser.add_argument(
         "--sink", action="append", default=[], metavar="NAME=TARGET",
         help="tell the run to a sink by name, such as one of a plug-in; may be given again",
@@ -59,10 +64,12 @@ def log_sinks(args: argparse.Namespace) -> list[GuardedSink]:
         LogError: the arguments do not go together, or a log would replace what the run reads.
         PluginError: a sink is of a plug-in that cannot be loaded.
     """
-    from rb_dynamics.formats.log_file import require_other
+    from rb_dynamics.formats.log_file import require_apart, require_other
 
     targets = (text.partition("=")[2] for text in args.sink)
-    for name in filter(None, (args.mcap, args.bag, args.rerun, args.html, *targets)):
+    written = [*filter(None, (args.mcap, args.bag, args.rerun, args.html, *targets))]
+    require_apart(written)
+    for name in written:
         require_other(name, *filter(None, (args.scene, *args.wrench)))
     logged = any((args.mcap, args.bag, args.rerun, args.sink))
     for option, is_given in (("--flush", args.flush is not None), ("--accel", args.accel), ("--verify", args.verify)):

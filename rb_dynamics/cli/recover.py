@@ -12,7 +12,6 @@ Exit codes: 0 done, and nothing is missing but the end; 1 damaged pieces were le
 from __future__ import annotations
 
 import argparse
-import sys
 
 HELP = "save what can be read of a log that was cut off"
 
@@ -24,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Recover and say what was found; exit code 0, 1 where something within the file is lost, 2 where all of it is."""
+    """Recover and say what was found; exit code 0, or 1 where something within the file is lost."""
     from pathlib import Path
 
     from rb_dynamics.formats.recovery import recover
@@ -47,11 +46,4 @@ def run(args: argparse.Namespace) -> int:
             print(f"  the next file, {each.next_file}, is missing")
             within = within or bool(following)
     print(f"wrote {args.target}")
-    if not all(each.complete for each in saved) and not any(each.file.counts.total() for each in saved):
-        print(
-            f"rb-dynamics: found no whole message in {args.source}, expected at least one before it was cut off or "
-            "damaged; record it again",
-            file=sys.stderr,
-        )
-        return 2
     return 1 if within or any(each.damage for each in saved) else 0

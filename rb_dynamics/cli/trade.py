@@ -64,11 +64,12 @@ def run(args: argparse.Namespace) -> int:
     from pathlib import Path
 
     from rb_dynamics.cli import output
-    from rb_dynamics.formats.log_file import make_folder
+    from rb_dynamics.formats.log_file import make_folder, require_other
     from rb_dynamics.study.trade import trade
 
     scene, commands = read_with_commands(args)
     if args.html:
+        require_other(args.html, args.scene, *args.wrench)
         make_folder(Path(args.html))
     with output.progress(args.scene) as progress:
         found = trade(

@@ -1,13 +1,15 @@
 """`LogFile`: a file that takes each write whole or says why not, and can give back its end when the disk is full.
 
 Never buffers: what `write` has taken survives a kill of the process. An earlier file of the name is replaced once the
-new one can be opened; `require_other` keeps a command from replacing what it reads, `move_aside` keeps an earlier log.
+new one can be opened; `require_other` keeps a command from replacing what it reads, `require_apart` from
+replacing what it writes, `move_aside` keeps an earlier log.
 """
 
 from __future__ import annotations
 
 import contextlib
 import os
+from collections.abc import Iterable
 from pathlib import Path
 
 from rb_dynamics.errors import LogError
@@ -123,6 +125,21 @@ def require_other(target: str | os.PathLike[str], *inputs: str | os.PathLike[str
         same = any(part.exists() and part.samefile(there) for part in parts)
         if same or (there.is_dir() and given.resolve().is_relative_to(there.resolve())):
             raise LogError(f"cannot write {there}: it is, or holds, what is read ({given}); give another name")
+
+
+def require_apart(targets: Iterable[str | os.PathLike[str]]) -> None:
+    """Refuse two outputs on one path, however it is written, for one would replace the other.
+
+    Raises:
+        LogError: names them.
+    """
+    taken: dict[Path, str] = {}
+    for target in map(str, targets):
+        place = Path(target).resolve()
+        if place in taken:
+            names = target if taken[place] == target else f"{taken[place]} and {target}, which are one file,"
+            raise LogError(f"found {names} more than once, expected a file of its own for each output; rename one")
+        taken[place] = target
 
 
 def move_aside(path: Path) -> Path | None:

@@ -59,6 +59,9 @@ _NEEDED = frozenset(
         Opcode.METADATA,
     )
 )
+# What stands for the opcode of a chunk of which the end of the file has cut off the rest; no record has it.
+_CUT_CHUNK = -1
+_ROS_1, _SQLITE = b"#ROSBAG V", b"SQLite format 3\0"
 _RECORD = struct.Struct("<BQ")
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
 
@@ -141,9 +144,13 @@ class McapFile:
         if self.part and begin != MAGIC and MAGIC.startswith(begin):
             return
         if begin != MAGIC:
-            raise LogError(f"{self.path} does not begin like an MCAP file; {self._instead(file)}")
+            file.seek(0)
+            found, instead = self._instead(file.read(len(_SQLITE)), file)
+            raise LogError(f"{self.path} {found}; {instead}")
         for opcode, content in self._records(file, os.fstat(file.fileno()).st_size):
-            if opcode == Opcode.CHUNK:
+            if opcode == _CUT_CHUNK:
+                yield from self._cut_chunk(content)
+            elif opcode == Opcode.CHUNK:
                 yield from self._chunk(content)
             elif opcode == Opcode.MESSAGE:
                 yield self._message(content, 0, len(content))
@@ -153,8 +160,16 @@ class McapFile:
             else:
                 self._note(opcode, content)
 
-    def _instead(self, file: BinaryIO) -> str:
-        """Return what to do with a file that is something else."""
+    def _instead(self, begin: bytes, file: BinaryIO) -> tuple[str, str]:
+        """Return what a file that is no MCAP file is, and what to do with it."""
+        if begin.startswith(_ROS_1):
+            bag = self.path.with_suffix("").name
+            return "is a bag of ROS 1, expected one of ROS 2", f"convert it with {_converted(self.path, bag)}"
+        if begin.startswith(_SQLITE):
+            return "is an SQLite bag, expected an MCAP file", instead_of_recover(self.path).lstrip("; ")
+        return "does not begin like an MCAP file", self._by_name(file)
+
+    def _by_name(self, file: BinaryIO) -> str:
         if os.fstat(file.fileno()).st_size == 0:
             return "it is empty, so nothing was written to it: record it again"
         if self.path.suffix in (".yaml", ".yml"):
@@ -165,12 +180,16 @@ class McapFile:
         return "give an .mcap file, such as rosbag2 or simulate --mcap writes"
 
     def _records(self, file: BinaryIO, size: int) -> Iterator[tuple[int, bytes]]:
-        """Yield the records that are there in full."""
+        """Yield the records that are there in full, and what there is of a chunk that was cut off as `_CUT_CHUNK`."""
         while len(head := file.read(_RECORD.size)) == _RECORD.size:
             opcode, length = _RECORD.unpack(head)
             start = file.tell()
             # No record has opcode 0: a disk that lost its power leaves zeros.
-            if opcode == 0 or length > size - start:
+            if opcode == 0:
+                return
+            if length > size - start:
+                if opcode == Opcode.CHUNK:
+                    yield _CUT_CHUNK, file.read(MAX_RECORD_BYTES)
                 return
             if opcode in _NEEDED:
                 if length > MAX_RECORD_BYTES:
@@ -190,6 +209,13 @@ class McapFile:
                 begin_ns, end_ns = _Fields(content, self._damage).take("QQ")
                 if begin_ns <= end_ns < 2**63:
                     self.missing.append((begin_ns, end_ns))
+
+    def _cut_chunk(self, content: bytes) -> Iterator[Message]:
+        """Yield the messages before the end of the file; a checksum, which is of the whole chunk, proves nothing."""
+        # It ends within a record: that is no damage, the file is not complete.
+        with contextlib.suppress(LogError, UnicodeDecodeError):
+            compression, size, _, data = self._chunk_head(content, cut=True)
+            yield from self._chunk_messages(self._unpacked(compression, data, size))
 
     def _chunk_messages(self, data: bytes) -> Iterator[Message]:
         end = 0
@@ -235,10 +261,22 @@ class McapFile:
             self.metadata[name] = fields.mapping()
 
     def _decompressed(self, content: bytes) -> bytes:
+        compression, size, checksum, data = self._chunk_head(content)
+        data = self._unpacked(compression, data, size)
+        if len(data) != size or (checksum and zlib.crc32(data) != checksum):
+            raise self._damage("has a chunk whose checksum does not fit its content")
+        return data
+
+    def _chunk_head(self, content: bytes, cut: bool = False) -> tuple[str, int, int, bytes]:
+        """Return compression, size and checksum of what is in a chunk, and its bytes, as many as there are if `cut`."""
         fields = _Fields(content, self._damage)
         fields.take("QQ")
         size, checksum = fields.take("QI")
-        compression, data = fields.text(), fields.block("Q")
+        compression = fields.text()
+        data = fields.rest()[8:] if cut else fields.block("Q")
+        return compression, size, checksum, data
+
+    def _unpacked(self, compression: str, data: bytes, size: int) -> bytes:
         if size > MAX_RECORD_BYTES:
             raise self._damage(f"has a chunk of {size} bytes, more than {MAX_RECORD_BYTES}")
         if compression not in _DECOMPRESSORS:
@@ -248,18 +286,30 @@ class McapFile:
                 "for example by `mcap compress`"
             )
         try:
-            data = _DECOMPRESSORS[compression](data, size)
+            return _DECOMPRESSORS[compression](data, size)
         except ImportError as error:
             raise MissingExtraError(error.name or compression, "log", f"reading {self.path}") from None
         except (RuntimeError, ValueError, EOFError) as error:
             raise self._damage(f"has a chunk that cannot be decompressed ({error})") from error
-        if len(data) != size or (checksum and zlib.crc32(data) != checksum):
-            raise self._damage("has a chunk whose checksum does not fit its content")
-        return data
 
     def _damage(self, what: str) -> LogError:
         advice = "" if self.salvage else "; save what can be read with `rb-dynamics recover` or record it again"
         return LogError(f"{self.path} is damaged: it {what}{advice}")
+
+
+def instead_of_recover(path: Path) -> str:
+    """Return what to do with an SQLite file where an MCAP file is expected, behind what it is."""
+    renamed = "" if path.suffix == ".db3" else f" under a name that ends in .db3 (now {path.name}),"
+    return (
+        f"; SQLite bags are read, not recovered: give the folder of {path.name},{renamed} to inspect or simulate "
+        f"--wrench; one that is damaged is saved with sqlite3 {path.name} .recover, and made MCAP with "
+        f"{_converted(path, path.stem)}"
+    )
+
+
+def _converted(path: Path, bag: str) -> str:
+    """Return the command that makes a bag of ROS 2 in MCAP of a file."""
+    return f"rosbags-convert --src {path} --dst {bag} --dst-storage mcap (pip install rosbags)"
 
 
 class _Fields:
@@ -290,6 +340,10 @@ class _Fields:
             key = inner.text()
             pairs[key] = inner.text()
         return pairs
+
+    def rest(self) -> bytes:
+        """Return all that is left."""
+        return self._bytes(len(self._data) - self._position)
 
     @property
     def at_end(self) -> bool:

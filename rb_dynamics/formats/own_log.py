@@ -68,8 +68,8 @@ def scene_and_names(source: Source, purpose: str = "run again") -> tuple[Scene, 
         cut = "" if source.complete else ", which was cut off,"
         raise LogError(
             f"{source.path}{cut} is no log of this package: expected scene.yaml attached and metadata rb_dynamics, so "
-            f"it cannot be {purpose}; inspect reads any bag, and its commands are flown with simulate SCENE --wrench "
-            "BAG"
+            f"it cannot be {purpose}; inspect shows a bag of pose, twist and wrench, and its commands are flown with "
+            "simulate SCENE --wrench BAG"
         )
     text = source.attachments[SCENE].decode()
     if text == UNSAID:

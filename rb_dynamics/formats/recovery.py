@@ -14,7 +14,7 @@ from pathlib import Path
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_source import in_order
 from rb_dynamics.formats.log_file import LogFile, require_other
-from rb_dynamics.formats.mcap_records import Channel, McapFile, Message, Schema
+from rb_dynamics.formats.mcap_records import Channel, McapFile, Message, Schema, instead_of_recover
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.rosbag2_metadata import BagFile, write_metadata
 from rb_dynamics.run.provenance import CUT_OFF, DAMAGED, INTERRUPTED, next_file, version
@@ -55,18 +55,36 @@ def recover(source: Path, target: Path) -> list[Recovered]:
     times of what is missing within.
 
     Raises:
-        LogError: `source` is no MCAP file, or `target` is `source` or cannot be written.
+        LogError: `source` is no MCAP file or has no whole message, or `target` is `source` or cannot be written.
     """
     require_other(target, source)
     if not source.is_dir():
+        if not _says_something(source, part=False):
+            raise _nothing(source)
         return [_recover_file(McapFile(source, salvage=True), target)]
     files = in_order(source)
     if not files:
-        raise LogError(f"{source} has no .mcap files in it; give a log, or a folder of them")
+        files = sorted(source.glob("*.db3"))
+        why = instead_of_recover(files[0]) if files else "; give a log, or a folder of them"
+        raise LogError(f"{source} has no .mcap files in it{why}")
+    if not any(map(_says_something, files)):
+        raise _nothing(source)
     saved = [_recover_file(McapFile(file, salvage=True, part=True), target / file.name) for file in files]
     channels = {channel.topic: channel for each in saved for channel in each.channels}
     write_metadata(target, list(channels.values()), [each.file for each in saved])
     return saved
+
+
+def _says_something(path: Path, part: bool = True) -> bool:
+    """Return whether there is a message in a file, or its writer finished it without one."""
+    old = McapFile(path, salvage=True, part=part)
+    return any(True for _ in old.messages()) or old.complete
+
+
+def _nothing(source: Path) -> LogError:
+    return LogError(
+        f"found no whole message in {source}, expected at least one before it was cut off or damaged; record it again"
+    )
 
 
 def _recover_file(old: McapFile, target: Path) -> Recovered:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from rb_dynamics.errors import LogError
+from rb_dynamics.formats.log_file import require_apart
 from rb_dynamics.recording.mcap_sink import LogSettings
 from rb_dynamics.recording.sink_types import Keeping, sinks
 
@@ -50,11 +51,7 @@ class Logs:
                 "found max-bag-size or max-bag-duration without bag, expected a folder to split; give a bag instead of "
                 "mcap"
             )
-
-        targets = [text.partition("=")[2] for text in self._asked]
-        for target in targets:
-            if target and targets.count(target) > 1:
-                raise LogError(f"found {target} more than once, expected a file of its own for each log; rename one")
+        require_apart(filter(None, (text.partition("=")[2] for text in self._asked)))
 
     @property
     def names(self) -> list[str]:

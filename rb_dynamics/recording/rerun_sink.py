@@ -16,6 +16,8 @@ from __future__ import annotations
 import contextlib
 import math
 import os
+import re
+import socket
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
 from importlib import import_module
@@ -81,6 +83,7 @@ class RerunSink:
 
     def __init__(self, path: str | os.PathLike[str], *, max_rows: int = MAX_ROWS, batch_rows: int = BATCH_ROWS) -> None:
         """Say where to write; folders above it are made, an earlier file is replaced, nothing happens before `open`."""
+        self.address = _address(os.fspath(path))
         self.path = Path(path)
         self._max_rows = max_rows
         self._batch_rows = batch_rows
@@ -97,7 +100,9 @@ class RerunSink:
             import_module("rerun")
         except ImportError as error:
             raise MissingExtraError("rerun-sdk", "log", "writing a .rrd file") from error
-        recorder = Recorder(self.path, run, self._max_rows, self._batch_rows)
+        if self.address:
+            _require_viewer(self.address)
+        recorder = Recorder(self.path, run, self._max_rows, self._batch_rows, self.address)
         with recorder.writing():
             recorder.begin()
         self._recorder = recorder
@@ -130,9 +135,9 @@ class RerunSink:
 class Recorder:
     """An open .rrd: buffers rows and sends them in columns."""
 
-    def __init__(self, path: Path, run: RunInfo, max_rows: int, batch_rows: int) -> None:
+    def __init__(self, path: Path, run: RunInfo, max_rows: int, batch_rows: int, address: str = "") -> None:
         scene = run.scene
-        self.path = path
+        self.path, self.address = path, address
         self.run = run
         self.batch_rows = batch_rows
         self.max_rows = max_rows
@@ -162,11 +167,16 @@ class Recorder:
         """Create the file, with all that does not change."""
         import rerun as rr
 
-        make_folder(self.path)
-        self.path.open("ab").close()  # a path that cannot be written fails here, before Rerun has anything to lose
+        if not self.address:
+            make_folder(self.path)
+            self.path.open("ab").close()  # a path that cannot be written fails here, before Rerun has anything to lose
         # A recording id of its own: two files with one id would be merged by the viewer.
         self.stream = rr.RecordingStream("rb_dynamics", recording_id=uuid.uuid4())
-        self.stream.save(self.path, default_blueprint=self._blueprint(self.run.scene.duration))
+        layout_at_start = self._blueprint(self.run.scene.duration)
+        if self.address:
+            self.stream.connect_grpc(self.address, default_blueprint=layout_at_start)
+        else:
+            self.stream.save(self.path, default_blueprint=layout_at_start)
         if not rr.is_enabled(self.stream):
             raise LogError(f"{self.path}: Rerun is switched off by the environment variable RERUN; unset it to log")
         self.stream.send_recording_name(Path(self.run.scene.source).name)
@@ -375,6 +385,37 @@ class Recorder:
 
     def _send(self, entity: str, times: list[rr.TimeColumn], columns: rr.ComponentColumnList) -> None:
         self.stream.send_columns(entity, times, columns, strict=True)
+
+
+def _address(target: str) -> str:
+    """Return the address of a viewer, "" of a file.
+
+    Raises:
+        LogError: it is the address of something else.
+    """
+    if "://" not in target:
+        return ""
+    if not re.fullmatch(r"rerun(\+https?)?://[^/:]+:[0-9]{1,5}/proxy", target):
+        raise LogError(
+            f"rerun: found {target!r}, expected a file or the address of a viewer; write it as in "
+            "rerun+http://127.0.0.1:9876/proxy"
+        )
+    return target
+
+
+def _require_viewer(address: str) -> None:
+    """Refuse an address at which nobody listens: Rerun itself would wait, and then drop what it has.
+
+    Raises:
+        LogError: names the remedy.
+    """
+    host, _, port = address.split("/")[2].rpartition(":")
+    try:
+        socket.create_connection((host, int(port)), timeout=3.0).close()
+    except (OSError, OverflowError) as error:
+        raise LogError(
+            f"cannot reach a Rerun viewer at {address}: {error}; start one with `rerun`, or give a file such as run.rrd"
+        ) from error
 
 
 def _release() -> None:

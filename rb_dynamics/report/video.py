@@ -7,6 +7,7 @@ samples are interpolated, nothing else is made up.
 
 from __future__ import annotations
 
+import contextlib
 import io
 import os
 import shutil
@@ -67,13 +68,19 @@ def write_video(
     if target.suffix.lower() not in FORMATS:
         raise LogError(f"found {str(target)!r}, expected a file name that ends in {' or '.join(FORMATS)}; give another")
     make_folder(target)
+    # What is not finished never stands under the name of a video, nor in the place of an earlier one.
+    part = target.with_name(f".{target.stem}.part{target.suffix}")
+    write = _write_gif if target.suffix.lower() == ".gif" else _write_mp4
     try:
-        target.open("ab").close()  # a path that cannot be written fails before the work
-        if target.suffix.lower() == ".gif":
-            return _write_gif(target, _frames(motion, rate, progress), rate)
-        return _write_mp4(target, _frames(motion, rate, progress), rate)
+        part.open("wb").close()  # a path that cannot be written fails before the work
+        count = write(part, _frames(motion, rate, progress), rate)
+        part.replace(target)
     except OSError as error:
         raise LogError(f"cannot write {target}: {error.strerror or error}; give a file that can be written") from error
+    finally:
+        with contextlib.suppress(OSError):
+            part.unlink()
+    return count
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from rb_dynamics.cli import main
 from rb_dynamics.errors import LogError
-from rb_dynamics.formats.log_file import LogFile, move_aside, require_other
+from rb_dynamics.formats.log_file import LogFile, move_aside, require_apart, require_other
 
 
 def test_an_earlier_file_is_replaced_but_not_where_the_new_one_cannot_be_opened(tmp_path: Path) -> None:
@@ -56,3 +57,17 @@ def test_the_folder_of_a_bag_is_kept_and_any_other_left_alone(tmp_path: Path) ->
     (bag / "flight.v2_0.mcap").write_text("a bag")
     assert move_aside(bag) == tmp_path / "flight.v2.1"
     assert not bag.exists()
+
+
+@pytest.mark.parametrize("other", ["q", "./q", "link/q", "sub/../q"])
+def test_two_outputs_on_one_path_are_refused_however_it_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], other: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "link").symlink_to(tmp_path)
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "s.yaml").write_text("body: {mass: 1}\nduration: 1\n")
+    assert main(["simulate", "s.yaml", "--mcap", "q", "--html", other]) == 2
+    assert "more than once, expected a file of its own for each output" in capsys.readouterr().err
+    assert not (tmp_path / "q").exists()
+    require_apart(["q", "sub/q"])

@@ -142,7 +142,7 @@ def test_rerun_gets_every_sample(tmp_path: Path, log: Path) -> None:
 
 @pytest.mark.parametrize("name", ["slew.csv", "slew.rrd"])
 def test_a_bag_of_others_is_refused_for_what_was_asked(name: str, tmp_path: Path, example_dir: Path) -> None:
-    with pytest.raises(LogError, match=r"so it cannot be converted.*inspect reads any bag"):
+    with pytest.raises(LogError, match=r"so it cannot be converted.*inspect shows a bag"):
         (log_to_rerun if name.endswith(".rrd") else log_to_table)(example_dir / "slew.mcap", tmp_path / name)
 
 

@@ -18,6 +18,7 @@ from rb_dynamics.numerics import rotation
 from rb_dynamics.numerics.vector import ZERO
 from rb_dynamics.recording.rerun_sink import RerunSink
 from rb_dynamics.run.diagnostics import Sample
+from rb_dynamics.run.simulation import simulate
 from rb_dynamics.run.sink import AppliedWrench, Event, RunInfo, Status
 from rb_dynamics.scene import parse_scene, read_scene
 from rb_dynamics.scene.model import Scene
@@ -353,3 +354,20 @@ def test_without_the_package_the_extra_is_named(tmp_path: Path, monkeypatch: pyt
     with pytest.raises(MissingExtraError, match="extra 'log'"):
         RerunSink(tmp_path / "run.rrd").open(RunInfo(SCENE, "rk4"))
     assert not (tmp_path / "run.rrd").exists()
+
+
+@pytest.mark.parametrize(
+    ("target", "says"),
+    [
+        ("rerun+http://127.0.0.1:1/proxy", "cannot reach a Rerun viewer at rerun.http://127.0.0.1:1/proxy"),
+        ("rerun+http://127.0.0.1:9876", "expected a file or the address of a viewer"),
+        ("http://127.0.0.1:9876/proxy", "expected a file or the address of a viewer"),
+        ("tcp://host/run.rrd", "write it as in rerun.http://127.0.0.1:9876/proxy"),
+    ],
+)
+def test_an_address_is_no_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, target: str, says: str) -> None:
+    monkeypatch.chdir(tmp_path)
+    scene = parse_scene("body: {mass: 1}\nduration: 1\n")
+    with pytest.raises(LogError, match=says):
+        simulate(scene, sinks=[RerunSink(target)])
+    assert list(tmp_path.iterdir()) == []

@@ -54,6 +54,7 @@ def test_without_ffmpeg_the_extra_is_named(track: Track, tmp_path: Path, monkeyp
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     with pytest.raises(MissingExtraError, match="extra 'video'"):
         write_video(tmp_path / "run.mp4", track, rate=2)
+    assert list(tmp_path.iterdir()) == [], "no empty video, nor a part of one"
 
 
 def test_unknown_ending_is_named_and_nothing_written(track: Track, tmp_path: Path) -> None:

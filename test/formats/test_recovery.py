@@ -1,0 +1,65 @@
+"""What is saved of a file that was cut off within a chunk, and what is said of one that is something else."""
+
+from __future__ import annotations
+
+import sqlite3
+from pathlib import Path
+
+import pytest
+from bag_rows import STAMPED, Row, stamped, write_rows
+
+from rb_dynamics.cli import main
+from rb_dynamics.errors import LogError
+from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.formats.recovery import recover
+
+pytest.importorskip("mcap")
+
+from mcap.writer import CompressionType
+
+
+@pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.ZSTD])
+def test_a_chunk_that_was_cut_gives_the_messages_before_its_end(tmp_path: Path, compression: CompressionType) -> None:
+    rows: list[Row] = [("/w", STAMPED, i, stamped(i, i * 0.1 + 1 / (i + 1))) for i in range(10_000)]
+    whole = write_rows(tmp_path / "a.mcap", rows, chunk_size=10**9, compression=compression)
+    data = whole.read_bytes()
+    expected = read_bag(whole).topics["/w"].messages
+    # All are in one chunk, which is at least a third of the file: index and summary stand behind it.
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(data[: len(data) // 4])
+    (saved,) = recover(cut, tmp_path / "saved.mcap")
+    found = read_bag(tmp_path / "saved.mcap")
+    assert saved.state == "cut off"
+    assert 500 < len(found.topics["/w"].messages) < 10_000
+    assert found.topics["/w"].messages == expected[: found.topics["/w"].count]
+
+
+@pytest.mark.parametrize("folder", [False, True])
+def test_where_nothing_can_be_read_nothing_is_written(tmp_path: Path, folder: bool) -> None:
+    source = tmp_path / "bag" / "a.mcap"
+    source.parent.mkdir()
+    write_rows(source, [("/w", STAMPED, 0, stamped(0, 1.0))], compression=CompressionType.NONE)
+    source.write_bytes(source.read_bytes()[:60])
+    target = tmp_path / "saved"
+    with pytest.raises(LogError, match=r"found no whole message in .*record it again"):
+        recover(source.parent if folder else source, target)
+    assert not target.exists()
+
+
+@pytest.mark.parametrize("command", [["recover", "BAG", "out"], ["inspect", "BAG"], ["replay", "BAG"]])
+def test_bags_of_another_kind_are_named_with_the_command_that_helps(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], command: list[str]
+) -> None:
+    ros_1, renamed = tmp_path / "flight.bag", tmp_path / "flight.mcap"
+    ros_1.write_bytes(b"#ROSBAG V2.0\nE\0\0\0")
+    with sqlite3.connect(renamed) as database:
+        database.execute("create table topics (id integer)")
+    for file, says in (
+        (
+            ros_1,
+            f"is a bag of ROS 1, expected one of ROS 2; convert it with rosbags-convert --src {ros_1} --dst flight",
+        ),
+        (renamed, "is an SQLite bag, expected an MCAP file; SQLite bags are read, not recovered"),
+    ):
+        assert main([str(file) if word == "BAG" else word for word in command]) == 2
+        assert says in capsys.readouterr().err
