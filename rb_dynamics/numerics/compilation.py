@@ -295,5 +295,5 @@ def _callees(function: Any) -> Iterator[Any]:
     values += [getattr(v, n) for v in values if isinstance(v, ModuleType) for n in names if hasattr(v, n)]
     for value in (*values, *cells):
         inner = getattr(value, "__wrapped__", value)
-        if isinstance(inner, FunctionType) and inner.__module__.startswith(f"{__package__}."):
+        if isinstance(inner, FunctionType) and inner.__module__.startswith(f"{_PACKAGE.name}."):
             yield value
