@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import math
 import random
@@ -354,15 +353,20 @@ class TestProducts:
 
     @each_stepped
     @pytest.mark.parametrize("frame", ["body", "world"])
-    def test_a_light_body_under_a_large_torque_is_an_error_or_keeps_its_books(self, method: str, frame: str) -> None:
-        """1e38 turns in the first step. Where nothing refuses it, the balances are those of the method."""
+    def test_a_light_body_under_a_large_torque_coasts_or_keeps_its_books(self, method: str, frame: str) -> None:
+        """1e6 turns in the first step. Where that is not rejected, the balances are those of the method."""
         body = RigidBody.from_diagonal(1e-20, (1e-20, 1.5e-20, 2e-20))
-        commands = [("wrench", Wrench(ZERO, (1e20, 0.0, 1e20), frame))]
+        commands = [("wrench", Wrench(ZERO, (1e-9, 0.0, 1e-9), frame))]
+        run = scene(body, State(angular_velocity_body=(1.0, 0.5, 2.0)), Solver(method, step=0.01))
 
-        end = outcome(scene(body, State(angular_velocity_body=(1.0, 0.5, 2.0)), Solver(method, step=0.01)), commands)
+        end = outcome(run, commands)
 
         if isinstance(end, ConvergenceError):
             assert "step" in str(end)
+            return
+        if rejected := simulate(run, commands).rejected:
+            assert "not one step can be taken under it" in rejected[0]
+            assert end == outcome(run)
             return
         assert finite(end)
         assert "energy" in STEPPED[method].invariants
@@ -471,25 +475,23 @@ class TestWrenches:
     @pytest.mark.parametrize("part", ["force", "torque"])
     @pytest.mark.parametrize("frame", ["body", "world"])
     @pytest.mark.parametrize("size", [1e200, 1.7e308])
-    def test_that_leave_the_range_of_numbers_are_an_error(
+    def test_that_leave_the_range_of_numbers_are_rejected(
         self, method: str, part: str, frame: str, size: float
     ) -> None:
         commands = [("wrench", Wrench(**{part: (size, -size, size)}, frame_id=frame))]
-        run = Simulation(scene(forced().body, forced().initial, Solver(method, step=1.0), 100.0, 1.0))
-        run.post(*commands[0])
+        plain = scene(forced().body, forced().initial, Solver(method, step=0.05), 1.0, 1.0)
 
-        with contextlib.suppress(ConvergenceError):
-            run.advance(100 * SECOND)
+        run = simulate(plain, commands)
 
-        # Whether it went on or not: what there is to see is finite.
-        assert finite(run.sample)
+        assert f"wrench {part} about the centre of mass" in run.rejected[0]
+        assert run.sample == simulate(plain).sample
 
     @each_stepped
-    def test_overflow_to_both_sides_is_an_error_of_ours(self, method: str) -> None:
-        commands = [("wrench", Wrench((1.7e308, -1.7e308, 0.0), ZERO, "world"))]
+    def test_that_are_possible_for_an_hour_are_an_error_where_they_last_longer(self, method: str) -> None:
+        commands = [("wrench", Wrench((3e150, -3e150, 0.0), ZERO, "world"))]
 
         with pytest.raises(ConvergenceError, match="no longer finite"):
-            simulate(scene(forced().body, State(), Solver(method, step=20.0), 100.0, 0.01), commands)
+            simulate(scene(forced().body, State(), Solver(method, step=500.0), 1e5, 1e-4), commands)
 
     @each_stepped
     def test_large_but_finite_is_no_error(self, method: str) -> None:
