@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from rb_dynamics.analysis.checks import gaps
 from rb_dynamics.analysis.track import Track, WrenchSteps
 from rb_dynamics.errors import WrenchError
-from rb_dynamics.formats.bag_reader import Topic
+from rb_dynamics.formats.topic import Topic
 from rb_dynamics.loads.wrench import Wrench, WrenchFrames
 
 

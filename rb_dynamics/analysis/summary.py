@@ -18,8 +18,9 @@ from rb_dynamics.analysis.commands import Fate, fate
 from rb_dynamics.analysis.residual import Residual, residual
 from rb_dynamics.analysis.track import Array, Series, Track, WrenchSteps
 from rb_dynamics.analysis.warnings import Channel, Health, warnings
-from rb_dynamics.formats.bag_reader import Bag, Topic
+from rb_dynamics.formats.bag_reader import Bag
 from rb_dynamics.formats.messages import APPLIED, DIAGNOSTICS
+from rb_dynamics.formats.topic import Topic
 from rb_dynamics.loads.wrench import WrenchFrames
 from rb_dynamics.numerics.decimals import whole_number
 from rb_dynamics.run.provenance import RESULT, RUN

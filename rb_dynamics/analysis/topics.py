@@ -143,8 +143,7 @@ class _Finder:
                 continue
             topic = min(topics, key=lambda name: (self._distance(name), not name.endswith(tuple(names)), name))
             self.parent = self.parent or topic.rpartition("/")[0] + "/"
-            place = 2 if child and type_name == ODOMETRY else 1
-            frame = self._one_frame(topic, {values[place] for values in self.bag.topics[topic].decoded()})
+            frame = self._one_frame(topic, self.bag.frame_ids(topic, child and type_name == ODOMETRY))
             return self._cleaned(topic, *read(topic), frame)
         return None
 
@@ -166,10 +165,14 @@ class _Finder:
             time_ns = np.array(self.bag.topics[topic].log_times, dtype=np.int64)
         rows = values.reshape(len(time_ns), -1)
         usable = (np.abs(rows) < LARGEST).all(axis=1)
-        time_ns, values = time_ns[usable], values[usable]
-        order = np.argsort(time_ns, kind="stable")
+        # A bag may be large: what need not be copied is not.
+        if not usable.all():
+            time_ns, values = time_ns[usable], values[usable]
         backwards = int((np.diff(time_ns) < 0).sum())
-        return Series(topic, time_ns[order], values[order], frame, backwards, int((~usable).sum()))
+        if backwards:
+            order = np.argsort(time_ns, kind="stable")
+            time_ns, values = time_ns[order], values[order]
+        return Series(topic, time_ns, values, frame, backwards, int((~usable).sum()))
 
     def _vector(self, name: str) -> Series | None:
         topic = self._named(name, VECTOR)
@@ -231,7 +234,7 @@ class _Finder:
             return None, ""
         topic = min(topics, key=lambda t: (self._distance(t.name), t.name))
         self.used.add(topic.name)
-        mass, x, y, z, xx, xy, xz, yy, yz, zz = topic.decoded()[-1][2]
+        mass, x, y, z, xx, xy, xz, yy, yz, zz = topic.numbers[-1].tolist()
         try:
             if xx == yy == zz == 0.0:
                 return RigidBody.particle(mass), topic.name

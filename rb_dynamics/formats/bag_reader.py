@@ -1,19 +1,18 @@
 """What a ROS 2 bag says: poses, twists, wrenches and scalars as arrays.
 
 Any writer will do (rosbag2, this package, others), and so will a file that was cut off. Never needs ROS or the index of
-the file, and keeps only messages of the types in `rb_dynamics.formats.cdr.LAYOUTS`.
+the file, and keeps of messages what `rb_dynamics.formats.topic.Topic` keeps.
 """
 
 from __future__ import annotations
 
 import os
 import re
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
@@ -27,54 +26,17 @@ from rb_dynamics.formats.messages import (
     TWIST,
     VECTOR,
     WRENCH,
-    decode_wrench,
 )
+from rb_dynamics.formats.topic import KEPT, Times, Topic, Values
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.run.provenance import DAMAGED, INTERRUPTED, MISSING_FILES, RESULT, next_file
 
-Times = NDArray[np.int64]
-Values = NDArray[np.float64]
-
-# Of each kind of quantity: the types that carry it, and where it stands in their decoded values.
-_POSES = {POSE: 2, ODOMETRY: 3}
-_TWISTS = {TWIST: 2, ODOMETRY: 5}
-_VECTORS = {VECTOR: 2}
-_SCALARS = {SCALAR: 0}
-WRENCHES = {PLAIN_WRENCH: 0, WRENCH: 2}
-
-
-@dataclass
-class Topic:
-    """The messages of one topic, in the order of the file.
-
-    Attributes:
-        name: as recorded.
-        type_name: message type, such as "std_msgs/msg/Float64"; with the encoding before it where that is not CDR.
-        qos: `offered_qos_profiles` as recorded, YAML; "" where the writer gave none.
-        log_times: ns, one for each message.
-        publish_times: ns, one for each message.
-        messages: the bytes of each message; empty for a type that is not in `cdr.LAYOUTS`.
-    """
-
-    name: str
-    type_name: str
-    qos: str = ""
-    log_times: list[int] = field(default_factory=list)
-    publish_times: list[int] = field(default_factory=list)
-    messages: list[bytes] = field(default_factory=list)
-
-    @property
-    def count(self) -> int:
-        """Number of messages."""
-        return len(self.log_times)
-
-    def decoded(self) -> list[tuple[Any, ...]]:
-        """Return the values of each message, see `cdr.decode`.
-
-        Raises:
-            LogError: a message is cut short or not CDR.
-        """
-        return [cdr.decode(self.type_name, message) for message in self.messages]
+# Of each kind of quantity: the types that carry it, and where it stands in the numbers of a `Topic`.
+_POSES = {POSE: slice(0, 7), ODOMETRY: slice(0, 7)}
+_TWISTS = {TWIST: slice(0, 6), ODOMETRY: slice(7, 13)}
+_VECTORS = {VECTOR: slice(0, 3)}
+_SCALARS = {SCALAR: slice(0, 1)}
+WRENCHES = {PLAIN_WRENCH: slice(0, 6), WRENCH: slice(0, 6)}
 
 
 @dataclass
@@ -127,7 +89,7 @@ class Bag:
         """Return stamps (ns) and rows of position (m) and quaternion x, y, z, w; of PoseStamped or Odometry.
 
         Raises:
-            LogError: no such topic, another type, or a damaged message; so for the five functions below.
+            LogError: no such topic, another type, or a damaged message; so for the functions below.
         """
         return self._series(topic, _POSES)
 
@@ -147,21 +109,25 @@ class Bag:
     def wrenches(self, topic: str) -> list[tuple[int, Wrench]]:
         """Return log time (ns) and command for each message, in the order of the file; of WrenchStamped or Wrench."""
         source = self._topic(topic, WRENCHES)
-        pairs = zip(source.log_times, source.messages, strict=True)
-        return [(time_ns, decode_wrench(source.type_name, time_ns, message)) for time_ns, message in pairs]
+        starts, texts = zip(*source.texts, strict=True) if source.texts else ((), ())
+        frames = [text[0] if text else "" for text in texts]
+        of_row = np.searchsorted(starts, np.arange(source.count), side="right") - 1
+        columns = (source.log_times, of_row.tolist(), source.stamps.tolist(), source.numbers.tolist())
+        return [
+            (at, Wrench((fx, fy, fz), (tx, ty, tz), frames[k], stamp_ns))
+            for at, k, stamp_ns, (fx, fy, fz, tx, ty, tz) in zip(*columns, strict=True)
+        ]
 
-    def frame_ids(self, topic: str) -> set[str]:
-        """Return every `header.frame_id` on a topic of a stamped type."""
-        stamped = {name: 1 for name, layout in cdr.LAYOUTS.items() if layout[:2] == (cdr.STAMP, cdr.STRING)}
-        return {values[1] for values in self._topic(topic, stamped).decoded()}
+    def frame_ids(self, topic: str, child: bool = False) -> set[str]:
+        """Return every `header.frame_id`, or every `child_frame_id`, on a topic of a stamped type with numbers."""
+        stamped = {name: slice(0) for name in KEPT if cdr.LAYOUTS[name][:2] == (cdr.STAMP, cdr.STRING)}
+        return {texts[child] for _, texts in self._topic(topic, stamped).texts}
 
-    def _series(self, topic: str, places: dict[str, int]) -> tuple[Times, Values]:
-        source = self._topic(topic, places)
-        place = places[source.type_name]
-        times, values = _alike(source, place) or _one_by_one(source, place)
-        return (times if _stamped(source) else np.array(source.log_times, dtype=np.int64)), values
+    def _series(self, topic: str, columns: Mapping[str, slice]) -> tuple[Times, Values]:
+        source = self._topic(topic, columns)
+        return source.stamps, source.numbers[:, columns[source.type_name]]
 
-    def _topic(self, name: str, types: dict[str, int]) -> Topic:
+    def _topic(self, name: str, types: Mapping[str, slice]) -> Topic:
         topic = self.topics.get(name)
         if topic is None or topic.type_name not in types:
             found = "no such topic" if topic is None else f"type {topic.type_name!r}"
@@ -181,51 +147,12 @@ def read_bag(path: str | os.PathLike[str]) -> Bag:
     file = open_source(Path(path))
     bag = Bag(file.path, False, {}, file.metadata, file.attachments)
     for message in file.messages():
-        topic = _topic_of(bag, message.channel)
-        topic.log_times.append(message.log_time)
-        topic.publish_times.append(message.publish_time)
-        if topic.type_name in cdr.LAYOUTS:
-            topic.messages.append(message.data)
+        _topic_of(bag, message.channel).add(message.log_time, message.data)
     for channel in file.channels.values():
         _topic_of(bag, channel)
     bag.whole = file.complete
     bag.complete = file.complete and INTERRUPTED not in file.metadata and not bag.next_file
     return bag
-
-
-def _stamped(topic: Topic) -> bool:
-    return cdr.LAYOUTS[topic.type_name][0] == cdr.STAMP
-
-
-def _one_by_one(topic: Topic, place: int) -> tuple[Times, Values]:
-    """Return first field and numbers of each message."""
-    rows = topic.decoded()
-    times = np.array([row[0] if _stamped(topic) else 0 for row in rows], dtype=np.int64)
-    return times, np.array([row[place] for row in rows], dtype=np.float64).reshape(len(rows), _width(topic, place))
-
-
-def _alike(topic: Topic, place: int) -> tuple[Times, Values] | None:
-    """Return the same straight from the bytes, much faster; None unless only stamps and numbers differ."""
-    messages = topic.messages
-    if len({len(message) for message in messages}) != 1:
-        return None
-    cdr.decode(topic.type_name, messages[0])
-    raw = np.frombuffer(b"".join(messages), dtype=np.uint8).reshape(len(messages), -1)
-    numbers = cdr.first_number(topic.type_name, messages[0])
-    texts = raw[:, 12:numbers]
-    if (raw[:, :2] != raw[0, :2]).any() or (texts != texts[0]).any():
-        return None
-    order = "<" if messages[0][1] else ">"
-    stamps = raw[:, 4:12].copy().view([("s", order + "i4"), ("ns", order + "u4")])[:, 0]
-    start = numbers + 8 * sum(_width(topic, earlier) for earlier in range(place))
-    values = raw[:, start : start + 8 * _width(topic, place)].copy().view(order + "f8")
-    return stamps["s"].astype(np.int64) * 1_000_000_000 + stamps["ns"], values.astype(np.float64)
-
-
-def _width(topic: Topic, place: int) -> int:
-    """Return how many float64 a field holds; 0 for a stamp or a string."""
-    count = cdr.LAYOUTS[topic.type_name][place]
-    return count if isinstance(count, int) else 0
 
 
 def named_type(channel: Channel) -> str:

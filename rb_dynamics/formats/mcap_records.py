@@ -24,8 +24,13 @@ from rb_dynamics.errors import LogError, MissingExtraError
 
 # One record, and one chunk after decompression, must fit: recorders write chunks of 1 to 4 MB.
 MAX_RECORD_BYTES = 256 * 2**20
+# What a file may hold, so that one of kilobytes does not keep its reader busy for minutes: the most repetitive
+# recording (one number that never changes) still takes a byte a message, and the index of most writers 16 more.
+_FREE_RECORDS, _RECORDS_PER_BYTE = 100_000, 2
 
 MAGIC = b"\x89MCAP0\r\n"
+
+_END_OF_TIME = 2**63
 
 
 class Opcode(enum.IntEnum):
@@ -124,6 +129,7 @@ class McapFile:
     attachments: dict[str, bytes] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
     _schemas: dict[int, Schema] = field(default_factory=dict)
+    _records_left: int = 0
 
     def messages(self) -> Iterator[Message]:
         """Yield every message; ends quietly where the file was cut off.
@@ -147,13 +153,17 @@ class McapFile:
             file.seek(0)
             found, instead = self._instead(file.read(len(_SQLITE)), file)
             raise LogError(f"{self.path} {found}; {instead}")
-        for opcode, content in self._records(file, os.fstat(file.fileno()).st_size):
+        size = os.fstat(file.fileno()).st_size
+        self._records_left = _FREE_RECORDS + _RECORDS_PER_BYTE * size
+        for opcode, content in self._records(file, size):
             if opcode == _CUT_CHUNK:
                 yield from self._cut_chunk(content)
             elif opcode == Opcode.CHUNK:
                 yield from self._chunk(content)
             elif opcode == Opcode.MESSAGE:
-                yield self._message(content, 0, len(content))
+                message = self._message(content, 0, len(content))
+                if message is not None:
+                    yield message
             elif opcode == Opcode.FOOTER:
                 self.complete = file.read(len(MAGIC)) == MAGIC
                 return
@@ -202,7 +212,7 @@ class McapFile:
         try:
             yield from self._chunk_messages(self._decompressed(content))
         except (LogError, UnicodeDecodeError) as error:
-            if not self.salvage or isinstance(error, MissingExtraError):
+            if not self.salvage or isinstance(error, (MissingExtraError, _TooManyRecordsError)):
                 raise
             self.damage.append(str(error))
             with contextlib.suppress(LogError):
@@ -225,12 +235,21 @@ class McapFile:
             end = start + length
             if opcode == 0 or end > len(data):
                 raise self._damage("has a chunk that ends within a record")
+            self._records_left -= 1
+            if self._records_left < 0:
+                raise _TooManyRecordsError(
+                    f"{self.path} holds more records than a recording of its size: more than {_RECORDS_PER_BYTE} for "
+                    f"each byte and {_FREE_RECORDS}, expected messages, which differ; record it again"
+                )
             if opcode == Opcode.MESSAGE:
-                yield self._message(data, start, end)
+                message = self._message(data, start, end)
+                if message is not None:
+                    yield message
             else:
                 self._note(opcode, data[start:end])
 
-    def _message(self, data: bytes, start: int, end: int) -> Message:
+    def _message(self, data: bytes, start: int, end: int) -> Message | None:
+        """Return a message; None where it is left out because no clock shows its times."""
         content = start + _MESSAGE_HEAD.size
         if content > end:
             raise self._damage("has a message without its times")
@@ -238,6 +257,16 @@ class McapFile:
         channel = self.channels.get(channel_id)
         if channel is None:
             raise self._damage(f"has a message on channel {channel_id}, which it does not declare")
+        if log_time >= _END_OF_TIME or publish_time >= _END_OF_TIME:
+            damage = self._damage(
+                f"has a message on {channel.topic} of log time {log_time} ns and publish time {publish_time} ns, "
+                "beyond the 2^63 ns that ROS counts to"
+            )
+            if not self.salvage:
+                raise damage
+            if str(damage) not in self.damage[-1:]:
+                self.damage.append(str(damage))
+            return None
         return Message(channel, log_time, publish_time, data[content:end])
 
     def _note(self, opcode: int, content: bytes) -> None:
@@ -310,6 +339,10 @@ def instead_of_recover(path: Path) -> str:
 def _converted(path: Path, bag: str) -> str:
     """Return the command that makes a bag of ROS 2 in MCAP of a file."""
     return f"rosbags-convert --src {path} --dst {bag} --dst-storage mcap (pip install rosbags)"
+
+
+class _TooManyRecordsError(LogError):
+    """More than what can be salvaged."""
 
 
 class _Fields:

@@ -61,7 +61,7 @@ def scene_and_names(source: Source, purpose: str = "run again") -> tuple[Scene, 
         purpose: what the log is wanted for, as a refusal says it.
 
     Raises:
-        LogError: it is not a log of this package.
+        LogError: it is not a log of this package, or one of its topics has another type than it had.
         SceneError: the scene in it is not valid.
     """
     if SCENE not in source.attachments or RUN not in source.metadata:
@@ -78,11 +78,20 @@ def scene_and_names(source: Source, purpose: str = "run again") -> tuple[Scene, 
             "what it is; read scenes with what is to be changed: read_scene(path, {'body.mass': 2.0})"
         )
     scene = parse_scene(text, f"{source.path}: {SCENE}")
-    topics = [name for name, _ in (*SAMPLE_TOPICS, POTENTIAL, MASS_PROPERTIES, TF_STATIC)]
+    types = dict((*SAMPLE_TOPICS, POTENTIAL, MASS_PROPERTIES, TF_STATIC))
     for topic in [*(c.topic for c in scene.channels), *(name for name, _ in scene.acting.schedules())]:
-        topics += [topic, topic + APPLIED]
-    usual = {name: name if name.startswith("/") else f"/{name}" for name in topics}
-    return scene, usual | source.metadata.get(TOPICS, {})
+        types |= {topic: WRENCH, topic + APPLIED: WRENCH}
+    usual = {name: name if name.startswith("/") else f"/{name}" for name in types}
+    names = usual | source.metadata.get(TOPICS, {})
+    expected = {names[name]: type_name for name, type_name in types.items()}
+    for channel in source.channels.values():
+        type_name = expected.get(channel.topic, channel.type_name)
+        if channel.type_name != type_name:
+            raise LogError(
+                f"{source.path} is damaged: topic {channel.topic} has the type {channel.type_name!r}, expected "
+                f"{type_name!r}; give a copy that is whole"
+            )
+    return scene, names
 
 
 def received_commands(

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import logging
 import random
+import struct
 import sys
+import time
 import tracemalloc
 from collections.abc import Callable
 from io import BytesIO
@@ -21,6 +23,7 @@ from rb_dynamics.errors import LogError, MissingExtraError
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_reader import Bag, read_bag
 from rb_dynamics.formats.mcap_records import MAX_RECORD_BYTES, McapFile
+from rb_dynamics.formats.recovery import recover
 from rb_dynamics.formats.wrench_bags import read_wrenches
 from rb_dynamics.loads.wrench import Wrench, WrenchFrames
 from rb_dynamics.recording.mcap_sink import McapSink
@@ -162,7 +165,7 @@ def test_our_own_log_as_arrays(tmp_path: Path) -> None:
     np.testing.assert_array_equal(energy, index)
     assert bag.wrenches("/wrench")[1] == (10_000, Wrench((10.0, 0.5, -0.5), (0.0, 0.0, 0.0), "body", 10_000))
     assert bag.frame_ids("/twist") == {"body"}
-    assert bag.topics["/inertia"].decoded()[0][2][:4] == (2.0, 0.0, 0.0, 0.0)
+    assert tuple(bag.topics["/inertia"].numbers[0, :4]) == (2.0, 0.0, 0.0, 0.0)
     assert "transient_local" in bag.topics["/inertia"].qos
     assert bag.scalars("/energy/work")[1].shape == (50,)
     empty = read_bag(write_log(tmp_path / "empty.mcap", 0))
@@ -282,7 +285,7 @@ def test_flipped_bits_are_a_log_error_or_harmless(tmp_path: Path, compression: C
         bad.write_bytes(flipped)
         try:
             for topic in read_bag(bad).topics.values():
-                topic.decoded()
+                assert not topic.count or topic.numbers.shape == (topic.count, 6)
         except LogError:
             refused += 1
     assert refused > 50
@@ -372,3 +375,69 @@ def test_the_container_alone(tmp_path: Path) -> None:
     assert file.complete
     assert set(file.metadata) >= {"rb_dynamics", "rb_dynamics.topics", "rb_dynamics.result"}
     assert file.attachments == {"scene.yaml": b"body: {}\n"}
+
+
+def packed(*records: tuple[int, bytes]) -> bytes:
+    """Return a file of these records, without an end."""
+    return MAGIC + plain(*records)
+
+
+def plain(*records: tuple[int, bytes]) -> bytes:
+    return b"".join(struct.pack("<BQ", opcode, len(content)) + content for opcode, content in records)
+
+
+def text(value: str) -> bytes:
+    return struct.pack("<I", len(value)) + value.encode()
+
+
+POSES = [
+    (3, struct.pack("<H", 1) + text("geometry_msgs/msg/PoseStamped") + text("ros2msg") + bytes(4)),
+    (4, struct.pack("<HH", 1, 1) + text("/pose") + text("cdr") + bytes(4)),
+]
+
+
+def a_chunk(data: bytes) -> tuple[int, bytes]:
+    """Return the record of a compressed chunk."""
+    zstandard = pytest.importorskip("zstandard")
+    content = zstandard.ZstdCompressor().compress(data)
+    return 6, struct.pack("<QQQI", 0, 0, len(data), 0) + text("zstd") + struct.pack("<Q", len(content)) + content
+
+
+@pytest.mark.parametrize(
+    "record",
+    [(99, b""), (5, struct.pack("<HIQQ", 1, 0, 5, 5)), POSES[0]],
+    ids=["records of no kind", "empty messages", "schemas"],
+)
+def test_kilobytes_that_hold_millions_of_records_are_refused_at_once(tmp_path: Path, record: tuple[int, bytes]) -> None:
+    path = tmp_path / "bomb.mcap"
+    path.write_bytes(packed(*POSES, *[a_chunk(plain(record) * 2_000_000)] * 3))
+    assert path.stat().st_size < 60_000
+    for read in (read_bag, lambda path: recover(path, tmp_path / "saved.mcap")):
+        began = time.process_time()
+        with pytest.raises(LogError, match="holds more records than a recording of its size"):
+            read(path)
+        assert time.process_time() - began < 3.0
+
+
+def test_the_most_repetitive_recording_is_read(tmp_path: Path) -> None:
+    """One number that never changes, a million times a second: little is left of it when it is compressed."""
+    data = b"".join(
+        struct.pack("<BQHIQQ", 5, 22 + 12, 1, 0, k, k) + b"\0\1\0\0" + bytes(8) for k in range(0, 400_000_000, 1000)
+    )
+    path = tmp_path / "zero.mcap"
+    path.write_bytes(packed(*POSES, a_chunk(data)))
+    assert sum(1 for _ in McapFile(path).messages()) == 400_000
+
+
+def test_a_time_beyond_2_63_is_damage_and_all_else_is_recovered(tmp_path: Path) -> None:
+    def message(at: int) -> tuple[int, bytes]:
+        return 5, struct.pack("<HIQQ", 1, 0, at, at) + cdr.encode("geometry_msgs/msg/PoseStamped", 0, "w", (0.0,) * 7)
+
+    path, saved = tmp_path / "late.mcap", tmp_path / "saved.mcap"
+    times = [1, 2**63, 2**64 - 1, 2, 2**63, 3]
+    path.write_bytes(packed(*POSES, a_chunk(plain(*map(message, times[:4]))), *map(message, times[4:])))
+    with pytest.raises(LogError, match=r"is damaged: .* on /pose of log time 9223372036854775808 ns .*rb-dynamics rec"):
+        read_bag(path)
+    (found,) = recover(path, saved)
+    assert len(found.damage) == 3
+    assert read_bag(saved).topics["/pose"].log_times.tolist() == [1, 2, 3]

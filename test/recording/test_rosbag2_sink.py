@@ -11,6 +11,7 @@ from rb_dynamics.analysis.summary import summarize
 from rb_dynamics.analysis.topics import read_track
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.formats.bag_source import open_source
 from rb_dynamics.formats.recovery import recover
 from rb_dynamics.formats.wrench_bags import RecordedWrenches
 from rb_dynamics.loads.wrench import Wrench
@@ -36,8 +37,13 @@ COMMANDS = [
 
 def topics(path: Path) -> dict[str, tuple[list[int], list[bytes]]]:
     """Return times and bytes of every topic but the inertia, which each file begins with."""
-    bag = read_bag(path)
-    return {name: (each.log_times, each.messages) for name, each in bag.topics.items() if name != "/inertia"}
+    found: dict[str, tuple[list[int], list[bytes]]] = {}
+    for message in open_source(path).messages():
+        if message.channel.topic != "/inertia":
+            times, contents = found.setdefault(message.channel.topic, ([], []))
+            times.append(message.log_time)
+            contents.append(message.data)
+    return found
 
 
 def test_a_split_bag_holds_what_one_file_holds(tmp_path: Path) -> None:
