@@ -49,12 +49,18 @@ def fate(track: Track, steps: WrenchSteps, source: Topic, declared: WrenchFrames
     acted = Counter(steps.time_ns.tolist())
     pieces = track.bag.missing
 
+    # What a command did is written behind it, at its time: where a log is cut off at that time, it is lost.
+    last = (
+        None if track.bag.complete else max((max(t.log_times) for t in track.bag.topics.values() if t.count), default=0)
+    )
+
     def known(times: Counter[int]) -> list[int]:
         return [at for at in sorted(times.elements()) if not any(begin <= at <= end for begin, end in pieces)]
 
     # Every applied wrench that no command stands behind is a timeout: that is how a log is written. A command behind
     # which none stands was too large.
-    alone, drops, too_large = acted - honoured, known(acted - honoured), known(honoured - acted)
+    alone, drops = acted - honoured, known(acted - honoured)
+    too_large = [at for at in known(honoured - acted) if at != last]
     return Fate(
         applied=len(steps.time_ns) - alone.total(),
         timeouts=len(drops) if _known(track, drops) else None,
