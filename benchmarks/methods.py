@@ -125,7 +125,7 @@ LEFT_OUT = (
     commutator_free.method(
         "cg3",
         3,
-        commutator_free.Table(
+        commutator_free.StageProducts(
             stages=(((3.0 / 4.0,),), ((119.0 / 216.0, 0.0), (0.0, 17.0 / 108.0)), ((0.0, 0.0, 0.0),)),
             end=((13.0 / 51.0, 0.0, 0.0, 0.0), (0.0, -2.0 / 3.0, 0.0, 0.0), (0.0, 0.0, 24.0 / 17.0, 0.0)),
         ),

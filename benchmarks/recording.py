@@ -31,7 +31,7 @@ from rb_dynamics.recording import rerun_layout as layout
 from rb_dynamics.recording.mcap_sink import McapSink
 from rb_dynamics.recording.rerun_columns import gather
 from rb_dynamics.recording.rerun_sink import BATCH_ROWS, Recorder, RerunSink
-from rb_dynamics.recording.thinning import Row
+from rb_dynamics.recording.thinning import KeptSample
 from rb_dynamics.run.sink import RunInfo, Sample, Sink
 from rb_dynamics.scene.shipped import shipped
 
@@ -120,7 +120,7 @@ def through(sink: Sink, scene: rb.Scene, samples: list[Sample]) -> float:
 
 def columns(path: Path, scene: rb.Scene, samples: list[Sample]) -> float:
     """Return rows per second through what the sink does with each batch."""
-    rows = [Row(index, sample, HeldWrench()) for index, sample in enumerate(samples)]
+    rows = [KeptSample(index, sample, HeldWrench()) for index, sample in enumerate(samples)]
     series = layout.series_of(scene)
     batches = [gather(rows[k : k + BATCH_ROWS], series) for k in range(0, SAMPLES, BATCH_ROWS)]
     # Poses and plane; arrows at the body, of which force and torque have none here; arrows of Poinsot's construction.

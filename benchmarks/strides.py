@@ -52,7 +52,7 @@ def measure(name: str, takes: Takes, accuracy: float, turn: int) -> tuple[float,
     """Return the time (s) for two seconds of motion, and the strides taken; each turn from a start of its own."""
     solver = {"solver.method": name, "solver.accuracy": accuracy, "initial.angular_velocity_body[0]": 0.4 + 1e-3 * turn}
     scene = parse_scene(SCENE + EFFECTS[takes], overrides=solver)
-    load_from = scene.acting.load_from(0.0)
+    load_from = scene.combined_effects.load_from(0.0)
     load = None if load_from is None else (lambda phase: load_from(phase.point(scene.body)))
     arc = Plan(scene).arc(in_principal_axes(scene.body, HELD), 0, Phase.of(scene.body, scene.initial), load)
     begin = time.process_time()

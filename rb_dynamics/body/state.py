@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from rb_dynamics.numerics.rotation import IDENTITY, Quaternion
-from rb_dynamics.numerics.validation import quaternion, vector, whole
+from rb_dynamics.numerics.validation import quaternion, vector, whole_number
 from rb_dynamics.numerics.vector import ZERO, Vector
 
 
@@ -39,7 +39,7 @@ class State:
         """
         return replace(
             self,
-            time_ns=whole(self.time_ns, f"{name}.time_ns", "give nanoseconds: round(1e9 * seconds)"),
+            time_ns=whole_number(self.time_ns, f"{name}.time_ns", "give nanoseconds: round(1e9 * seconds)"),
             position_world=vector(self.position_world, f"{name}.position_world", "a position (m)"),
             orientation_xyzw=quaternion(self.orientation_xyzw, f"{name}.orientation_xyzw"),
             linear_velocity_world=vector(

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from rb_dynamics.study.campaign.flight import Columns
     from rb_dynamics.study.campaign.model import Campaign
     from rb_dynamics.study.campaign.store import Store
-    from rb_dynamics.study.campaign.summary import Summary
+    from rb_dynamics.study.campaign.summary import CampaignSummary
 
 HELP = "fly a scene many times with dispersed numbers"
 
@@ -122,7 +122,7 @@ def _options(args: argparse.Namespace) -> list[str]:
 
 
 def _write_page(
-    args: argparse.Namespace, campaign: Campaign, rows: Columns, out: Path, summary: Summary
+    args: argparse.Namespace, campaign: Campaign, rows: Columns, out: Path, summary: CampaignSummary
 ) -> Path | None:
     """Write the page; where nobody asked for it, its libraries may be missing."""
     from pathlib import Path

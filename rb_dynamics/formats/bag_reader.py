@@ -17,7 +17,7 @@ import numpy as np
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_source import open_source
-from rb_dynamics.formats.mcap_records import Channel
+from rb_dynamics.formats.mcap_records import McapChannel
 from rb_dynamics.formats.messages import (
     ODOMETRY,
     PLAIN_WRENCH,
@@ -155,7 +155,7 @@ def read_bag(path: str | os.PathLike[str]) -> Bag:
     return bag
 
 
-def named_type(channel: Channel) -> str:
+def named_type(channel: McapChannel) -> str:
     """Return "pkg/msg/Type", for the older "pkg/Type" too; what is no CDR is given its encoding and so fits no type."""
     type_name = channel.type_name
     if channel.encoding != "cdr":
@@ -163,7 +163,7 @@ def named_type(channel: Channel) -> str:
     return type_name.replace("/", "/msg/") if type_name.count("/") == 1 else type_name
 
 
-def _topic_of(bag: Bag, channel: Channel) -> Topic:
+def _topic_of(bag: Bag, channel: McapChannel) -> Topic:
     """Return the topic a channel belongs to, new where it is the first: a topic may have several publishers."""
     kind = named_type(channel)
     topic = bag.topics.setdefault(channel.topic, Topic(channel.topic, kind))

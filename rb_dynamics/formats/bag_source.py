@@ -16,7 +16,7 @@ from typing import Any, Protocol
 import yaml
 
 from rb_dynamics.errors import LogError, MissingExtraError
-from rb_dynamics.formats.mcap_records import Channel, McapFile, Message, Schema
+from rb_dynamics.formats.mcap_records import McapChannel, McapFile, Message, Schema
 from rb_dynamics.formats.rosbag2_metadata import METADATA_FILE
 from rb_dynamics.run.provenance import DAMAGED, INTERRUPTED, MISSING_FILES, RESULT, next_file
 
@@ -32,7 +32,7 @@ class Source(Protocol):
     attachments: dict[str, bytes]
 
     @property
-    def channels(self) -> Mapping[Any, Channel]:
+    def channels(self) -> Mapping[Any, McapChannel]:
         """Channels, by whatever tells them apart."""
 
     def messages(self) -> Iterator[Message]:
@@ -75,7 +75,7 @@ class SplitMcap:
     complete: bool = False
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     attachments: dict[str, bytes] = field(default_factory=dict)
-    channels: dict[str, Channel] = field(default_factory=dict)
+    channels: dict[str, McapChannel] = field(default_factory=dict)
 
     def messages(self) -> Iterator[Message]:
         """Yield every message of every file.
@@ -155,7 +155,7 @@ class RosbagsSource:
     complete: bool = False
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     attachments: dict[str, bytes] = field(default_factory=dict)
-    channels: dict[int, Channel] = field(default_factory=dict)
+    channels: dict[int, McapChannel] = field(default_factory=dict)
 
     def messages(self) -> Iterator[Message]:
         """Yield every message; its publish time is its log time.
@@ -170,7 +170,7 @@ class RosbagsSource:
         try:
             with Reader(self.path) as reader:
                 self.channels = {
-                    each.id: Channel(_name(each.topic), Schema(_name(each.msgtype)), "cdr", {})
+                    each.id: McapChannel(_name(each.topic), Schema(_name(each.msgtype)), "cdr", {})
                     for each in reader.connections
                 }
                 for connection, time_ns, data in reader.messages():

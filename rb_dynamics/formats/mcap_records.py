@@ -80,7 +80,7 @@ class Schema(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Channel:
+class McapChannel:
     """One channel: topic, type, encoding of the messages and metadata as recorded."""
 
     topic: str
@@ -97,7 +97,7 @@ class Channel:
 class Message(NamedTuple):
     """One message: times in integer nanoseconds, content as recorded."""
 
-    channel: Channel
+    channel: McapChannel
     log_time: int
     publish_time: int
     data: bytes
@@ -127,7 +127,7 @@ class McapFile:
     missing: list[tuple[int, int]] = field(default_factory=list)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     attachments: dict[str, bytes] = field(default_factory=dict)
-    channels: dict[int, Channel] = field(default_factory=dict)
+    channels: dict[int, McapChannel] = field(default_factory=dict)
     _schemas: dict[int, Schema] = field(default_factory=dict)
     _records_left: int = 0
 
@@ -278,7 +278,7 @@ class McapFile:
         elif opcode == Opcode.CHANNEL:
             channel_id, schema_id = fields.take("HH")
             topic, encoding = fields.text(), fields.text()
-            self.channels[channel_id] = Channel(
+            self.channels[channel_id] = McapChannel(
                 topic, self._schemas.get(schema_id, Schema()), encoding, fields.mapping()
             )
         elif opcode == Opcode.ATTACHMENT:

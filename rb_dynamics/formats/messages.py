@@ -86,7 +86,7 @@ def qos_profile(depth: int, durability: str = "volatile") -> str:
 
 def sample_topics(scene: Scene, accel: bool) -> tuple[tuple[str, str], ...]:
     """Return name and type of each topic that a sample of `scene` has, in the order of `sample_encoder`."""
-    potential = () if scene.acting.potential() is None else (POTENTIAL,)
+    potential = () if scene.combined_effects.potential() is None else (POTENTIAL,)
     return (*SAMPLE_TOPICS, *potential, *((ACCEL,) if accel else ()))
 
 

@@ -46,7 +46,7 @@ COLUMNS: dict[str, tuple[str, ...]] = {
 }
 
 
-class Row(NamedTuple):
+class SampleRow(NamedTuple):
     """One sample as logged: time in integer nanoseconds, numbers in the order of `row_columns`."""
 
     time_ns: int
@@ -79,7 +79,7 @@ def scene_and_names(source: Source, purpose: str = "run again") -> tuple[Scene, 
         )
     scene = parse_scene(text, f"{source.path}: {SCENE}")
     types = dict((*SAMPLE_TOPICS, POTENTIAL, MASS_PROPERTIES, TF_STATIC))
-    for topic in [*(c.topic for c in scene.channels), *(name for name, _ in scene.acting.schedules())]:
+    for topic in [*(c.topic for c in scene.channels), *(name for name, _ in scene.combined_effects.schedules())]:
         types |= {topic: WRENCH, topic + APPLIED: WRENCH}
     usual = {name: name if name.startswith("/") else f"/{name}" for name in types}
     names = usual | source.metadata.get(TOPICS, {})
@@ -109,7 +109,7 @@ def row_columns(scene: Scene) -> tuple[str, ...]:
     return tuple(column for topic in _topics(scene) for column in COLUMNS[topic])
 
 
-def rows(scene: Scene, names: Mapping[str, str], messages: Iterable[Message]) -> Iterator[Row]:
+def rows(scene: Scene, names: Mapping[str, str], messages: Iterable[Message]) -> Iterator[SampleRow]:
     """Yield each sample of a log; one that was cut off within a sample ends before it."""
     waiting: dict[str, deque[tuple[int, tuple[float, ...]]]] = {names[topic]: deque() for topic in _topics(scene)}
     for message in messages:
@@ -121,8 +121,8 @@ def rows(scene: Scene, names: Mapping[str, str], messages: Iterable[Message]) ->
         queue.append((message.log_time, numbers))
         if all(waiting.values()):
             parts = [each.popleft() for each in waiting.values()]
-            yield Row(parts[0][0], tuple(number for _, part in parts for number in part))
+            yield SampleRow(parts[0][0], tuple(number for _, part in parts for number in part))
 
 
 def _topics(scene: Scene) -> list[str]:
-    return [topic for topic in COLUMNS if topic != POTENTIAL[0] or scene.acting.potential() is not None]
+    return [topic for topic in COLUMNS if topic != POTENTIAL[0] or scene.combined_effects.potential() is not None]

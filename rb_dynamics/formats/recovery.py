@@ -14,7 +14,7 @@ from pathlib import Path
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_source import in_order
 from rb_dynamics.formats.log_file import LogFile, require_other
-from rb_dynamics.formats.mcap_records import Channel, McapFile, Message, Schema, instead_of_recover
+from rb_dynamics.formats.mcap_records import McapChannel, McapFile, Message, Schema, instead_of_recover
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.rosbag2_metadata import BagFile, write_metadata
 from rb_dynamics.run.provenance import CUT_OFF, DAMAGED, INTERRUPTED, next_file, version
@@ -37,7 +37,7 @@ class Recovered:
 
     file: BagFile
     state: str
-    channels: list[Channel]
+    channels: list[McapChannel]
     damage: list[str]
     missing: list[tuple[int, int]]
     next_file: str = ""
@@ -134,7 +134,7 @@ class _Copy:
             self._writer.add_metadata(name, facts)
         self._writer.finish()
 
-    def _declared(self, channel: Channel) -> int:
+    def _declared(self, channel: McapChannel) -> int:
         """Return the number of a channel in the new file; a topic with several publishers has one."""
         key = (channel.topic, channel.schema)
         if key not in self._channels:

@@ -10,7 +10,7 @@ from typing import Any
 
 import yaml
 
-from rb_dynamics.formats.mcap_records import Channel
+from rb_dynamics.formats.mcap_records import McapChannel
 
 METADATA_FILE = "metadata.yaml"
 
@@ -31,7 +31,7 @@ class BagFile:
     counts: Counter[str] = field(default_factory=Counter)
 
 
-def write_metadata(folder: Path, channels: Sequence[Channel], files: Sequence[BagFile]) -> Path:
+def write_metadata(folder: Path, channels: Sequence[McapChannel], files: Sequence[BagFile]) -> Path:
     """Write `metadata.yaml`, version 9 as in Jazzy, for the files of a bag; returns its path."""
     counts: Counter[str] = sum((file.counts for file in files), Counter())
     spoken = [file for file in files if file.counts]

@@ -1,4 +1,4 @@
-"""`ActingEffects`: the effects of a scene on its body, added up.
+"""`CombinedEffects`: the effects of a scene on its body, added up.
 
 What no effect has is None, and no code runs for it.
 """
@@ -18,7 +18,7 @@ from rb_dynamics.numerics.vector import ZERO, Vector, add
 
 
 @dataclass(frozen=True)
-class ActingEffects:
+class CombinedEffects:
     """What the `effects` of a scene do to `body`, in the order of the scene."""
 
     body: RigidBody

@@ -17,7 +17,7 @@ _T = TypeVar("_T")
 _forget: list[Callable[[], None]] = []
 
 
-def remembered(count: int) -> Callable[[Callable[..., _T]], _lru_cache_wrapper[_T]]:
+def cached_results(count: int) -> Callable[[Callable[..., _T]], _lru_cache_wrapper[_T]]:
     """Let a function remember its last `count` results."""
 
     def decorate(function: Callable[..., _T]) -> _lru_cache_wrapper[_T]:
@@ -28,7 +28,7 @@ def remembered(count: int) -> Callable[[Callable[..., _T]], _lru_cache_wrapper[_
     return decorate
 
 
-def forget() -> None:
+def clear_caches() -> None:
     """Empty all memories, so that what is timed next finds nothing that was computed before."""
     for clear in _forget:
         clear()

@@ -15,7 +15,7 @@ import math
 from typing import NamedTuple
 
 from rb_dynamics.errors import ConvergenceError
-from rb_dynamics.motion.caching import remembered
+from rb_dynamics.motion.caching import cached_results
 from rb_dynamics.motion.step_checks import NO_ATTITUDE, NOWHERE
 from rb_dynamics.numerics.compilation import compiled_as
 from rb_dynamics.numerics.elliptic import agm, rf, rj, sncndn
@@ -152,7 +152,7 @@ _STEADY = _Tumble(((0, 1.0), (1, 1.0), (2, 1.0)), ZERO, ZERO, 0.0, 0.0, 0.0, 0.0
 
 
 # An arc is looked at many times from one start.
-@remembered(8)
+@cached_results(8)
 def _tumble(moments: Vector, w: Vector) -> _Tumble:
     low, middle, high = 0, 1, 2
     if moments[low] > moments[middle]:

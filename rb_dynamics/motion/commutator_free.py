@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
-from rb_dynamics.motion.rkmk import Frame, frame_of
+from rb_dynamics.motion.rkmk import StageContext, frame_of
 from rb_dynamics.motion.step_checks import LARGEST_TURN, require_finite, turns_too_far
 from rb_dynamics.numerics.rotation import IDENTITY, Quaternion, exp, multiply, renormalize, rotate, rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, divide, dot, norm, scale
@@ -20,14 +20,14 @@ from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, divide, d
 Product = tuple[tuple[float, ...], ...]
 
 
-class Table(NamedTuple):
+class StageProducts(NamedTuple):
     """The products of the three stages after the first, and that of the step."""
 
     stages: tuple[Product, ...]
     end: Product
 
 
-CF4_TABLE = Table(
+CF4_TABLE = StageProducts(
     stages=(((0.5,),), ((0.0, 0.5),), ((0.5, 0.0, 0.0), (-0.5, 0.0, 1.0))),
     end=((1.0 / 4.0, 1.0 / 6.0, 1.0 / 6.0, -1.0 / 12.0), (-1.0 / 12.0, 1.0 / 6.0, 1.0 / 6.0, 1.0 / 4.0)),
 )
@@ -73,7 +73,7 @@ def _reached(h: float, product: Product, row: tuple[float, ...], slopes: tuple[_
     return _Reached(ahead, turn, pushed, twisted, moved)
 
 
-def _slope(frame: Frame, at: _Reached, load: Load | None) -> _Slope:
+def _slope(frame: StageContext, at: _Reached, load: Load | None) -> _Slope:
     (mass, moments), held, axes = frame.inertia, frame.held, frame.orientation
     gain = scale(1.0 / mass, add_scaled(at.pushed, at.ahead, frame.force_0))
     momentum = add(frame.momentum, add_scaled(at.twisted, at.ahead, frame.torque_0))
@@ -94,7 +94,7 @@ def _slope(frame: Frame, at: _Reached, load: Load | None) -> _Slope:
 
 def _advance(
     name: str,
-    table: Table,
+    table: StageProducts,
     rows: tuple[tuple[float, ...], ...],
     inertia: Inertia,
     held: HeldWrench,
@@ -131,7 +131,7 @@ def _advance(
     return require_finite(name, h, end)
 
 
-def method(name: str, order: int, table: Table, source: str) -> Method:
+def method(name: str, order: int, table: StageProducts, source: str) -> Method:
     """Return the method of a table, from `source`."""
     rows = (*map(weights, table.stages), weights(table.end))
 

@@ -3,7 +3,17 @@
 from __future__ import annotations
 
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion.explicit_runge_kutta import Frame, Slopes, end, first, frame, increment, moved, stage, total
+from rb_dynamics.motion.explicit_runge_kutta import (
+    Slopes,
+    StepConstants,
+    end,
+    first,
+    frame,
+    increment,
+    moved,
+    stage,
+    total,
+)
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
 from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import Vector, add_scaled, norm
@@ -168,7 +178,7 @@ def _share(fifth: float, third: float) -> float:
     return fifth / whole if whole > 0.0 else 0.0
 
 
-def _weighted(f: Frame, load: Load | None) -> Slopes:
+def _weighted(f: StepConstants, load: Load | None) -> Slopes:
     """Return the slopes of the stages that have a weight: all but the second to the fifth."""
     k1 = first(f, load)
     k2 = stage(f, _NODES[1], _ROW_2, (k1,), load)

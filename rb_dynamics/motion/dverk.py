@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion.explicit_runge_kutta import Frame, Slopes, end, first, frame, stage
+from rb_dynamics.motion.explicit_runge_kutta import Slopes, StepConstants, end, first, frame, stage
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
 from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import Vector
@@ -66,7 +66,7 @@ def pair(
     return _sixth(f, slopes, load), end("dverk", f, nodes, _FIFTH, fifth, load)
 
 
-def _common(f: Frame, load: Load | None) -> Slopes:
+def _common(f: StepConstants, load: Load | None) -> Slopes:
     """Return the slopes of the first five stages."""
     k1 = first(f, load)
     k2 = stage(f, _NODES[1], _ROW_2, (k1,), load)
@@ -76,7 +76,7 @@ def _common(f: Frame, load: Load | None) -> Slopes:
     return (k1, k2, k3, k4, k5)
 
 
-def _sixth(f: Frame, slopes: Slopes, load: Load | None) -> Increment:
+def _sixth(f: StepConstants, slopes: Slopes, load: Load | None) -> Increment:
     k1, k2, k3, k4, k5 = slopes
     k7 = stage(f, _NODES[6], _ROW_7, (k1, k2, k3, k4, k5), load)
     k8 = stage(f, _NODES[7], _ROW_8, (k1, k2, k3, k4, k5, k7), load)

@@ -27,7 +27,7 @@ Row = tuple[float, ...]
 """Weights of the slopes that they are written with; those that are zero are left out."""
 
 
-class Frame(NamedTuple):
+class StepConstants(NamedTuple):
     """What the stages of a step share; `*_0` in the axes R0.
 
     `differences` are those of the moments, and `inverse` is 1 / I.
@@ -70,10 +70,10 @@ _START: Turn = ((0.0, 0.0, 0.0, 0.0), ZERO)
 
 def frame(
     inertia: Inertia, held: HeldWrench, h: float, velocity: Vector, orientation: Quaternion, angular_velocity: Vector
-) -> Frame:
+) -> StepConstants:
     """Return what the stages of the step share."""
     a, b, c = inertia.moments
-    return Frame(
+    return StepConstants(
         differences_of(inertia.moments),
         (1.0 / a, 1.0 / b, 1.0 / c),
         1.0 / inertia.mass,
@@ -87,12 +87,12 @@ def frame(
     )
 
 
-def first(f: Frame, load: Load | None) -> Slope:
+def first(f: StepConstants, load: Load | None) -> Slope:
     """Return the slope at the start of the step."""
     return _slope(f, 0.0, _START, (ZERO, ZERO), load)
 
 
-def stage(f: Frame, node: float, row: Row, slopes: Slopes, load: Load | None) -> Slope:
+def stage(f: StepConstants, node: float, row: Row, slopes: Slopes, load: Load | None) -> Slope:
     """Return the slope that h times the sum of `slopes` with the weights of `row` leads to, at `node` of the step."""
     carried = (ZERO, ZERO)
     if load is not None:
@@ -113,7 +113,7 @@ def total(h: float, row: Row, slopes: Slopes) -> Turn:
     return (h * a, h * b, h * c, h * d), (h * e, h * f, h * g)
 
 
-def moved(f: Frame, nodes: Row, row: Row, slopes: Slopes, load: Load | None) -> Carried:
+def moved(f: StepConstants, nodes: Row, row: Row, slopes: Slopes, load: Load | None) -> Carried:
     """Return what `row` makes of impulse and displacement; `nodes` are those of the slopes.
 
     Without a load the slopes know no velocity: it is the sum of b_j a_ji = b_i (1 - c_i), the simplifying assumption
@@ -129,7 +129,7 @@ def moved(f: Frame, nodes: Row, row: Row, slopes: Slopes, load: Load | None) -> 
     return scale(f.h, pushed), scale(f.h * f.h * f.inverse_mass, shifted)
 
 
-def end(name: str, f: Frame, nodes: Row, weights: Row, slopes: Slopes, load: Load | None) -> Increment:
+def end(name: str, f: StepConstants, nodes: Row, weights: Row, slopes: Slopes, load: Load | None) -> Increment:
     """Return what h times the sum of `slopes` with `weights` leads to; `nodes` are those of the slopes.
 
     Raises:
@@ -140,7 +140,7 @@ def end(name: str, f: Frame, nodes: Row, weights: Row, slopes: Slopes, load: Loa
 
 
 def increment(
-    name: str, f: Frame, turn: Turn, carried: Carried, weights: Row, slopes: Slopes, load: Load | None
+    name: str, f: StepConstants, turn: Turn, carried: Carried, weights: Row, slopes: Slopes, load: Load | None
 ) -> Increment:
     """Return the increment that ends with `turn` and `carried`, with the books by `weights`.
 
@@ -181,7 +181,7 @@ def _carried(h: float, row: Row, slopes: Slopes) -> Carried:
     return scale(h, pushed), scale(h, shifted)
 
 
-def _slope(f: Frame, node: float, reached: Turn, carried: Carried, load: Load | None) -> Slope:
+def _slope(f: StepConstants, node: float, reached: Turn, carried: Carried, load: Load | None) -> Slope:
     (x, y, z, w), spin_up = reached
     q, omega, gain = (x, y, z, 1.0 + w), add(f.angular_velocity, spin_up), ZERO
     # One division is cheaper than a norm.

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from rb_dynamics.errors import ConvergenceError
-from rb_dynamics.motion.caching import remembered
+from rb_dynamics.motion.caching import cached_results
 from rb_dynamics.motion.splitting import ABA82_STAGES, ABA104_STAGES, ABA864_STAGES, method
 from rb_dynamics.motion.step_checks import NO_ATTITUDE, NOWHERE
 from rb_dynamics.numerics.compilation import compiled_as
@@ -115,7 +115,7 @@ def _out_of_reach(t: float, turn: float) -> tuple[Quaternion, Vector]:
     )
 
 
-@remembered(8)
+@cached_results(8)
 def _preprocessing(moments: Vector) -> _Rows:
     """Return the coefficients of s_k and d_k for k = 1 to 4, times their denominators.
 

@@ -70,7 +70,7 @@ _SECOND = DORMAND_PRINCE.second(DORMAND_PRINCE.weights)
 _COMPARISON_SECOND = DORMAND_PRINCE.second(DORMAND_PRINCE.comparison)
 
 
-class Frame(NamedTuple):
+class StageContext(NamedTuple):
     """What the stages of a step share; the angular `momentum` and `*_0` are in the axes of R0. `cf.py` has the same."""
 
     name: str
@@ -121,9 +121,9 @@ def frame_of(
     velocity: Vector,
     orientation: Quaternion,
     angular_velocity: Vector,
-) -> Frame:
+) -> StageContext:
     """Return what the stages of a step of the method `name` share."""
-    return Frame(
+    return StageContext(
         name,
         inertia,
         held,
@@ -137,7 +137,7 @@ def frame_of(
     )
 
 
-def _slope(frame: Frame, at: _Reached, load: Load | None) -> _Slope:
+def _slope(frame: StageContext, at: _Reached, load: Load | None) -> _Slope:
     turn, v = exp(at.theta), at.velocity
     impulse = add_scaled(at.gained, at.ahead, frame.torque_0)
     omega = divide(rotate_inverse(turn, add(frame.momentum, impulse)), frame.inertia.moments)
@@ -154,7 +154,7 @@ def _slope(frame: Frame, at: _Reached, load: Load | None) -> _Slope:
     return _Slope(theta_dot, push, rotate(turn, torque), v, power)
 
 
-def _reached(frame: Frame, node: float, row: tuple[float, ...], slopes: tuple[_Slope, ...]) -> _Reached:
+def _reached(frame: StageContext, node: float, row: tuple[float, ...], slopes: tuple[_Slope, ...]) -> _Reached:
     a = b = c = d = e = f = g = i = j = k = m = n = 0.0
     for stage, weight in enumerate(row):
         s = weight * frame.h
@@ -169,7 +169,7 @@ def _reached(frame: Frame, node: float, row: tuple[float, ...], slopes: tuple[_S
 
 
 def _end(
-    frame: Frame,
+    frame: StageContext,
     weights: tuple[float, ...],
     second: tuple[float, ...],
     slopes: tuple[_Slope, ...],
@@ -267,7 +267,7 @@ def _pair(
     )
 
 
-def _slopes(f: Frame, load: Load | None) -> tuple[_Slope, _Slope, _Slope, _Slope, _Slope, _Slope]:
+def _slopes(f: StageContext, load: Load | None) -> tuple[_Slope, _Slope, _Slope, _Slope, _Slope, _Slope]:
     nodes, rows = DORMAND_PRINCE.nodes, DORMAND_PRINCE.stages
     k1 = _slope(f, _Reached(0.0, ZERO, ZERO, ZERO, f.velocity_0), load)
     k2 = _slope(f, _reached(f, nodes[1], rows[1], (k1,)), load)

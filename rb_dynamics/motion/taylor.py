@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion.caching import remembered
+from rb_dynamics.motion.caching import cached_results
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method
 from rb_dynamics.motion.step_checks import NO_INCREMENT, require_finite
 from rb_dynamics.numerics.compilation import compiled_as, workspace
@@ -239,7 +239,7 @@ def _start(
 
 
 # The arc looks at one step many times: to choose it, to take it, and for each output inside it.
-@remembered(4)
+@cached_results(4)
 def _expand(memory: _Expansion, start: _Start, order: int) -> _Expansion:
     """Write the coefficients up to `order` into `memory` and return it."""
     i1, i2, i3 = start.moments

@@ -72,8 +72,8 @@ def instances(values: object, kind: type[T], name: str, remedy: str) -> tuple[T,
     return tuple(instance(value, kind, f"{name}[{k}]", remedy) for k, value in enumerate(found))
 
 
-def whole(value: Any, name: str, remedy: str) -> int:
-    """Return `value`, a whole number of Python or numpy, as an int.
+def whole_number(value: Any, name: str, remedy: str) -> int:
+    """Return `value`, a whole_number number of Python or numpy, as an int.
 
     Raises:
         TypeError: it is none.
@@ -83,7 +83,7 @@ def whole(value: Any, name: str, remedy: str) -> int:
             return operator.index(value)
     except TypeError:
         pass
-    raise TypeError(f"{name} is {shown(value)}, expected a whole number; {remedy}")
+    raise TypeError(f"{name} is {shown(value)}, expected a whole_number number; {remedy}")
 
 
 def number(

@@ -22,7 +22,7 @@ from rb_dynamics.formats.log_file import LogFile, make_folder, require_other
 from rb_dynamics.formats.mcap_records import Message
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.messages import APPLIED, COMMAND_DEPTH, WRENCH, decode_wrench, qos_profile
-from rb_dynamics.formats.own_log import Row, received_commands, row_columns, rows, scene_and_names
+from rb_dynamics.formats.own_log import SampleRow, received_commands, row_columns, rows, scene_and_names
 from rb_dynamics.formats.ros2msg import TYPE_HASHES, schema_text
 from rb_dynamics.loads.channels import AppliedWrench
 from rb_dynamics.loads.wrench import Wrench
@@ -86,13 +86,13 @@ def log_to_rerun(log: str | Path, target: Path) -> int:
     scene, names = scene_and_names(source, _TO_CONVERT)
     facts = source.metadata[RUN]
     applied = {names[each.topic + APPLIED]: each.topic for each in scene.channels}
-    applied |= {names[name + APPLIED]: name for name, _ in scene.acting.schedules()}
+    applied |= {names[name + APPLIED]: name for name, _ in scene.combined_effects.schedules()}
     sink, count = RerunSink(target), 0
     sink.open(RunInfo(scene, facts.get("method", ""), facts))
     try:
         columns = row_columns(scene)
         for item in _events(scene, names, applied, open_source(log).messages()):
-            if isinstance(item, Row):
+            if isinstance(item, SampleRow):
                 sink.write(_sample(dict(zip(columns, item.numbers, strict=True)), item.time_ns))
                 count += 1
             else:
@@ -201,7 +201,7 @@ def _number(text: str | None, where: str) -> float:
 
 def _events(
     scene: Scene, names: dict[str, str], applied: dict[str, str], messages: Iterator[Message]
-) -> Iterator[Row | AppliedWrench]:
+) -> Iterator[SampleRow | AppliedWrench]:
     """Yield rows and changes of wrench in the order of the log."""
     changes: list[AppliedWrench] = []
 

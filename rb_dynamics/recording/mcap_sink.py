@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.log_file import LogFile
-from rb_dynamics.formats.mcap_records import Channel, Schema
+from rb_dynamics.formats.mcap_records import McapChannel, Schema
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.messages import (
     APPLIED,
@@ -106,7 +106,7 @@ class McapSink:
         self._namespace = "".join(f"/{part}" for part in namespace.split("/") if part)
         self._remap = dict(remap or {})
         self._ids: dict[str, int] = {}
-        self._channels: list[Channel] = []
+        self._channels: list[McapChannel] = []
         self._states = states or StateHash()
         self._start_ns = start_ns
         self._checked = self._states.samples
@@ -161,7 +161,7 @@ class McapSink:
         """Return how many messages are in the file, by the name of the topic."""
         return {self._absolute(name): self._writer.counts[number] for name, number in self._ids.items()}
 
-    def channels(self) -> list[Channel]:
+    def channels(self) -> list[McapChannel]:
         """Return the channels of the file."""
         return list(self._channels)
 
@@ -257,7 +257,7 @@ class McapSink:
         topics = [
             *((name, type_name, usual) for name, type_name in samples),
             *((name, WRENCH, command) for each in scene.channels for name in (each.topic, each.topic + APPLIED)),
-            *((name + APPLIED, WRENCH, command) for name, _ in scene.acting.schedules()),
+            *((name + APPLIED, WRENCH, command) for name, _ in scene.combined_effects.schedules()),
             (*MASS_PROPERTIES, latched),
             *([(*TF_STATIC, latched)] if scene.frames.fixed else []),
             ("/diagnostics", DIAGNOSTICS, qos_profile(1)),
@@ -286,7 +286,7 @@ class McapSink:
                 schemas[type_name] = self._writer.add_schema(type_name, "ros2msg", schema_text(type_name).encode())
             metadata = {"offered_qos_profiles": qos, "topic_type_hash": TYPE_HASHES[type_name]}
             self._ids[name] = self._writer.add_channel(self._absolute(name), "cdr", schemas[type_name], metadata)
-            self._channels.append(Channel(self._absolute(name), Schema(type_name), "cdr", metadata))
+            self._channels.append(McapChannel(self._absolute(name), Schema(type_name), "cdr", metadata))
 
     def _write_received(self, event: AppliedWrench | RejectedWrench) -> None:
         command = event.received

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rb_dynamics.numerics.rotation_arrays import rotate_all
-from rb_dynamics.recording.rerun_layout import Series
-from rb_dynamics.recording.thinning import Row
+from rb_dynamics.recording.rerun_layout import PlotLines
+from rb_dynamics.recording.thinning import KeptSample
 from rb_dynamics.run.diagnostics import Sample
 
 Array = NDArray[np.float64]
@@ -23,7 +23,7 @@ class Columns(NamedTuple):
 
     Attributes:
         stamps: (n, 2), time in ns and index of the sample.
-        values: (n, width) for each entity of a `Series`.
+        values: (n, width) for each entity of a `PlotLines`.
         force_world: (n, 3), held by all channels together, N, world axes.
         torque_world: (n, 3), N m, world axes.
     """
@@ -34,7 +34,7 @@ class Columns(NamedTuple):
     torque_world: Array
 
 
-def gather(rows: Sequence[Row], series: Iterable[Series]) -> Columns:
+def gather(rows: Sequence[KeptSample], series: Iterable[PlotLines]) -> Columns:
     """Return the rows as columns; there is at least one."""
     samples = [row.sample for row in rows]
     stamps = np.array([(row.sample.time_ns, row.index) for row in rows], dtype=np.int64)
@@ -54,7 +54,7 @@ def gather(rows: Sequence[Row], series: Iterable[Series]) -> Columns:
     return Columns(stamps, values, *sums)
 
 
-def _rectangle(samples: Sequence[Sample], series: Series) -> Array:
+def _rectangle(samples: Sequence[Sample], series: PlotLines) -> Array:
     """Return one field of all samples as rows."""
     width = len(series.names)
     field = map(attrgetter(series.attribute), samples)

@@ -30,7 +30,7 @@ _AXES_COLORS: tuple[Color, ...] = (RED, GREEN, BLUE, GREY)
 
 
 @dataclass(frozen=True)
-class Series:
+class PlotLines:
     """One field of `Sample` as an entity of scalars, with the names and colours of its lines."""
 
     entity: str
@@ -40,26 +40,26 @@ class Series:
 
 
 SERIES = (
-    Series("position", "position_world"),
-    Series("attitude", "orientation_xyzw", ("x", "y", "z", "w")),
-    Series("linear_velocity", "linear_velocity_world"),
-    Series("angular_velocity", "angular_velocity_body"),
-    Series("angular_momentum", "angular_momentum_world"),
-    Series("linear_momentum", "linear_momentum_world"),
-    Series("energy/kinetic", "kinetic_energy", ("kinetic energy",), (ORANGE,)),
-    Series("energy/work", "work", ("work of the loads",), (CYAN,)),
-    Series("energy/defect", "energy_defect", ("T - T0 - work",), (MAGENTA,)),
-    Series("angular_momentum/defect", "angular_momentum_defect_world"),
-    Series("linear_momentum/defect", "linear_momentum_defect_world"),
+    PlotLines("position", "position_world"),
+    PlotLines("attitude", "orientation_xyzw", ("x", "y", "z", "w")),
+    PlotLines("linear_velocity", "linear_velocity_world"),
+    PlotLines("angular_velocity", "angular_velocity_body"),
+    PlotLines("angular_momentum", "angular_momentum_world"),
+    PlotLines("linear_momentum", "linear_momentum_world"),
+    PlotLines("energy/kinetic", "kinetic_energy", ("kinetic energy",), (ORANGE,)),
+    PlotLines("energy/work", "work", ("work of the loads",), (CYAN,)),
+    PlotLines("energy/defect", "energy_defect", ("T - T0 - work",), (MAGENTA,)),
+    PlotLines("angular_momentum/defect", "angular_momentum_defect_world"),
+    PlotLines("linear_momentum/defect", "linear_momentum_defect_world"),
 )
 
-POTENTIAL = Series("energy/potential", "potential_energy", ("potential energy",), (YELLOW,))
+POTENTIAL = PlotLines("energy/potential", "potential_energy", ("potential energy",), (YELLOW,))
 """Where an effect has one."""
 
 
-def series_of(scene: Scene) -> tuple[Series, ...]:
+def series_of(scene: Scene) -> tuple[PlotLines, ...]:
     """Return what is plotted of each sample of `scene`."""
-    return SERIES if scene.acting.potential() is None else (*SERIES, POTENTIAL)
+    return SERIES if scene.combined_effects.potential() is None else (*SERIES, POTENTIAL)
 
 
 @dataclass(frozen=True)

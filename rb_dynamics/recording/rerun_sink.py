@@ -37,7 +37,7 @@ from rb_dynamics.recording import rerun_layout as layout
 from rb_dynamics.recording import rerun_poinsot as poinsot
 from rb_dynamics.recording.rerun_blueprint import CLOSE_UP, OVERVIEW, blueprint
 from rb_dynamics.recording.rerun_columns import Columns, gather
-from rb_dynamics.recording.thinning import Piece, Polyline, Rows, Thinner, WrenchPart, WrenchSteps
+from rb_dynamics.recording.thinning import KeptSamples, Piece, Polyline, Thinner, WrenchHistory, WrenchPart
 from rb_dynamics.run.diagnostics import Sample
 from rb_dynamics.run.sink import AppliedWrench, Event, RejectedWrench, RunInfo, Status
 from rb_dynamics.theory.rolling_ellipsoid import contact
@@ -159,7 +159,7 @@ class Recorder:
         thinner = Thinner.of_run(scene.duration, scene.output_rate, max_rows)
         rows = round(scene.duration * scene.output_rate / thinner.stride) if scene.duration else None
         self.curves = None if scene.body.is_particle else poinsot.Curves(scene.body, rows)
-        self.rows = Rows(thinner, WrenchSteps(scene.frames.world_frame, self.start_ns, max_rows))
+        self.rows = KeptSamples(thinner, WrenchHistory(scene.frames.world_frame, self.start_ns, max_rows))
 
     # ---- life of the file
 

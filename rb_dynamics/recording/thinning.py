@@ -95,7 +95,7 @@ class Edge(NamedTuple):
 
 
 @dataclass
-class Steps:
+class StepFunction:
     """One part of a wrench as a step function.
 
     The next `exact` edges are kept; later ones wait, each in place of the one before, until a kept sample comes.
@@ -122,12 +122,12 @@ class Steps:
             self.waiting = None
 
 
-class WrenchSteps:
+class WrenchHistory:
     """The wrenches of all channels, one step function for each part that ever acts; each begins with zero."""
 
     def __init__(self, world_frame: str, start_ns: int, exact: int) -> None:
         """Start with nothing acting at `start_ns`; `exact` edges of each part are kept whatever comes."""
-        self.parts: dict[WrenchPart, Steps] = {}
+        self.parts: dict[WrenchPart, StepFunction] = {}
         self.held = HeldWrench()  # the sum of the channels
         self._world_frame, self._start_ns, self._exact = world_frame, start_ns, exact
 
@@ -142,7 +142,7 @@ class WrenchSteps:
                     steps.add(Edge(event.time_ns, sample, ZERO))
             # What never acts has no line: three at zero for each silent part would hide the others.
             if part not in self.parts and any(value):
-                self.parts[part] = Steps([Edge(self._start_ns, 0, ZERO)], self._exact)
+                self.parts[part] = StepFunction([Edge(self._start_ns, 0, ZERO)], self._exact)
                 new.append(part)
             if part in self.parts:
                 self.parts[part].add(Edge(event.time_ns, sample, value))
@@ -180,7 +180,7 @@ class WrenchSteps:
 
 
 @dataclass(frozen=True)
-class Row:
+class KeptSample:
     """A kept sample, with the sum of the wrenches held then."""
 
     index: int
@@ -188,15 +188,15 @@ class Row:
     held: HeldWrench
 
 
-class Rows:
+class KeptSamples:
     """Kept samples, and the wrenches between them, until they are fetched."""
 
-    def __init__(self, thinner: Thinner, wrenches: WrenchSteps) -> None:
+    def __init__(self, thinner: Thinner, wrenches: WrenchHistory) -> None:
         """Start before the first sample."""
         self.thinner, self.wrenches = thinner, wrenches
         self._samples = 0
-        self._ready: list[Row] = []
-        self._pending: Row | None = None
+        self._ready: list[KeptSample] = []
+        self._pending: KeptSample | None = None
         self._pending_kept = False
 
     @property
@@ -207,7 +207,7 @@ class Rows:
     def take_sample(self, sample: Sample) -> None:
         """Take the next sample. It waits, so that wrenches of the very same instant count for it."""
         self._settle()
-        self._pending = Row(self._samples, sample, self.wrenches.held)
+        self._pending = KeptSample(self._samples, sample, self.wrenches.held)
         self._pending_kept = self.thinner.keeps(self._samples)
         self._samples += 1
         if self._pending_kept:
@@ -228,7 +228,7 @@ class Rows:
         self._settle()
         self.wrenches.finish(time_ns, self.newest)
 
-    def fetch(self) -> list[Row]:
+    def fetch(self) -> list[KeptSample]:
         """Return the samples kept since it was last called."""
         ready, self._ready = self._ready, []
         return ready

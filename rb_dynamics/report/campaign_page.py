@@ -20,8 +20,8 @@ from rb_dynamics.study.campaign.scenes import Scenes
 from rb_dynamics.study.campaign.summary import (
     CONFIDENCE,
     EITHER_WAY,
+    CampaignSummary,
     MetricSummary,
-    Summary,
     far_text,
     few_runs,
     percent,
@@ -48,7 +48,7 @@ def write_campaign_page(
     rows: Columns,
     path: str | os.PathLike[str],
     options: Sequence[str] = (),
-    summary: Summary | None = None,
+    summary: CampaignSummary | None = None,
 ) -> None:
     """Write the page of `rows` to `path`; `options` as in `rerun_commands`, `summary` that of the rows if it is known.
 
@@ -60,7 +60,7 @@ def write_campaign_page(
 
 
 def campaign_report(
-    campaign: Campaign, rows: Columns, options: Sequence[str] = (), summary: Summary | None = None
+    campaign: Campaign, rows: Columns, options: Sequence[str] = (), summary: CampaignSummary | None = None
 ) -> Report:
     """Return the page of `rows`; where runs go side by side, the first of them are flown again to show them in time.
 
@@ -115,7 +115,7 @@ _SCATTER = (
 )
 
 
-def _glance(campaign: Campaign, summary: Summary) -> str:
+def _glance(campaign: Campaign, summary: CampaignSummary) -> str:
     parts = []
     if campaign.requirements:
         wanted = [f"{each.metric} {_range(each.below, each.above)}" for each in campaign.requirements]
@@ -136,7 +136,7 @@ def _range(below: float, above: float) -> str:
     return " and ".join(bounds + ([f"is above {above:g}"] if math.isfinite(above) else []))
 
 
-def _tiles(summary: Summary) -> list[Tile]:
+def _tiles(summary: CampaignSummary) -> list[Tile]:
     low, high = percent(summary.pass_low, summary.runs), percent(summary.pass_high, summary.runs)
     interval = f"of all possible runs {low} to {high}, with {CONFIDENCE:.0%} confidence"
     failed = summary.runs - summary.passed
@@ -159,7 +159,7 @@ def _note(metric: MetricSummary) -> str:
     return f"median {middle:.4g}, most {metric.most:.4g}{missing}"
 
 
-def _over_time(campaign: Campaign, summary: Summary, rows: Columns) -> list[Section]:
+def _over_time(campaign: Campaign, summary: CampaignSummary, rows: Columns) -> list[Section]:
     """Fly some runs again, the failed ones among them, and show what is judged over time."""
     import numpy as np
 
@@ -208,7 +208,7 @@ def _some(shown: int, all_of_them: int, what: str) -> str:
     return f"{shown} of the {all_of_them} {what}" if shown < all_of_them else f"all {shown} {what}"
 
 
-def _scatters(campaign: Campaign, summary: Summary, rows: Columns) -> list[Figure]:
+def _scatters(campaign: Campaign, summary: CampaignSummary, rows: Columns) -> list[Figure]:
     from rb_dynamics.report import campaign_figures
 
     pairs = []
@@ -219,13 +219,13 @@ def _scatters(campaign: Campaign, summary: Summary, rows: Columns) -> list[Figur
     return [Figure(campaign_figures.scatters(pairs), _SCATTER)] if pairs else []
 
 
-def _worst_text(campaign: Campaign, summary: Summary, options: Sequence[str]) -> str:
+def _worst_text(campaign: Campaign, summary: CampaignSummary, options: Sequence[str]) -> str:
     found = [metric for metric in summary.metrics if metric.worst]
     runs = dict.fromkeys(metric.worst.run for metric in found if metric.worst)
     return "\n\n".join([*map(worst_text, found), *rerun_commands(campaign, list(runs), options)])
 
 
-def _failed_text(campaign: Campaign, summary: Summary, options: Sequence[str]) -> str:
+def _failed_text(campaign: Campaign, summary: CampaignSummary, options: Sequence[str]) -> str:
     if not summary.failed:
         most = percent(1.0 - summary.pass_low, summary.runs)
         return f"None. With {CONFIDENCE:.0%} confidence fewer than {most} of all possible runs would fail."
@@ -238,7 +238,7 @@ def _failed_text(campaign: Campaign, summary: Summary, options: Sequence[str]) -
     )
 
 
-def _failures(campaign: Campaign, summary: Summary, rows: Columns) -> Table | None:
+def _failures(campaign: Campaign, summary: CampaignSummary, rows: Columns) -> Table | None:
     shown = summary.failed[:_LISTED]
     if not shown:
         return None

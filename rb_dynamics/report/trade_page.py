@@ -13,7 +13,7 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 
 from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, made_by, printable, write_html
 from rb_dynamics.report.svg import COLORS
-from rb_dynamics.study.trade import Row, Trade
+from rb_dynamics.study.trade import Trade, TradeRow
 
 # Three more, with the same contrast.
 _COLORS = (*COLORS, "#7b73d9", "#5b9122", "#7d828a")
@@ -143,7 +143,7 @@ def _tiles(found: Trade) -> list[Tile]:
     ]
 
 
-def _table(found: Trade, rows: Iterable[Row]) -> Table:
+def _table(found: Trade, rows: Iterable[TradeRow]) -> Table:
     header = [
         "method",
         "setting",
@@ -158,7 +158,7 @@ def _table(found: Trade, rows: Iterable[Row]) -> Table:
     return Table(header, [_cells(found, row) for row in rows])
 
 
-def _cells(found: Trade, row: Row) -> list[str]:
+def _cells(found: Trade, row: TradeRow) -> list[str]:
     defects = (row.energy_defect, row.angular_momentum_defect, row.linear_momentum_defect)
     return [
         row.method,
@@ -204,7 +204,7 @@ def work_precision(found: Trade) -> str:
     return tostring(root, encoding="unicode")
 
 
-def _name(row: Row) -> str:
+def _name(row: TradeRow) -> str:
     return f"{row.method}, {row.setting}"
 
 

@@ -77,7 +77,7 @@ class Subject:
 
 
 @dataclass(frozen=True)
-class Finding:
+class ConformanceResult:
     """What one check found; `error` is relative to the change of momentum that was expected.
 
     Where nothing is measured `error` is 0 or infinite, and `note` says what was seen.
@@ -91,7 +91,7 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class Moment:
+class Momenta:
     """The momenta at one stamp (s): linear, and angular about the centre of mass, in world axes."""
 
     time_ns: int
@@ -131,7 +131,7 @@ class Conformance(Node):
         matrix = np.array([[i.ixx, i.ixy, i.ixz], [i.ixy, i.iyy, i.iyz], [i.ixz, i.iyz, i.izz]])
         return i.m, matrix, np.array([i.com.x, i.com.y, i.com.z])
 
-    def run(self, subject: Subject) -> Iterator[Finding]:
+    def run(self, subject: Subject) -> Iterator[ConformanceResult]:
         """Yield what each check finds, in turn.
 
         Raises:
@@ -168,7 +168,7 @@ class Conformance(Node):
             yield self._burst(subject.timed, world)
         yield self.quality_of_service(main)
 
-    def quality_of_service(self, topic: str) -> Finding:
+    def quality_of_service(self, topic: str) -> ConformanceResult:
         """Offer commands on `topic` as BEST_EFFORT, and look whether a node that cannot take them so says it.
 
         Passes where they fit, or where a status of WARN or more on `/diagnostics` speaks of QoS as none did before.
@@ -186,11 +186,11 @@ class Conformance(Node):
         try:
             if not self._within(_MATCHING, lambda: bool(unfit)):
                 self._until(partial(_is_heard, offered), f"nobody listens on {topic}")
-                return Finding(name, True, 0.0, 0.0, "BEST_EFFORT fits, so there is nothing to report")
+                return ConformanceResult(name, True, 0.0, 0.0, "BEST_EFFORT fits, so there is nothing to report")
             if not self._within(_REPORTING, lambda: self._complaints > before):
-                return Finding(name, False, math.inf, 0.0, "BEST_EFFORT does not fit, and nobody says so")
+                return ConformanceResult(name, False, math.inf, 0.0, "BEST_EFFORT does not fit, and nobody says so")
             node, text = min(self._complaints - before)
-            return Finding(name, True, 0.0, 0.0, f"{node}: {text}")
+            return ConformanceResult(name, True, 0.0, 0.0, f"{node}: {text}")
         finally:
             self.destroy_publisher(offered)
 
@@ -201,17 +201,19 @@ class Conformance(Node):
                 texts = (status.message, *(f"{pair.key}: {pair.value}" for pair in status.values))
                 self._complaints |= {(status.name, text) for text in texts if _of_quality(text)}
 
-    def _held(self, name: str, commands: dict[str, tuple[str, Array, Array]], accepted: float) -> Finding:
+    def _held(self, name: str, commands: dict[str, tuple[str, Array, Array]], accepted: float) -> ConformanceResult:
         """Command, and compare once the commands act."""
         self._settle(commands)
         return self._watched(name, accepted, self._wrench_of(commands))
 
-    def _refused(self, name: str, topic: str, bad: tuple[str, Array, Array], good: tuple[str, Array, Array]) -> Finding:
+    def _refused(
+        self, name: str, topic: str, bad: tuple[str, Array, Array], good: tuple[str, Array, Array]
+    ) -> ConformanceResult:
         self._settle({topic: good})
         self._settle({topic: bad})
         return self._watched(name, EXACT, self._wrench_of({topic: good}))
 
-    def _watched(self, name: str, accepted: float, wrench: Callable[[Array], tuple[Array, Array]]) -> Finding:
+    def _watched(self, name: str, accepted: float, wrench: Callable[[Array], tuple[Array, Array]]) -> ConformanceResult:
         """Compare the change of the momenta over a window with the integral (trapezoidal) of `wrench`."""
         moments = self._moments(_WINDOW)
         expected = [np.zeros(3), np.zeros(3)]
@@ -221,7 +223,7 @@ class Conformance(Node):
                 expected[part] = expected[part] + 0.5 * step * (wrench(a.rotation)[part] + wrench(b.rotation)[part])
         return self._finding(name, accepted, moments[0], moments[-1], expected[0], expected[1])
 
-    def _burst(self, topic: str, frame: str) -> Finding:
+    def _burst(self, topic: str, frame: str) -> ConformanceResult:
         """Command once and stay silent: the whole impulse is force times timeout, whenever it began."""
         before = self._moments(0.0)[-1]
         self._send({topic: (frame, _FORCE, _TORQUE)})
@@ -230,7 +232,9 @@ class Conformance(Node):
         name = "watchdog: after its timeout a silent channel has given force times duration"
         return self._finding(name, EXACT, before, after, _FORCE * duration, _TORQUE * duration)
 
-    def _finding(self, name: str, accepted: float, a: Moment, b: Moment, linear: Array, angular: Array) -> Finding:
+    def _finding(
+        self, name: str, accepted: float, a: Momenta, b: Momenta, linear: Array, angular: Array
+    ) -> ConformanceResult:
         # Relative to the impulse, or to the momenta where none is expected; linear and angular each in their measure.
         errors = [
             float(np.linalg.norm(change - wanted))
@@ -240,7 +244,7 @@ class Conformance(Node):
                 (b.angular - a.angular, angular, b.angular),
             )
         ]
-        return Finding(name, max(errors) <= accepted, max(errors), accepted)
+        return ConformanceResult(name, max(errors) <= accepted, max(errors), accepted)
 
     def _wrench_of(self, commands: dict[str, tuple[str, Array, Array]]) -> Callable[[Array], tuple[Array, Array]]:
         """Return force and torque about the centre of mass, world axes, as the rule has them, by the rotation."""
@@ -271,7 +275,7 @@ class Conformance(Node):
             t.x, t.y, t.z = torque.tolist()
             self._wrenches[topic].publish(message)
 
-    def _moments(self, seconds: float) -> list[Moment]:
+    def _moments(self, seconds: float) -> list[Momenta]:
         """Return what comes from now on for so long, in the node's time."""
         self._odometry.clear()
 
@@ -284,7 +288,7 @@ class Conformance(Node):
         self._until(passed, "odom does not come, or its stamps do not move")
         return [self._moment(message) for message in self._odometry]
 
-    def _moment(self, message: Odometry) -> Moment:
+    def _moment(self, message: Odometry) -> Momenta:
         subject = self._subject
         q = message.pose.pose.orientation
         x, y, z, w = q.x, q.y, q.z, q.w
@@ -298,7 +302,7 @@ class Conformance(Node):
         v, o = message.twist.twist.linear, message.twist.twist.angular
         omega = np.array([o.x, o.y, o.z])
         velocity = np.array([v.x, v.y, v.z]) + np.cross(omega, subject.center_of_mass)
-        return Moment(
+        return Momenta(
             to_nanoseconds(message.header.stamp),
             rotation,
             rotation @ (subject.mass * velocity),

@@ -393,7 +393,7 @@ class Driver:
         return max(self.simulation.time_ns, self._reached_ns)
 
     def _require_no_schedule(self, scene: Scene) -> None:
-        acting = scene.acting
+        acting = scene.combined_effects
         if any(acting.knots()) or any(time for _, entries in acting.schedules() for time, _ in entries):
             raise SceneError(
                 "effects: one of them runs by a schedule, whose time would begin again; state and body can only be "

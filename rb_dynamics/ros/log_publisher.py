@@ -23,7 +23,7 @@ from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 
 from rb_dynamics.formats.bag_source import open_source
-from rb_dynamics.formats.mcap_records import Channel
+from rb_dynamics.formats.mcap_records import McapChannel
 from rb_dynamics.ros.conversions import to_stamp
 from rb_dynamics.ros.pacing import Pacer
 
@@ -87,7 +87,7 @@ def _play(log: str | Path, rate: float, publishers: dict[str, Publisher], ticks:
     return count
 
 
-def _publisher(node: Node, channel: Channel) -> Publisher | None:
+def _publisher(node: Node, channel: McapChannel) -> Publisher | None:
     """Return a publisher for a channel; None, with a warning, where its type is not installed or its name no topic."""
     kind = _message_type(channel.type_name)
     if kind is None:
@@ -117,7 +117,7 @@ def _message_type(name: str) -> Any | None:
     return kind if hasattr(kind, "get_fields_and_field_types") else None
 
 
-def _is_kept(channel: Channel) -> bool:
+def _is_kept(channel: McapChannel) -> bool:
     """Return whether the log says that its publisher kept the newest message for readers that come later."""
     try:
         (offered, *_) = yaml.safe_load(channel.metadata.get("offered_qos_profiles", "")) or [{}]

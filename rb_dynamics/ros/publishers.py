@@ -105,7 +105,7 @@ class TopicSink:
         """Publish what is simulated; late subscribers get it too (transient local)."""
         self._frames = run.scene.frames
         self._prepare()
-        if not self._has_potential and run.scene.acting.potential() is not None:
+        if not self._has_potential and run.scene.combined_effects.potential() is not None:
             self._add(Float64, "energy/potential", lambda s, _: _SCALAR(s.potential_energy))
             self._has_potential = True
         stamp_ns = self._stamp_ns(run.scene.initial.time_ns) or 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from rb_dynamics.body.rigid_body import RigidBody
-from rb_dynamics.loads.combined_effects import ActingEffects
+from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.load import Load
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.phase import Phase, inertia_of
@@ -59,7 +59,7 @@ def kinetic_energy(body: RigidBody, phase: Phase) -> float:
 class Observer:
     """Sees everything there is to see of a run: state, momenta, energies and the defects of their balances."""
 
-    def __init__(self, effects: ActingEffects, phase: Phase) -> None:
+    def __init__(self, effects: CombinedEffects, phase: Phase) -> None:
         """Measure the defects from `phase`; `effects` act on their body beside the wrenches."""
         self._body = body = effects.body
         self._potential, self._storing = effects.potential(), effects.storing()

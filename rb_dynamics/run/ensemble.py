@@ -1,4 +1,4 @@
-"""Many bodies at once, and whole schedules of held wrenches in one call: arrays in, arrays out.
+"""Many bodies at once, and whole_number schedules of held wrenches in one call: arrays in, arrays out.
 
 Each body moves as it would alone, to the bit: steps of one length from where a hold began, a shorter one to where the
 motion is looked at (`motion/arc.py`). Bodies never see each other. Compiled where numba is installed (extra `fast`) and
@@ -24,7 +24,7 @@ from rb_dynamics.motion.method import Method
 from rb_dynamics.motion.phase import Phase, inertia_of
 from rb_dynamics.motion.step_control import FixedStep, WholeArc
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
-from rb_dynamics.numerics.validation import as_array, instance, instances, number, shown, whole
+from rb_dynamics.numerics.validation import as_array, instance, instances, number, shown, whole_number
 from rb_dynamics.run.samples import Samples
 
 if TYPE_CHECKING:
@@ -131,7 +131,7 @@ class Ensemble:
         )
 
     def advance(self, seconds: float) -> None:
-        """Advance by `seconds`, rounded to whole nanoseconds; see `advance_to`."""
+        """Advance by `seconds`, rounded to whole_number nanoseconds; see `advance_to`."""
         seconds = number(seconds, "seconds", "a finite number of 0 or more (s)", least=0.0)
         self.advance_to(self.time_ns + round(seconds * NANOSECONDS))
 
@@ -143,7 +143,7 @@ class Ensemble:
             ConvergenceError: a step of a body cannot be solved; names the body. The ensemble stays where it was.
         """
         # Numbers of numpy overflow where those of Python grow.
-        time_ns = whole(time_ns, "time_ns", "give nanoseconds: round(1e9 * seconds)")
+        time_ns = whole_number(time_ns, "time_ns", "give nanoseconds: round(1e9 * seconds)")
         if time_ns < self.time_ns:
             raise ValueError(f"time_ns is {time_ns}, expected {self.time_ns} or later: time only grows")
         self._hold, self._state = self._advanced(self._hold, time_ns)
@@ -325,12 +325,12 @@ class _Steps:
             splits = [self.split(length) for length in found.tolist()]
             counts = np.array([count for count, _ in splits])[where]
             rests = np.array([rest for _, rest in splits])[where]
-        whole, total = self.schedule(counts, rests, wrenches), np.cumsum(counts + (rests > 0.0))
+        whole_number, total = self.schedule(counts, rests, wrenches), np.cumsum(counts + (rests > 0.0))
         first = 0
         while first < len(times):
             done = int(total[first - 1]) if first else 0
             last = max(first + 1, int(np.searchsorted(total, done + LONGEST_STRETCH, side="right")))
-            yield whole.between(first, last)
+            yield whole_number.between(first, last)
             first = last
 
 
@@ -348,16 +348,16 @@ def _grid(method: Method, step: float | None) -> tuple[int, int]:
 def _threads(threads: int | None) -> int:
     if threads is None:
         return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    count = whole(threads, "threads", "write how many, or None for one for each core")
+    count = whole_number(threads, "threads", "write how many, or None for one for each core")
     if count < 1:
-        raise ValueError(f"threads is {count}, expected a whole number of at least 1")
+        raise ValueError(f"threads is {count}, expected a whole_number number of at least 1")
     return count
 
 
 def _times(times_ns: npt.ArrayLike, start_ns: int) -> Times:
     import numpy as np
 
-    times = as_array(times_ns, "times_ns", "times in whole nanoseconds", None)
+    times = as_array(times_ns, "times_ns", "times in whole_number nanoseconds", None)
     if times.ndim != 1 or times.size == 0 or times.dtype.kind not in "iu":
         raise ValueError(
             f"times_ns has shape {times.shape} and type {times.dtype}, expected (K,) integers, K > 0: nanoseconds; "

@@ -79,7 +79,7 @@ def run_metadata(scene: Scene, method: str, solver: str) -> dict[str, str]:
         "solver": solver,
         "seed": "",
         "effects": ", ".join(effect.kind for effect in scene.effects),
-        "effects_not_logged_as_wrench": ", ".join(scene.acting.varying),
+        "effects_not_logged_as_wrench": ", ".join(scene.combined_effects.varying),
         "platform": platform.platform(),
         "machine": platform.machine(),
         "python": platform.python_version(),

@@ -18,13 +18,13 @@ from typing import cast
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import ConvergenceError, SceneError, WrenchError
 from rb_dynamics.loads.channels import AppliedWrench, RejectedWrench, WrenchChannels
-from rb_dynamics.loads.combined_effects import ActingEffects
+from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.wrench import HeldWrench, Wrench
 from rb_dynamics.motion.arc import Arc, LoadFrom
 from rb_dynamics.motion.phase import Course, Phase, in_principal_axes
 from rb_dynamics.motion.step_control import WholeArc
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
-from rb_dynamics.numerics.validation import instance, items, shown, whole
+from rb_dynamics.numerics.validation import instance, items, shown, whole_number
 from rb_dynamics.numerics.vector import Vector
 from rb_dynamics.run.diagnostics import Observer, Sample, acceleration, kinetic_energy
 from rb_dynamics.run.input_hash import RULE, InputHash
@@ -73,7 +73,7 @@ class Simulation:
         self.end_ns = scene.end_ns
         self._facts = facts or {}
         self._sinks = tuple(map(_sink, items(sinks, "sinks", "a sequence of sinks")))
-        self._effects = scene.acting
+        self._effects = scene.combined_effects
         self._channels = _channels(scene, self._effects)
         self._knots = [nanoseconds(knot) for knot in self._effects.knots()]
         self._inputs = InputHash(scene)
@@ -170,7 +170,7 @@ class Simulation:
         """
         instance(topic, str, "topic", "write the name of a channel")
         instance(wrench, Wrench, "wrench", "write Wrench(force, torque)")
-        time_ns = max(self._computed_ns, whole(time_ns, "time_ns", _REMEDY))
+        time_ns = max(self._computed_ns, whole_number(time_ns, "time_ns", _REMEDY))
         if self.end_ns is not None and time_ns > self.end_ns:
             return self._channels.check(topic, wrench)
         clipped = self._channels.post(topic, wrench, time_ns)
@@ -198,7 +198,7 @@ class Simulation:
         Raises:
             ConvergenceError: a step could not be solved; `time_ns` and `sample` stand at the last good state.
         """
-        until_ns = whole(until_ns, "until_ns", _REMEDY)
+        until_ns = whole_number(until_ns, "until_ns", _REMEDY)
         output = self.next_output_ns()
         while True:
             if self._stale:
@@ -320,7 +320,7 @@ def _sink(sink: Sink) -> Sink:
     return sink
 
 
-def _channels(scene: Scene, effects: ActingEffects) -> WrenchChannels:
+def _channels(scene: Scene, effects: CombinedEffects) -> WrenchChannels:
     """Return the channels of the scene and, behind them, one for each effect that holds wrenches."""
     schedules = effects.schedules()
     channels = WrenchChannels(scene.channels, scene.frames, [name for name, _ in schedules], scene.body)
@@ -425,7 +425,7 @@ def as_command(command: object) -> tuple[str, Wrench]:
     if isinstance(command, (tuple, list)) and len(command) == 2:
         topic, wrench = command
         if isinstance(topic, str) and isinstance(wrench, Wrench):
-            whole(wrench.stamp_ns, "commands: stamp_ns", _REMEDY)
+            whole_number(wrench.stamp_ns, "commands: stamp_ns", _REMEDY)
             return topic, wrench
     raise TypeError(
         f"commands has {shown(command)}, expected a channel and a Wrench; write [('wrench', Wrench(force, torque))]"

@@ -42,7 +42,7 @@ class Plan:
         self._start = self._from.center_of_mass_world
         self._ends = bool(scene.duration)
         self._horizon = scene.duration or OPEN_END_HORIZON
-        self.takes = scene.acting.takes
+        self.takes = scene.combined_effects.takes
         self._method = None if scene.solver.method == "auto" else METHODS[scene.solver.method]
         if self._method is not None and self._method.takes < self.takes:
             raise SceneError(cannot_take(scene, self._method, self.takes))
@@ -141,7 +141,7 @@ def _turns_nothing(scene: Scene, effect: Effect) -> bool:
 def cannot_take(scene: Scene, method: Method, takes: Takes) -> str:
     """Return the message that `method` cannot take what acts in `scene`, which needs one that takes `takes`."""
     able = sorted(other.name for other in METHODS.usable() if other.takes >= takes)
-    acting = ", ".join(scene.acting.varying)
+    acting = ", ".join(scene.combined_effects.varying)
     return (
         f"{scene.source}: solver.method: found {method.name}, expected a method that can take {acting}: auto or one of "
         f"{', '.join(able)}; write one of these, or remove the effect"

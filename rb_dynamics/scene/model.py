@@ -10,7 +10,7 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.channels import ON_EXCESS, Channel
-from rb_dynamics.loads.combined_effects import ActingEffects
+from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.effect import Effect
 from rb_dynamics.loads.wrench import WrenchFrames
 from rb_dynamics.numerics.nanoseconds import nanoseconds
@@ -123,9 +123,9 @@ class Scene:
         return None if self.duration is None else nanoseconds(self.duration)
 
     @property
-    def acting(self) -> ActingEffects:
+    def combined_effects(self) -> CombinedEffects:
         """What the effects do to the body."""
-        return ActingEffects(self.body, self.effects)
+        return CombinedEffects(self.body, self.effects)
 
 
 __all__ = ["Channel", "Scene", "Solver"]

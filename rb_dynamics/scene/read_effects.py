@@ -6,7 +6,7 @@ import difflib
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import PluginError, SceneError
-from rb_dynamics.loads.combined_effects import ActingEffects
+from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.effect import Effect
 from rb_dynamics.loads.effect_types import EFFECTS
 from rb_dynamics.loads.wrench import WrenchFrames
@@ -27,7 +27,7 @@ def effects(field: Field | None, body: RigidBody | None, frames: WrenchFrames) -
             try:
                 effect = kind.read(Entry(entry.section(("type", *kind.keys)), body, frames))
                 if body is not None:
-                    ActingEffects(body, (effect,))
+                    CombinedEffects(body, (effect,))
                 found.append(effect)
             except SceneError as error:
                 if entry.problems.count == before:

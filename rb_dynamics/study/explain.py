@@ -17,7 +17,7 @@ from rb_dynamics.loads.effect_types import EFFECTS
 from rb_dynamics.loads.load import Takes
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import METHODS
-from rb_dynamics.motion.caching import forget
+from rb_dynamics.motion.caching import clear_caches
 from rb_dynamics.motion.exact import EXACT
 from rb_dynamics.motion.fixed_step_kernel import Tally, counted_by
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
@@ -234,7 +234,7 @@ def _modelled(scene: Scene) -> tuple[str, ...]:
         items = ["body: a particle, three degrees of freedom"]
     else:
         items = [f"body: rigid ({kind.value}), six degrees of freedom"]
-        if scene.acting.takes == Takes.HELD and scene.solver.method in ("auto", EXACT.name):
+        if scene.combined_effects.takes == Takes.HELD and scene.solver.method in ("auto", EXACT.name):
             items.append(f"rotation without torque: in closed form, {_FREE_ROTATION[kind]}")
             items.append("rotation about one principal axis: one angle, in closed form")
     items += [f"wrench channel {channel.topic}: held until its next command" for channel in scene.channels]
@@ -332,7 +332,7 @@ def _timed(
     """
     end = round(length * NANOSECONDS)
     # No trial may find there what another one has computed.
-    forget()
+    clear_caches()
     begin = stopwatch()
     run = _start(scene, commands)
     least = run.next_output_ns() if with_outputs else 0
@@ -419,5 +419,5 @@ _FAMILIES = ("taylor", "dop853", "dlm6", "rkmk54", "radau")
 
 def _others(scene: Scene, used: Sequence[str], accuracy: float) -> list[tuple[str, float]]:
     """Return what to compare a run by the methods `used` with: another one, finer than `accuracy`, or as it may be."""
-    able = [name for name in _FAMILIES if name not in used and METHODS[name].takes >= scene.acting.takes]
+    able = [name for name in _FAMILIES if name not in used and METHODS[name].takes >= scene.combined_effects.takes]
     return [(name, factor * accuracy) for factor in (0.01, 0.1, 1.0, 1e2, 1e4) for name in able[:2]]

@@ -262,7 +262,7 @@ class _Comparison:
         self._encode = sample_encoder(scene, run.acceleration if accel else None)
         self._body_frame = frames.body_frame
         commands = {channel.topic for channel in scene.channels}
-        held = [*commands, *(name for name, _ in scene.acting.schedules())]
+        held = [*commands, *(name for name, _ in scene.combined_effects.schedules())]
         self._applied = {names[topic + APPLIED] for topic in held}
         self._certain = {names[topic] for topic in commands}
         self._types = {names[name]: kind for name, kind in samples}

@@ -15,7 +15,7 @@ from motions import EPS, Recorder
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.central_gravity import CentralGravity
-from rb_dynamics.loads.combined_effects import ActingEffects
+from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.drag import LinearDrag, QuadraticDrag
 from rb_dynamics.loads.effect import Effect, Point, Wrenching
 from rb_dynamics.loads.load import Takes
@@ -231,7 +231,7 @@ class TestDrag:
             SKEW + "\neffects: [{type: linear_drag, translation: [1, 0, 2], rotation: 0.3}, "
             "{type: quadratic_drag, translation: 0.2, rotation: [0, 1, 0.5]}]"
         )
-        load_from = scene.acting.load_from(0.0)
+        load_from = scene.combined_effects.load_from(0.0)
         assert load_from is not None
         q = exp((0.3, -0.4, 1.2))
         force, torque = load_from(Point(0.0, (0.0, 0.0, 0.0), velocity, q, omega))(
@@ -342,10 +342,10 @@ class TestScheduledWrench:
 class TestWhatIsNotListed:
     def test_costs_nothing(self) -> None:
         scene = parse_scene(SKEW)
-        assert scene.acting.load_from(0.0) is None
-        assert scene.acting.potential() is None
-        assert scene.acting.storing() is None
-        assert scene.acting.schedules() == []
+        assert scene.combined_effects.load_from(0.0) is None
+        assert scene.combined_effects.potential() is None
+        assert scene.combined_effects.storing() is None
+        assert scene.combined_effects.schedules() == []
 
     def test_a_method_that_cannot_take_an_effect_is_refused(self) -> None:
         scene = parse_scene(SKEW + "\neffects: [{type: linear_drag, rotation: 1}]\nsolver: {method: strang4}")
@@ -399,7 +399,7 @@ class TestFromPython:
     def test_a_rotor_that_is_no_part_of_the_body_is_refused(self) -> None:
         rotor = Rotor((1.0, 0.0, 1.0), 3.0, ((0.0, 1.0),))
         with pytest.raises(SceneError, match=r"axial_inertia is 3.0, expected at most 2 kg m\^2"):
-            ActingEffects(RigidBody.from_diagonal(1.0, (1.0, 2.0, 3.0)), (rotor,))
+            CombinedEffects(RigidBody.from_diagonal(1.0, (1.0, 2.0, 3.0)), (rotor,))
 
     def test_so_is_one_in_a_scene_file(self) -> None:
         with pytest.raises(SceneError, match=r"effects\[0\]: .*expected at most 0.5"):

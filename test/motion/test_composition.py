@@ -9,7 +9,7 @@ from motions import EPS, Case, forced, move
 from word_series import measured_orders, worst
 
 from rb_dynamics.errors import ConvergenceError
-from rb_dynamics.loads.combined_effects import ActingEffects
+from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Inertia
 from rb_dynamics.motion.composition import KAHAN_LI6, SUZUKI4, compose
@@ -61,7 +61,7 @@ class TestComposedMidpoint:
     @pytest.mark.parametrize("name", ["midpoint4", "midpoint6"])
     def test_closes_every_balance_under_every_wrench(self, name: str) -> None:
         case = forced()
-        start = Observer(ActingEffects(case.body), Phase.of(case.body, case.initial))
+        start = Observer(CombinedEffects(case.body), Phase.of(case.body, case.initial))
         sample = start.sample(move(case, METHODS[name], 0.05, 5.0), 0)
 
         assert abs(sample.energy_defect) <= 300.0 * EPS

@@ -9,7 +9,7 @@ from motions import EPS, forced, move
 from word_series import measured_orders
 
 from rb_dynamics.errors import ConvergenceError
-from rb_dynamics.loads.combined_effects import ActingEffects
+from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Inertia, dlm
 from rb_dynamics.motion.closed_form import free_rotation
@@ -75,7 +75,7 @@ def test_order_drops_with_a_changed_coefficient() -> None:
 @each
 def test_momentum_balances_close_to_round_off(name: str) -> None:
     case = forced()
-    start = Observer(ActingEffects(case.body), Phase.of(case.body, case.initial))
+    start = Observer(CombinedEffects(case.body), Phase.of(case.body, case.initial))
     sample = start.sample(move(case, METHODS[name], 0.25, 5.0), 0)
 
     assert norm(sample.angular_momentum_defect_world) <= 300.0 * EPS

@@ -11,7 +11,7 @@ from motions import EPS, Case, attitude_error, forced, free, move, slope
 from word_series import measured_orders, worst
 
 from rb_dynamics.errors import ConvergenceError
-from rb_dynamics.loads.combined_effects import ActingEffects
+from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Inertia, splitting
 from rb_dynamics.motion.exact import EXACT
@@ -123,7 +123,7 @@ class TestBalances:
     @pytest.mark.parametrize("step", [0.05, 0.5])
     def test_close_to_round_off_at_any_step(self, name: str, step: float) -> None:
         case = forced()
-        start = Observer(ActingEffects(case.body), Phase.of(case.body, case.initial))
+        start = Observer(CombinedEffects(case.body), Phase.of(case.body, case.initial))
         sample = start.sample(move(case, METHODS[name], step, 5.0), 0)
 
         assert abs(sample.energy_defect) <= 1000.0 * EPS

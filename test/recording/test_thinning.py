@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from rb_dynamics.loads.channels import AppliedWrench
 from rb_dynamics.numerics.vector import ZERO, Vector
-from rb_dynamics.recording.thinning import Polyline, Rows, Thinner, Trail, WrenchPart, WrenchSteps
+from rb_dynamics.recording.thinning import KeptSamples, Polyline, Thinner, Trail, WrenchHistory, WrenchPart
 from rb_dynamics.run.diagnostics import Sample
 
 
@@ -74,7 +74,7 @@ def test_polyline_is_sent_again_when_it_has_doubled() -> None:
 
 
 def test_edges_beyond_the_exact_ones_wait_for_a_kept_sample() -> None:
-    steps = WrenchSteps("world", 0, exact=2)
+    steps = WrenchHistory("world", 0, exact=2)
     part = WrenchPart("force", "a", "world")
     assert steps.take(push(1, (1.0, 0.0, 0.0)), 0) == [part]
     for time_ns in range(2, 6):
@@ -90,7 +90,7 @@ def test_edges_beyond_the_exact_ones_wait_for_a_kept_sample() -> None:
 
 
 def test_a_channel_that_changes_its_frame_ends_in_the_old_one() -> None:
-    steps = WrenchSteps("world", 0, exact=10)
+    steps = WrenchHistory("world", 0, exact=10)
     steps.take(push(1, (1.0, 0.0, 0.0), frame_id="body"), 0)
     steps.take(push(2, (0.0, 2.0, 0.0)), 0)
     steps.take(push(3, (0.0, 0.0, 4.0), topic="b"), 0)
@@ -102,13 +102,13 @@ def test_a_channel_that_changes_its_frame_ends_in_the_old_one() -> None:
 
 
 def test_a_part_that_never_acts_has_no_line() -> None:
-    steps = WrenchSteps("world", 0, exact=10)
+    steps = WrenchHistory("world", 0, exact=10)
     assert steps.take(push(1, ZERO), 0) == []
     assert [part.kind for part in steps.take(push(2, ZERO, torque=(0.0, 0.0, 1.0)), 0)] == ["torque"]
 
 
 def test_a_wrench_of_the_same_instant_counts_for_the_sample_a_later_one_does_not() -> None:
-    rows = Rows(Thinner(100), WrenchSteps("world", 0, exact=10))
+    rows = KeptSamples(Thinner(100), WrenchHistory("world", 0, exact=10))
     rows.take_sample(still(0))
     rows.take_wrench(push(0, (1.0, 0.0, 0.0)))
     rows.take_wrench(push(5, (2.0, 0.0, 0.0)))
@@ -118,7 +118,7 @@ def test_a_wrench_of_the_same_instant_counts_for_the_sample_a_later_one_does_not
 
 
 def test_the_last_sample_is_kept_whatever_its_index() -> None:
-    rows = Rows(Thinner(100, stride=10), WrenchSteps("world", 0, exact=10))
+    rows = KeptSamples(Thinner(100, stride=10), WrenchHistory("world", 0, exact=10))
     for i in range(34):
         rows.take_sample(still(i))
     rows.finish(330)

@@ -14,15 +14,15 @@ from rb_dynamics.motion import METHODS
 from rb_dynamics.report import trade_page
 from rb_dynamics.report.html import render_html
 from rb_dynamics.report.trade_page import trade_report, work_precision, write_trade_page
-from rb_dynamics.study.trade import Reference, Row, Trade, recommend, with_front
+from rb_dynamics.study.trade import Reference, Trade, TradeRow, recommend, with_front
 from rb_dynamics.study.trade.result import Verdict
 
 REFERENCE = Reference("taylor, accuracy 1e-13", "dop853, accuracy 1e-13", 1e-13, 2e-13, 3e-14, 1e-13, 7.0)
 
 
-def row(method: str, step: float, error: float, time: float) -> Row:
+def row(method: str, step: float, error: float, time: float) -> TradeRow:
     within = error <= REFERENCE.error
-    return Row(
+    return TradeRow(
         method,
         step,
         None,

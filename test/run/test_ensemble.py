@@ -16,7 +16,7 @@ from rb_dynamics import METHODS, Ensemble, RigidBody, Samples, Simulation, Solve
 from rb_dynamics import driven_motion as driven
 from rb_dynamics.errors import ConvergenceError, WrenchError
 from rb_dynamics.loads.channels import Channel
-from rb_dynamics.loads.combined_effects import ActingEffects
+from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.arc import Arc
 from rb_dynamics.motion.batch_kernel import Mover
@@ -61,7 +61,7 @@ class Alone:
         if self._method.order is None:
             self._control = WholeArc()
         self._phase, self._time_ns = Phase.of(body, state), state.time_ns
-        self._observer = Observer(ActingEffects(body), self._phase)
+        self._observer = Observer(CombinedEffects(body), self._phase)
         self.hold(HeldWrench())
 
     def hold(self, held: HeldWrench) -> None:

@@ -16,7 +16,7 @@ from rb_dynamics.scene.fields import LONGEST, Rule
 from rb_dynamics.study.campaign.laws import LAWS, Measurement, Parameters
 from rb_dynamics.study.campaign.model import Campaign, Control
 from rb_dynamics.study.campaign.sampling import NOISE, generator
-from rb_dynamics.study.campaign.user_functions import called, named
+from rb_dynamics.study.campaign.user_functions import called, find_function
 
 if TYPE_CHECKING:
     import numpy as np
@@ -93,7 +93,7 @@ class Loop:
         count = len(runs)
         numbers = {key: values[key] if key in values else np.full(count, value) for key, value in control.numbers}
         try:
-            make = named(control.law, LAWS, campaign.modules)
+            make = find_function(control.law, LAWS, campaign.modules)
         except SceneError as error:
             raise SceneError(f"{campaign.source}: control.law: {error}") from error
         self._name = f"control.law: {control.law}"

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from rb_dynamics.errors import SceneError
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.study.campaign.model import Campaign, Metric
-from rb_dynamics.study.campaign.user_functions import called, named
+from rb_dynamics.study.campaign.user_functions import called, find_function
 
 if TYPE_CHECKING:
     import numpy as np
@@ -102,7 +102,7 @@ def quantity(campaign: Campaign, metric: Metric) -> Quantity:
     if metric.quantity == "attitude":
         return attitude_from(metric.target_xyzw)
     try:
-        return named(metric.quantity, _FUNCTIONS, campaign.modules)
+        return find_function(metric.quantity, _FUNCTIONS, campaign.modules)
     except SceneError as error:
         raise SceneError(f"{campaign.source}: metrics.{metric.name}.{metric.reduction}: {error}") from error
 

@@ -29,7 +29,7 @@ from rb_dynamics.study.campaign.control import DELAY, NOT_NEGATIVE, NUMBER, POSI
 from rb_dynamics.study.campaign.metrics import QUANTITIES, REDUCTIONS, Judge
 from rb_dynamics.study.campaign.model import SAMPLINGS, Campaign, Control, Metric, Requirement
 from rb_dynamics.study.campaign.read_dispersions import correlations, inputs
-from rb_dynamics.study.campaign.user_functions import named
+from rb_dynamics.study.campaign.user_functions import find_function
 from rb_dynamics.study.campaign.user_modules import read_modules
 
 _NO_OVERRIDES: Mapping[str, object] = MappingProxyType({})
@@ -112,7 +112,7 @@ def parse_campaign(text: str, source: str = "<campaign>", overrides: Mapping[str
     Judge(campaign, 1)
     if control is not None:
         try:
-            named(control.law, laws.LAWS, modules)
+            find_function(control.law, laws.LAWS, modules)
         except SceneError as error:
             raise SceneError(f"{source}: control.law: {error}") from error
     return campaign

@@ -18,7 +18,7 @@ from rb_dynamics.study.campaign.user_functions import FunctionError
 
 
 @dataclass(frozen=True)
-class Rerun:
+class SingleRun:
     """What a run gave when it was flown again.
 
     Attributes:
@@ -76,7 +76,7 @@ def _shown(value: float) -> str:
     return "never" if math.isnan(value) else repr(value)
 
 
-def rerun(campaign: Campaign, run: int, log: Path, rows: Path) -> Rerun:
+def rerun(campaign: Campaign, run: int, log: Path, rows: Path) -> SingleRun:
     """Fly `run` with all it has written to `log`, and compare it with its row where `rows` has one.
 
     Raises:
@@ -96,4 +96,4 @@ def rerun(campaign: Campaign, run: int, log: Path, rows: Path) -> Rerun:
         error = str(problem)
     found = read_row(rows, run) if compared else None
     row = None if found is None else {each.name: float(found[each.name]) for each in campaign.metrics}
-    return Rerun(run, metrics, row, log, error, "" if found is None else str(found["error"]))
+    return SingleRun(run, metrics, row, log, error, "" if found is None else str(found["error"]))

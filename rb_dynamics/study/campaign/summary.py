@@ -116,7 +116,7 @@ class MetricSummary:
 
 
 @dataclass(frozen=True)
-class Summary:
+class CampaignSummary:
     """What became of all runs.
 
     Attributes:
@@ -154,7 +154,7 @@ MOST_FAILURES = 1000
 _RUNS_AN_INPUT = 10
 
 
-def summarise(campaign: Campaign, rows: Columns) -> Summary:
+def summarise(campaign: Campaign, rows: Columns) -> CampaignSummary:
     """Return what `rows` show."""
     import numpy as np
 
@@ -167,7 +167,7 @@ def summarise(campaign: Campaign, rows: Columns) -> Summary:
     ranks |= {name + EITHER_WAY: _ranks(abs(each - each.mean())) for name, each in ranks.items()}
     noise = min(1.0, 1.96 / math.sqrt(max(1, runs - 1)))
     errors = [(int(run), text) for run, text in zip(rows["run"], rows["error"], strict=True) if text]
-    return Summary(
+    return CampaignSummary(
         runs,
         passed,
         passed / runs,
@@ -321,7 +321,9 @@ def _finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def as_text(campaign: Campaign, summary: Summary, options: Sequence[str] = (), rows: str = "", most: int = 5) -> str:
+def as_text(
+    campaign: Campaign, summary: CampaignSummary, options: Sequence[str] = (), rows: str = "", most: int = 5
+) -> str:
     """Return the summary for a person at a terminal; `options` as in `rerun_commands`, `rows` where all runs are."""
     lines = [
         f"runs        {summary.runs}, seed {campaign.seed}, {campaign.sampling.replace('_', ' ')}",
@@ -361,7 +363,7 @@ def as_text(campaign: Campaign, summary: Summary, options: Sequence[str] = (), r
     return "\n".join(lines)
 
 
-def few_runs(campaign: Campaign, summary: Summary) -> str:
+def few_runs(campaign: Campaign, summary: CampaignSummary) -> str:
     """Return that the runs are too few to tell so many inputs apart; "" where they are enough."""
     wanted = _RUNS_AN_INPUT * len(campaign.inputs)
     if summary.runs >= wanted:
@@ -377,12 +379,12 @@ def percent(part: float, runs: int) -> str:
     return f"{part:.{max(1, math.ceil(math.log10(runs)) - 2)}%}"
 
 
-def _percents(summary: Summary) -> str:
+def _percents(summary: CampaignSummary) -> str:
     rate, low, high = (percent(part, summary.runs) for part in (summary.pass_rate, summary.pass_low, summary.pass_high))
     return f"{rate}; of all possible runs {low} to {high}, with {CONFIDENCE:.0%} confidence"
 
 
-def quantile_table(summary: Summary) -> list[list[str]]:
+def quantile_table(summary: CampaignSummary) -> list[list[str]]:
     """Return head and rows of the quantiles of each metric, as texts."""
     from rb_dynamics.study.campaign.metric_units import titled
 
@@ -406,7 +408,7 @@ def _aligned(table: Sequence[Sequence[str]]) -> list[str]:
     return lines
 
 
-def far_text(summary: Summary) -> str:
+def far_text(summary: CampaignSummary) -> str:
     """Return what so few runs cannot tell of the farthest quantile; "" where they can."""
     count = min((metric.count for metric in summary.metrics if metric.count), default=0)
     reached = math.ceil(0.5 / (1.0 - FAR))

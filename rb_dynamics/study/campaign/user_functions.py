@@ -17,7 +17,7 @@ class FunctionError(RigidBodyError):
     """A function of the user's raised, or gave what is no number: the run that it was called for cannot be flown."""
 
 
-def named(name: str, known: Mapping[str, Callable[..., Any]], modules: UserModules) -> Callable[..., Any]:
+def find_function(name: str, known: Mapping[str, Callable[..., Any]], modules: UserModules) -> Callable[..., Any]:
     """Return what is `known` by `name`, or the function `module.function` of the user's `modules`.
 
     Raises:

@@ -23,11 +23,19 @@ from rb_dynamics.scene.model import DEFAULT_ACCURACY, Scene
 from rb_dynamics.study.explain import measured_length, probed
 from rb_dynamics.study.stopwatch import Clock, Stopwatch
 from rb_dynamics.study.trade.excerpt import accepted, trial_of
-from rb_dynamics.study.trade.full_runs import Whole, enough
-from rb_dynamics.study.trade.measurement import Table, climbers_for
+from rb_dynamics.study.trade.full_runs import FullRuns, enough
+from rb_dynamics.study.trade.measurement import Measurement, climbers_for
 from rb_dynamics.study.trade.reference import find_reference
 from rb_dynamics.study.trade.refinement import climb
-from rb_dynamics.study.trade.result import Recommendation, Reference, Row, Trade, as_measured, recommend, with_front
+from rb_dynamics.study.trade.result import (
+    Recommendation,
+    Reference,
+    Trade,
+    TradeRow,
+    as_measured,
+    recommend,
+    with_front,
+)
 
 # Of the time there is: one run of the trial may take so much, and finding the reference, at the first attempt and at
 # those that follow.
@@ -101,14 +109,14 @@ def trade(
             f"measured over the first {trial.seconds:.6g} s of {trial.whole:g} s: the errors of rows are those after "
             "them, and more time (--time) measures more"
         )
-    table = Table(replace(trial, horizon=scene.duration), reference, truth, target)
+    table = Measurement(replace(trial, horizon=scene.duration), reference, truth, target)
     climbers = climbers_for(trial) if reference.is_useful else []
     if names is not None:
         remarks.append(f"measured as asked for: {', '.join(names)}; all other methods are left out")
         climbers = [climber for climber in climbers if climber.method in names]
     climb(climbers, table.measure, begin + time_s, stopwatch, told, table.foresee)
     rows = with_front([row for climber in climbers for row in table.rows.get(climber.method, ())])
-    whole = Whole(trial, kept, rows, _WHOLE * time_s) if rows and trial.seconds < trial.whole else None
+    whole = FullRuns(trial, kept, rows, _WHOLE * time_s) if rows and trial.seconds < trial.whole else None
     if progress is not None:
         progress(1.0)
     return Trade(
@@ -140,8 +148,8 @@ def _asked_for(names: Sequence[object], scene: Scene) -> list[str]:
             near = difflib.get_close_matches(str(name).lower()[:60], ("auto", *METHODS), n=1)
             remedy = f"did you mean {near[0]}?" if near else "write some of them"
             raise SceneError(f"methods has {shown(name)}, expected names out of auto, {', '.join(METHODS)}; {remedy}")
-        if name != "auto" and METHODS[str(name)].takes < scene.acting.takes:
-            raise SceneError(cannot_take(scene, METHODS[str(name)], scene.acting.takes))
+        if name != "auto" and METHODS[str(name)].takes < scene.combined_effects.takes:
+            raise SceneError(cannot_take(scene, METHODS[str(name)], scene.combined_effects.takes))
         if name not in found:
             found.append(str(name))
     if not found:
@@ -149,4 +157,4 @@ def _asked_for(names: Sequence[object], scene: Scene) -> list[str]:
     return found
 
 
-__all__ = ["Recommendation", "Reference", "Row", "Trade", "trade"]
+__all__ = ["Recommendation", "Reference", "TradeRow", "Trade", "trade"]

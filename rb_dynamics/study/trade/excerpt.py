@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import METHODS
-from rb_dynamics.motion.caching import forget
+from rb_dynamics.motion.caching import clear_caches
 from rb_dynamics.motion.fixed_step_kernel import WORTH_LOADING, OnDemand, Tally, counted_by
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import angle_between
@@ -56,7 +56,7 @@ class Flight:
 
 
 @dataclass(frozen=True)
-class Trial:
+class Excerpt:
     """What is run again and again.
 
     Attributes:
@@ -92,7 +92,7 @@ class Trial:
             ConvergenceError: the method refuses, or is one of a plug-in and fails.
         """
         # No run may find there what another one has computed.
-        forget()
+        clear_caches()
         run = self._new(solver, 1.0 / self.seconds)
         begin = self.clock()
         with counted_by(tally), _failing_alone(solver.method):
@@ -137,7 +137,7 @@ class Trial:
         self, solver: Solver, tally: Tally, output_rate: float, until_ns: int, limit: float = math.inf
     ) -> tuple[int, float]:
         """Return how far (ns) a run with outputs comes until then, or in about `limit` s, and its time (s)."""
-        forget()
+        clear_caches()
         run = self._new(solver, output_rate)
         begin = self.clock()
         with counted_by(tally), _failing_alone(solver.method):
@@ -166,7 +166,7 @@ class Trial:
         with suppress(ConvergenceError):
             moment.fly(solver, self.clock.tally(worth=math.inf), parts=1)
 
-    def look(self, tally: Tally | None = None, limit: float = math.inf) -> Trial:
+    def look(self, tally: Tally | None = None, limit: float = math.inf) -> Excerpt:
         """Return the trial with what its motion is like, flown in plain Python unless `tally` decides.
 
         Raises:
@@ -190,7 +190,7 @@ class Trial:
             end=samples[-1],
         )
 
-    def part(self, seconds: float) -> Trial:
+    def part(self, seconds: float) -> Excerpt:
         """Return the beginning of it; what its motion is like is not known."""
         within = [(topic, wrench) for topic, wrench in self.commands if wrench.stamp_ns < seconds * NANOSECONDS]
         return replace(self, commands=within, seconds=seconds, horizon=seconds)
@@ -236,7 +236,7 @@ def accepted(scene: Scene, commands: Sequence[tuple[str, Wrench]]) -> list[tuple
     return [(topic, wrench) for topic, wrench in commands if run.honours(topic, wrench)]
 
 
-def trial_of(scene: Scene, commands: Sequence[tuple[str, Wrench]], limit: float, clock: Stopwatch) -> Trial:
+def trial_of(scene: Scene, commands: Sequence[tuple[str, Wrench]], limit: float, clock: Stopwatch) -> Excerpt:
     """Return the trial over as much of the scene as a general method runs in about `limit` s in plain Python.
 
     In plain Python, as not every method has a kernel, and the errors of a long trial are those of rounding.
@@ -246,17 +246,17 @@ def trial_of(scene: Scene, commands: Sequence[tuple[str, Wrench]], limit: float,
     """
     whole = scene.duration or OPEN_END_HORIZON
     refusal = ConvergenceError(f"{scene.source}: no method was found to try the scene with")
-    for name in (name for name in ("taylor", "dop853") if METHODS[name].takes >= scene.acting.takes):
+    for name in (name for name in ("taylor", "dop853") if METHODS[name].takes >= scene.combined_effects.takes):
         for accuracy in (1e-9, 1e-6, 1e-3):
             solver = Solver(name, accuracy=accuracy)
             try:
-                return _longest(Trial(scene, commands, whole, whole, clock, solver, whole), limit)
+                return _longest(Excerpt(scene, commands, whole, whole, clock, solver, whole), limit)
             except ConvergenceError as error:
                 refusal = error
     raise refusal
 
 
-def _longest(trial: Trial, limit: float) -> Trial:
+def _longest(trial: Excerpt, limit: float) -> Excerpt:
     """Return the longest part of `trial` that its pilot runs in about `limit` s, found by lengthening.
 
     Raises:

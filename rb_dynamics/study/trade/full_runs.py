@@ -12,15 +12,15 @@ from dataclasses import replace
 
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import Wrench
-from rb_dynamics.study.trade.excerpt import Trial
-from rb_dynamics.study.trade.result import Row, Verdict, grown
+from rb_dynamics.study.trade.excerpt import Excerpt
+from rb_dynamics.study.trade.result import TradeRow, Verdict, grown
 
 # Of the time that there is, for the run that others are compared with: what it may take, and what it may be expected to
 # take without the looks at its motion.
 _FINEST, _EXPECTED = 0.5, 0.25
 
 
-class Whole:
+class FullRuns:
     """Judges rows of a trial by flying the whole scene, as long as there is time.
 
     Attributes:
@@ -28,10 +28,10 @@ class Whole:
     """
 
     def __init__(
-        self, trial: Trial, commands: Sequence[tuple[str, Wrench]], rows: Sequence[Row], seconds: float
+        self, trial: Excerpt, commands: Sequence[tuple[str, Wrench]], rows: Sequence[TradeRow], seconds: float
     ) -> None:
         """Fly the most accurate of `rows` that there is time for, under `commands`; all of it takes about `seconds`."""
-        self.checked_by: Row | None = None
+        self.checked_by: TradeRow | None = None
         begin = trial.clock()
         self._end, self._longer = begin + seconds, trial.whole / trial.seconds
         whole = replace(trial, commands=commands, seconds=trial.whole, horizon=trial.scene.duration)
@@ -45,7 +45,7 @@ class Whole:
             return
         self.checked_by = finest
 
-    def judge(self, row: Row) -> Verdict:
+    def judge(self, row: TradeRow) -> Verdict:
         """Return the error of `row` over the whole scene: flown where there is time, or else grown from the trial.
 
         The finest run is wrong, too: by as much less than the row as in the trial, and never by more.
@@ -68,7 +68,7 @@ class Whole:
         return Verdict(max(row.error, (1.0 + share) * whole.error(attitude, position)), measured=True)
 
 
-def enough(rows: Sequence[Row], target: float, trial: Trial, share: float) -> float | None:
+def enough(rows: Sequence[TradeRow], target: float, trial: Excerpt, share: float) -> float | None:
     """Return with about how much time (s) a row that keeps `target` can be judged, of which it has a `share`.
 
     That takes another one to compare with, which has a smaller error. Errors are taken to grow with time where that

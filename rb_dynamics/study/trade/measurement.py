@@ -13,11 +13,11 @@ from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.vector import norm
 from rb_dynamics.run.diagnostics import Sample
 from rb_dynamics.scene.model import Solver
-from rb_dynamics.study.trade.excerpt import Flight, Trial
+from rb_dynamics.study.trade.excerpt import Excerpt, Flight
 from rb_dynamics.study.trade.load_evaluations import evaluations_in
 from rb_dynamics.study.trade.reference import settings_of
 from rb_dynamics.study.trade.refinement import TIME_IS_UP, Climber
-from rb_dynamics.study.trade.result import HOPELESS, USELESS, Reference, Row
+from rb_dynamics.study.trade.result import HOPELESS, USELESS, Reference, TradeRow
 
 _ACCURACIES = tuple(10.0**-k for k in range(3, 13))
 
@@ -31,11 +31,11 @@ _NO_BETTER = 3
 _BEFORE = 2
 
 
-class Table:
+class Measurement:
     """Measures rows of `trial` against `truth`, on the way to the error `target` if there is one."""
 
-    def __init__(self, trial: Trial, reference: Reference, truth: Sample, target: float | None = None) -> None:
-        self.rows: dict[str, list[Row]] = {}
+    def __init__(self, trial: Excerpt, reference: Reference, truth: Sample, target: float | None = None) -> None:
+        self.rows: dict[str, list[TradeRow]] = {}
         self._trial, self._reference, self._truth, self._target = trial, reference, truth, target
 
     def measure(self, solver: Solver, limit: float) -> tuple[float, str]:
@@ -78,10 +78,10 @@ class Table:
         # Where one has taken more in plain Python, none is compiled.
         return far, last.bare_time_per_s * self._trial.seconds * most / last.steps if last.steps <= most else math.inf
 
-    def _row(self, solver: Solver, flight: Flight, bare: float, time_per_s: float) -> Row:
+    def _row(self, solver: Solver, flight: Flight, bare: float, time_per_s: float) -> TradeRow:
         trial, reference, end = self._trial, self._reference, flight.sample
         attitude, rate, position = trial.differences(end, self._truth)
-        return Row(
+        return TradeRow(
             method=solver.method,
             step=solver.step,
             # Where all of the motion has a closed form, no accuracy sets anything.
@@ -103,7 +103,7 @@ class Table:
         )
 
 
-def far_from(target: float, rows: Sequence[Row], coming: Sequence[Solver]) -> int:
+def far_from(target: float, rows: Sequence[TradeRow], coming: Sequence[Solver]) -> int:
     """Return how many of the settings `coming` are far from an error of `target`, by the order that `rows` show.
 
     The errors are taken to fall no more slowly than those of the method do in the end, so that it is rather too few.
@@ -117,21 +117,21 @@ def far_from(target: float, rows: Sequence[Row], coming: Sequence[Solver]) -> in
     return max(0, sum(_size(one) > near for one in coming) - _BEFORE)
 
 
-def _size(one: Row | Solver) -> float:
+def _size(one: TradeRow | Solver) -> float:
     """Return what makes a setting coarse: its step or its accuracy."""
     return one.step or one.accuracy or 0.0
 
 
-def _run(row: Row) -> tuple[int, float, float]:
+def _run(row: TradeRow) -> tuple[int, float, float]:
     return row.steps, row.attitude_error, row.position_error
 
 
-def climbers_for(trial: Trial) -> list[Climber]:
+def climbers_for(trial: Excerpt) -> list[Climber]:
     """Return all methods that can take the scene, with their settings."""
     steps = _steps(trial)
     climbers = []
     for method in METHODS.usable():
-        if method.takes < trial.scene.acting.takes:
+        if method.takes < trial.scene.combined_effects.takes:
             continue
         if method.order is None or method.pair is not None or method.longest_step is not None:
             climbers.append(Climber(method.name, settings_of(method.name, _ACCURACIES), growth=1.5))
@@ -141,7 +141,7 @@ def climbers_for(trial: Trial) -> list[Climber]:
     return [*climbers, Climber("auto", settings_of("auto", _ACCURACIES), growth=1.5)]
 
 
-def _steps(trial: Trial) -> list[float]:
+def _steps(trial: Excerpt) -> list[float]:
     """Return steps (s) of two digits from 2 rad down, none longer than what lies between two commands."""
     edges = sorted({0.0, trial.seconds, *(max(0, wrench.stamp_ns) / NANOSECONDS for _, wrench in trial.commands)})
     longest = max(after - before for before, after in pairwise(edges))

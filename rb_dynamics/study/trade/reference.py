@@ -10,7 +10,7 @@ from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.exact import EXACT
 from rb_dynamics.run.diagnostics import Sample
 from rb_dynamics.scene.model import Solver
-from rb_dynamics.study.trade.excerpt import SHORTEST, Trial
+from rb_dynamics.study.trade.excerpt import SHORTEST, Excerpt
 from rb_dynamics.study.trade.refinement import TIME_IS_UP, Climber, climb
 from rb_dynamics.study.trade.result import Reference, setting
 
@@ -24,8 +24,8 @@ _FAMILIES = ("exact", "taylor", "dop853", "dlm6", "rkmk54", "radau", "midpoint6"
 
 
 def find_reference(
-    trial: Trial, deadlines: Sequence[float], after: Callable[[], None]
-) -> tuple[Trial, Reference, Sample]:
+    trial: Excerpt, deadlines: Sequence[float], after: Callable[[], None]
+) -> tuple[Excerpt, Reference, Sample]:
     """Return the trial, its reference and the end of its motion.
 
     Where no two methods run the trial by the first of `deadlines` (s), an eighth of it is tried until the next.
@@ -44,7 +44,7 @@ def find_reference(
     raise ValueError("deadlines is empty, expected at least one")
 
 
-def _reference(trial: Trial, end: float, after: Callable[[], None]) -> tuple[Reference, Sample]:
+def _reference(trial: Excerpt, end: float, after: Callable[[], None]) -> tuple[Reference, Sample]:
     """Return the reference and the end of its motion: two families go on to the finest that they can keep.
 
     Raises:
@@ -62,7 +62,7 @@ def _reference(trial: Trial, end: float, after: Callable[[], None]) -> tuple[Ref
         return flight.time, ""
 
     for name in _FAMILIES:
-        if METHODS[name].takes >= trial.scene.acting.takes and len(found) < 2:
+        if METHODS[name].takes >= trial.scene.combined_effects.takes and len(found) < 2:
             climber = Climber(name, settings_of(name, _ACCURACIES), growth=1.5)
             trial.warm_up(climber.settings[0])
             # No more than half of what is left, so that another one can be tried.

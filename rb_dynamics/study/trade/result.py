@@ -20,7 +20,7 @@ HOPELESS = 1.0
 
 
 @dataclass(frozen=True)
-class Row:
+class TradeRow:
     """One run: a method with one setting.
 
     Attributes:
@@ -123,7 +123,7 @@ class Reference:
         """Whether the two methods agree well enough for anything."""
         return self.error <= USELESS
 
-    def errors(self, row: Row) -> tuple[str, str, str]:
+    def errors(self, row: TradeRow) -> tuple[str, str, str]:
         """Return the errors of attitude, rate and position for a person: "<=" the trust where they are below it."""
         pairs = (
             (row.attitude_error, self.attitude),
@@ -141,7 +141,7 @@ class Verdict:
     """How wrong a row is at the end of the scene, of which the trial may be a part.
 
     Attributes:
-        error: at that end, as `Row.error` counts it.
+        error: at that end, as `TradeRow.error` counts it.
         measured: whether it was flown so far; otherwise the error is that of the trial, grown by `grown`.
     """
 
@@ -162,7 +162,7 @@ class Recommendation:
 
     solver: str
     reason: str
-    row: Row
+    row: TradeRow
     whole: Verdict
 
 
@@ -191,7 +191,7 @@ class Trade:
     scene: str
     trial_s: float
     reference: Reference
-    rows: tuple[Row, ...]
+    rows: tuple[TradeRow, ...]
     recommended: Recommendation | None
     target: float | None
     budget: float | None
@@ -199,7 +199,7 @@ class Trade:
     kernels: Mapping[str, float]
     remarks: tuple[str, ...]
     whole: float
-    checked_by: Row | None
+    checked_by: TradeRow | None
     enough_s: float | None = None
 
     @property
@@ -211,7 +211,7 @@ class Trade:
         return " and ".join([*parts, "auto"] if "auto" in methods else parts)
 
     @property
-    def front(self) -> tuple[Row, ...]:
+    def front(self) -> tuple[TradeRow, ...]:
         """The rows on the front, from fast to accurate."""
         return tuple(sorted((row for row in self.rows if row.front), key=lambda row: row.time_per_s))
 
@@ -263,7 +263,7 @@ class Trade:
         return asdict(self)
 
 
-def with_front(rows: Sequence[Row]) -> tuple[Row, ...]:
+def with_front(rows: Sequence[TradeRow]) -> tuple[TradeRow, ...]:
     """Return the rows, those on the Pareto front of error and time marked."""
     fastest: dict[float, float] = {}
     least = math.nextafter(HOPELESS, math.inf)
@@ -275,13 +275,13 @@ def with_front(rows: Sequence[Row]) -> tuple[Row, ...]:
     return tuple(replace(row, front=row in apart and fastest.get(row.error) == row.time_per_s) for row in rows)
 
 
-def _apart(rows: Sequence[Row]) -> list[Row]:
+def _apart(rows: Sequence[TradeRow]) -> list[TradeRow]:
     """Return the rows without those of "auto" that are the run of a named method, which has the same row."""
     named = {_run(row) for row in rows if row.method != "auto"}
     return [row for row in rows if row.method != "auto" or _run(row) not in named]
 
 
-def _run(row: Row) -> tuple[float, ...]:
+def _run(row: TradeRow) -> tuple[float, ...]:
     return (
         row.steps,
         row.attitude_error,
@@ -302,16 +302,16 @@ def grown(error: float, longer: float) -> float:
     return error * max(1.0, longer) ** 2
 
 
-def as_measured(row: Row) -> Verdict:
+def as_measured(row: TradeRow) -> Verdict:
     """Return the verdict where the trial reaches the end of the scene."""
     return Verdict(row.error, measured=True)
 
 
 def recommend(
-    rows: Sequence[Row],
+    rows: Sequence[TradeRow],
     target: float | None,
     budget: float | None,
-    judge: Callable[[Row], Verdict] = as_measured,
+    judge: Callable[[TradeRow], Verdict] = as_measured,
 ) -> Recommendation | None:
     """Return the fastest row that keeps `target`, or the most accurate that keeps `budget`; None where none does.
 

@@ -19,7 +19,7 @@ from rb_dynamics.run.simulation import simulate
 from rb_dynamics.scene.model import Solver
 from rb_dynamics.scene.read import parse_scene
 from rb_dynamics.study.stopwatch import Stopwatch
-from rb_dynamics.study.trade.excerpt import Trial, accepted, trial_of
+from rb_dynamics.study.trade.excerpt import Excerpt, accepted, trial_of
 from rb_dynamics.study.trade.reference import find_reference
 
 CLOCK = time.process_time
@@ -33,7 +33,7 @@ def _plain(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "never")
 
 
-def trial(spin: str, duration: str, limit: float, clock: Callable[[], float] = CLOCK) -> Trial:
+def trial(spin: str, duration: str, limit: float, clock: Callable[[], float] = CLOCK) -> Excerpt:
     body = "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}"
     text = f"{body}\ninitial: {{angular_velocity_body: {spin}}}\nduration: {duration}"
     return trial_of(parse_scene(text), TORQUE, limit, Stopwatch(clock))

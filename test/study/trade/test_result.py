@@ -9,13 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rb_dynamics.scene.read import parse_scene
-from rb_dynamics.study.trade.result import HOPELESS, Reference, Row, Trade, recommend, with_front
+from rb_dynamics.study.trade.result import HOPELESS, Reference, Trade, TradeRow, recommend, with_front
 
 BODY = "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\n"
-ROW = Row("rk4", 0.1, None, 1e-5, 2e-5, 3e-5, 1e-5, False, 0.0, 0.0, 0.0, 1e-3, 1e3, 5e-4, 10, 40, False)
+ROW = TradeRow("rk4", 0.1, None, 1e-5, 2e-5, 3e-5, 1e-5, False, 0.0, 0.0, 0.0, 1e-3, 1e3, 5e-4, 10, 40, False)
 
 
-def row(seconds: float, error: float, method: str = "rk4") -> Row:
+def row(seconds: float, error: float, method: str = "rk4") -> TradeRow:
     return replace(ROW, method=method, time_per_s=seconds, real_time_factor=1.0 / seconds, error=error)
 
 
@@ -26,7 +26,7 @@ ROWS = st.lists(
 
 
 @given(ROWS)
-def test_the_front_is_what_nothing_beats(rows: list[Row]) -> None:
+def test_the_front_is_what_nothing_beats(rows: list[TradeRow]) -> None:
     marked = with_front(rows)
 
     assert [replace(one, front=False) for one in marked] == rows
@@ -41,7 +41,7 @@ def test_the_front_is_what_nothing_beats(rows: list[Row]) -> None:
 
 
 @given(ROWS, st.sampled_from([1e-13, 1e-9, 1e-6, 10.0]))
-def test_the_recommended_row_keeps_the_target_and_none_that_does_is_faster(rows: list[Row], target: float) -> None:
+def test_the_recommended_row_keeps_the_target_and_none_that_does_is_faster(rows: list[TradeRow], target: float) -> None:
     found = recommend(rows, target, None)
     able = [one for one in rows if one.error <= target]
     assert (found is None) is (not able)
@@ -52,7 +52,7 @@ def test_the_recommended_row_keeps_the_target_and_none_that_does_is_faster(rows:
 
 @given(ROWS, st.sampled_from([1e-3, 1.0, 5e4, 1e7]))
 def test_the_recommended_row_keeps_the_budget_and_none_that_does_is_more_accurate(
-    rows: list[Row], budget: float
+    rows: list[TradeRow], budget: float
 ) -> None:
     found = recommend(rows, None, budget)
     able = [one for one in rows if one.real_time_factor >= budget and one.error <= HOPELESS]

@@ -27,7 +27,7 @@ from rb_dynamics.report.trade_page import write_trade_page
 from rb_dynamics.run.simulation import Simulation, simulate
 from rb_dynamics.scene.model import Scene, Solver
 from rb_dynamics.scene.read import parse_scene, read_scene
-from rb_dynamics.study.trade import Recommendation, Row, Trade, measurement, reference, trade
+from rb_dynamics.study.trade import Recommendation, Trade, TradeRow, measurement, reference, trade
 
 # The package: rb_dynamics.study.trade is the function in the namespace of its parent.
 TRADE = importlib.import_module("rb_dynamics.study.trade")
@@ -397,7 +397,7 @@ def test_command_prints_json_with_floats_in_full(tmp_path: Path, capsys: pytest.
     found = json.loads(out)
     assert err == ""
     assert found.keys() >= {"rows", "recommended", "reference"}
-    assert all(one.keys() == {field.name for field in fields(Row)} for one in found["rows"])
+    assert all(one.keys() == {field.name for field in fields(TradeRow)} for one in found["rows"])
     assert found["recommended"].keys() == {field.name for field in fields(Recommendation)}
     assert found["recommended"]["row"]["error"] <= 1e-6
     pasted = read_scene(str(scene), {"solver.method": found["recommended"]["row"]["method"]}).solver
