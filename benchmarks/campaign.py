@@ -176,14 +176,14 @@ def limits(blocks: int) -> None:
     from rb_dynamics.study.campaign.store import Store, read_rows
     from rb_dynamics.study.campaign.summary import summarise
 
-    size, fly_block = engine.SIDE_BY_SIDE, engine.fly_block
+    size, fly_block, fly_there = engine.SIDE_BY_SIDE, engine.fly_block, engine.fly_there
     runs = blocks * size
     found = read_campaign(DETUMBLE, {"runs": runs, "sampling": "random"})
     sample = fly_block(found, 0, 20, 1)
     flying = seconds(lambda: fly_block(found, 0, size, 1)) / size
     names = [name for name in sample if name not in ("run", "seed", "passed", "error")]
 
-    def made_up(_: Any, first: int, last: int, __: int) -> dict[str, Any]:
+    def made_up(_: Any, __: str, first: int, last: int) -> dict[str, Any]:
         import numpy as np
 
         random, count = np.random.default_rng(first), last - first
@@ -193,7 +193,7 @@ def limits(blocks: int) -> None:
 
     with tempfile.TemporaryDirectory() as folder:
         out, seen = Path(folder, "rows.parquet"), []
-        engine.fly_block = made_up
+        engine.fly_there = made_up
         try:
             engine.run_campaign(
                 found,
@@ -203,10 +203,10 @@ def limits(blocks: int) -> None:
                 progress=lambda *_: seen.append((time.perf_counter(), time.process_time())),
             )
         finally:
-            engine.fly_block = fly_block
+            engine.fly_there = fly_there
         joining = (time.process_time() - seen[-1][1]) / runs
         clock, block = ((last - first) / (len(seen) - 1) for first, last in zip(seen[0], seen[-1], strict=True))
-        store, rows = Store(Path(folder, "again.parquet"), found), made_up(None, 0, size, 1)
+        store, rows = Store(Path(folder, "again.parquet"), found), made_up(None, "", 0, size)
         writing = seconds(lambda: store.write(rows), 20)
         disk = out.stat().st_size / runs
         table = read_rows(out)
