@@ -1,5 +1,7 @@
 """The public names of rb_dynamics and where each is defined; type checkers and `__init__.py` read them here."""
 
+from rb_dynamics.analysis.inspection import Inspection as Inspection
+from rb_dynamics.analysis.inspection import inspect as inspect
 from rb_dynamics.body.mass_properties import inertia_ellipsoid as inertia_ellipsoid
 from rb_dynamics.body.mass_properties import radius_of_gyration as radius_of_gyration
 from rb_dynamics.body.mass_properties import scalar_inertia as scalar_inertia

@@ -38,6 +38,7 @@ PARTS = {
     "study": "Runs",
     "run.ensemble": "Many bodies at once",
     "run.samples": "Many bodies at once",
+    "analysis": "What a recording says",
     "run.sink": "Sinks",
     "recording": "Sinks",
     "errors": "Errors",

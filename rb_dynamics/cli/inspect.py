@@ -23,6 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--html", metavar="F", help="write a report with figures (extra: plot); an earlier one is replaced"
     )
+    parser.add_argument("--json", action="store_true", help="print the summary as one JSON object, floats in full")
     parser.add_argument("--video", metavar="F", help="write the tumble as .mp4 or .gif (extra: video)")
     parser.add_argument("--scene", metavar="SCENE", help="scene file whose body and frames belong to the bag")
     parser.add_argument(
@@ -40,18 +41,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print the summary; exit code 0, or 1 where a check fails."""
+    import json
     from pathlib import Path
 
     from rb_dynamics.analysis.checks import BOUND
-    from rb_dynamics.analysis.summary import summarize
-    from rb_dynamics.analysis.topics import read_track
+    from rb_dynamics.analysis.inspection import inspect
     from rb_dynamics.cli import output
     from rb_dynamics.errors import LogError
-    from rb_dynamics.formats.bag_reader import read_bag
     from rb_dynamics.formats.log_file import make_folder, require_apart, require_other
     from rb_dynamics.formats.verification import require_library, verify_bag
     from rb_dynamics.report.text import as_text
-    from rb_dynamics.scene.read import read_scene
 
     if args.verify:
         require_library("--verify")
@@ -59,28 +58,29 @@ def run(args: argparse.Namespace) -> int:
     for written in filter(None, (args.html, args.video)):
         require_other(written, *filter(None, (args.log, args.scene)))
         make_folder(Path(written))
-    scene = read_scene(args.scene) if args.scene else None
-    track = read_track(read_bag(args.log), scene)
-    summary = summarize(track, BOUND if args.bound is None else args.bound)
+    found = inspect(args.log, args.scene, BOUND if args.bound is None else args.bound)
     encoding = sys.stdout.encoding or "utf-8"
-    print(as_text(summary).encode(encoding, "backslashreplace").decode(encoding), flush=True)
+    text = json.dumps(found.as_dict(), allow_nan=False) if args.json else as_text(found.summary)
+    print(text.encode(encoding, "backslashreplace").decode(encoding), flush=True)
+    # One object on stdout, whatever else is written.
+    said = sys.stderr if args.json else sys.stdout
     if args.html:
         from rb_dynamics.report.html import write_html
         from rb_dynamics.report.run_page import run_report
 
-        write_html(args.html, run_report(track, summary))
-        print(f"wrote {args.html}")
+        write_html(args.html, run_report(found.track, found.summary))
+        print(f"wrote {args.html}", file=said)
     if args.video:
         from rb_dynamics.report.video import write_video
 
         with output.progress(f"rendering {args.video}") as progress:
-            frames = write_video(args.video, track, progress=progress)
-        print(f"wrote {args.video}: {frames} frames")
+            frames = write_video(args.video, found.track, progress=progress)
+        print(f"wrote {args.video}: {frames} frames", file=said)
     if args.verify:
         try:
             count = verify_bag(Path(args.log))
         except LogError as error:
             print(f"error: {error}", file=sys.stderr)
             return 1
-        print(f"verified with the package mcap: {count} messages, their checksums, index and order")
-    return 0 if summary.passed else 1
+        print(f"verified with the package mcap: {count} messages, their checksums, index and order", file=said)
+    return 0 if found.passed else 1

@@ -73,7 +73,7 @@ def instances(values: object, kind: type[T], name: str, remedy: str) -> tuple[T,
 
 
 def whole_number(value: Any, name: str, remedy: str) -> int:
-    """Return `value`, a whole_number number of Python or numpy, as an int.
+    """Return `value`, a whole number of Python or numpy, as an int.
 
     Raises:
         TypeError: it is none.
@@ -83,7 +83,7 @@ def whole_number(value: Any, name: str, remedy: str) -> int:
             return operator.index(value)
     except TypeError:
         pass
-    raise TypeError(f"{name} is {shown(value)}, expected a whole_number number; {remedy}")
+    raise TypeError(f"{name} is {shown(value)}, expected a whole number; {remedy}")
 
 
 def number(

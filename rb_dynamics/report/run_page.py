@@ -12,11 +12,10 @@ import numpy as np
 
 from rb_dynamics.analysis.balance import Balance
 from rb_dynamics.analysis.checks import BOUND
-from rb_dynamics.analysis.summary import HALF, Summary, summarize
-from rb_dynamics.analysis.topics import read_track
+from rb_dynamics.analysis.inspection import inspect
+from rb_dynamics.analysis.summary import HALF, Summary
 from rb_dynamics.analysis.track import Array, Series, Track, motion_of
 from rb_dynamics.body.plausibility import Symmetry, symmetry
-from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.formats.messages import APPLIED
 from rb_dynamics.report import plots, text
 from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, write_html
@@ -46,10 +45,9 @@ def write_run_report(
         LogError: `log` cannot be read or `html` not be written.
         MissingExtraError: matplotlib or jinja2 is not installed.
     """
-    track = read_track(read_bag(log), scene)
-    summary = summarize(track, bound)
-    write_html(html, run_report(track, summary, extra))
-    return summary
+    found = inspect(log, scene, bound)
+    write_html(html, run_report(found.track, found.summary, extra))
+    return found.summary
 
 
 def run_report(track: Track, summary: Summary, extra: Sequence[Section] = ()) -> Report:

@@ -131,7 +131,7 @@ class Ensemble:
         )
 
     def advance(self, seconds: float) -> None:
-        """Advance by `seconds`, rounded to whole_number nanoseconds; see `advance_to`."""
+        """Advance by `seconds`, rounded to whole nanoseconds; see `advance_to`."""
         seconds = number(seconds, "seconds", "a finite number of 0 or more (s)", least=0.0)
         self.advance_to(self.time_ns + round(seconds * NANOSECONDS))
 
@@ -325,12 +325,12 @@ class _Steps:
             splits = [self.split(length) for length in found.tolist()]
             counts = np.array([count for count, _ in splits])[where]
             rests = np.array([rest for _, rest in splits])[where]
-        whole_number, total = self.schedule(counts, rests, wrenches), np.cumsum(counts + (rests > 0.0))
+        whole, total = self.schedule(counts, rests, wrenches), np.cumsum(counts + (rests > 0.0))
         first = 0
         while first < len(times):
             done = int(total[first - 1]) if first else 0
             last = max(first + 1, int(np.searchsorted(total, done + LONGEST_STRETCH, side="right")))
-            yield whole_number.between(first, last)
+            yield whole.between(first, last)
             first = last
 
 
@@ -350,7 +350,7 @@ def _threads(threads: int | None) -> int:
         return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     count = whole_number(threads, "threads", "write how many, or None for one for each core")
     if count < 1:
-        raise ValueError(f"threads is {count}, expected a whole_number number of at least 1")
+        raise ValueError(f"threads is {count}, expected a whole number of at least 1")
     return count
 
 

@@ -156,6 +156,9 @@ WRONG: Mapping[tuple[Callable[..., object], str], list[Any]] = {
     (rb.explain, "scene"): [None, 1.0, Anything(), SCENE.body],
     (lambda commands: rb.explain(SCENE, commands), "commands"): [*NO_LIST_OF_THEM, [rb.Wrench()]],
     (lambda budget: rb.explain(SCENE, budget=budget), "budget"): POSITIVE,
+    (rb.inspect, "log"): [None, 1.0, Anything()],
+    (lambda scene: rb.inspect("no.mcap", scene), "scene"): [1.0, Anything(), SCENE.body],
+    (lambda bound: rb.inspect("no.mcap", bound=bound), "bound"): POSITIVE,
     (rb.trade, "scene"): [None, 1.0, Anything(), SCENE.body],
     (lambda commands: rb.trade(SCENE, commands), "commands"): [*NO_LIST_OF_THEM, [rb.Wrench()]],
     (lambda target: rb.trade(SCENE, target=target), "target"): POSITIVE[1:],
@@ -189,8 +192,7 @@ def test_every_public_function_and_effect_is_tried() -> None:
     # driven_motion is tried as _driven.
     missing = sorted({name for name in functions | effects if f"rb.{name}" not in table} - {"driven_motion"})
     assert not missing, (
-        f"missing in WRONG: {', '.join(missing)}; export it in rb_dynamics/__init__.py (under TYPE_CHECKING and in "
-        "_HOMES) and add a row for each argument"
+        f"missing in WRONG: {', '.join(missing)}; list it in rb_dynamics/__init__.pyi and add a row for each argument"
     )
 
 

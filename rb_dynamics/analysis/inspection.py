@@ -1,0 +1,86 @@
+"""`inspect`: read a recording and say what happened in it, for `rb-dynamics inspect`, its page and Python alike."""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import asdict, dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from rb_dynamics.analysis.balance import Balance
+from rb_dynamics.analysis.checks import BOUND
+from rb_dynamics.analysis.residual import Residual
+from rb_dynamics.analysis.summary import Summary, summarize
+from rb_dynamics.analysis.topics import read_track
+from rb_dynamics.analysis.track import Track
+from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.numerics.validation import number, shown
+from rb_dynamics.scene.model import Scene
+from rb_dynamics.scene.read import opened
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """A recording and what it says.
+
+    Attributes:
+        track: the motion and the wrenches as arrays over time.
+        summary: topics, extremes, balances, checks and warnings.
+    """
+
+    track: Track
+    summary: Summary
+
+    @property
+    def passed(self) -> bool:
+        """Whether every check holds."""
+        return self.summary.passed
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the summary as plain values for JSON; arrays over time stay in `track`, unknown numbers are None."""
+        parts = {field.name: getattr(self.summary, field.name) for field in fields(self.summary)}
+        return {"passed": self.passed} | {name: _plain(value) for name, value in parts.items()}
+
+
+def inspect(
+    log: str | os.PathLike[str], scene: Scene | str | os.PathLike[str] | None = None, bound: float = BOUND
+) -> Inspection:
+    """Return what happened in a log of this package, or in any ROS 2 bag of pose, twist and wrench.
+
+    Args:
+        log: the file, or the folder of a bag.
+        scene: body and frames of a bag that does not say them, or its file.
+        bound: largest defect accepted, relative to the largest energy or momentum seen.
+
+    Raises:
+        TypeError: an argument is not of its type.
+        ValueError: the bound is not greater than 0.
+        LogError: the recording cannot be read, or has no motion.
+        SceneError: the file says no valid scene.
+    """
+    number(bound, "bound", "a finite number greater than 0", above=0.0)
+    if not isinstance(log, (str, os.PathLike)):
+        raise TypeError(f"log is {shown(log)}, expected the path of a log; write its name")
+    known = None if scene is None else opened(scene)
+    track = read_track(read_bag(log), known)
+    return Inspection(track, summarize(track, bound))
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Balance):
+        kept: tuple[str, ...] = ("name", "unit", "worst", "worst_ns", "relative", "covered", "scale", "basis")
+        return {name: _plain(getattr(value, name)) for name in kept}
+    if isinstance(value, Residual):
+        kept = ("relative", "best", "inertia", "scaled", "mass", "mass_error", "explained", "explainable", "noise")
+        return {name: _plain(getattr(value, name)) for name in (*kept, "unseen", "bias")}
+    if isinstance(value, (np.ndarray, np.generic)):
+        return _plain(value.tolist())
+    if isinstance(value, (tuple, list)):
+        return [_plain(each) for each in value]
+    if isinstance(value, dict):
+        return {str(name): _plain(each) for name, each in value.items()}
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return _plain(asdict(value)) if hasattr(value, "__dataclass_fields__") else value
