@@ -1,4 +1,4 @@
-"""Many bodies at once, and whole_number schedules of held wrenches in one call: arrays in, arrays out.
+"""Many bodies at once, and whole schedules of held wrenches in one call: arrays in, arrays out.
 
 Each body moves as it would alone, to the bit: steps of one length from where a hold began, a shorter one to where the
 motion is looked at (`motion/arc.py`). Bodies never see each other. Compiled where numba is installed (extra `fast`) and
@@ -357,7 +357,7 @@ def _threads(threads: int | None) -> int:
 def _times(times_ns: npt.ArrayLike, start_ns: int) -> Times:
     import numpy as np
 
-    times = as_array(times_ns, "times_ns", "times in whole_number nanoseconds", None)
+    times = as_array(times_ns, "times_ns", "times in whole nanoseconds", None)
     if times.ndim != 1 or times.size == 0 or times.dtype.kind not in "iu":
         raise ValueError(
             f"times_ns has shape {times.shape} and type {times.dtype}, expected (K,) integers, K > 0: nanoseconds; "
