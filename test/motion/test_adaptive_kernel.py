@@ -6,7 +6,6 @@ import random
 from dataclasses import replace
 
 import pytest
-from motions import Recorder, forced
 
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
@@ -18,8 +17,6 @@ from rb_dynamics.numerics import compilation
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import Quaternion, normalize
 from rb_dynamics.numerics.vector import ZERO, Vector, dot, norm
-from rb_dynamics.run.simulation import Simulation
-from rb_dynamics.scene.model import Solver
 
 needs_numba = pytest.mark.skipif(not compilation.available(), reason="nothing to compare with: numba is not installed")
 
@@ -159,25 +156,6 @@ def test_a_choice_is_made_after_the_same_strides(monkeypatch: pytest.MonkeyPatch
 
     assert ends[0] == ends[1] == ends[2]
     assert len(ends[0][1]) >= 4
-
-
-@needs_numba
-@pytest.mark.parametrize("method", ["auto", "rk4"])
-def test_a_run_has_the_same_bits(monkeypatch: pytest.MonkeyPatch, method: str) -> None:
-    """With commands, outputs and books: all that a sink is told, and with an output at each stride."""
-    for rate in (7.0, 0.0):
-        told = []
-        for when in ("never", "always"):
-            monkeypatch.setenv("RB_DYNAMICS_COMPILE", when)
-            sink, case = Recorder(), forced()
-            run = Simulation(case.scene(Solver(method, accuracy=1e-5), 1.0, output_rate=rate), [sink])
-            run.start()
-            for topic, wrench in case.commands:
-                run.post(topic, wrench, 400_000_000)
-            run.advance(NANOSECONDS)
-            run.finish()
-            told.append((repr(sink.events), sink.result))
-        assert told[0] == told[1]
 
 
 @needs_numba

@@ -168,14 +168,24 @@ def test_the_longest_step_has_the_bits_of_plain_python(name: str) -> None:
 
 
 @needs_numba
-@pytest.mark.parametrize("name", ["rk4", "strang2"])
-def test_a_run_has_the_same_bits(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
-    """With commands, outputs between the steps and books: all that a sink is told."""
+@pytest.mark.parametrize(
+    "solver",
+    [
+        Solver("rk4", step=0.003),
+        Solver("strang2", step=0.003),
+        Solver("rk4", accuracy=1e-5),
+        Solver("auto", accuracy=1e-5),
+    ],
+    ids=lambda solver: f"{solver.method} by {'step' if solver.step else 'accuracy'}",
+)
+@pytest.mark.parametrize("output_rate", [7.0, 0.0])
+def test_a_run_has_the_same_bits(monkeypatch: pytest.MonkeyPatch, solver: Solver, output_rate: float) -> None:
+    """With commands, books, and outputs between the steps or at each of them: all that a sink is told."""
     told = []
     for when in ("never", "always"):
         monkeypatch.setenv("RB_DYNAMICS_COMPILE", when)
         sink, case = Recorder(), forced()
-        run = Simulation(case.scene(Solver(name, step=0.003), 1.0, output_rate=7.0), [sink])
+        run = Simulation(case.scene(solver, 1.0, output_rate=output_rate), [sink])
         run.start()
         for topic, wrench in case.commands:
             run.post(topic, wrench, 400_000_000)
