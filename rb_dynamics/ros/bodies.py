@@ -28,11 +28,12 @@ def bodies(count: int, prefix: str, spacing: float) -> list[RigidBodyNode]:
     Raises:
         RigidBodyError: a parameter, the scene or a log file is not valid; the logs of those before are finished.
     """
-    logs = _logs()
+    logs, names = _logs(), [f"{prefix}{index + 1}" for index in range(count)]
     with contextlib.ExitStack() as undo:
         nodes = []
         for index in range(count):
-            node = _body(name := f"{prefix}{index + 1}", spacing * index, logs)
+            name = names[index]
+            node = _body(name, spacing * index, logs, [other for other in names if other != name])
             for last_first in (node.destroy_node, node.finish):
                 undo.callback(last_first)
             if node.get_fully_qualified_name() != f"/{name}/rigid_body":
@@ -45,11 +46,11 @@ def bodies(count: int, prefix: str, spacing: float) -> list[RigidBodyNode]:
     return nodes
 
 
-def _body(name: str, y: float, logs: dict[str, object]) -> RigidBodyNode:
+def _body(name: str, y: float, logs: dict[str, object], others: Sequence[str]) -> RigidBodyNode:
     own: dict[str, object] = {"body.frame": name, "initial.position_world": [0.0, y, 0.0]}
     own |= {log: apart(target, name) for log, target in logs.items()}
     return RigidBodyNode(
-        namespace=name, parameter_overrides=[Parameter(key, value=value) for key, value in own.items()]
+        others, namespace=name, parameter_overrides=[Parameter(key, value=value) for key, value in own.items()]
     )
 
 

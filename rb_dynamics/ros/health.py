@@ -66,12 +66,17 @@ class Throttle:
 
 
 class Health:
-    """What `/diagnostics` says. A warning stays for the run: nobody has to be looking when it happens."""
+    """What `/diagnostics` says. A warning stays for the run, as nobody has to be looking when it happens.
+
+    A condition is a warning that goes when it holds no more.
+    """
 
     def __init__(self, name: str, topics: Sequence[str], say: Callable[[int, str], None]) -> None:
         """Begin with no complaints about the node `name` and its wrench `topics`; `say` logs a level and a message."""
         self._name, self._topics, self._say = name, tuple(topics), say
         self._next_ns = time.monotonic_ns()
+        # What is amiss around us: no reset changes it.
+        self._conditions: dict[str, str] = {}
         self.clear()
 
     def clear(self) -> None:
@@ -126,10 +131,16 @@ class Health:
         """Count commands that never came."""
         self._counts[topic].lost += number
 
-    def mismatched(self, topic: str, number: int, message: str, say: Callable[[str], None]) -> None:
+    def mismatched(self, topic: str, number: int) -> None:
         """Count peers whose QoS does not fit ours on `topic`: nothing will ever pass between us."""
         self._mismatches[topic] = self._mismatches.get(topic, 0) + number
-        say(f"{topic}: {message}")
+
+    def holds(self, condition: str, message: str) -> None:
+        """Warn of a condition while it holds; `message` is "" when it does no more."""
+        message = _cut(message)
+        if message and message != self._conditions.get(condition):
+            self._say(WARN, message)
+        self._conditions[condition] = message
 
     def warn(self, message: str) -> None:
         """Remember the newest warning."""
@@ -175,6 +186,7 @@ class Health:
             (ERROR, self._pause),
             (ERROR, self._failure),
             (WARN, self._warning or pacer.warning()),
+            *((WARN, message) for message in self._conditions.values()),
         ]
         level = max((each for each, message in wrong if message), default=OK)
         message = "; ".join(message for each, message in wrong if message and each == level) or state + awaited

@@ -46,9 +46,16 @@ from rb_dynamics.ros import conversions
 from rb_dynamics.ros.arrivals import Losses
 from rb_dynamics.ros.driver import Driver
 from rb_dynamics.ros.health import ERROR, Health, Throttle
+from rb_dynamics.ros.neighbours import Neighbours
 from rb_dynamics.ros.pacing import ClockFollower, Pacer
 from rb_dynamics.ros.publishers import TopicSink
-from rb_dynamics.ros.settings import read_settings, real_time_factor, require_paceable, scene_overrides
+from rb_dynamics.ros.settings import (
+    read_settings,
+    real_time_factor,
+    require_overridable,
+    require_paceable,
+    scene_overrides,
+)
 from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.run.stop_signals import stop_signals
 from rb_dynamics.scene.model import Scene
@@ -64,8 +71,10 @@ _PR_SET_TIMERSLACK, _SLACK_NS = 29, 1
 class RigidBodyNode(Node):
     """Simulates the body of a scene and speaks ROS 2; topics, parameters and services are listed in docs/ros.md."""
 
-    def __init__(self, **kwargs: object) -> None:
+    def __init__(self, elsewhere: Sequence[str] = (), **kwargs: object) -> None:
         """Read the parameters and the scene, and start the run; keyword arguments go to `rclpy.node.Node`.
+
+        Parameters that override the QoS of topics in the namespaces `elsewhere` are for other nodes of the process.
 
         Raises:
             RigidBodyError: a parameter, the scene or a log file is not valid.
@@ -87,6 +96,7 @@ class RigidBodyNode(Node):
         self._health = Health(self.get_fully_qualified_name(), self._topics, self._say)
         self._publishers_sink = TopicSink(
             self,
+            scene,
             settings.topics,
             self._health,
             lambda: pacer.offset_ns,
@@ -96,6 +106,8 @@ class RigidBodyNode(Node):
         # What may not be called so, or have such a QoS, is found out before there is a log.
         self._losses = {topic: Losses() for topic in self._topics}
         self._wrench_subscriptions = {topic: self._subscribe(topic) for topic in self._topics}
+        require_overridable(self, elsewhere)
+        self._neighbours = Neighbours(self, lambda: self._publishers_sink.publishers, self._health)
         self._states = self.create_subscription(Odometry, "~/set_state", self._on_set_state, COMMAND_DEPTH)
         self.create_service(SetBool, "~/pause", self._on_pause)
         self.create_service(Trigger, "~/step", self._on_step)
@@ -103,7 +115,6 @@ class RigidBodyNode(Node):
         self.driver = Driver(
             scene, settings.mode, pacer, self._health, self._publishers_sink, self._open_logs, self._take_wrenches
         )
-        self._publishers_sink.watch(lambda: self.driver.simulation.acceleration)
         if importlib.util.find_spec("simulation_interfaces") is not None:
             from rb_dynamics.ros.simulation_services import SimulationServices
 
@@ -120,9 +131,8 @@ class RigidBodyNode(Node):
     def tick(self) -> None:
         """Take commands, advance as far as there is time to, and publish diagnostics once a second."""
         self.driver.tick()
+        self._neighbours.look()
         if self._health.due():
-            if self._settings.topics.clock and self.count_publishers("/clock") > 1:
-                self._health.warn("/clock has another publisher: expected one master of time; set publish_clock once")
             self._miss_logs()
             if self._settings.logs.names or self._publishers_sink.status_is_read:
                 self.driver.report()
@@ -189,19 +199,22 @@ class RigidBodyNode(Node):
         # In lockstep no command may be lost, however far the commander is ahead: the reader keeps them all.
         lockstep = self._settings.mode.lockstep
         qos = QoSProfile(history=HistoryPolicy.KEEP_ALL) if lockstep else QoSProfile(depth=COMMAND_DEPTH)
+        remedy = (
+            "as in lockstep no command may be lost"
+            if lockstep
+            else f"or start this node with -p qos_overrides.{self.resolve_topic_name(topic)}.subscription."
+            "reliability:=best_effort"
+        )
+
+        def mismatched(event: Any) -> None:
+            self._health.mismatched(topic, event.total_count_change)
+            self._health.failed(
+                f"{topic}: a commander's QoS does not fit, expected RELIABLE; nothing it sends acts: publish RELIABLE, "
+                f"{remedy}"
+            )
+
         events = SubscriptionEventCallbacks(
-            incompatible_qos=lambda event: self._health.mismatched(
-                topic,
-                event.total_count_change,
-                "a commander's QoS does not fit, expected RELIABLE; nothing it sends acts: publish RELIABLE"
-                + (
-                    ", as in lockstep no command may be lost"
-                    if lockstep
-                    else f", or start this node with -p qos_overrides.{self.resolve_topic_name(topic)}.subscription."
-                    "reliability:=best_effort"
-                ),
-                self._health.failed,
-            ),
+            incompatible_qos=mismatched,
             message_lost=lambda event: self._on_lost(topic, self._losses[topic].tell(event.total_count_change)),
             matched=lambda _: self._losses[topic].forget(),
         )
@@ -271,7 +284,7 @@ class RigidBodyNode(Node):
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         failure = self.driver.reset()
-        response.success, response.message = not failure, "time 0 s, initial state, commands cleared"
+        response.success, response.message = not failure, "simulation time 0 s, initial state, commands cleared"
         if failure:
             response.message += f"; but {failure}"
         return response

@@ -18,22 +18,27 @@ from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64
 
 from rb_dynamics.formats import cdr
-from rb_dynamics.loads.wrench import WrenchFrames
 from rb_dynamics.numerics.nanoseconds import split_stamp
 from rb_dynamics.numerics.rotation import rotate_inverse
-from rb_dynamics.numerics.vector import Vector
 from rb_dynamics.ros import conversions
 from rb_dynamics.ros.health import Health
 from rb_dynamics.run.diagnostics import Sample
 from rb_dynamics.run.sink import Event, RunInfo, Status
+from rb_dynamics.scene.model import Scene
 
 _SCALAR = cdr.float64_packer()
+_OVERRIDABLE = (
+    QoSPolicyKind.HISTORY,
+    QoSPolicyKind.DEPTH,
+    QoSPolicyKind.RELIABILITY,
+    QoSPolicyKind.DURABILITY,
+)
 
 # Makes a message, or the bytes of one, of a sample and its stamp in seconds and nanoseconds.
 _Make = Callable[[Sample, tuple[int, int]], object]
@@ -58,14 +63,21 @@ class TopicSink:
     """
 
     def __init__(
-        self, node: Node, topics: Topics, health: Health, offset_ns: Callable[[], int | None], still: Callable[[], bool]
+        self,
+        node: Node,
+        scene: Scene,
+        topics: Topics,
+        health: Health,
+        offset_ns: Callable[[], int | None],
+        still: Callable[[], bool],
     ) -> None:
-        """Prepare to publish on `node`.
+        """Create the publishers on `node`, all of which are in `publishers`.
 
         Args:
             node: creates the publishers.
+            scene: that of the first run.
             topics: which ones beside the usual.
-            health: hears of readers whose QoS does not fit.
+            health: counts readers whose QoS does not fit.
             offset_ns: tells how far stamps are ahead of simulation time; None while that is not known and nothing is
                 published.
             still: tells whether time stands still, so that readers are to be greeted.
@@ -73,11 +85,12 @@ class TopicSink:
         self._node, self._health, self._offset_ns, self._still = node, health, offset_ns, still
         self._asked = topics
         self._newest: tuple[Sample, tuple[int, int]] | None = None
-        self._frames = WrenchFrames()
+        self._frames = scene.frames
         transient = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._inertia = node.create_publisher(InertiaStamped, "inertia", transient)
         self._diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", 1)
-        self._samples: list[tuple[Publisher, _Make]] = []
+        self.publishers = [self._inertia, self._diagnostics]
+        self._samples: list[tuple[Publisher, _Make, bool]] = []
         self._has_potential = False
         if topics.clock:
             self._add(Clock, "/clock", lambda _, t: Clock(clock=conversions.stamp(t)))
@@ -95,19 +108,17 @@ class TopicSink:
         self._add(Float64, "energy/defect", lambda s, _: _SCALAR(s.energy_defect))
         if topics.transforms:
             self._add_transforms()
-
-    def watch(self, acceleration: Callable[[], tuple[Vector, Vector]]) -> None:
-        """Publish `accel`, where asked; `acceleration` tells it for the time of the sample that is being written."""
-        if self._asked.acceleration:
-            self._add(AccelStamped, "accel", lambda _, t: self._accel(*t, *itertools.chain(*acceleration())))
+        if topics.acceleration:
+            self._add(AccelStamped, "accel", lambda _, t: self._accel(*t, *itertools.chain(*self._acceleration())))
+        self._add_potential(scene)
 
     def open(self, run: RunInfo) -> None:
         """Publish what is simulated; late subscribers get it too (transient local)."""
         self._frames = run.scene.frames
         self._prepare()
-        if not self._has_potential and run.scene.combined_effects.potential() is not None:
-            self._add(Float64, "energy/potential", lambda s, _: _SCALAR(s.potential_energy))
-            self._has_potential = True
+        if run.acceleration is not None:
+            self._acceleration = run.acceleration
+        self._add_potential(run.scene)
         stamp_ns = self._stamp_ns(run.scene.initial.time_ns) or 1
         self._inertia.publish(conversions.inertia(run.scene.body, self._frames.body_frame, stamp_ns))
         if self._asked.transforms and self._frames.fixed:
@@ -120,8 +131,8 @@ class TopicSink:
             if stamp_ns is None:
                 return
             self._newest = event, split_stamp(stamp_ns)
-            for publisher, make in self._samples:
-                if publisher.get_subscription_count():
+            for publisher, make, kept in self._samples:
+                if kept or publisher.get_subscription_count():
                     publisher.publish(make(*self._newest))
         elif isinstance(event, Status) and self.status_is_read:
             status = replace(event, time_ns=self._stamp_ns(event.time_ns) or 1)
@@ -134,7 +145,7 @@ class TopicSink:
 
     def close(self, result: Mapping[str, str]) -> None:
         """Wait, briefly, until readers have what was published last."""
-        for publisher, _ in self._samples:
+        for publisher, _, _ in self._samples:
             publisher.wait_for_all_acked(Duration(seconds=0.2))
 
     def _stamp_ns(self, time_ns: int) -> int | None:
@@ -157,28 +168,31 @@ class TopicSink:
         self._add(TFMessage, "/tf", lambda s, t: conversions.transform(s, t, self._frames))
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._static = self._node.create_publisher(TFMessage, "/tf_static", latched)
+        self.publishers.append(self._static)
+
+    def _add_potential(self, scene: Scene) -> None:
+        if not self._has_potential and scene.combined_effects.potential() is not None:
+            self._add(Float64, "energy/potential", lambda s, _: _SCALAR(s.potential_energy))
+            self._has_potential = True
 
     def _add(self, kind: type, topic: str, make: _Make) -> None:
         def greet(event: Any) -> None:
-            if event.current_count_change > 0 and self._newest is not None and self._still():
+            if event.current_count_change > 0 and self._newest is not None and self._still() and not kept:
                 publisher.publish(make(*self._newest))
-
-        def mismatched(event: Any) -> None:
-            self._health.mismatched(
-                topic,
-                event.total_count_change,
-                "a reader's QoS does not fit what is offered, RELIABLE and VOLATILE: it hears nothing",
-                self._health.warn,
-            )
 
         publisher = self._node.create_publisher(
             kind,
             topic,
             self._asked.depth,
-            event_callbacks=PublisherEventCallbacks(matched=greet, incompatible_qos=mismatched),
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+            event_callbacks=PublisherEventCallbacks(
+                matched=greet, incompatible_qos=lambda event: self._health.mismatched(topic, event.total_count_change)
+            ),
+            qos_overriding_options=QoSOverridingOptions(_OVERRIDABLE),
         )
-        self._samples.append((publisher, make))
+        # What is kept for readers that come later is there before they are.
+        kept = publisher.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        self._samples.append((publisher, make, kept))
+        self.publishers.append(publisher)
 
 
 def _twist(sample: Sample) -> tuple[float, ...]:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import importlib.util
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -47,7 +49,8 @@ _SLOWEST, _FASTEST = 1e-9, 1e9
 # Those that may be set while the node runs.
 _SETTABLE = ("real_time_factor",)
 # Declared by rclpy itself.
-_RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides.")
+_QOS = "qos_overrides."
+_RCLPY = ("use_sim_time", "start_type_description_service", _QOS)
 
 
 @dataclass(frozen=True)
@@ -150,6 +153,37 @@ def require_paceable(scene: Scene) -> None:
         raise SceneError(
             f"{scene.source}: output_rate: found 0 (every step) with steps chosen by accuracy, which a node cannot "
             "pace; give an output_rate in Hz, or a fixed solver.step"
+        )
+
+
+def require_overridable(node: Node, elsewhere: Sequence[str] = ()) -> None:
+    """Check that each parameter that overrides a QoS has done so, now that `node` has its topics.
+
+    Those for topics in the namespaces `elsewhere` are not for this node.
+
+    Raises:
+        SceneError: no topic has such a parameter; names the nearest that exist.
+    """
+    known = [_QOS + name for name in node.get_parameters_by_prefix(_QOS.rstrip("."))]
+    # As in `read_settings`.
+    for name in node._parameter_overrides:  # noqa: SLF001
+        topic, _, policy = name.removeprefix(_QOS).partition(".")
+        others = tuple(f"/{other.strip('/')}/" for other in elsewhere)
+        if not name.startswith(_QOS) or name in known or topic.startswith(others):
+            continue
+        topics = list(dict.fromkeys(each.split(".")[1] for each in known))
+        with contextlib.suppress(NameValidationException):
+            # It may be the name before remapping.
+            topic = node.resolve_topic_name(topic)
+        likely = difflib.get_close_matches(topic, topics, n=1)
+        there = [each for each in known if each.split(".")[1] in likely]
+        near = [each for each in there if each.endswith(f".{policy}")] or there
+        remedy = f"did you mean {' or '.join(near)}?" if near else f"there are those of {', '.join(topics)}"
+        if node.get_parameter("lockstep").value and policy.startswith("subscription"):
+            remedy = "in lockstep no command may be lost, and none can be overridden: leave it out"
+        raise SceneError(
+            f"parameter {name}: found nothing that it overrides, expected a topic of this node, by its name after "
+            f"remapping, and a policy that can be overridden; {remedy}"
         )
 
 

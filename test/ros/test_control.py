@@ -167,12 +167,3 @@ def test_a_commander_whose_qos_does_not_fit_is_an_error_that_is_counted(scene: P
             lambda: values(diagnostics[-1]).get("pose: incompatible QoS") == "1", "the reader's mismatch counted"
         )
         assert node.stop() == 0
-
-
-def test_a_reader_whose_qos_does_not_fit_is_a_warning(scene: Path, peer: Peer) -> None:
-    with running(scene) as node:
-        diagnostics = peer.diagnostics()
-        peer.node.create_subscription(PoseStamped, "pose", lambda _: None, TRANSIENT)
-        peer.until(lambda: diagnostics and "QoS" in diagnostics[-1].status[0].message, "a word of it")
-        assert diagnostics[-1].status[0].level == b"\x01"
-        assert node.stop() == 0

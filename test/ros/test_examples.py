@@ -87,7 +87,7 @@ def test_control_pauses_steps_and_resets(scene: Path) -> None:
         (0, "paused"),
         (0, "one output period more"),
         (0, "running"),
-        (0, "time 0 s, initial state, commands cleared"),
+        (0, "simulation time 0 s, initial state, commands cleared"),
     ]
     assert "only while paused" in said[0].stderr
     refused = control("jump")

@@ -24,7 +24,7 @@ SCENE = parse_scene("body: {mass: 2.0, inertia: {diagonal: [1, 2, 2.5]}}\nwrench
 
 def test_a_topic_that_nobody_reads_is_not_made(peer: Peer) -> None:
     node = Node("rigid_body", context=peer.context)
-    sink = TopicSink(node, Topics(), Health("rigid_body", (), print), lambda: 0, lambda: False)
+    sink = TopicSink(node, SCENE, Topics(), Health("rigid_body", (), print), lambda: 0, lambda: False)
     sink.open(RunInfo(SCENE, "exact"))
     nowhere: Any = ()
     unpackable = replace(Simulation(SCENE).sample, position_world=nowhere)
