@@ -60,7 +60,7 @@ def main() -> None:
 
 def writers(path: Path, scene: rb.Scene, samples: list[Sample]) -> None:
     """Print the messages per second through each writer."""
-    encode = sample_encoder(scene.frames.world_frame, scene.frames.body_frame, None)
+    encode = sample_encoder(scene)
     packed = [(sample.time_ns, encode(sample)) for sample in samples[:WRITTEN]]
     size = sum(map(len, packed[0][1]))
     print(f"writer    {size:12,.0f} bytes in the {len(SAMPLE_TOPICS)} messages of a sample")

@@ -99,8 +99,15 @@ def read_with_commands(args: argparse.Namespace) -> tuple[Scene, RecordedWrenche
 
     end_ns = math.inf if scene.end_ns is None else scene.end_ns
     topics, start = [channel.topic for channel in scene.channels], args.wrench_start
-    check = WrenchChannels(scene.channels, scene.frames).check
-    commands = RecordedWrenches(args.wrench, topics, end_ns, _mapping(args), "auto" if start is None else start, check)
+    channels = WrenchChannels(scene.channels, scene.frames)
+    commands = RecordedWrenches(
+        args.wrench,
+        topics,
+        end_ns,
+        _mapping(args),
+        "auto" if start is None else start,
+        lambda topic, wrench: channels.check(topic, wrench).require(),
+    )
     output.note_start(commands)
     commands.require_some()
     output.warn_outside(commands, scene)

@@ -97,8 +97,13 @@ def decode_wrench(type_name: str, log_time: int, data: bytes) -> Wrench:
         LogError: the message is cut short or not CDR.
     """
     values = cdr.decode(type_name, data)
-    stamp, frame, numbers = values if type_name == WRENCH else (log_time, "", *values)
-    return Wrench(numbers[:3], numbers[3:], frame, stamp)
+    if type_name != WRENCH:
+        (numbers,) = values
+        return Wrench(numbers[:3], numbers[3:], "", log_time)
+    stamp, frame, numbers = values
+    wrench = Wrench(numbers[:3], numbers[3:], frame, stamp)
+    object.__setattr__(wrench, "message", data)
+    return wrench
 
 
 def encode_applied(event: AppliedWrench) -> bytes:
@@ -108,7 +113,9 @@ def encode_applied(event: AppliedWrench) -> bytes:
 
 
 def encode_received(command: Wrench) -> bytes:
-    """Return the message of a command as it came; its stamp may be of any clock."""
+    """Return the message of a command, to the byte where it came as one; its stamp may be of any clock."""
+    if command.message is not None:
+        return command.message
     pack = cdr.stamped_packer(WRENCH, command.frame_id)
     return pack(*split_stamp(command.stamp_ns), *command.force, *command.torque)
 

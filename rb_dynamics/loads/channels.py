@@ -15,6 +15,7 @@ from typing import NamedTuple
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import WrenchError
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, WrenchFrames, largest_wrench, require_possible
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.vector import ZERO, Vector, scale
 
 ON_EXCESS = ("reject", "clip")
@@ -44,6 +45,11 @@ class Channel:
     max_force: float = math.inf
     max_torque: float = math.inf
     on_excess: str = "reject"
+
+    @property
+    def timeout_ns(self) -> int:
+        """The timeout in ns; one below 1 ns is short, not the 0 that holds for ever."""
+        return max(1, round(self.timeout * NANOSECONDS)) if self.timeout else 0
 
     def limited(self, wrench: Wrench) -> Wrench:
         """Return `wrench` as the limits let it act: itself where it keeps them.
@@ -114,9 +120,37 @@ class RejectedWrench:
     reason: str
 
 
-@dataclass(slots=True)
-class _Hold:
+class CheckedWrench(NamedTuple):
+    """A command as its channel takes it.
+
+    Attributes:
+        channel: its number in the order of the scene.
+        received: the command as it came.
+        held: what it does while it is held; None where it cannot be honoured.
+        reason: why it cannot.
+        clipped: whether the limits of the channel made it smaller.
+    """
+
+    channel: int
+    received: Wrench
+    held: HeldWrench | None
+    reason: str = ""
+    clipped: bool = False
+
+    def require(self) -> bool:
+        """Return `clipped`.
+
+        Raises:
+            WrenchError: the command cannot be honoured.
+        """
+        if self.held is None:
+            raise WrenchError(self.reason)
+        return self.clipped
+
+
+class _Hold(NamedTuple):
     held: HeldWrench = HeldWrench()
+    received: Wrench | None = None
     expires_ns: int | None = None
 
 
@@ -125,16 +159,12 @@ class _Pending(NamedTuple):
 
     At equal times the channels come in the order of the scene, however the commands arrived; within a channel the order
     of arrival is kept, so the last one wins. No two have the same `number`: what stands behind it is never compared.
-    `held` is None for a rejected command.
     """
 
     time_ns: int
     channel: int
     number: int
-    wrench: Wrench
-    held: HeldWrench | None
-    reason: str = ""
-    clipped: bool = False
+    command: CheckedWrench
 
 
 class WrenchChannels:
@@ -154,8 +184,7 @@ class WrenchChannels:
         self._channels = (*channels, *(Channel(name) for name in effects))
         self._commanded = len(channels)
         self._index = {c.topic.lstrip("/"): i for i, c in enumerate(channels)}
-        # A timeout below 1 ns is short, not the 0 that holds for ever.
-        self._timeout_ns = [max(1, round(c.timeout * 1e9)) if c.timeout else 0 for c in self._channels]
+        self._timeout_ns = [channel.timeout_ns for channel in self._channels]
         self._frames = frames
         self._holds = [_Hold() for _ in self._channels]
         self._queue: list[_Pending] = []
@@ -164,7 +193,7 @@ class WrenchChannels:
         self._largest = largest_wrench(body) if body is not None else (math.inf, math.inf)
         # The commands that the last `apply` looked at, and what was held before.
         self._done: list[_Pending] = []
-        self._before: list[tuple[HeldWrench, int | None]] = []
+        self._before = self._holds
 
     def post(self, topic: str, wrench: Wrench, time_ns: int) -> bool:
         """Let `wrench` take effect on the channel `topic` at `time_ns`; return whether its limits clipped it.
@@ -173,11 +202,40 @@ class WrenchChannels:
             WrenchError: no such channel, a component is not finite or too large, or the frame is unknown. The command
                 has no effect; on a channel of the scene it is reported as rejected when its time comes.
         """
-        return self._post(self._channel(topic), wrench, time_ns)
+        command = self.check(topic, wrench)
+        self.take(command, time_ns)
+        return command.require()
 
-    def check(self, topic: str, wrench: Wrench) -> bool:
-        """Do nothing but refuse what `post` refuses; return whether it would be clipped."""
-        return self._hold(self._channel(topic), wrench)[1]
+    def check(self, topic: str, wrench: Wrench) -> CheckedWrench:
+        """Return the command as the channel `topic` takes it; changes nothing.
+
+        Raises:
+            WrenchError: no such channel.
+        """
+        channel = self._index.get(topic.lstrip("/"))
+        if channel is None:
+            raise WrenchError(f"wrench topic is {topic!r}, expected one of {sorted(self._index)} as in scene.wrenches")
+        return self._checked(channel, wrench)
+
+    def take(self, command: CheckedWrench, time_ns: int) -> None:
+        """Let a command from `check` take effect at `time_ns`, or be reported as rejected then."""
+        self._number += 1
+        heapq.heappush(self._queue, _Pending(time_ns, command.channel, self._number, command))
+
+    def outstanding(self) -> list[tuple[str, Wrench, int]]:
+        """Return topic, command and time (ns) of each that is held (0) or waits, in the order in which they act."""
+        topics = [channel.topic for channel in self._channels[: self._commanded]]
+        held = [
+            (topic, hold.received, 0)
+            for topic, hold in zip(topics, self._holds, strict=False)
+            if hold.received is not None
+        ]
+        waiting = [
+            (topics[pending.channel], pending.command.received, pending.time_ns)
+            for pending in sorted(self._queue)
+            if pending.channel < self._commanded and pending.command.held is not None
+        ]
+        return held + waiting
 
     def schedule(self, effect: int, wrench: Wrench, time_ns: int) -> None:
         """Let `wrench` take effect on the channel of an effect, by its number: no command can reach it.
@@ -185,23 +243,16 @@ class WrenchChannels:
         Raises:
             WrenchError: a component is not finite, or the frame is unknown.
         """
-        self._post(self._commanded + effect, wrench, time_ns)
+        command = self._checked(self._commanded + effect, wrench)
+        command.require()
+        self.take(command, time_ns)
 
-    def _channel(self, topic: str) -> int:
-        channel = self._index.get(topic.lstrip("/"))
-        if channel is None:
-            raise WrenchError(f"wrench topic is {topic!r}, expected one of {sorted(self._index)} as in scene.wrenches")
-        return channel
-
-    def _post(self, channel: int, wrench: Wrench, time_ns: int) -> bool:
-        self._number += 1
+    def _checked(self, channel: int, wrench: Wrench) -> CheckedWrench:
         try:
             held, clipped = self._hold(channel, wrench)
         except WrenchError as error:
-            heapq.heappush(self._queue, _Pending(time_ns, channel, self._number, wrench, None, str(error)))
-            raise
-        heapq.heappush(self._queue, _Pending(time_ns, channel, self._number, wrench, held, "", clipped))
-        return clipped
+            return CheckedWrench(channel, wrench, None, str(error))
+        return CheckedWrench(channel, wrench, held, "", clipped)
 
     def _hold(self, channel: int, wrench: Wrench) -> tuple[HeldWrench, bool]:
         """Return what a command does while it is held, and whether the limits of its channel made it smaller."""
@@ -231,26 +282,20 @@ class WrenchChannels:
         due: list[_Pending] = []
         while self._queue and self._queue[0].time_ns <= now_ns:
             due.append(heapq.heappop(self._queue))
-        self._done = due
-        self._before = [(hold.held, hold.expires_ns) for hold in self._holds]
-        commanded = {pending.channel for pending in due if pending.held is not None}
+        self._done, self._before = due, self._holds.copy()
+        commanded = {pending.channel for pending in due if pending.command.held is not None}
         changes: list[AppliedWrench | RejectedWrench] = []
         for i, hold in enumerate(self._holds):
-            if hold.expires_ns is not None and hold.expires_ns <= now_ns:
-                hold.expires_ns = None
-                if i not in commanded:
-                    hold.held = HeldWrench()
-                    changes.append(self._applied(now_ns, i, None))
-        for pending in due:
-            if pending.held is None:
-                topic = self._channels[pending.channel].topic
-                changes.append(RejectedWrench(now_ns, topic, pending.wrench, pending.reason))
+            if hold.expires_ns is not None and hold.expires_ns <= now_ns and i not in commanded:
+                self._holds[i] = _Hold()
+                changes.append(self._applied(now_ns, i))
+        for _, channel, _, (_, received, held, reason, clipped) in due:
+            if held is None:
+                changes.append(RejectedWrench(now_ns, self._channels[channel].topic, received, reason))
                 continue
-            hold = self._holds[pending.channel]
-            hold.held = pending.held
-            timeout = self._timeout_ns[pending.channel]
-            hold.expires_ns = now_ns + timeout if timeout else None
-            changes.append(self._applied(now_ns, pending.channel, pending.wrench, pending.clipped))
+            timeout = self._timeout_ns[channel]
+            self._holds[channel] = _Hold(held, received, now_ns + timeout if timeout else None)
+            changes.append(self._applied(now_ns, channel, clipped))
         return changes
 
     @property
@@ -264,18 +309,17 @@ class WrenchChannels:
         Returns that one.
         """
         largest = max(self._done, key=self._acceleration)
-        for hold, before in zip(self._holds, self._before, strict=True):
-            hold.held, hold.expires_ns = before
+        self._holds = self._before
         for pending in self._done:
-            again = pending._replace(held=None, reason=reason) if pending is largest else pending
-            heapq.heappush(self._queue, again)
-        return RejectedWrench(largest.time_ns, self._channels[largest.channel].topic, largest.wrench, reason)
+            refused = pending.command._replace(held=None, reason=reason) if pending is largest else pending.command
+            heapq.heappush(self._queue, pending._replace(command=refused))
+        return RejectedWrench(largest.time_ns, self._channels[largest.channel].topic, largest.command.received, reason)
 
     def _acceleration(self, pending: _Pending) -> float:
         """Return the largest number in the accelerations (m/s^2, rad/s^2) that a command gives; 0 for none."""
-        if pending.held is None or self._body is None or pending.channel >= self._commanded:
+        held, body = pending.command.held, self._body
+        if held is None or body is None or pending.channel >= self._commanded:
             return 0.0
-        held, body = pending.held, self._body
         linear = max(map(abs, (*held.force_body, *held.force_world))) / body.mass
         if body.is_particle:
             return linear
@@ -288,9 +332,9 @@ class WrenchChannels:
             total = total + hold.held
         return total
 
-    def _applied(self, now_ns: int, channel: int, received: Wrench | None, clipped: bool = False) -> AppliedWrench:
-        held, frames = self._holds[channel].held, self._frames
-        topic = self._channels[channel].topic
+    def _applied(self, now_ns: int, channel: int, clipped: bool = False) -> AppliedWrench:
+        held, received, _ = self._holds[channel]
+        topic, frames = self._channels[channel].topic, self._frames
         if received is not None and received.frame_id == frames.world_frame:
             force, torque = held.force_world, held.torque_world
             return AppliedWrench(now_ns, topic, received, frames.world_frame, force, torque, clipped)

@@ -27,12 +27,15 @@ class Wrench:
         torque: N m, in the axes of `frame_id`.
         frame_id: "" or the body frame, the world frame, or a fixed frame that the scene declares.
         stamp_ns: `header.stamp` of the command, integer nanoseconds.
+        message: the bytes of the WrenchStamped as it came; None where none did, and of a changed copy. Equal wrenches
+            may differ in it.
     """
 
     force: Vector = ZERO
     torque: Vector = ZERO
     frame_id: str = ""
     stamp_ns: int = 0
+    message: bytes | None = field(default=None, init=False, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         """Keep what an array or a list holds now; what makes no sense is refused where it is to act."""

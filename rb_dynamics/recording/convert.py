@@ -16,12 +16,11 @@ from pathlib import Path
 from typing import Any
 
 from rb_dynamics.errors import LogError, MissingExtraError
-from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_source import open_source
 from rb_dynamics.formats.log_file import LogFile, make_folder, require_other
 from rb_dynamics.formats.mcap_records import Message
 from rb_dynamics.formats.mcap_writer import McapWriter
-from rb_dynamics.formats.messages import APPLIED, COMMAND_DEPTH, WRENCH, decode_wrench, qos_profile
+from rb_dynamics.formats.messages import APPLIED, COMMAND_DEPTH, WRENCH, decode_wrench, encode_received, qos_profile
 from rb_dynamics.formats.own_log import SampleRow, received_commands, row_columns, rows, scene_and_names
 from rb_dynamics.formats.ros2msg import TYPE_HASHES, schema_text
 from rb_dynamics.loads.channels import AppliedWrench
@@ -140,9 +139,7 @@ def table_to_bag(table: Path, target: Path) -> int:
             for topic in dict.fromkeys(topic for topic, _ in commands)
         }
         for topic, wrench in commands:
-            values = (*wrench.force, *wrench.torque)
-            message = cdr.encode(WRENCH, wrench.stamp_ns, wrench.frame_id, values)
-            writer.add_messages((channels[topic],), (message,), wrench.stamp_ns, wrench.stamp_ns)
+            writer.add_messages((channels[topic],), (encode_received(wrench),), wrench.stamp_ns, wrench.stamp_ns)
         writer.finish()
     return len(commands)
 

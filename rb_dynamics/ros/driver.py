@@ -8,12 +8,12 @@ on.
 from __future__ import annotations
 
 import time
-from bisect import bisect_right, insort
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from rb_dynamics.body.state import State
-from rb_dynamics.errors import ConvergenceError, LogError, RigidBodyError, SceneError, WrenchError
+from rb_dynamics.errors import ConvergenceError, LogError, RigidBodyError, SceneError
+from rb_dynamics.loads.channels import CheckedWrench
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.recording.failure_guard import GuardedSink
@@ -265,8 +265,9 @@ class Driver:
         # A rejected command has spoken too: time does not wait for what will never come.
         self._newest[topic] = max(stamp_ns, self._newest.get(topic) or 0)
         computed_ns = self._computed_ns
+        command = self.simulation.check(topic, wrench)
         # A rejected one never acts: none that comes after it is late or left out for its sake.
-        classified = by_stamp and self.simulation.honours(topic, wrench)
+        classified = by_stamp and command.held is not None
         arrival = self._arrivals[topic].classify(time_ns, computed_ns) if classified else None
         if arrival is Arrival.SUPERSEDED:
             self.health.superseded(topic)
@@ -275,7 +276,7 @@ class Driver:
                 f"{(computed_ns - time_ns) / 1e9:.9g} s after its stamp"
             )
             return
-        if not self._post(topic, wrench, time_ns):
+        if not self._take_command(topic, command, time_ns):
             return
         if not by_stamp:
             self._latest_ns[topic] = time_ns
@@ -309,29 +310,22 @@ class Driver:
         self.steps_left = 0
         self.interruptions += 1
 
-    def _post(self, topic: str, wrench: Wrench, time_ns: int) -> bool:
-        try:
-            clipped = self.simulation.post(topic, wrench, time_ns)
-        except WrenchError as error:
+    def _take_command(self, topic: str, command: CheckedWrench, time_ns: int) -> bool:
+        """Let a command act from `time_ns` on; return whether it can be honoured."""
+        self.simulation.take(command, time_ns)
+        if command.held is None:
             self.health.rejected(topic)
-            self.health.warn(f"{topic}: rejected: {error}")
-            return False
-        if clipped:
+            self.health.warn(f"{topic}: rejected: {command.reason}")
+        elif command.clipped:
             self.health.clipped(topic)
-        commands = self._commands[topic]
-        insort(commands, (time_ns, wrench), key=_time_of)
-        # Of those that have acted only the newest is held.
-        del commands[: max(0, bisect_right(commands, self.simulation.time_ns, key=_time_of) - 1)]
-        return True
+        return command.held is not None
 
     def _forget_what_was_taken_back(self) -> None:
         """Reject what seemed good when it was taken."""
         while self.simulation.taken_back:
             rejected = self.simulation.taken_back.pop()
-            topic = rejected.topic
-            self._commands[topic] = [each for each in self._commands[topic] if each[1] is not rejected.received]
-            self.health.taken_back(topic)
-            self.health.warn(f"{topic}: rejected: {rejected.reason}")
+            self.health.taken_back(rejected.topic)
+            self.health.warn(f"{rejected.topic}: rejected: {rejected.reason}")
 
     def _begin(self, before_ns: int) -> None:
         """Start the simulation, so many ns after the last reset."""
@@ -340,8 +334,6 @@ class Driver:
         self._newest: dict[str, int | None] = {c.topic: None for c in self._scene.channels if not c.optional}
         self._latest_ns = dict.fromkeys(self._topics, 0)
         self._arrivals = {topic: Arrivals() for topic in self._topics}
-        # What is held and what waits, in the order of time.
-        self._commands: dict[str, list[tuple[int, Wrench]]] = {topic: [] for topic in self._topics}
         # Where time is to go, how far that has been computed, and how much to compute before looking at the clock.
         self._goal_ns = self._reached_ns = 0
         self.steps_left = 0
@@ -356,8 +348,8 @@ class Driver:
         `carry` lets the commands that are held or wait act on, their timeouts counted anew; `forget` clears the health
         of the run that ends, the failure of a log to end included.
         """
-        ended_ns, newest, latest, commands = self._computed_ns, self._newest, self._latest_ns, self._commands
-        timeouts = {c.topic: round(c.timeout * 1e9) for c in self.simulation.scene.channels}
+        ended_ns, newest, latest = self._computed_ns, self._newest, self._latest_ns
+        outstanding = self.simulation.outstanding() if carry else []
         simulation = Simulation(scene, [self._publishers, *self._open_logs()])
         self.simulation.finish()
         if forget:
@@ -369,12 +361,8 @@ class Driver:
             return
         self._newest = {topic: None if ns is None else ns - ended_ns for topic, ns in newest.items()}
         self._latest_ns = {topic: max(0, ns - ended_ns) for topic, ns in latest.items()}
-        for topic, waiting in commands.items():
-            held = bisect_right(waiting, ended_ns, key=_time_of) - 1
-            if held >= 0 and timeouts[topic] and waiting[held][0] + timeouts[topic] <= ended_ns:
-                held += 1
-            for time_ns, wrench in waiting[max(0, held) :]:
-                self._post(topic, wrench, max(0, time_ns - ended_ns))
+        for topic, wrench, time_ns in outstanding:
+            self._take_command(topic, self.simulation.check(topic, wrench), time_ns)
 
     def _again(self, overrides: dict[str, object]) -> Scene:
         """Return the scene with `overrides` and with what is left of its duration."""
@@ -472,7 +460,3 @@ def _initial(state: State) -> dict[str, object]:
         "initial.linear_velocity_world": state.linear_velocity_world,
         "initial.angular_velocity_body": state.angular_velocity_body,
     }
-
-
-def _time_of(command: tuple[int, Wrench]) -> int:
-    return command[0]

@@ -17,7 +17,7 @@ from typing import cast
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import ConvergenceError, SceneError, WrenchError
-from rb_dynamics.loads.channels import AppliedWrench, RejectedWrench, WrenchChannels
+from rb_dynamics.loads.channels import AppliedWrench, CheckedWrench, RejectedWrench, WrenchChannels
 from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.wrench import HeldWrench, Wrench
 from rb_dynamics.motion.arc import Arc, LoadFrom
@@ -168,22 +168,30 @@ class Simulation:
             TypeError: an argument is not of its type.
             WrenchError: the command cannot be honoured; the run goes on without it.
         """
-        instance(topic, str, "topic", "write the name of a channel")
-        instance(wrench, Wrench, "wrench", "write Wrench(force, torque)")
-        time_ns = max(self._computed_ns, whole_number(time_ns, "time_ns", _REMEDY))
-        if self.end_ns is not None and time_ns > self.end_ns:
-            return self._channels.check(topic, wrench)
-        clipped = self._channels.post(topic, wrench, time_ns)
-        self.clipped += clipped
-        return clipped
+        command = self.check(topic, wrench)
+        self.take(command, time_ns)
+        return command.require()
 
-    def honours(self, topic: str, wrench: Wrench) -> bool:
-        """Return whether `post` would take the command; changes nothing."""
-        try:
-            self._channels.check(topic, wrench)
-        except WrenchError:
-            return False
-        return True
+    def check(self, topic: str, wrench: Wrench) -> CheckedWrench:
+        """Return the command as the channel `topic` takes it, for `take`; changes nothing.
+
+        Raises:
+            TypeError: an argument is not of its type.
+            WrenchError: no such channel.
+        """
+        instance(topic, str, "topic", "write the name of a channel")
+        return self._channels.check(topic, instance(wrench, Wrench, "wrench", "write Wrench(force, torque)"))
+
+    def take(self, command: CheckedWrench, time_ns: int) -> None:
+        """Let a command from `check` take effect as `post` does; one that cannot be honoured is told to the sinks."""
+        time_ns = max(self._computed_ns, whole_number(time_ns, "time_ns", _REMEDY))
+        if self.end_ns is None or time_ns <= self.end_ns:
+            self._channels.take(command, time_ns)
+            self.clipped += command.clipped
+
+    def outstanding(self) -> list[tuple[str, Wrench, int]]:
+        """Return topic, command and time (ns from now, 0 where it is held) of each that a run from here would need."""
+        return [(topic, wrench, max(0, at - self._computed_ns)) for topic, wrench, at in self._channels.outstanding()]
 
     def next_output_ns(self) -> int:
         """Return the next time at which a sample is due."""

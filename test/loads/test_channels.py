@@ -264,7 +264,7 @@ class TestLimits:
         with pytest.raises(WrenchError, match=says):
             c.post("wrench", Wrench(force, torque), 0)
         with pytest.raises(WrenchError, match=says):
-            c.check("wrench", Wrench(force, torque))
+            c.check("wrench", Wrench(force, torque)).require()
 
         assert [type(change) for change in c.apply(0)] == [AppliedWrench, RejectedWrench]
         assert c.total().force_body == (1.0, 0.0, 0.0)

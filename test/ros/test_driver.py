@@ -14,6 +14,7 @@ from nav_msgs.msg import Odometry
 
 from rb_dynamics import MemorySink, Simulation, Wrench, parse_scene
 from rb_dynamics.errors import SceneError
+from rb_dynamics.loads.wrench import WrenchFrames
 from rb_dynamics.ros.conversions import to_state
 from rb_dynamics.ros.driver import Driver, Mode
 from rb_dynamics.ros.health import Health
@@ -135,6 +136,36 @@ def test_commands_that_came_out_of_order_go_on_in_the_order_of_their_stamps() ->
     assert body.simulation.sample.linear_velocity_world[0] == pytest.approx(2 * 0.05 + 3 * 0.1, rel=1e-12)
     run_steps(body, 10)
     assert body.simulation.sample.linear_velocity_world[0] == pytest.approx(0.4 + 4 * 0.05 + 4.5 * 0.05, rel=1e-12)
+
+
+@pytest.mark.parametrize("mode", [Mode(start_paused=True, apply_at="stamp"), Mode(lockstep=True), Mode()])
+def test_what_a_command_does_is_found_once(mode: Mode, monkeypatch: pytest.MonkeyPatch) -> None:
+    body, looked = driver(mode=mode), []
+    hold = WrenchFrames.hold
+    monkeypatch.setattr(WrenchFrames, "hold", lambda frames, wrench: (looked.append(wrench), hold(frames, wrench))[1])
+    for wrench in (Wrench(stamp_ns=50_000_000), Wrench(frame_id="nowhere", stamp_ns=60_000_000)):
+        body.command("wrench", wrench)
+        assert looked.pop() is wrench
+        assert not looked
+
+
+def test_what_is_held_after_a_timeout_or_was_rejected_does_not_come_back() -> None:
+    body = driver(SCENE.replace("push, timeout: 0.5", "push, timeout: 0.05, max_force: 50.0, on_excess: clip"))
+    body.command("push", Wrench(force=(6.0, 0.0, 0.0), frame_id="world"))
+    body.command("wrench", Wrench(torque=(1e8, 0.0, 0.0)))  # taken back: no step can be taken under it
+    body.command("wrench", Wrench(frame_id="nowhere"))
+    run_steps(body, 10)
+    assert [count(body, name) for name in ("accepted", "rejected")] == [0, 2]
+    assert body.simulation.outstanding() == []
+    held = Wrench(force=(100.0, 0.0, 0.0), frame_id="world")
+    body.command("push", held)
+    run_steps(body, 1)
+    assert body.simulation.outstanding() == [("push", held, 0)]
+    before = body.simulation.sample.linear_velocity_world[0]
+    body.set_state(body.state)
+    run_steps(body, 10)
+    assert body.simulation.sample.linear_velocity_world[0] - before == pytest.approx(25.0 * 0.05, rel=1e-12)
+    assert body.simulation.outstanding() == []
 
 
 def test_reset_leads_back_to_the_initial_state_and_its_parts_do_their_part() -> None:
@@ -380,6 +411,8 @@ def test_a_command_that_came_acts_before_the_output_is_due_unless_stamps_count(a
     body.pacer.restart(50_000_000)
     body.command("wrench", Wrench(force=(1.0, 0.0, 0.0), frame_id="world", stamp_ns=20_000_000))
     body.prepare()
+    while body.behind:
+        body.tick()
     assert [wrench.topic for wrench in memory.applied] == ["wrench"] * (apply_at == "arrival")
     # Told is nothing before its time.
     assert memory.time_ns == [0]

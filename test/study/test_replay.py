@@ -20,6 +20,7 @@ from rb_dynamics.formats.bag_source import Source, open_source
 from rb_dynamics.formats.log_file import LogFile
 from rb_dynamics.formats.mcap_records import McapFile, Message
 from rb_dynamics.formats.mcap_writer import McapWriter
+from rb_dynamics.formats.messages import WRENCH, decode_wrench
 from rb_dynamics.formats.recovery import recover
 from rb_dynamics.recording.mcap_sink import LogSettings, McapSink
 from rb_dynamics.recording.rosbag2_sink import BagSink
@@ -110,6 +111,30 @@ def test_what_was_too_large_or_clipped_is_so_again(tmp_path: Path) -> None:
         "/push": (5, 2, 0),
         "/robot/turn": (3, 2, 0),
     }
+
+
+def test_a_command_is_logged_as_the_bytes_that_came_and_replayed(tmp_path: Path) -> None:
+    texts = {
+        "big endian": struct.pack(">4siI I6s6x 6d", b"\0\0\0\0", 0, 250_000_000, 6, b"world\0", *range(6)),
+        "nanoseconds beyond a second, bytes left of what was there before, a padded end": struct.pack(
+            "<4siI I5s7s 6d 4s", b"\0\1\0\0", 0, 1_250_000_000, 5, b"body\0", b"garbage", *range(6), b"rest"
+        ),
+        "a string without its end": struct.pack("<4siI I4x 6d", b"\0\1\0\3", 1, 500_000_000, 0, *range(6)),
+        "no command": struct.pack("<4siI I8s4x 6d", b"\0\1\0\0", 1, 750_000_000, 8, b"nowhere\0", *range(6)),
+    }
+    came = [decode_wrench(WRENCH, 0, data) for data in texts.values()]
+    assert [wrench.stamp_ns for wrench in came] == [250_000_000, 1_250_000_000, 1_500_000_000, 1_750_000_000]
+    simulate(SCENE, [("push", wrench) for wrench in came], [McapSink(tmp_path / "run.mcap")])
+    messages = [each for each in McapFile(tmp_path / "run.mcap").messages() if each.channel.topic == "/push"]
+    assert [each.data for each in messages] == list(texts.values())
+    found = replay(tmp_path / "run.mcap")
+    assert (found.identical, found.commands) == (True, 4)
+    # The same numbers are the same command, and a changed copy has no bytes of its own.
+    plain = [dataclasses.replace(wrench) for wrench in came]
+    assert plain == came
+    simulate(SCENE, [("push", wrench) for wrench in plain], [McapSink(tmp_path / "plain.mcap")])
+    assert replay(tmp_path / "plain.mcap").hashes == found.hashes
+    assert [wrench for _, wrench in read_bag(tmp_path / "plain.mcap").wrenches("/push")] == plain
 
 
 def test_names_in_a_namespace_and_remapped(tmp_path: Path) -> None:
