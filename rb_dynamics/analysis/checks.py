@@ -10,8 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rb_dynamics.analysis.agreement import Agreement
 from rb_dynamics.analysis.balance import Balance
-from rb_dynamics.analysis.track import Array, Series, Times, Track
+from rb_dynamics.analysis.continuity import FARTHEST, Continuity, Jump
+from rb_dynamics.analysis.holes import NAMED, listed, longest_usual, told
+from rb_dynamics.analysis.track import Array, Series, Track, frame_names
 from rb_dynamics.errors import RigidBodyError
 from rb_dynamics.run.provenance import SCENE
 from rb_dynamics.scene.model import Scene
@@ -20,12 +23,12 @@ from rb_dynamics.scene.read import parse_scene
 BOUND = 1e-6
 """Default of the largest defect accepted, relative to the largest energy or momentum seen."""
 
-# An interval this much longer than the usual one is a gap, where intervals are even.
-_GAP = 1.5
-# The same where they are not: a lost message or two is none.
-_FAR = 5.0
 # Streams of one recording do not begin and end at once; s.
 _APART = 1.0
+# Talk of ROS itself, and of its recorder, says nothing of when a recording begins and ends.
+_OF_ROS = ("rcl_interfaces/", "rosbag2_interfaces/")
+# Nor does the next file of one recording begin later than this, or than ten times the longest pause; s.
+_FOLLOWS = 10.0
 
 
 @dataclass(frozen=True)
@@ -42,12 +45,21 @@ class Check:
     share: float = 1.0
 
 
-def checks(track: Track, found: Sequence[Balance], bound: float) -> list[Check]:
+def checks(
+    track: Track,
+    found: Sequence[Balance],
+    bound: float,
+    steady: Continuity | None = None,
+    agreed: Sequence[Agreement] = (),
+) -> list[Check]:
     """Return every check that `track` has the data for; `bound` is relative to the largest energy or momentum."""
     whole = track.bag.whole
     detail = "it has its end" if whole else "cut off: it holds what was written until then"
     done = [Check("file is whole", whole, detail), _recorded(track)]
+    done += [_one_recording(track)] if track.bag.joints else []
     done += [_whole(series, track) for series in _motion(track)]
+    done += [_continuous(track, steady)] if steady is not None else []
+    done += [_agrees(track, each) for each in agreed]
     if track.pose is not None and len(track.pose.time_ns):
         done.append(_unit(track.pose.values[:, 3:], bound))
     done += [_balanced(track, balance, bound) for balance in found]
@@ -107,30 +119,80 @@ def _whole(series: Series, track: Track) -> Check:
     steps = np.diff(series.time_ns)
     if not len(steps):
         return Check(name, True, f"{count} samples")
-    longest = int(steps.argmax())
-    apart = f"{int(steps[longest]) * 1e-9:.6g} s"
-    if missing := gaps(series.time_ns):
-        start = track.seconds(series.time_ns)[longest]
-        return Check(name, False, f"gaps: {missing}, the longest {apart} from t = {start:.6g} s")
-    if late := _stops(series, track):
-        return Check(name, False, late)
-    return Check(name, True, f"{count} samples, all finite, at most {apart} apart")
+    begin, _ = track.span_ns
+    if lacks := "; ".join(filter(None, (told(series.time_ns, begin), _late(series, track)))):
+        return Check(name, False, lacks)
+    return Check(name, True, f"{count} samples, all finite, at most {int(steps.max()) * 1e-9:.6g} s apart")
 
 
-def _stops(series: Series, track: Track) -> str:
-    """Return how long before the end of the recording its messages stop; "" where they do not."""
+def _late(series: Series, track: Track) -> str:
+    """Return how long after the recording its messages begin, and how long before its end they stop; "" where not."""
     own = track.bag.topics.get(series.topic)
     if track.own or own is None or not own.count:
         return ""
-    last = max(own.log_times)
-    name, end = max(((each.name, max(each.log_times)) for each in track.bag.topics.values() if each.count), key=_second)
-    if end - last <= max(_APART * 1e9, longest_usual(series.time_ns) if len(series.time_ns) > 3 else 0.0):
-        return ""
-    return f"it stops {(end - last) * 1e-9:.6g} s before the recording does, which goes on with {name}"
+    others = [each for each in track.bag.topics.values() if each.count and not each.type_name.startswith(_OF_ROS)]
+    begin, first = min((min(each.log_times), each.name) for each in others)
+    end, last = max((max(each.log_times), each.name) for each in others)
+    apart = max(_APART * 1e9, longest_usual(series.time_ns) if len(series.time_ns) > 3 else 0.0)
+    late, early = min(own.log_times) - begin, end - max(own.log_times)
+    lacks = [f"it begins {late * 1e-9:.6g} s after the recording does, with {first}"] if late > apart else []
+    lacks += [f"it stops {early * 1e-9:.6g} s before the recording does, which goes on with {last}"] * (early > apart)
+    return "; ".join(lacks)
 
 
-def _second(pair: tuple[str, int]) -> int:
-    return pair[1]
+def _one_recording(track: Track) -> Check:
+    """Return whether the files of a folder follow one another, as those of one recording do."""
+    joints = track.bag.joints
+    times = np.sort(np.concatenate([np.array(t.log_times, dtype=np.int64) for t in track.bag.topics.values()]))
+    ends = np.searchsorted(times, [joint.end_ns for joint in joints], side="right") - 1
+    within = np.delete(np.diff(times), ends[ends < len(times) - 1])
+    far = max(_FOLLOWS * 1e9, 10.0 * float(within.max(initial=0)))
+    apart = []
+    for joint in joints:
+        seconds = (joint.begin_ns - joint.end_ns) * 1e-9
+        if joint.begin_ns - joint.end_ns > far:
+            apart.append(f"{seconds:.6g} s lie between {joint.before} and {joint.after}")
+        elif joint.end_ns - joint.begin_ns > _FOLLOWS * 1e9:
+            apart.append(f"{joint.after} begins {-seconds:.6g} s before {joint.before} ends")
+    if not apart:
+        return Check("files are one recording", True, f"{len(joints) + 1} files that follow one another")
+    named = listed(apart[:NAMED], len(apart))
+    return Check("files are one recording", False, f"{len(apart) + 1} recordings in one folder: {named}; inspect each")
+
+
+def _continuous(track: Track, found: Continuity) -> Check:
+    topic = "" if track.pose is None else track.pose.topic
+    name = f"{topic} has no jumps"
+    if found.jumps:
+        largest = sorted(found.jumps, key=lambda jump: -jump.size)[:NAMED]
+        shown = [jump for jump in found.jumps if jump in largest][:NAMED]
+        return Check(name, False, listed([_jump(track, jump) for jump in shown], len(found.jumps)))
+    if found.turn >= FARTHEST:
+        far = f"the attitude turns by {found.turn:.3g} rad from one sample to the next, so that a jump cannot be told"
+        return Check(name, True, f"not judged; {far}", judged=False, share=0.0)
+    return Check(name, True, "neither in attitude nor in position")
+
+
+def _jump(track: Track, jump: Jump) -> str:
+    start, _ = track.span_ns
+    what = f"attitude, by {np.rad2deg(jump.size):.4g}°" if jump.turns else f"position, by {jump.size:.4g} m"
+    within = (jump.end_ns - jump.start_ns) * 1e-9
+    return f"{what} within {within:.4g} s at t = {(jump.start_ns - start) * 1e-9:.6g} s"
+
+
+def _agrees(track: Track, each: Agreement) -> Check:
+    rate = "angular velocity" if each.of == "attitude" else "linear velocity"
+    name = f"{rate} fits the {each.of}"
+    if each.error is None:
+        return Check(name, True, f"not judged; {each.reason}", judged=False, share=0.0)
+    if each.nothing:
+        return Check(name, False, f"it is zero all the time although the {each.of} changes: nobody filled it in")
+    measured = f"{100.0 * each.error:.3g} % (median of {each.windows} windows of {each.window_s:g} s)"
+    if not each.contradicts:
+        return Check(name, True, f"they differ by {measured}")
+    reading = f"; read {each.remedy} it fits to {100.0 * each.remaining:.2g} %" if each.remedy else ""
+    frames = [f"{s.topic} (frame {frame_names([s.frame])})" for s in (track.pose, track.twist) if s is not None]
+    return Check(name, False, f"{' and '.join(frames)} contradict each other by {measured}{reading}")
 
 
 def _unit(orientation: Array, bound: float) -> Check:
@@ -154,23 +216,3 @@ def _balanced(track: Track, balance: Balance, bound: float) -> Check:
         return Check(name, True, detail, told, balance.covered if told else 0.0)
     detail = f"{worst}, relative {balance.relative:.3g}, accepted {bound:g}{since}{known}"
     return Check(name, balance.relative <= bound, detail, share=balance.covered)
-
-
-def gaps(time_ns: Times) -> int:
-    """Return how many intervals are longer than `longest_usual`."""
-    return int((np.diff(time_ns) > longest_usual(time_ns)).sum())
-
-
-def longest_usual(time_ns: Times) -> float:
-    """Return the longest interval (ns) that is no gap; infinite for fewer than three.
-
-    Where nine in ten are even to 1 %, one and a half of the usual one. Else what lies far beyond the spread of the
-    intervals: times at random, of exponential intervals, go beyond it once in 20 million.
-    """
-    steps = np.diff(time_ns)
-    if len(steps) < 3:
-        return float(np.inf)
-    usual, long = (float(part) for part in np.quantile(steps, (0.5, 0.9)))
-    if usual > 0.0 and float((np.abs(steps - usual) <= 0.01 * usual).mean()) >= 0.9:
-        return _GAP * usual
-    return max(_FAR * usual, usual + 10.0 * (long - usual))

@@ -7,24 +7,27 @@ from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rb_dynamics.analysis.agreement import Agreement, agreements
 from rb_dynamics.analysis.balance import Balance, balances
 from rb_dynamics.analysis.checks import BOUND, Check, checks, cut, logged_scene, missing
 from rb_dynamics.analysis.commands import Fate, fate
+from rb_dynamics.analysis.continuity import Continuity, continuity
 from rb_dynamics.analysis.residual import Residual, residual
 from rb_dynamics.analysis.track import Array, Series, Track, WrenchSteps
 from rb_dynamics.analysis.warnings import Channel, Health, warnings
 from rb_dynamics.formats.bag_reader import Bag
-from rb_dynamics.formats.messages import APPLIED, DIAGNOSTICS
-from rb_dynamics.formats.topic import Topic
+from rb_dynamics.formats.messages import APPLIED, DIAGNOSTICS, SCALAR, VECTOR
+from rb_dynamics.formats.topic import KEPT, Topic
 from rb_dynamics.loads.wrench import WrenchFrames
 from rb_dynamics.numerics.decimals import whole_number
 from rb_dynamics.run.provenance import RESULT, RUN
 
+EXPLAINS = "inertia explains the motion"
 HALF = 0.5
 """A check that is judged over less than this fraction of the run does not pass without saying so."""
 
@@ -36,6 +39,7 @@ class TopicFacts:
     Attributes:
         name: as recorded.
         type_name: message type.
+        use: what it is used for; in brackets why it is not.
         count: messages.
         first_s: log time of the first message, s from the start of the motion.
         rate: mean, Hz; 0 for fewer than two messages.
@@ -45,6 +49,7 @@ class TopicFacts:
 
     name: str
     type_name: str
+    use: str
     count: int
     first_s: float
     rate: float
@@ -156,10 +161,12 @@ def summarize(track: Track, bound: float = BOUND) -> Summary:
     facts, result = bag.metadata.get(RUN, {}), bag.metadata.get(RESULT, {})
     start, end = track.span_ns
     motion = track.pose or track.twist
-    topics = tuple(_topic(topic, start) for _, topic in sorted(bag.topics.items()))
+    topics = tuple(_topic(topic, start, _use(track, topic)) for _, topic in sorted(bag.topics.items()))
     health = _health(bag)
-    found = tuple(balances(track, bound))
-    left = residual(track, bound)
+    steady, agreed = continuity(track), agreements(track)
+    unsure = _unsure(track, steady, agreed)
+    found = tuple(_unknown(each, unsure) if unsure else each for each in balances(track, bound))
+    left = None if unsure else residual(track, bound)
     channels = tuple(_channels(track, health))
     return Summary(
         path=str(bag.path),
@@ -183,12 +190,33 @@ def summarize(track: Track, bound: float = BOUND) -> Summary:
         channels=channels,
         health=health,
         momenta_from=track.momenta_from,
-        checks=(*checks(track, found, bound), *_explained(left)),
+        checks=(*checks(track, found, bound, steady, agreed), *_explained(left), *_not_judged(track, unsure)),
         residual=left,
         warnings=tuple(warnings(track, channels, health)),
         notes=track.notes,
         missing=tuple(_missing(track)),
     )
+
+
+def _unsure(track: Track, steady: Continuity | None, agreed: Sequence[Agreement]) -> str:
+    """Return why what moved the body cannot be told from a recording that contradicts itself; "" where it can."""
+    if track.own:
+        return ""
+    if any(each.contradicts for each in agreed):
+        return "pose and twist contradict each other"
+    return "the pose jumps" if steady is not None and steady.jumps else ""
+
+
+def _unknown(balance: Balance, reason: str) -> Balance:
+    """Return a balance of which nothing is known, for this reason."""
+    defect = np.full_like(balance.defect, np.nan)
+    return replace(balance, defect=defect, covered=0.0, basis=f"not known: {reason}", noise=None)
+
+
+def _not_judged(track: Track, reason: str) -> list[Check]:
+    if not reason or track.body is None or track.body.is_particle:
+        return []
+    return [Check(EXPLAINS, True, f"not judged; {reason}", judged=False, share=0.0)]
 
 
 def _body(track: Track, facts: Mapping[str, str]) -> list[str]:
@@ -204,7 +232,7 @@ def _body(track: Track, facts: Mapping[str, str]) -> list[str]:
 def _explained(left: Residual | None) -> list[Check]:
     if left is None:
         return []
-    name = "inertia explains the motion"
+    name = EXPLAINS
     if not left.told:
         return [Check(name, True, "not judged; the noise of the recording hides it", judged=False, share=0.0)]
     if left.explained and left.noise:
@@ -214,16 +242,29 @@ def _explained(left: Residual | None) -> list[Check]:
     return [Check(name, left.explained, f"{unexplained}; with the best fit {left.best:.3g}{verdict}")]
 
 
-def _topic(topic: Topic, start_ns: int) -> TopicFacts:
+def _use(track: Track, topic: Topic) -> str:
+    if use := track.uses.get(topic.name):
+        return use
+    if not topic.count:
+        return "(no messages)"
+    if topic.type_name == DIAGNOSTICS:
+        return "health"
+    if topic.type_name in (VECTOR, SCALAR):
+        return "(other name)"
+    return "(another used)" if topic.type_name in KEPT else "(other type)"
+
+
+def _topic(topic: Topic, start_ns: int, use: str) -> TopicFacts:
     times = np.array(topic.log_times, dtype=np.int64)
     if not len(times):
-        return TopicFacts(topic.name, topic.type_name, 0, 0.0, 0.0, 0.0, 0.0)
+        return TopicFacts(topic.name, topic.type_name, use, 0, 0.0, 0.0, 0.0, 0.0)
     steps = np.diff(times)
     span = int(times[-1] - times[0])
     longest = int(steps.argmax()) if len(steps) else 0
     return TopicFacts(
         name=topic.name,
         type_name=topic.type_name,
+        use=use,
         count=len(times),
         first_s=int(times[0] - start_ns) * 1e-9,
         rate=len(steps) / (span * 1e-9) if span > 0 else 0.0,

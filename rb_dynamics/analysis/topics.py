@@ -7,10 +7,11 @@ used is left out and counted, what is out of order is sorted and counted. Never 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rb_dynamics.analysis.clocks import APART, clock
 from rb_dynamics.analysis.track import LARGEST, Array, Series, Times, Track, WrenchSteps, frame_names, motion_of
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import BodyError, LogError, WrenchError
@@ -76,12 +77,13 @@ class _Finder:
             )
             scene = None
         self.bag, self.scene = bag, scene
-        self.used: set[str] = set()
+        self.uses: dict[str, str] = {}
         self.parent = ""
 
     def track(self) -> Track:
         pose = self._series(("pose", "odom"), (POSE, ODOMETRY), self.bag.poses)
         twist = self._series(("twist", "odom"), (TWIST, ODOMETRY), self.bag.twists, child=True)
+        pose, twist = self._on_one_clock(pose), self._on_one_clock(twist)
         own = RUN in self.bag.metadata
         world = self.scene.frames.world_frame if self.scene else pose.frame if pose else "world"
         twist_in_world = twist is not None and twist.frame == world
@@ -126,6 +128,7 @@ class _Finder:
             body=body,
             body_from=body_from,
             notes=tuple(self.notes),
+            uses=self.uses,
         )
 
     def _series(
@@ -144,7 +147,7 @@ class _Finder:
             topic = min(topics, key=lambda name: (self._distance(name), not name.endswith(tuple(names)), name))
             self.parent = self.parent or topic.rpartition("/")[0] + "/"
             frame = self._one_frame(topic, self.bag.frame_ids(topic, child and type_name == ODOMETRY))
-            return self._cleaned(topic, *read(topic), frame)
+            return self._cleaned("twist" if child else "pose", topic, *read(topic), frame)
         return None
 
     def _distance(self, topic: str) -> bool:
@@ -158,8 +161,8 @@ class _Finder:
             )
         return next(iter(frames))
 
-    def _cleaned(self, topic: str, time_ns: Times, values: Array, frame: str = "") -> Series:
-        self.used.add(topic)
+    def _cleaned(self, use: str, topic: str, time_ns: Times, values: Array, frame: str = "") -> Series:
+        self.uses[topic] = ", ".join(filter(None, (self.uses.get(topic), use)))
         if len(time_ns) > 1 and not time_ns.any():
             self.notes.append(f"{topic}: no message has a stamp; the log times are used.")
             time_ns = np.array(self.bag.topics[topic].log_times, dtype=np.int64)
@@ -176,11 +179,11 @@ class _Finder:
 
     def _vector(self, name: str) -> Series | None:
         topic = self._named(name, VECTOR)
-        return None if topic is None else self._cleaned(topic, *self.bag.vectors(topic))
+        return None if topic is None else self._cleaned("momentum", topic, *self.bag.vectors(topic))
 
     def _scalar(self, name: str) -> Series | None:
         topic = self._named(name, SCALAR)
-        return None if topic is None else self._cleaned(topic, *self.bag.scalars(topic))
+        return None if topic is None else self._cleaned("energy", topic, *self.bag.scalars(topic))
 
     def _named(self, name: str, type_name: str) -> str | None:
         """Return the topic of this name, at whatever depth, next to the pose."""
@@ -209,14 +212,14 @@ class _Finder:
         applied = [topic for topic in topics if topic.endswith(APPLIED)]
         if not own and not applied:
             topics = [topic for topic in topics if self.bag.topics[topic].count]
-        self.used.update(topics)
         if topics and not (own or applied):
             self.notes.append(
                 "The bag says what was commanded, not what acted: each wrench is taken to act from its stamp until the "
                 "next of its topic, and nothing else to act."
             )
         chosen = applied if own or applied else topics
-        steps = tuple(_steps(self.bag, topic, frames) for topic in sorted(chosen))
+        self.uses |= {topic: "wrench" if topic in chosen else "commands" for topic in topics}
+        steps = tuple(_steps(self.bag, topic, frames, self._later(topic)) for topic in sorted(chosen))
         for held in steps:
             if not held.known.all():
                 self.notes.append(
@@ -226,6 +229,29 @@ class _Finder:
                 )
         return steps, own or bool(chosen)
 
+    def _later(self, topic: str) -> int:
+        """Return by how much (ns) the log times of a topic without stamps are later than the stamps of the motion.
+
+        What is of the same clock, but for the time that messages are under way, is left as it is.
+        """
+        motion = [name for name, use in self.uses.items() if use.startswith(("pose", "twist"))]
+        stamped = next((name for name in motion if self.bag.topics[name].stamps_given), "")
+        source = self.bag.topics[topic]
+        if RUN in self.bag.metadata or not stamped or not source.count or source.stamps_given:
+            return 0
+        offset = clock(self.bag.topics[stamped]).offset_s
+        if abs(offset) <= APART:
+            return 0
+        self.notes.append(
+            f"{topic} has no stamps, and {stamped} is stamped by another clock than that of the log times: {topic} is "
+            f"put {abs(offset):.6g} s {'earlier' if offset > 0.0 else 'later'} than it was logged, as {stamped} is."
+        )
+        return round(offset * 1e9)
+
+    def _on_one_clock(self, series: Series | None) -> Series | None:
+        later = 0 if series is None else self._later(series.topic)
+        return replace(series, time_ns=series.time_ns - later) if series is not None and later else series
+
     def _body(self) -> tuple[RigidBody | None, str]:
         if self.scene is not None:
             return self.scene.body, self.scene.source
@@ -233,7 +259,7 @@ class _Finder:
         if not topics:
             return None, ""
         topic = min(topics, key=lambda t: (self._distance(t.name), t.name))
-        self.used.add(topic.name)
+        self.uses[topic.name] = "mass"
         mass, x, y, z, xx, xy, xz, yy, yz, zz = topic.numbers[-1].tolist()
         try:
             if xx == yy == zz == 0.0:
@@ -247,14 +273,14 @@ class _Finder:
     def _note_unused(self) -> None:
         kinds = (POSE, TWIST, *WRENCHES, *(() if RUN in self.bag.metadata else (ODOMETRY,)))
         named = {topic.name for topic in self.bag.topics.values() if topic.type_name in kinds and topic.count}
-        if others := sorted(named - self.used):
+        if others := sorted(named - {*self.uses}):
             self.notes.append(f"One body is inspected; these topics are left out: {', '.join(others)}.")
 
 
-def _steps(bag: Bag, topic: str, frames: WrenchFrames) -> WrenchSteps:
+def _steps(bag: Bag, topic: str, frames: WrenchFrames, later_ns: int) -> WrenchSteps:
     commands = bag.wrenches(topic)
-    stamped = any(wrench.stamp_ns for _, wrench in commands)
-    times = [wrench.stamp_ns if stamped else log_time for log_time, wrench in commands]
+    stamped = bag.topics[topic].stamps_given
+    times = [wrench.stamp_ns if stamped else log_time - later_ns for log_time, wrench in commands]
     held = [_held(wrench, frames) for _, wrench in commands]
     order = np.argsort(np.array(times, dtype=np.int64), kind="stable")
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -101,6 +101,7 @@ class Track:
         body: mass properties.
         body_from: where they come from; "" without.
         notes: what a reader has to know about the data.
+        uses: what each topic that is used is used for.
     """
 
     bag: Bag
@@ -119,6 +120,7 @@ class Track:
     body: RigidBody | None
     body_from: str
     notes: tuple[str, ...]
+    uses: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def span_ns(self) -> tuple[int, int]:

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from rb_dynamics.analysis.checks import cut, gaps, missing
+from rb_dynamics.analysis.checks import cut, missing
+from rb_dynamics.analysis.clocks import remarks
+from rb_dynamics.analysis.holes import gaps
 from rb_dynamics.analysis.track import Track, frame_names
 
 # Commands that came this often came regularly; who sends fewer may mean the last one to stay.
@@ -80,6 +82,7 @@ def warnings(track: Track, channels: Sequence[Channel], health: Health | None) -
     for series in (track.pose, track.twist):
         if series is not None and (count := gaps(series.time_ns)):
             found.append(f"{series.topic} has {count} gap{'s' if count > 1 else ''}.")
+    found += remarks(track)
     if health is not None:
         values = dict(health.values)
         if values.get("overruns", "0") != "0":

@@ -16,7 +16,7 @@ import numpy as np
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
-from rb_dynamics.formats.bag_source import open_source
+from rb_dynamics.formats.bag_source import Joint, SplitMcap, open_source
 from rb_dynamics.formats.mcap_records import McapChannel
 from rb_dynamics.formats.messages import (
     ODOMETRY,
@@ -51,6 +51,7 @@ class Bag:
         metadata: key and value of each metadata record, by its name.
         attachments: content by name.
         whole: the file itself has its end, which a recovered one has too.
+        joints: where one file ends and the next begins, of several in which nothing is missing between the two.
     """
 
     path: Path
@@ -59,6 +60,7 @@ class Bag:
     metadata: dict[str, dict[str, str]]
     attachments: dict[str, bytes]
     whole: bool = True
+    joints: tuple[Joint, ...] = ()
 
     @property
     def ended(self) -> bool:
@@ -151,6 +153,7 @@ def read_bag(path: str | os.PathLike[str]) -> Bag:
     for channel in file.channels.values():
         _topic_of(bag, channel)
     bag.whole = file.complete
+    bag.joints = tuple(file.joints) if isinstance(file, SplitMcap) else ()
     bag.complete = file.complete and INTERRUPTED not in file.metadata and not bag.next_file
     return bag
 

@@ -23,6 +23,16 @@ from rb_dynamics.run.provenance import DAMAGED, INTERRUPTED, MISSING_FILES, RESU
 MAX_METADATA_BYTES = 4 << 20
 
 
+@dataclass(frozen=True)
+class Joint:
+    """Where one file of a bag ends and the next begins: their names, and the log times (ns) there."""
+
+    before: str
+    after: str
+    end_ns: int
+    begin_ns: int
+
+
 class Source(Protocol):
     """A bag, as `McapFile` is one: what stands below `path` is there when `messages` has run."""
 
@@ -76,6 +86,7 @@ class SplitMcap:
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     attachments: dict[str, bytes] = field(default_factory=dict)
     channels: dict[str, McapChannel] = field(default_factory=dict)
+    joints: list[Joint] = field(default_factory=list)
 
     def messages(self) -> Iterator[Message]:
         """Yield every message of every file.
@@ -93,6 +104,7 @@ class SplitMcap:
             lost = self.metadata.get(INTERRUPTED, {})
             if before is not None:
                 lost = _between(before, part, lost)
+                self.joints += _joint(before, part)
             lost = _joined(lost, file.metadata.get(INTERRUPTED, {}))
             self.metadata.pop(RESULT, None)
             self.metadata.update(file.metadata | ({INTERRUPTED: lost} if lost else {}))
@@ -126,6 +138,14 @@ class _Part:
         """Whether its end is missing, in a recovered copy too."""
         reason = self.file.metadata.get(INTERRUPTED, {}).get("reason", DAMAGED)
         return not self.file.complete or reason != DAMAGED
+
+
+def _joint(before: _Part, after: _Part) -> list[Joint]:
+    """Return how `after` follows `before`, where nothing is known to be missing between them."""
+    absent = next_file(before.file.metadata) not in ("", after.file.path.name)
+    if before.end_ns is None or after.begin_ns is None or absent or before.cut:
+        return []
+    return [Joint(before.file.path.name, after.file.path.name, before.end_ns, after.begin_ns)]
 
 
 def _between(before: _Part, after: _Part, lost: dict[str, str]) -> dict[str, str]:

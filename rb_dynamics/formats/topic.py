@@ -96,6 +96,11 @@ class Topic:
         return _view(self.log_times if self._stamps is None else self._stamps, "i8")
 
     @property
+    def stamps_given(self) -> bool:
+        """Whether its messages have a header, and one of them a time in it."""
+        return self.stamped and bool(self.stamps.any())
+
+    @property
     def numbers(self) -> Values:
         """One row for each message, of its numbers in their order; without covariances."""
         self._taken()

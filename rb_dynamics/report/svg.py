@@ -18,6 +18,7 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
+from rb_dynamics.analysis.holes import longest_usual
 from rb_dynamics.errors import MissingExtraError
 from rb_dynamics.report.html import printable
 
@@ -178,8 +179,13 @@ def _looks(lines: Sequence[Line]) -> list[tuple[str, bool]]:
 
 def _points(line: Line, log: bool, end: float) -> tuple[Array, Array]:
     values = np.abs(line.values) if log else line.values
+    time_s = line.time_s
+    if not line.step:
+        # No line leads over a hole: nobody knows what was there.
+        holes = np.flatnonzero(np.diff(time_s) > longest_usual(time_s)) + 1
+        time_s, values = np.insert(time_s, holes, time_s[holes - 1]), np.insert(values, holes, np.nan)
     kept = thin(values)
-    time_s, values = line.time_s[kept], values[kept]
+    time_s, values = time_s[kept], values[kept]
     if line.step and len(time_s):
         # The last value holds to the end of the figure; before its first a channel is zero, which needs no line.
         return np.append(time_s, end), np.append(values, values[-1])

@@ -33,7 +33,7 @@ def as_text(summary: Summary) -> str:
     lines += _wrap(f"solver: {summary.solver}") if summary.solver else []
     lines += [line for fact in summary.body for line in _wrap(fact)]
     lines += [""]
-    lines += _table("topic", topic_rows(summary), (35, 17, 10, 11, 16, 11))
+    lines += _table("topic", topic_rows(summary), (25, 16, 9, 10, 16, 9, 15))
     lines += _table("state", state_rows(summary), (37, 6, 14, 14, 14, 14))
     lines += _table("extremes", range_rows(summary), (35, 16, 16, 16, 16))
     lines += _table("balance", balance_rows(summary), (30, 14, 14, 14, 14, 14))
@@ -84,7 +84,7 @@ def headline(summary: Summary) -> str:
 
 def topic_rows(summary: Summary) -> list[list[str]]:
     """Return header and rows: how messages come."""
-    rows = [["", "type", "messages", "rate [Hz]", "longest gap [s]", "at t [s]"]]
+    rows = [["", "type", "messages", "rate [Hz]", "longest gap [s]", "at t [s]", "used for"]]
     for t in summary.topics:
         kind = t.type_name.rpartition("/")[2]
         spaced = t.count > 1
@@ -96,6 +96,7 @@ def topic_rows(summary: Summary) -> list[list[str]]:
                 _short(t.rate) if t.rate else "",
                 _short(t.longest_s) if spaced else "",
                 _short(t.longest_at_s) if spaced else "",
+                t.use,
             ]
         )
     return rows

@@ -113,9 +113,10 @@ def recording(seed: int, uncommanded: float = 0.0) -> Recording:
 
 
 def _topic(name: str, type_name: str, times: Any, frame: str, rows: Any) -> Topic:
-    stamps = times.tolist()
-    messages = [cdr.encode(type_name, t, frame, row) for t, row in zip(stamps, rows.tolist(), strict=True)]
-    return Topic(name, type_name, "", stamps, stamps, messages)
+    topic = Topic(name, type_name)
+    for stamp, row in zip(times.tolist(), rows.tolist(), strict=True):
+        topic.add(stamp, cdr.encode(type_name, stamp, frame, row))
+    return topic
 
 
 def _unit(random: Any) -> Any:

@@ -1,0 +1,211 @@
+"""Whether pose and twist tell of one motion: what the twist adds up to against how far the pose goes.
+
+Over windows of a second or more the integral of the angular velocity, in world axes, is held against the turns of the
+attitude, and that of the velocity against the position. Where they contradict each other, what would reconcile them is
+looked for: other axes, the opposite sign, degrees.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rb_dynamics.analysis.holes import longest_usual
+from rb_dynamics.analysis.noise import typical
+from rb_dynamics.analysis.track import Array, Series, Times, Track, unit_rows
+from rb_dynamics.numerics.rotation_arrays import rotate_all, rotation_vectors
+
+# A difference of more than this part of what either says is a contradiction.
+_CONTRADICTS = 0.3
+# Another reading explains it where it leaves no more than this part.
+_RECONCILED = 0.1
+# Smaller differences may be those of sensors, such as the constant error of gyros: rad/s and m/s.
+_SENSORS = 0.02
+# A window counts where it turns by at least this (rad), and by so many times the noise.
+_LEAST_TURN, _ABOVE_NOISE = 0.05, 10.0
+_LEAST_WINDOWS = 3
+_SECOND = 1_000_000_000
+# Attitudes that are farther apart, and rates that lead farther, do not say how the body turned; rad.
+_FARTHEST, _AROUND = 1.0, 2.0
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A way to read a twist."""
+
+    world: bool
+    factor: float
+
+    def words(self, given: Reading) -> str:
+        """Return how this reading differs from the one `given`."""
+        parts = [f"in {'world' if self.world else 'body'} axes"] if self.world != given.world else []
+        parts += ["with the opposite sign"] if self.factor < 0.0 else []
+        parts += ["in degrees per second"] if abs(self.factor) != 1.0 else []
+        return " and ".join(parts)
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How well twist and pose agree.
+
+    Attributes:
+        of: "attitude" or "position".
+        error: median difference over a window, over the larger of what both say; None where that is not known.
+        window_s: length of a window.
+        windows: how many were compared.
+        contradicts: whether they cannot both be right.
+        remedy: how to read the twist so that they agree, "" where no way was found.
+        remaining: `error` then.
+        nothing: the twist is zero all the time.
+        reason: why `error` is not known, "" where it is.
+    """
+
+    of: str
+    error: float | None
+    window_s: float = 0.0
+    windows: int = 0
+    contradicts: bool = False
+    remedy: str = ""
+    remaining: float = 0.0
+    nothing: bool = False
+    reason: str = ""
+
+
+def agreements(track: Track) -> tuple[Agreement, ...]:
+    """Return how attitude and position agree with the twist.
+
+    Nothing where pose or twist is not there, and for a log of this package, whose pose and twist are of one state.
+    """
+    pose, twist = track.pose, track.twist
+    if track.own or pose is None or twist is None or len(pose.time_ns) < 2 or len(twist.time_ns) < 2:
+        return ()
+    both = _Both.of(pose, twist)
+    if both is None:
+        reason = f"{pose.topic} and {twist.topic} are not of the same time"
+        return Agreement("attitude", None, reason=reason), Agreement("position", None, reason=reason)
+    given = Reading(track.twist_in_world, 1.0)
+    turns = [Reading(w, f) for f in (1.0, -1.0, np.pi / 180.0) for w in (given.world, not given.world)]
+    moves = [Reading(w, f) for f in (1.0, -1.0) for w in (given.world, not given.world)]
+    far = float((np.linalg.norm(both.twist[:, 3:], axis=1) > _AROUND).mean()) > 0.5
+    if float((np.linalg.norm(both.turned, axis=1) > _FARTHEST).mean()) > 0.5:
+        reason = f"between two poses the body turns by more than {_FARTHEST:g} rad"
+        return Agreement("attitude", None, reason=reason), Agreement("position", None, reason=reason)
+    attitude = _judged("attitude", both, both.turned, slice(3, 6), turns, _LEAST_TURN)
+    if far and attitude.error is not None and not attitude.remedy:
+        attitude = Agreement("attitude", None, reason=f"between two poses the twist turns by more than {_AROUND:g} rad")
+    moved = np.diff(both.pose[:, :3], axis=0)
+    rounding = 1e-9 * float(np.abs(both.pose[:, :3]).max())
+    return attitude, _judged("position", both, moved, slice(0, 3), moves, rounding)
+
+
+@dataclass(frozen=True)
+class _Both:
+    """Pose, and what the twist adds up to in each interval of it.
+
+    Attributes:
+        time_ns: (n,).
+        pose: (n, 7), quaternions of unit length.
+        twist: (n - 1, 6), integral of the twist over each interval, in its own axes.
+        turned: (n - 1, 3), turn in each interval, rad, world axes.
+        stretch: number of the stretch of each interval, -1 for one that is not judged.
+    """
+
+    time_ns: Times
+    pose: Array
+    twist: Array
+    turned: Array
+    stretch: NDArray[np.int_]
+
+    @staticmethod
+    def of(pose: Series, twist: Series) -> _Both | None:
+        start = twist.time_ns[0]
+        within = (pose.time_ns >= start) & (pose.time_ns <= twist.time_ns[-1])
+        within[1:] &= np.diff(pose.time_ns) > 0
+        time_ns = pose.time_ns[within]
+        if len(time_ns) < 2 * _LEAST_WINDOWS:
+            return None
+        rows = np.hstack([pose.values[within, :3], unit_rows(pose.values[within, 3:])])
+        at, wanted = (twist.time_ns - start) * 1e-9, (time_ns - start) * 1e-9
+        steps = np.diff(at)[:, None]
+        sums = np.concatenate(
+            [np.zeros((1, 6)), np.cumsum(0.5 * steps * (twist.values[1:] + twist.values[:-1]), axis=0)]
+        )
+        added = np.diff(np.stack([np.interp(wanted, at, column) for column in sums.T], axis=1), axis=0)
+        turned = rotate_all(rows[:-1, 3:], rotation_vectors(rows[:, 3:]))
+        holes = np.flatnonzero(np.diff(twist.time_ns) > longest_usual(twist.time_ns))
+        ends, begins = twist.time_ns[holes], twist.time_ns[holes + 1]
+        broken = np.searchsorted(ends, time_ns[1:], side="left") > np.searchsorted(begins, time_ns[:-1], side="right")
+        broken |= np.diff(time_ns) > longest_usual(time_ns)
+        broken |= np.linalg.norm(turned, axis=1) > _FARTHEST
+        return _Both(time_ns, rows, added, turned, np.where(broken, -1, np.cumsum(broken)))
+
+    def said(self, part: slice, reading: Reading) -> Array:
+        """Return the integral of part of the twist over each interval, world axes."""
+        added = reading.factor * self.twist[:, part]
+        if reading.world:
+            return added
+        attitude = self.pose[:, 3:]
+        turned: Array = 0.5 * (rotate_all(attitude[:-1], added) + rotate_all(attitude[1:], added))
+        return turned
+
+
+def _judged(of: str, both: _Both, gone: Array, part: slice, readings: list[Reading], least: float) -> Agreement:
+    """Return how what the pose did in each interval agrees with the twist, read as the first of `readings`."""
+    path = np.concatenate([np.zeros((1, 3)), np.cumsum(gone, axis=0)])
+    floor = max(least, _ABOVE_NOISE * typical(path, np.zeros(len(path), dtype=np.int_)))
+    given, *others = readings
+
+    def compared(reading: Reading) -> tuple[float, float, int, float] | None:
+        return _windows(both, gone, both.said(part, reading), floor)
+
+    found = compared(given)
+    if found is None:
+        moves = "turns" if of == "attitude" else "moves"
+        return Agreement(of, None, reason=f"the body {moves} too little above the noise of the pose")
+    error, speed, count, window_s = found
+    if not both.twist[:, part].any():
+        return Agreement(of, error, window_s, count, True, nothing=True)
+    if error <= _CONTRADICTS:
+        return Agreement(of, error, window_s, count)
+    remedy, remaining = _remedy(given, others, compared)
+    contradicts = bool(remedy) or speed > _SENSORS
+    return Agreement(of, error, window_s, count, contradicts, remedy, remaining)
+
+
+def _remedy(
+    given: Reading, others: list[Reading], compared: Callable[[Reading], tuple[float, float, int, float] | None]
+) -> tuple[str, float]:
+    tried = [(found[0], reading) for reading in others if (found := compared(reading))]
+    least, best = min(tried, key=lambda pair: pair[0], default=(np.inf, given))
+    return (best.words(given), least) if least <= _RECONCILED else ("", 0.0)
+
+
+def _windows(both: _Both, gone: Array, said: Array, floor: float) -> tuple[float, float, int, float] | None:
+    """Return median error over what was gone, the same per second, number and length (s) of the windows; None for few.
+
+    The shortest of 1 s, 10 s, ... in which the body goes far enough.
+    """
+    since = both.time_ns[:-1] - both.time_ns[0]
+    apart = np.diff(both.time_ns)
+    judged = both.stretch >= 0
+    length = _SECOND
+    while length * _LEAST_WINDOWS <= max(int(since[-1] + apart[-1]), _SECOND * _LEAST_WINDOWS):
+        _, label = np.unique(np.stack([both.stretch, since // length]), axis=1, return_inverse=True)
+        label = label.ravel()
+
+        def total(values: Array, label: NDArray[np.intp] = label) -> Array:
+            return np.stack([np.bincount(label, column * judged) for column in values.T], axis=1)
+
+        seconds = np.bincount(label, apart * judged) * 1e-9
+        did, told = total(gone), total(said)
+        size = np.maximum(np.linalg.norm(did, axis=1), np.linalg.norm(told, axis=1))
+        error = np.linalg.norm(did - told, axis=1)
+        kept = (size > floor) & (seconds >= 0.5e-9 * length)
+        if int(kept.sum()) >= _LEAST_WINDOWS:
+            ratio = float(np.median(error[kept] / size[kept]))
+            return ratio, float(np.median(error[kept] / seconds[kept])), int(kept.sum()), length * 1e-9
+        length *= 10
+    return None

@@ -1,0 +1,115 @@
+"""Clocks of a recording: stamps of messages against the times at which they were logged, and against one another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rb_dynamics.analysis.track import Track
+from rb_dynamics.formats.topic import Topic
+
+# Stamps and log times may differ by how long a message is under way, which changes by less than this; s.
+_UNDER_WAY = 0.1
+_ABOVE_NOISE = 10.0
+# Means are taken of so many pieces of a stream, of no fewer messages each.
+_PIECES, _LEAST = 16, 4
+# A change is a drift where a straight line leaves no more than this part of it.
+_STRAIGHT = 0.3
+APART = 1.0
+"""Stamps this much further apart than their log times are by different clocks; s."""
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Log times less stamps of one topic.
+
+    Attributes:
+        topic: as recorded.
+        stamped: whether its messages have stamps; else they are on log time and the offset is 0.
+        offset_s: median.
+        range_s: by how much it changes, less how much it scatters; 0 where it only scatters.
+        drift: seconds a second, where it changes evenly; None where it does not.
+        jump_s: the largest change from one message to the next.
+        jump_ns: stamp of the message before it.
+    """
+
+    topic: str
+    stamped: bool
+    offset_s: float
+    range_s: float = 0.0
+    drift: float | None = None
+    jump_s: float = 0.0
+    jump_ns: int = 0
+
+
+def clocks(track: Track) -> tuple[Clock, ...]:
+    """Return the clocks of pose, twist and wrenches; nothing for a log of this package, whose stamps are log times."""
+    if track.own:
+        return ()
+    names = [series.topic for series in (track.pose, track.twist) if series is not None]
+    names += [steps.topic for steps in track.wrenches]
+    topics = [track.bag.topics[name] for name in dict.fromkeys(names)]
+    return tuple(clock(topic) for topic in topics if topic.count)
+
+
+def clock(topic: Topic) -> Clock:
+    """Return the clock of one topic."""
+    stamps = topic.stamps
+    if not topic.stamps_given:
+        return Clock(topic.name, False, 0.0)
+    logged = np.array(topic.log_times, dtype=np.int64)
+    offset = (logged - stamps) * 1e-9
+    whole = float(np.median(offset))
+    count = min(_PIECES, len(offset) // _LEAST)
+    if count < _PIECES // 2:
+        return Clock(topic.name, True, whole)
+    pieces = np.array_split(offset - whole, count)
+    middle = np.array([np.median(piece) for piece in pieces])
+    scatter = float(np.median([np.median(np.abs(piece - m)) for piece, m in zip(pieces, middle, strict=True)]))
+    if np.ptp(middle) <= max(_UNDER_WAY, _ABOVE_NOISE * scatter):
+        return Clock(topic.name, True, whole)
+    at = np.array([np.median(piece) for piece in np.array_split((stamps - stamps[0]) * 1e-9, count)])
+    drift, level = np.polyfit(at, middle, 1)
+    straight = np.ptp(middle - level - drift * at) <= _STRAIGHT * np.ptp(middle)
+    steps = np.diff(offset)
+    largest = int(np.abs(steps).argmax())
+    return Clock(
+        topic=topic.name,
+        stamped=True,
+        offset_s=whole,
+        range_s=float(np.ptp(middle)),
+        drift=float(drift) if straight else None,
+        jump_s=float(steps[largest]),
+        jump_ns=int(stamps[largest]),
+    )
+
+
+def remarks(track: Track) -> list[str]:
+    """Return what the clocks of a recording do that a reader has to know."""
+    found, told = clocks(track), []
+    for each in found:
+        if each.drift is not None:
+            told.append(
+                f"The log times of {each.topic} drift against its stamps, by {each.range_s:.3g} s "
+                f"({100.0 * each.drift:.2g} %): they come from two clocks, one of which may be that of a simulation. "
+                "Times here are those of the stamps."
+            )
+        elif each.range_s > 0.0:
+            at = float(track.seconds(np.array(each.jump_ns, dtype=np.int64)))
+            told.append(
+                f"Log times and stamps of {each.topic} do not run alike: their difference changes by "
+                f"{each.range_s:.3g} s, by {each.jump_s:+.3g} s at once at t = {at:.6g} s: a clock was set, or a "
+                "computer stood still. Times here are those of the stamps."
+            )
+    if not found:
+        return told
+    first, *others = (each for each in found if each.stamped) if any(each.stamped for each in found) else found
+    for other in others:
+        if abs(ahead := other.offset_s - first.offset_s) > APART:
+            by = f"{abs(ahead):.6g} s {'behind' if ahead > 0.0 else 'ahead of'}"
+            told.append(
+                f"{other.topic} is stamped {by} {first.topic}, as logged at one time: by another clock, or for another "
+                "time than that at which it was sent. The two are put together as they are stamped."
+            )
+    return told

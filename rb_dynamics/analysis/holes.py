@@ -1,0 +1,53 @@
+"""Holes in a stream of messages: intervals that are too long, of streams that come evenly and of others."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from rb_dynamics.analysis.track import Array, Times
+
+# An interval this much longer than the usual one is a gap, where intervals are even.
+_GAP = 1.5
+# The same where they are not: a lost message or two is none.
+_FAR = 5.0
+# So many are told one by one.
+NAMED = 5
+
+
+def gaps(time_ns: Times) -> int:
+    """Return how many intervals are longer than `longest_usual`."""
+    return int((np.diff(time_ns) > longest_usual(time_ns)).sum())
+
+
+def longest_usual(time_ns: Times | Array) -> float:
+    """Return the longest interval that is no gap, in the unit of the times; infinite for fewer than three.
+
+    Where nine in ten are even to 1 %, one and a half of the usual one. Else what lies far beyond the spread of the
+    intervals: times at random, of exponential intervals, go beyond it once in 20 million.
+    """
+    steps = np.diff(time_ns)
+    if len(steps) < 3:
+        return float(np.inf)
+    usual, long = (float(part) for part in np.quantile(steps, (0.5, 0.9)))
+    if usual > 0.0 and float((np.abs(steps - usual) <= 0.01 * usual).mean()) >= 0.9:
+        return _GAP * usual
+    return max(_FAR * usual, usual + 10.0 * (long - usual))
+
+
+def told(time_ns: Times, start_ns: int) -> str:
+    """Return how many holes there are, how long together, and the longest of them in their order, from `start_ns`."""
+    steps = np.diff(time_ns)
+    at = np.flatnonzero(steps > longest_usual(time_ns))
+    if not len(at):
+        return ""
+    shown = np.sort(at[np.argsort(-steps[at], kind="stable")][:NAMED])
+    each = [f"{steps[k] * 1e-9:.6g} s from t = {int(time_ns[k] - start_ns) * 1e-9:.6g} s" for k in shown]
+    together = f", {int(steps[at].sum()) * 1e-9:.6g} s together" if len(at) > 1 else ""
+    return f"{len(at)} gap{'s' * (len(at) > 1)}{together}: {listed(each, len(at))}"
+
+
+def listed(each: Sequence[str], count: int) -> str:
+    """Return `each`, of `count` that there are."""
+    return "; ".join(each) + (f"; and {count - len(each)} more" if count > len(each) else "")
