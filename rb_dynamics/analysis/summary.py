@@ -145,6 +145,14 @@ class Summary:
         return all(check.passed for check in self.checks)
 
     @property
+    def clock(self) -> str:
+        """Which time the t of checks, warnings and tables is."""
+        if self.own and self.start_ns == 0:
+            return "t is simulation time"
+        shown = "simulation time" if self.own else "header.stamp"
+        return f"t counts from the start, at {shown} {self.start_ns * 1e-9:.9f} s"
+
+    @property
     def reservation(self) -> str:
         """What belongs to a "passed": the checks that were judged over less than half of the run; "" for none."""
         checked = [check for check in self.checks if check.judged and check.share < HALF]

@@ -45,5 +45,6 @@ def run(args: argparse.Namespace) -> int:
         if each.next_file not in ("", following):
             print(f"  the next file, {each.next_file}, is missing")
             within = within or bool(following)
-    print(f"wrote {args.target}")
+    since = f"; t counts from the first message, log time {start_ns * 1e-9:.9f} s" if start_ns else ""
+    print(f"wrote {args.target}{since}")
     return 1 if within or any(each.damage for each in saved) else 0

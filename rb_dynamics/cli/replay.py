@@ -72,7 +72,7 @@ def _publish(args: argparse.Namespace) -> int:
 
 def _report(found: Replay) -> list[str]:
     """Return what a replay has found, for a person."""
-    lines = [f"replayed {found.samples} samples under {found.commands} wrench commands"]
+    lines = [f"replayed {found.samples} samples under {found.commands} wrench commands; times are simulation time"]
     if not found.complete:
         lines.append("the log was cut off: what it has is compared")
     lines += [f"  {name} was {was or 'not said'}, here {here}" for name, (was, here) in found.software.items()]

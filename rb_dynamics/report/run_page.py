@@ -56,7 +56,7 @@ def run_report(track: Track, summary: Summary, extra: Sequence[Section] = ()) ->
     source = "logged by rb_dynamics" if summary.own else "recorded"
     lead = (
         f"{summary.duration_s:.6g} s in {summary.samples} samples, {source}"
-        f"{f'; {summary.lacks}' if summary.lacks else ''}. "
+        f"{f'; {summary.lacks}' if summary.lacks else ''}; {summary.clock}. "
         f"{f'Every check passed{summary.reservation}.' if summary.passed else _failures(summary)}"
     )
     sections = [

@@ -77,9 +77,8 @@ def headline(summary: Summary) -> str:
     asked = f" ({summary.asked})" if summary.asked != summary.method else ""
     method = f"; {summary.method}{asked}" if summary.method else ""
     steps = "" if summary.steps is None else f", {summary.steps} step{'' if summary.steps == 1 else 's'}"
-    start = "" if summary.start_ns == 0 else f", from t = {summary.start_ns / 1e9:.9f} s"
     state = f"; {summary.lacks}" if summary.lacks else ""
-    return f"{summary.path}: {source}{scene}: {samples}{start}{method}{steps}{state}"
+    return f"{summary.path}: {source}{scene}: {samples}{method}{steps}{state}; {summary.clock}"
 
 
 def topic_rows(summary: Summary) -> list[list[str]]:

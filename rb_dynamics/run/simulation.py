@@ -343,9 +343,9 @@ def _require_finite(body: RigidBody, phase: Phase, time_ns: int) -> None:
     numbers = (*phase.high, *phase.low, *phase.orientation, *phase.angular_velocity, kinetic_energy(body, phase))
     if not all(map(math.isfinite, numbers)):
         raise ConvergenceError(
-            f"the state is no longer finite at t = {time_ns / NANOSECONDS:.9g} s: a momentum, a position or an energy "
-            "has left the range of double precision; check the size of velocities, wrench, mass and inertia, or use a "
-            "smaller step"
+            f"the state is no longer finite at simulation time {time_ns / NANOSECONDS:.9g} s: a momentum, a position "
+            "or an energy has left the range of double precision; check the size of velocities, wrench, mass and "
+            "inertia, or use a smaller step"
         )
 
 
@@ -420,7 +420,9 @@ def simulate(
     finally:
         run.finish()
     wall_time_s = time.perf_counter() - started
-    rejected += (f"{late.topic} at {late.time_ns / NANOSECONDS:.9f} s: {late.reason}" for late in run.taken_back)
+    rejected += (
+        f"{late.topic} at simulation time {late.time_ns / NANOSECONDS:.9f} s: {late.reason}" for late in run.taken_back
+    )
     return Run(run.sample, run.methods, run.steps, wall_time_s, tuple(rejected), run.clipped)
 
 
@@ -480,7 +482,7 @@ def _post_ahead(run: Simulation, commands: Iterable[tuple[str, Wrench]], rejecte
         try:
             run.post(topic, wrench, stamp_ns)
         except WrenchError as error:
-            rejected.append(f"{topic} at {stamp_ns / NANOSECONDS:.9f} s: {error}")
+            rejected.append(f"{topic} at simulation time {stamp_ns / NANOSECONDS:.9f} s: {error}")
         waiting += 1
     if run.end_ns is not None:
         yield run.end_ns

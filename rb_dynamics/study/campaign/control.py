@@ -133,7 +133,9 @@ class Loop:
         for place in np.flatnonzero(lost).tolist():
             x, y, z = torque[place].tolist()
             self.failed.setdefault(
-                place, f"{self._name} returned ({x!r}, {y!r}, {z!r}) N m at t = {measured.time_s!r} s, no finite torque"
+                place,
+                f"{self._name} returned ({x!r}, {y!r}, {z!r}) N m at simulation time {measured.time_s!r} s, no finite "
+                "torque",
             )
         return np.where(lost, 0.0, biased) if lost.any() else biased
 
