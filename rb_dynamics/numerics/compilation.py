@@ -1,7 +1,7 @@
-"""Compiles step functions by numba where it is installed, from the functions that run as plain Python where it is not.
+"""Compile step functions with numba where it is installed; the same functions run as plain Python where it is not.
 
-Nothing in the step functions names numba: the functions that a kernel reaches are found by looking, registered once and
-left as they are. Never changes a result: no fast-math, no contraction, no vector library of other bits.
+Step functions do not mention numba. `compile_kernel` finds the functions that a kernel calls and registers each once.
+Compiled and plain results must have the same bits, so fast-math, contraction and Intel's vector library stay off.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ _MARK = "__compiled_as__"
 _MONTH = 30 * 86400.0
 _log = logging.getLogger(__name__)
 
-# Division by zero is infinite or NaN, as the caller looks for what is not finite. Inlined, or tuples go through memory.
+# Division by zero gives inf or NaN: callers check for non-finite results. Without inlining, tuples go through memory.
 _OPTIONS = {"error_model": "numpy", "forceinline": True}
 
 
 def compiled_as(value: object = None) -> Callable[[_F], _F]:
-    """Mark a function that may raise. Compiled, it returns `value`, NaN that poisons what follows.
+    """Mark a function that may raise; the compiled version returns `value` instead, NaN that spreads to the result.
 
-    Without `value` it returns its last argument unchanged: what it would refuse is poisoned already.
+    Without `value` it returns its last argument unchanged, which is NaN already in the cases that plain Python refuses.
     """
 
     def mark(function: _F) -> _F:
@@ -46,17 +46,17 @@ def compiled_as(value: object = None) -> Callable[[_F], _F]:
 
 
 def workspace(n: int) -> list[float]:
-    """Return n zeros to be overwritten: a list; compiled, memory on the stack, which costs nothing.
+    """Return n zeros to overwrite: a list in plain Python, memory on the stack when compiled.
 
-    `n` is a constant. What is returned lives as long as the function that asks for it, which must not return it.
+    `n` must be a constant. The memory lives as long as the calling function, which must not return it.
     """
     return [0.0] * n
 
 
 def block(rows: int, lanes: int) -> Any:
-    """Return a matrix to be overwritten, as numpy has it; compiled, on the stack like `workspace`, and as short-lived.
+    """Return an uninitialised matrix: a numpy array in plain Python, memory on the stack when compiled (see `workspace`).
 
-    Both are constants: the compiler knows that its rows are apart, and can take many lanes at once.
+    Both sizes must be constants, so that the compiler knows that rows do not overlap and can vectorise over lanes.
     """
     import numpy as np
 
@@ -64,14 +64,14 @@ def block(rows: int, lanes: int) -> Any:
 
 
 def lane(i: int) -> int:
-    """Return i >= 0; compiled, as an unsigned number, which no array takes to count from its end."""
+    """Return i >= 0; unsigned when compiled, so that indexing needs no check for negative indices."""
     return i
 
 
 def specialise(template: Callable[..., Any], name: str, **names: object) -> Callable[..., Any]:
     """Return a copy of the module-level function `template`, called `name`, with `names` among its globals.
 
-    Not a closure: numba finds its result again in the cache, in every process.
+    A closure would not do: numba could not find its result again in the cache of another process.
     """
     if not isinstance(template, FunctionType):
         raise TypeError(f"template is {template!r}, expected a function")
@@ -93,14 +93,14 @@ def is_cached(name: str) -> bool:
 
 
 def compile_kernel(function: Callable[..., Any], signature: str) -> Callable[..., Any]:
-    """Return `function` compiled for `signature`; results are cached on disk by the sources of the whole package.
+    """Return `function` compiled for `signature`, cached on disk under a hash of all sources of the package.
 
-    Where they cannot be kept, or what is found there cannot be read, it is compiled all the same.
+    Without a writable or readable cache it is compiled anew.
 
     Raises:
         ImportError, RuntimeError: numba does not load, is switched off, or does not compile it.
     """
-    # Two threads would register a function twice, and change the folder under each other.
+    # Two threads would register a function twice and change the cache folder under each other.
     with _one_at_a_time:
         numba = _numba()
         if numba.config.DISABLE_JIT:
@@ -125,7 +125,7 @@ def compile_kernel(function: Callable[..., Any], signature: str) -> Callable[...
             numba.config.CACHE_DIR = before
 
 
-# A disk that is full, and what comes of reading what a crash or a full disk has left (see the documentation of pickle).
+# A full disk, and whatever pickle raises for the truncated files that a crash or a full disk leaves behind.
 _BROKEN_CACHE = (OSError, UnpicklingError, EOFError, ImportError, LookupError, AttributeError, TypeError, ValueError)
 _one_at_a_time = threading.Lock()
 
@@ -136,10 +136,9 @@ def _compile(numba: Any, function: Callable[..., Any], signature: str, *, cache:
 
 
 def _can_keep(numba: Any, function: Callable[..., Any]) -> bool:
-    """Return whether numba would keep `function` in `cache_folder`.
+    """Return whether numba would cache `function` in `cache_folder`.
 
-    Where it cannot write there it takes the folder of the source or one of its own, and then misses every edit of what
-    `function` calls.
+    If it cannot write there, numba falls back to folders of its own, where it would miss edits of what `function` calls.
     """
     try:
         path = numba.njit(cache=True)(function).stats.cache_path
@@ -156,9 +155,9 @@ def _forget(name: str) -> None:
 
 @cache
 def cache_folder() -> Path:
-    """Return where compiled kernels are kept: a folder for each state of the sources, so that no edit is missed.
+    """Return the folder of compiled kernels, one for each state of the sources, so that no edit is missed.
 
-    Those of other states that nobody has used for a month are deleted when a new one begins.
+    Creating a new one deletes those that have not been used for a month.
     """
     from importlib import metadata
 
@@ -180,7 +179,7 @@ def _cache_root() -> Path:
     try:
         return Path.home() / ".cache"
     except RuntimeError:
-        # A user without a home: a folder that nobody can make.
+        # The user has no home directory: return a folder that cannot be created.
         return Path(os.devnull)
 
 
@@ -192,7 +191,7 @@ def _delete_unused(folder: Path) -> None:
 
 @cache
 def _numba() -> Any:
-    # Intel's vector library has other bits than libm. Numba looks at this once, when it is imported.
+    # Intel's vector library rounds differently from libm. Numba reads this variable once, when it is imported.
     os.environ.setdefault("NUMBA_DISABLE_INTEL_SVML", "1")
     import numba
 
@@ -230,7 +229,7 @@ def _provide_workspace() -> None:
         def build(context: Any, builder: Any, _signature: Any, _arguments: Any) -> Any:
             r, n = rows.literal_value, lanes.literal_value
             data = cgutils.alloca_once(builder, context.get_value_type(types.UniTuple(types.float64, r * n)))
-            # Of a cache line: or each vector of eight takes two of them.
+            # Aligned to a cache line; otherwise each vector of eight doubles spans two.
             data.align = 64
             value = make_array(array)(context, builder)
             shape, strides = ([context.get_constant(types.intp, k) for k in pair] for pair in ((r, n), (8 * n, 8)))
@@ -244,7 +243,7 @@ def _provide_workspace() -> None:
 
     block_on_stack, as_unsigned = intrinsic(prefer_literal=True)(matrix_on_stack), intrinsic(unsigned)
 
-    # Inlined before it is compiled: the memory belongs to the caller. Both lambdas need the same arguments.
+    # Inlined before compilation, so that the memory is the caller's. Both lambdas need the same arguments.
     # ruff: noqa: ARG005, PLW0108
     overload(workspace, inline="always", prefer_literal=True)(lambda n: lambda n: zeros_on_stack(n))
     overload(block, inline="always", prefer_literal=True)(
@@ -275,7 +274,7 @@ def _constant(value: object) -> Callable[..., Any]:
 
 
 def _reach(function: Any) -> list[Any]:
-    """Return the functions of this package that `function` may call, itself left out."""
+    """Return the functions of this package that `function` may call, without itself."""
     found: dict[int, Any] = {}
     todo = [function]
     while todo:

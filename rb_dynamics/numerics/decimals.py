@@ -1,6 +1,6 @@
-"""Numbers in text: plain decimals as people and other languages write them, and nothing else that Python would take.
+"""Parse numbers in text: plain decimals only, as people and other languages write them.
 
-Not 1_0, 1/3, digits of other scripts, or an exponent of a million; so no text, however it is written, takes long.
+Python would also accept 1_0, 1/3, digits of other scripts, and exponents of a million that take minutes to expand.
 """
 
 from __future__ import annotations
@@ -19,28 +19,28 @@ def is_decimal(text: str) -> bool:
 
 
 def real_number(text: str) -> float:
-    """Return the number that is written in `text`; nan and inf among them, and inf for what is beyond the doubles.
+    """Return the number written in `text`; accepts nan and inf, and returns inf for what overflows a double.
 
     Raises:
-        ValueError: it is none.
+        ValueError: it is not a number.
     """
     return float(_required(text, is_decimal(text) or _NOT_FINITE.fullmatch(text)))
 
 
 def exact_number(text: str) -> Fraction:
-    """Return the finite number that is written in `text`, with all its digits.
+    """Return the finite number written in `text` with all its digits.
 
     Raises:
-        ValueError: it is none.
+        ValueError: it is not a finite number.
     """
     return Fraction(_required(text, is_decimal(text)))
 
 
 def whole_number(text: str) -> int:
-    """Return the whole number that is written in `text`, of at most 300 digits.
+    """Return the whole number written in `text`, of at most 300 digits.
 
     Raises:
-        ValueError: it is none.
+        ValueError: it is not a whole number.
     """
     return int(_required(text, _WHOLE.fullmatch(text)))
 

@@ -1,7 +1,7 @@
-"""Elliptic functions and integrals on plain floats: what the motion of a free body needs, accurate to round-off.
+"""Elliptic functions and integrals on plain floats, accurate to round-off, as the motion of a free body needs them.
 
 Parameters are given by both m = k^2 and its complement m1 = 1 - m, each to full relative accuracy: near the separatrix
-m is 1 to the last digit and everything is in m1. Never imports numpy.
+m is 1 to the last digit and all information is in m1.
 
 Sources: R. Bulirsch, Numer. Math. 7 (1965) 78 for sn, cn, dn; B. C. Carlson, Numer. Algorithms 10 (1995) 13 for R_F and
 R_J; DLMF chapters 19 and 22.
@@ -20,7 +20,7 @@ _CLOSE = 1e-8
 _SPREAD = 1.5e-3
 # Each mean doubles the digits; the smallest positive number takes 13.
 _MEANS = 24
-# The loops below end unless something is still too far apart: a NaN passes through and does not keep them running.
+# The loop conditions are written so that a NaN ends the loops.
 
 
 def agm(a: float, b: float) -> float:
@@ -38,13 +38,13 @@ def complete_k(m1: float) -> float:
 def sncndn(u: float, m1: float) -> tuple[float, float, float]:
     """Return sn(u), cn(u), dn(u) for the complementary parameter 0 <= m1 <= 1 (Bulirsch 1965).
 
-    Made for |u| up to about K; the caller takes whole periods off.
+    Intended for |u| up to about K; the caller removes whole periods.
     """
     if m1 == 0.0:
-        # Beyond this cosh overflows and its inverse is nothing.
+        # Beyond this cosh overflows and its inverse is 0.
         sech = 1.0 / math.cosh(u) if abs(u) < 700.0 else 0.0
         return math.tanh(u), sech, sech
-    # To round-off; below, products of 1/sn would overflow.
+    # Exact to round-off, and smaller u would overflow products of 1/sn below.
     if abs(u) < 1e-8:
         return u, 1.0, 1.0
     a, c, dn = 1.0, 1.0, 1.0
@@ -79,7 +79,7 @@ def sncndn(u: float, m1: float) -> tuple[float, float, float]:
 def rf(x: float, y: float, z: float) -> float:
     """Return Carlson's R_F, at most one argument 0 (Carlson 1995, algorithm 1)."""
     mean, power = (x + y + z) / 3.0, 1.0
-    # Each turn brings the arguments four times closer to each other.
+    # Each iteration brings the arguments four times closer to each other.
     dx, dy = mean - x, mean - y
     spread = max(abs(dx), abs(dy), abs(mean - z))
     while power * spread / mean >= _SPREAD:

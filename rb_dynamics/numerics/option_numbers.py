@@ -1,4 +1,4 @@
-"""Numbers on the command line: `type=` for argparse, whose own message would name a Python type or function."""
+"""Number types for argparse options, with messages that say what is expected; argparse's own name Python types."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from rb_dynamics.numerics.decimals import real_number, whole_number
 
 
 def real(expected: str, accepts: Callable[[float], bool] = lambda _: True) -> Callable[[str], float]:
-    """Return what reads a finite number that `accepts` accepts; `expected` says so in words."""
+    """Return an argparse type for finite numbers that `accepts` accepts; `expected` describes them in words."""
 
     def read(text: str) -> float:
         try:
@@ -25,7 +25,7 @@ def real(expected: str, accepts: Callable[[float], bool] = lambda _: True) -> Ca
 
 
 def whole(expected: str, accepts: Callable[[int], bool] = lambda _: True) -> Callable[[str], int]:
-    """Return what reads a whole number that `accepts` accepts; `expected` says so in words."""
+    """Return an argparse type for whole numbers that `accepts` accepts; `expected` describes them in words."""
 
     def read(text: str) -> int:
         try:

@@ -2,7 +2,7 @@
 
 Pure functions on plain floats. Quaternions are (x, y, z, w) and need not be sign-normalised; a rotation turns body
 axes into world axes. Half-angle forms are used where the textbook form cancels; a series takes over only where even
-those lose digits, below a switch named at the function. Never imports numpy and never changes its arguments.
+those lose digits, below a switch named at the function. Must not import numpy, which would slow down every start and step.
 
 Sources: Iserles, Munthe-Kaas, Norsett & Zanna, Lie-group methods, Acta Numerica 9 (2000) 215, cited as IMNZ; Hairer,
 Lubich & Wanner, Geometric Numerical Integration, 2nd ed. (2006), cited as HLW.
@@ -20,7 +20,7 @@ Matrix = tuple[Vector, Vector, Vector]
 IDENTITY: Quaternion = (0.0, 0.0, 0.0, 1.0)
 
 NORM_TOLERANCE = 1e-3
-"""How far from 1 the norm of an attitude that somebody gives may be."""
+"""How far from 1 the norm of a quaternion given by a user may be."""
 
 
 def hat(v: Vector) -> Matrix:
@@ -77,21 +77,21 @@ def normalize(q: Quaternion) -> Quaternion:
 
 
 def renormalize(q: Quaternion) -> Quaternion:
-    """Return q / |q| where |q| has left 1 by more than the last two bits, otherwise q: for what is turned on and on.
+    """Return q / |q| if |q| is off 1 by more than the last two bits, else q: for attitudes updated in every step.
 
-    To divide in every step would turn a body to one side, by a thousandth of a rounding: that grows like the number of
-    steps, and the roundings themselves only like its root.
+    Dividing in every step would bias the rotation by a thousandth of a rounding error. That bias grows with the number
+    of steps n, while the rounding errors themselves grow like sqrt(n).
     """
     n = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-    # To divide by 1 changes nothing; a branch would keep many bodies from being reckoned side by side.
+    # Dividing by 1 changes nothing, and a branch here would prevent vectorisation over bodies.
     n = n if abs(n - 1.0) > _LAST_BITS else 1.0
     return (q[0] / n, q[1] / n, q[2] / n, q[3] / n)
 
 
 def unit(q: Quaternion) -> Quaternion | None:
-    """Return q / |q|, and q itself where |q| is 1 to round-off; None where it is not 1 within `NORM_TOLERANCE`.
+    """Return q / |q|, or q itself if |q| is 1 to round-off; None if |q| is not 1 within `NORM_TOLERANCE`.
 
-    A recorded attitude keeps its digits, and what this returns it returns again.
+    A recorded attitude keeps its digits, and the function is idempotent.
     """
     off = abs(math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]) - 1.0)
     if off <= _UNIT:

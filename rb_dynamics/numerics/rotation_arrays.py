@@ -1,4 +1,4 @@
-"""Rotations of many vectors at once: arrays of unit quaternions xyzw. One at a time, on floats: `rotation.py`."""
+"""Rotations of arrays of vectors by arrays of unit quaternions xyzw; `rotation.py` has single ones, on floats."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def rotation_vectors(orientation_xyzw: Array) -> Array:
     along = np.sum(orientation_xyzw[1:] * orientation_xyzw[:-1], axis=1, keepdims=True)
     size = np.linalg.norm(part, axis=1, keepdims=True)
     half = np.arctan2(size, np.abs(along))
-    # q and -q are one attitude: the shorter way. Where nothing turns the ratio is 1.
+    # q and -q are one attitude: take the shorter rotation. The ratio is 1 where nothing turns.
     ratio = np.divide(half, size, out=np.ones_like(size), where=size > 0.0)
     vectors: Array = 2.0 * np.where(along < 0.0, -1.0, 1.0) * ratio * part
     return vectors

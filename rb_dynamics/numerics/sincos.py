@@ -1,19 +1,19 @@
-"""Sine and cosine together by polynomials: the same bits on every machine, and no call that would stop a compiler.
+"""Sine and cosine together by polynomials: the same bits on every machine, and no call into the C library.
 
-A compiler takes them for many bodies at once (`motion/batch_kernel.py`), which it cannot do with a call of the C
-library. Never for angles beyond `LARGEST`: what turns a body further in one step is refused long before.
+Without that call the compiler can vectorise over bodies (`motion/batch_kernel.py`). Valid up to `LARGEST` only; steps
+that turn a body that far are refused long before.
 """
 
 from __future__ import annotations
 
 LARGEST = 2.0**19
-"""Angle (rad) up to which all digits are right."""
+"""Largest angle (rad) for which all digits are right."""
 
 # Adding and subtracting it rounds to a whole number.
 _ROUND = 1.5 * 2.0**52
 _PER_QUARTER = 0.6366197723675814
 _EIGHTH = 0.785
-# pi/2 in three parts; whole multiples of the first two have no rounding.
+# pi/2 in three parts; integer multiples of the first two are exact.
 _QUARTER = (1.57079632673412561417, 6.07710050630396597660e-11, 2.02226624879595063154e-21)
 
 
@@ -31,7 +31,7 @@ def sincos(x: float) -> tuple[float, float]:
         rest = first - second
         third = k * _QUARTER[2] - ((first - rest) - second)
         y = rest - third
-        # What rounding took from y.
+        # The rounding error of y.
         tail = (rest - y) - third
 
     z = y * y
@@ -47,7 +47,7 @@ def sincos(x: float) -> tuple[float, float]:
     c = one + (((1.0 - one) - half) + (z * p - y * tail))
     if k == 0.0:
         return s, c
-    # The quarter turn, -2 to 2, without a whole number: odd ones exchange sine and cosine, signs follow.
+    # The quadrant, -2 to 2, kept as a float: odd ones exchange sine and cosine, then the signs follow.
     turn = k - 4.0 * ((k * 0.25 + _ROUND) - _ROUND)
     odd = turn == 1.0 or turn == -1.0
     opposite = turn == 2.0 or turn == -2.0

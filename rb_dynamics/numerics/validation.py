@@ -1,7 +1,7 @@
-"""Arguments of the Python API, checked where they come in: what is wrong is said by name, before anything is computed.
+"""Checks of the arguments of public functions; each error names the argument, what was found and what was expected.
 
-A wrong type is a TypeError, a wrong value an error of the caller's choice. Arrays of numpy are taken for the tuples
-that they look like. Never part of a step, and never guesses what was meant.
+A wrong type raises TypeError, a wrong value an error of the caller's choice. Numpy arrays are accepted where tuples are
+expected. Not for use inside a step: the checks are slow.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ _COUNTS = {3: "three", 4: "four"}
 
 
 def shown(value: object) -> str:
-    """Return `value` as a message shows it: on one line, and not at length."""
+    """Return `value` as an error message shows it: on one line, at most 60 characters."""
     text = " ".join(repr(value).split())
     return text if len(text) <= 60 else f"{text[:60]}..."
 
 
 def instance(value: object, kind: type[T], name: str, remedy: str) -> T:
-    """Return `value`, which has to be of this `kind`.
+    """Return `value` if it is an instance of `kind`.
 
     Raises:
         TypeError: it is not.
@@ -41,10 +41,10 @@ def instance(value: object, kind: type[T], name: str, remedy: str) -> T:
 
 
 def mapping(value: object, name: str, remedy: str) -> Mapping[Any, Any]:
-    """Return `value`, which has to be a mapping.
+    """Return `value` if it is a mapping.
 
     Raises:
-        TypeError: it is none.
+        TypeError: it is not.
     """
     if isinstance(value, Mapping):
         return value
@@ -52,10 +52,10 @@ def mapping(value: object, name: str, remedy: str) -> Mapping[Any, Any]:
 
 
 def items(values: object, name: str, expected: str) -> list[Any]:
-    """Return the items of a sequence or an array; a text or a mapping is neither.
+    """Return the items of a sequence or an array; strings and mappings do not count as sequences.
 
     Raises:
-        TypeError: it is none.
+        TypeError: it is neither.
     """
     if not isinstance(values, Iterable) or isinstance(values, (str, bytes, Mapping)) or getattr(values, "ndim", 1) == 0:
         raise TypeError(f"{name} is {shown(values)}, expected {expected}; write a list")
@@ -63,10 +63,10 @@ def items(values: object, name: str, expected: str) -> list[Any]:
 
 
 def instances(values: object, kind: type[T], name: str, remedy: str) -> tuple[T, ...]:
-    """Return the items of a sequence, each of this `kind`.
+    """Return the items of a sequence if each is an instance of `kind`.
 
     Raises:
-        TypeError: one is not, or it is no sequence.
+        TypeError: it is no sequence, or an item is of another type.
     """
     found = items(values, name, f"a sequence of {kind.__name__}")
     return tuple(instance(value, kind, f"{name}[{k}]", remedy) for k, value in enumerate(found))
@@ -76,7 +76,7 @@ def whole_number(value: Any, name: str, remedy: str) -> int:
     """Return `value`, a whole number of Python or numpy, as an int.
 
     Raises:
-        TypeError: it is none.
+        TypeError: it is not a whole number.
     """
     try:
         if not isinstance(value, bool):
@@ -94,11 +94,13 @@ def number(
     least: float = -math.inf,
     above: float = -math.inf,
 ) -> float:
-    """Return `value` as a float: finite, at least `least` and greater than `above`, which `expected` says in words.
+    """Return `value` as a float if it is finite, at least `least` and greater than `above`.
+
+    `expected` says the same in words, for the error message.
 
     Raises:
-        TypeError: it is no number.
-        Exception: `error`, where it is another one.
+        TypeError: it is not a number.
+        Exception: `error`, if the number is out of range.
     """
     found = _real(value)
     if found is None:
@@ -112,8 +114,8 @@ def vector(value: object, name: str, expected: str, error: type[Exception] = Val
     """Return `value` as three finite floats.
 
     Raises:
-        TypeError: it is no sequence of numbers.
-        Exception: `error`, where it is not three of them, or one is not finite.
+        TypeError: it is not a sequence of numbers.
+        Exception: `error`, unless it has three finite numbers.
     """
     x, y, z = _numbers(value, 3, name, expected, error)
     return (x, y, z)
@@ -123,8 +125,8 @@ def quaternion(value: object, name: str, error: type[Exception] = ValueError) ->
     """Return `value` as a unit quaternion (x, y, z, w), of norm 1 to round-off.
 
     Raises:
-        TypeError: it is no sequence of numbers.
-        Exception: `error`, where it is not four of them, one is not finite, or its norm not 1 within `NORM_TOLERANCE`.
+        TypeError: it is not a sequence of numbers.
+        Exception: `error`, unless it has four finite numbers whose norm is 1 within `NORM_TOLERANCE`.
     """
     x, y, z, w = _numbers(value, 4, name, "a unit quaternion (x, y, z, w)", error)
     found = unit((x, y, z, w))
@@ -137,10 +139,10 @@ def quaternion(value: object, name: str, error: type[Exception] = ValueError) ->
 
 
 def as_array(value: object, name: str, expected: str, kind: str | None = "f8") -> npt.NDArray[Any]:
-    """Return `value` as an array of floats, or of what numpy makes of it where no `kind` is asked for.
+    """Return `value` as an array of dtype `kind`; with `kind=None`, of the dtype that numpy infers.
 
     Raises:
-        TypeError: it is no array of numbers.
+        TypeError: it is not an array of numbers.
     """
     import numpy as np
 
@@ -166,7 +168,7 @@ def _numbers(value: object, count: int, name: str, expected: str, error: type[Ex
 
 
 def _real(value: Any) -> float | None:
-    """Return a real number as a float; None for anything else, texts and truth values among them."""
+    """Return a real number as a float; None for anything else, strings and booleans included."""
     if isinstance(value, (str, bytes, bool)) or getattr(value, "ndim", 0) != 0:
         return None
     try:

@@ -1,4 +1,4 @@
-"""R^3 on tuples of plain floats: the few operations the step needs. Never imports numpy, never allocates arrays."""
+"""Vectors in R^3 as tuples of floats: the few operations that a step needs, without numpy or arrays."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def cross(a: Vector, b: Vector) -> Vector:
 def norm(a: Vector) -> float:
     """Return |a| without overflow or underflow, to 2 units in the last place.
 
-    By square roots alone, whose bits are the same everywhere: those of `math.hypot` depend on the version of Python.
+    Uses square roots alone, whose bits are the same everywhere; those of `math.hypot` depend on the Python version.
     """
     square = a[0] * a[0] + a[1] * a[1] + a[2] * a[2]
     if square >= 1e280:
@@ -69,5 +69,5 @@ def divide(a: Vector, b: Vector) -> Vector:
 
 
 def positive_zeros(a: Vector) -> Vector:
-    """Return a with 0 for -0: equal vectors then have equal bits, which a cache that compares with == relies on."""
+    """Return a with 0 for -0, so that equal vectors have equal bits, as caches that compare with == require."""
     return (a[0] + 0.0, a[1] + 0.0, a[2] + 0.0)

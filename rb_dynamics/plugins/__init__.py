@@ -1,7 +1,7 @@
-"""`Registry`: what there is of a kind, by name: our own, and what installed packages bring by entry points (plug-ins).
+"""`Registry`: methods, effects or sinks by name, our own and those of plug-ins (entry points of installed packages).
 
-Never looks for plug-ins until a name is asked for that is not our own, or all names are: a start has no time for it.
-A plug-in that cannot be loaded is an error where it is named, and left out where all are wanted.
+Plug-ins are looked up only when a name is not our own, or when all names are listed, so that they do not slow a start.
+A plug-in that cannot be loaded is an error where it is named, and is skipped where all are listed.
 """
 
 from __future__ import annotations
@@ -22,30 +22,30 @@ _log = logging.getLogger(__name__)
 
 
 class Registry(Mapping[str, T]):
-    """A mapping from names to what they stand for; our own come first and cannot be replaced.
+    """A mapping from names to objects of one kind; our own come first and cannot be replaced.
 
     Attributes:
-        own: those of this package.
+        own: the objects of this package by name.
     """
 
     def __init__(self, kind: str, own: Mapping[str, T], fault: Callable[[str, object], str]) -> None:
-        """Begin with our own.
+        """Start with our own objects.
 
         Args:
-            kind: of thing, in the singular; plug-ins declare theirs in the group `rb_dynamics.<kind>s`.
+            kind: what they are, in the singular; plug-ins declare theirs in the group `rb_dynamics.<kind>s`.
             own: ours by name.
-            fault: tells of a name and what a plug-in has for it why it cannot be one of the kind; "" if it can.
+            fault: given a name and the object of a plug-in, returns why it is not valid; "" if it is.
         """
         self.own: Mapping[str, T] = MappingProxyType(dict(own))
         self._kind, self._fault = kind, fault
         self._loaded: dict[str, T] = {}
 
     def __getitem__(self, name: str) -> T:
-        """Return what `name` stands for.
+        """Return the object of this name.
 
         Raises:
-            KeyError: it stands for nothing.
-            PluginError: a plug-in has it, and cannot be loaded.
+            KeyError: there is none.
+            PluginError: a plug-in declares it, but cannot be loaded.
         """
         if name in self.own:
             return self.own[name]
@@ -54,7 +54,7 @@ class Registry(Mapping[str, T]):
         return self._loaded[name]
 
     def __contains__(self, name: object) -> bool:
-        """Return whether `name` stands for something; nothing is loaded."""
+        """Return whether there is an object of this name, without loading it."""
         return name in self.own or name in self._plugins
 
     def __iter__(self) -> Iterator[str]:
@@ -67,11 +67,11 @@ class Registry(Mapping[str, T]):
         return sum(1 for _ in self)
 
     def origin(self, name: str) -> str:
-        """Return the package, with its version, that `name` has been loaded from; "" if that is none but ours."""
+        """Return name and version of the package that `name` was loaded from; "" for our own."""
         return _package(self._plugins[name][0]) if name in self._loaded else ""
 
     def usable(self) -> Iterator[T]:
-        """Yield what all names stand for, but those that cannot be loaded: these are warned of."""
+        """Yield all objects that can be loaded; warn of the others."""
         for name in self:
             try:
                 found = self[name]

@@ -1,9 +1,9 @@
 """Poinsot's construction: a free body turns as if its energy ellipsoid rolled on the invariable plane without slipping.
 
-The plane, the ellipsoid, the two curves of the point of contact (polhode on the ellipsoid, herpolhode in the plane),
-and how stable a spin about each axis is. For free motion about the centre of mass, in the space of angular velocities
-(rad/s). Equation numbers are those of lecture 24, pages 34 to 37. Never integrates: curves are points of the exact
-motion, and what tells one kind of motion from another is computed in rational numbers, where nothing cancels.
+The plane, the ellipsoid, the two curves of the point of contact (polhode on the ellipsoid, herpolhode in the plane) and
+the stability of a spin about each axis, in the space of angular velocities (rad/s). Equation numbers are those of
+lecture 24, pages 34 to 37. Curves consist of points of the exact motion; the kind of motion is decided in rational
+arithmetic, where nothing cancels.
 
 Sources: Poinsot, Theorie nouvelle de la rotation des corps (1834); Goldstein, Classical Mechanics, section 5.6; Landau
 & Lifshitz, Mechanics, section 37.
@@ -35,7 +35,7 @@ from rb_dynamics.theory.euler_equations import angular_momentum, euler_equations
 
 Array = npt.NDArray[np.float64]
 
-# On the separatrix the curve has no end: it is drawn until it is within e^-20 of the middle axis.
+# On the separatrix the curve never ends: it is drawn to within e^-20 of the middle axis.
 _SEPARATRIX_SPAN = 20.0
 
 # Central differences of order 8 (Fornberg, Math. Comp. 51 (1988) 699, table 1). Free motion has no rate far above |w|,

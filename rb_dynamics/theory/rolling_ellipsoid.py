@@ -1,9 +1,8 @@
-"""Where the ellipsoid of inertia touches the invariable plane, at any attitude and spin: free motion or not.
+"""The point where the inertia ellipsoid touches the invariable plane, for free and forced motion alike.
 
-In the space of rho = w / sqrt(2 T), where the ellipsoid rho . I rho = 1 stays what it is however energy and scale
-change (Goldstein, Classical Mechanics, section 5.6); the unit of length is its longest half axis. The plane touches it
-at rho, at right angles to I w; T and I w are of the rotating body alone, without what turns inside it. Never
-integrates. Of free motion `theory/poinsot.py` knows more.
+Everything is in the space of rho = w / sqrt(2 T), where the ellipsoid rho . I rho = 1 does not depend on the energy
+(Goldstein, Classical Mechanics, section 5.6). The unit of length is its longest half axis. The plane touches it at rho
+and is normal to I w; T and I w are those of the body without what turns inside it. `poinsot.py` treats free motion.
 """
 
 from __future__ import annotations
@@ -21,14 +20,14 @@ from rb_dynamics.numerics.vector import Vector
 Array = NDArray[np.float64]
 
 LARGEST_CHORD = 0.5
-"""Turn (rad) between two points beyond which a chord is no picture of the curve on the ellipsoid or in the plane."""
+"""Largest rotation (rad) between two points for which a chord is a fair picture of the curve."""
 
 DISC = 1.15
-"""Radius of the part of the plane that pictures show."""
+"""Radius of the disc of the plane that pictures show."""
 
 
 class Contact(NamedTuple):
-    """Where the ellipsoid touches the plane, one row for each instant; NaN while the body does not turn.
+    """Points of contact, one row for each instant; NaN while the body does not turn.
 
     Attributes:
         body: point of contact, body axes.
@@ -53,7 +52,7 @@ def half_axes(body: RigidBody) -> Vector:
 def contact(body: RigidBody, orientation_xyzw: Array, angular_velocity_body: Array) -> Contact:
     """Return the contact at attitudes (n, 4) and angular velocities (n, 3), rad/s, in body axes."""
     largest = np.abs(angular_velocity_body).max(axis=1, keepdims=True)
-    # By its direction alone: no square leaves the range of double precision, however fast or slow the spin.
+    # Only the direction of the spin matters; scaling it keeps squares within double precision.
     axis = angular_velocity_body / np.where(largest > 0.0, largest, np.nan)
     least = min(body.principal_moments)
     momentum = axis @ (np.array(body.inertia) / least)
@@ -64,7 +63,7 @@ def contact(body: RigidBody, orientation_xyzw: Array, angular_velocity_body: Arr
 
 
 def separatrices(body: RigidBody, n: int = 129) -> list[Array]:
-    """Return the curves through the middle axis that part the polhodes about the two others, (n, 3), body axes.
+    """Return the separatrices: curves through the middle axis that divide the two kinds of polhodes, (n, 3), body axes.
 
     On rho . I rho = 1 and |I rho|^2 = I_2: I_1 (I_2 - I_1) x1^2 = I_3 (I_3 - I_2) x3^2, two planes through the middle
     axis. Empty for a body with two equal moments, which has no middle axis.
