@@ -54,7 +54,7 @@ def workspace(n: int) -> list[float]:
 
 
 def block(rows: int, lanes: int) -> Any:
-    """Return an uninitialised matrix: a numpy array in plain Python, memory on the stack when compiled (see `workspace`).
+    """Return an uninitialised matrix: a numpy array, or memory on the stack when compiled (see `workspace`).
 
     Both sizes must be constants, so that the compiler knows that rows do not overlap and can vectorise over lanes.
     """
@@ -138,7 +138,7 @@ def _compile(numba: Any, function: Callable[..., Any], signature: str, *, cache:
 def _can_keep(numba: Any, function: Callable[..., Any]) -> bool:
     """Return whether numba would cache `function` in `cache_folder`.
 
-    If it cannot write there, numba falls back to folders of its own, where it would miss edits of what `function` calls.
+    If it cannot write there, numba uses folders of its own, where it would miss edits of what `function` calls.
     """
     try:
         path = numba.njit(cache=True)(function).stats.cache_path

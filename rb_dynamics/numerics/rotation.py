@@ -2,7 +2,7 @@
 
 Pure functions on plain floats. Quaternions are (x, y, z, w) and need not be sign-normalised; a rotation turns body
 axes into world axes. Half-angle forms are used where the textbook form cancels; a series takes over only where even
-those lose digits, below a switch named at the function. Must not import numpy, which would slow down every start and step.
+those lose digits, below a switch named at the function. Must not import numpy.
 
 Sources: Iserles, Munthe-Kaas, Norsett & Zanna, Lie-group methods, Acta Numerica 9 (2000) 215, cited as IMNZ; Hairer,
 Lubich & Wanner, Geometric Numerical Integration, 2nd ed. (2006), cited as HLW.
