@@ -81,12 +81,13 @@ def _jumps(track: Track, time_ns: Times, size: Array, least: float, *, turns: bo
     at = np.flatnonzero((size > 0.0) & (apart <= longest_usual(time_ns)))
     if not len(at):
         return []
-    since = np.diff(time_ns[at + 1], prepend=time_ns[at[0]]).astype(np.float64)
-    usual = float(np.median(since))
-    since = np.clip(since, 0.2 * usual, 5.0 * usual) * 1e-9
+    since = np.diff(time_ns[at + 1]).astype(np.float64)
+    usual = float(np.median(since)) if len(since) else float(apart[at[0]])
+    since = np.clip(np.insert(since, 0, usual), 0.2 * usual, 5.0 * usual) * 1e-9
     gone = size[at]
     expected = _around(gone / since) * since
-    spread = float(np.median(np.abs(gone - expected)))
+    # Of a few moves of a pose that else stands still nothing says how much they vary.
+    spread = float(np.median(np.abs(gone - expected))) if len(gone) > 2 * _AROUND else 0.0
     beyond = gone > np.maximum(_TIMES * expected + _SPREADS * spread, least)
     # What begins at the first or last samples may go on.
     beyond &= (at >= _AROUND) & (at < len(size) - _AROUND)

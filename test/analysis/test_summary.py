@@ -376,6 +376,33 @@ def test_odometry_that_is_not_used_is_named(bagger: Any) -> None:
     assert any("left out: /odom" in note for note in summary_of(bagger(rows)).notes)
 
 
+@pytest.mark.parametrize(
+    ("second_begins_s", "words"),
+    [(17_208, "2 recordings in one folder: 17198 s lie between day_0.mcap and day_1.mcap"), (-90, "day_1.mcap begins")],
+)
+def test_two_recordings_in_one_folder_are_two(bagger: Any, tmp_path: Path, second_begins_s: int, words: str) -> None:
+    folder = tmp_path / "both"
+    folder.mkdir()
+    for number, begin_s in enumerate((100, 100 + second_begins_s)):
+        rows = [pose(begin_s * 10**9 + EVERY * k) for k in range(1001)]
+        bagger(rows).rename(folder / f"day_{number}.mcap")
+    found = {check.name: check for check in summary_of(folder).checks}
+    assert not found["files are one recording"].passed
+    assert words in found["files are one recording"].detail
+
+
+def test_files_of_one_recording_are_one(bagger: Any, tmp_path: Path) -> None:
+    folder = tmp_path / "split"
+    folder.mkdir()
+    for number in range(3):
+        rows = [pose(EVERY * (k + 100 * number)) for k in range(100)]
+        bagger(rows).rename(folder / f"day_{number}.mcap")
+    summary = summary_of(folder)
+    assert summary.passed
+    (check,) = (each for each in summary.checks if each.name == "files are one recording")
+    assert check.detail == "3 files that follow one another"
+
+
 def test_time_that_goes_back_fails(bagger: Any) -> None:
     assert failed(summary_of(bagger([pose(EVERY * (k % 20)) for k in range(40)]))) == ["/b/pose is whole"]
 

@@ -43,6 +43,22 @@ def test_thinning_keeps_gaps() -> None:
     assert np.nanmax(shown) == np.nanmax(values)
 
 
+def strokes(picture: str) -> int:
+    """Return how many strokes the first line of a picture has."""
+    lines = [path for path in ElementTree.fromstring(picture).iter("path") if svg.COLORS[0] in path.get("style", "")]
+    return lines[0].get("d", "").count("M")
+
+
+@pytest.mark.parametrize("every", [1, 40])
+@pytest.mark.parametrize("uneven", [0.0, 0.4])
+def test_a_line_breaks_at_a_hole(every: int, uneven: float) -> None:
+    time_s = TIME[::every] + uneven * TIME[every] * np.random.default_rng(1).random(len(TIME[::every]))
+    there = (time_s < 4.0) | (time_s > 7.0)
+    whole = plots.energy(time_s, np.sin(time_s))
+    broken = plots.energy(time_s[there], np.sin(time_s[there]))
+    assert (strokes(whole), strokes(broken)) == (1, 2)
+
+
 def test_the_same_numbers_give_the_same_bytes_and_settings_stay() -> None:
     before = dict(mpl.rcParams)
     mpl_style = {"axes.facecolor": "red", "font.size": 40.0}

@@ -1,0 +1,106 @@
+"""A twist that contradicts the pose is told, with what would reconcile them; physics is not blamed for it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from noisy_recordings import recording, scene_of
+from tumbling import Tumble, bag_of, checks_of, failing, in_world, spin
+
+from rb_dynamics.analysis.agreement import agreements
+from rb_dynamics.analysis.summary import summarize
+from rb_dynamics.analysis.topics import read_track
+from rb_dynamics.numerics.rotation_arrays import rotate_all_inverse
+
+TURNS, MOVES = "angular velocity fits the attitude", "linear velocity fits the position"
+BALL = scene_of(5.0, np.diag([1.0, 1.0, 1.0]), (0.0, 0.0, 0.0))
+
+
+def precessing() -> Tumble:
+    """Return a body whose spin axis is not constant in any axes."""
+    motion = spin(rate=2.0)
+    t = motion.time_ns[:, None] * 1e-9
+    zeros, half = np.zeros_like(t), 0.5 * 1.5 * t
+    turn = np.hstack([zeros, zeros, np.sin(half), np.cos(half)])
+    axis, w = turn[:, :3], turn[:, 3:]
+    other = motion.orientation_xyzw
+    vector = w * other[:, :3] + other[:, 3:] * axis + np.cross(axis, other[:, :3])
+    motion.orientation_xyzw = np.hstack([vector, w * other[:, 3:] - np.sum(axis * other[:, :3], axis=1)[:, None]])
+    motion.rate = motion.rate + rotate_all_inverse(motion.orientation_xyzw, np.tile([0.0, 0.0, 1.5], (len(t), 1)))
+    return motion
+
+
+def body_twist(motion: Tumble) -> Any:
+    return np.hstack([rotate_all_inverse(motion.orientation_xyzw, motion.velocity), motion.rate])
+
+
+WRONG: dict[str, tuple[Callable[[Tumble], Any], dict[str, str]]] = {
+    "world axes": (in_world, {TURNS: "read in world axes", MOVES: "read in world axes"}),
+    "opposite sign": (lambda m: -body_twist(m), {TURNS: "with the opposite sign", MOVES: "with the opposite sign"}),
+    "degrees": (
+        lambda m: body_twist(m) * np.repeat([1.0, 180.0 / np.pi], 3),
+        {TURNS: "read in degrees per second"},
+    ),
+    "velocity in world axes": (
+        lambda m: np.hstack([m.velocity, m.rate]),
+        {MOVES: "read in world axes"},
+    ),
+    "another spin": (lambda m: body_twist(m)[::-1], {TURNS: "contradict each other by", MOVES: "contradict"}),
+    "nobody filled it in": (lambda m: np.zeros((1000, 6)), {TURNS: "zero all the time", MOVES: "zero all the time"}),
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+def test_what_is_wrong_with_a_twist_is_told(wrong: str) -> None:
+    motion = precessing()
+    said, expected = WRONG[wrong]
+    found = failing(bag_of(motion, twist_rows=said(motion)))
+    assert {*found} == {*expected}
+    for name, words in expected.items():
+        assert words in found[name]
+
+
+def test_a_twist_said_to_be_in_world_axes_that_is_not_is_told() -> None:
+    motion = precessing()
+    found = failing(bag_of(motion, twist_frame="world", twist_rows=body_twist(motion)))
+    assert "read in body axes" in found[TURNS]
+    assert "read in body axes" in found[MOVES]
+
+
+def test_physics_is_not_blamed_for_a_contradiction() -> None:
+    motion = precessing()
+    summary = summarize(read_track(bag_of(motion, twist_rows=in_world(motion), wrench=True), BALL))
+    assert summary.residual is None
+    unknown = {check.name: check.detail for check in summary.checks if not check.judged}
+    assert unknown["inertia explains the motion"] == "not judged; pose and twist contradict each other"
+    assert {*unknown} > {f"{name} balance" for name in ("energy", "angular momentum", "linear momentum")}
+    assert {check.name for check in summary.checks if not check.passed} == {TURNS, MOVES}
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_noise_jitter_and_other_rates_are_no_contradiction(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    motion = spin(
+        rate=random.uniform(0.0, 5.0),
+        speed=random.uniform(0.0, 2.0),
+        noise=10 ** random.uniform(-5.0, -2.0),
+        stamps=("even", "jitter", "random")[seed % 3],
+        seed=seed,
+    )
+    slow = motion.taken(np.arange(0, 1000, 4))
+    noise = 0.01 * random.standard_normal((1000, 6)) + 0.01
+    fast = {"twist": motion, "twist_rows": body_twist(motion) + noise}
+    for bag in (bag_of(slow, **fast), bag_of(motion, twist=slow), recording(seed).bag):
+        assert not any(each.contradicts for each in agreements(read_track(bag)))
+
+
+def test_what_is_too_slow_too_fast_or_of_another_time_is_not_judged() -> None:
+    still = {check.name: check.detail for check in checks_of(bag_of(spin(0.0, 0.0))) if not check.judged}
+    assert {*still} == {TURNS, MOVES}
+    fast = spin(rate=120.0)
+    assert "turns by more than 1 rad" in {c.name: c.detail for c in checks_of(bag_of(fast)) if not c.judged}[TURNS]
+    later = agreements(read_track(bag_of(spin(), twist=spin().moved(20_000_000_000))))
+    assert [each.reason for each in later] == ["/b/pose and /b/twist are not of the same time"] * 2

@@ -1,0 +1,68 @@
+"""Stamps by one clock and log times by another: drift, steps and offsets are told, what is under way is not."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from tumbling import TWIST, bag_of, fill, in_world, spin, summary_of
+
+from rb_dynamics.analysis.clocks import remarks
+from rb_dynamics.analysis.topics import read_track
+from rb_dynamics.formats import cdr
+from rb_dynamics.formats.topic import Topic
+
+SECOND = 1_000_000_000
+PLAIN = "geometry_msgs/msg/Wrench"
+COUNT = 1000
+
+
+def later(seconds: Any) -> Any:
+    return np.rint(np.broadcast_to(seconds, COUNT) * 1e9).astype(np.int64)
+
+
+def test_a_clock_that_drifts_is_told() -> None:
+    told = remarks(read_track(bag_of(spin(), logged_later_ns=later(0.05 * np.arange(COUNT) * 0.01))))
+    assert any("/b/pose drift against its stamps, by 0.4" in each and "(5 %)" in each for each in told)
+
+
+def test_a_clock_that_was_set_is_told_with_time_and_size() -> None:
+    told = remarks(read_track(bag_of(spin(), logged_later_ns=later(np.where(np.arange(COUNT) < 600, 0.01, 3.21)))))
+    assert any("/b/twist do not run alike" in each and "+3.2 s at once at t = 5.99 s" in each for each in told)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_what_messages_take_to_come_is_no_drift(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    under_way = random.exponential(10 ** random.uniform(-4.0, -1.0), COUNT) + 0.02
+    under_way[random.integers(0, COUNT, 5)] += 0.5
+    assert not remarks(read_track(bag_of(spin(), logged_later_ns=later(under_way) + 1_700_000_000 * SECOND)))
+
+
+def test_topics_by_two_clocks_are_told() -> None:
+    bag = bag_of(spin(), with_twist=False)
+    bag.topics["/b/twist"] = Topic("/b/twist", TWIST)
+    fill(bag.topics["/b/twist"], spin().time_ns, "world", in_world(spin()), 7 * SECOND)
+    assert any(each.startswith("/b/twist is stamped 7 s behind /b/pose") for each in summary_of(bag).warnings)
+
+
+def test_a_wrench_on_log_time_is_put_to_the_stamps_of_the_pose() -> None:
+    bag = bag_of(spin(), logged_later_ns=1_700_000_000 * SECOND)
+    bag.topics["/w"] = Topic("/w", PLAIN)
+    bag.topics["/w"].add(1_700_000_004 * SECOND, cdr.encode(PLAIN, (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)))
+    track = read_track(bag)
+    assert track.wrenches[0].time_ns.tolist() == [4 * SECOND]
+    assert any("/w has no stamps" in note and "put 1.7e+09 s earlier" in note for note in track.notes)
+
+
+def test_a_pose_without_stamps_is_put_to_those_of_the_twist() -> None:
+    motion = spin()
+    bag = bag_of(motion, logged_later_ns=1_700_000_000 * SECOND)
+    plain = bag_of(motion, with_twist=False).topics["/b/pose"]
+    bag.topics["/b/pose"] = Topic("/b/pose", plain.type_name)
+    for log_time, row in zip(bag.topics["/b/twist"].log_times, plain.numbers.tolist(), strict=True):
+        bag.topics["/b/pose"].add(log_time, cdr.encode(plain.type_name, 0, "world", row))
+    summary = summary_of(bag)
+    assert summary.passed
+    assert summary.duration_s == pytest.approx(9.99)

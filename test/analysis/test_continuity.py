@@ -1,0 +1,77 @@
+"""A pose that jumps fails by name, with time and size; noise, jitter, stops and starts are no jumps."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from noisy_recordings import scene_of
+from tumbling import bag_of, checks_of, failing, spin
+
+from rb_dynamics.analysis.continuity import continuity
+from rb_dynamics.analysis.summary import summarize
+from rb_dynamics.analysis.topics import read_track
+
+JUMPS = "/b/pose has no jumps"
+
+
+@pytest.mark.parametrize("with_twist", [True, False])
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+def test_an_attitude_that_jumps_is_told_with_time_and_size(with_twist: bool, noise: float) -> None:
+    motion = spin(noise=noise)
+    motion.orientation_xyzw[400:] = motion.turned(np.deg2rad(179.5))[400:]
+    detail = failing(bag_of(motion, with_twist=with_twist))[JUMPS]
+    assert "attitude, by 179." in detail
+    assert "within 0.01 s at t = 3.99 s" in detail
+    assert detail.count("attitude") == 1
+
+
+def test_a_position_that_jumps_and_comes_back_is_told_twice() -> None:
+    motion = spin(noise=1e-4)
+    motion.position[300:350] += (0.5, 0.0, 0.0)
+    detail = failing(bag_of(motion))[JUMPS]
+    assert "position, by 0.5" in detail
+    assert "at t = 2.99 s; position, by" in detail
+    assert detail.endswith("at t = 3.49 s")
+
+
+def test_more_jumps_than_are_named_are_counted() -> None:
+    motion = spin()
+    for k in range(100, 900, 100):
+        motion.position[k:] += (0.5, 0.0, 0.0)
+    assert failing(bag_of(motion))[JUMPS].endswith("; and 3 more")
+
+
+def test_a_held_pose_that_jumps_once_is_told() -> None:
+    motion = spin(rate=0.0, speed=0.0)
+    motion.orientation_xyzw[500:] = motion.turned(np.deg2rad(30.0))[500:]
+    assert "by 30° within 0.01 s at t = 4.99 s" in failing(bag_of(motion, with_twist=False))[JUMPS]
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_what_sensors_and_robots_do_is_no_jump(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    stamps = ("even", "jitter", "random")[seed % 3]
+    motion = spin(rate=random.uniform(0.0, 6.0), noise=10 ** random.uniform(-5.0, -2.0), stamps=stamps, seed=seed)
+    if seed % 4 == 1:  # measured every fifth time, held in between
+        motion = motion.taken(np.arange(1000) // 5 * 5, keep_times=True)
+    if seed % 4 == 2:  # stands still, goes, stands still
+        motion = motion.taken(np.clip(np.arange(1000), 300, 700), keep_times=True)
+    assert continuity(read_track(bag_of(motion, with_twist=False))).jumps == ()  # type: ignore[union-attr]
+
+
+def test_attitudes_too_far_apart_to_tell_are_not_judged() -> None:
+    (check,) = [each for each in checks_of(bag_of(spin(rate=120.0), with_twist=False)) if each.name == JUMPS]
+    assert not check.judged
+    assert "turns by 1.2 rad from one sample to the next" in check.detail
+
+
+def test_no_torque_is_claimed_where_the_pose_jumps() -> None:
+    motion = spin()
+    motion.orientation_xyzw[400:] = motion.turned(0.5)[400:]
+    summary = summarize(
+        read_track(bag_of(motion, wrench=True), scene_of(5.0, np.diag([1.0, 1.0, 1.0]), (0.0, 0.0, 0.0)))
+    )
+    assert summary.residual is None
+    unknown = {check.name: check.detail for check in summary.checks if not check.judged}
+    assert unknown["inertia explains the motion"] == "not judged; the pose jumps"
+    assert "angular momentum balance" in unknown

@@ -1,0 +1,72 @@
+"""Holes are named one by one, up to a few, with how many there are and how long they are together."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tumbling import bag_of, failing, spin, summary_of
+
+from rb_dynamics.analysis.holes import told
+from rb_dynamics.formats.topic import Topic
+
+STEP = 10_000_000
+
+
+def without(*holes: tuple[int, int]) -> np.ndarray:
+    rows = np.arange(1000)
+    return rows[~np.any([(rows > a) & (rows < b) for a, b in holes], axis=0)]
+
+
+def test_each_hole_is_named_and_their_sum() -> None:
+    motion = spin(stamps="jitter").taken(without((100, 300), (500, 700)))
+    detail = failing(bag_of(motion))["/b/pose is whole"]
+    assert detail.startswith("2 gaps, 4.0")
+    assert detail.count(" s from t = ") == 2
+
+
+def test_the_longest_of_many_holes_are_named_in_their_order() -> None:
+    steps = np.full(200, STEP)
+    steps[10:170:20] = STEP * np.array([9, 3, 8, 4, 7, 5, 6, 2])
+    found = told(np.concatenate([[0], np.cumsum(steps)]), 0)
+    assert found.startswith("8 gaps, 0.44 s together: 0.09 s from t = 0.1 s; 0.08 s")
+    assert found.endswith("; and 3 more")
+    assert found.count(" from t = ") == 5
+
+
+@pytest.mark.parametrize(("missing", "words"), [((0, 350), "begins 3.5 s after"), ((600, 1000), "stops 4 s before")])
+def test_a_stream_that_begins_late_or_ends_early_is_named(missing: tuple[int, int], words: str) -> None:
+    begin, end = missing
+    rows = np.arange(1000)
+    part = spin().taken(rows[(rows < begin) | (rows >= end)])
+    assert words in failing(bag_of(part, twist=spin()))["/b/pose is whole"]
+    assert "/b/twist" in failing(bag_of(part, twist=spin()))["/b/pose is whole"]
+
+
+def test_a_stream_begins_late_by_the_log_of_ros_alone_is_none() -> None:
+    bag = bag_of(spin().moved(5 * 10**9))
+    bag.topics["/rosout"] = Topic("/rosout", "rcl_interfaces/msg/Log")
+    bag.topics["/rosout"].add(0, b"")
+    assert not failing(bag)
+
+
+def test_every_topic_says_what_it_is_used_for_or_why_it_is_not() -> None:
+    bag = bag_of(spin(), wrench=True)
+    for name, kind, count in (
+        ("/c/pose", "geometry_msgs/msg/PoseStamped", 0),
+        ("/temperature", "std_msgs/msg/Float64", 1),
+        ("/image", "sensor_msgs/msg/Image", 1),
+    ):
+        bag.topics[name] = Topic(name, kind)
+        for _ in range(count):
+            bag.topics[name].add(0, bytes(12))
+    bag.topics["/d/pose"] = bag_of(spin(), with_twist=False).topics["/b/pose"]
+    bag.topics["/d/pose"].name = "/d/pose"
+    assert {topic.name: topic.use for topic in summary_of(bag).topics} == {
+        "/b/pose": "pose",
+        "/b/twist": "twist",
+        "/c/pose": "(no messages)",
+        "/d/pose": "(another used)",
+        "/image": "(other type)",
+        "/temperature": "(other name)",
+        "/w": "wrench",
+    }
