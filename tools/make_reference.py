@@ -1,11 +1,11 @@
-"""Write docs/reference: scene keys, command line, node, log and Python API, as the code itself tells them.
+"""Write docs/reference from the code: scene keys, command line, node, log and Python API.
 
-    python tools/make_reference.py            # the page of the node takes rclpy
-    python tools/make_reference.py --check    # says what is out of date, exit code 1
+    python tools/make_reference.py            # the page of the node needs rclpy
+    python tools/make_reference.py --check    # prints what is out of date, exit code 1
 
-Keys, what is expected of them and defaults come from the scene reader, which is given a wrong value for each; options
-from the parsers; topics and services from a node that is started; channels and metadata from a log that is written.
-What a thing is for stands here, in one line each, and a thing without such a line is an error.
+Keys, expected values and defaults come from the scene reader, which is given a wrong value for each key; options from
+the parsers; topics and services from a running node; channels and metadata from a log that is written for it. The
+purpose of each thing is a line in one of the tables below; a missing line is an error.
 """
 
 from __future__ import annotations
@@ -46,9 +46,9 @@ NOTE = "*Written by `tools/make_reference.py` from the code.*\n"
 UNKNOWN = "no_such_key"
 SMALLEST: dict[str, Any] = {"body": {"mass": 1.0, "inertia": {"diagonal": [1.0, 1.0, 1.0]}}}
 
-# Sections of a scene: heading, path to it, a tree in which it stands.
+# Sections of a scene: heading, path, and a scene that contains the section.
 SECTIONS: list[tuple[str, str, dict[str, Any]]] = [
-    ("The whole", "", SMALLEST),
+    ("Top level", "", SMALLEST),
     ("body", "body", SMALLEST),
     ("body.inertia", "body.inertia", {"body": {"mass": 1.0, "inertia": {}}}),
     ("body.inertia.principal", "body.inertia.principal", {"body": {"mass": 1.0, "inertia": {"principal": {}}}}),
@@ -62,58 +62,60 @@ SECTIONS: list[tuple[str, str, dict[str, Any]]] = [
 ]
 
 SCENE = """\
-One YAML file: the body, how it starts, what acts on it, how it is computed. Every key is checked. SI units; vectors are
-`[x, y, z]`; a name that ends in `_world` or `_body` says in which axes its vector is given. Any value can be changed
-from outside by its dotted key: `--set body.mass=2`, or a parameter of the node.
+A scene is one YAML file that defines the body, its initial state, what acts on it, and how the motion is computed.
+Every key is checked. Units are SI; vectors are `[x, y, z]`; a name that ends in `_world` or `_body` gives the axes of
+its vector. Any value can be overridden by its dotted key: `--set body.mass=2`, or a parameter of the node.
 
-[config/slew.yaml](../../config/slew.yaml) explains a whole one.
+[config/slew.yaml](../../config/slew.yaml) is a complete scene with comments.
 """
 
 SHAPE = """\
-`type`, the lengths below in m, `density` (kg/m³) or `body.mass`, and `orientation` from shape to body axes.
+The keys are `type`, the lengths below in m, `density` (kg/m³) or `body.mass`, and `orientation` (from shape to body
+axes).
 """
 
 CLI = """\
-`rb-dynamics COMMAND --help` says the same. Exit codes: 0 done, 1 ran and failed its check, 2 bad input, with one
-message and no traceback. A progress bar appears on a terminal, none in a pipe.
+`rb-dynamics COMMAND --help` prints the same. Exit codes: 0 done, 1 ran but failed its check, 2 bad input (with one
+message and no traceback). A progress bar appears only on a terminal.
 """
 
 LOG = """\
-One MCAP file of profile `ros2`: CDR, `ros2msg` schemas, QoS and type hashes on every channel. All times are simulation
-nanoseconds from 0. [Logs](../logs.md) says how it is written, proven and looked at.
+A log is one MCAP file of profile `ros2`, with CDR messages, and `ros2msg` schemas, QoS and type hashes on every
+channel. All times are simulation time in nanoseconds, counted from 0. [Logs](../logs.md) explains how to write, check
+and view it.
 """
 
 NODE = """\
 Names are relative and can be remapped. Every topic is RELIABLE. All stamps are simulation time, and none is zero. A
-topic that nobody reads is not computed. [The node in a ROS 2 graph](../ros.md) has the rest.
+topic without subscribers is not computed. [The node in a ROS 2 graph](../ros.md) explains the node's behaviour.
 """
 
 PARAMETERS = """\
-`use_sim_time` makes time follow `/clock`. Numbers, texts and lists of numbers of the scene are parameters too, by their
-dotted keys, such as `body.mass`; they may be set while the node is paused.
+With `use_sim_time`, simulation time follows `/clock`. Numbers, strings and lists of numbers of the scene are parameters
+too, under their dotted keys, such as `body.mass`; they may be changed while the node is paused.
 """
 
 MEANING = {
     "world_frame": "name of the inertial frame",
-    "body": "what the body is",
-    "initial": "state at time 0; what is left out is zero, the orientation the identity",
-    "wrenches": "channels by which commands come; they add up; `[]` for none",
-    "effects": "what else acts; a thing not listed is not modelled and costs nothing",
+    "body": "mass properties and frames of the body",
+    "initial": "state at time 0; by default at rest at the origin, with the identity orientation",
+    "wrenches": "channels of wrench commands; their wrenches add up; `[]` for none",
+    "effects": "what else acts on the body; an effect that is not listed is not modelled and costs nothing",
     "solver": "how the motion is computed",
-    "duration": "s; `simulate` needs it here or as `--duration`, a node without one runs until it is stopped",
-    "output_rate": "Hz of published and logged states; 0 is every step",
+    "duration": "s; `simulate` needs it here or as `--duration`; a node without it runs until it is stopped",
+    "output_rate": "Hz, of published and logged states; 0: every step",
     "body.frame": "name of the frame fixed to the body",
-    "body.mass": "kg; not beside particles and urdf",
+    "body.mass": "kg; not together with particles or urdf, which define it",
     "body.center_of_mass": "m, from the body origin, body axes",
-    "body.inertia": "about the centre of mass, body axes, kg m²; exactly one form; a body without one is a particle",
-    "body.frames": "frames fixed to the body, by name, in which a wrench may be given",
+    "body.inertia": "about the centre of mass, body axes, kg m²; exactly one form; without it the body is a particle",
+    "body.frames": "named frames fixed to the body, in which a wrench may be given",
     "body.inertia.matrix": "`[[Ixx, Ixy, Ixz], [Ixy, Iyy, Iyz], [Ixz, Iyz, Izz]]`, with Ixy = −∫ xy dm",
-    "body.inertia.diagonal": "`[Ixx, Iyy, Izz]`, where the body axes are principal axes",
-    "body.inertia.principal": "moments and the rotation to the body axes",
-    "body.inertia.particles": "a list; mass and centre of mass follow",
+    "body.inertia.diagonal": "`[Ixx, Iyy, Izz]`, if the body axes are principal axes",
+    "body.inertia.principal": "principal moments, and the rotation from principal to body axes",
+    "body.inertia.particles": "a list; mass and centre of mass are computed from it",
     "body.inertia.shape": "a textbook shape, see below",
-    "body.inertia.mesh": "a closed surface (extra `mesh`); the centre of mass follows",
-    "body.inertia.urdf": "a link of a URDF; mass and centre of mass follow",
+    "body.inertia.mesh": "a closed surface (extra `mesh`); the centre of mass is computed from it",
+    "body.inertia.urdf": "a link of a URDF; mass and centre of mass are read from it",
     "body.inertia.principal.moments": "kg m²",
     "body.inertia.principal.orientation": "rotation from principal to body axes",
     "body.inertia.particles[0].mass": "kg",
@@ -122,7 +124,7 @@ MEANING = {
     "body.inertia.mesh.density": "kg/m³; or `body.mass`",
     "body.inertia.mesh.scale": "m per unit of the file",
     "body.inertia.urdf.file": "relative to the scene file",
-    "body.inertia.urdf.link": "its `inertial` element is read",
+    "body.inertia.urdf.link": "name of the link whose `inertial` element is read",
     "body.frames.NAME.position": "m, from the body origin, body axes",
     "body.frames.NAME.orientation": "rotation from this frame to body axes",
     "initial.position_world": "m, of the body origin",
@@ -130,35 +132,35 @@ MEANING = {
     "initial.linear_velocity_world": "m/s, of the body origin",
     "initial.angular_velocity_body": "rad/s",
     "wrenches[0].topic": "name of the topic",
-    "wrenches[0].timeout": "s without a command until the channel drops to zero; 0 holds for ever",
-    "wrenches[0].optional": "in lockstep, time does not wait for this channel to speak",
-    "wrenches[0].max_force": "N, the largest force that a command may have; no limit where it is absent",
-    "wrenches[0].max_torque": "N m, the largest torque that a command may have, without the moment of its force",
-    "wrenches[0].on_excess": "what becomes of a command beyond a limit: rejected, or scaled down to the limit",
-    "solver.method": "`auto`, or a method by name: [Set the solver](../how-to/solver.md)",
+    "wrenches[0].timeout": "s after its last command at which the channel drops to zero; 0: it holds forever",
+    "wrenches[0].optional": "in lockstep, time does not wait for the first command of this channel",
+    "wrenches[0].max_force": "N, the largest force of a command; none by default",
+    "wrenches[0].max_torque": "N m, the largest torque of a command (without the moment of its force); none by default",
+    "wrenches[0].on_excess": "whether a command beyond a limit is rejected or scaled down to the limit",
+    "solver.method": "`auto` or the name of a method: [Set the solver](../how-to/solver.md)",
     "solver.accuracy": "error accepted at the end: attitude in rad, position relative to the distance travelled",
     "solver.step": "s; instead of an accuracy",
-    "acceleration_world": "m/s²; its force acts like a held wrench and has a potential energy",
+    "acceleration_world": "m/s²; acts like a held force and has a potential energy",
     "gravitational_parameter": "μ = G M, m³/s²",
-    "center_world": "m; of the attracting centre",
-    "gravity_gradient": "also the torque, and the force, of its gradient over the body",
+    "center_world": "m, position of the attracting centre",
+    "gravity_gradient": "also apply the torque and the force that the gradient of gravity over the body causes",
     "translation": "N s/m (linear) or N s²/m² (quadratic); one number, or one for each body axis",
     "rotation": "N m s/rad or N m s²/rad²; one number, or one for each body axis",
-    "medium_velocity_world": "m/s; of the medium",
+    "medium_velocity_world": "m/s, of the medium",
     "axis_body": "direction of the wheel's axis",
     "axial_inertia": "kg m², of the wheel about its axis",
     "spin_rate": "rad/s relative to the body; a number, or a schedule `[{time:, rate:}, ...]`",
-    "frame_id": "axes and point of the wrenches, as in a header",
+    "frame_id": "axes and point of application of the wrenches, as in a message header",
     "schedule": "`[{time:, force:, torque:}, ...]`, each held until the next; s, N, N m",
 }
 
 ACTS = {
-    "uniform_gravity": "m g everywhere. Potential energy.",
-    "central_gravity": "Attraction by a centre. Potential energy. Changes inside a step.",
-    "linear_drag": "Against the motion through a medium, by the speed. Changes inside a step.",
-    "quadratic_drag": "Against the motion through a medium, by its square. Changes inside a step.",
-    "rotor": "A wheel in the body (gyrostat). Its momentum and energy count in the books.",
-    "scheduled_wrench": "Wrenches by time.",
+    "uniform_gravity": "Constant gravity, m g. Has a potential energy.",
+    "central_gravity": "Attraction by a centre. Has a potential energy. Varies within a step.",
+    "linear_drag": "Drag proportional to the speed through a medium. Varies within a step.",
+    "quadratic_drag": "Drag proportional to the square of the speed through a medium. Varies within a step.",
+    "rotor": "A spinning wheel in the body (gyrostat). Its momentum and energy are included in the balances.",
+    "scheduled_wrench": "Wrenches given in the scene as a function of time.",
 }
 
 EXAMPLES = {kind: f"config/{kind}.yaml" for kind in ACTS} | {"uniform_gravity": "config/boxes.yaml"}
@@ -166,77 +168,77 @@ EXAMPLES = {kind: f"config/{kind}.yaml" for kind in ACTS} | {"uniform_gravity": 
 TOPICS = {
     "pose": "of the body origin, world frame",
     "twist": "of the body origin, body axes",
-    "odom": "both; twist in body axes",
+    "odom": "pose and twist; twist in body axes",
     "angular_momentum": "world axes, about the centre of mass",
     "linear_momentum": "world axes",
     "energy/kinetic": "J",
-    "energy/work": "J; of wrenches and effects",
-    "energy/defect": "J; T − T₀ − work",
-    "energy/potential": "J; where an effect has one",
-    "inertia": "mass properties; a late reader gets them too",
-    "accel": "of the body origin, body axes, from the equations; with `publish_accel` (log: `--accel`)",
+    "energy/work": "J, done by wrenches and effects",
+    "energy/defect": "J, T − T₀ − work",
+    "energy/potential": "J, if an effect has one",
+    "inertia": "mass properties; late subscribers receive them too",
+    "accel": "of the body origin, body axes, from the equations of motion; with `publish_accel` (log: `--accel`)",
     "/clock": "simulation time, from the steps; with `publish_clock`",
-    "/tf": "the pose; with `publish_tf`, where tf2_msgs is installed (log: always)",
+    "/tf": "the pose; with `publish_tf`, if tf2_msgs is installed (log: always)",
     "/tf_static": "the scene's fixed frames; as `/tf`",
-    "/diagnostics": "1 Hz, by a node: state, defects, commands accepted, rejected, early, late, lost; overruns",
+    "/diagnostics": "1 Hz, by a node: state, defects, overruns; commands accepted, rejected, early, late, lost",
     "~/set_state": "moves the body: pose in the world frame, twist in body axes",
-    "wrench": "one for each of the scene's channels; [what a wrench means](../how-to/wrenches.md)",
-    "wrench/applied": "what acted, and from when",
-    "effects/TYPE/applied": "the same of an effect that is held like a wrench",
+    "wrench": "commands, one topic for each channel of the scene; [what a wrench means](../how-to/wrenches.md)",
+    "wrench/applied": "the wrench that acted, and from when",
+    "effects/TYPE/applied": "the same for an effect that is held like a wrench",
     "/parameter_events": "",
     "/rosout": "",
 }
 
 SERVICES = {
-    "~/pause": "pauses or goes on",
-    "~/step": "one output period, while paused or in lockstep",
-    "~/reset": "time 0, initial state, no commands, new logs",
+    "~/pause": "pauses or resumes",
+    "~/step": "advances by one output period, while paused or in lockstep",
+    "~/reset": "returns to time 0 and the initial state, without commands; begins new logs",
 }
 
 METADATA = {
-    "rb_dynamics": "what ran: method, versions, platform, hash of the scene",
+    "rb_dynamics": "method, versions, platform, hash of the scene",
     "rb_dynamics.topics": "names of the topics after remapping",
-    "rb_dynamics.checkpoint": "behind each chunk: samples so far, and the SHA-256 of all of them",
-    "rb_dynamics.result": "how it ended: steps, hash of inputs and of all states (below); of a file of a bag that is "
-    "not the last `states_sha256` up to its end and, in `continues_in`, the name of the next one",
+    "rb_dynamics.checkpoint": "after each chunk: the number of samples so far, and the SHA-256 of all of them",
+    "rb_dynamics.result": "the end of the run: steps, hashes of inputs and of all states (below). In a split bag, "
+    "every file but the last has `states_sha256` up to its end and, in `continues_in`, the name of the next file",
 }
 
 
 HASHES = """
-    Two runs share a hash exactly when what it is over agrees to the last bit, wherever they were made.
+    Two runs have the same hash exactly if the hashed data agree to the last bit, on whatever machine they were made.
 
     - `states_sha256`: {states}
-    - `inputs_sha256`: {inputs} `inputs_rule` is 2. A log without it is of rule 1: over every change of what acted,
-      effects and timeouts included, in the order in which the log has them; `replay` checks that too.
+    - `inputs_sha256`: {inputs} `inputs_rule` is 2. A log without it uses rule 1: the hash is over every change of what
+      acted, effects and timeouts included, in the order of the log; `replay` checks that too.
     - `scene_sha256`: SHA-256 over the attached scene.
 """
 
 
 def words(hashing: type) -> str:
-    """Return what the docstring of a hash says, in one paragraph."""
+    """Return the docstring of a hash as one paragraph."""
     text = inspect.cleandoc(hashing.__doc__ or "").partition("Attributes:")[0]
     return " ".join(text.replace("`Sample`", "a sample").split())
 
 
-def told(texts: dict[str, str], name: str) -> str:
-    """Return what one of the tables above says of a name.
+def meaning(texts: dict[str, str], name: str) -> str:
+    """Return the entry for `name` in one of the tables above.
 
     Raises:
-        SystemExit: it says nothing; names what to write, and where.
+        SystemExit: There is none; the message says where to add it.
     """
     if name not in texts:
-        sys.exit(f"tools/make_reference.py says nothing of {name!r}: write a line beside those of {list(texts)[:3]}")
+        sys.exit(f"tools/make_reference.py does not describe {name!r}: add a line to the table of {list(texts)[:3]}")
     return texts[name]
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a table of Markdown."""
+    """Return a Markdown table."""
     lines = [list(head), ["---"] * len(head), *(list(row) for row in rows)]
     return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines) + "\n"
 
 
 def problems(tree: dict[str, Any]) -> dict[str, str]:
-    """Return what the reader finds wrong with a scene, by key."""
+    """Return the errors that the reader reports for a scene, by key."""
     try:
         rb.parse_scene(yaml.safe_dump(tree, sort_keys=False))
     except SceneError as error:
@@ -255,7 +257,7 @@ def place(tree: dict[str, Any], path: str) -> dict[str, Any]:
 
 
 def keys(tree: dict[str, Any], path: str) -> list[str]:
-    """Return the keys that the reader knows at `path`: it lists them where it is given one that it does not know."""
+    """Return the keys that the reader accepts at `path`, from its error about an unknown key."""
     probe = copy.deepcopy(tree)
     place(probe, path)[UNKNOWN] = 0
     text = problems(probe)[f"{path}.{UNKNOWN}".lstrip(".")]
@@ -263,7 +265,7 @@ def keys(tree: dict[str, Any], path: str) -> list[str]:
 
 
 def expected(tree: dict[str, Any], path: str, key: str) -> str:
-    """Return what the reader expects at a key, in its own words."""
+    """Return what the reader expects at a key, from its error about a wrong value."""
     name = f"{path}.{key}".lstrip(".")
     for wrong in ([], {}, "?"):
         probe = copy.deepcopy(tree)
@@ -271,7 +273,7 @@ def expected(tree: dict[str, Any], path: str, key: str) -> str:
         text = problems(probe).get(name, "")
         if text:
             words = text.partition(", expected ")[2].rpartition("; ")[0]
-            # What plug-ins bring to this machine is not on the page.
+            # Leave out methods of plug-ins that happen to be installed.
             for name in set(METHODS) - set(METHODS.own):
                 words = re.sub(rf", {re.escape(name)}\b", "", words)
             return re.sub(r"a mapping of .*", "a section, see below", words)
@@ -305,9 +307,9 @@ def scene_page() -> str:
         for key in keys(tree, path):
             name = f"{path}.{key}".lstrip(".")
             default = f"`{DEFAULTS[name](smallest)}`" if name in DEFAULTS else ""
-            rows.append((f"`{key}`", expected(tree, path, key), default, told(MEANING, name)))
+            rows.append((f"`{key}`", expected(tree, path, key), default, meaning(MEANING, name)))
         heading = title if not path else f"`{title}`"
-        parts += [f"## {heading}\n", table(("key", "expected", "default", ""), rows)]
+        parts += [f"## {heading}\n", table(("key", "expected", "default", "meaning"), rows)]
     shapes = [
         (f"`{name}`", ", ".join(f"`{each}`" for each in form.dimensions), "[x, y, z]" if form.vector else "")
         for name, form in SHAPES.items()
@@ -323,14 +325,14 @@ def scene_page() -> str:
         names = [key for key in keys(tree, "effects[0]") if key != "type"]
         parts += [
             f"### `{kind}`\n",
-            f"{told(ACTS, kind)} Example: [{EXAMPLES[kind]}](../../{EXAMPLES[kind]}).\n",
-            table(("key", ""), [(f"`{name}`", told(MEANING, name)) for name in names]),
+            f"{meaning(ACTS, kind)} Example: [{EXAMPLES[kind]}](../../{EXAMPLES[kind]}).\n",
+            table(("key", "meaning"), [(f"`{name}`", meaning(MEANING, name)) for name in names]),
         ]
     return "\n".join(parts)
 
 
 class Recorder(argparse.ArgumentParser):
-    """A parser that keeps what is added to it, in groups too."""
+    """A parser that records the arguments added to it, those in groups included."""
 
     def __init__(self) -> None:
         self.added: list[argparse.Action] = []
@@ -358,12 +360,14 @@ def cli_page() -> str:
             label = f"{', '.join(action.option_strings)} {value}".strip() or action.dest
             rows.append((f"`{label}`", (action.help or "") % vars(action)))
         doc = inspect.cleandoc(module.__doc__ or "")
-        parts += [f"## {name}\n", doc + "\n", table(("argument", ""), rows)] if rows else [f"## {name}\n", doc + "\n"]
+        parts += (
+            [f"## {name}\n", doc + "\n", table(("argument", "meaning"), rows)] if rows else [f"## {name}\n", doc + "\n"]
+        )
     return "\n".join(parts)
 
 
 def anywhere(key: str) -> str:
-    """Return a key of the metadata, without what depends on the packages that are installed here."""
+    """Return a key of the metadata without the name of a package, which depends on what is installed."""
     return re.sub(r"^version\..*", "version.*", key)
 
 
@@ -383,9 +387,9 @@ def log_page() -> str:
     for topic in bag.topics.values():
         name = topic.name.replace("wrench/body", "wrench").replace("uniform_gravity", "TYPE")
         known = name if name in TOPICS else name.removeprefix("/")
-        rows.append((f"`{known}`", f"`{topic.type_name}`", told(TOPICS, known)))
+        rows.append((f"`{known}`", f"`{topic.type_name}`", meaning(TOPICS, known)))
     data = [
-        (f"`{name}`", ", ".join(f"`{key}`" for key in dict.fromkeys(map(anywhere, values))), told(METADATA, name))
+        (f"`{name}`", ", ".join(f"`{key}`" for key in dict.fromkeys(map(anywhere, values))), meaning(METADATA, name))
         for name, values in bag.metadata.items()
     ]
     return "\n".join(
@@ -394,16 +398,17 @@ def log_page() -> str:
             NOTE,
             LOG,
             "## Channels\n",
-            table(("channel", "type", ""), sorted(rows)),
-            "Behind a namespace or remappings the names are those of the node.\n",
+            table(("channel", "type", "content"), sorted(rows)),
+            "With a namespace or remappings the names are those of the node.\n",
             "## Metadata\n",
-            table(("record", "keys", ""), data),
-            "A log that had to stop early has `rb_dynamics.interrupted` besides, with the reason.\n",
+            table(("record", "keys", "content"), data),
+            "A log that had to stop early also has the record `rb_dynamics.interrupted`, with the reason.\n",
             "## Hashes\n",
             inspect.cleandoc(HASHES).format(states=words(StateHash), inputs=words(InputHash)) + "\n",
             "## Attachments\n",
             table(
-                ("name", ""), [(f"`{name}`", "the scene, with meshes and URDF resolved") for name in bag.attachments]
+                ("name", ""),
+                [(f"`{name}`", "the scene, meshes and URDF replaced by numbers") for name in bag.attachments],
             ),
         )
     )
@@ -414,7 +419,7 @@ def python_page() -> str:
 
 
 def shown(value: object) -> str:
-    """Return a default as it is written."""
+    """Return a default as written in YAML."""
     text = str(value).lower() if isinstance(value, bool) else str(value)
     return f"`{text}`" if text else ""
 
@@ -452,14 +457,14 @@ def ros_page() -> str:
 
     def row(name: str, direction: str, end: Any) -> tuple[str, ...]:
         durability = end.qos_profile.durability.name.lower().replace("_", " ")
-        return (f"`{short(name)}`", direction, type_name(end.msg_type), durability, told(TOPICS, short(name)))
+        return (f"`{short(name)}`", direction, type_name(end.msg_type), durability, meaning(TOPICS, short(name)))
 
     rows = [row(name, "in", end) for name, end in sorted(inward.items())]
     rows += [row(name, "out", end) for name, end in sorted(outward.items())]
     if "/tf" not in outward:
         tf = "`tf2_msgs/msg/TFMessage`"
-        rows += [("`/tf`", "out", tf, "volatile", told(TOPICS, "/tf"))]
-        rows += [("`/tf_static`", "out", tf, "transient local", told(TOPICS, "/tf_static"))]
+        rows += [("`/tf`", "out", tf, "volatile", meaning(TOPICS, "/tf"))]
+        rows += [("`/tf_static`", "out", tf, "transient local", meaning(TOPICS, "/tf_static"))]
     listed = [each for each in rows if each[-1]]
     parameters = [(f"`{name}`", shown(value), text) for name, value, text in settings.documented()]
     own = [(short(name), type_name(kind)) for name, kind in sorted(services.items()) if short(name) in SERVICES]
@@ -469,13 +474,13 @@ def ros_page() -> str:
             NOTE,
             NODE,
             "## Topics\n",
-            table(("topic", "", "type", "durability", ""), listed),
+            table(("topic", "direction", "type", "durability", "content"), listed),
             "## Parameters\n",
-            table(("parameter", "default", ""), parameters),
+            table(("parameter", "default", "meaning"), parameters),
             PARAMETERS,
             "## Services\n",
-            table(("service", "type", ""), [(f"`{name}`", kind, SERVICES[name]) for name, kind in own]),
-            "Besides, those of [simulation_interfaces](../ros.md#simulation_interfaces) where that is installed.\n",
+            table(("service", "type", "effect"), [(f"`{name}`", kind, SERVICES[name]) for name, kind in own]),
+            "If [simulation_interfaces](../ros.md#simulation_interfaces) is installed, the node has its services.\n",
         )
     )  # fmt: skip
 
@@ -490,12 +495,12 @@ PAGES: dict[str, Callable[[], str]] = {
 
 
 def main(arguments: list[str]) -> int:
-    """Write the pages, or say which are out of date; exit code 1 where one is."""
+    """Write the pages, or print which are out of date; return the exit code, 1 if one is."""
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "OFF"
     stale = 0
     for name, make in PAGES.items():
         if make is ros_page and find_spec("rclpy") is None:
-            print(f"docs/reference/{name}: left as it is, as rclpy is not installed")
+            print(f"docs/reference/{name}: not written, as rclpy is not installed")
             continue
         text, path = make(), FOLDER / name
         if "--check" not in arguments:
@@ -505,7 +510,7 @@ def main(arguments: list[str]) -> int:
         found = path.read_text(encoding="utf-8") if path.exists() else ""
         if found != text:
             stale = 1
-            print(f"docs/reference/{name} is not what the code says; run `python tools/make_reference.py`")
+            print(f"docs/reference/{name} is out of date; run `python tools/make_reference.py`")
             print("\n".join(list(difflib.unified_diff(found.splitlines(), text.splitlines(), lineterm="", n=0))[:20]))
     return stale
 
