@@ -15,10 +15,7 @@ from rb_dynamics.analysis.balance import Balance
 from rb_dynamics.analysis.continuity import FARTHEST, Continuity, Jump
 from rb_dynamics.analysis.holes import NAMED, listed, longest_usual, told
 from rb_dynamics.analysis.track import Array, Series, Track, frame_names
-from rb_dynamics.errors import RigidBodyError
-from rb_dynamics.run.provenance import SCENE
-from rb_dynamics.scene.model import Scene
-from rb_dynamics.scene.read import parse_scene
+from rb_dynamics.formats.own_log import logged_scene
 
 BOUND = 1e-6
 """Default of the largest defect accepted, relative to the largest energy or momentum seen."""
@@ -76,7 +73,7 @@ def cut(track: Track) -> str:
     if track.bag.ended:
         return ""
     start, end = track.span_ns
-    scene = logged_scene(track)
+    scene = logged_scene(track.bag.attachments)
     of = "" if scene is None or scene.duration is None else f" of {scene.duration - start * 1e-9:.9g}"
     lacks = f" (the next file, {track.bag.next_file}, is missing)" if track.bag.next_file else ""
     return f"cut off at t = {(end - start) * 1e-9:.9g}{of} s{lacks}"
@@ -92,15 +89,6 @@ def missing(track: Track) -> str:
     if track.own and start > 0 and not any(begin < start for begin, _ in track.bag.missing):
         told = [f"the first {start * 1e-9:.9g} s are missing", *told]
     return "; ".join(told)
-
-
-def logged_scene(track: Track) -> Scene | None:
-    """Return the scene in a log; None where there is none, or it needs a plug-in that is not here."""
-    scene = track.bag.attachments.get(SCENE)
-    try:
-        return None if scene is None else parse_scene(scene.decode("utf-8", "replace"))
-    except RigidBodyError:
-        return None
 
 
 def _motion(track: Track) -> list[Series]:

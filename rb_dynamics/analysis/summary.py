@@ -14,7 +14,7 @@ import numpy as np
 
 from rb_dynamics.analysis.agreement import Agreement, agreements
 from rb_dynamics.analysis.balance import Balance, balances
-from rb_dynamics.analysis.checks import BOUND, Check, checks, cut, logged_scene, missing
+from rb_dynamics.analysis.checks import BOUND, Check, checks, cut, missing
 from rb_dynamics.analysis.commands import Fate, fate
 from rb_dynamics.analysis.continuity import Continuity, continuity
 from rb_dynamics.analysis.residual import Residual, residual
@@ -22,6 +22,7 @@ from rb_dynamics.analysis.track import Array, Series, Track, WrenchSteps
 from rb_dynamics.analysis.warnings import Channel, Health, warnings
 from rb_dynamics.formats.bag_reader import Bag
 from rb_dynamics.formats.messages import APPLIED, DIAGNOSTICS, SCALAR, VECTOR
+from rb_dynamics.formats.own_log import logged_scene
 from rb_dynamics.formats.topic import KEPT, Topic
 from rb_dynamics.loads.wrench import WrenchFrames
 from rb_dynamics.numerics.decimals import whole_number
@@ -329,7 +330,7 @@ def _range(track: Track, name: str, unit: str, series: Series) -> Range:
 
 
 def _channels(track: Track, health: Health | None) -> list[Channel]:
-    scene = logged_scene(track) if track.own else None
+    scene = logged_scene(track.bag.attachments) if track.own else None
     return [_channel(track, steps, health, None if scene is None else scene.frames) for steps in track.wrenches]
 
 

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.body.rigid_body import RigidBody, root_of_ratio
 from rb_dynamics.errors import BodyError
 from rb_dynamics.numerics.rotation import Matrix, rotate_inverse
 from rb_dynamics.numerics.vector import Vector, norm, scale
@@ -83,13 +83,18 @@ def leverage(body: RigidBody) -> float:
     S - m c c^T, the second moments if the given inertia were about the body origin, is positive definite just then.
     """
     along = rotate_inverse(body.principal_orientation_xyzw, body.center_of_mass)
-    half = 0.5 * math.fsum(body.principal_moments)
+    # In units of the largest: the sum of three moments may be beyond double precision.
+    largest = max(body.principal_moments)
+    moments = [moment / largest for moment in body.principal_moments]
+    gyration = root_of_ratio(largest, body.mass)
+    half = 0.5 * math.fsum(moments)
     share = 0.0
-    for moment, c in zip(body.principal_moments, along, strict=True):
+    for moment, c in zip(moments, along, strict=True):
         spread = half - moment
         # A plate has no spread along its normal: an offset along it counts for nothing where it is round-off.
         if spread > 1e-12 * half:
-            share += body.mass / spread * c * c
+            arm = c / gyration
+            share += arm * arm / spread
         elif abs(c) > 1e-6 * norm(body.center_of_mass):
             return math.inf
     return share

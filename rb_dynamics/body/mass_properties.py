@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass
 
 from rb_dynamics.body.moments_about_points import unit
 from rb_dynamics.body.plausibility import Finding, examine, symmetry
-from rb_dynamics.body.rigid_body import RigidBody, require_body
+from rb_dynamics.body.rigid_body import RigidBody, require_body, root_of_ratio
 from rb_dynamics.errors import BodyError
 from rb_dynamics.numerics.rotation import Matrix, matrix, rotate_inverse
 from rb_dynamics.numerics.validation import vector
@@ -31,7 +31,7 @@ def scalar_inertia(body: RigidBody, axis: Vector, through: Vector | None = None)
     m d^2 is added, with d its distance from the centre of mass.
 
     Raises:
-        BodyError: the axis has no direction, or the point is not finite.
+        BodyError: the axis has no direction, the point is not finite, or the inertia beyond double precision.
     """
     n = unit(vector(axis, "axis", "a direction", BodyError))
     require_body(body)
@@ -39,13 +39,20 @@ def scalar_inertia(body: RigidBody, axis: Vector, through: Vector | None = None)
     if through is None:
         return inertia
     point = vector(through, "through", "a point of the axis (m)", BodyError)
-    return inertia + body.mass * norm(cross(subtract(body.center_of_mass, point), n)) ** 2
+    distance = norm(cross(subtract(body.center_of_mass, point), n))
+    inertia += body.mass * distance * distance
+    if not math.isfinite(inertia):
+        raise BodyError(
+            f"through is {list(point)}, expected a point (m) about which the inertia of {body.mass:.6g} kg is within "
+            "double precision; check the unit"
+        )
+    return inertia
 
 
 def radius_of_gyration(body: RigidBody, axis: Vector, through: Vector | None = None) -> float:
     """Return k_n = sqrt(I_n / m), m: the distance of a point mass with the same inertia (eq. 13)."""
     require_body(body)
-    return math.sqrt(scalar_inertia(body, axis, through) / body.mass)
+    return root_of_ratio(scalar_inertia(body, axis, through), body.mass)
 
 
 def inertia_ellipsoid(body: RigidBody) -> Vector:
@@ -57,7 +64,7 @@ def inertia_ellipsoid(body: RigidBody) -> Vector:
         return ZERO
     i1, i2, i3 = body.principal_moments
     a = max(i1, i2, i3)
-    return (math.sqrt(a / i1), math.sqrt(a / i2), math.sqrt(a / i3))
+    return (root_of_ratio(a, i1), root_of_ratio(a, i2), root_of_ratio(a, i3))
 
 
 def equivalent_box(body: RigidBody) -> tuple[Vector, float]:
@@ -70,9 +77,12 @@ def equivalent_box(body: RigidBody) -> tuple[Vector, float]:
     if body.is_particle:
         edge = 0.5 * (body.mass / _WATER) ** (1.0 / 3.0)
         return (edge, edge, edge), math.sqrt(3.0) * edge
-    i1, i2, i3 = body.principal_moments
-    squares = [1.5 * (pair - own) / body.mass for pair, own in ((i2 + i3, i1), (i3 + i1, i2), (i1 + i2, i3))]
-    half = [math.sqrt(max(square, 0.0)) for square in squares]
+    # In units of the largest: the sum of two moments may be beyond double precision.
+    largest = max(body.principal_moments)
+    i1, i2, i3 = (moment / largest for moment in body.principal_moments)
+    gyration = root_of_ratio(largest, body.mass)
+    squares = [1.5 * (pair - own) for pair, own in ((i2 + i3, i1), (i3 + i1, i2), (i1 + i2, i3))]
+    half = [gyration * math.sqrt(max(square, 0.0)) for square in squares]
     size = math.hypot(*half)
     x, y, z = (max(h, 0.01 * size) for h in half)
     return (x, y, z), size
@@ -90,7 +100,7 @@ def middle_axis_growth_time(body: RigidBody, angular_velocity_body: Vector) -> f
     rate = norm(spin)
     low, middle, high = sorted(range(3), key=lambda i: body.principal_moments[i])
     i1, i2, i3 = (body.principal_moments[i] for i in (low, middle, high))
-    growth = rate * math.sqrt(max(0.0, (i2 - i1) * (i3 - i2) / (i1 * i3)))
+    growth = rate * math.sqrt(max(0.0, (i2 - i1) / i1 * ((i3 - i2) / i3)))
     if growth == 0.0 or math.hypot(spin[low], spin[high]) > NEAR_AXIS * abs(spin[middle]):
         return None
     return 1.0 / growth
@@ -165,7 +175,7 @@ class MassProperties:
         """
         spin = examine_spin(body, angular_velocity_body)
         findings = (*noticed, *examine(body), *((spin,) if spin else ()))
-        i1, i2, i3 = (math.sqrt(moment / body.mass) for moment in body.principal_moments)
+        i1, i2, i3 = (root_of_ratio(moment, body.mass) for moment in body.principal_moments)
         return cls(
             body.mass,
             body.center_of_mass,
@@ -214,5 +224,5 @@ _SYMMETRY_WORDS = {
 
 
 def _row(values: Vector) -> str:
-    # 15 characters hold any number of 9 digits, such as -1.58818678e-22.
-    return "".join(f"{value + 0.0:>16.9g}" for value in values)
+    # 16 characters hold any number of 9 digits, such as -1.58818678e-122.
+    return "".join(f" {value + 0.0:>15.9g}" for value in values)

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from rb_dynamics.body.description_files import read_bounded
 from rb_dynamics.body.particles import inertia_from_second_moments
 from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.body.shapes import LARGEST, SMALLEST
 from rb_dynamics.errors import BodyError, MissingExtraError
 from rb_dynamics.numerics.rotation import Matrix
 from rb_dynamics.numerics.vector import Vector, scale
@@ -117,7 +118,8 @@ def solid(vertices: Points, faces: Faces) -> Solid:
     triangles are oriented the other way.
 
     Raises:
-        BodyError: the surface is not closed, not consistently oriented, encloses nothing, or is not finite.
+        BodyError: the surface is not closed, not consistently oriented, encloses nothing, or is not finite, or its size
+            is beyond `SMALLEST` and `LARGEST` of `shapes.py`.
     """
     points, triangles = _merged(vertices, faces)
     _check_closed(points, triangles)
@@ -155,6 +157,13 @@ def _merged(vertices: Points, faces: Faces) -> tuple[Points, Faces]:
     points = vertices[used]
     if not np.isfinite(points).all():
         raise BodyError("found a vertex that is not finite, expected coordinates in m; export the mesh again")
+    farthest = float(np.abs(points).max())
+    size = float(np.ptp(points, axis=0).max()) if farthest <= LARGEST else farthest
+    if not SMALLEST <= size <= LARGEST:
+        raise BodyError(
+            f"found a mesh of the size {size:.3g} m, expected one from {SMALLEST:g} to {LARGEST:g} m; check the unit "
+            "(scale)"
+        )
     points, same = np.unique(points + 0.0, axis=0, return_inverse=True)
     triangles = same.reshape(-1)[compact.reshape(faces.shape)]
     a, b, c = triangles.T

@@ -12,7 +12,7 @@ from enum import Enum
 from typing import TYPE_CHECKING
 
 from rb_dynamics.body import common_mistakes
-from rb_dynamics.body.rigid_body import RigidBody, require_body
+from rb_dynamics.body.rigid_body import RigidBody, require_body, root_of_ratio
 from rb_dynamics.numerics.rotation import Matrix
 from rb_dynamics.numerics.vector import Vector, norm
 
@@ -125,9 +125,10 @@ def _size(body: RigidBody) -> Finding | None:
 
     Of all bodies with that moment the ball is the largest, so a body is at least as dense as its ball.
     """
-    gyration = math.sqrt(max(body.principal_moments) / body.mass)
+    gyration = root_of_ratio(max(body.principal_moments), body.mass)
     radius = math.sqrt(2.5) * gyration
-    density = body.mass / (4.0 / 3.0 * math.pi * radius**3) if radius > 1e-100 else math.inf
+    # One division after the other: the volume may be beyond double precision.
+    density = body.mass / (4.0 / 3.0 * math.pi) / radius / radius / radius
     if THINNEST <= density <= DENSITIES[1]:
         return None
     return Finding(
@@ -141,7 +142,7 @@ def _size(body: RigidBody) -> Finding | None:
 
 def examine_reach(body: RigidBody, reach: float) -> Finding | None:
     """Return a finding where the inertia does not fit geometry that ends at `reach` (m) from the centre of mass."""
-    gyration = math.sqrt(max(body.principal_moments) / body.mass)
+    gyration = root_of_ratio(max(body.principal_moments), body.mass)
     if LEAST_GYRATION * reach <= gyration <= reach:
         return None
     return Finding(
@@ -156,11 +157,15 @@ def examine_reach(body: RigidBody, reach: float) -> Finding | None:
 
 
 def compare(body: RigidBody, solid: Solid) -> tuple[Finding, ...]:
-    """Return how `body` differs from its mass spread uniformly in `solid`, in the same axes, and the slip behind it."""
+    """Return how `body` differs from its mass spread uniformly in `solid`, in the same axes, and the slip behind it.
+
+    Raises:
+        BodyError: that has moments beyond double precision.
+    """
     found = (
         examine_density(body.mass, solid.volume),
         _center(body.center_of_mass, solid),
-        _inertia(body, common_mistakes.scaled(solid.squared_gyration, body.mass)),
+        _inertia(body, solid.body(body.mass).inertia),
     )
     return tuple(finding for finding in found if finding)
 

@@ -122,6 +122,22 @@ def require_body(body: RigidBody) -> RigidBody:
     return instance(body, RigidBody, "body", "make one with RigidBody.from_diagonal(mass, moments), or take scene.body")
 
 
+def root_of_ratio(a: float, b: float) -> float:
+    """Return sqrt(a / b) for a >= 0 and b > 0, whose ratio may be beyond double precision.
+
+    Raises:
+        BodyError: the root is too.
+    """
+    ratio = a / b
+    root = math.sqrt(ratio) if 1e-290 < ratio < math.inf else math.sqrt(a) / math.sqrt(b)
+    if not math.isfinite(root):
+        raise BodyError(
+            f"mass properties {a:.6g} and {b:.6g} have a ratio beyond double precision, expected those of one body in "
+            "SI units (kg, kg m^2); check the units"
+        )
+    return root
+
+
 def _in_body_axes(moments: Vector, axes: Quaternion) -> Matrix:
     """Return R diag(moments) R^T, symmetric to the bit."""
     r = rotation.matrix(axes)
@@ -170,7 +186,12 @@ def _moments_problem(moments: Vector) -> str:
     I1 + I2 - I3 = 2 int x3^2 dm >= 0 (lecture 24, eqs. 6 and 7 added).
     """
     shown = [float(f"{moment:.6g}") for moment in moments]
-    if not all(math.isfinite(m) and m > 0.0 for m in moments):
+    if not all(map(math.isfinite, moments)):
+        return (
+            "principal moments are beyond double precision, expected three finite numbers greater than 0 (kg m^2); "
+            "check the units"
+        )
+    if not all(m > 0.0 for m in moments):
         return (
             f"principal moments are {shown}, expected three finite numbers greater than 0 (kg m^2); "
             "the inertia matrix of a body is positive definite"

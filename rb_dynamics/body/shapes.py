@@ -16,6 +16,9 @@ from rb_dynamics.errors import BodyError
 from rb_dynamics.numerics.rotation import IDENTITY
 from rb_dynamics.numerics.vector import ZERO, Vector, scale
 
+# m. Fourth powers of lengths in between are within double precision with all their digits.
+SMALLEST, LARGEST = 1e-70, 1e70
+
 
 @dataclass(frozen=True, slots=True)
 class Shape:
@@ -178,6 +181,11 @@ def _positive(**dimensions: float) -> tuple[float, ...]:
             raise BodyError(
                 f"{name} is {value!r}, expected a finite number greater than 0 (m); a body without thickness has a "
                 "moment that is zero or none at all, give it a small one"
+            )
+        if not SMALLEST <= value <= LARGEST:
+            raise BodyError(
+                f"{name} is {value!r}, expected a length from {SMALLEST:g} to {LARGEST:g} m: beyond that its powers "
+                "lose digits; check the unit"
             )
     return tuple(float(value) for value in dimensions.values())
 

@@ -27,9 +27,10 @@ from rb_dynamics.formats.messages import (
     VECTOR,
     WRENCH,
 )
+from rb_dynamics.formats.own_log import logged_scene, require_types
 from rb_dynamics.formats.topic import KEPT, Times, Topic, Values
 from rb_dynamics.loads.wrench import Wrench
-from rb_dynamics.run.provenance import DAMAGED, INTERRUPTED, MISSING_FILES, RESULT, next_file
+from rb_dynamics.run.provenance import DAMAGED, INTERRUPTED, MISSING_FILES, RESULT, RUN, next_file
 
 # Of each kind of quantity: the types that carry it, and where it stands in the numbers of a `Topic`.
 _POSES = {POSE: slice(0, 7), ODOMETRY: slice(0, 7)}
@@ -144,7 +145,7 @@ def read_bag(path: str | os.PathLike[str]) -> Bag:
     """Return what is in a bag: an MCAP file, or whatever `open_source` reads.
 
     Raises:
-        LogError: the bag cannot be read or is damaged.
+        LogError: the bag cannot be read or is damaged; of a log of this package also where a topic has another type.
     """
     file = open_source(Path(path))
     bag = Bag(file.path, False, {}, file.metadata, file.attachments)
@@ -152,6 +153,8 @@ def read_bag(path: str | os.PathLike[str]) -> Bag:
         _topic_of(bag, message.channel).add(message.log_time, message.data)
     for channel in file.channels.values():
         _topic_of(bag, channel)
+    if RUN in file.metadata:
+        require_types(file, logged_scene(file.attachments))
     bag.whole = file.complete
     bag.joints = tuple(file.joints) if isinstance(file, SplitMcap) else ()
     bag.complete = file.complete and INTERRUPTED not in file.metadata and not bag.next_file

@@ -7,20 +7,19 @@ a message.
 from __future__ import annotations
 
 import re
+import shutil
+import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from operator import index
 from pathlib import Path
 from typing import Any, Protocol
 
-import yaml
-
-from rb_dynamics.errors import LogError, MissingExtraError
+from rb_dynamics.errors import LogError, MissingExtraError, SceneError
 from rb_dynamics.formats.mcap_records import McapChannel, McapFile, Message, Schema
 from rb_dynamics.formats.rosbag2_metadata import METADATA_FILE
 from rb_dynamics.run.provenance import DAMAGED, INTERRUPTED, MISSING_FILES, RESULT, next_file
-
-MAX_METADATA_BYTES = 4 << 20
+from rb_dynamics.scene.document import MAX_CHARACTERS, load
 
 
 @dataclass(frozen=True)
@@ -188,6 +187,8 @@ class RosbagsSource:
         except ImportError:
             raise MissingExtraError("rosbags", "log", f"reading {self.path}") from None
         try:
+            if self.path.is_dir():
+                _require_room(self.path)
             with Reader(self.path) as reader:
                 self.channels = {
                     each.id: McapChannel(_name(each.topic), Schema(_name(each.msgtype)), "cdr", {})
@@ -197,6 +198,8 @@ class RosbagsSource:
                     at = index(time_ns)
                     # A cell of SQLite is of any type, and bytes() of a number is that many zeros.
                     yield Message(self.channels[connection.id], at, at, bytes(memoryview(data)))
+        except LogError:
+            raise
         except Exception as error:  # a reader of malformed files may raise anything
             reason = str(error).rstrip(".") or type(error).__name__
             raise LogError(
@@ -227,29 +230,73 @@ def _files(folder: Path) -> list[Path]:
     Empty where they are compressed as a whole or message by message.
     """
     try:
-        facts = _bounded_yaml(folder / METADATA_FILE)["rosbag2_bagfile_information"]
-        compressed = str(facts.get("compression_mode") or "none").lower() != "none"
-        return [] if compressed else [folder / Path(name).name for name in facts["relative_file_paths"]]
+        mode, files = _compression(folder)
+        return [] if mode != "none" else files
     except FileNotFoundError:
         return in_order(folder)
-    except (OSError, ValueError, yaml.YAMLError, KeyError, TypeError, AttributeError, RecursionError) as error:
+
+
+def _compression(folder: Path) -> tuple[str, list[Path]]:
+    """Return how a bag is compressed ("none", "file" or "message") and which files it has.
+
+    Raises:
+        FileNotFoundError: it has no metadata.
+        LogError: they are damaged.
+    """
+    path = folder / METADATA_FILE
+    try:
+        # One byte more than the longest text that is read: then it is too long, whatever is behind.
+        with path.open("rb") as file:
+            data = file.read(4 * MAX_CHARACTERS + 1)
+        document: Any = load(data.decode("utf-8"), METADATA_FILE, "list of the files of a bag")
+        facts = document["rosbag2_bagfile_information"]
+        files = [folder / _file_name(path) for path in facts["relative_file_paths"]]
+        return str(facts.get("compression_mode") or "none").lower(), files
+    except FileNotFoundError:
+        raise
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, SceneError) as error:
+        reason = str(error) if isinstance(error, SceneError) else repr(error)
         raise LogError(
-            f"{folder / METADATA_FILE} is not what rosbag2 writes ({error!r}); remove it, and the .mcap files are read "
-            "in the order of their numbers"
+            f"{path} is not what rosbag2 writes ({reason}); remove it, and the .mcap files are read in the order of "
+            "their numbers"
         ) from error
 
 
-def _bounded_yaml(path: Path) -> Any:
-    """Return what a YAML file holds, which is never more than what stands in it: rosbag2 writes no aliases.
+def _file_name(path: str) -> str:
+    """Return the name of a file without its folder.
 
     Raises:
-        ValueError: it is larger than `MAX_METADATA_BYTES`, or no UTF-8, or has aliases.
+        ValueError: no file has such a name.
     """
-    with path.open("rb") as file:
-        data = file.read(MAX_METADATA_BYTES + 1)
-    if len(data) > MAX_METADATA_BYTES:
-        raise ValueError(f"more than {MAX_METADATA_BYTES} bytes")
-    text = data.decode("utf-8")
-    if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text)):
-        raise ValueError("aliases (*name)")
-    return yaml.safe_load(text)
+    if "\0" in path:
+        raise ValueError(f"the name {path!r} of a file")
+    return Path(path).name
+
+
+def _require_room(folder: Path) -> None:
+    """Check that there is room for what rosbags unpacks of a bag whose files are compressed as a whole.
+
+    Raises:
+        LogError: there is none.
+        MissingExtraError: zstandard is not installed.
+        ValueError: a file is no zstd; likewise OSError.
+    """
+    mode, files = _compression(folder)
+    if mode != "file":
+        return
+    try:
+        import zstandard
+    except ImportError:
+        raise MissingExtraError("zstandard", "log", f"reading {folder}") from None
+    place = tempfile.gettempdir()
+    room = shutil.disk_usage(place).free
+    for path in files:
+        with path.open("rb") as file:
+            unpacked = zstandard.ZstdDecompressor().stream_reader(file, read_across_frames=True)
+            while part := unpacked.read(1 << 20):
+                room -= len(part)
+                if room < 0:
+                    raise LogError(
+                        f"{folder} does not fit into {place} when it is unpacked, expected room for it; "
+                        "set TMPDIR to a folder with more"
+                    )

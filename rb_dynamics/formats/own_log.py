@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple
 
-from rb_dynamics.errors import LogError
+from rb_dynamics.errors import LogError, RigidBodyError
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_source import Source
 from rb_dynamics.formats.mcap_records import Message
@@ -78,9 +78,28 @@ def scene_and_names(source: Source, purpose: str = "run again") -> tuple[Scene, 
             "what it is; read scenes with what is to be changed: read_scene(path, {'body.mass': 2.0})"
         )
     scene = parse_scene(text, f"{source.path}: {SCENE}")
+    return scene, require_types(source, scene)
+
+
+def logged_scene(attachments: Mapping[str, bytes]) -> Scene | None:
+    """Return the scene in a log; None where there is none, or it needs a plug-in that is not here."""
+    scene = attachments.get(SCENE)
+    try:
+        return None if scene is None else parse_scene(scene.decode("utf-8", "replace"))
+    except RigidBodyError:
+        return None
+
+
+def require_types(source: Source, scene: Scene | None) -> dict[str, str]:
+    """Return each topic's name in a log of this package by its name in the scene; None where no text says that.
+
+    Raises:
+        LogError: a topic has another type than it had.
+    """
     types = dict((*SAMPLE_TOPICS, POTENTIAL, MASS_PROPERTIES, TF_STATIC))
-    for topic in [*(c.topic for c in scene.channels), *(name for name, _ in scene.combined_effects.schedules())]:
-        types |= {topic: WRENCH, topic + APPLIED: WRENCH}
+    if scene is not None:
+        for topic in [*(c.topic for c in scene.channels), *(name for name, _ in scene.combined_effects.schedules())]:
+            types |= {topic: WRENCH, topic + APPLIED: WRENCH}
     usual = {name: name if name.startswith("/") else f"/{name}" for name in types}
     names = usual | source.metadata.get(TOPICS, {})
     expected = {names[name]: type_name for name, type_name in types.items()}
@@ -91,7 +110,7 @@ def scene_and_names(source: Source, purpose: str = "run again") -> tuple[Scene, 
                 f"{source.path} is damaged: topic {channel.topic} has the type {channel.type_name!r}, expected "
                 f"{type_name!r}; give a copy that is whole"
             )
-    return scene, names
+    return names
 
 
 def received_commands(

@@ -10,7 +10,9 @@ from typing import Any
 
 import yaml
 
+from rb_dynamics.errors import SceneError
 from rb_dynamics.formats.mcap_records import McapChannel
+from rb_dynamics.scene.document import load
 
 METADATA_FILE = "metadata.yaml"
 
@@ -47,7 +49,7 @@ def write_metadata(folder: Path, channels: Sequence[McapChannel], files: Sequenc
                     "name": channel.topic,
                     "type": channel.type_name,
                     "serialization_format": channel.encoding,
-                    "offered_qos_profiles": yaml.safe_load(channel.metadata.get("offered_qos_profiles", "")) or [],
+                    "offered_qos_profiles": offered_qos(channel),
                     "type_description_hash": channel.metadata.get("topic_type_hash", ""),
                 },
                 "message_count": counts[channel.topic],
@@ -65,6 +67,15 @@ def write_metadata(folder: Path, channels: Sequence[McapChannel], files: Sequenc
     text = yaml.safe_dump({"rosbag2_bagfile_information": facts}, sort_keys=False)
     path.write_text(text, encoding="utf-8")
     return path
+
+
+def offered_qos(channel: McapChannel) -> list[Any]:
+    """Return the QoS profiles of a topic as its writer recorded them; none where that is no list."""
+    try:
+        found = load(channel.metadata.get("offered_qos_profiles", ""), channel.topic, "list of QoS profiles")
+    except SceneError:
+        return []
+    return found if isinstance(found, list) else []
 
 
 def _span(start_ns: int, end_ns: int, count: int) -> dict[str, Any]:

@@ -38,13 +38,19 @@ class Wrench:
     message: bytes | None = field(default=None, init=False, compare=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Keep what an array or a list holds now; what makes no sense is refused where it is to act."""
+        """Keep what an array or a list holds now; numbers that make no sense are refused where they are to act.
+
+        Raises:
+            TypeError: force or torque is not three components: nothing could log it.
+        """
         for name in ("force", "torque"):
             given: object = getattr(self, name)
             if type(given) is not tuple:
-                listed = given.tolist() if hasattr(given, "tolist") else given
-                if isinstance(listed, list):
-                    object.__setattr__(self, name, tuple(listed))
+                given = given.tolist() if hasattr(given, "tolist") else given
+                given = tuple(given) if isinstance(given, list) else given
+                object.__setattr__(self, name, given)
+            if type(given) is not tuple or len(given) != 3:
+                raise TypeError(f"wrench {name} is {shown(given)}, expected three components; write (x, y, z)")
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,10 @@ from rb_dynamics.errors import LogError
 NANOSECONDS = 1_000_000_000
 """In a second."""
 
+# Times are whole nanoseconds, and the seconds of a stamp end at 2^31, in ROS messages and in the log. In seconds:
+SHORTEST = 1e-9
+LONGEST = 2.0**31 - 1.0
+
 LAST_STAMP_NS = 2**31 * NANOSECONDS
 """A ROS stamp counts seconds in 32 bits, one of them the sign: 68 years."""
 

@@ -93,8 +93,9 @@ def number(
     error: type[Exception] = ValueError,
     least: float = -math.inf,
     above: float = -math.inf,
+    most: float = math.inf,
 ) -> float:
-    """Return `value` as a float if it is finite, at least `least` and greater than `above`.
+    """Return `value` as a float if it is finite, from `least` to `most` and greater than `above`.
 
     `expected` says the same in words, for the error message.
 
@@ -105,7 +106,7 @@ def number(
     found = _real(value)
     if found is None:
         raise TypeError(f"{name} is {shown(value)}, expected {expected}: write a number")
-    if not (math.isfinite(found) and found >= least and found > above):
+    if not (math.isfinite(found) and least <= found <= most and found > above):
         raise error(f"{name} is {found!r}, expected {expected}")
     return found
 

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
-import yaml
 from rclpy.duration import Duration
 from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
@@ -24,6 +23,7 @@ from rosgraph_msgs.msg import Clock
 
 from rb_dynamics.formats.bag_source import open_source
 from rb_dynamics.formats.mcap_records import McapChannel
+from rb_dynamics.formats.rosbag2_metadata import offered_qos
 from rb_dynamics.ros.conversions import to_stamp
 from rb_dynamics.ros.pacing import Pacer
 
@@ -119,12 +119,9 @@ def _message_type(name: str) -> Any | None:
 
 def _is_kept(channel: McapChannel) -> bool:
     """Return whether the log says that its publisher kept the newest message for readers that come later."""
-    try:
-        (offered, *_) = yaml.safe_load(channel.metadata.get("offered_qos_profiles", "")) or [{}]
-        # Before version 9 of the metadata the policies were numbers.
-        return offered.get("durability") in ("transient_local", 1)
-    except (yaml.YAMLError, AttributeError, TypeError, ValueError):
-        return False
+    (offered, *_) = offered_qos(channel) or [{}]
+    # Before version 9 of the metadata the policies were numbers.
+    return isinstance(offered, dict) and offered.get("durability") in ("transient_local", 1)
 
 
 def _wait_for_readers(publishers: Sequence[Publisher]) -> None:

@@ -23,7 +23,7 @@ from rb_dynamics.motion.kernel_layout import PHASE, phase_numbers
 from rb_dynamics.motion.method import Method
 from rb_dynamics.motion.phase import Phase, inertia_of
 from rb_dynamics.motion.step_control import FixedStep, WholeArc
-from rb_dynamics.numerics.nanoseconds import NANOSECONDS
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS, SHORTEST
 from rb_dynamics.numerics.validation import as_array, instance, instances, number, shown, whole_number
 from rb_dynamics.run.samples import Samples
 
@@ -339,8 +339,9 @@ def _grid(method: Method, step: float | None) -> tuple[int, int]:
     if method.order is None:
         return WholeArc.length, WholeArc.denominator
     if step is None:
-        raise ValueError(f"step is None, expected a finite number greater than 0 (s), as {method.name} needs one")
-    step = number(step, "step", f"a finite number greater than 0 (s), as {method.name} needs one", above=0.0)
+        raise ValueError(f"step is None, expected a number of {SHORTEST:g} or more (s), as {method.name} needs one")
+    expected = f"a number of {SHORTEST:g} or more (s), as {method.name} needs one"
+    step = number(step, "step", expected, least=SHORTEST)
     control = FixedStep(step)
     return control.length, control.denominator
 

@@ -7,10 +7,10 @@ nothing is ever constructed from a file. Never knows which keys a scene may have
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from numbers import Real
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 import yaml
 
@@ -58,12 +58,7 @@ def parse(text: str, problems: Problems, kind: str = "scene", needed: str = "bod
         SceneError: not YAML, not one mapping, or beyond the limits of this module.
     """
     source = problems.source
-    if len(text) > MAX_CHARACTERS:
-        raise SceneError(
-            f"{source}: found {len(text)} characters, expected at most {MAX_CHARACTERS}; a {kind} is a short text, "
-            "check that this is the right file"
-        )
-    root = _compose(text, source)
+    root = _loaded(text, source, kind, _Loader, _Loader.get_single_node)
     if root is None:
         raise SceneError(f"{source}: found an empty document, expected a {kind}; it needs at least the key {needed}")
     document = _Converter(problems).convert(root, 0)
@@ -79,6 +74,15 @@ def holds(document: Node, keys: Iterable[str], absent: str) -> bool:
     """Return whether `document` is a mapping with all of these `keys`, and without the one that is `absent`."""
     value = document.value
     return isinstance(value, dict) and absent not in value and all(key in value for key in keys)
+
+
+def load(text: str, source: str, kind: str) -> object:
+    """Return `text` of another program as PyYAML reads it, which is never more than what stands in it.
+
+    Raises:
+        SceneError: not YAML, with aliases, or beyond the limits of this module.
+    """
+    return _loaded(text, source, kind, _PlainLoader, _PlainLoader.get_single_data)
 
 
 def value_of(text: str, source: str) -> object:
@@ -186,6 +190,19 @@ class _Loader(yaml.SafeLoader):
         return node
 
 
+_L = TypeVar("_L", bound=_Loader)
+_T = TypeVar("_T")
+
+
+class _PlainLoader(_Loader):
+    """The same without aliases: merged (<<: *name) they may be very many values."""
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        if self.check_event(yaml.AliasEvent):
+            raise SceneError(f"{self._source}: found an alias (*name), expected plain values; write it out")
+        return super().compose_node(parent, index)
+
+
 def _check_limits(depth: int, count: int, source: str, line: int) -> None:
     if depth > MAX_DEPTH:
         raise SceneError(
@@ -199,11 +216,17 @@ def _check_limits(depth: int, count: int, source: str, line: int) -> None:
         )
 
 
-def _compose(text: str, source: str) -> yaml.Node | None:
+def _loaded(text: str, source: str, kind: str, loads: type[_L], take: Callable[[_L], _T]) -> _T:
+    """Return what `take` makes of a loader of `text`, with its errors as ours."""
+    if len(text) > MAX_CHARACTERS:
+        raise SceneError(
+            f"{source}: found {len(text)} characters, expected at most {MAX_CHARACTERS}; a {kind} is a short text, "
+            "check that this is the right file"
+        )
     try:
-        loader = _Loader(text, source)
+        loader = loads(text, source)
         try:
-            return loader.get_single_node()
+            return take(loader)
         finally:
             loader.dispose()
     except yaml.MarkedYAMLError as error:

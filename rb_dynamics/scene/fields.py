@@ -17,10 +17,6 @@ from rb_dynamics.numerics.vector import ZERO, Vector
 from rb_dynamics.scene.document import Node, is_decimal, join, show
 from rb_dynamics.scene.problems import Problems, printable
 
-# Times are whole nanoseconds, and the seconds of a stamp end at 2^31, in ROS messages and in the log. In seconds:
-SHORTEST = 1e-9
-LONGEST = 2.0**31 - 1.0
-
 
 @dataclass(frozen=True, slots=True)
 class Rule:

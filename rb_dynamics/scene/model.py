@@ -13,7 +13,7 @@ from rb_dynamics.loads.channels import ON_EXCESS, Channel
 from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.effect import Effect
 from rb_dynamics.loads.wrench import WrenchFrames
-from rb_dynamics.numerics.nanoseconds import nanoseconds
+from rb_dynamics.numerics.nanoseconds import LONGEST, SHORTEST, nanoseconds
 from rb_dynamics.numerics.validation import instance, instances, number, shown
 
 DEFAULT_ACCURACY = 1e-9
@@ -33,7 +33,7 @@ class Solver:
 
         Raises:
             TypeError: a field is not of its type.
-            SceneError: there is no such method, or step or accuracy is not greater than 0.
+            SceneError: there is no such method, the step is less than a nanosecond, or the accuracy not greater than 0.
         """
         # The methods are not imported for a scene that leaves the choice open.
         if instance(self.method, str, "solver.method", "write its name") != "auto":
@@ -42,9 +42,12 @@ class Solver:
             if self.method not in METHODS:
                 known = ", ".join(METHODS)
                 raise SceneError(f"solver.method is {shown(self.method)}, expected auto or one of {known}; write one")
-        for name, value in (("solver.step", self.step), ("solver.accuracy", self.accuracy)):
-            if value is not None:
-                number(value, name, "a finite number greater than 0, or None", SceneError, above=0.0)
+        if self.step is not None:
+            expected = f"a number of {SHORTEST:g} or more (s), or None"
+            number(self.step, "solver.step", expected, SceneError, least=SHORTEST)
+        if self.accuracy is not None:
+            expected = "a finite number greater than 0, or None"
+            number(self.accuracy, "solver.accuracy", expected, SceneError, above=0.0)
 
 
 @dataclass(frozen=True)
@@ -99,13 +102,15 @@ class Scene:
         object.__setattr__(self, "effects", instances(self.effects, Effect, "effects", "write one, as LinearDrag(...)"))
         instance(self.solver, Solver, "solver", "write Solver(method, step=..., accuracy=...)")
         if self.duration is not None:
-            number(self.duration, "duration", "a finite number of 0 or more (s), or None", SceneError, least=0.0)
-        number(self.output_rate, "output_rate", "a finite number of 0 or more (Hz)", SceneError, least=0.0)
+            expected = f"a number from 0 to {LONGEST:.1e} (s), or None"
+            number(self.duration, "duration", expected, SceneError, least=0.0, most=LONGEST)
+        expected = f"a number from 0 to {1.0 / SHORTEST:g} (Hz)"
+        number(self.output_rate, "output_rate", expected, SceneError, least=0.0, most=1.0 / SHORTEST)
         for k, channel in enumerate(self.channels):
             if not instance(channel.topic, str, f"channels[{k}].topic", "write the name of a topic"):
                 raise SceneError(f"channels[{k}].topic is '', expected the name of a topic; write one, as 'wrench'")
-            expected = "a time of 0 (hold for ever) or more (s)"
-            number(channel.timeout, f"channels[{k}].timeout", expected, SceneError, least=0.0)
+            expected = f"a time from 0 (hold for ever) to {LONGEST:.1e} (s)"
+            number(channel.timeout, f"channels[{k}].timeout", expected, SceneError, least=0.0, most=LONGEST)
             for name in ("max_force", "max_torque"):
                 limit = getattr(channel, name)
                 if limit != math.inf:

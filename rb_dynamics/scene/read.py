@@ -15,10 +15,11 @@ from types import MappingProxyType
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import PluginError, SceneError
+from rb_dynamics.numerics.nanoseconds import LONGEST, SHORTEST
 from rb_dynamics.numerics.validation import instance, shown
 from rb_dynamics.numerics.vector import ZERO
 from rb_dynamics.scene import document
-from rb_dynamics.scene.fields import LONGEST, SHORTEST, Field, Rule, Section
+from rb_dynamics.scene.fields import Field, Rule, Section
 from rb_dynamics.scene.model import DEFAULT_ACCURACY, Scene, Solver
 from rb_dynamics.scene.overrides import apply_overrides
 from rb_dynamics.scene.problems import Problems

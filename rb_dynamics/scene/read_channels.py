@@ -6,7 +6,8 @@ import math
 import re
 
 from rb_dynamics.loads.channels import ON_EXCESS
-from rb_dynamics.scene.fields import LONGEST, SHORTEST, Field, Rule, Section
+from rb_dynamics.numerics.nanoseconds import LONGEST, SHORTEST
+from rb_dynamics.scene.fields import Field, Rule, Section
 from rb_dynamics.scene.model import Channel
 
 # What we publish ourselves: a channel of that name would clash with it in the graph and in the log.

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from dataclasses import replace
+from decimal import Decimal
 
 import numpy as np
 import pytest
@@ -254,3 +256,43 @@ def test_text_warns_of_a_spin_about_the_middle_axis() -> None:
     # 1 / (|w| sqrt((2 - 1)(3 - 2) / (1 3))) with |w| = sqrt(4.02)
     assert warning.startswith("warning: ")
     assert "e-fold in 0.864 s" in warning
+
+
+ENDS = ((1e308, 1.1e308, 1.2e308), (1.7e308,) * 3, (1e-200, 1.5e-200, 2e-200), (5e-324,) * 3, (5e-324, 1e308, 1e308))
+
+
+@pytest.mark.parametrize("mass", [5e-324, 1e-308, 1.0, 1e308])
+@pytest.mark.parametrize("moments", ENDS)
+@pytest.mark.parametrize("center", [(0.0, 0.0, 0.0), (1e308, -1e308, 0.0), (1e-300, 0.0, 0.0)])
+def test_what_a_body_at_the_ends_of_the_range_says_is_right_or_refused(
+    mass: float, moments: Vector, center: Vector
+) -> None:
+    body = RigidBody.from_diagonal(mass, moments, center)
+    roots = [Decimal(moment) for moment in moments]
+    expected = [float((each / Decimal(mass)).sqrt()) for each in roots]
+    if max(expected) == math.inf:
+        with pytest.raises(BodyError, match="a ratio beyond double precision"):
+            radius_of_gyration(body, (0.0, 0.0, 1.0))
+        return
+    assert [radius_of_gyration(body, axis) for axis in np.eye(3)] == pytest.approx(expected)
+    with contextlib.suppress(BodyError):
+        assert inertia_ellipsoid(body) == pytest.approx([float((max(roots) / each).sqrt()) for each in roots])
+        assert "inf" not in MassProperties.of(body, (0.0, 1.0, 0.0)).as_text().partition("warning")[0]
+    half, size = equivalent_box(body)
+    assert all(0.0 < each <= size for each in half)
+    for through in ((1e308, 0.0, 0.0), (-1e308, 1e308, 0.0)):
+        with contextlib.suppress(BodyError):
+            assert math.isfinite(scalar_inertia(body, (1.0, 0.0, 1.0), through))
+    with pytest.raises(BodyError, match=r"through is \[1e\+308, .* expected a point"):
+        scalar_inertia(RigidBody.from_diagonal(1.0, (1.0, 1.0, 1.0)), (0.0, 0.0, 1.0), (1e308, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("unit", [1e-200, 1.0, 1e200])
+def test_the_middle_axis_is_found_in_any_unit(unit: float) -> None:
+    body = RigidBody.from_diagonal(1.0, (unit, 2.0 * unit, 3.0 * unit))
+    assert middle_axis_growth_time(body, (0.0, 1.0, 0.0)) == pytest.approx(math.sqrt(3.0))
+
+
+def test_columns_of_long_numbers_stay_apart() -> None:
+    body = RigidBody.from_diagonal(1.0, (1.0, 1.0, 1.0), (-1.23456789e-123,) * 3)
+    assert " ".join(["-1.23456789e-123"] * 3) in MassProperties.of(body, (0.0, 0.0, 0.0)).as_text()

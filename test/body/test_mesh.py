@@ -229,6 +229,9 @@ BAD = {
     "index too large": (CORNERS, CUBE + 1, "the vertex 8 of 8"),
     "index negative": (CORNERS, CUBE - 1, "expected indices"),
     "NaN": (np.where(CORNERS == 1.0, math.nan, 0.0), CUBE, "not finite"),
+    "too small": (CORNERS * 1e-160, CUBE, r"size 1e-160 m, expected one from 1e-70 to 1e\+70 m"),
+    "too large": (CORNERS * 1e103, CUBE, r"size 1e\+103 m, expected"),
+    "too far": (CORNERS * [-1e308, 1.7e308, 1.0], CUBE, r"size 1.7e\+308 m, expected"),
     "infinite": (np.where(CORNERS == 1.0, math.inf, 0.0), CUBE, "not finite"),
 }
 

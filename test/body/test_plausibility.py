@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from rb_dynamics.body.mesh import Solid
 from rb_dynamics.body.plausibility import Symmetry, compare, examine, slip_behind, symmetry
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.shapes import box
+from rb_dynamics.errors import BodyError
 from rb_dynamics.numerics import rotation
 from rb_dynamics.numerics.vector import scale
 
@@ -268,3 +270,13 @@ def test_a_boom_is_believed() -> None:
     """20 kg on 100 m."""
     moment = 20.0 * 100.0**2 / 12.0
     assert not [f for f in examine(RigidBody.from_diagonal(20.0, (moment, moment, 1e-2))) if f.name == "size"]
+
+
+@pytest.mark.parametrize("mass", [1e-100, 1.0, 1e308])
+@pytest.mark.parametrize("moment", [1e-300, 1e-100, 1e300, 1.7e308])
+def test_numbers_at_the_ends_of_the_range_are_examined(mass: float, moment: float) -> None:
+    body = RigidBody.from_diagonal(mass, (moment,) * 3, (1.0, 1e300, -1e300))
+    assert {finding.name for finding in examine(body)} <= {"size", "about-origin"}
+    ball = Solid(1e210, (0.0, 0.0, 0.0), ((1e140, 0.0, 0.0), (0.0, 1e140, 0.0), (0.0, 0.0, 1e140)), 1e70)
+    with contextlib.suppress(BodyError):
+        assert len(compare(body, ball)) == 3

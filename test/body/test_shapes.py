@@ -267,3 +267,12 @@ def test_what_is_refused() -> None:
         shapes.spherical_shell(1.0).mass(2700.0)
     with pytest.raises(BodyError, match="density is -1"):
         shapes.sphere(1.0).mass(-1.0)
+
+
+@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("size", [1e-300, 1e-160, 1e80, 1e300])
+def test_a_length_whose_powers_are_no_numbers_is_refused(name: str, size: float) -> None:
+    form = SHAPES[name]
+    lengths = [(size,) * 3] if form.vector else [size, 0.5 * size, size][: len(form.dimensions)]
+    with pytest.raises(BodyError, match=r"expected a length from 1e-70 to 1e\+70 m"):
+        form.make(*lengths)

@@ -7,6 +7,7 @@ import re
 import sqlite3
 from collections.abc import Mapping
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -98,11 +99,41 @@ def test_a_mapped_channel_hears_that_topic_only(tmp_path: Path) -> None:
     assert [wrench.force[0] for _, wrench in read_wrenches(folder, ["wrench"], {"/cmd": "wrench"})] == [1.0]
 
 
-@pytest.mark.parametrize("text", ["", "rosbag2_bagfile_information: 3\n", "}{"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "rosbag2_bagfile_information: 3\n",
+        "}{",
+        "- " * 20_000,
+        "[1," * 300_000,
+        "[" + "1," * 150_000 + "]",
+        "a: &a [1]\nrosbag2_bagfile_information: {relative_file_paths: *a}\n",
+        "rosbag2_bagfile_information: {relative_file_paths: [1]}\n",
+        "rosbag2_bagfile_information: {relative_file_paths: [2001-99-99]}\n",
+        " " * (1 << 20) + "#",
+    ],
+    ids=lambda text: text[:20],
+)
 def test_a_damaged_metadata_file_is_named(tmp_path: Path, text: str) -> None:
     bag = record(tmp_path / "bag", StoragePlugin.MCAP)
     (bag / "metadata.yaml").write_text(text)
     with pytest.raises(LogError, match=r"metadata\.yaml is not what rosbag2 writes"):
+        read_bag(bag)
+
+
+def test_a_file_name_with_a_nul_is_no_file(tmp_path: Path) -> None:
+    bag = record(tmp_path / "bag", StoragePlugin.MCAP)
+    text = (bag / "metadata.yaml").read_text()
+    (bag / "metadata.yaml").write_text(re.sub(r"(?<=relative_file_paths:\n  - ).*", r'"bag\\0_0.mcap"', text))
+    with pytest.raises(LogError, match=r"metadata\.yaml is not what rosbag2 writes .*the name .*x00_0\.mcap"):
+        read_bag(bag)
+
+
+def test_what_does_not_fit_unpacked_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bag = record(tmp_path / "bag", StoragePlugin.SQLITE3, CompressionMode.FILE)
+    monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=100))
+    with pytest.raises(LogError, match=r"bag does not fit into .* when it is unpacked"):
         read_bag(bag)
 
 

@@ -8,6 +8,7 @@ import pytest
 
 from rb_dynamics import parse_scene, simulate
 from rb_dynamics.errors import LogError
+from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.formats.log_file import LogFile
 from rb_dynamics.formats.mcap_records import McapFile
 from rb_dynamics.formats.mcap_writer import McapWriter
@@ -54,6 +55,8 @@ def test_a_topic_of_another_type_is_named(tmp_path: Path, topic: str, type_name:
         log_to_table(damaged, tmp_path / "run.csv")
     with pytest.raises(LogError, match=says if topic != "/pose" else says + "|holds no pose"):
         replay(damaged)
+    with pytest.raises(LogError, match=says):
+        read_bag(damaged)
     if topic == "/push":
         pytest.importorskip("rerun")
         with pytest.raises(LogError, match=says):

@@ -86,6 +86,12 @@ class TestFrames:
         assert (wrench.force, wrench.torque) == ((1.0, -2.0, 3.0), (0.5, 0.25, -0.5))
         assert hash(wrench) == hash(Wrench((1.0, -2.0, 3.0), (0.5, 0.25, -0.5)))
 
+    @pytest.mark.parametrize("bad", [(1.0, 2.0), (1.0,) * 4, 3.0, None, "abc", [[1.0, 2.0, 3.0]], np.zeros(2)])
+    @pytest.mark.parametrize("part", ["force", "torque"])
+    def test_what_is_not_three_components_is_no_wrench(self, part: str, bad: Any) -> None:
+        with pytest.raises(TypeError, match=f"wrench {part} is .*, expected three components"):
+            Wrench(**{part: bad})
+
     @given(vectors, vectors)
     def test_a_wrench_is_taken_to_the_bit(self, force: Vector, torque: Vector) -> None:
         assert FRAMES.hold(Wrench(force, torque, "hull")).torque_body == torque

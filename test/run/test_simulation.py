@@ -354,12 +354,13 @@ class TestRefusal:
 
     @pytest.mark.parametrize("bad", [0.0, -0.1, math.nan, math.inf])
     def test_what_would_never_end_is_refused(self, bad: float) -> None:
-        with pytest.raises(SceneError, match=r"solver\.step is"):
-            Simulation(driven(Solver("rk4", step=bad)))
+        for step in (bad, 5e-324):
+            with pytest.raises(SceneError, match=r"solver\.step is"):
+                Simulation(driven(Solver("rk4", step=step)))
         with pytest.raises(SceneError, match=r"solver\.accuracy is"):
             Simulation(driven(Solver("rk4", accuracy=bad)))
 
-    @pytest.mark.parametrize("bad", [-1.0, math.nan, math.inf])
+    @pytest.mark.parametrize("bad", [-1.0, math.nan, math.inf, 1e300])
     def test_rate_and_duration_are_checked(self, bad: float) -> None:
         with pytest.raises(SceneError, match="output_rate is"):
             Simulation(driven(SOLVERS["whole step"], bad))

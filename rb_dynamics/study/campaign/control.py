@@ -11,8 +11,8 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from rb_dynamics.errors import SceneError
-from rb_dynamics.numerics.nanoseconds import NANOSECONDS
-from rb_dynamics.scene.fields import LONGEST, Rule
+from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS
+from rb_dynamics.scene.fields import Rule
 from rb_dynamics.study.campaign.laws import LAWS, Measurement, Parameters
 from rb_dynamics.study.campaign.model import Campaign, Control
 from rb_dynamics.study.campaign.sampling import NOISE, generator

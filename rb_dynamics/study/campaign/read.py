@@ -14,10 +14,10 @@ from collections.abc import Container, Mapping, Sequence
 from types import MappingProxyType
 
 from rb_dynamics.errors import SceneError
-from rb_dynamics.numerics.nanoseconds import NANOSECONDS
+from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS, SHORTEST
 from rb_dynamics.numerics.rotation import IDENTITY, unit
 from rb_dynamics.scene import document
-from rb_dynamics.scene.fields import LONGEST, SHORTEST, Field, Rule, Section
+from rb_dynamics.scene.fields import Field, Rule, Section
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.scene.overrides import apply_overrides
 from rb_dynamics.scene.problems import Problems
