@@ -1,6 +1,6 @@
-"""`fate`: what became of the commands on one channel of a log of this package: honoured, rejected, timed out.
+"""`fate`: what became of the commands on one channel of our own log: honoured, rejected or timed out.
 
-Told from the messages and the scene in the log alone, so that it holds offline and for a log that was cut off.
+It is derived from the messages and the scene in the log alone, so it works offline and for a log that was cut off.
 """
 
 from __future__ import annotations

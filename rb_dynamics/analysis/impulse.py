@@ -1,9 +1,9 @@
 """Impulse of held wrenches from sample to sample of a log.
 
-A wrench held in world axes gives an impulse that is exact. One that turns with the body gives an integral over the
-attitude, which is known at the samples only: it is taken by quadrature between two samples, with an estimate of the
-error that the caller has to judge. Where it changes between two samples, attitude is interpolated; where attitude or
-wrench are not known, there is none.
+The impulse of a wrench held in world axes is exact. That of a wrench that turns with the body is an integral over the
+attitude, which is known at the samples only; quadrature gives it, with an error estimate that the caller has to
+judge. Where a wrench changes between two samples, the attitude is interpolated. Where attitude or wrench are not
+known, the impulse is not known.
 """
 
 from __future__ import annotations

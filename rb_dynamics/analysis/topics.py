@@ -1,7 +1,7 @@
-"""`read_track`: finds the topics of one body in a bag, by message type, and puts them into a `Track`.
+"""`read_track`: find the topics of one body in a bag, by message type, and put them into a `Track`.
 
-Works on logs of this package and on any bag of pose, twist and wrench. Takes the numbers as they stand: what cannot be
-used is left out and counted, what is out of order is sorted and counted. Never guesses mass properties.
+Works on our own logs and on any bag of pose, twist and wrench. Numbers are taken as they are: unusable ones are left
+out and counted, stamps out of order are sorted and counted. Mass properties are not guessed.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""`Track`: the motion of one body as a log or a bag tells it, in arrays over time. Never reads a file."""
+"""`Track`: the motion of one body and its wrenches, as a log or a bag gives them, in arrays over time."""
 
 from __future__ import annotations
 

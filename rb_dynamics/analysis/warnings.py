@@ -1,4 +1,4 @@
-"""What a reader has to be warned of in a recorded run, in whole sentences; nothing here fails a check."""
+"""Warnings about a recorded run, in whole sentences; none of them fails a check."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Slips in writing an inertia matrix, each as the matrix with it undone, and how likely one of them is.
+"""Common mistakes in writing an inertia matrix: the matrix with each of them undone, and how likely each is.
 
-Pure functions of matrices. Never decides what to tell the user: `doctor.py` does.
+Pure functions of matrices; `plausibility.py` decides what to tell the user.
 """
 
 from __future__ import annotations

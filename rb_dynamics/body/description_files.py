@@ -1,4 +1,4 @@
-"""Files that describe a body, read whole and within bounds. Never follows a URL, never reads what is no plain file."""
+"""Read files that describe a body (meshes, URDF): plain files only, up to a size limit, and no URLs."""
 
 from __future__ import annotations
 

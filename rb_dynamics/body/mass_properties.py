@@ -1,6 +1,6 @@
-"""What an inertia matrix says: scalar inertia, radii of gyration, ellipsoid, box, and how stable a spin is.
+"""Quantities derived from an inertia matrix: scalar inertia, radii of gyration, ellipsoid, box, stability of a spin.
 
-Equation numbers are those of lecture 24. What is suspicious about the numbers is for `doctor.py` to say.
+Equation numbers are those of lecture 24. `plausibility.py` says what is suspicious about the numbers.
 """
 
 from __future__ import annotations

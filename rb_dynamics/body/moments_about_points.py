@@ -1,6 +1,6 @@
-"""Moments of a force and of momentum, about a point and about a line (lecture 24, pages 9 and 10).
+"""Moments of a force and of momentum about a point and about a line (lecture 24, pages 9 and 10).
 
-Pure functions of vectors in one set of axes; they never know which axes these are, nor what the force acts on.
+All vectors of one call are in the same axes, whichever these are.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Systems of particles: mass, centre of mass, momentum, force, angular momentum, torque and inertia.
 
-Lecture 24, pages 14 to 22, whose formulas carry no numbers there. Sums are exact but for the rounding of each term
-(`math.fsum`), and second moments are taken from positions relative to the centre of mass, so that nothing cancels
-however far away the origin is. Never integrates the motion of particles.
+Lecture 24, pages 14 to 22, whose formulas carry no numbers there. Sums are exact except for the rounding of each term
+(`math.fsum`). Second moments are taken about the centre of mass, so that nothing cancels however far away the origin
+is.
 """
 
 from __future__ import annotations

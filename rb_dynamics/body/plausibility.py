@@ -1,7 +1,7 @@
-"""The inertia doctor: what is suspicious about mass properties, why, and what to do.
+"""What is suspicious about mass properties, why, and what to do about it.
 
-What no body can have is an error of `RigidBody`, for which the doctor names the slip that may be behind it; about a
-valid body it says what is unlikely. Its criteria are the constants below. Never changes a number.
+A body that cannot exist is an error of `RigidBody`, for which this module names the likely mistake; for a valid body
+it reports what is unlikely. The constants below are its criteria. It only reports and must not change a number.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Principal axes: the eigen-decomposition of an inertia matrix by cyclic Jacobi rotations.
 
-Jacobi's method keeps small moments of a positive definite matrix to full relative accuracy (Demmel & Veselic, SIAM J.
-Matrix Anal. Appl. 13 (1992) 1204), asks no linear algebra library, whose bits differ from one to the next, and gives
-always a right-handed frame and no turn that is not needed: a diagonal matrix is left alone and repeated moments do not
-turn the frame at random.
+Jacobi's method computes small moments of a positive definite matrix to full relative accuracy (Demmel & Veselic, SIAM
+J. Matrix Anal. Appl. 13 (1992) 1204). It needs no linear algebra library, whose bits differ between builds, always
+gives a right-handed frame, and rotates no more than necessary: a diagonal matrix stays as it is, and repeated moments
+do not turn the frame at random.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """`RigidBody`: mass, centre of mass and inertia, with the principal axes in which the motion is computed.
 
-Checks that the numbers belong to a real body; never guesses a repaired value.
+Numbers that no real body can have are errors; they are not repaired by guessing.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Shapes with textbook inertia: solids, hollow bodies and thin shells, each in its principal axes.
 
-Every shape is uniform, its centre of mass is the point its moments are about, and its axis of symmetry is z. A cone
-points along +z, its base h / 4 below its centre of mass. Moments are kept per mass (squared radii of gyration) and are
-written so that a thin wall cancels no digits. Never measures anything about a shape but mass properties.
+Every shape is uniform, with its moments about the centre of mass and its axis of symmetry along z. A cone points
+along +z, its base h / 4 below the centre of mass. Moments are kept per mass (squared radii of gyration), in forms
+that lose no digits for thin walls.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""`State`: where a body is and how it moves, as a value. Never holds anything that can be derived."""
+"""`State`: position, attitude and velocities of a body at one time, without anything that can be derived from them."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """Mass properties from a URDF file: the <inertial> of one link, in the axes of the link.
 
-The products of <inertia> stand as in the matrix (ixy = -int xy dm), about the centre of mass and in the axes of
-<inertial>'s <origin>, whose rpy turns about the fixed axes x, y and z in this order. Never expands entities, never
-follows a file that the URDF names, never reads joints.
+The products of <inertia> are the entries of the matrix (ixy = -int xy dm), about the centre of mass and in the axes
+of <inertial>'s <origin>, whose rpy are rotations about the fixed axes x, y and z in this order. Entities are not
+expanded, files that the URDF names are not opened, and joints are ignored.
 """
 
 from __future__ import annotations

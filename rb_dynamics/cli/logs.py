@@ -1,6 +1,6 @@
-"""The log of a command that runs a scene: where it goes, how it is kept, and what becomes of one that fails.
+"""The log of a command that runs a scene: where it goes, how it is kept, and what happens if it fails.
 
-A log that fails stops itself and not the run; never writes anything itself.
+A failing log stops itself and not the run.
 """
 
 from __future__ import annotations

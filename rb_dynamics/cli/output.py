@@ -1,4 +1,4 @@
-"""What the commands print: the result of a run as JSON or text, and progress on a terminal. Never computes anything."""
+"""Printing of results, as JSON or text, and of progress on a terminal."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""How the command line refuses what does not fit its options: in one line that says where the rest is explained.
+"""The argument parser: refuses bad options in one line that says where to find help.
 
-Never prints the usage of all options, behind which the line that matters would be lost.
+argparse alone would print the usage of all options, and bury the line that matters.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""The scene of a command: its file, other values for its keys, and the wrench commands of a bag.
-
-Shared by the commands that run a scene; never runs it.
-"""
+"""The scene of a command: its file, overrides of its keys, and the wrench commands of bags."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""What a ROS 2 bag says: poses, twists, wrenches and scalars as arrays.
+"""Read a ROS 2 bag: poses, twists, wrenches and scalars as arrays.
 
-Any writer will do (rosbag2, this package, others), and so will a file that was cut off. Never needs ROS or the index of
-the file, and keeps of messages what `rb_dynamics.formats.topic.Topic` keeps.
+The bag may come from any writer and may be cut off. Reading needs neither ROS nor the index of the file; `topic.py`
+says what is kept of each message.
 """
 
 from __future__ import annotations

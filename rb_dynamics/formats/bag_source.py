@@ -1,7 +1,6 @@
-"""`open_source`: the messages of any ROS 2 bag: an MCAP file, a rosbag2 folder, split or compressed, MCAP or SQLite.
+"""`open_source`: the messages of any ROS 2 bag: an MCAP file or a rosbag2 folder, split or compressed, MCAP or SQLite.
 
-MCAP is read here; the rest, and what rosbag2 has compressed as a whole, through the package rosbags. Never looks inside
-a message.
+MCAP is read here; SQLite, and files that rosbag2 compressed as a whole, by the package rosbags.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
-"""CDR bytes of the ROS 2 messages in a log: encode and decode, little endian out, either endianness in.
+"""CDR bytes of the ROS 2 messages in a log: encode little-endian, decode either endianness.
 
-Each message type is one line of `LAYOUTS`, with nested structures written out flat. Never imports ROS, and knows only
-the types listed here.
+Each message type is one line of `LAYOUTS`, with nested structures written out flat; other types are unknown here.
 
 CDR (OMG XCDR1): four bytes of encapsulation, then the fields in order, each aligned to its own size counted from the
 byte after the encapsulation; a string is its length with the closing NUL, then its bytes.

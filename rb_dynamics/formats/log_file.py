@@ -1,8 +1,8 @@
 """`LogFile`: a file that takes each write whole or says why not, and can give back its end when the disk is full.
 
-Never buffers: what `write` has taken survives a kill of the process. An earlier file of the name is replaced once the
-new one can be opened; `require_other` keeps a command from replacing what it reads, `require_apart` from
-replacing what it writes, `move_aside` keeps an earlier log.
+Writes are not buffered, so what `write` has taken survives a kill of the process. An existing file of the same name
+is replaced once the new one can be opened. `require_other` and `require_apart` stop a command from overwriting its
+input or another of its outputs; `move_aside` keeps an earlier log.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""The messages of a log: which topics a sample has, of what types, under which QoS, and their bytes.
+"""The messages of a log: the topics of a sample, their types, their QoS and their bytes.
 
-The same for what writes a log and for what holds a replay against it. Never imports ROS and never touches a file.
+Log, node and replay all use this encoder. Must not import ROS or touch a file.
 """
 
 from __future__ import annotations

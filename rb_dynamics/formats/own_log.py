@@ -1,7 +1,4 @@
-"""What a log of this package says beyond any bag: its scene, its samples as rows, its commands with their channels.
-
-Reads only; every number is as it was logged.
-"""
+"""What a log of this package holds beyond any bag: its scene, its samples as rows, its commands by channel."""
 
 from __future__ import annotations
 

@@ -1,7 +1,6 @@
-"""`recover`: a whole MCAP file, with index and statistics, from one that was cut off or damaged.
+"""`recover`: make a complete MCAP file, with index and statistics, from one that was cut off or damaged.
 
-Copies what can be read, byte for byte, and says what could not. Never changes the file it reads, never makes anything
-up.
+Copies what can be read, byte for byte, and reports what could not. The damaged file stays as it is.
 """
 
 from __future__ import annotations

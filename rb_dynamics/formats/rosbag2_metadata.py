@@ -1,4 +1,4 @@
-"""`metadata.yaml`: what rosbag2 wants to know of a folder of MCAP files before it plays them. Knows no message."""
+"""`metadata.yaml`: what rosbag2 needs to know about a folder of MCAP files before it plays them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`Topic`: the messages of one topic of a bag as arrays, a few bytes more for each than its numbers take."""
+"""`Topic`: the messages of one topic of a bag as arrays, with a few bytes of overhead for each message."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""`verify`: holds a finished MCAP file against the format by the reader of the package mcap, which is not ours.
-
-Never repairs anything: `recover` does.
-"""
+"""`verify`: check a finished MCAP file with the reader of the package mcap, which is independent of ours."""
 
 from __future__ import annotations
 

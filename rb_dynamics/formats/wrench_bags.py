@@ -1,6 +1,6 @@
-"""`RecordedWrenches`: the wrench commands in one or several bags for the channels of a scene, in the time of a run.
+"""`RecordedWrenches`: the wrench commands of one or several bags, for the channels of a scene and in the time of a run.
 
-Never needs ROS, and keeps none of the commands. `Start` says which time of the bags is time 0 of the run.
+Commands are read as the run needs them and not kept. `Start` says which time of the bags is time 0 of the run.
 """
 
 from __future__ import annotations

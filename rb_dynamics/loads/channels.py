@@ -1,7 +1,7 @@
 """Wrench channels: each holds its last command until the next one or its timeout; channels add up.
 
-Knows when a command takes effect, and which are too large; what one does about the centre of mass is
-`loads/wrench.py`'s.
+This module decides when a command takes effect and which commands are too large; `wrench.py` decides what a command
+does about the centre of mass.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """`CombinedEffects`: the effects of a scene on its body, added up.
 
-What no effect has is None, and no code runs for it.
+A part that no effect has is None, so that no code runs for it.
 """
 
 from __future__ import annotations

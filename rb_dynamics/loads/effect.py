@@ -1,7 +1,7 @@
-"""`Effect`: something that acts on the body of its own accord, beside commanded wrenches. One small file for each kind.
+"""`Effect`: something that acts on the body without being commanded, such as gravity or drag.
 
-An effect is data from the scene. What it does is asked for once, for a body; a part that it does not have is not asked
-for again and costs nothing.
+An effect is data from the scene. It is asked once, for a given body, for each part that it may have (load, potential,
+stored momentum); a part that it does not have costs nothing afterwards.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Every effect that a scene can list, by its `type`. A new one is one file with one `Effect` and one entry here."""
+"""All effects that a scene can list, by their `type`. A new one is a file with one `Effect` and an entry here."""
 
 from __future__ import annotations
 

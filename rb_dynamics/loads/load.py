@@ -1,6 +1,6 @@
-"""`Load`: what acts on the body beside held wrenches and changes inside a step, and what a method must take.
+"""`Load`: force and torque that change inside a step, and what a method must be able to handle.
 
-Never knows an effect or a method: effects provide loads, methods evaluate them.
+Effects provide loads and methods evaluate them; neither knows the other.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A rotor: a wheel that its motor turns about an axis fixed in the body, at a constant or scheduled rate (gyrostat)."""
+"""A rotor: a wheel driven about an axis fixed in the body at a constant or scheduled rate (gyrostat)."""
 
 from __future__ import annotations
 

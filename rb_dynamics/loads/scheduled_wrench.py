@@ -1,4 +1,4 @@
-"""A scheduled wrench: commands that the scene itself gives, each held until the next."""
+"""A scheduled wrench: commands written in the scene itself, each held until the next."""
 
 from __future__ import annotations
 

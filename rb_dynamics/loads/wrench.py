@@ -1,6 +1,6 @@
-"""Wrench commands and the one rule that says in which axes and through which point they act.
+"""Wrench commands, and the one rule that says in which axes and through which point they act.
 
-Never knows where a command came from (topic, bag or script) nor when it takes effect: `loads/channels.py` does.
+Where a command comes from (topic, bag or script) and when it takes effect is the business of `channels.py`.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""How a body moves: the methods, by name, and the control of their step.
+"""How a body moves: the methods by name, and step control.
 
-A new method is one file with one `Method` and one entry here; outside the package it is a plug-in.
+A new method is a file with one `Method` and an entry here; outside this package it is a plug-in.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Kernels that choose their own strides: stride after stride by accuracy, without a call from Python to the next one.
+"""Kernels for steps by accuracy: many steps, with their lengths chosen by step control, in one compiled call.
 
-What decides is `step_control.py`, in plain Python and compiled alike; the bits are the same. Never refuses a stride:
-it stops before one that plain Python would refuse, which then takes it and says why.
+The code of `step_control.py` decides, in plain Python and compiled alike, with the same bits. A kernel stops before a
+step that plain Python would refuse; plain Python then takes that step and raises the error.
 """
 
 from __future__ import annotations

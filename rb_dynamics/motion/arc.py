@@ -1,8 +1,8 @@
-"""`Arc`: the motion between two command edges, where the held wrench is constant, as a function of time.
+"""`Arc`: the motion between two changes of what acts, while the held wrench is constant, as a function of time.
 
-An arc steps on a grid of its own that starts where it starts. A time between two grid points is reached by one shorter
-step that nothing later builds on: looking at the motion, at whatever rate, never changes it, and advancing in many
-small pieces gives the same bits as in one.
+An arc steps on a grid that starts where the arc starts. A time between two grid points is reached by one shorter step
+on which nothing later builds. Outputs at any rate therefore never change the motion, and advancing in many small
+pieces gives the same bits as advancing at once.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
-"""`method: auto`: the cheapest method that keeps the accuracy, by what each costs and how long its steps may be here.
+"""`method: auto`: the cheapest method that keeps the accuracy, from what a step costs and how long steps can be here.
 
-How long they may be is asked of each method's own step control, at the state and under the load that it would be used
-for; nothing is tabulated but the cost of a step. It never reads a clock, so that the same scene and commands always
-lead to the same choice, and it never looks ahead at commands.
+Each method's own step control says how long its steps can be, at the given state and load; only the cost of a step is
+tabulated. Must not read a clock or look ahead at commands: the same scene and commands always give the same choice.
 """
 
 from __future__ import annotations

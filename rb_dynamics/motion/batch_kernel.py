@@ -1,11 +1,10 @@
 """Kernels for many bodies, each under a schedule of held wrenches: one call for all bodies and the whole schedule.
 
-`lanes` takes a block of bodies through every step side by side, so that the compiler works on several at once: copied
-onto the stack, where it knows that the rows are apart and nothing leaves the first cache. That takes a step without a
-loop or a call that has to be left lane by lane; `one_by_one` takes any. The bits are the same. A lane that is refused
-leaves NaN, as in `kernel.py`.
-
-Never knows axes or times of the user: `run/ensemble.py` does.
+`lanes` takes a block of bodies through each step side by side, so that the compiler vectorises over bodies. It copies
+the block onto the stack, where the compiler knows that rows do not overlap and the data fit the first-level cache.
+This works for steps without loops and without calls that only some bodies take; `one_by_one` works for any step. Both
+give the same bits. A body whose step is refused becomes NaN, as in `fixed_step_kernel.py`. `run/ensemble.py` converts
+axes and times.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Memories of what has just been computed of a body and its motion, as it is often asked again; all can be emptied.
-
-Never changes a result, and never holds more than a few of them.
-"""
+"""Small caches of recent results about a body and its motion, all of which `clear_caches` can empty."""
 
 from __future__ import annotations
 

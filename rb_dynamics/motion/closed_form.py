@@ -1,9 +1,9 @@
-"""The rotation of a body on which no torque acts, in closed form: any time in constant work.
+"""Torque-free rotation of a rigid body in closed form: any time in constant work.
 
-Euler's equations (lecture 24, eqs. 20 to 22) are solved by Jacobi's elliptic functions, the attitude by the azimuth
-about the fixed angular momentum, an elliptic integral of the third kind. Written so that nothing cancels, for any body
-(sphere, symmetric, needle, plate, moments one unit in the last place apart) and any spin (on an axis, close to the
-separatrix, on it). Never integrates, never iterates over time.
+Jacobi's elliptic functions solve Euler's equations (lecture 24, eqs. 20 to 22). The attitude follows from the azimuth
+about the fixed angular momentum, an elliptic integral of the third kind. The formulas are arranged so that nothing
+cancels, for any body (sphere, symmetric, needle, plate, moments one unit in the last place apart) and any spin (on an
+axis, on the separatrix or close to it).
 
 Sources: Jacobi, J. reine angew. Math. 39 (1850) 293; Landau & Lifshitz, Mechanics, section 37; Celledoni, Fasso,
 Safstrom & Zanna, SIAM J. Sci. Comput. 30 (2008) 2084; DLMF 19.21.12 for the integral.

@@ -1,6 +1,6 @@
-"""Commutator-free Lie-group Runge-Kutta methods: each stage is a product of exponentials, without dexpinv or bracket.
+"""Commutator-free Lie-group Runge-Kutta methods: each stage is a product of exponentials, without dexpinv or brackets.
 
-A method is a table: for each stage, and for the step, the exponentials with their weights of the slopes before.
+A method is a table: for each stage, and for the step, the exponentials with their weights of the earlier slopes.
 """
 
 from __future__ import annotations

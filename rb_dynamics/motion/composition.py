@@ -1,6 +1,6 @@
-"""Composition: a symmetric method of order 2, taken several times forward and backward, has order 4 or 6.
+"""Composition: a symmetric method of order 2, applied several times forward and backward, becomes order 4 or 6.
 
-Needs no derivatives and keeps whatever the method keeps. Never looks into the method.
+It needs no derivatives and keeps the invariants of the method that it composes.
 """
 
 from __future__ import annotations

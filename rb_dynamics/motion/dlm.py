@@ -1,6 +1,7 @@
 """Splitting of the free body into rotations about its principal axes: explicit, cheap, keeps the angular momentum.
 
-Each axis alone turns the body uniformly. Between half kicks by the wrench, as in `splitting.py`.
+Each partial flow is a uniform rotation about one axis. Half kicks by the wrench come before and after, as in
+`splitting.py`.
 """
 
 from __future__ import annotations

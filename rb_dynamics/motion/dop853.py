@@ -1,4 +1,4 @@
-"""The explicit Runge-Kutta method of order 8 of Dormand and Prince: the general solver that most people reach for."""
+"""Dormand and Prince's explicit Runge-Kutta method of order 8, the usual general-purpose solver."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The explicit Runge-Kutta pair of orders 6 and 5 of Verner, DVERK: for steps of some hundredths of a turn."""
+"""DVERK, Verner's explicit Runge-Kutta pair of orders 6 and 5: good at steps of some hundredths of a turn."""
 
 from __future__ import annotations
 

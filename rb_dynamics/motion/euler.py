@@ -1,4 +1,4 @@
-"""Semi-implicit Euler as physics engines step a rigid body: the baseline that shows what an order is worth."""
+"""Semi-implicit Euler as physics engines step a rigid body: a baseline of order 1."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""The motions that have a closed form as a method: one step of any length.
+"""Motions that have a closed form, as a method: one step of any length.
 
-Free motion, where no torque and no force in body axes acts, and motion that stays planar (`planar.py`).
+These are free motion, with no torque and no force in body axes, and motion that stays planar (`planar.py`).
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""What explicit Runge-Kutta methods of high order share: the equations, in increments, and what a step makes of them.
+"""What explicit Runge-Kutta methods of high order share: the equations in increments, and the sums of a step.
 
-The equations are those of `rk4`, with the attitude from the axes R0 at the start of the step and with velocity and
-position for an observer who moves along: small numbers, to which rounding does little. Force and place act back on the
-stages only through a load: under a held wrench they are sums over the weights, and no stage is asked for them.
+The equations are those of `rk4`, but the attitude is relative to the axes R0 at the start of the step, and velocity
+and position are relative to an observer who moves along. The increments are small, so that rounding does little harm.
+Under a held wrench no stage needs force or position: they are sums over the weights.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
-"""Kernels: many steps of one length under a held wrench, without a call from Python to the next step.
+"""Kernels for fixed steps: many steps of one length under a held wrench in one compiled call.
 
-The same function in plain Python and, where numba is installed (extra `fast`) and it is worth it, compiled; the bits
-are the same. What is worth it: the steps taken and to be taken in plain Python cost about what compilation does, a few
-seconds, or, if the kernel is in the cache, what loading it does, half a second. The environment variable
-`RB_DYNAMICS_COMPILE` says otherwise: `never`, or `always`, at the first step; `auto` is as if it were not there.
+The same function runs in plain Python and, where numba is installed (extra `fast`) and it pays, compiled, with the
+same bits. It pays when the steps taken so far and known to come cost in plain Python about as much as compilation, a
+few seconds, or as loading the kernel from the cache, half a second. The environment variable `RB_DYNAMICS_COMPILE`
+overrides that: `never`, `always` (at the first step) or `auto` (the default).
 
-Never knows a load that varies, and never refuses a step: what is not finite spreads to the end, and who finds it there
-takes the steps again in plain Python, which says why.
+A kernel takes no load that varies in the step and refuses nothing: non-finite numbers spread to its end, where the
+caller notices them and repeats the steps in plain Python, which raises the error.
 """
 
 from __future__ import annotations

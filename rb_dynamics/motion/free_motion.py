@@ -1,4 +1,4 @@
-"""`free_motion`: where a body is after any time without load, in closed form; the reference for everything else."""
+"""`free_motion`: the exact motion of a body on which nothing acts, at any time; the reference for everything else."""
 
 from __future__ import annotations
 

@@ -1,7 +1,6 @@
-"""Layout: body, wrench and phase as the numbers that kernels are handed, one after the other or each in a row.
+"""How body, wrench and phase are laid out in the arrays that kernels work on.
 
-One after the other, from number i on, for one body; in rows, of which body i has column i, for many. Never knows what
-is done with them.
+For one body the numbers follow each other from index i on; for many, each number is a row, with body i in column i.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The implicit midpoint rule with the Cayley attitude update: keeps energy and angular momentum to round-off.
 
-Takes any load, at the midpoint of the step. Never needs its derivatives.
+Takes any load, evaluated at the midpoint of the step, without derivatives.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Splitting into kicks and preprocessed discrete Moser-Veselov motion: nearly the exact flow at a fraction of its cost.
 
-The discrete body keeps energy and angular momentum exactly; with moments changed a little before each flow it moves
-like the true one to order 10. Never turns the body by more than about a radian between two kicks.
+The discrete body keeps energy and angular momentum exactly; slightly modified moments make it follow the true motion
+to order 10. Steps that turn the body by more than about a radian between two kicks are refused.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""`Phase`: the state inside a run. About the centre of mass, in principal axes, with the books of work and impulse.
+"""`Phase`: the state inside a run, about the centre of mass and in principal axes, with the books of work and impulse.
 
-Converts from and to `State` at the edges of a run only, so that nothing is rounded on the way.
+It is converted from and to `State` only at the ends of a run and at outputs, so that conversions add no rounding.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Motion that provably stays planar: the body turns about one principal axis that nothing tilts, I theta'' = N.
 
-One angle tells the attitude, in closed form for a constant torque; so does a body that does not turn at all.
+One angle describes the attitude, in closed form for a constant torque. A body that does not turn is included.
 """
 
 from __future__ import annotations

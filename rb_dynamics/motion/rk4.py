@@ -1,4 +1,4 @@
-"""The classical Runge-Kutta method on quaternion and angular velocity: the baseline that users know."""
+"""The classical Runge-Kutta method on quaternion and angular velocity: the baseline that everybody knows."""
 
 from __future__ import annotations
 

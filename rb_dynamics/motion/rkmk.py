@@ -1,6 +1,6 @@
 """Runge-Kutta-Munthe-Kaas methods: Runge-Kutta in the Lie algebra, so that the attitude stays a rotation.
 
-A method is a tableau. Never chooses a step: an embedded pair only gives both results.
+A method is a tableau. An embedded pair returns both results; step control chooses the step.
 """
 
 from __future__ import annotations

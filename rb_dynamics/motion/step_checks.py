@@ -1,6 +1,6 @@
-"""What no step may return and how it is refused: numbers that are not finite, turns that no stage resolves.
+"""Checks that refuse a step: numbers that are not finite, and rotations too large for the stages to resolve.
 
-Never decides how long a step should be: step control does.
+How long a step should be is for `step_control.py` to decide.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Step control: chooses the grid of an arc, by a fixed step or by the accuracy that the user accepts.
+"""Step control: chooses the grid of an arc, by a fixed step or by the accuracy that the user asks for.
 
-Sees a method only as a function that advances a phase; never knows the group behind it. What decides how long a step is
-are functions on floats, which the kernels of `strides.py` take over as they are.
+It sees a method only as a function that advances a phase. The functions that choose a step work on plain floats, and
+`adaptive_kernel.py` compiles them as they are.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The Taylor method: the motion under a held wrench as power series in time, by recurrences on its equations.
 
-One expansion serves every time of a step (dense output), and its last terms tell how long the step may be.
+One expansion serves every time within a step (dense output), and its last terms tell how long the step may be.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""`convert`: a log as a table (CSV, Parquet), a Rerun recording or its scene, and a table of wrenches as an MCAP bag.
+"""`convert`: a log to a table (CSV, Parquet), a Rerun recording or its scene; a table of wrenches to an MCAP bag.
 
-Numbers are those of the log, with all their digits. What a log does not hold (the defects of the momenta) is not made
-up: it is left out of a table and is not a number in a recording.
+Numbers are those of the log, with all digits. What a log does not hold (the defects of the momenta) is left out of a
+table and is NaN in a recording.
 """
 
 from __future__ import annotations

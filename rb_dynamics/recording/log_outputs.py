@@ -1,4 +1,4 @@
-"""`Logs`: which logs of a run are asked for, on the command line or by the node's parameters, and their sinks."""
+"""`Logs`: the logs of a run that the command line or the node parameters ask for, and their sinks."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""How a .rrd opens in the Rerun viewer: which views there are, where the eye stands in each, what is plotted.
+"""The blueprint of a recording: which views the Rerun viewer opens with, from where each looks, and what is plotted.
 
-Makes Rerun's blueprint and never logs an entity. Imports `rerun` only inside its functions.
+Imports `rerun` only inside its functions.
 """
 
 from __future__ import annotations

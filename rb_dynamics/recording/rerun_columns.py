@@ -1,4 +1,4 @@
-"""Samples of a run as columns of numbers, ready for Rerun. Never imports `rerun` and never changes a number."""
+"""Samples of a run as columns of numbers for Rerun, without importing `rerun`."""
 
 from __future__ import annotations
 

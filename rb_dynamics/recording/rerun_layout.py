@@ -1,7 +1,6 @@
-"""What things look like in the Rerun viewer: colours, names, lines, and the text beside them.
+"""How things look in the Rerun viewer: colours, names, lines, and the text beside them.
 
-Makes Rerun's objects and never logs one: entities and their columns are the business of `recording/rerun_sink.py`.
-Imports `rerun` only inside its functions.
+`rerun_sink.py` logs the entities. Imports `rerun` only inside its functions.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Poinsot's construction in Rerun, live: the inertia ellipsoid rolls on the invariable plane and draws its two curves.
+"""Poinsot's construction in Rerun: the inertia ellipsoid rolls on the invariable plane and draws its two curves.
 
-Drawn in the space of `rb_dynamics.theory.rolling_ellipsoid`. While no torque acts, the plane stands still; a torque
-moves it. Never integrates: every point is of a sample of the run.
+Drawn in the space of `rb_dynamics.theory.rolling_ellipsoid`, each point from a sample of the run. While no torque
+acts, the plane stands still; a torque moves it.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""`BagSink`: a run as a rosbag2 folder: MCAP files of bounded size and length, and the `metadata.yaml` of `ros2 bag`.
+"""`BagSink`: a run as a rosbag2 folder: MCAP files of bounded size and duration, and the `metadata.yaml` of `ros2 bag`.
 
-Every file is a log of its own, with scene, metadata and all channels; `states_sha256` of each goes on from the one
-before, so the last one's is that of the run. Never imports ROS.
+Every file is a log of its own, with scene, metadata and all channels. `states_sha256` continues from one file to the
+next, so that the last one is that of the whole run.
 """
 
 from __future__ import annotations

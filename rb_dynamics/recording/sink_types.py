@@ -1,6 +1,6 @@
-"""`sinks`: what a run can be told to by name, as `--sink NAME=TARGET` does. A new one is one file and one entry here.
+"""Sinks by name, as in `--sink NAME=TARGET`. A new one is a file with one sink and an entry here.
 
-Never opens anything: a name stands for a function that makes a new sink for a target, a file in most cases.
+A name stands for a function that makes a sink for a target, in most cases a file.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""`StateHash`: one SHA-256 that two runs share exactly when all their samples agree to the last bit."""
+"""`StateHash`: a SHA-256 that two runs share exactly if all their samples agree to the last bit."""
 
 from __future__ import annotations
 

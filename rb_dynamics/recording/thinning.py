@@ -1,6 +1,6 @@
-"""What a picture of a run keeps of it: samples, edges of the wrenches, points of the path, pieces of growing curves.
+"""Thinning of a run for pictures: which samples, wrench changes, path points and curve pieces to keep.
 
-Chooses among what happened and never makes a value up; knows no file format. Of a long run few are kept.
+Everything kept happened; nothing is interpolated.
 """
 
 from __future__ import annotations

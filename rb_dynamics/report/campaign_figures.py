@@ -1,4 +1,4 @@
-"""Figures of a campaign as inline SVG: over time, distributions, what drives them. Never computes a statistic."""
+"""Figures of a campaign as inline SVG: metrics over time, their distributions, and what drives them."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""`Report`: sections of text, figures and tables, written as one HTML file that needs nothing else.
+"""`Report`: sections of text, figures and tables, written as one self-contained HTML file.
 
-The file loads no script, font or picture from anywhere, follows the light or dark setting of the reader and prints.
-All text is escaped; only figures go in as they are. Never computes a number.
+The file loads no script, font or picture from elsewhere, follows the reader's light or dark setting, and prints. All
+text is escaped; figures are inserted as they are.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The figures of a report: motion, momenta, energy, defects, wrenches and comparison, each as inline SVG.
 
-Takes arrays over time in s; knows nothing of bags. How a figure is drawn is `rb_dynamics.report.svg`'s.
+Takes arrays over time in s; `svg.py` does the drawing.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Poinsot's construction of a recorded motion as inline SVG: polhode on the ellipsoid, herpolhode in the plane.
 
-Drawn from the samples, also of forced motion, where the plane moves: the herpolhode is seen along the first L.
+Drawn from the samples. In forced motion, where the plane moves, the herpolhode is seen along the first L.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""The page of `trade`: the plot of work against precision, the runs, and what to take.
+"""The page of `trade`: work against precision, the measured runs, and the recommendation.
 
-Every number comes from a `Trade`; nothing is measured here.
+Every number comes from a `Trade`.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The tumble as a video, without a screen: the body with its vectors, and its ellipsoid rolling on the plane.
 
-GIF needs matplotlib alone, MP4 also the program ffmpeg, from the system or from the package imageio-ffmpeg. A run
-shorter than 5 s is slowed down to that, one longer than 20 s sped up; the picture says so. Attitudes between two
-samples are interpolated, nothing else is made up.
+GIF needs matplotlib; MP4 also needs ffmpeg, from the system or from the package imageio-ffmpeg. A run shorter than 5
+s is slowed down to that, one longer than 20 s is sped up, and the picture says so. Attitudes between samples are
+interpolated.
 """
 
 from __future__ import annotations

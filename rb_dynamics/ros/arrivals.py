@@ -1,7 +1,4 @@
-"""What a channel's commands tell of the way they took: early, late, twice, out of order (`Arrivals`), lost (`Losses`).
-
-Never changes a command.
-"""
+"""How the commands of a channel arrive: early, late, twice or out of order (`Arrivals`), or not at all (`Losses`)."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Where ROS messages meet tuples: stamps and states in; out what is not published by the thousand.
+"""Conversions between ROS messages and tuples: stamps and states in, and messages too rare to need the encoder.
 
-Axes and reference points: `pose` is the body origin in the world, `twist` the velocity of the body origin and the
-angular velocity, both in body axes, as REP-103 and nav_msgs/Odometry have it.
+Axes and reference points: `pose` is the body origin in the world; `twist` is the velocity of the body origin and the
+angular velocity, both in body axes, as in REP-103 and nav_msgs/Odometry.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""`publish`: the messages of a log on their topics, byte for byte and with their stamps, at the pace of the run.
-
-Never simulates and never changes a message.
-"""
+"""`publish`: the messages of a log on their topics, byte for byte, with their stamps, at the pace of the run."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""What simulation time it should be now, by the steady clock (`Pacer`) or by a ROS clock (`ClockFollower`).
+"""What simulation time should be now, by the steady clock (`Pacer`) or by a ROS clock (`ClockFollower`).
 
-Never sleeps. Both also say how far stamps are ahead of simulation time.
+Both also say by how much stamps are ahead of simulation time.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""What a node is started with: parameters as rcl reads them, and what the arguments of the launch files mean.
-
-Never imports rclpy.
-"""
+"""Arguments of a node: parameters as rcl reads them, and those of the launch files. Must not import rclpy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a motion has: momenta, energy, work and the defects of their balances. Never changes a state."""
+"""Momenta, energy and work of a motion, and the defects of their balances: `Sample` and how it is computed."""
 
 from __future__ import annotations
 

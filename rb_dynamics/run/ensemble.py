@@ -1,9 +1,8 @@
 """Many bodies at once, and whole schedules of held wrenches in one call: arrays in, arrays out.
 
-Each body moves as it would alone, to the bit: steps of one length from where a hold began, a shorter one to where the
-motion is looked at (`motion/arc.py`). Bodies never see each other. Compiled where numba is installed (extra `fast`) and
-it is worth it, in threads, and several bodies side by side in one core; without numba the same bits, one body after the
-other in plain Python, some hundred times slower.
+Each body moves as it would alone, with the same bits: steps of one length from the start of a hold, and a shorter one
+to the time of an output (`motion/arc.py`). Bodies do not interact. With numba (extra `fast`) they run compiled where
+that pays, in threads and vectorised over bodies; without it one after the other, some hundred times slower.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""`InputHash`: one SHA-256 that two runs share exactly when scene and commands agree, however the commands came.
+"""`InputHash`: a SHA-256 that two runs share exactly if scene and commands agree, in whatever order the commands came.
 
-Logs without `inputs_rule` have the hash of `AppliedHash`, over what acted in the order in which it was looked at.
+Logs without `inputs_rule` carry the older `AppliedHash`, over what acted in the order in which it was applied.
 """
 
 from __future__ import annotations

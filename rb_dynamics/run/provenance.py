@@ -1,4 +1,4 @@
-"""Where a run comes from: the facts that a log carries so that it can be repeated and doubted."""
+"""Where a run comes from: the metadata that a log carries so that the run can be repeated and checked."""
 
 from __future__ import annotations
 

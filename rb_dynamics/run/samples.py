@@ -1,7 +1,4 @@
-"""What many bodies, or one at many times, look like: `Samples`, the arrays of an ensemble's state and bookkeeping.
-
-Never moves anything.
-"""
+"""`Samples`: state and books of many bodies, or of one body at many times, as arrays."""
 
 from __future__ import annotations
 

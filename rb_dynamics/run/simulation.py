@@ -1,7 +1,7 @@
-"""The only loop: advances a scene from edge to edge (command, timeout, output, end) and tells sinks what happens.
+"""The loop: `Simulation` advances a scene from edge to edge (command, timeout, knot, output, end) and tells sinks.
 
-Offline runs, the node and replay all advance through `Simulation`, which never reads a clock, a file or a message;
-`simulate` opens a scene by its name and times the run.
+Offline runs, the node and replay all advance through `Simulation`, which must not read a clock, a file or a message.
+`simulate` runs a scene to its end and times it.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""`Sink`: what a run is told to. Memory, MCAP, Rerun and the node's publishers all stand behind these three calls.
+"""`Sink`: receives what happens in a run. Memory, MCAP, Rerun and the node's publishers implement its three calls.
 
-The events are values in the units and frames of the log; a sink never changes the run.
+Events are values in the units and frames of the log. A sink must not change the run.
 """
 
 from __future__ import annotations

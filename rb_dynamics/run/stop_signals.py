@@ -1,4 +1,4 @@
-"""Signals that end a command or a node: caught, so that logs are closed first, and given back afterwards."""
+"""Catch the signals that end a command or a node, so that logs are closed first; restore the handlers afterwards."""
 
 from __future__ import annotations
 

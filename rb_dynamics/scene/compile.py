@@ -1,4 +1,4 @@
-"""From a scene to what runs: the method for each arc and the control of its step."""
+"""Compile a scene: the method for each arc, and how its steps are chosen."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""YAML text as a tree of plain values that remembers on which line each stands.
+"""YAML text as a tree of plain values that knows the line of each value.
 
-Bounded in size, depth and number of values, so that no input takes long or much memory. Tags are refused, so that
-nothing is ever constructed from a file. Never knows which keys a scene may have: `scene/read.py` does.
+Size, depth and number of values are bounded, so that no input takes long or much memory. Tags are refused, so that
+nothing is ever constructed from a file. Which keys a scene may have is defined in `read.py`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
-"""`Entry`: one entry of the scene's list of effects, as an effect reads itself from it (`Effect.read`).
+"""`Entry`: one entry of a scene's list of effects, from which `Effect.read` takes its values.
 
-What is wrong is noted with its line, so that one error tells all of it; the value that is returned then only stands in.
-Never knows an effect.
+Every problem is noted with its line, so that one error reports them all; the value returned for it is a placeholder.
 """
 
 from __future__ import annotations

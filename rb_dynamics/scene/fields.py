@@ -1,7 +1,7 @@
-"""Values of a document, read as what is expected: numbers, vectors, quaternions, names, sections.
+"""Read values of a document as the expected type: numbers, vectors, quaternions, names, sections.
 
-Every reader returns a usable value and notes a problem where there is none, so that one pass finds all problems.
-Never knows what a scene means: `scene/read.py` does.
+Each reader notes a problem and returns a usable placeholder, so that one pass finds all problems. What the values
+mean is defined in `read.py`.
 """
 
 from __future__ import annotations

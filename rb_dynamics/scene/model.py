@@ -1,4 +1,4 @@
-"""`Scene`: a validated scene as values. Never reads a file: `scene/read.py` does."""
+"""`Scene`: a validated scene as values; `read.py` makes one from a file."""
 
 from __future__ import annotations
 

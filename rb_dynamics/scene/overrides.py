@@ -1,6 +1,6 @@
-"""Overrides: values from the command line, ROS parameters or a campaign, set in a document before it is validated.
+"""Overrides: values from the command line, ROS parameters or a campaign, put into a document before it is validated.
 
-Never validates them: an override is checked as if it stood in the file.
+They are validated like any value of the file.
 """
 
 from __future__ import annotations

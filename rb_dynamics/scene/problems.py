@@ -1,4 +1,4 @@
-"""What is wrong with a scene, collected so that one error tells all of it. Never decides what is wrong."""
+"""Collects the problems of a scene, so that one error reports all of them."""
 
 from __future__ import annotations
 

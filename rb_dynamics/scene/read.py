@@ -1,6 +1,6 @@
-"""Scene files: YAML -> validated `Scene`. The keys, defaults and limits of a scene stand here and in `read_*.py`.
+"""Read a scene file: YAML to a validated `Scene`. Keys, defaults and limits are defined here and in `read_*.py`.
 
-Never guesses: what is not understood is an error that names file, line, key, value, expectation and remedy.
+Nothing is guessed: an error names file, line, key, value, what was expected and how to mend it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The `body` section of a scene: its frames; mass, centre of mass and inertia are read by `read_inertia.py`."""
+"""Read the `body` section of a scene: its frames; `read_inertia.py` reads mass, centre of mass and inertia."""
 
 from __future__ import annotations
 

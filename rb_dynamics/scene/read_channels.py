@@ -1,4 +1,4 @@
-"""The `wrenches` section of a scene: the channels by which commands come, and which topics they may have."""
+"""Read the `wrenches` section of a scene: the channels for commands, and which topics they may have."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The `effects` section of a scene: what acts beside commanded wrenches. Each kind reads its own values."""
+"""Read the `effects` section of a scene: what acts beside commanded wrenches. Each kind reads its own values."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""The `inertia` of a scene's body in each of its forms, and the mass and the centre of mass that go with it.
+"""Read the `inertia` of a body in each of its forms, with the mass and the centre of mass that belong to it.
 
-A form that names a file is resolved here: what the file says takes its place, so that the scene's text alone makes the
-scene again, without the file. Physics is for `rb_dynamics.body`; what it refuses is noted at the form.
+A file that the scene names is read here and its content put in its place, so that the text of the scene alone is
+enough to make the scene again. `rb_dynamics.body` does the physics; what it refuses is reported at the key.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Where the scenes and the recording that ship with the package lie: source tree, pip install or colcon workspace."""
+"""Find the scenes and the recording that ship with the package: source tree, pip install or colcon workspace."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The text of a scene or campaign file, and what may stand in its place: a folder, a log. Never reads what it says."""
+"""Load the text of a scene or campaign file, and explain when a folder or a log was given instead."""
 
 from __future__ import annotations
 
