@@ -23,7 +23,7 @@ _CONTRADICTS = 0.3
 # Another reading explains it where it leaves no more than this part.
 _RECONCILED = 0.1
 # Smaller differences may be those of sensors, such as the constant error of gyros: rad/s and m/s.
-_SENSORS = 0.02
+_SENSORS = 0.05
 # A window counts where it turns by at least this (rad), and by so many times the noise.
 _LEAST_TURN, _ABOVE_NOISE = 0.05, 10.0
 _LEAST_WINDOWS = 3
@@ -172,6 +172,9 @@ def _judged(of: str, both: _Both, gone: Array, part: slice, readings: list[Readi
         return Agreement(of, error, window_s, count)
     remedy, remaining = _remedy(given, others, compared)
     contradicts = bool(remedy) or speed > _SENSORS
+    if not contradicts:
+        unit = "rad/s" if of == "attitude" else "m/s"
+        return Agreement(of, None, reason=f"they differ by {speed:.2g} {unit}, as the constant error of a sensor may")
     return Agreement(of, error, window_s, count, contradicts, remedy, remaining)
 
 

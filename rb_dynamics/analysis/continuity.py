@@ -83,11 +83,11 @@ def _jumps(track: Track, time_ns: Times, size: Array, least: float, *, turns: bo
         return []
     since = np.diff(time_ns[at + 1]).astype(np.float64)
     usual = float(np.median(since)) if len(since) else float(apart[at[0]])
-    since = np.clip(np.insert(since, 0, usual), 0.2 * usual, 5.0 * usual) * 1e-9
+    since = np.clip(np.insert(since, 0, usual), 0.2 * usual, np.maximum(5.0 * usual, apart[at])) * 1e-9
     gone = size[at]
-    expected = _around(gone / since) * since
-    # Of a few moves of a pose that else stands still nothing says how much they vary.
-    spread = float(np.median(np.abs(gone - expected))) if len(gone) > 2 * _AROUND else 0.0
+    expected = np.maximum(_around(gone / since) * since, _around(gone))
+    # Where a pose stands still but for one move, or there and back, nothing says how much moves vary.
+    spread = float(np.median(np.abs(gone - expected))) if len(gone) > 2 else 0.0
     beyond = gone > np.maximum(_TIMES * expected + _SPREADS * spread, least)
     # What begins at the first or last samples may go on.
     beyond &= (at >= _AROUND) & (at < len(size) - _AROUND)
