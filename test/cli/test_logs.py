@@ -174,6 +174,7 @@ def test_recover_counts_from_the_first_message(tmp_path: Path) -> None:
     assert command("convert", tmp_path / "commands.csv", tmp_path / "commands.mcap").returncode == 0
     result = command("recover", tmp_path / "commands.mcap", tmp_path / "saved.mcap")
     assert "saved.mcap: 5 messages from t = 0 to 2 s; the file was whole" in result.stdout
+    assert "saved.mcap; t counts from the first message, log time 1700000000.000000000 s" in result.stdout
 
 
 def test_replay_is_the_same_to_the_last_bit_or_fails(scene: Path, tmp_path: Path) -> None:

@@ -32,11 +32,18 @@ def test_it_says_what_happened(flight: Any) -> None:
     text = text_of(flight.log)
     flat = " ".join(text.split())
     assert "log of rb_dynamics" in flat
+    assert "; t is simulation time " in flat
     assert f"{flight.result.sample.work:.7g}" in flat
     assert "all 8 checks passed" in flat
     assert "body: 4 kg, centre of mass at (0.1, -0.2, 0.05) m, principal moments 0." in flat
     assert "effects: none" in flat
     assert "for a momentum is the larger of what it came to and what its impulses add up to" in flat
+
+
+def test_it_says_from_which_stamp_the_t_of_a_recording_counts(bagger: Any) -> None:
+    poses = [("/pose", POSE, k, (k, "world", (0.0,) * 6 + (1.0,))) for k in (13_070_000_000, 13_570_000_000)]
+    flat = " ".join(text_of(bagger(poses)).split())
+    assert "; t counts from the start, at header.stamp 13.070000000 s " in flat
 
 
 def test_a_balance_that_is_known_for_a_part_of_the_run_passes_no_check_without_saying_so(flown: Any) -> None:
