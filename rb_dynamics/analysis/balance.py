@@ -1,6 +1,6 @@
 """Balances of a recorded motion: momentum against the impulse of the wrenches, energy against work.
 
-Where the log cannot tell what an impulse or a work was, the balance is not known there; it is never made up.
+Where the log does not determine an impulse or a work, the balance is unknown.
 """
 
 from __future__ import annotations

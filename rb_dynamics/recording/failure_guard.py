@@ -1,4 +1,4 @@
-"""`GuardedSink`: a log that fails stops itself, not the run that it records."""
+"""`GuardedSink`: a sink whose failure stops it, but not the run."""
 
 from __future__ import annotations
 

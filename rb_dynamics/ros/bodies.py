@@ -1,7 +1,7 @@
-"""Several bodies of one scene in one process, each a node in a namespace of its own; they do not touch each other.
+"""Several bodies of one scene in one process, each a node in its own namespace; the bodies do not interact.
 
-What `launch/bodies.launch.py` does with a process for each; docs/ros.md says what either costs. One thread moves them
-all: where one core is not enough for them, take the launch file.
+`launch/bodies.launch.py` does the same with a process for each body; docs/ros.md compares the cost. One thread moves
+all bodies, so take the launch file where one core is not enough.
 
     python -m rb_dynamics.ros.bodies SCENE --count 3 [--prefix body_] [--spacing 1.0] [--ros-args ...]
 """

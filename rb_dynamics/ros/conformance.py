@@ -1,9 +1,9 @@
-"""Checks what wrench commands do, on the topics of any node: frames, lever arm, hold, timeout, channels, impulse, QoS.
+"""Check what wrench commands do on the topics of any node: frames, lever arm, hold, timeout, channels, impulse, QoS.
 
-Needs WrenchStamped in and Odometry out, with stamps that pass while it looks; nothing else may act on the body. The
-laws judge, not a model: between two messages the momentum changes by the integral of force and torque. Where the force
-does not turn with the body that integral is exact, and so is the check. Never asks the node how it works; what it has
-to say itself is looked for on /diagnostics.
+Needs WrenchStamped in and Odometry out, with stamps that advance, and nothing else acting on the body. The laws of
+motion are the judge, not a model: between two messages the momentum changes by the integral of force and torque. That
+integral, and so the check, is exact where the force does not turn with the body. Messages that the node should give
+are looked for on /diagnostics.
 
     python -m rb_dynamics.ros.conformance --frame thruster:0,0.5,0.2 --second push --timed burst:0.2
 """

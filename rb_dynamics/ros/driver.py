@@ -1,8 +1,7 @@
-"""`Driver`: decides when the simulation advances, and carries it from one run to the next. Knows no ROS.
+"""`Driver`: decides when the simulation advances, and carries it from one run to the next. Must not know ROS.
 
-A change of the state or of the body from outside begins a new run, with new logs: each log is a run that can be
-repeated from it alone, and the books of energy and momentum begin at what the change left. Stamps and held commands go
-on.
+A change of state or body from outside begins a new run with new logs, so that each log can be repeated from its own
+content, with the books of energy and momentum starting at the changed state. Stamps and held commands continue.
 """
 
 from __future__ import annotations

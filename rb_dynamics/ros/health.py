@@ -1,6 +1,6 @@
 """`Health`: counts what went wrong with commands, and puts the state of the node into one diagnostics status.
 
-`Throttle` keeps a storm of warnings out of the log. Neither knows ROS.
+`Throttle` limits repeated warnings in the log. Neither knows ROS.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""`Neighbours`: which other nodes publish what ours does, and which readers hear nothing for their QoS."""
+"""`Neighbours`: other nodes that publish our topics, and readers that hear nothing because of their QoS."""
 
 from __future__ import annotations
 

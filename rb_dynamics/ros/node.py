@@ -1,9 +1,9 @@
 """The ROS 2 node: topics, services and parameters around a `Driver`, which decides when the simulation advances.
 
-One thread does everything: it waits for messages until the next output is due, then advances, a few milliseconds at a
-time, so that neither messages nor signals wait for the physics. Steady time paces it, unless it follows `/clock`. Where
-outputs follow each other closely it sleeps from one to the next, and takes the commands that came meanwhile: to wait
-for messages costs more than to simulate.
+One thread does everything: it waits for messages until the next output is due and then advances for a few
+milliseconds at a time, so that neither messages nor signals wait for the physics. Steady time paces it, unless it
+follows `/clock`. At high output rates it sleeps from one output to the next and then takes the commands that came
+meanwhile, since waiting for messages costs more than simulating.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""The least that the node must be allowed in a secured graph: a policy file of SROS2, from its own interface.
+"""The least permissions that the node needs in a secured graph: an SROS2 policy file made from its own interface.
 
-Starts the node as the arguments say, asks the graph what it publishes, reads and answers, and stops it before it moves.
-Makes no keys and signs nothing: `ros2 security create_permission` does.
+Starts the node as the arguments say, asks the graph what it publishes, subscribes to and serves, and stops it before
+the body moves. Keys and signatures are left to `ros2 security create_permission`.
 
     python -m rb_dynamics.ros.permissions SCENE [--enclave /rigid_body] [--ros-args ...] > policy.xml
 """

@@ -1,4 +1,4 @@
-"""Publishes recorded wrench commands to a node in lockstep and collects the motion that comes back over DDS."""
+"""Publish recorded wrench commands to a node in lockstep, and collect the motion that comes back over DDS."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""`TopicSink`: the node's publishers behind the same interface as the logs.
+"""`TopicSink`: the node's publishers behind the interface of a sink.
 
-Samples are published as the bytes that a log has: to make a message, only for the middleware to take it apart again,
-costs several times as much.
+Samples are published as the bytes that a log has. Making a message only for the middleware to take it apart again
+would cost several times as much.
 """
 
 from __future__ import annotations

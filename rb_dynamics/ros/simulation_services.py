@@ -1,6 +1,7 @@
-"""The services of the package simulation_interfaces, private to the node, as Gazebo has them; where it is installed.
+"""The services of the package simulation_interfaces, private to the node as in Gazebo, if that package is installed.
 
-Test scripts that drive a simulator by this standard drive the node too. The body is the one entity, named as its frame.
+Test scripts that drive a simulator by this standard also drive the node. The body is the only entity, named after its
+frame.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""`explain`: what a scene models and what it leaves out, which solver runs it, what that costs and how wrong it is.
+"""`explain`: what a scene models and leaves out, which solver runs it, what that costs and how wrong it is.
 
-The decisions are those of `scene/compile.py` and the loads; cost and error are measured on the scene itself, by running
-it, and a second time by another method, for a bounded time. Never changes anything.
+The decisions are those of `scene/compile.py` and the loads. Cost and error are measured by running the scene itself
+for a bounded time, and once more by another method.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
-"""`replay`: runs a log again from what is in it, and compares every topic of it to the last bit.
+"""`replay`: run a log again from what is in it, and compare every topic to the last bit.
 
-Scene, initial state and the time at which each command took effect come from the log alone. Never changes the log, and
-holds no more of it in memory than the commands.
+Scene, initial state and the time at which each command took effect come from the log alone. Only the commands are
+held in memory.
 
-What must be the same bits wherever and whenever it is compared: the commands, which the log alone says, and scene and
-commands against their hashes; what pose, odometry and transform say of one instant; and, where the hash of the states
-is that of the log, every topic up to there but the acceleration, which that hash does not hold. The rest may differ in
-its last digits on another version or platform.
+Some bits must agree on every platform and version: the received commands; the hashes of scene and commands; what
+pose, odometry and transform say of one instant; and, as far as the hash of the states agrees with the log's, every
+topic except the acceleration, which that hash does not cover. Everything else may differ in its last digits on
+another version or platform.
 """
 
 from __future__ import annotations

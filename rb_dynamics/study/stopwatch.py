@@ -1,6 +1,6 @@
-"""`Stopwatch`: times runs as if each had a process of its own, without what its kernels take to compile or load.
+"""`Stopwatch`: time runs as if each had a process of its own, without the time its kernels take to compile or load.
 
-Never decides whether a kernel is worth it: `motion/fixed_step_kernel.py` does, by the tallies that are made here.
+Whether a kernel is worth compiling is decided in `motion/fixed_step_kernel.py`, from the counts made here.
 """
 
 from __future__ import annotations

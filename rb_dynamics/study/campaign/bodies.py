@@ -1,7 +1,7 @@
-"""The bodies of a block: side by side in the kernels of `Ensemble`, or one alone through `Simulation`.
+"""The bodies of a block of runs: side by side in the kernels of `Ensemble`, or one alone through `Simulation`.
 
-Both move a run by the same bits. Side by side go runs without effects, of one method with a fixed step (or without a
-torque, in closed form); anything that a scene can say goes alone.
+Both give the same bits. Side by side go runs without effects, with one method and a fixed step (or without torque, in
+closed form); every other scene runs alone.
 """
 
 from __future__ import annotations

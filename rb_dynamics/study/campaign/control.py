@@ -1,6 +1,6 @@
-"""The closed loop of a block of bodies: measure with noise, ask the law, saturate, and command after a delay.
+"""The closed loop of a block of bodies: measure with noise, evaluate the law, saturate, and command after a delay.
 
-Never moves a body: `flight.py` does.
+`flight.py` moves the bodies.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Distributions of one number, each as the function that takes a probability to a value.
+"""Distributions of one number, each as a function from a probability to a value.
 
-Every kind of sampling (random, Latin hypercube, Sobol) and every correlation then works with each of them. The bits of
-a value depend on its own probability alone, not on how many are taken at once.
+This makes every sampling (random, Latin hypercube, Sobol) and every correlation work with each of them. The bits of a
+value depend on its own probability alone, not on how many are computed at once.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Runs a campaign: blocks of runs go to workers, here or on a cluster, and their rows to disk.
+"""Run a campaign: send blocks of runs to workers, here or on a cluster, and write their rows to disk.
 
 Workers are processes of `dask.distributed` where that is installed, on this machine or behind the address of a
-scheduler, or else threads of this process. A worker that dies costs the blocks it was at, which are flown again. What
-is on disk is not flown again. Never looks at a number.
+scheduler, or else threads of this process. If a worker dies, its blocks are flown again; rows that are on disk are
+not.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Flies a block of runs and returns their rows. Never writes a file and never knows of other blocks.
+"""Fly a block of runs and return their rows.
 
-A row depends on the campaign and the number of the run alone: a run that cannot be solved is flown again without the
-others, and they without it.
+A row depends on the campaign and the number of the run alone: a run that cannot be solved is flown again by itself,
+and the others without it. Must not write files or know of other blocks.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Whether rows on disk are of this very campaign, and if not, what differs. Never reads or writes a file.
+"""Decide whether rows on disk belong to this very campaign, and if not, what differs.
 
-The words of the file do not count, only what it says. The number of runs counts where a run depends on it: a Latin
-hypercube is laid out for it, random and Sobol samples can grow.
+Only the content of the campaign file counts, not its wording. The number of runs counts where runs depend on it: a
+Latin hypercube is laid out for it, while random and Sobol samples can grow.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Control laws: from what is measured of many bodies to the torques that are commanded, arrays in and arrays out.
+"""Control laws: from the measurements of many bodies to the commanded torques, arrays in and arrays out.
 
-A law is made of its parameters once for a block of bodies and then called at each sample; it may remember. It works
-component by component, so that a body gets the same bits alone and among others. Never knows delay, noise or
-saturation: `control.py` does.
+A law is made once from its parameters for a block of bodies and then called at each sample; it may keep state. It
+works element by element, so that a body gets the same bits alone and among others. `control.py` adds delay, noise and
+saturation.
 """
 
 from __future__ import annotations

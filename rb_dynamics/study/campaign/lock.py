@@ -1,6 +1,6 @@
-"""A lock for one file that a single process may write: held by the system, so that it ends with the process.
+"""A lock for a file that only one process may write; the system holds it, so that it ends with the process.
 
-Beside the file lies one that says who holds it; it goes when the lock is let go.
+A second file beside it says who holds the lock, and is removed when the lock is released.
 """
 
 from __future__ import annotations

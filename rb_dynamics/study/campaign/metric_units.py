@@ -1,4 +1,4 @@
-"""The unit of a metric, and how it stands beside a name, for people. Never converts a number."""
+"""Units of metrics, and how they are printed beside a name."""
 
 from __future__ import annotations
 

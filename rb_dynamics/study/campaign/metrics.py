@@ -1,6 +1,6 @@
-"""What a run is judged by: quantities of its state, and what becomes of each over the run.
+"""Metrics of a run: quantities of its state, and how each is reduced over the run.
 
-Quantities are functions of `Samples`, so that a block of runs is looked at in one call; a user's own are too.
+Quantities are functions of `Samples`, so that one call evaluates a block of runs; users can add their own.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""`Campaign`: a validated campaign as values, which go to a worker as they are. Never reads a file: `read.py` does."""
+"""`Campaign`: a validated campaign as values, sent to workers as they are; `read.py` makes one from a file."""
 
 from __future__ import annotations
 

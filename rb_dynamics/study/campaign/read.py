@@ -1,7 +1,6 @@
-"""Campaign files: YAML -> validated `Campaign`. The keys, defaults and limits of a campaign stand here.
+"""Read a campaign file: YAML to a validated `Campaign`. Keys, defaults and limits of a campaign are defined here.
 
-Never guesses: what is not understood is an error that names file, line, key, value, expectation and remedy, as in a
-scene file.
+Nothing is guessed: an error names file, line, key, value, what was expected and how to mend it, as for a scene.
 """
 
 from __future__ import annotations

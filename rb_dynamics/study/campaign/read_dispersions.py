@@ -1,4 +1,4 @@
-"""The `disperse` and `correlate` sections of a campaign: which numbers differ from run to run, and how."""
+"""Read the `disperse` and `correlate` sections of a campaign: which numbers differ from run to run, and how."""
 
 from __future__ import annotations
 

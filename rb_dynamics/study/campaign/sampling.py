@@ -1,7 +1,7 @@
-"""The inputs of runs: a design of probabilities in the unit cube, correlated, and taken to values.
+"""The inputs of runs: probabilities in the unit cube, correlated, and turned into values.
 
-Any block of runs is had without the others. A random number depends on the seed of the campaign and the number of the
-run alone.
+Any block of runs can be had without the others: a random number depends on the seed of the campaign and the number of
+the run alone.
 """
 
 from __future__ import annotations

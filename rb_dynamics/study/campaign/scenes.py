@@ -1,8 +1,8 @@
-"""The scene of one run: the base scene with the run's inputs in it, checked as any scene is.
+"""The scene of one run: the base scene with the run's inputs in it, validated like any scene.
 
 Where the inertia is dispersed, each second moment of the mass, the integral of x_k^2 dm along principal axis k, is
-multiplied by a factor greater than 0, and the axes are turned. The moments I_k are sums of two of them, so that every
-sample is the inertia of a real body.
+multiplied by a positive factor, and the axes are rotated. Each moment I_k is the sum of two second moments, so that
+every sample is the inertia of a real body.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""One run of a campaign again: alone, by the loop that `simulate` runs, with a full log, compared with its row."""
+"""Fly one run of a campaign again, alone, through `Simulation` and with a full log, and compare it with its row."""
 
 from __future__ import annotations
 

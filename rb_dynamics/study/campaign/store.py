@@ -1,8 +1,8 @@
-"""The rows of a campaign on disk: a Parquet file for each block while it runs, one for all of it at the end.
+"""The rows of a campaign on disk: a Parquet file for each block while it runs, and one for all of it at the end.
 
-What is on disk is whole: a file is written under another name, brought to the disk and then renamed. One process at a
-time writes; what is there is looked at before it is taken up. The last file depends on the campaign alone, not on how
-its runs were divided, interrupted or ordered. Never flies a run.
+A file is written under another name, synced and then renamed, so that what is on disk is complete. One process at a
+time writes, and existing files are checked before they are used. The final file depends on the campaign alone, not on
+how its runs were divided, interrupted or ordered.
 """
 
 from __future__ import annotations

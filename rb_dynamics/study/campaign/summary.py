@@ -1,8 +1,8 @@
 """What the rows of a campaign show: quantiles and pass rate with confidence intervals, failures, sensitivities.
 
-Intervals take the runs as independent draws. A Latin hypercube or a Sobol sequence covers each input more evenly than
-that; a few runs of one may have inputs that go with each other far more, so that what is only such an echo is told
-apart. Never draws: `page.py` does.
+Intervals treat the runs as independent draws. A Latin hypercube or a Sobol sequence covers each input more evenly
+than that, and with few runs its inputs may be correlated by chance; a driver that is only such an echo is marked as
+one.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a campaign names: a law or a function of this package, or of the user's own by its dotted name."""
+"""Find the laws and functions that a campaign names: those of this package, and the user's by dotted name."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""The user's own modules of a campaign: their source travels with it, so that every process runs what was read.
+"""The user's own modules of a campaign: their source travels with it, so that every process runs the same code.
 
-What lies beside the campaign file goes along, with all that its `import` statements find there, and is loaded under a
-name made of its hash: modules of the same name, or of an earlier version, are others. What is installed is imported as
-it is; where its source is not that of the process that commands, it is refused.
+Modules beside the campaign file go along, with everything that their `import` statements find there. Each is loaded
+under a name that contains its hash, so that modules of the same name, or earlier versions, do not mix. Installed
+modules are imported as usual, and refused if their source differs from that of the commanding process.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""`trade`: speed against accuracy of all methods that can run a scene, measured on the scene itself, and what to take.
+"""`trade`: measure speed against accuracy of all methods that can run a scene, on the scene itself, and recommend one.
 
-Every method goes from coarse settings to fine ones, in turns, so that each has had about the same time; what it reached
-is compared with a reference on which two methods of different families agree. Never changes anything.
+Every method goes from coarse settings to fine ones, in turns, so that all get about the same time. Results are
+compared with a reference on which two methods of different families agree.
 """
 
 from __future__ import annotations

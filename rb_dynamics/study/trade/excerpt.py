@@ -1,7 +1,4 @@
-"""The part of a scene that is run again and again: found, described, and run for its end and its time.
-
-Never compares ends with a reference.
-"""
+"""The excerpt of a scene that is run again and again: choose it, describe it, run it and time it."""
 
 from __future__ import annotations
 

@@ -1,7 +1,6 @@
-"""The errors over a whole scene, of which the trial was a part: what is about to be recommended is flown to its end.
+"""Errors over a whole scene where only an excerpt was measured: what is about to be recommended is flown to the end.
 
-How much of a scene the trial holds depends on how busy the machine is; what is recommended shall not. Never changes a
-row.
+The length of an excerpt depends on how busy the machine is; the recommendation should not.
 """
 
 from __future__ import annotations

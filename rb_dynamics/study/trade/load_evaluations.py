@@ -1,4 +1,4 @@
-"""How often a method asks what acts on the body: counted on a step, as nothing that is written down stays true."""
+"""How often a method evaluates the load, counted on a real step so that the number cannot go stale."""
 
 from __future__ import annotations
 

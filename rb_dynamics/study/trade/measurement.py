@@ -1,4 +1,4 @@
-"""The rows: every setting of every method that can take the scene, its error and its time."""
+"""Measure error and time of every setting of every method that can run the scene."""
 
 from __future__ import annotations
 

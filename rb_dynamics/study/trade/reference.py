@@ -1,4 +1,4 @@
-"""The reference: the motion on which two methods of different families agree, and how well they do."""
+"""The reference: the motion on which two methods of different families agree, and how closely they do."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Lets methods go from coarse settings to fine ones in turns, so that each has had about the same time.
-
-Knows neither a scene nor how a setting is measured.
-"""
+"""Refine the settings of all methods in turns, coarse to fine, so that each method gets about the same time."""
 
 from __future__ import annotations
 

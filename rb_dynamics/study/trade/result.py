@@ -1,7 +1,4 @@
-"""What `trade` finds: rows, the reference they are compared with, the front, and what to take.
-
-Never measures anything.
-"""
+"""What `trade` finds: the measured runs, the reference, the front, and the recommendation."""
 
 from __future__ import annotations
 
