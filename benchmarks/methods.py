@@ -77,7 +77,7 @@ WORKLOADS = (
         HeldWrench(torque_body=(3e-4, -2e-4, 2.5e-4), torque_world=(2e-4, 3.5e-4, -3e-4)),
         (0.7, -1.1, 0.9),
         20.0,
-        (("aba104", 400), ("midpoint6", 5000)),
+        (("strang6", 4000), ("midpoint6", 5000)),
     ),
 )
 

@@ -46,10 +46,19 @@ ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs" / "verification.md"
 IMAGES = ROOT / "docs" / "images"
 sys.path[:0] = [str(ROOT / "test" / "support"), str(ROOT / "test" / "verification"), str(ROOT / "test" / "motion")]
-free_reference, motions, test_extremes, test_free, test_invariants, test_order, test_second_simulator, wrenches = map(
+(
+    free_reference,
+    motions,
+    test_extremes,
+    test_closed_form,
+    test_invariants,
+    test_order,
+    test_second_simulator,
+    wrenches,
+) = map(
     import_module,
     (
-        *("free_reference", "motions", "test_extremes", "test_free", "test_invariants", "test_order"),
+        *("free_reference", "motions", "test_extremes", "test_closed_form", "test_invariants", "test_order"),
         *("test_second_simulator", "test_ten_thousand_wrenches"),
     ),
 )
@@ -300,15 +309,15 @@ def exactness(moments: Sequence[float], spin: Sequence[float], t: float, digits:
 
 
 def exact_motions() -> dict[str, list[Exactness]]:
-    """Return the draws of test_free by kind of body: all kinds of spin, times from 1e-3 to 1e9 s."""
+    """Return the draws of test_closed_form by kind of body: all kinds of spin, times from 1e-3 to 1e9 s."""
     found: dict[str, list[Exactness]] = {}
-    for body in test_free.BODIES:
-        for spin in test_free.SPINS:
+    for body in test_closed_form.BODIES:
+        for spin in test_closed_form.SPINS:
             draw = random.Random(f"{body} {spin}")
             for longest in (1e-3, 1.0, 1e2, 1e5, 1e9):
-                moments = test_free.BODIES[body](draw)
+                moments = test_closed_form.BODIES[body](draw)
                 draw.shuffle(moments)
-                omega = test_free.SPINS[spin](draw, moments)
+                omega = test_closed_form.SPINS[spin](draw, moments)
                 found.setdefault(body, []).append(exactness(moments, omega, longest * draw.random()))
     return found
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from types import MappingProxyType
 from typing import NamedTuple
 
 from rb_dynamics.errors import LogError, RigidBodyError
@@ -43,6 +45,10 @@ COLUMNS: dict[str, tuple[str, ...]] = {
 }
 
 
+BY_ANY_METHOD: Mapping[str, object] = MappingProxyType({"solver": {}})
+"""Overrides that read the scene of a log whose method is no longer there, where only its numbers are wanted."""
+
+
 class SampleRow(NamedTuple):
     """One sample as logged: time in integer nanoseconds, numbers in the order of `row_columns`."""
 
@@ -50,12 +56,15 @@ class SampleRow(NamedTuple):
     numbers: tuple[float, ...]
 
 
-def scene_and_names(source: Source, purpose: str = "run again") -> tuple[Scene, dict[str, str]]:
+def scene_and_names(
+    source: Source, purpose: str, overrides: Mapping[str, object] = BY_ANY_METHOD
+) -> tuple[Scene, dict[str, str]]:
     """Return the scene of a log that has been read through, and each topic's name in it by its name in the scene.
 
     Args:
         source: the log.
         purpose: what the log is wanted for, as a refusal says it.
+        overrides: of the scene, which keeps its text all the same.
 
     Raises:
         LogError: it is not a log of this package, or one of its topics has another type than it had.
@@ -74,7 +83,7 @@ def scene_and_names(source: Source, purpose: str = "run again") -> tuple[Scene, 
             f"{source.path} cannot be {purpose}: its scene was made or changed in Python, and no text in the log says "
             "what it is; read scenes with what is to be changed: read_scene(path, {'body.mass': 2.0})"
         )
-    scene = parse_scene(text, f"{source.path}: {SCENE}")
+    scene = replace(parse_scene(text, f"{source.path}: {SCENE}", overrides), text=text)
     return scene, require_types(source, scene)
 
 
@@ -82,7 +91,7 @@ def logged_scene(attachments: Mapping[str, bytes]) -> Scene | None:
     """Return the scene in a log; None where there is none, or it needs a plug-in that is not here."""
     scene = attachments.get(SCENE)
     try:
-        return None if scene is None else parse_scene(scene.decode("utf-8", "replace"))
+        return None if scene is None else parse_scene(scene.decode("utf-8", "replace"), overrides=BY_ANY_METHOD)
     except RigidBodyError:
         return None
 

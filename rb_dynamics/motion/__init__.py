@@ -5,6 +5,9 @@ A new method is a file with one `Method` and an entry here; outside this package
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Sequence
+
 from rb_dynamics.motion.commutator_free import CF4
 from rb_dynamics.motion.composition import MIDPOINT4, MIDPOINT6
 from rb_dynamics.motion.dlm import DLM2, DLM4, DLM6
@@ -18,13 +21,12 @@ from rb_dynamics.motion.moser_veselov import DMV82, DMV104, DMV864
 from rb_dynamics.motion.radau import RADAU
 from rb_dynamics.motion.rk4 import RK4
 from rb_dynamics.motion.rkmk import RKMK4, RKMK54
-from rb_dynamics.motion.splitting import ABA82, ABA84, ABA104, ABA864, STRANG2, STRANG4, STRANG6
+from rb_dynamics.motion.splitting import STRANG2, STRANG6
 from rb_dynamics.motion.taylor import TAYLOR
 from rb_dynamics.plugins import Registry
 
 _ALL = (
-    *(EXACT, TAYLOR),
-    *(STRANG2, STRANG4, STRANG6, ABA82, ABA84, ABA104, ABA864),
+    *(EXACT, TAYLOR, STRANG2, STRANG6),
     *(DMV82, DMV864, DMV104),
     *(DLM2, DLM4, DLM6),
     *(MIDPOINT, MIDPOINT4, MIDPOINT6),
@@ -46,4 +48,17 @@ def _fault(name: str, found: object) -> str:
 
 METHODS: Registry[Method] = Registry("method", {method.name: method for method in _ALL}, _fault)
 
-__all__ = ["METHODS", "Increment", "Inertia", "Method"]
+REMOVED = dict.fromkeys(("strang4", "aba82", "aba84", "aba104", "aba864"), "dmv104, or strang6 for a slender body")
+"""What to take for a method that is no longer there."""
+
+
+def remedy(name: object, known: Sequence[str], otherwise: str) -> str:
+    """Return what a message advises where `name` is none of the `known` ones."""
+    text = str(name).lower()[:60]
+    if text in REMOVED:
+        return f"{text} was removed; take {REMOVED[text]}"
+    near = difflib.get_close_matches(text, known, n=1)
+    return f"did you mean {near[0]}?" if near else otherwise
+
+
+__all__ = ["METHODS", "REMOVED", "Increment", "Inertia", "Method", "remedy"]

@@ -64,8 +64,7 @@ _PLAIN_PRICE = {
         (3.0, "dverk rkmk54 dlm4 dmv82 strang2 exact"),
         (4.5, "taylor dop853 dlm6 dmv864 dmv104 midpoint4"),
         (8.5, "midpoint6"),
-        (14.0, "strang4 aba82 aba84"),
-        (20.0, "strang6 aba104 aba864"),
+        (20.0, "strang6"),
     )
     for name in names.split()
 }

@@ -111,7 +111,7 @@ def _form(row: _Row, c: float, h: float) -> float:
 def _out_of_reach(t: float, turn: float) -> tuple[Quaternion, Vector]:
     raise ConvergenceError(
         f"dmv: {t:.3g} s between two kicks turn the body by {turn:.3g} rad, expected less than {_LARGEST_TURN:g} rad; "
-        f"use a step shorter by a factor of {2.0 * turn:.3g}, or method aba104, whose flow is exact"
+        f"use a step shorter by a factor of {2.0 * turn:.3g}, or method strang6, whose flow is exact"
     )
 
 
@@ -175,7 +175,7 @@ def _preprocessing(moments: Vector) -> _Rows:
 def _too_slender(moments: Vector) -> _Rows:
     raise ConvergenceError(
         f"dmv: the smallest moment of inertia is {min(moments) / max(moments):.3g} of the largest, expected at "
-        f"least {_SMALLEST_RATIO:g}; use method aba104, whose flow is exact for any body"
+        f"least {_SMALLEST_RATIO:g}; use method strang6, whose flow is exact for any body"
     )
 
 
@@ -184,6 +184,8 @@ _SOURCE = (
     "Zanna, Found. Comput. Math. 5 (2005) 87)"
 )
 
-DMV82 = method("dmv82", 2, ABA82_STAGES, "the stages of aba82", flow, _SOURCE)
-DMV864 = method("dmv864", 4, ABA864_STAGES, "the stages of aba864", flow, _SOURCE)
-DMV104 = method("dmv104", 4, ABA104_STAGES, "the stages of aba104", flow, _SOURCE)
+_SMALL = "for a torque of size eps the error is O("
+
+DMV82 = method("dmv82", 2, ABA82_STAGES, _SMALL + "eps h^8 + eps^2 h^2)", flow, _SOURCE)
+DMV864 = method("dmv864", 4, ABA864_STAGES, _SMALL + "eps h^8 + eps^2 h^6 + eps^3 h^4)", flow, _SOURCE)
+DMV104 = method("dmv104", 4, ABA104_STAGES, _SMALL + "eps h^10 + eps^2 h^4)", flow, _SOURCE)

@@ -1,6 +1,6 @@
 """Splitting into kicks and free motion: the wrench changes the momenta only, in between the body moves exactly.
 
-All of the error comes from the wrench: none without torque and, with the near-integrable schemes, one proportional to a
+All of the error comes from the wrench: none without torque and, with the near-integrable stages, one proportional to a
 small torque even at large steps. Energy and angular momentum change in the kicks only, by exactly what is booked.
 A load acts in the kicks too: symplectic if it has a potential. Never integrates one that depends on the velocities,
 which change in a kick.
@@ -16,7 +16,7 @@ from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import exact
 from rb_dynamics.motion.closed_form import free_rotation
-from rb_dynamics.motion.composition import KAHAN_LI6, SUZUKI4
+from rb_dynamics.motion.composition import KAHAN_LI6
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
 from rb_dynamics.motion.step_checks import NO_INCREMENT, NOWHERE, require_finite
 from rb_dynamics.numerics.compilation import compiled_as
@@ -272,13 +272,7 @@ def _mirrored(half: tuple[float, ...], middle: tuple[float, ...] = ()) -> tuple[
 ABA82_STAGES = free_kick_free(
     _mirrored((0.5 - _GAUSS[1], _GAUSS[1] - _GAUSS[0]), (2.0 * _GAUSS[0],)), _mirrored(_GAUSS_WEIGHTS[::-1])
 )
-
-_ABA84_FREE = (0.075346960269892888416527803683474464, 0.517916854688256782300773978496315644)
-_ABA84_KICKS = (0.190225939373676619245230762738453897, 0.846524070443526257055080544646775834)
-ABA84_STAGES = free_kick_free(
-    _mirrored((*_ABA84_FREE, 0.5 - math.fsum(_ABA84_FREE))),
-    _mirrored(_ABA84_KICKS, (1.0 - 2.0 * math.fsum(_ABA84_KICKS),)),
-)
+"""SABA4 of Laskar & Robutel, Celest. Mech. Dyn. Astron. 80 (2001) 39: Gauss's nodes and weights."""
 
 _ABA104_FREE = (
     0.04706710064597250612947887637243678556564,
@@ -294,6 +288,7 @@ ABA104_STAGES = free_kick_free(
     _mirrored((*_ABA104_FREE, 0.5 - math.fsum(_ABA104_FREE))),
     _mirrored(_ABA104_KICKS, (1.0 - 2.0 * math.fsum(_ABA104_KICKS),)),
 )
+"""Blanes, Casas, Farres, Laskar, Makazaga & Murua, Appl. Numer. Math. 68 (2013) 58."""
 
 _ABA864_FREE = (
     0.0711334264982231177779387300061549964174,
@@ -309,33 +304,9 @@ ABA864_STAGES = free_kick_free(
     _mirrored((*_ABA864_FREE, 0.5 - math.fsum(_ABA864_FREE))),
     _mirrored(_ABA864_KICKS, (1.0 - 2.0 * math.fsum(_ABA864_KICKS),)),
 )
-
-_BLANES = "Blanes, Casas, Farres, Laskar, Makazaga & Murua, Appl. Numer. Math. 68 (2013) 58"
+"""From the same paper."""
 
 STRANG2 = method("strang2", 2, kick_free_kick((1.0,)), "Strang, SIAM J. Numer. Anal. 5 (1968) 506")
-STRANG4 = method(
-    "strang4", 4, kick_free_kick(SUZUKI4), "Strang's splitting composed after Suzuki, Phys. Lett. A 146 (1990) 319"
-)
 STRANG6 = method(
     "strang6", 6, kick_free_kick(KAHAN_LI6), "Strang's splitting composed after Kahan & Li, Math. Comp. 66 (1997) 1089"
-)
-ABA82 = method(
-    "aba82",
-    2,
-    ABA82_STAGES,
-    "for a torque of size eps the error is O(eps h^8 + eps^2 h^2); SABA4 of Laskar & Robutel, Celest. Mech. Dyn. "
-    "Astron. 80 (2001) 39: Gauss's nodes and weights",
-)
-ABA84 = method(
-    "aba84",
-    4,
-    ABA84_STAGES,
-    "for a torque of size eps the error is O(eps h^8 + eps^2 h^4); McLachlan, BIT 35 (1995) 258; " + _BLANES,
-)
-ABA104 = method("aba104", 4, ABA104_STAGES, "for a torque of size eps the error is O(eps h^10 + eps^2 h^4); " + _BLANES)
-ABA864 = method(
-    "aba864",
-    4,
-    ABA864_STAGES,
-    "for a torque of size eps the error is O(eps h^8 + eps^2 h^6 + eps^3 h^4); " + _BLANES,
 )

@@ -15,7 +15,7 @@ from rb_dynamics.body.rigid_body import RigidBody, require_body
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import WrenchError
 from rb_dynamics.loads.wrench import largest_wrench, require_possible
-from rb_dynamics.motion import METHODS
+from rb_dynamics.motion import METHODS, remedy
 from rb_dynamics.motion.batch_kernel import Schedule, mover
 from rb_dynamics.motion.fixed_step_kernel import LONGEST_STRETCH
 from rb_dynamics.motion.kernel_layout import PHASE, phase_numbers
@@ -288,7 +288,8 @@ class _Steps:
     def __init__(self, name: object, step: float | None) -> None:
         method = METHODS.get(name) if isinstance(name, str) else None
         if method is None:
-            raise ValueError(f"method is {shown(name)}, expected one of {', '.join(METHODS)}; steps are fixed here")
+            known, mend = ", ".join(METHODS), remedy(name, tuple(METHODS), "write one, as steps are fixed here")
+            raise ValueError(f"method is {shown(name)}, expected one of {known}; {mend}")
         self._length, self._denominator = _grid(method, step)
         self._h = self._length / (self._denominator * NANOSECONDS)
         self.mover = mover(method)

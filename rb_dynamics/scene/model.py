@@ -37,11 +37,11 @@ class Solver:
         """
         # The methods are not imported for a scene that leaves the choice open.
         if instance(self.method, str, "solver.method", "write its name") != "auto":
-            from rb_dynamics.motion import METHODS
+            from rb_dynamics.motion import METHODS, remedy
 
             if self.method not in METHODS:
-                known = ", ".join(METHODS)
-                raise SceneError(f"solver.method is {shown(self.method)}, expected auto or one of {known}; write one")
+                known, mend = ", ".join(METHODS), remedy(self.method, ("auto", *METHODS), "write one")
+                raise SceneError(f"solver.method is {shown(self.method)}, expected auto or one of {known}; {mend}")
         if self.step is not None:
             expected = f"a number of {SHORTEST:g} or more (s), or None"
             number(self.step, "solver.step", expected, SceneError, least=SHORTEST)

@@ -6,7 +6,6 @@ Nothing is guessed: an error names file, line, key, value, what was expected and
 from __future__ import annotations
 
 import contextlib
-import difflib
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -200,7 +199,7 @@ def _solver(section: Section) -> Solver:
 
 
 def _method(field: Field | None) -> str:
-    from rb_dynamics.motion import METHODS
+    from rb_dynamics.motion import METHODS, remedy
 
     if field is None:
         return "auto"
@@ -212,10 +211,5 @@ def _method(field: Field | None) -> str:
         field.reject("a method that can be loaded", str(error))
         return "auto"
     known = ("auto", *METHODS)
-    near = difflib.get_close_matches(name.lower()[:60], known, n=1)
-    return field.text(
-        f"one of {', '.join(known)}",
-        lambda _: False,
-        f"did you mean {near[0]}?" if near else "write auto to let the method be chosen",
-        "auto",
-    )
+    mend = remedy(name, known, "write auto to let the method be chosen")
+    return field.text(f"one of {', '.join(known)}", lambda _: False, mend, "auto")

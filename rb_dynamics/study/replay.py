@@ -42,6 +42,7 @@ from rb_dynamics.formats.messages import (
 from rb_dynamics.formats.own_log import received_commands, scene_and_names
 from rb_dynamics.loads.channels import AppliedWrench, RejectedWrench
 from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.motion import METHODS, REMOVED
 from rb_dynamics.numerics.decimals import whole_number
 from rb_dynamics.numerics.validation import shown
 from rb_dynamics.numerics.vector import ZERO
@@ -200,7 +201,7 @@ class _Facts:
         """Read a log through.
 
         Raises:
-            LogError: it has no scene or no sample, or is not all of a run.
+            LogError: it has no scene or no sample, is not all of a run, or its method was removed.
         """
         begin_ns, end_ns = 0, -1
         received: list[Message] = []
@@ -211,7 +212,13 @@ class _Facts:
                 received.append(message)
             elif message.channel.type_name == SAMPLE_TOPICS[0][1]:
                 end_ns = max(end_ns, message.log_time)
-        scene, names = scene_and_names(source)
+        method = source.metadata.get(RUN, {}).get("method", "")
+        if method in REMOVED and method not in METHODS:
+            raise LogError(
+                f"{source.path} was made by {method}, a method that was removed: no other gives its bits; inspect and "
+                f"convert read it, and its scene (convert it to a .yaml) runs with --method {REMOVED[method]}"
+            )
+        scene, names = scene_and_names(source, "run again", overrides={})
         if end_ns < 0:
             raise LogError(f"{source.path} holds no pose: there is nothing to compare; give the log of a run")
         commands = list(received_commands(scene, names, received))

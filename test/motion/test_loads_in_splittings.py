@@ -32,7 +32,7 @@ from rb_dynamics.numerics.rotation import Quaternion, angle_between, conjugate, 
 from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, cross, dot, norm, scale, subtract
 from rb_dynamics.numerics.vector import multiply as times
 
-FIELD = ["strang2", "strang4", "strang6", "aba82", "aba84", "aba104", "aba864", "dlm2", "dlm4", "dlm6"]
+FIELD = ["strang2", "strang6", "dmv82", "dmv864", "dmv104", "dlm2", "dlm4", "dlm6"]
 ANY = ["midpoint", "midpoint4", "midpoint6"]
 each_of_field = pytest.mark.parametrize("name", FIELD)
 each_of_any = pytest.mark.parametrize("name", ANY)
@@ -201,7 +201,7 @@ class TestOrder:
 
         assert max(found.values()) <= 1e-12, found
 
-    @pytest.mark.parametrize("name", ["strang4", "dlm4", "midpoint4"])
+    @pytest.mark.parametrize("name", ["strang6", "dlm4", "midpoint4"])
     def test_is_lost_where_the_load_forgets_the_time_inside_the_step(self, name: str) -> None:
         true = field(forced().body)
 
@@ -329,7 +329,7 @@ ACCELERATION = scale(1.0 / INERTIA.mass, add(GRAVITY, HELD.force_world))
 class TestStateInsideTheStep:
     """Under uniform forces, of the load and held, Strang's splitting is exact at every kick, forward and back."""
 
-    @pytest.mark.parametrize("name", ["strang2", "strang4", "strang6", "dlm2", "dlm4", "dlm6"])
+    @pytest.mark.parametrize("name", ["strang2", "strang6", "dlm2", "dlm4", "dlm6"])
     def test_of_a_kick_lies_on_the_parabola(self, name: str) -> None:
         asked: list[tuple[float, Vector, Quaternion]] = []
 
@@ -409,9 +409,8 @@ class TestEnergyOfALongOrbit:
             "strang2",
             "dlm2",
             "dlm4",
-            pytest.param("strang4", marks=pytest.mark.slow),
-            pytest.param("aba82", marks=pytest.mark.slow),
-            pytest.param("aba84", marks=pytest.mark.slow),
+            pytest.param("strang6", marks=pytest.mark.slow),
+            pytest.param("dmv82", marks=pytest.mark.slow),
             pytest.param("midpoint", marks=pytest.mark.slow),
         ],
     )

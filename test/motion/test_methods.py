@@ -11,12 +11,14 @@ from motions import EPS, STEPPED, Case, attitude_error, errors, forced, move, sl
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
+from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion import METHODS, Increment, Inertia, Method, midpoint, rkmk
+from rb_dynamics.motion import METHODS, REMOVED, Increment, Inertia, Method, midpoint, rkmk
 from rb_dynamics.motion.phase import Phase
 from rb_dynamics.numerics import rotation
 from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import ZERO, Vector, add, cross, divide, dot, multiply, norm, scale, subtract
+from rb_dynamics.scene.model import Solver
 
 INERTIA = Inertia(3.7, (1.5, 2.1, 3.1))
 HELD = HeldWrench((0.9, -0.4, 0.6), (0.3, -0.2, 0.25), (-0.5, 0.8, 0.3), (0.2, 0.35, -0.3))
@@ -67,6 +69,13 @@ class TestRegistry:
     def test_invariants_are_of_the_known_ones(self, method: Method) -> None:
         assert method.invariants <= {"energy", "angular_momentum", "unit_quaternion"}
         assert "unit_quaternion" in method.invariants
+
+    def test_what_was_removed_has_a_successor(self) -> None:
+        for name, take in REMOVED.items():
+            assert name not in METHODS
+            assert set(re.findall(r"[a-z]+\d+", take)) <= set(METHODS)
+            with pytest.raises(SceneError, match=f"; {name} was removed; take {take}"):
+                Solver(name)
 
     def test_the_least_are_there(self) -> None:
         assert {"rkmk4": 4, "midpoint": 2, "rk4": 4}.items() <= {m.name: m.order for m in METHODS.values()}.items()

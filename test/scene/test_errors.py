@@ -438,6 +438,10 @@ CASES = {
         after("solver: {method: rkmk}"),
         ["s.yaml:5: solver.method: found rkmk, expected one of auto, ", "did you mean rkmk4?"],
     ),
+    "method removed": (
+        after("solver: {method: aba104}"),
+        ["found aba104", "aba104 was removed; take dmv104, or strang6"],
+    ),
     "method in capitals": (after("solver: {method: RK4}"), ["solver.method: found RK4", "did you mean rk4?"]),
     "method far from all": (after("solver: {method: zzzz}"), ["solver.method: found zzzz", "write auto"]),
     "method a number": (after("solver: {method: 4}"), ["s.yaml:5: solver.method: found 4", "rkmk4"]),

@@ -21,7 +21,9 @@ from rb_dynamics.formats.log_file import LogFile
 from rb_dynamics.formats.mcap_records import McapFile, Message
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.messages import WRENCH, decode_wrench
+from rb_dynamics.formats.own_log import logged_scene, scene_and_names
 from rb_dynamics.formats.recovery import recover
+from rb_dynamics.recording.convert import log_to_table
 from rb_dynamics.recording.mcap_sink import LogSettings, McapSink
 from rb_dynamics.recording.rosbag2_sink import BagSink
 from rb_dynamics.run.simulation import Simulation
@@ -50,8 +52,9 @@ def edited(
     target: Path,
     edit: Callable[[Message], Message | None] = lambda message: message,
     facts: Mapping[str, str] | None = None,
+    scene: bytes | None = None,
 ) -> Path:
-    """Copy a log through `edit`, which changes a message or leaves it out, and with other `facts` in its metadata."""
+    """Copy a log through `edit`, which changes a message or leaves it out, with other `facts` and another `scene`."""
     old = McapFile(source)
     messages = list(old.messages())
     file = LogFile(target)
@@ -66,7 +69,7 @@ def edited(
     for message in filter(None, map(edit, messages)):
         writer.add_messages((numbers[message.channel.topic],), (message.data,), message.log_time, message.publish_time)
     for name, data in old.attachments.items():
-        writer.add_attachment(name, "", data)
+        writer.add_attachment(name, "", scene or data)
     for name, said in old.metadata.items():
         writer.add_metadata(name, said | {key: value for key, value in (facts or {}).items() if key in said})
     writer.finish()
@@ -319,6 +322,28 @@ def test_another_version_is_named(tmp_path: Path, log: Path) -> None:
     was, here = found.software["version.numpy"]
     assert set(was) == {"9"}
     assert here == old.metadata["rb_dynamics"]["version.numpy"]
+
+
+def test_a_method_that_was_removed_is_named_and_its_log_read_all_the_same(tmp_path: Path, log: Path) -> None:
+    text = SCENE.text.replace("rkmk4", "strang4")
+    old = edited(log, tmp_path / "old.mcap", facts={"method": "strang4"}, scene=text.encode())
+
+    with pytest.raises(
+        LogError, match=r"made by strang4, a method that was removed.* with --method dmv104, or strang6"
+    ):
+        replay(old)
+    assert logged_scene(read_bag(old).attachments) is not None
+    log_to_table(old, tmp_path / "old.csv")
+    log_to_table(log, tmp_path / "new.csv")
+    assert (tmp_path / "old.csv").read_bytes() == (tmp_path / "new.csv").read_bytes()
+    assert scene_and_names(whole(old), "read")[0].text == text
+
+
+def whole(path: Path) -> Source:
+    source = open_source(path)
+    for _ in source.messages():
+        pass
+    return source
 
 
 def off_by(relative: float, *topics: str) -> Callable[[Message], Message]:

@@ -6,7 +6,6 @@ compared with a reference on which two methods of different families agree.
 
 from __future__ import annotations
 
-import difflib
 import os
 import time
 from collections.abc import Callable, Sequence
@@ -14,7 +13,7 @@ from dataclasses import replace
 
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.wrench import Wrench
-from rb_dynamics.motion import METHODS
+from rb_dynamics.motion import METHODS, remedy
 from rb_dynamics.numerics.validation import items, number, shown
 from rb_dynamics.run.simulation import as_command
 from rb_dynamics.scene import opened
@@ -145,9 +144,9 @@ def _asked_for(names: Sequence[object], scene: Scene) -> list[str]:
     found: list[str] = []
     for name in names:
         if name != "auto" and name not in METHODS:
-            near = difflib.get_close_matches(str(name).lower()[:60], ("auto", *METHODS), n=1)
-            remedy = f"did you mean {near[0]}?" if near else "write some of them"
-            raise SceneError(f"methods has {shown(name)}, expected names out of auto, {', '.join(METHODS)}; {remedy}")
+            known = ("auto", *METHODS)
+            mend = remedy(name, known, "write some of them")
+            raise SceneError(f"methods has {shown(name)}, expected names out of {', '.join(known)}; {mend}")
         if name != "auto" and METHODS[str(name)].takes < scene.combined_effects.takes:
             raise SceneError(cannot_take(scene, METHODS[str(name)], scene.combined_effects.takes))
         if name not in found:

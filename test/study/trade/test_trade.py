@@ -183,6 +183,7 @@ def test_only_the_methods_asked_for_are_measured_against_the_same_reference(
     ("methods", "says"),
     [
         (["rk5"], r"methods has 'rk5', expected names out of auto, exact, .*; did you mean rkmk54\?"),
+        (["aba82"], "; aba82 was removed; take dmv104, or strang6 for a slender body"),
         (["?"], "write some of them"),
         ([3], "methods has 3"),
         ([], "methods is empty"),
