@@ -252,11 +252,11 @@ def test_a_timeout_ends_the_command_of_a_commander_that_died(tmp_path: Path, pee
         with script(STORM, "100", "0.5") as storm:
             assert storm.stdout is not None
             storm.stdout.readline()
-        peer.spin(0.5)
-        begun = stamp(momenta[-1])
-        peer.until(lambda: stamp(momenta[-1]) > begun + 300_000_000, "motion after the timeout")
-        assert momenta[-1].vector.x > 0.0
-        assert momentum_per_second(momenta, begun) == 0.0
+        # On a busy machine what was sent long ago is still to be read.
+        peer.until(lambda: bool(momenta) and momenta[-1].vector.x > 0.0, "the command acting")
+        peer.until(
+            lambda: momentum_per_second(momenta, stamp(momenta[-1]) - 300_000_000) == 0.0, "the end of the command"
+        )
         assert node.stop() == 0, node.err
 
 
