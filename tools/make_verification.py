@@ -1,11 +1,10 @@
-"""Write docs/verification.md and its figures: how right the package is, measured, with the test that shows each claim.
+"""Write docs/verification.md and its figures: the measured accuracy, and the test that checks each claim.
 
-    python tools/make_verification.py          # two to three minutes; keeps the drift over 1e9 steps as it stands
+    python tools/make_verification.py          # two to three minutes; keeps the old drift over 1e9 steps
     python tools/make_verification.py --long   # measures that too: a quarter of an hour with numba
 
-Measures with the functions that the tests use, on the same motions, and covers every method of METHODS. Figures depend
-on platform and library in their last digits, so that one digit is written. Never decides whether a figure is good
-enough: the tests do.
+Uses the functions of the tests, on the same motions, for every method of METHODS. The last digits depend on platform
+and libraries, so one digit is written. The tests, not this script, decide whether a figure is good enough.
 """
 
 from __future__ import annotations
@@ -67,7 +66,7 @@ EPS, METHODS, STEPPED = motions.EPS, motions.METHODS, motions.STEPPED
 GREY, DARK = "#8a949e", "#24292f"
 LONG_STEPS = 1_000_000_000
 
-# The ensemble that the exponent of a drift is measured on: random spins of the body of test_invariants.
+# The exponent of a drift is measured on random spins of the body of test_invariants.
 STARTS = 4
 ENSEMBLE_STEPS = 10_000
 STEP = 0.02
@@ -81,7 +80,7 @@ def table(head: Sequence[str], rows: Rows) -> str:
 
 
 def digit(value: float) -> str:
-    """Return a number to one digit; 0 for what is exactly zero."""
+    """Return a number rounded to one digit; exactly zero gives 0."""
     if value == 0.0 or 0.1 <= value < 1e3:
         return f"{float(f'{value:.0e}'):g}"
     return f"{value:.0e}".replace("e-0", "e-").replace("e+0", "e")
@@ -95,7 +94,7 @@ def named(method: str) -> str:
 
 
 def order_rows(methods: Iterable[str] = STEPPED) -> list[list[str]]:
-    """Return for each method its declared order and the slope of log error over log step, for each quantity."""
+    """Return, for each method, the declared order and the slope of log error over log step of each quantity."""
     rows = []
     for name in methods:
         found = test_order.measured(name)
@@ -160,7 +159,7 @@ def walk(method: str, count: int, start: int) -> Walk:
     inertia = Inertia(1.0, body.principal_moments)
     spin = (draw.gauss(0.0, 1.0), draw.gauss(0.0, 1.0), draw.gauss(0.0, 1.0))
     omega = scale(2.0 / norm(spin), spin)
-    # The steps of `exact` are those of strang2 where nothing acts, and strang2 is compiled where numba is installed.
+    # In free motion `exact` takes the same steps as strang2, which numba compiles if it is installed.
     stepping = METHODS["strang2" if method == "exact" else method]
     phase = Phase(IDENTITY, omega, (0.0,) * 14, (0.0,) * 14)
     arc = Arc(stepping, inertia, HeldWrench(), FixedStep(STEP), 0, phase)
@@ -182,25 +181,25 @@ def walk(method: str, count: int, start: int) -> Walk:
 
 @cache
 def moves_exactly(method: str) -> bool:
-    """Return whether a method takes the very steps of `exact` where nothing acts, to the bit."""
+    """Return whether a method takes the same free steps as `exact`, to the bit."""
     inertia, spin = Inertia(1.0, (1.0, 2.0, 2.9)), (0.3, 1.2, -0.7)
     one, other = (METHODS[name].step(inertia, HeldWrench(), STEP, ZERO, IDENTITY, spin) for name in ("exact", method))
     return one == other
 
 
 def keepers() -> list[str]:
-    """Return what keeps energy or momentum, without those that do what `exact` does."""
+    """Return the methods that conserve energy or momentum, without those that step like `exact`."""
     kept = [name for name, m in METHODS.items() if m.invariants & {"energy", "angular_momentum"}]
     return [name for name in kept if name == "exact" or not moves_exactly(name)]
 
 
 def long_runners() -> list[str]:
-    """Return what all others of `keepers` are composed of or compete with: those of order 2 and the closed form."""
+    """Return the methods of `keepers` that the others are composed of: those of order 2, and the closed form."""
     return [name for name in keepers() if (METHODS[name].order or 0) <= 2]
 
 
 def exponent(walks: Sequence[Walk], invariant: str) -> float:
-    """Return p of n^p, the growth of the root mean square over the walks from 30 steps on."""
+    """Return the exponent p of the growth n^p of the root mean square over the walks, from 30 steps on."""
     marks = [n for n in walks[0].marks if n >= 30]
     values = [getattr(w, invariant)[-len(marks) :] for w in walks]
     means = [math.sqrt(math.fsum(v * v for v in column) / len(walks)) for column in zip(*values, strict=True)]
@@ -208,14 +207,14 @@ def exponent(walks: Sequence[Walk], invariant: str) -> float:
 
 
 def walks(jobs: Sequence[tuple[str, int, int]]) -> list[Walk]:
-    """Return all walks, as many at a time as there are cores; the longest begin first."""
+    """Return all walks, computed on all cores, the longest first."""
     with ProcessPoolExecutor(mp_context=multiprocessing.get_context("spawn")) as pool:
         pending = {job: pool.submit(walk, *job) for job in sorted(jobs, key=lambda job: -job[1])}
         return [pending[job].result() for job in jobs]
 
 
 def invariant_rows(ensembles: dict[str, list[Walk]]) -> list[list[str]]:
-    """Return for each method the largest drift over the steps of test_invariants, and how it grows if it is kept."""
+    """Return, for each method, the largest drift over the steps of test_invariants, and its growth if it is kept."""
     rows = []
     for name, method in METHODS.items():
         drift = test_invariants.drift(name, STEP, test_invariants.N)
@@ -244,12 +243,12 @@ def long_rows(runs: Iterable[Walk]) -> list[list[str]]:
 
 
 def kept_drifts(page: str) -> str:
-    """Return the table of the drift over LONG_STEPS that stands on `page`.
+    """Return the table on `page` of the drift over LONG_STEPS.
 
     Raises:
-        ValueError: there is none, or another method belongs into it.
+        ValueError: There is no table, or its methods are out of date.
     """
-    _, _, rest = page.partition("(`--long` measures it")
+    _, _, rest = page.partition("(`--long` measures this")
     found = re.search(r"(?:^\|.*\n)+", rest, re.MULTILINE)
     listed = re.findall(r"^\| `(\w+)`", found[0], re.MULTILINE) if found else []
     if found is None or listed != long_runners():
@@ -284,7 +283,7 @@ def drift_figure(runs: Sequence[Walk]) -> Figure:
 
 @dataclass(frozen=True)
 class Exactness:
-    """How far the closed form is from many digits; all in units of the rounding that they are compared with."""
+    """Errors of the closed form against many digits, in units of the rounding error."""
 
     turn: float
     error: float
@@ -348,7 +347,7 @@ def exact_figure(found: dict[str, list[Exactness]]) -> Figure:
 
 
 def underflow_rows() -> list[list[str]]:
-    """Return the cases of test_extremes where products of the closed form leave the range of numbers."""
+    """Return the cases of test_extremes in which products of the closed form underflow or overflow."""
     rows = []
     for name, (moments, spin, time) in test_extremes.UNDERFLOWS.items():
         found = exactness(moments, spin, time, 450)
@@ -363,7 +362,7 @@ STATE = ["attitude", "angular_velocity_body", "position_world", "linear_velocity
 
 
 def reference_rows(methods: Iterable[str] = STEPPED) -> list[list[str]]:
-    """Return the errors against forced_motion.json at 1 s, with the step that leaves 1e-12, or 1 ms if that is more."""
+    """Return the errors against forced_motion.json at 1 s, with the step h where h^order is 1e-12, at least 1 ms."""
     rows = []
     for name in methods:
         step = max(1e-3, float(f"{1e-12 ** (1.0 / STEPPED[name].order):.1g}"))
@@ -394,7 +393,7 @@ def wrench_rows() -> tuple[list[list[str]], str]:
 
 
 def second_simulator_rows() -> list[list[str]]:
-    """Return how far the package is from each of the other simulators."""
+    """Return the differences from each of the other simulators."""
     solver = Solver("auto", accuracy=1e-11)
     textbook = test_second_simulator.TestTextbookEquations().deviations(solver)
     rows = [["textbook equations about the body origin, DOP853", *map(digit, textbook.values())]]
@@ -407,7 +406,7 @@ def second_simulator_rows() -> list[list[str]]:
 
 
 def several_turns_rows() -> list[list[str]]:
-    """Return for each method what it does with free steps of more than a turn: its error, or that it refuses."""
+    """Return, for each method, its error with free steps of more than half a turn, or that it refuses them."""
     rows = []
     for name in METHODS:
         cells = []
@@ -435,27 +434,27 @@ EXTREMES = f"{VERIFICATION}/test_extremes.py"
 
 CLAIMS = [
     (
-        "Every method has the order that it declares, in each quantity, on a driven triaxial body",
+        "Every method has its declared order in each quantity, on a driven triaxial body",
         f"{VERIFICATION}/test_order.py::test_error_falls_as_the_declared_order",
     ),
     (
-        "The balances of energy and momenta close as fast, or exactly where the method says so",
+        "The balances of energy and momenta converge with the same order, or close exactly where declared",
         f"{VERIFICATION}/test_order.py::test_balances_close_as_fast_or_exactly",
     ),
     (
-        "The defects are no identity: they show the error of a method that does not keep a balance",
+        "The defects are not zero by construction: they show the error of a method that does not keep a balance",
         f"{VERIFICATION}/test_order.py::test_balances_that_do_not_close_show",
     ),
     (
-        "Free motion keeps what a method declares, to round-off",
+        "In free motion a method conserves its declared invariants to round-off",
         f"{VERIFICATION}/test_invariants.py::test_declared_invariants_are_kept_to_round_off",
     ),
     (
-        "and at steps that no longer resolve the motion",
+        "The same with steps that do not resolve the motion",
         f"{VERIFICATION}/test_invariants.py::test_declared_invariants_do_not_depend_on_the_step",
     ),
     (
-        "Drift of what is kept grows like a random walk of roundings",
+        "The drift of invariants grows like a random walk of rounding errors",
         f"{VERIFICATION}/test_invariants.py::test_defects_of_long_runs_grow_like_roundings",
     ),
     (
@@ -463,35 +462,35 @@ CLAIMS = [
         f"{VERIFICATION}/test_invariants.py::test_declared_invariants_are_kept_over_200000_steps",
     ),
     (
-        "The exact motion is right to 100 ε (1 + |ω| t), T and |L| to 20 ε, for every kind of body and spin, to 1e9 s",
+        "The closed form is accurate to 100 ε (1 + |ω| t), T and |L| to 20 ε, for all kinds of body and spin, to 1e9 s",
         "test/motion/test_closed_form.py::test_attitude_energy_and_momentum_at_the_extremes",
     ),
     (
-        "also where its products underflow or overflow",
+        "The same where products in its formulas underflow or overflow",
         f"{EXTREMES}::TestFreeRotation::test_is_right_where_products_underflow",
     ),
     (
-        "and beside the middle axis, down to 1e-190 of the spin",
+        "The same near the middle axis, down to 1e-190 of the spin",
         f"{EXTREMES}::TestFreeRotation::test_flips_late_beside_the_middle_axis_or_says_that_it_cannot_tell",
     ),
     (
-        "A driven body is where 30 digits say, with every method of order 4 and more",
+        "A driven body agrees with a reference of 30 digits, with every method of order 4 and above",
         f"{VERIFICATION}/test_references.py::test_forced_body_to_twelve_digits",
     ),
     (
-        "A free body is where 34 digits say, in closed form, at every time",
+        "A free body in closed form agrees with a reference of 34 digits at every time",
         f"{VERIFICATION}/test_references.py::test_closed_form_is_exact_at_every_time",
     ),
     (
-        "The references keep energy and momentum and are made again by their generator",
+        "The references conserve energy and momentum, and their generator reproduces them",
         f"{VERIFICATION}/test_references.py::TestData::test_forced_states_are_made_again_by_their_generator",
     ),
     (
-        "After 10 000 wrenches in each of two frames the attitude is right to 1e-11 rad",
+        "After 10 000 wrenches in each of two frames the attitude is accurate to 1e-11 rad",
         f"{VERIFICATION}/test_ten_thousand_wrenches.py::test_auto_is_where_the_reference_is",
     ),
     (
-        "Every method is right after a hundred of them",
+        "Every method is accurate after a hundred of them",
         f"{VERIFICATION}/test_ten_thousand_wrenches.py::test_every_method_is_there_after_a_hundred",
     ),
     (
@@ -499,71 +498,71 @@ CLAIMS = [
         f"{VERIFICATION}/test_second_simulator.py::TestTextbookEquations::test_every_frame_and_edge",
     ),
     (
-        "A body moves as the particles that it is made of",
+        "A body moves like the particles that it consists of",
         f"{VERIFICATION}/test_second_simulator.py::TestPointMasses::test_move_as_the_body_does",
     ),
     (
-        "A flight recorded from another simulator is flown again",
+        "A flight recorded from another simulator is reproduced",
         f"{VERIFICATION}/test_second_simulator.py::TestRecordedFlight::test_is_flown_again",
     ),
     (
-        "Masses and inertias from 1e-20 to 1e20: other units of length and mass change no bit",
+        "Masses and inertias from 1e-20 to 1e20: a change of the units of length and mass changes no bit",
         f"{EXTREMES}::TestUnits::test_of_length_and_mass_do_not_matter",
     ),
     (
-        "Rates and wrenches from 1e-100 to 1e100 and beyond: nor do other units of time",
+        "Rates and wrenches from 1e-100 to 1e100 and beyond: nor does a change of the unit of time",
         f"{EXTREMES}::TestUnits::test_of_time_do_not_matter",
     ),
     (
-        "At 1e12 m a slow body arrives within a unit in the last place",
+        "A slow body arrives at 1e12 m within one unit in the last place",
         f"{EXTREMES}::TestFarAway::test_a_slow_body_at_1e12_m_arrives",
     ),
     (
-        "and turns as it does here, to the bit",
+        "A body at 1e12 m turns as it does at the origin, to the bit",
         f"{EXTREMES}::TestFarAway::test_a_tumbling_body_turns_there_as_it_does_here",
     ),
     (
-        "At rest, and on each principal axis, a body stays there to the bit",
+        "A body at rest, or spinning about a principal axis, stays so to the bit",
         f"{EXTREMES}::TestRest::test_spin_on_a_principal_axis_stays_there_to_the_bit",
     ),
     (
-        "Needles down to a ratio of 1e-12 are right, refused, or wrong by what the energy defect shows",
+        "Needles down to a ratio of 1e-12 are accurate, refused, or off by no more than the energy defect shows",
         f"{EXTREMES}::TestNeedle::test_is_never_wrong_in_silence_by_more_than_its_energy_says",
     ),
     (
-        "Products that overflow are a clear error",
+        "Overflow in products gives a clear error",
         f"{EXTREMES}::TestProducts::test_an_energy_beyond_the_range_is_an_error",
     ),
     (
-        "A spin that no step resolves is a clear error",
+        "A spin that no step can resolve gives a clear error",
         f"{EXTREMES}::TestProducts::test_a_spin_that_no_step_resolves_is_an_error",
     ),
     (
-        "1e20 N on 1e-20 kg move it as Newton says, to 1e-13",
+        "1e20 N on 1e-20 kg give Newton's acceleration to 1e-13",
         f"{EXTREMES}::TestProducts::test_a_light_body_under_a_large_force_flies_as_newton_says",
     ),
     (
-        "Inertia matrices at the ends of the range are a body or are refused",
+        "Inertia matrices at the limits of double precision give a valid body or are refused",
         f"{EXTREMES}::TestProducts::test_an_inertia_at_the_ends_of_the_range_is_a_body_or_is_refused",
     ),
     (
-        "Wrenches that reverse every step leave nothing behind",
+        "Wrenches that reverse in every step cancel",
         f"{EXTREMES}::TestWrenches::test_that_reverse_each_step_leave_nothing_behind",
     ),
     (
-        "and are followed on a tumbling body",
+        "On a tumbling body the motion under such wrenches is accurate",
         f"{EXTREMES}::TestWrenches::test_that_reverse_each_step_on_a_tumbling_body_are_followed",
     ),
     (
-        "Subnormal wrenches do hardly anything",
+        "Subnormal wrenches have almost no effect",
         f"{EXTREMES}::TestWrenches::test_that_are_hardly_there_do_hardly_anything",
     ),
     (
-        "Steps of several turns are right, refused, or keep what the method declares",
+        "Steps of several turns are accurate, refused, or conserve the declared invariants",
         f"{EXTREMES}::TestSteps::test_of_several_turns_are_right_or_an_error",
     ),
     (
-        "Whatever the numbers are, a run ends with a finite state or the one error that a run may end with",
+        "Whatever the input numbers, a run ends with a finite state or with the one error type allowed",
         f"{EXTREMES}::TestAnyNumbers::test_drawn_at_random",
     ),
 ]
@@ -573,10 +572,10 @@ CLAIMS = [
 
 
 def measured_page(long: bool = False) -> tuple[str, dict[str, Figure]]:
-    """Return the page and its figures, by name; what only `long` measures stands as it does on the page, no figure.
+    """Return the page and its figures by name; without `long`, keep the long drifts of the page and omit their figure.
 
     Raises:
-        ValueError: there is nothing to keep.
+        ValueError: The page has no long drifts to keep.
     """
     kept = "" if long else kept_drifts(PAGE.read_text(encoding="utf-8"))
     short = [(name, ENSEMBLE_STEPS, start) for name in keepers() for start in range(STARTS)]
@@ -627,90 +626,101 @@ def measured_page(long: bool = False) -> tuple[str, dict[str, Figure]]:
 
 PAGE_TEXT = """# Verification
 
-How right the package is, measured with {machine}. Figures depend on the platform in
-their last digits, so that one digit is given. `python tools/make_verification.py` makes this page and its figures, with
-the functions of the tests and for every method of `METHODS`; the tests hold each claim to its bound, see the
-[last table](#which-test-shows-it). ε is 2⁻⁵² = 2.2e-16, T the kinetic energy, L the angular momentum in world axes.
+This page shows how accurate the package is, measured with {machine}. The last
+digits of the figures depend on the platform, so one digit is given. `python tools/make_verification.py` makes this page
+and its figures, with the functions of the tests and for every method of `METHODS`. The tests check each claim against
+its bound: see the [last table](#which-test-shows-it). ε is 2⁻⁵² = 2.2e-16, T the kinetic energy, L the angular momentum
+in world axes.
 
 ## Order
 
-The slope of log error over log step, declared and measured. A triaxial body with off-diagonal inertia and its centre
-of mass off its origin, under force and torque in body and in world axes for 2 s, against 30 digits. The steps are the
-finest six that rounding does not touch; "-" stands where there are fewer than four. Tests accept 0.2 below or above
-(work may fall faster; above order 8, 0.5 below).
+The order of a method is the slope of log error over log step. The table compares the declared order with the measured
+one, for a triaxial body with off-diagonal inertia and its centre of mass off its origin, under force and torque in body
+and in world axes for 2 s, against a reference of 30 digits. The slope uses the six finest steps that are free of
+rounding errors; "-" means that there are fewer than four. Tests accept 0.2 below or above (work may converge faster;
+above order 8, 0.5 below).
 
 {orders}
 ![Error of the attitude over the step, for every method](images/verification-order.svg)
 
-*Grey: where rounding shows. `exact` has no step.*
+*Grey: the range of rounding errors. `exact` has no step.*
 
 ## What free motion keeps
 
-Largest relative drift over 2000 steps of 0.02 s of a body that tumbles at 2 rad/s near its middle axis. "kept": the
-method declares it an invariant and holds it to round-off at any step; what is not kept drifts as the order says, which
-may be less than rounding. What is kept takes a rounding in each step; were they all by chance, the drift would grow as
-n to the 0.5, were they all to one side, as n. The exponent is that of the root mean square over four motions, from 30
-to 10 000 steps; with so few it is known to about 0.2. An attitude is brought back to |q| = 1 only where it has left it
-by more than two bits: to divide by |q| in every step would turn L to one side, by some thousandths of ε each time.
+The table shows the largest relative drift over 2000 steps of 0.02 s, for a body that tumbles at 2 rad/s near its middle
+axis. "kept" means that the method declares the quantity an invariant and conserves it to round-off at any step size. A
+quantity that is not kept drifts according to the order of the method, which may be less than rounding errors.
+
+A kept quantity collects one rounding error in each step. If these were random, the drift after n steps would grow as
+n to the 0.5; if they all had the same sign, it would grow as n. The exponent in the table is that of the root mean
+square over four motions, from 30 to 10 000 steps; with so few motions it is accurate to about 0.2. An attitude is
+normalised only if |q| differs from 1 by more than two bits: dividing by |q| in every step would turn L in one
+direction, by some thousandths of ε each time.
 
 {invariants}
-Where nothing acts, these take the very steps of `exact`, to the bit: {exactly}.
+In free motion, these methods take the same steps as `exact`, to the bit: {exactly}.
 
-After {count} steps (`--long` measures it, in a quarter of an hour with numba); ε √n is {root}:
+After {count} steps (`--long` measures this, in a quarter of an hour with numba); ε √n is {root}:
 
 {long_drifts}
-What grows like n and not like its root is no chance: `midpoint` gains energy, it and `dlm2` change |L|, and the closed
-form turns L by a thousandth of ε a step; on other motions it does not (`test_long_drift.py`). T and |L| of the closed
-form are free of it.
+A drift that grows like n instead of √n is systematic: `midpoint` gains energy, `midpoint` and `dlm2` change |L|, and
+the closed form turns L by a thousandth of ε a step, though not on other motions (`test_long_drift.py`). T and |L| of
+the closed form have no such drift.
 
 ![Drift of energy and angular momentum over the number of steps](images/verification-drift.svg)
 
 ## Exact motion
 
-The closed form against 80 digits, at random within each kind of body: spins of any direction, on and near each axis,
-near and on the separatrix, from 1e-12 to 1e6 rad/s, for 1e-3 to 1e9 s. The largest error of the attitude in units of
-ε (1 + |ω| t), those of T and |L| in units of ε. Promised are 100, 20 and 20.
+The closed form is compared with a computation in 80 digits, on random motions of each kind of body: spins in any
+direction, on and near each axis, near and on the separatrix, from 1e-12 to 1e6 rad/s, for 1e-3 to 1e9 s. The table
+shows the largest error of the attitude in units of ε (1 + |ω| t), and of T and |L| in units of ε. The guaranteed bounds
+are 100, 20 and 20.
 
 {exact}
 ![Error of the attitude over the angle turned](images/verification-exact.svg)
 
-Where a product in the formulas underflows or overflows, and where two moments all but agree; the same units:
+Cases in which a product in the formulas underflows or overflows, or two moments are almost equal; in the same units:
 
 {underflows}
 ## References to 30 digits
 
-Made by Taylor series in mpmath, on other equations than the package's (`test/verification/make_reference.py`).
-The driven body after 1 s; SI units. The step is that whose power of the order is 1e-12, but 1 ms at least:
+The references were computed by Taylor series in mpmath, from different equations than the package's
+(`test/verification/make_reference.py`). Errors of the driven body after 1 s, in SI units. The step h is chosen so that
+h to the power of the order is 1e-12, but is at least 1 ms:
 
 {references}
-Free bodies, to 34 digits. At 1e6 s the last digit of the angular velocity alone turns the body by 1e-10 rad and more:
+Free bodies, compared with 34 digits. At 1e6 s, rounding the initial angular velocity to double precision alone changes
+the attitude by 1e-10 rad or more:
 
 {closed}
 ## Ten thousand wrenches
 
-A body-frame wrench and a world-frame wrench, each with force and torque, both new every 0.01 s for 100 s, with
-`solver: {{method: auto, accuracy: 1e-11}}`: {wrench_run}. The reference is made by {how}.
+A wrench in body axes and one in world axes, each with force and torque, both change every 0.01 s for 100 s. With
+`solver: {{method: auto, accuracy: 1e-11}}` the run takes {wrench_run}. The reference was computed as follows: {how}.
 
 {wrenches}
-Bounds of the test, in this order: {wrench_bounds}.
+Bounds of the test, in the order of the columns: {wrench_bounds}.
 
 ## Other simulators
 
-Written for the tests, or recorded; they share nothing with the package: no rotation, no principal axes, no wrench rule.
-Largest difference over the run; that of DOP853 is its own.
+The package is compared with simulators that were written for the tests or recorded. They share no code with it: no
+rotations, no principal axes, no wrench rule. The table shows the largest difference over the run; that of the first row
+is the error of its DOP853.
 
 {simulators}
 ## Extremes
 
-Every answer is right within its bound or a `ConvergenceError` or `BodyError` that says what to do; never a NaN, never
-an exception out of the mathematics. The bounds stand in the last table. What each method does with ten free steps of
-more than half a turn, error of the attitude in rad: the closed form and what is built on it are as right as ever, the
-others refuse, or are as wrong as a step is that resolves nothing.
+At the extremes of the input range, every answer is either within its bound or a `ConvergenceError` or `BodyError` that
+names the remedy. There is never a NaN and never an exception from the mathematics. The bounds are in the last table.
+
+The next table shows what each method does with ten free steps of more than half a turn each: the error of the attitude
+in rad. The closed form and the methods built on it are as accurate as with small steps. The others refuse the step, or
+give the large error of a step that does not resolve the motion.
 
 {turns}
 ## Which test shows it
 
-`python -m pytest PATH` runs one.
+To run a test: `python -m pytest PATH`.
 
 {claims}"""
 
@@ -734,7 +744,7 @@ def main(arguments: list[str]) -> None:
     PAGE.write_text(text, encoding="utf-8")
     print(f"{PAGE}: {len(METHODS)} methods, {len(CLAIMS)} claims")
     if not long:
-        print(f"The drift over {LONG_STEPS:.0e} steps, table and figure, is kept as it was; --long measures it anew")
+        print(f"The drift over {LONG_STEPS:.0e} steps, table and figure, is unchanged; --long measures it")
 
 
 if __name__ == "__main__":
