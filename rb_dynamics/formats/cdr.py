@@ -152,6 +152,11 @@ def float64_packer() -> Packer:
     return functools.partial(struct.Struct("<4sd").pack, _ENCAPSULATION)
 
 
+def clock_packer() -> Packer:
+    """Return `pack(sec, nanosec)` for rosgraph_msgs/Clock."""
+    return functools.partial(struct.Struct("<4siI").pack, _ENCAPSULATION)
+
+
 def _aligned_strings(strings: Sequence[str]) -> bytes:
     """Return strings as they stand after a stamp, padded to where float64 may follow."""
     after_stamp = _ORIGIN + 8

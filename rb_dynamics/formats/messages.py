@@ -32,6 +32,7 @@ PLAIN_WRENCH = "geometry_msgs/msg/Wrench"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 ACCELERATION = "geometry_msgs/msg/AccelStamped"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
+CLOCK = "rosgraph_msgs/msg/Clock"
 
 SAMPLE_TOPICS = (
     ("pose", POSE),
@@ -85,7 +86,7 @@ def qos_profile(depth: int, durability: str = "volatile") -> str:
 
 
 def sample_topics(scene: Scene, accel: bool) -> tuple[tuple[str, str], ...]:
-    """Return name and type of each topic that a sample of `scene` has, in the order of `sample_encoder`."""
+    """Return name and type of each topic that a sample of `scene` has, in order."""
     potential = () if scene.combined_effects.potential() is None else (POTENTIAL,)
     return (*SAMPLE_TOPICS, *potential, *((ACCEL,) if accel else ()))
 
@@ -167,14 +168,13 @@ class Stamped:
         self.twist = (*velocity_body, *sample.angular_velocity_body)
 
 
-def sample_packers(
-    world: str, body: str, acceleration: Acceleration | None = None
-) -> dict[str, Callable[[Stamped], bytes]]:
-    """Return what makes the message of each topic that a sample can have, by the name of the topic.
+def sample_packers(scene: Scene, acceleration: Acceleration | None = None) -> dict[str, Callable[[Stamped], bytes]]:
+    """Return what makes the message of each of `sample_topics`, in their order, by the name of the topic.
 
     `acceleration` tells that of the body origin (m/s^2) and the angular one (rad/s^2) at the sample, body axes; None
     leaves the topic out.
     """
+    world, body = scene.frames.world_frame, scene.frames.body_frame
     pack_pose, pack_twist = cdr.stamped_packer(POSE, world), cdr.stamped_packer(TWIST, body)
     pack_odometry, pack_vector = cdr.odometry_packer(world, body), cdr.stamped_packer(VECTOR, world)
     pack_transform, pack_scalar = cdr.transform_packer(world, body), cdr.float64_packer()
@@ -193,16 +193,15 @@ def sample_packers(
     if acceleration is not None:
         pack_accel = cdr.stamped_packer(ACCELERATION, body)
         packers[ACCEL[0]] = lambda s: pack_accel(*s.stamp, *chain(*acceleration()))
-    return packers
+    return {name: packers[name] for name, _ in sample_topics(scene, acceleration is not None)}
 
 
 def sample_encoder(scene: Scene, acceleration: Acceleration | None = None) -> Callable[[Sample], tuple[bytes, ...]]:
     """Return what makes the messages of a sample of `scene`, in the order of `sample_topics`."""
-    packers = sample_packers(scene.frames.world_frame, scene.frames.body_frame, acceleration)
-    in_order = [packers[name] for name, _ in sample_topics(scene, acceleration is not None)]
+    packers = list(sample_packers(scene, acceleration).values())
 
     def encode(sample: Sample) -> tuple[bytes, ...]:
         stamped = Stamped(sample, sample.time_ns)
-        return tuple([pack(stamped) for pack in in_order])
+        return tuple([pack(stamped) for pack in packers])
 
     return encode

@@ -6,35 +6,28 @@ angular velocity, both in body axes, as in REP-103 and nav_msgs/Odometry.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import (
-    InertiaStamped,
     Pose,
-    TransformStamped,
     Vector3,
 )
 from geometry_msgs.msg import Quaternion as QuaternionMessage
 from nav_msgs.msg import Odometry
 
-from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.wrench import WrenchFrames
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, split_stamp
-from rb_dynamics.numerics.rotation import Quaternion, rotate, rotate_inverse, unit
+from rb_dynamics.numerics.rotation import rotate, rotate_inverse, unit
 from rb_dynamics.numerics.validation import shown
 from rb_dynamics.numerics.vector import Vector
 from rb_dynamics.run.diagnostics import Sample
-from rb_dynamics.run.sink import Status
 
 if TYPE_CHECKING:
     from simulation_interfaces.msg import EntityState
-    from tf2_msgs.msg import TFMessage
 
 
 def to_stamp(time_ns: int) -> Time:
@@ -43,42 +36,13 @@ def to_stamp(time_ns: int) -> Time:
     Raises:
         LogError: the time is past 2^31 s, where stamps end.
     """
-    return stamp(split_stamp(time_ns))
-
-
-def stamp(parts: tuple[int, int]) -> Time:
-    """Return seconds and nanoseconds as a stamp."""
-    return Time(sec=parts[0], nanosec=parts[1])
+    seconds, nanoseconds = split_stamp(time_ns)
+    return Time(sec=seconds, nanosec=nanoseconds)
 
 
 def to_nanoseconds(stamp: Time) -> int:
     """Return a stamp as integer nanoseconds."""
     return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
-
-
-def inertia(body: RigidBody, body_frame: str, time_ns: int) -> InertiaStamped:
-    """Return the mass properties: matrix entries about the centre of mass in body axes."""
-    message = InertiaStamped()
-    message.header.stamp = to_stamp(time_ns)
-    message.header.frame_id = body_frame
-    (ixx, ixy, ixz), (_, iyy, iyz), (_, _, izz) = body.inertia
-    x, y, z = body.center_of_mass
-    content = message.inertia
-    content.m, content.com = body.mass, Vector3(x=x, y=y, z=z)
-    content.ixx, content.ixy, content.ixz, content.iyy, content.iyz, content.izz = ixx, ixy, ixz, iyy, iyz, izz
-    return message
-
-
-def transform(sample: Sample, parts: tuple[int, int], frames: WrenchFrames) -> TFMessage:
-    """Return where the body frame is in the world, stamped with seconds and nanoseconds."""
-    pose = sample.position_world, sample.orientation_xyzw
-    return _transforms(stamp(parts), frames.world_frame, {frames.body_frame: pose})
-
-
-def static_transforms(frames: WrenchFrames, time_ns: int) -> TFMessage:
-    """Return where the fixed frames are on the body."""
-    fixed = {name: (frame.position, frame.orientation_xyzw) for name, frame in (frames.fixed or {}).items()}
-    return _transforms(to_stamp(time_ns), frames.body_frame, fixed)
 
 
 def to_state(message: Odometry, frames: WrenchFrames) -> State:
@@ -150,38 +114,9 @@ def with_entity_state(state: State, message: EntityState, pose: bool, twist: boo
     return state
 
 
-def diagnostics(status: Status, hardware_id: str) -> DiagnosticArray:
-    """Return a status as `/diagnostics` shows it."""
-    message = DiagnosticArray()
-    message.header.stamp = to_stamp(status.time_ns)
-    message.status = [
-        DiagnosticStatus(
-            level=bytes([status.level]),
-            name=status.name,
-            message=status.message,
-            hardware_id=hardware_id,
-            values=[KeyValue(key=key, value=value) for key, value in status.values.items()],
-        )
-    ]
-    return message
-
-
 def _vector(value: Vector) -> Vector3:
     x, y, z = value
     return Vector3(x=x, y=y, z=z)
-
-
-def _transforms(time: Time, parent: str, children: Mapping[str, tuple[Vector, Quaternion]]) -> TFMessage:
-    from tf2_msgs.msg import TFMessage
-
-    message = TFMessage()
-    for child, ((x, y, z), (qx, qy, qz, qw)) in children.items():
-        stamped = TransformStamped()
-        stamped.header.stamp, stamped.header.frame_id, stamped.child_frame_id = time, parent, child
-        stamped.transform.translation = Vector3(x=x, y=y, z=z)
-        stamped.transform.rotation = QuaternionMessage(x=qx, y=qy, z=qz, w=qw)
-        message.transforms.append(stamped)
-    return message
 
 
 def _fill_pose(target: Pose, sample: Sample) -> None:

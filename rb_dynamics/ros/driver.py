@@ -7,15 +7,15 @@ content, with the books of energy and momentum starting at the changed state. St
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import ConvergenceError, LogError, RigidBodyError, SceneError
 from rb_dynamics.loads.channels import CheckedWrench
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
-from rb_dynamics.recording.failure_guard import GuardedSink
 from rb_dynamics.ros.arrivals import Arrival, Arrivals
 from rb_dynamics.ros.health import Health
 from rb_dynamics.ros.pacing import ClockFollower, Pacer
@@ -41,46 +41,53 @@ class Mode:
     apply_at: str = "arrival"
 
 
+class Host(Protocol):
+    """What a driver asks of the node around it."""
+
+    def sinks(self) -> Sequence[Sink]:
+        """Return what the next run is told to: publishers, and logs of its own."""
+
+    def take_commands(self) -> None:
+        """Hand over by `Driver.command` what has come."""
+
+
 class Driver:
-    """One body, paused or on its way; its times are simulation time, its commands' stamps are the users'."""
+    """One body, paused or on its way; its times are simulation time, its commands' stamps are the users'.
 
-    def __init__(
-        self,
-        scene: Scene,
-        mode: Mode,
-        pacer: Pacer | ClockFollower,
-        health: Health,
-        publishers: Sink,
-        open_logs: Callable[[], Sequence[GuardedSink]],
-        take: Callable[[], None] = lambda: None,
-    ) -> None:
-        """Start the first run; `open_logs` makes the logs of each run, `take` hands over by `command` what has come.
+    Attributes:
+        simulation: the run, from `start` on.
+    """
 
-        Raises:
-            RigidBodyError: a log cannot be opened, or the scene cannot be run.
-        """
+    simulation: Simulation
+
+    def __init__(self, scene: Scene, mode: Mode, pacer: Pacer | ClockFollower, health: Health, host: Host) -> None:
+        """Prepare; `start` begins the first run."""
         self.pacer, self.health, self.lockstep = pacer, health, mode.lockstep
-        self._mode, self._publishers, self._open_logs = mode, publishers, open_logs
-        self._take = take
+        self._mode, self._host = mode, host
         self._free_running = mode.real_time_factor == 0.0
         self._scene = scene
-        self.paused, self.stopped = mode.start_paused, False
+        self.paused, self.stopped, self._quitting = mode.start_paused, False, False
         # How often steps that were asked for may have been cut short.
         self.interruptions = 0
         self._topics = tuple(channel.topic for channel in scene.channels)
-        logs = open_logs()
-        self.simulation = Simulation(scene, [publishers, *logs])
+
+    def start(self) -> None:
+        """Begin the first run.
+
+        Raises:
+            RigidBodyError: the scene cannot be run.
+        """
+        self.simulation = Simulation(self._scene, self._host.sinks())
         self._begin(0)
-        for log in logs:
-            # A log that cannot even be opened is a mistake of whoever asked for it; later it only stops the log.
-            if log.error:
-                self.simulation.finish()
-                raise log.error
+
+    def quit(self) -> None:
+        """Be done, wherever the run is."""
+        self._quitting = True
 
     @property
     def done(self) -> bool:
-        """Whether the scene's duration is over."""
-        return self.simulation.ended
+        """Whether the scene's duration is over, or there was a call of `quit`."""
+        return self._quitting or self.simulation.ended
 
     @property
     def stands_still(self) -> bool:
@@ -116,7 +123,7 @@ class Driver:
         acts from when it came.
         """
         due_ns = self._due_ns()
-        self._take()
+        self._host.take_commands()
         if not self.paused:
             # A lag may have been given up meanwhile.
             self._goal_ns = self._lockstep_limit() if self.lockstep else min(due_ns, self._due_ns())
@@ -131,7 +138,7 @@ class Driver:
         Not where stamps count: a command with an earlier one may still come.
         """
         if self.lockstep or self._mode.apply_at == "stamp":
-            self._take()
+            self._host.take_commands()
         else:
             self.tick()
 
@@ -199,10 +206,15 @@ class Driver:
         s = self.simulation.look()
         return State(s.time_ns, s.position_world, s.orientation_xyzw, s.linear_velocity_world, s.angular_velocity_body)
 
+    def stamped(self, time_ns: int) -> int | None:
+        """Return what a message about a time of the run is stamped, never 0; None while that is not known."""
+        offset_ns = self.pacer.offset_ns
+        return None if offset_ns is None else max(1, time_ns + offset_ns)
+
     @property
     def stamp_ns(self) -> int:
         """What a message about this moment is stamped; never 0."""
-        return max(1, self.simulation.time_ns + (self.pacer.offset_ns or 0))
+        return self.stamped(self.simulation.time_ns) or max(1, self.simulation.time_ns)
 
     @property
     def shown_time(self) -> str:
@@ -349,7 +361,7 @@ class Driver:
         """
         ended_ns, newest, latest = self._computed_ns, self._newest, self._latest_ns
         outstanding = self.simulation.outstanding() if carry else []
-        simulation = Simulation(scene, [self._publishers, *self._open_logs()])
+        simulation = Simulation(scene, self._host.sinks())
         self.simulation.finish()
         if forget:
             self.health.clear()

@@ -31,11 +31,11 @@ class Neighbours:
     def __init__(
         self,
         node: Node,
-        publishers: Callable[[], Sequence[Publisher]],
+        publishers: Sequence[Publisher],
         health: Health,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Begin to look at what `publishers` returns, and tell `health`; `clock` is steady, s."""
+        """Begin to look at `publishers`, which may grow, and tell `health`; `clock` is steady, s."""
         self._node, self._publishers, self._health, self._clock = node, publishers, health, clock
         self._shared = {node.resolve_topic_name(topic) for topic in _SHARED}
         self._waiting: list[Publisher] = []
@@ -50,8 +50,8 @@ class Neighbours:
         if now < self._next:
             return
         if not self._waiting:
-            self._waiting = list(reversed(self._publishers()))
-        self._next = now + 1.0 / len(self._publishers())
+            self._waiting = list(reversed(self._publishers))
+        self._next = now + 1.0 / len(self._publishers)
         publisher = self._waiting.pop()
         topic = publisher.topic_name
         if topic not in self._shared and self._node.count_publishers(topic) > 1:

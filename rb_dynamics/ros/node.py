@@ -57,6 +57,7 @@ from rb_dynamics.ros.settings import (
     scene_overrides,
 )
 from rb_dynamics.run.simulation import Simulation
+from rb_dynamics.run.sink import Sink
 from rb_dynamics.run.stop_signals import stop_signals
 from rb_dynamics.scene.model import Scene
 
@@ -84,7 +85,6 @@ class RigidBodyNode(Node):
         self._settings = settings = read_settings(self)
         scene = settings.scene
         self._topics = [channel.topic for channel in scene.channels]
-        self._quitting = False
         # Logs that were removed, and of which that is said.
         self._missing: set[Path] = set()
         pacer = (
@@ -94,39 +94,31 @@ class RigidBodyNode(Node):
         )
         self._throttle = Throttle()
         self._health = Health(self.get_fully_qualified_name(), self._topics, self._say)
-        self._publishers_sink = TopicSink(
-            self,
-            scene,
-            settings.topics,
-            self._health,
-            lambda: pacer.offset_ns,
-            lambda: self.driver.stands_still,
-        )
+        self.driver = Driver(scene, settings.mode, pacer, self._health, self)
+        self._topic_sink = TopicSink(self, scene, settings.topics, self._health, self.driver)
         _warm_up(scene)
         # What may not be called so, or have such a QoS, is found out before there is a log.
         self._losses = {topic: Losses() for topic in self._topics}
         self._wrench_subscriptions = {topic: self._subscribe(topic) for topic in self._topics}
         require_overridable(self, elsewhere)
-        self._neighbours = Neighbours(self, lambda: self._publishers_sink.publishers, self._health)
+        self._neighbours = Neighbours(self, self._topic_sink.publishers, self._health)
         self._states = self.create_subscription(Odometry, "~/set_state", self._on_set_state, COMMAND_DEPTH)
         self.create_service(SetBool, "~/pause", self._on_pause)
         self.create_service(Trigger, "~/step", self._on_step)
         self.create_service(Trigger, "~/reset", self._on_reset)
-        self.driver = Driver(
-            scene, settings.mode, pacer, self._health, self._publishers_sink, self._open_logs, self._take_wrenches
-        )
+        self.driver.start()
+        for _, log in self._logs:
+            # A log that cannot even be opened is a mistake of whoever asked for it; later it only stops the log.
+            if log.error:
+                self.driver.simulation.finish()
+                raise log.error
         if importlib.util.find_spec("simulation_interfaces") is not None:
             from rb_dynamics.ros.simulation_services import SimulationServices
 
-            self._simulation_services = SimulationServices(self, self.driver, self._quit)
+            self._simulation_services = SimulationServices(self, self.driver)
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self.add_post_set_parameters_callback(self._after_set_parameters)
         self.get_logger().info(self._introduction())
-
-    @property
-    def done(self) -> bool:
-        """Whether the scene's duration is over, or the node has been told to quit."""
-        return self._quitting or self.driver.done
 
     def tick(self) -> None:
         """Take commands, advance as far as there is time to, and publish diagnostics once a second."""
@@ -134,12 +126,12 @@ class RigidBodyNode(Node):
         self._neighbours.look()
         if self._health.due():
             self._miss_logs()
-            if self._settings.logs.names or self._publishers_sink.status_is_read:
+            if self._settings.logs.names or self._topic_sink.status_is_read:
                 self.driver.report()
 
     def _miss_logs(self) -> None:
         """Say of each log that is removed while it is written that it is; once."""
-        missing = {path for path, log in self._logs if log.error is None and not path.exists()}
+        missing = {path for path, log in self._logs if path and log.error is None and not path.exists()}
         for path in sorted(missing - self._missing):
             self._health.failed(f"the log {path} was removed: what is written to it is lost; ~/reset begins another")
         self._missing = missing
@@ -170,8 +162,8 @@ class RigidBodyNode(Node):
             f"{f'; logging to {logs}' if logs else ''}{'; paused' if self.driver.paused else ''}"
         )
 
-    def _open_logs(self) -> list[GuardedSink]:
-        """Return the logs that are asked for, each guarded, so that a failure stops the log and not the run."""
+    def sinks(self) -> list[Sink]:
+        """Return what the next run is told to: the topics, and the logs, each guarded: a failure stops it alone."""
         names = ["inertia", *(name for name, _ in (*SAMPLE_TOPICS, ACCEL)), *self._topics]
         resolved = {name: self.resolve_topic_name(name) for name in names}
         sinks = self._settings.logs.sinks(self.get_namespace(), resolved)
@@ -185,9 +177,9 @@ class RigidBodyNode(Node):
             )
             for log, path in zip(sinks, paths, strict=True)
         ]
-        self._logs = [(path, log) for path, log in zip(paths, guarded, strict=True) if path]
+        self._logs = list(zip(paths, guarded, strict=True))
         self._missing.clear()
-        return guarded
+        return [self._topic_sink, *guarded]
 
     def _keep_earlier(self, path: Path | None) -> None:
         """Move an earlier log aside: what flew cannot be flown again."""
@@ -230,9 +222,9 @@ class RigidBodyNode(Node):
 
     def _on_wrenches(self, topic: str, message: bytes, facts: dict[str, Any]) -> None:
         self._take(topic, message, facts)
-        self._take_wrenches()
+        self.take_commands()
 
-    def _take_wrenches(self) -> None:
+    def take_commands(self) -> None:
         """Take all commands that wait, on every channel.
 
         To wait anew for each would cost more than to simulate it; and time must not advance on the commands of one
@@ -350,9 +342,6 @@ class RigidBodyNode(Node):
             self.driver.pacer.rejected += 1
         self._health.warn(f"/clock: rejected: {error}")
 
-    def _quit(self) -> None:
-        self._quitting = True
-
     def _say(self, level: int, message: str) -> None:
         logger: Any = self.get_logger()
         if level == ERROR:
@@ -428,7 +417,7 @@ def _run(nodes: Sequence[RigidBodyNode], executor: SingleThreadedExecutor, stop:
     for node in nodes:
         node.driver.go()
     next_turn = 0.0
-    while not stop and (running := [node for node in nodes if not node.done]):
+    while not stop and (running := [node for node in nodes if not node.driver.done]):
         seconds = _seconds_until_due(running)
         if seconds > _LONGEST_SLEEP:
             _serve(executor, seconds)

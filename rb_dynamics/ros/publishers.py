@@ -6,42 +6,45 @@ would cost several times as much.
 
 from __future__ import annotations
 
-import itertools
+import importlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import AccelStamped, InertiaStamped, PoseStamped, TwistStamped, Vector3Stamped
-from nav_msgs.msg import Odometry
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
-from rosgraph_msgs.msg import Clock
-from std_msgs.msg import Float64
 
-from rb_dynamics.formats import cdr
-from rb_dynamics.numerics.nanoseconds import split_stamp
-from rb_dynamics.numerics.rotation import rotate_inverse
-from rb_dynamics.ros import conversions
+from rb_dynamics.formats.cdr import clock_packer
+from rb_dynamics.formats.messages import (
+    CLOCK,
+    DIAGNOSTICS,
+    MASS_PROPERTIES,
+    TF_STATIC,
+    TRANSFORMS,
+    Stamped,
+    encode_fixed,
+    encode_inertia,
+    encode_status,
+    sample_packers,
+    sample_topics,
+)
+from rb_dynamics.ros.driver import Driver
 from rb_dynamics.ros.health import Health
 from rb_dynamics.run.diagnostics import Sample
 from rb_dynamics.run.sink import Event, RunInfo, Status
 from rb_dynamics.scene.model import Scene
 
-_SCALAR = cdr.float64_packer()
 _OVERRIDABLE = (
     QoSPolicyKind.HISTORY,
     QoSPolicyKind.DEPTH,
     QoSPolicyKind.RELIABILITY,
     QoSPolicyKind.DURABILITY,
 )
-
-# Makes a message, or the bytes of one, of a sample and its stamp in seconds and nanoseconds.
-_Make = Callable[[Sample, tuple[int, int]], object]
 
 
 @dataclass(frozen=True)
@@ -54,6 +57,15 @@ class Topics:
     acceleration: bool = False
 
 
+@dataclass
+class _SampleTopic:
+    """A topic of samples: kept for readers that come later or not, and what packs it, where the run has it."""
+
+    publisher: Publisher
+    kept: bool
+    pack: Callable[[Stamped], bytes] | None = None
+
+
 class TopicSink:
     """Publishes every sample on the topics of the node; a topic that nobody reads costs nothing.
 
@@ -62,15 +74,7 @@ class TopicSink:
     at time 0, is stamped 1 ns.
     """
 
-    def __init__(
-        self,
-        node: Node,
-        scene: Scene,
-        topics: Topics,
-        health: Health,
-        offset_ns: Callable[[], int | None],
-        still: Callable[[], bool],
-    ) -> None:
+    def __init__(self, node: Node, scene: Scene, topics: Topics, health: Health, driver: Driver) -> None:
         """Create the publishers on `node`, all of which are in `publishers`.
 
         Args:
@@ -78,65 +82,48 @@ class TopicSink:
             scene: that of the first run.
             topics: which ones beside the usual.
             health: counts readers whose QoS does not fit.
-            offset_ns: tells how far stamps are ahead of simulation time; None while that is not known and nothing is
-                published.
-            still: tells whether time stands still, so that readers are to be greeted.
+            driver: tells stamps, without which nothing is published, and whether time stands still.
         """
-        self._node, self._health, self._offset_ns, self._still = node, health, offset_ns, still
-        self._asked = topics
-        self._newest: tuple[Sample, tuple[int, int]] | None = None
-        self._frames = scene.frames
-        transient = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self._inertia = node.create_publisher(InertiaStamped, "inertia", transient)
-        self._diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", 1)
-        self.publishers = [self._inertia, self._diagnostics]
-        self._samples: list[tuple[Publisher, _Make, bool]] = []
-        self._has_potential = False
+        self._node, self._asked, self._health, self._driver = node, topics, health, driver
+        self._newest: tuple[Sample, int] | None = None
+        self.publishers: list[Publisher] = []
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._inertia = self._created(*MASS_PROPERTIES, latched)
+        self._diagnostics = self._created("/diagnostics", DIAGNOSTICS, 1)
+        # What the broadcaster of tf2_ros sends, on the same topics; but what nobody reads is not made.
+        self._static = self._created(*TF_STATIC, latched) if topics.transforms else None
+        self._samples: dict[str, _SampleTopic] = {}
         if topics.clock:
-            self._add(Clock, "/clock", lambda _, t: Clock(clock=conversions.stamp(t)))
-        self._add(PoseStamped, "pose", lambda s, t: self._pose(*t, *s.position_world, *s.orientation_xyzw))
-        self._add(TwistStamped, "twist", lambda s, t: self._twist(*t, *_twist(s)))
-        self._add(
-            Odometry,
-            "odom",
-            lambda s, t: self._odometry(*t, (*s.position_world, *s.orientation_xyzw), _twist(s)),
-        )
-        self._add(Vector3Stamped, "angular_momentum", lambda s, t: self._vector(*t, *s.angular_momentum_world))
-        self._add(Vector3Stamped, "linear_momentum", lambda s, t: self._vector(*t, *s.linear_momentum_world))
-        self._add(Float64, "energy/kinetic", lambda s, _: _SCALAR(s.kinetic_energy))
-        self._add(Float64, "energy/work", lambda s, _: _SCALAR(s.work))
-        self._add(Float64, "energy/defect", lambda s, _: _SCALAR(s.energy_defect))
-        if topics.transforms:
-            self._add_transforms()
-        if topics.acceleration:
-            self._add(AccelStamped, "accel", lambda _, t: self._accel(*t, *itertools.chain(*self._acceleration())))
-        self._add_potential(scene)
+            self._add("/clock", CLOCK)
+        self._add_samples(scene)
 
     def open(self, run: RunInfo) -> None:
         """Publish what is simulated; late subscribers get it too (transient local)."""
-        self._frames = run.scene.frames
-        self._prepare()
-        if run.acceleration is not None:
-            self._acceleration = run.acceleration
-        self._add_potential(run.scene)
-        stamp_ns = self._stamp_ns(run.scene.initial.time_ns) or 1
-        self._inertia.publish(conversions.inertia(run.scene.body, self._frames.body_frame, stamp_ns))
-        if self._asked.transforms and self._frames.fixed:
-            self._static.publish(conversions.static_transforms(self._frames, stamp_ns))
+        self._add_samples(run.scene)
+        packers, pack_clock = sample_packers(run.scene, run.acceleration), clock_packer()
+        packers["/clock"] = lambda s: pack_clock(*s.stamp)
+        for name, topic in self._samples.items():
+            topic.pack = packers.get(name)
+        self._body_frame = run.scene.frames.body_frame
+        stamp_ns = self._driver.stamped(run.scene.initial.time_ns) or 1
+        self._inertia.publish(encode_inertia(run.scene, stamp_ns))
+        if self._static is not None and run.scene.frames.fixed:
+            self._static.publish(encode_fixed(run.scene.frames, stamp_ns))
 
     def write(self, event: Event) -> None:
         """Publish a sample or a status; wrenches are not echoed."""
         if isinstance(event, Sample):
-            stamp_ns = self._stamp_ns(event.time_ns)
+            stamp_ns = self._driver.stamped(event.time_ns)
             if stamp_ns is None:
                 return
-            self._newest = event, split_stamp(stamp_ns)
-            for publisher, make, kept in self._samples:
-                if kept or publisher.get_subscription_count():
-                    publisher.publish(make(*self._newest))
+            self._newest, stamped = (event, stamp_ns), None
+            for topic in self._samples.values():
+                if topic.pack and (topic.kept or topic.publisher.get_subscription_count()):
+                    stamped = stamped or Stamped(event, stamp_ns)
+                    topic.publisher.publish(topic.pack(stamped))
         elif isinstance(event, Status) and self.status_is_read:
-            status = replace(event, time_ns=self._stamp_ns(event.time_ns) or 1)
-            self._diagnostics.publish(conversions.diagnostics(status, self._frames.body_frame))
+            status = replace(event, time_ns=self._driver.stamped(event.time_ns) or 1)
+            self._diagnostics.publish(encode_status(status, self._body_frame))
 
     @property
     def status_is_read(self) -> bool:
@@ -145,57 +132,36 @@ class TopicSink:
 
     def close(self, result: Mapping[str, str]) -> None:
         """Wait, briefly, until readers have what was published last."""
-        for publisher, _, _ in self._samples:
-            publisher.wait_for_all_acked(Duration(seconds=0.2))
+        for topic in self._samples.values():
+            topic.publisher.wait_for_all_acked(Duration(seconds=0.2))
 
-    def _stamp_ns(self, time_ns: int) -> int | None:
-        offset_ns = self._offset_ns()
-        return None if offset_ns is None else max(1, time_ns + offset_ns)
+    def _add_samples(self, scene: Scene) -> None:
+        """Create what publishes the samples of `scene` and is not there yet."""
+        for name, type_name in sample_topics(scene, self._asked.acceleration):
+            if name not in self._samples and (type_name != TRANSFORMS or self._asked.transforms):
+                self._add(name, type_name)
 
-    def _prepare(self) -> None:
-        """Prepare what packs messages, for the frames as they are called."""
-        world, body = self._frames.world_frame, self._frames.body_frame
-        self._pose = cdr.stamped_packer("geometry_msgs/msg/PoseStamped", world)
-        self._twist = cdr.stamped_packer("geometry_msgs/msg/TwistStamped", body)
-        self._odometry = cdr.odometry_packer(world, body)
-        self._vector = cdr.stamped_packer("geometry_msgs/msg/Vector3Stamped", world)
-        self._accel = cdr.stamped_packer("geometry_msgs/msg/AccelStamped", body)
-
-    def _add_transforms(self) -> None:
-        # What the broadcaster of tf2_ros sends, on the same topics; but what nobody reads is not made.
-        from tf2_msgs.msg import TFMessage
-
-        self._add(TFMessage, "/tf", lambda s, t: conversions.transform(s, t, self._frames))
-        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self._static = self._node.create_publisher(TFMessage, "/tf_static", latched)
-        self.publishers.append(self._static)
-
-    def _add_potential(self, scene: Scene) -> None:
-        if not self._has_potential and scene.combined_effects.potential() is not None:
-            self._add(Float64, "energy/potential", lambda s, _: _SCALAR(s.potential_energy))
-            self._has_potential = True
-
-    def _add(self, kind: type, topic: str, make: _Make) -> None:
-        def greet(event: Any) -> None:
-            if event.current_count_change > 0 and self._newest is not None and self._still() and not kept:
-                publisher.publish(make(*self._newest))
-
-        publisher = self._node.create_publisher(
-            kind,
-            topic,
-            self._asked.depth,
-            event_callbacks=PublisherEventCallbacks(
-                matched=greet, incompatible_qos=lambda event: self._health.mismatched(topic, event.total_count_change)
-            ),
-            qos_overriding_options=QoSOverridingOptions(_OVERRIDABLE),
+    def _add(self, name: str, type_name: str) -> None:
+        events = PublisherEventCallbacks(
+            matched=partial(self._greet, name),
+            incompatible_qos=lambda event: self._health.mismatched(name, event.total_count_change),
+        )
+        overriding = QoSOverridingOptions(_OVERRIDABLE)
+        publisher = self._created(
+            name, type_name, self._asked.depth, event_callbacks=events, qos_overriding_options=overriding
         )
         # What is kept for readers that come later is there before they are.
         kept = publisher.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
-        self._samples.append((publisher, make, kept))
-        self.publishers.append(publisher)
+        self._samples[name] = _SampleTopic(publisher, kept)
 
+    def _created(self, name: str, type_name: str, qos: QoSProfile | int, **options: Any) -> Publisher:
+        package, _, kind = type_name.partition("/msg/")
+        message = getattr(importlib.import_module(f"{package}.msg"), kind)
+        self.publishers.append(self._node.create_publisher(message, name, qos, **options))
+        return self.publishers[-1]
 
-def _twist(sample: Sample) -> tuple[float, ...]:
-    """Return the velocity of the body origin and the angular velocity, body axes."""
-    velocity_body = rotate_inverse(sample.orientation_xyzw, sample.linear_velocity_world)
-    return (*velocity_body, *sample.angular_velocity_body)
+    def _greet(self, name: str, event: Any) -> None:
+        topic = self._samples[name]
+        greeted = event.current_count_change > 0 and self._driver.stands_still and not topic.kept
+        if greeted and self._newest and topic.pack:
+            topic.publisher.publish(topic.pack(Stamped(*self._newest)))

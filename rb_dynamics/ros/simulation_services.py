@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 from typing import Any
 
 from rclpy.action import ActionServer, CancelResponse
@@ -50,9 +50,9 @@ _OK = Result(result=Result.RESULT_OK)
 class SimulationServices:
     """Answers the standard's requests with what the `Driver` of the node can do."""
 
-    def __init__(self, node: Node, driver: Driver, quit_node: Callable[[], None]) -> None:
-        """Create the services and the action on `node`; `quit_node` is called when the simulator is told to quit."""
-        self._driver, self._quit = driver, quit_node
+    def __init__(self, node: Node, driver: Driver) -> None:
+        """Create the services and the action on `node`."""
+        self._driver = driver
         for kind, name, answer in (
             (GetSimulatorFeatures, "get_simulator_features", self._features),
             (GetSimulationState, "get_simulation_state", self._get_simulation_state),
@@ -98,7 +98,7 @@ class SimulationServices:
             self._driver.pause(wanted == SimulationState.STATE_PAUSED)
             response.result = _OK
         elif wanted == SimulationState.STATE_QUITTING:
-            self._quit()
+            self._driver.quit()
             response.result = _OK
         else:
             response.result = Result(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
@@ -16,10 +15,10 @@ from rb_dynamics import MemorySink, Simulation, Wrench, parse_scene
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.wrench import WrenchFrames
 from rb_dynamics.ros.conversions import to_state
-from rb_dynamics.ros.driver import Driver, Mode
+from rb_dynamics.ros.driver import Driver, Host, Mode
 from rb_dynamics.ros.health import Health
 from rb_dynamics.ros.pacing import Pacer
-from rb_dynamics.run.sink import Event, Status
+from rb_dynamics.run.sink import Event, Sink, Status
 
 SCENE = """\
 body: {mass: 2.0, inertia: {diagonal: [1, 2, 2.5]}}
@@ -30,10 +29,25 @@ duration: 1.0
 """
 
 
-def driver(text: str = SCENE, mode: Mode | None = None) -> Driver:
+class Memory:
+    """A host that keeps the runs that it is told, one sink for each."""
+
+    def __init__(self) -> None:
+        self.runs: list[MemorySink] = []
+
+    def sinks(self) -> list[Sink]:
+        self.runs.append(MemorySink())
+        return [self.runs[-1]]
+
+    def take_commands(self) -> None: ...
+
+
+def driver(text: str = SCENE, mode: Mode | None = None, host: Host | None = None) -> Driver:
     scene = parse_scene(text)
     health = Health("/body", [channel.topic for channel in scene.channels], lambda level, message: None)
-    return Driver(scene, mode or Mode(start_paused=True), Pacer(1.0), health, MemorySink(), list)
+    body = Driver(scene, mode or Mode(start_paused=True), Pacer(1.0), health, host or Memory())
+    body.start()
+    return body
 
 
 def run_steps(body: Driver, count: int) -> None:
@@ -276,15 +290,13 @@ def test_a_command_without_a_stamp_acts_when_it_comes_though_a_later_stamp_waits
 
 
 def test_by_arrival_the_commands_of_a_channel_keep_their_order() -> None:
-    scene = parse_scene(SCENE)
-    health = Health("/body", [channel.topic for channel in scene.channels], lambda level, message: None)
-    memory = MemorySink()
-    body = Driver(scene, Mode(), Pacer(1.0), health, memory, list)
+    memory = Memory()
+    body = driver(mode=Mode(), host=memory)
     body.pacer.restart(50_000_000)
     for force, age_ns in ((1.0, 0), (2.0, 40_000_000), (3.0, 0), (4.0, 20_000_000)):
         body.command("wrench", Wrench(force=(force, 0.0, 0.0), frame_id="world"), age_ns)
     body.simulation.advance(100_000_000)
-    assert memory.applied[-1].force[0] == 4.0
+    assert memory.runs[0].applied[-1].force[0] == 4.0
 
 
 def test_another_factor_while_it_runs() -> None:
@@ -364,91 +376,82 @@ def test_stop_stands_at_time_0_until_told() -> None:
     assert (body.stopped, body.paused) == (False, False)
 
 
-def test_each_run_has_logs_of_its_own(tmp_path: Path) -> None:
-    from rb_dynamics.recording.failure_guard import GuardedSink
-
-    runs: list[GuardedSink] = []
-
-    def open_logs() -> list[GuardedSink]:
-        runs.append(GuardedSink(MemorySink(), lambda error: None))
-        return runs[-1:]
-
-    scene = parse_scene(SCENE)
-    health = Health("/body", ["wrench", "push"], lambda level, message: None)
-    body = Driver(scene, Mode(start_paused=True), Pacer(1.0), health, MemorySink(), open_logs)
+def test_each_run_has_sinks_of_its_own() -> None:
+    memory = Memory()
+    body = driver(host=memory)
     run_steps(body, 2)
     body.set_state(body.state)
     run_steps(body, 3)
-    assert len(runs) == 2
-    assert [len(run._sink.time_ns) for run in runs] == [3, 4]
+    assert [len(run.time_ns) for run in memory.runs] == [3, 4]
 
 
 def test_a_command_acts_from_when_it_came_but_not_before_what_has_been_told() -> None:
-    scene = parse_scene(SCENE)
-    health = Health("/body", [channel.topic for channel in scene.channels], lambda level, message: None)
-    memory = MemorySink()
-    body = Driver(scene, Mode(), Pacer(1.0), health, memory, list)
+    memory = Memory()
+    body = driver(mode=Mode(), host=memory)
     # 50 ms have passed, and are computed.
     body.pacer.restart(body.simulation.time_ns + 50_000_000)
     body.tick()
+    while body.behind:
+        body.tick()
     told = body.simulation.time_ns
     for age_ns in (10**15, -(10**15)):
         body.command("wrench", Wrench(force=(1.0, 0.0, 0.0), frame_id="world"), age_ns)
     body.pacer.restart(body.simulation.time_ns + 50_000_000)
     body.command("push", Wrench(force=(1.0, 0.0, 0.0), frame_id="world"), 30_000_000)
     body.tick()
-    applied = {wrench.topic: wrench.time_ns for wrench in memory.applied}
+    while body.behind:
+        body.tick()
+    applied = {wrench.topic: wrench.time_ns for wrench in memory.runs[0].applied}
     assert told <= applied["wrench"] < told + 45_000_000
     assert told + 10_000_000 <= applied["push"] < body.simulation.time_ns
 
 
 @pytest.mark.parametrize("apply_at", ["arrival", "stamp"])
 def test_a_command_that_came_acts_before_the_output_is_due_unless_stamps_count(apply_at: str) -> None:
-    scene = parse_scene(SCENE.replace("duration: 1.0", "output_rate: 1"))
-    health = Health("/body", ["wrench", "push"], lambda level, message: None)
-    memory = MemorySink()
-    body = Driver(scene, Mode(apply_at=apply_at), Pacer(1.0), health, memory, list)
+    memory = Memory()
+    body = driver(SCENE.replace("duration: 1.0", "output_rate: 1"), Mode(apply_at=apply_at), memory)
     body.pacer.restart(50_000_000)
     body.command("wrench", Wrench(force=(1.0, 0.0, 0.0), frame_id="world", stamp_ns=20_000_000))
     body.prepare()
     while body.behind:
         body.tick()
-    assert [wrench.topic for wrench in memory.applied] == ["wrench"] * (apply_at == "arrival")
+    assert [wrench.topic for wrench in memory.runs[0].applied] == ["wrench"] * (apply_at == "arrival")
     # Told is nothing before its time.
-    assert memory.time_ns == [0]
+    assert memory.runs[0].time_ns == [0]
 
 
 def test_time_goes_no_further_than_to_when_commands_were_looked_for() -> None:
-    scene = parse_scene(SCENE.replace("duration: 1.0", "output_rate: 1"))
-    health = Health("/body", ["wrench", "push"], lambda level, message: None)
-    memory = MemorySink()
     looked = []
 
-    def take() -> None:
-        looked.append(time.monotonic_ns())
-        body.command("wrench", Wrench(force=(1.0, 0.0, 0.0), frame_id="world"), age_ns=1_000_000_000)
-        # Other channels take their time; on this one another command may come.
-        time.sleep(0.02)
+    class Slow(Memory):
+        def take_commands(self) -> None:
+            looked.append(time.monotonic_ns())
+            body.command("wrench", Wrench(force=(1.0, 0.0, 0.0), frame_id="world"), age_ns=1_000_000_000)
+            # Other channels take their time; on this one another command may come.
+            time.sleep(0.02)
 
-    body = Driver(scene, Mode(), Pacer(1.0), health, memory, list, take)
+    memory = Slow()
+    body = driver(SCENE.replace("duration: 1.0", "output_rate: 1"), Mode(), memory)
     before = time.monotonic_ns()
     body.pacer.restart(50_000_000)
     body.tick()
-    assert [wrench.topic for wrench in memory.applied] == ["wrench"]
+    assert [wrench.topic for wrench in memory.runs[0].applied] == ["wrench"]
     assert body.simulation.look().time_ns <= 50_000_000 + looked[0] - before
 
 
 def test_lockstep_says_what_it_waits_for_and_warns_of_commands_that_move_no_time() -> None:
     told: list[Status] = []
 
-    class Publishers(MemorySink):
+    class Statuses(MemorySink):
         def write(self, event: Event) -> None:
             if isinstance(event, Status):
                 told.append(event)
 
-    scene = parse_scene(SCENE)
-    health = Health("/body", ["wrench", "push"], lambda level, message: None)
-    body = Driver(scene, Mode(lockstep=True), Pacer(1.0), health, Publishers(), list)
+    class Watched(Memory):
+        def sinks(self) -> list[Sink]:
+            return [Statuses()]
+
+    body = driver(mode=Mode(lockstep=True), host=Watched())
 
     def message() -> str:
         while body.behind:

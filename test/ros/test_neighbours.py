@@ -84,7 +84,7 @@ def test_each_topic_is_looked_at_once_a_second_and_each_other_node_named(peer: P
     publishers = [node.create_publisher(Float64, f"energy/{name}", best_effort) for name in ("a", "b", "c", "d")]
     shared = node.create_publisher(Float64, "/tf", 1)
     health = Health("rigid_body", (), lambda level, message: said.append((level, message)))
-    neighbours = Neighbours(node, lambda: [*publishers, shared], health, lambda: now[0])
+    neighbours = Neighbours(node, [*publishers, shared], health, lambda: now[0])
 
     def looked() -> list[str]:
         said.clear()
