@@ -53,7 +53,7 @@ def checks(
     whole = track.bag.whole
     detail = "it has its end" if whole else "cut off: it holds what was written until then"
     done = [Check("file is whole", whole, detail), _recorded(track)]
-    done += [_one_recording(track)] if track.bag.joints else []
+    done += [one_recording(track)] if track.bag.joints else []
     done += [_whole(series, track) for series in _motion(track)]
     done += [_continuous(track, steady)] if steady is not None else []
     done += [_agrees(track, each) for each in agreed]
@@ -128,7 +128,7 @@ def _late(series: Series, track: Track) -> str:
     return "; ".join(lacks)
 
 
-def _one_recording(track: Track) -> Check:
+def one_recording(track: Track) -> Check:
     """Return whether the files of a folder follow one another, as those of one recording do."""
     joints = track.bag.joints
     times = np.sort(np.concatenate([np.array(t.log_times, dtype=np.int64) for t in track.bag.topics.values()]))

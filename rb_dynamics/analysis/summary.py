@@ -9,12 +9,13 @@ import contextlib
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from decimal import Decimal
 
 import numpy as np
 
 from rb_dynamics.analysis.agreement import Agreement, agreements
 from rb_dynamics.analysis.balance import Balance, balances
-from rb_dynamics.analysis.checks import BOUND, Check, checks, cut, missing
+from rb_dynamics.analysis.checks import BOUND, Check, checks, cut, missing, one_recording
 from rb_dynamics.analysis.commands import Fate, fate
 from rb_dynamics.analysis.continuity import Continuity, continuity
 from rb_dynamics.analysis.residual import Residual, residual
@@ -151,7 +152,7 @@ class Summary:
         if self.own and self.start_ns == 0:
             return "t is simulation time"
         shown = "simulation time" if self.own else "header.stamp"
-        return f"t counts from the start, at {shown} {self.start_ns * 1e-9:.9f} s"
+        return f"t counts from the start, at {shown} {Decimal(self.start_ns).scaleb(-9):f} s"
 
     @property
     def reservation(self) -> str:
@@ -211,6 +212,8 @@ def _unsure(track: Track, steady: Continuity | None, agreed: Sequence[Agreement]
     """Return why what moved the body cannot be told from a recording that contradicts itself; "" where it can."""
     if track.own:
         return ""
+    if track.bag.joints and not one_recording(track).passed:
+        return "these are several recordings"
     if any(each.contradicts for each in agreed):
         return "pose and twist contradict each other"
     return "the pose jumps" if steady is not None and steady.jumps else ""

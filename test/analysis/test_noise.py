@@ -37,6 +37,17 @@ def test_of_a_thousand_recordings_at_most_ten_accuse_the_body_that_flew() -> Non
     assert len(accused(range(MANY))) <= MANY // 100
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(3000)
+def test_what_is_said_to_be_seen_above_the_noise_is_found() -> None:
+    """Of a smallest moment that is 1.3 times too large, wherever the report says that 0.3 would be seen."""
+    tried = [(seed, left) for seed in range(0, MANY, 10) if (left := summary_of(seed).residual) is not None]
+    seen = [seed for seed, left in tried if left.unseen[0] < 0.3]
+    assert len(seen) > len(tried) // 2
+    missed = [seed for seed in seen if judged(seed, recording(seed).scene(moments=1.3)).explained]
+    assert len(missed) <= len(seen) // 20
+
+
 def judged(seed: int, scene: Scene | None = None, uncommanded: float = 0.0) -> Residual:
     left = summary_of(seed, scene, uncommanded).residual
     assert left is not None

@@ -384,9 +384,13 @@ def test_two_recordings_in_one_folder_are_two(bagger: Any, tmp_path: Path, secon
     folder = tmp_path / "both"
     folder.mkdir()
     for number, begin_s in enumerate((100, 100 + second_begins_s)):
-        rows = [pose(begin_s * 10**9 + EVERY * k) for k in range(1001)]
+        times = [begin_s * 10**9 + EVERY * k for k in range(1001)]
+        rows = [row for time_ns in times for row in (pose(time_ns), twist(time_ns))]
         bagger(rows).rename(folder / f"day_{number}.mcap")
-    found = {check.name: check for check in summary_of(folder).checks}
+    summary = summary_of(folder, scene=parse_scene(BRIEF))
+    found = {check.name: check for check in summary.checks}
+    assert found["inertia explains the motion"].detail == "not judged; these are several recordings"
+    assert summary.residual is None
     assert not found["files are one recording"].passed
     assert words in found["files are one recording"].detail
 
@@ -480,6 +484,7 @@ def test_stamps_of_the_epoch_keep_their_digits(bagger: Any) -> None:
     summary = summary_of(bagger([pose(start + EVERY * k) for k in range(11)]))
     assert summary.start_ns == start
     assert summary.duration_s == pytest.approx(0.1, abs=1e-12)
+    assert "1700000000.123456789 s" in as_text(summary)
 
 
 # Every 350 ms, which is the timeout of the channel: two come at the very time at which it drops to zero.
