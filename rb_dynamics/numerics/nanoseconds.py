@@ -12,6 +12,8 @@ NANOSECONDS = 1_000_000_000
 # Times are whole nanoseconds, and the seconds of a stamp end at 2^31, in ROS messages and in the log. In seconds:
 SHORTEST = 1e-9
 LONGEST = 2.0**31 - 1.0
+# s. Steps may be parts of a nanosecond; a run of shorter ones than this would not get anywhere.
+SHORTEST_STEP = 1e-15
 
 LAST_STAMP_NS = 2**31 * NANOSECONDS
 """A ROS stamp counts seconds in 32 bits, one of them the sign: 68 years."""

@@ -22,7 +22,7 @@ from rb_dynamics.motion.kernel_layout import PHASE, phase_numbers
 from rb_dynamics.motion.method import Method
 from rb_dynamics.motion.phase import Phase, inertia_of
 from rb_dynamics.motion.step_control import FixedStep, WholeArc
-from rb_dynamics.numerics.nanoseconds import NANOSECONDS, SHORTEST
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS, SHORTEST_STEP
 from rb_dynamics.numerics.validation import as_array, instance, instances, number, shown, whole_number
 from rb_dynamics.run.samples import Samples
 
@@ -338,10 +338,10 @@ def _grid(method: Method, step: float | None) -> tuple[int, int]:
     """Return the length of a full step in units of 1/denominator ns, and the denominator."""
     if method.order is None:
         return WholeArc.length, WholeArc.denominator
+    expected = f"a number of {SHORTEST_STEP:g} or more (s), as {method.name} needs one"
     if step is None:
-        raise ValueError(f"step is None, expected a number of {SHORTEST:g} or more (s), as {method.name} needs one")
-    expected = f"a number of {SHORTEST:g} or more (s), as {method.name} needs one"
-    step = number(step, "step", expected, least=SHORTEST)
+        raise ValueError(f"step is None, expected {expected}")
+    step = number(step, "step", expected, least=SHORTEST_STEP)
     control = FixedStep(step)
     return control.length, control.denominator
 

@@ -15,6 +15,8 @@ from rb_dynamics.motion.auto_method import CANDIDATES, cheapest
 from rb_dynamics.motion.exact import EXACT, has_closed_form, is_free
 from rb_dynamics.motion.phase import Course, Phase, inertia_of
 from rb_dynamics.motion.step_control import AccuracyControl, FixedStep, OwnControl, StepControl, WholeArc
+from rb_dynamics.numerics.nanoseconds import SHORTEST_STEP
+from rb_dynamics.numerics.validation import number
 from rb_dynamics.scene.model import DEFAULT_ACCURACY, Scene
 
 OPEN_END_HORIZON = 3600.0
@@ -114,7 +116,8 @@ class Plan:
         if method.order is None:
             return WholeArc()
         if solver.step is not None:
-            return FixedStep(solver.step)
+            expected = f"a number of {SHORTEST_STEP:g} or more (s), or the run would not get anywhere"
+            return FixedStep(number(solver.step, "solver.step", expected, SceneError, least=SHORTEST_STEP))
         accuracy, horizon = self._accuracy, self._horizon
         if method.longest_step is not None:
             return OwnControl(accuracy, horizon, ends=self._ends)

@@ -33,7 +33,7 @@ class Solver:
 
         Raises:
             TypeError: a field is not of its type.
-            SceneError: there is no such method, the step is less than a nanosecond, or the accuracy not greater than 0.
+            SceneError: there is no such method, or step or accuracy is not greater than 0.
         """
         # The methods are not imported for a scene that leaves the choice open.
         if instance(self.method, str, "solver.method", "write its name") != "auto":
@@ -42,12 +42,9 @@ class Solver:
             if self.method not in METHODS:
                 known, mend = ", ".join(METHODS), remedy(self.method, ("auto", *METHODS), "write one")
                 raise SceneError(f"solver.method is {shown(self.method)}, expected auto or one of {known}; {mend}")
-        if self.step is not None:
-            expected = f"a number of {SHORTEST:g} or more (s), or None"
-            number(self.step, "solver.step", expected, SceneError, least=SHORTEST)
-        if self.accuracy is not None:
-            expected = "a finite number greater than 0, or None"
-            number(self.accuracy, "solver.accuracy", expected, SceneError, above=0.0)
+        for name, value in (("solver.step", self.step), ("solver.accuracy", self.accuracy)):
+            if value is not None:
+                number(value, name, "a finite number greater than 0, or None", SceneError, above=0.0)
 
 
 @dataclass(frozen=True)

@@ -282,9 +282,9 @@ def test_what_no_body_can_follow_is_no_wrench(wrench: dict[str, tuple[float, flo
         ((BODY, [STATE, State(5)], "rk4", 0.1), "between 0 and 5 ns, expected one time"),
         ((BODY, [STATE], "auto", 0.1), "method is 'auto', expected one of exact, taylor"),
         ((BODY, [STATE], "strang4", 0.1), "; strang4 was removed; take dmv104, or strang6 for a slender body"),
-        ((BODY, [STATE], "rk4"), "step is None, expected a number of 1e-09 or more"),
-        ((BODY, [STATE], "rk4", -1.0), "step is -1.0, expected a number of 1e-09 or more"),
-        ((BODY, [STATE], "rk4", 5e-324), "step is 5e-324, expected a number of 1e-09 or more"),
+        ((BODY, [STATE], "rk4"), "step is None, expected a number of 1e-15 or more"),
+        ((BODY, [STATE], "rk4", -1.0), "step is -1.0, expected a number of 1e-15 or more"),
+        ((BODY, [STATE], "rk4", 5e-324), "step is 5e-324, expected a number of 1e-15 or more"),
         ((BODY, [STATE], "rk4", 0.1, 0), "threads is 0, expected a whole number of at least 1"),
     ],
 )
