@@ -9,7 +9,7 @@ from itertools import pairwise
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.exact import EXACT
 from rb_dynamics.motion.fixed_step_kernel import longest_in_plain
-from rb_dynamics.numerics.nanoseconds import NANOSECONDS
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS, SHORTEST
 from rb_dynamics.numerics.vector import norm
 from rb_dynamics.run.diagnostics import Sample
 from rb_dynamics.scene.model import Solver
@@ -142,8 +142,9 @@ def climbers_for(trial: Excerpt) -> list[Climber]:
 
 
 def _steps(trial: Excerpt) -> list[float]:
-    """Return steps (s) of two digits from 2 rad down, none longer than what lies between two commands."""
+    """Return steps (s) of two digits from 2 rad down to 1 ns, none longer than what lies between two commands."""
     edges = sorted({0.0, trial.seconds, *(max(0, wrench.stamp_ns) / NANOSECONDS for _, wrench in trial.commands)})
     longest = max(after - before for before, after in pairwise(edges))
     natural = min(longest, 0.5 * trial.seconds, 2.0 / trial.rate if trial.rate > 0.0 else math.inf)
-    return [float(f"{natural * 2.0 ** (-0.5 * k):.2g}") for k in range(60)]
+    halved = (float(f"{natural * 2.0 ** (-0.5 * k):.2g}") for k in range(60))
+    return [step for step in halved if step >= SHORTEST] or [SHORTEST]
