@@ -214,7 +214,9 @@ def main(names: list[str], path: str) -> None:
         print(f"{name:10} " + (", ".join(f"{w} {where.count(w)}" for w in dict.fromkeys(where)) or "none: dominated"))
 
     if path:
-        Path(path).write_text(page(tables), encoding="utf-8")
+        # What `front.py` has found stays as it is.
+        _, *kept = Path(path).read_text(encoding="utf-8").partition("\n## Which methods stay")
+        Path(path).write_text(page(tables) + "".join(kept), encoding="utf-8")
 
 
 if __name__ == "__main__":
