@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from rb_dynamics.analysis.holes import longest_usual
 from rb_dynamics.analysis.noise import typical
-from rb_dynamics.analysis.track import Array, Series, Times, Track, unit_rows
+from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track, unit_rows
 from rb_dynamics.numerics.rotation_arrays import rotate_all, rotation_vectors
 
 # A difference of more than this part of what either says is a contradiction.
@@ -120,7 +120,7 @@ class _Both:
     stretch: NDArray[np.int_]
 
     @staticmethod
-    def of(pose: Series, twist: Series) -> _Both | None:
+    def of(pose: TimeSeries, twist: TimeSeries) -> _Both | None:
         start = twist.time_ns[0]
         within = (pose.time_ns >= start) & (pose.time_ns <= twist.time_ns[-1])
         within[1:] &= np.diff(pose.time_ns) > 0

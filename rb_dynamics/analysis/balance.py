@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rb_dynamics.analysis.impulse import Impulse, impulses
 from rb_dynamics.analysis.noise import Noise, judge
-from rb_dynamics.analysis.track import Array, Series, Times, Track
+from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ def _energy(track: Track) -> Balance | None:
     return Balance("energy", "J", kinetic.time_ns, defect[:, 0], covered, scale, basis, None if track.own else noise)
 
 
-def _momentum(track: Track, name: str, kind: str, unit: str, series: Series, accepted: float) -> Balance | None:
+def _momentum(track: Track, name: str, kind: str, unit: str, series: TimeSeries, accepted: float) -> Balance | None:
     if not len(series.time_ns) or not track.acted:
         return None
     impulse = impulses(track, kind, series.time_ns)

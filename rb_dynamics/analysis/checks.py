@@ -14,7 +14,7 @@ from rb_dynamics.analysis.agreement import Agreement
 from rb_dynamics.analysis.balance import Balance
 from rb_dynamics.analysis.continuity import FARTHEST, Continuity, Jump
 from rb_dynamics.analysis.holes import NAMED, listed, longest_usual, told
-from rb_dynamics.analysis.track import Array, Series, Track, frame_names
+from rb_dynamics.analysis.track import Array, TimeSeries, Track, frame_names
 from rb_dynamics.formats.own_log import logged_scene
 
 BOUND = 1e-6
@@ -91,13 +91,13 @@ def missing(track: Track) -> str:
     return "; ".join(told)
 
 
-def _motion(track: Track) -> list[Series]:
+def _motion(track: Track) -> list[TimeSeries]:
     """Return pose and twist, once where both are from one topic."""
     found = {series.topic: series for series in (track.pose, track.twist) if series is not None}
     return list(found.values())
 
 
-def _whole(series: Series, track: Track) -> Check:
+def _whole(series: TimeSeries, track: Track) -> Check:
     name, count = f"{series.topic} is whole", len(series.time_ns)
     if series.unusable:
         of = f"{series.unusable} of {count + series.unusable} messages"
@@ -113,7 +113,7 @@ def _whole(series: Series, track: Track) -> Check:
     return Check(name, True, f"{count} samples, all finite, at most {int(steps.max()) * 1e-9:.6g} s apart")
 
 
-def _late(series: Series, track: Track) -> str:
+def _late(series: TimeSeries, track: Track) -> str:
     """Return how long after the recording its messages begin, and how long before its end they stop; "" where not."""
     own = track.bag.topics.get(series.topic)
     if track.own or own is None or not own.count:

@@ -9,7 +9,7 @@ from collections import Counter
 from dataclasses import dataclass
 
 from rb_dynamics.analysis.holes import gaps
-from rb_dynamics.analysis.track import Track, WrenchSteps
+from rb_dynamics.analysis.track import RecordedWrench, Track
 from rb_dynamics.errors import WrenchError
 from rb_dynamics.formats.topic import Topic
 from rb_dynamics.loads.wrench import Wrench, WrenchFrames
@@ -34,7 +34,7 @@ class Fate:
     undeclared: tuple[str, ...] = ()
 
 
-def fate(track: Track, steps: WrenchSteps, source: Topic, declared: WrenchFrames | None) -> Fate:
+def fate(track: Track, steps: RecordedWrench, source: Topic, declared: WrenchFrames | None) -> Fate:
     """Return what became of the commands on `source`, of which `steps` acted.
 
     Args:

@@ -14,7 +14,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rb_dynamics.analysis.track import Array, Times, Track, WrenchSteps, unit_rows
+from rb_dynamics.analysis.track import Array, RecordedWrench, Times, Track, unit_rows
 from rb_dynamics.numerics.rotation_arrays import rotate_all, rotate_all_inverse, rotation_vectors
 
 Rates = TypeVar("Rates", Array, Times)
@@ -78,7 +78,7 @@ def integral(from_ns: Times, rates: Rates, time_ns: Times) -> Rates:
     return result
 
 
-def _of_channel(steps: WrenchSteps, kind: str, time_ns: Times, attitude: _Attitude | None) -> Impulse:
+def _of_channel(steps: RecordedWrench, kind: str, time_ns: Times, attitude: _Attitude | None) -> Impulse:
     vectors = steps.force if kind == "force" else steps.torque
     active = (vectors != 0.0).any(axis=1) | ~steps.known
     world = steps.world & steps.known
@@ -96,7 +96,7 @@ def _of_channel(steps: WrenchSteps, kind: str, time_ns: Times, attitude: _Attitu
 
 
 def _turning(
-    steps: WrenchSteps, vectors: Array, time_ns: Times, attitude: _Attitude | None, turns: NDArray[np.bool_]
+    steps: RecordedWrench, vectors: Array, time_ns: Times, attitude: _Attitude | None, turns: NDArray[np.bool_]
 ) -> tuple[Array, Array]:
     """Return the integral of R b over each interval in which b is held, and an estimate of its error.
 

@@ -12,7 +12,7 @@ import numpy as np
 from rb_dynamics.analysis.balance import Balance
 from rb_dynamics.analysis.checks import BOUND
 from rb_dynamics.analysis.residual import Residual
-from rb_dynamics.analysis.summary import Summary, summarize
+from rb_dynamics.analysis.summary import RunSummary, summarize
 from rb_dynamics.analysis.topics import read_track
 from rb_dynamics.analysis.track import Track
 from rb_dynamics.formats.bag_reader import read_bag
@@ -31,7 +31,7 @@ class Inspection:
     """
 
     track: Track
-    summary: Summary
+    summary: RunSummary
 
     @property
     def passed(self) -> bool:

@@ -1,4 +1,4 @@
-"""`Summary`: what happened in a recorded run, in numbers, and the checks it has to pass. For text and HTML alike.
+"""`RunSummary`: what happened in a recorded run, in numbers, and the checks it has to pass. For text and HTML alike.
 
 Judges only what it can: a check that lacks its data is not there, and `missing` says what would bring it.
 """
@@ -19,8 +19,8 @@ from rb_dynamics.analysis.checks import BOUND, Check, checks, cut, missing, one_
 from rb_dynamics.analysis.commands import Fate, fate
 from rb_dynamics.analysis.continuity import Continuity, continuity
 from rb_dynamics.analysis.residual import Residual, residual
-from rb_dynamics.analysis.track import Array, Series, Track, WrenchSteps
-from rb_dynamics.analysis.warnings import Channel, Health, warnings
+from rb_dynamics.analysis.track import Array, RecordedWrench, TimeSeries, Track
+from rb_dynamics.analysis.warnings import ChannelHistory, WorstStatus, warnings
 from rb_dynamics.formats.bag_reader import Bag
 from rb_dynamics.formats.messages import APPLIED, DIAGNOSTICS, SCALAR, VECTOR
 from rb_dynamics.formats.own_log import logged_scene
@@ -72,7 +72,7 @@ class Range:
 
 
 @dataclass(frozen=True)
-class Moment:
+class FirstAndLast:
     """One quantity at the first and the last sample."""
 
     name: str
@@ -82,7 +82,7 @@ class Moment:
 
 
 @dataclass(frozen=True)
-class Summary:
+class RunSummary:
     """A recorded run in numbers.
 
     Attributes:
@@ -129,11 +129,11 @@ class Summary:
     duration_s: float
     samples: int
     topics: tuple[TopicFacts, ...]
-    moments: tuple[Moment, ...]
+    moments: tuple[FirstAndLast, ...]
     ranges: tuple[Range, ...]
     balances: tuple[Balance, ...]
-    channels: tuple[Channel, ...]
-    health: Health | None
+    channels: tuple[ChannelHistory, ...]
+    health: WorstStatus | None
     momenta_from: str
     checks: tuple[Check, ...]
     residual: Residual | None
@@ -165,7 +165,7 @@ class Summary:
         return next((balance for balance in self.balances if balance.name == name and balance.covered > 0.0), None)
 
 
-def summarize(track: Track, bound: float = BOUND) -> Summary:
+def summarize(track: Track, bound: float = BOUND) -> RunSummary:
     """Return what happened; `bound` is the largest defect accepted, relative to the largest energy or momentum."""
     bag = track.bag
     facts, result = bag.metadata.get(RUN, {}), bag.metadata.get(RESULT, {})
@@ -178,7 +178,7 @@ def summarize(track: Track, bound: float = BOUND) -> Summary:
     found = tuple(_unknown(each, unsure) if unsure else each for each in balances(track, bound))
     left = None if unsure else residual(track, bound)
     channels = tuple(_channels(track, health))
-    return Summary(
+    return RunSummary(
         path=str(bag.path),
         own=track.own,
         complete=bag.complete,
@@ -285,7 +285,7 @@ def _topic(topic: Topic, start_ns: int, use: str) -> TopicFacts:
     )
 
 
-def _moments(track: Track) -> list[Moment]:
+def _moments(track: Track) -> list[FirstAndLast]:
     pose, twist = track.pose, track.twist
     axes = "world" if track.twist_in_world else "body"
     all_of_it = slice(None)
@@ -300,20 +300,20 @@ def _moments(track: Track) -> list[Moment]:
         ("work", "J", track.work, all_of_it),
     ]
     return [
-        Moment(name, unit, _row(series, 0, columns), _row(series, -1, columns))
+        FirstAndLast(name, unit, _row(series, 0, columns), _row(series, -1, columns))
         for name, unit, series, columns in parts
         if series is not None and len(series.time_ns)
     ]
 
 
-def _row(series: Series, index: int, columns: slice) -> tuple[float, ...]:
+def _row(series: TimeSeries, index: int, columns: slice) -> tuple[float, ...]:
     return tuple(np.atleast_1d(series.values[index])[columns].tolist())
 
 
 def _ranges(track: Track) -> list[Range]:
     twist = track.twist
-    speed = twist and Series(twist.topic, twist.time_ns, twist.values[:, :3])
-    rate = twist and Series(twist.topic, twist.time_ns, twist.values[:, 3:])
+    speed = twist and TimeSeries(twist.topic, twist.time_ns, twist.values[:, :3])
+    rate = twist and TimeSeries(twist.topic, twist.time_ns, twist.values[:, 3:])
     parts = [
         ("speed of the body origin", "m/s", speed),
         ("angular rate", "rad/s", rate),
@@ -325,19 +325,21 @@ def _ranges(track: Track) -> list[Range]:
     return [_range(track, name, unit, series) for name, unit, series in parts if series and len(series.time_ns)]
 
 
-def _range(track: Track, name: str, unit: str, series: Series) -> Range:
+def _range(track: Track, name: str, unit: str, series: TimeSeries) -> Range:
     values = series.values if series.values.ndim == 1 else np.linalg.norm(series.values, axis=1)
     seconds = track.seconds(series.time_ns)
     low, high = int(values.argmin()), int(values.argmax())
     return Range(name, unit, float(values[low]), float(seconds[low]), float(values[high]), float(seconds[high]))
 
 
-def _channels(track: Track, health: Health | None) -> list[Channel]:
+def _channels(track: Track, health: WorstStatus | None) -> list[ChannelHistory]:
     scene = logged_scene(track.bag.attachments) if track.own else None
     return [_channel(track, steps, health, None if scene is None else scene.frames) for steps in track.wrenches]
 
 
-def _channel(track: Track, steps: WrenchSteps, health: Health | None, declared: WrenchFrames | None) -> Channel:
+def _channel(
+    track: Track, steps: RecordedWrench, health: WorstStatus | None, declared: WrenchFrames | None
+) -> ChannelHistory:
     name = steps.topic.removesuffix(APPLIED)
     applied = len(steps.time_ns) if steps.topic.endswith(APPLIED) else None
     source = track.bag.topics.get(name)
@@ -351,7 +353,7 @@ def _channel(track: Track, steps: WrenchSteps, health: Health | None, declared: 
     at = track.seconds(commands)
     if source is not None and applied is not None and source.count:
         frames = tuple(sorted({wrench.frame_id for _, wrench in track.bag.wrenches(name)}))
-    return Channel(
+    return ChannelHistory(
         topic=name,
         frames=frames,
         received=received,
@@ -372,7 +374,7 @@ def _channel(track: Track, steps: WrenchSteps, health: Health | None, declared: 
     )
 
 
-def _held_at_the_end(track: Track, steps: WrenchSteps, at: Array) -> float | None:
+def _held_at_the_end(track: Track, steps: RecordedWrench, at: Array) -> float | None:
     """Return how long after the last command, at `at` (s), what it set was still held; None where not known."""
     if not len(at) or not steps.known[-1:].all():
         return None
@@ -381,7 +383,7 @@ def _held_at_the_end(track: Track, steps: WrenchSteps, at: Array) -> float | Non
     return max(0.0, float(track.seconds(np.array(end_ns))) - float(at[-1])) if acts else 0.0
 
 
-def _counted(topic: str, what: str, health: Health | None) -> int | None:
+def _counted(topic: str, what: str, health: WorstStatus | None) -> int | None:
     for key, value in health.values if health else ():
         match = re.fullmatch(rf"(.+): {what}", key)
         if match and f"/{topic}".endswith(f"/{match[1].lstrip('/')}") and (count := _whole(value)) is not None:
@@ -395,14 +397,14 @@ def _whole(text: str) -> int | None:
     return None
 
 
-def _health(bag: Bag) -> Health | None:
+def _health(bag: Bag) -> WorstStatus | None:
     topics = [topic for topic in bag.topics.values() if topic.type_name == DIAGNOSTICS and topic.count]
     statuses = [status for topic in topics for message in topic.decoded() for status in message[2]]
     ours = [status for status in statuses if status[1] == "rb_dynamics" or RUN in bag.metadata]
     if not ours:
         return None
     _, _, message, _, values = ours[-1]
-    return Health(max(status[0] for status in ours), message, tuple(values))
+    return WorstStatus(max(status[0] for status in ours), message, tuple(values))
 
 
 def _missing(track: Track) -> list[str]:

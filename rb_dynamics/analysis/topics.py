@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rb_dynamics.analysis.clocks import APART, clock
-from rb_dynamics.analysis.track import LARGEST, Array, Series, Times, Track, WrenchSteps, frame_names, motion_of
+from rb_dynamics.analysis.track import LARGEST, Array, RecordedWrench, Times, TimeSeries, Track, frame_names, motion_of
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import BodyError, LogError, WrenchError
 from rb_dynamics.formats.bag_reader import Bag
@@ -54,7 +54,7 @@ class Momenta:
     kinetic: Array
 
 
-def momenta(pose: Series, twist: Series, twist_in_world: bool, body: RigidBody) -> Momenta:
+def momenta(pose: TimeSeries, twist: TimeSeries, twist_in_world: bool, body: RigidBody) -> Momenta:
     """Return L = R I w (about the centre of mass) and p = m R (v + w x c), world axes, and T; v, w, c in body axes."""
     motion = motion_of(pose, twist, twist_in_world)
     attitude, omega = motion.orientation_xyzw, motion.angular_velocity_body
@@ -138,7 +138,7 @@ class _Finder:
         read: Callable[[str], tuple[Times, Array]],
         *,
         child: bool = False,
-    ) -> Series | None:
+    ) -> TimeSeries | None:
         """Return the best topic of the first of `types` that is there; `child` means Odometry's child frame."""
         for type_name in types:
             topics = [t.name for t in self.bag.topics.values() if t.type_name == type_name and t.count]
@@ -161,7 +161,7 @@ class _Finder:
             )
         return next(iter(frames))
 
-    def _cleaned(self, use: str, topic: str, time_ns: Times, values: Array, frame: str = "") -> Series:
+    def _cleaned(self, use: str, topic: str, time_ns: Times, values: Array, frame: str = "") -> TimeSeries:
         self.uses[topic] = ", ".join(filter(None, (self.uses.get(topic), use)))
         if len(time_ns) > 1 and not time_ns.any():
             self.notes.append(f"{topic}: no message has a stamp; the log times are used.")
@@ -175,13 +175,13 @@ class _Finder:
         if backwards:
             order = np.argsort(time_ns, kind="stable")
             time_ns, values = time_ns[order], values[order]
-        return Series(topic, time_ns, values, frame, backwards, int((~usable).sum()))
+        return TimeSeries(topic, time_ns, values, frame, backwards, int((~usable).sum()))
 
-    def _vector(self, name: str) -> Series | None:
+    def _vector(self, name: str) -> TimeSeries | None:
         topic = self._named(name, VECTOR)
         return None if topic is None else self._cleaned("momentum", topic, *self.bag.vectors(topic))
 
-    def _scalar(self, name: str) -> Series | None:
+    def _scalar(self, name: str) -> TimeSeries | None:
         topic = self._named(name, SCALAR)
         return None if topic is None else self._cleaned("energy", topic, *self.bag.scalars(topic))
 
@@ -192,21 +192,21 @@ class _Finder:
         return min(fitting, key=lambda topic: (self._distance(topic), topic), default=None)
 
     def _computed(
-        self, pose: Series, twist: Series, twist_in_world: bool, body: RigidBody
-    ) -> tuple[Series | None, Series | None, Series | None]:
+        self, pose: TimeSeries, twist: TimeSeries, twist_in_world: bool, body: RigidBody
+    ) -> tuple[TimeSeries | None, TimeSeries | None, TimeSeries | None]:
         found = momenta(pose, twist, twist_in_world, body)
         if not len(found.time_ns):
             self.notes.append(f"{pose.topic} and {twist.topic} share no stamp, so momenta are not computed.")
             return None, None, None
         angular, linear, kinetic = (
-            Series("", found.time_ns, values) for values in (found.angular, found.linear, found.kinetic)
+            TimeSeries("", found.time_ns, values) for values in (found.angular, found.linear, found.kinetic)
         )
         return angular, linear, kinetic
 
     def _frames(self, world: str, body: str) -> WrenchFrames:
         return self.scene.frames if self.scene else WrenchFrames(world, body)
 
-    def _wrenches(self, frames: WrenchFrames, own: bool) -> tuple[tuple[WrenchSteps, ...], bool]:
+    def _wrenches(self, frames: WrenchFrames, own: bool) -> tuple[tuple[RecordedWrench, ...], bool]:
         """Return what acted: the applied topics, else every command held until the next of its topic."""
         topics = [t.name for t in self.bag.topics.values() if t.type_name in WRENCHES]
         applied = [topic for topic in topics if topic.endswith(APPLIED)]
@@ -248,7 +248,7 @@ class _Finder:
         )
         return round(offset * 1e9)
 
-    def _on_one_clock(self, series: Series | None) -> Series | None:
+    def _on_one_clock(self, series: TimeSeries | None) -> TimeSeries | None:
         later = 0 if series is None else self._later(series.topic)
         return replace(series, time_ns=series.time_ns - later) if series is not None and later else series
 
@@ -277,7 +277,7 @@ class _Finder:
             self.notes.append(f"One body is inspected; these topics are left out: {', '.join(others)}.")
 
 
-def _steps(bag: Bag, topic: str, frames: WrenchFrames, later_ns: int) -> WrenchSteps:
+def _steps(bag: Bag, topic: str, frames: WrenchFrames, later_ns: int) -> RecordedWrench:
     commands = bag.wrenches(topic)
     stamped = bag.topics[topic].stamps_given
     times = [wrench.stamp_ns if stamped else log_time - later_ns for log_time, wrench in commands]
@@ -290,7 +290,7 @@ def _steps(bag: Bag, topic: str, frames: WrenchFrames, later_ns: int) -> WrenchS
     zero = HeldWrench()
     parts = [zero if part is None else part for part in held]
     world = np.array([wrench.frame_id == frames.world_frame for _, wrench in commands], dtype=bool)[order]
-    return WrenchSteps(
+    return RecordedWrench(
         topic=topic,
         time_ns=np.array(times, dtype=np.int64)[order],
         force=rows([p.force_body for p in parts]) + rows([p.force_world for p in parts]),

@@ -21,7 +21,7 @@ LARGEST = 1e100
 
 
 @dataclass(frozen=True)
-class Series:
+class TimeSeries:
     """Rows of numbers over time.
 
     Attributes:
@@ -42,7 +42,7 @@ class Series:
 
 
 @dataclass(frozen=True)
-class WrenchSteps:
+class RecordedWrench:
     """One wrench channel: each row is held until the next.
 
     Attributes:
@@ -63,7 +63,7 @@ class WrenchSteps:
     known: NDArray[np.bool_]
     frames: tuple[str, ...]
 
-    def without(self, missing: Sequence[tuple[int, int]]) -> WrenchSteps:
+    def without(self, missing: Sequence[tuple[int, int]]) -> RecordedWrench:
         """Return the same, not known from where a piece of the recording is `missing` (first and last ns) to the next.
 
         What stood in the piece may have changed the wrench.
@@ -106,16 +106,16 @@ class Track:
 
     bag: Bag
     own: bool
-    pose: Series | None
-    twist: Series | None
+    pose: TimeSeries | None
+    twist: TimeSeries | None
     twist_in_world: bool
-    angular_momentum: Series | None
-    linear_momentum: Series | None
-    kinetic_energy: Series | None
-    work: Series | None
-    energy_defect: Series | None
+    angular_momentum: TimeSeries | None
+    linear_momentum: TimeSeries | None
+    kinetic_energy: TimeSeries | None
+    work: TimeSeries | None
+    energy_defect: TimeSeries | None
     momenta_from: str
-    wrenches: tuple[WrenchSteps, ...]
+    wrenches: tuple[RecordedWrench, ...]
     acted: bool
     body: RigidBody | None
     body_from: str
@@ -132,7 +132,7 @@ class Track:
         return int(min(time[0] for time in times)), int(max(time[-1] for time in times))
 
     @property
-    def acting(self) -> tuple[WrenchSteps, ...]:
+    def acting(self) -> tuple[RecordedWrench, ...]:
         """`wrenches`, not known behind a piece of the recording that is missing."""
         missing = self.bag.missing
         return tuple(steps.without(missing) for steps in self.wrenches)
@@ -165,7 +165,7 @@ def frame_names(frames: Sequence[str]) -> str:
     return ", ".join(frame or '""' for frame in frames)
 
 
-def motion_of(pose: Series, twist: Series, twist_in_world: bool) -> Motion:
+def motion_of(pose: TimeSeries, twist: TimeSeries, twist_in_world: bool) -> Motion:
     """Return what pose and twist say together; `twist_in_world` as in `Track`."""
     time_ns, at_pose, at_twist = np.intersect1d(pose.time_ns, twist.time_ns, return_indices=True)
     attitude = unit_rows(pose.values[at_pose, 3:])

@@ -17,7 +17,7 @@ _LONG_GAPS, _LONG_S = 10.0, 1.0
 
 
 @dataclass(frozen=True)
-class Channel:
+class ChannelHistory:
     """What came on one wrench channel and what became of it; None where the log does not say.
 
     Attributes:
@@ -58,7 +58,7 @@ class Channel:
 
 
 @dataclass(frozen=True)
-class Health:
+class WorstStatus:
     """The last diagnostics status, and the worst level of all: 0 OK, 1 WARN, 2 ERROR, 3 STALE."""
 
     worst_level: int
@@ -71,7 +71,7 @@ class Health:
         return ("ok", "warning", "error", "stale")[min(self.worst_level, 3)]
 
 
-def warnings(track: Track, channels: Sequence[Channel], health: Health | None) -> list[str]:
+def warnings(track: Track, channels: Sequence[ChannelHistory], health: WorstStatus | None) -> list[str]:
     """Return warnings about commands, time and health; none for a run in which all went as it should."""
     found = []
     if when := cut(track):
@@ -93,7 +93,7 @@ def warnings(track: Track, channels: Sequence[Channel], health: Health | None) -
     return found
 
 
-def _commands(track: Track, channels: Sequence[Channel]) -> list[str]:
+def _commands(track: Track, channels: Sequence[ChannelHistory]) -> list[str]:
     found = []
     for channel in channels:
         if channel.timeouts:
@@ -117,7 +117,7 @@ def _commands(track: Track, channels: Sequence[Channel]) -> list[str]:
     return found
 
 
-def _fell_silent(channel: Channel) -> bool:
+def _fell_silent(channel: ChannelHistory) -> bool:
     if channel.usual_s is None or channel.held_s is None or (channel.received or 0) < _REGULAR:
         return False
     return channel.held_s > max(_LONG_GAPS * channel.usual_s, _LONG_S)

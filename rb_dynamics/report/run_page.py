@@ -1,4 +1,4 @@
-"""The report of one recorded run: `Summary` and `Track` put into sections, figures and tables.
+"""The report of one recorded run: `RunSummary` and `Track` put into sections, figures and tables.
 
 Every number comes from `summary`, so the page and the terminal say the same. Never reads a scene or simulates.
 """
@@ -13,8 +13,8 @@ import numpy as np
 from rb_dynamics.analysis.balance import Balance
 from rb_dynamics.analysis.checks import BOUND
 from rb_dynamics.analysis.inspection import inspect
-from rb_dynamics.analysis.summary import HALF, Summary
-from rb_dynamics.analysis.track import Array, Series, Track, motion_of
+from rb_dynamics.analysis.summary import HALF, RunSummary
+from rb_dynamics.analysis.track import Array, TimeSeries, Track, motion_of
 from rb_dynamics.body.plausibility import Symmetry, symmetry
 from rb_dynamics.formats.messages import APPLIED
 from rb_dynamics.report import plots, text
@@ -31,7 +31,7 @@ def write_run_report(
     scene: Scene | None = None,
     bound: float = BOUND,
     extra: Sequence[Section] = (),
-) -> Summary:
+) -> RunSummary:
     """Write the report of the MCAP file `log` to `html` and return its numbers.
 
     Args:
@@ -50,7 +50,7 @@ def write_run_report(
     return found.summary
 
 
-def run_report(track: Track, summary: Summary, extra: Sequence[Section] = ()) -> Report:
+def run_report(track: Track, summary: RunSummary, extra: Sequence[Section] = ()) -> Report:
     """Return the page about one run."""
     name = os.path.basename(summary.path)
     source = "logged by rb_dynamics" if summary.own else "recorded"
@@ -100,16 +100,16 @@ def comparison_section(
     return Section(heading, lead, figures=[figure], table=Table(["", "worst", "at t [s]", "at the end"], rows))
 
 
-def _failures(summary: Summary) -> str:
+def _failures(summary: RunSummary) -> str:
     failed = [check.name for check in summary.checks if not check.passed]
     return f"Failed: {'; '.join(failed)}."
 
 
-def _tiles(summary: Summary) -> list[Tile]:
+def _tiles(summary: RunSummary) -> list[Tile]:
     return [*_run_tiles(summary), *_check_tiles(summary), *_size_tiles(summary)]
 
 
-def _run_tiles(summary: Summary) -> list[Tile]:
+def _run_tiles(summary: RunSummary) -> list[Tile]:
     rate = next((topic.rate for topic in summary.topics if topic.rate and topic.count == summary.samples), 0.0)
     samples = f"{summary.samples} samples" + (f", {rate:.4g} Hz" if rate else "")
     tiles = [Tile("Duration", f"{summary.duration_s:.6g} s", samples)]
@@ -122,7 +122,7 @@ def _run_tiles(summary: Summary) -> list[Tile]:
     return tiles
 
 
-def _check_tiles(summary: Summary) -> list[Tile]:
+def _check_tiles(summary: RunSummary) -> list[Tile]:
     """Return one tile for the checks of the data, those that failed each with their own, and one for each balance."""
     judged = (" balance", "explains the motion")
     data = [check for check in summary.checks if not check.name.endswith(judged)]
@@ -146,7 +146,7 @@ def _check_tiles(summary: Summary) -> list[Tile]:
     return tiles
 
 
-def _size_tiles(summary: Summary) -> list[Tile]:
+def _size_tiles(summary: RunSummary) -> list[Tile]:
     shown = ("angular rate", "angular momentum", "linear momentum", "kinetic energy")
     return [
         Tile(f"Largest {name}", f"{r.high:.4g}", f"{r.unit}, at {r.high_at_s:.4g} s; smallest {r.low:.4g}")
@@ -160,7 +160,7 @@ def _capital(sentence: str) -> str:
     return sentence[:1].upper() + sentence[1:]
 
 
-def _subject(track: Track, summary: Summary) -> list[Section]:
+def _subject(track: Track, summary: RunSummary) -> list[Section]:
     """Return what the body is, how it was computed and what to know about the data."""
     facts = [
         ["scene", summary.scene],
@@ -211,12 +211,12 @@ def _motion(track: Track) -> list[Section]:
     return [Section("Motion", figures=figures)] if figures else []
 
 
-def _warnings(summary: Summary) -> list[Section]:
+def _warnings(summary: RunSummary) -> list[Section]:
     found = summary.warnings
     return [Section("Warnings", "\n\n".join(found))] if found else []
 
 
-def _residual(track: Track, summary: Summary) -> list[Section]:
+def _residual(track: Track, summary: RunSummary) -> list[Section]:
     left = summary.residual
     if left is None:
         return []
@@ -259,7 +259,7 @@ def _poinsot(track: Track) -> list[Section]:
     return [Section("Poinsot's construction", figures=[Figure(view, caption)])] if view else []
 
 
-def _conservation(track: Track, summary: Summary) -> list[Section]:
+def _conservation(track: Track, summary: RunSummary) -> list[Section]:
     figures = []
     angular, linear, kinetic = track.angular_momentum, track.linear_momentum, track.kinetic_energy
     if angular is not None and linear is not None:
@@ -275,7 +275,7 @@ def _conservation(track: Track, summary: Summary) -> list[Section]:
     return [Section("Momentum and energy", basis, figures=figures, table=table)] if figures or table else []
 
 
-def _energy(track: Track, kinetic: Series) -> Figure:
+def _energy(track: Track, kinetic: TimeSeries) -> Figure:
     if track.work is None:
         caption = "In a good run this is a horizontal line for as long as nothing acts."
         return Figure(plots.energy(track.seconds(kinetic.time_ns), kinetic.values), caption)
@@ -283,13 +283,13 @@ def _energy(track: Track, kinetic: Series) -> Figure:
     return Figure(plots.energy(*_shared(track, kinetic, track.work)), caption)
 
 
-def _shared(track: Track, first: Series, second: Series) -> tuple[Array, Array, Array]:
+def _shared(track: Track, first: TimeSeries, second: TimeSeries) -> tuple[Array, Array, Array]:
     """Return the times (s) that both have, with their values: a log that was cut off may end between two topics."""
     time_ns, at_first, at_second = np.intersect1d(first.time_ns, second.time_ns, return_indices=True)
     return track.seconds(time_ns), first.values[at_first], second.values[at_second]
 
 
-def _defects(track: Track, summary: Summary) -> list[Figure]:
+def _defects(track: Track, summary: RunSummary) -> list[Figure]:
     figures = []
     energy = summary.balance("energy")
     if energy is not None:
@@ -313,7 +313,7 @@ def _series(track: Track, balance: Balance) -> tuple[Array, Array]:
     return track.seconds(balance.time_ns), balance.defect
 
 
-def _wrenches(track: Track, summary: Summary) -> list[Section]:
+def _wrenches(track: Track, summary: RunSummary) -> list[Section]:
     panels, idle = [], []
     for steps in track.acting:
         name = steps.topic.removesuffix(APPLIED)
@@ -344,7 +344,7 @@ def _wrenches(track: Track, summary: Summary) -> list[Section]:
     return [Section("Wrenches", paragraph, figures=figures, table=Table(rows[0], rows[1:]))]
 
 
-def _tables(summary: Summary) -> list[Section]:
+def _tables(summary: RunSummary) -> list[Section]:
     judged = [[c.name, text.verdict(c, "passed", "FAILED", "not judged"), c.detail] for c in summary.checks]
     checks = Table(["check", "result", "detail"], judged, numeric=False)
     named = [("First and last state", text.state_rows(summary)), ("Extremes", text.range_rows(summary))]

@@ -1,4 +1,4 @@
-"""A `Summary` as plain text for a terminal: aligned, at most 100 columns, nothing in it that a terminal obeys."""
+"""A `RunSummary` as plain text for a terminal: aligned, at most 100 columns, nothing in it that a terminal obeys."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from rb_dynamics.analysis.checks import Check
 from rb_dynamics.analysis.residual import TELLS, Residual
-from rb_dynamics.analysis.summary import Summary
+from rb_dynamics.analysis.summary import RunSummary
 from rb_dynamics.analysis.track import frame_names
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.report.html import printable
@@ -27,7 +27,7 @@ UNKNOWN = "-: the recording does not say."
 _CHANNEL_WIDTHS = (25, 10, 10, 9, 10, 10, 12, 14)
 
 
-def as_text(summary: Summary) -> str:
+def as_text(summary: RunSummary) -> str:
     """Return the summary as lines of at most `WIDTH` columns."""
     lines = [*_wrap(headline(summary))]
     lines += _wrap(f"solver: {summary.solver}") if summary.solver else []
@@ -68,7 +68,7 @@ def verdict(check: Check, passed: str, failed: str, unknown: str) -> str:
     return passed if check.passed else failed
 
 
-def headline(summary: Summary) -> str:
+def headline(summary: RunSummary) -> str:
     """Return what the file is, in one or two sentences."""
     own = f"log of rb_dynamics {summary.version}".rstrip()
     source = own if summary.own else "recording by another program"
@@ -81,7 +81,7 @@ def headline(summary: Summary) -> str:
     return f"{summary.path}: {source}{scene}: {samples}{method}{steps}{state}; {summary.clock}"
 
 
-def topic_rows(summary: Summary) -> list[list[str]]:
+def topic_rows(summary: RunSummary) -> list[list[str]]:
     """Return header and rows: how messages come."""
     rows = [["", "type", "messages", "rate [Hz]", "longest gap [s]", "at t [s]", "used for"]]
     for t in summary.topics:
@@ -101,7 +101,7 @@ def topic_rows(summary: Summary) -> list[list[str]]:
     return rows
 
 
-def state_rows(summary: Summary) -> list[list[str]]:
+def state_rows(summary: RunSummary) -> list[list[str]]:
     """Return header and rows: first and last state; empty without motion."""
     rows = [["", "", "x", "y", "z", "w"]]
     for m in summary.moments:
@@ -111,7 +111,7 @@ def state_rows(summary: Summary) -> list[list[str]]:
     return rows if summary.moments else []
 
 
-def range_rows(summary: Summary) -> list[list[str]]:
+def range_rows(summary: RunSummary) -> list[list[str]]:
     """Return header and rows: extremes; empty without motion."""
     rows = [["", "smallest", "at t [s]", "largest", "at t [s]"]]
     rows += [
@@ -121,7 +121,7 @@ def range_rows(summary: Summary) -> list[list[str]]:
     return rows if summary.ranges else []
 
 
-def balance_rows(summary: Summary) -> list[list[str]]:
+def balance_rows(summary: RunSummary) -> list[list[str]]:
     """Return header and rows: defects; empty where nothing is balanced."""
     rows = [["", "worst defect", "at t [s]", "largest value", "relative", "of the run"]]
     for b in summary.balances:
@@ -131,7 +131,7 @@ def balance_rows(summary: Summary) -> list[list[str]]:
     return rows if summary.balances else []
 
 
-def channel_rows(summary: Summary) -> list[list[str]]:
+def channel_rows(summary: RunSummary) -> list[list[str]]:
     """Return header and rows: what came on each wrench channel; empty without channels."""
     rows = [["", "frame", "received", "applied", "timeouts", "rejected", "max |F| [N]", "max |τ| [N m]"]]
     for c in summary.channels:
@@ -141,7 +141,7 @@ def channel_rows(summary: Summary) -> list[list[str]]:
     return rows if summary.channels else []
 
 
-def command_rows(summary: Summary) -> list[list[str]]:
+def command_rows(summary: RunSummary) -> list[list[str]]:
     """Return header and rows: when commands came on each wrench channel, in its order; empty without commands."""
     rows = [["", "first at t [s]", "last at t [s]", "usual gap [s]", "then held [s]"]]
     for c in summary.channels:
@@ -219,7 +219,7 @@ def _vector(values: Sequence[float]) -> str:
     return f"({', '.join(f'{round(value, decimals) + 0.0:.3g}' for value in values)})"
 
 
-def inertia_rows(summary: Summary, body: RigidBody | None) -> list[list[str]]:
+def inertia_rows(summary: RunSummary, body: RigidBody | None) -> list[list[str]]:
     """Return header and rows: the inertia given and the one that fits best, if any; empty where it is not judged."""
     left = summary.residual
     if left is None or body is None:
@@ -233,7 +233,7 @@ def inertia_rows(summary: Summary, body: RigidBody | None) -> list[list[str]]:
     return rows
 
 
-def health_sentence(summary: Summary) -> str:
+def health_sentence(summary: RunSummary) -> str:
     """Return the worst level and the last message of the diagnostics."""
     if summary.health is None:
         return ""

@@ -8,7 +8,7 @@ from noisy_recordings import recording
 
 from rb_dynamics.analysis.noise import centred, judge, means
 from rb_dynamics.analysis.residual import Residual
-from rb_dynamics.analysis.summary import Summary, summarize
+from rb_dynamics.analysis.summary import RunSummary, summarize
 from rb_dynamics.analysis.topics import read_track
 from rb_dynamics.report.text import residual_sentence
 from rb_dynamics.scene.model import Scene
@@ -17,7 +17,7 @@ FEW = 8
 MANY = 1000
 
 
-def summary_of(seed: int, scene: Scene | None = None, uncommanded: float = 0.0) -> Summary:
+def summary_of(seed: int, scene: Scene | None = None, uncommanded: float = 0.0) -> RunSummary:
     made = recording(seed, uncommanded)
     return summarize(read_track(made.bag, scene or made.scene()))
 

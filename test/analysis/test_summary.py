@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from rb_dynamics.analysis.holes import gaps
-from rb_dynamics.analysis.summary import Summary, summarize
+from rb_dynamics.analysis.summary import RunSummary, summarize
 from rb_dynamics.analysis.topics import read_track
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_reader import read_bag
@@ -39,12 +39,12 @@ STILL = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 EVERY = 10_000_000
 
 
-def summary_of(log: Path, **options: Any) -> Summary:
+def summary_of(log: Path, **options: Any) -> RunSummary:
     scene = options.pop("scene", None)
     return summarize(read_track(read_bag(log), scene), **options)
 
 
-def failed(summary: Summary) -> list[str]:
+def failed(summary: RunSummary) -> list[str]:
     return [check.name for check in summary.checks if not check.passed]
 
 
@@ -147,7 +147,7 @@ def test_timeouts_are_not_known_where_a_piece_is_missing(flight: Any, tmp_path: 
     assert not any("timed out" in each for each in summary.warnings)
 
 
-def damaged(path: Path, flight: Any, begin_ns: int, end_ns: int, reason: str = "damaged") -> Summary:
+def damaged(path: Path, flight: Any, begin_ns: int, end_ns: int, reason: str = "damaged") -> RunSummary:
     """Return the summary of what `recover` makes of a log in which a piece was damaged."""
     whole = McapFile(flight.log)
     left = [each for each in whole.messages() if not begin_ns <= each.log_time <= end_ns]

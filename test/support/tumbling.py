@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from rb_dynamics.analysis.checks import Check
-from rb_dynamics.analysis.summary import Summary, summarize
+from rb_dynamics.analysis.summary import RunSummary, summarize
 from rb_dynamics.analysis.topics import read_track
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_reader import Bag
@@ -107,7 +107,7 @@ def fill(topic: Topic, time_ns: Any, frame: str, rows: Any, logged_later_ns: Any
         topic.add(log_time, cdr.encode(topic.type_name, stamp, frame, row))
 
 
-def summary_of(bag: Bag) -> Summary:
+def summary_of(bag: Bag) -> RunSummary:
     return summarize(read_track(bag))
 
 
