@@ -21,6 +21,8 @@ from rb_dynamics.numerics.vector import ZERO, Vector
 # double precision, not a wrong one.
 SYMMETRY_TOLERANCE = 1e-9
 TRIANGLE_TOLERANCE = 1e-9
+# Likewise, between the inertia and what the principal moments and axes make of it: round-off, and no more.
+PARTS_TOLERANCE = 1e-13
 
 
 def _not_checked() -> Any:
@@ -33,7 +35,10 @@ def _not_checked() -> Any:
 
 @dataclass(frozen=True, slots=True)
 class RigidBody:
-    """Mass properties of one rigid body; build it with `particle` or one of the `from_*` functions, which check them.
+    """Mass properties of one rigid body; build it with `particle` or one of the `from_*` functions.
+
+    The motion is computed in the principal axes, so that `inertia` says the same as `principal_moments` and
+    `principal_orientation_xyzw`: `replace(body, inertia=...)` alone is refused.
 
     Attributes:
         mass: kg.
@@ -48,6 +53,29 @@ class RigidBody:
     center_of_mass: Vector = field(default_factory=_not_checked)
     principal_moments: Vector = field(default_factory=_not_checked)
     principal_orientation_xyzw: Quaternion = field(default_factory=_not_checked)
+
+    def __post_init__(self) -> None:
+        """Keep plain numbers, and refuse those of no body, or of two.
+
+        Raises:
+            TypeError: an argument is not of its type.
+            BodyError: no body has these numbers, or the inertia is not that of the principal moments and axes.
+        """
+        moments = vector(self.principal_moments, "principal_moments", "the principal moments (kg m^2)", BodyError)
+        axes = quaternion(self.principal_orientation_xyzw, "principal_orientation_xyzw", BodyError)
+        rows, same = _symmetric(self.inertia), _in_body_axes(moments, axes)
+        if moments != ZERO:
+            _check(moments, None)
+        most = PARTS_TOLERANCE * max(moments)
+        if any(abs(rows[i][j] - same[i][j]) > most for i in range(3) for j in range(3)):
+            raise BodyError(
+                f"inertia is {rows}, but the principal moments {moments} about their axes make {same}, expected the "
+                "same of both, as the motion is computed in principal axes; make another body with "
+                "RigidBody.from_matrix(mass, inertia, center_of_mass)"
+            )
+        values = (_mass(self.mass), rows, _center(self.center_of_mass), moments, axes)
+        for name, value in zip(self.__slots__, values, strict=True):
+            object.__setattr__(self, name, value)
 
     @property
     def is_particle(self) -> bool:

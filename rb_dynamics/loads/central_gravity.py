@@ -10,7 +10,7 @@ from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.effect import Effect, Point, Potential, Wrenching
 from rb_dynamics.loads.load import Takes
 from rb_dynamics.numerics.rotation import rotate, rotate_inverse
-from rb_dynamics.numerics.validation import number, vector
+from rb_dynamics.numerics.validation import number, truth, vector
 from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, cross, dot, norm, scale, subtract
 from rb_dynamics.numerics.vector import multiply as times
 
@@ -61,6 +61,8 @@ class CentralGravity(Effect):
         object.__setattr__(self, "gravitational_parameter", mu)
         center = vector(self.center_world, "central_gravity: center_world", "a point (m)", SceneError)
         object.__setattr__(self, "center_world", center)
+        gradient = truth(self.gravity_gradient, "central_gravity: gravity_gradient")
+        object.__setattr__(self, "gravity_gradient", gradient)
 
     def wrenching(self, body: RigidBody, start: float) -> Wrenching:
         """Return force and torque at a point.

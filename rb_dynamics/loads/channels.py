@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from rb_dynamics.body.rigid_body import RigidBody
-from rb_dynamics.errors import WrenchError
+from rb_dynamics.errors import SceneError, WrenchError
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, WrenchFrames, largest_wrench, require_possible
-from rb_dynamics.numerics.nanoseconds import NANOSECONDS
+from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS
+from rb_dynamics.numerics.validation import instance, number, shown, truth
 from rb_dynamics.numerics.vector import ZERO, Vector, scale
 
 ON_EXCESS = ("reject", "clip")
@@ -45,6 +46,28 @@ class Channel:
     max_force: float = math.inf
     max_torque: float = math.inf
     on_excess: str = "reject"
+
+    def __post_init__(self) -> None:
+        """Refuse what is no channel.
+
+        Raises:
+            TypeError: a field is not of its type.
+            SceneError: it has no topic, a negative timeout, no limit that can be kept, or nothing to do on excess.
+        """
+        if not instance(self.topic, str, "topic", "write the name of a topic"):
+            raise SceneError("topic is '', expected the name of a topic; write one, as 'wrench'")
+        expected = f"a time from 0 (hold for ever) to {LONGEST:.1e} (s)"
+        timeout = number(self.timeout, "timeout", expected, SceneError, least=0.0, most=LONGEST)
+        object.__setattr__(self, "timeout", timeout)
+        object.__setattr__(self, "optional", truth(self.optional, "optional"))
+        for name in ("max_force", "max_torque"):
+            if (limit := getattr(self, name)) != math.inf:
+                expected = "a number greater than 0, infinite for no limit"
+                object.__setattr__(self, name, number(limit, name, expected, SceneError, above=0.0))
+        if self.on_excess not in ON_EXCESS:
+            raise SceneError(
+                f"on_excess is {shown(self.on_excess)}, expected {' or '.join(ON_EXCESS)}; write one of them"
+            )
 
     @property
     def timeout_ns(self) -> int:

@@ -6,23 +6,24 @@ A part that no effect has is None, so that no code runs for it.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.effect import Effect, Point, Stored, Wrenching
 from rb_dynamics.loads.load import Load, Takes
-from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.loads.wrench import WORLD, Wrench, WrenchFrames
 from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import ZERO, Vector, add
 
 
 @dataclass(frozen=True)
 class CombinedEffects:
-    """What the `effects` of a scene do to `body`, in the order of the scene."""
+    """What the `effects` of a scene do to `body`, in the order of the scene; `frames` say what its world is called."""
 
     body: RigidBody
     effects: tuple[Effect, ...] = ()
+    frames: WrenchFrames = WrenchFrames()
 
     def __post_init__(self) -> None:
         """Let each effect look at the body.
@@ -49,9 +50,16 @@ class CombinedEffects:
         found: dict[str, tuple[tuple[float, Wrench], ...]] = {}
         for effect in self.effects:
             if schedule := effect.schedule(self.body):
-                same = len([name for name in found if name.startswith(f"effects/{effect.kind}")])
-                found[f"effects/{effect.kind}{f'_{same + 1}' if same else ''}"] = schedule
+                name = first = f"effects/{effect.kind}"
+                number = 1
+                while name in found:
+                    number += 1
+                    name = f"{first}_{number}"
+                found[name] = tuple((time, self._named(wrench)) for time, wrench in schedule)
         return list(found.items())
+
+    def _named(self, wrench: Wrench) -> Wrench:
+        return replace(wrench, frame_id=self.frames.world_frame) if wrench.frame_id == WORLD else wrench
 
     def knots(self) -> list[float]:
         """Return the times (s) at which steps have to end, in order."""

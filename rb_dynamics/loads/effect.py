@@ -85,7 +85,7 @@ class Effect:
         """
 
     def schedule(self, body: RigidBody) -> tuple[tuple[float, Wrench], ...]:
-        """Return the wrenches that it holds, each with the time (s) at which it begins."""
+        """Return the wrenches that it holds, each with the time (s) at which it begins; `WORLD` for world axes."""
         return ()
 
     def knots(self) -> tuple[float, ...]:

@@ -29,18 +29,20 @@ class ScheduledWrench(Effect):
     entries: tuple[tuple[float, Wrench], ...]
 
     def __post_init__(self) -> None:
-        """Refuse what is no schedule.
+        """Keep what a list holds now, and refuse what is no schedule.
 
         Raises:
             TypeError: an entry is no pair of a time and a wrench.
             SceneError: a time is not finite, or negative.
         """
+        entries = []
         for k, entry in enumerate(items(self.entries, "scheduled_wrench: entries", "(time, wrench) pairs")):
             name, expected = f"scheduled_wrench: entries[{k}]", "a pair of time (s, 0 or more) and Wrench"
             found = items(entry, name, expected)
             if len(found) != 2 or not isinstance(found[1], Wrench):
                 raise TypeError(f"{name} is {shown(entry)}, expected {expected}; write (0.0, Wrench(...))")
-            number(found[0], name, expected, SceneError, least=0.0)
+            entries.append((number(found[0], name, expected, SceneError, least=0.0), found[1]))
+        object.__setattr__(self, "entries", tuple(entries))
 
     @classmethod
     def read(cls, entry: Entry) -> ScheduledWrench:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.effect import Effect, Point, Potential
-from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.loads.wrench import WORLD, Wrench
 from rb_dynamics.numerics.validation import vector
 from rb_dynamics.numerics.vector import Vector, dot, scale
 
@@ -24,7 +24,6 @@ class UniformGravity(Effect):
     keys: ClassVar[tuple[str, ...]] = ("acceleration_world",)
 
     acceleration_world: Vector
-    world_frame: str = "world"
 
     def __post_init__(self) -> None:
         """Refuse what is no acceleration.
@@ -39,11 +38,11 @@ class UniformGravity(Effect):
     @classmethod
     def read(cls, entry: Entry) -> UniformGravity:
         """Return the effect of an entry."""
-        return cls(entry.vector("acceleration_world", "a finite number (m/s^2)"), entry.frames.world_frame)
+        return cls(entry.vector("acceleration_world", "a finite number (m/s^2)"))
 
     def schedule(self, body: RigidBody) -> tuple[tuple[float, Wrench], ...]:
         """Return the weight, held from the start."""
-        return ((0.0, Wrench(force=scale(body.mass, self.acceleration_world), frame_id=self.world_frame)),)
+        return ((0.0, Wrench(force=scale(body.mass, self.acceleration_world), frame_id=WORLD)),)
 
     def potential(self, body: RigidBody) -> Potential:
         """Return U = -m g . x (J), zero at the origin."""

@@ -6,7 +6,7 @@ Where a command comes from (topic, bag or script) and when it takes effect is th
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -16,6 +16,9 @@ from rb_dynamics.errors import SceneError, WrenchError
 from rb_dynamics.numerics.rotation import IDENTITY, Quaternion, rotate
 from rb_dynamics.numerics.validation import instance, mapping, quaternion, shown, vector
 from rb_dynamics.numerics.vector import ZERO, Vector, add
+
+WORLD = "/world"
+"""`frame_id` of a wrench that an effect holds in world axes, whatever the scene calls them: no frame has this name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +41,7 @@ class Wrench:
     message: bytes | None = field(default=None, init=False, compare=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Keep what an array or a list holds now; numbers that make no sense are refused where they are to act.
+        """Keep what was given as it is now; numbers that make no sense are refused where they are to act.
 
         Raises:
             TypeError: force or torque is not three components: nothing could log it.
@@ -47,7 +50,7 @@ class Wrench:
             given: object = getattr(self, name)
             if type(given) is not tuple:
                 given = given.tolist() if hasattr(given, "tolist") else given
-                given = tuple(given) if isinstance(given, list) else given
+                given = tuple(given) if isinstance(given, (list, Iterator)) else given
                 object.__setattr__(self, name, given)
             if type(given) is not tuple or len(given) != 3:
                 raise TypeError(f"wrench {name} is {shown(given)}, expected three components; write (x, y, z)")
@@ -120,6 +123,7 @@ class WrenchFrames:
         Raises:
             TypeError: a field is not of its type.
             ValueError: a coordinate is not finite.
+            SceneError: a frame has no name, or that of another.
         """
         for name in ("world_frame", "body_frame"):
             instance(getattr(self, name), str, name, "write the name of a frame")
@@ -127,8 +131,16 @@ class WrenchFrames:
             # A copy: the user's may change.
             fixed = dict(mapping(self.fixed, "fixed", "write {'thruster': FixedFrame(...)}"))
             for name, frame in fixed.items():
+                instance(name, str, "fixed", "write the name of a frame")
                 instance(frame, FixedFrame, f"fixed[{name!r}]", "write FixedFrame(position, orientation_xyzw)")
             object.__setattr__(self, "fixed", fixed)
+        # A command has but the name: of two frames that share one, it would act in the first.
+        names = [self.world_frame, self.body_frame, *(self.fixed or {})]
+        if len({"", WORLD, *names}) < len(names) + 2:
+            raise SceneError(
+                f"frames are named {names}, expected names that differ, none of them empty or {WORLD!r}: world, body "
+                "and fixed frames are told apart by them alone; rename one"
+            )
         if self.center_of_mass is not None:
             object.__setattr__(self, "center_of_mass", vector(self.center_of_mass, "center_of_mass", "a point (m)"))
         if self.turns is not None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Set
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from rb_dynamics.numerics.rotation import NORM_TOLERANCE, Quaternion, unit
@@ -86,6 +86,17 @@ def whole_number(value: Any, name: str, remedy: str) -> int:
     raise TypeError(f"{name} is {shown(value)}, expected a whole number; {remedy}")
 
 
+def truth(value: Any, name: str) -> bool:
+    """Return a truth value of Python or numpy: not a number, nor a text such as "false", which Python takes for true.
+
+    Raises:
+        TypeError: it is none.
+    """
+    if isinstance(value, bool) or (getattr(value, "ndim", 1) == 0 and value.dtype.kind == "b"):
+        return bool(value)
+    raise TypeError(f"{name} is {shown(value)}, expected a truth value; write True or False")
+
+
 def number(
     value: object,
     name: str,
@@ -149,7 +160,7 @@ def as_array(value: object, name: str, expected: str, kind: str | None = "f8") -
 
     try:
         found = np.asarray(value)
-        if found.dtype.kind in "fiu":
+        if found.dtype.kind in "fiu" and not np.ma.is_masked(value):
             return found if kind is None else found.astype(kind, copy=False)
     except ValueError:
         pass
@@ -157,7 +168,9 @@ def as_array(value: object, name: str, expected: str, kind: str | None = "f8") -
 
 
 def _numbers(value: object, count: int, name: str, expected: str, error: type[Exception]) -> list[float]:
-    listed = list(value) if isinstance(value, Iterable) and getattr(value, "ndim", 1) != 0 else []
+    # A set has no order, and the keys of a mapping are no components.
+    unordered = isinstance(value, (Set, Mapping)) or getattr(value, "ndim", 1) == 0
+    listed = list(value) if isinstance(value, Iterable) and not unordered else []
     found = [number for number in map(_real, listed) if number is not None]
     if not len(found) == len(listed) == count:
         names = "(x, y, z)" if count == 3 else "(x, y, z, w)"
@@ -171,6 +184,9 @@ def _numbers(value: object, count: int, name: str, expected: str, error: type[Ex
 def _real(value: Any) -> float | None:
     """Return a real number as a float; None for anything else, strings and booleans included."""
     if isinstance(value, (str, bytes, bool)) or getattr(value, "ndim", 0) != 0:
+        return None
+    # To float, numpy gives a truth value as well, and a complex number without its imaginary part.
+    if getattr(getattr(value, "dtype", None), "kind", "") in ("b", "c"):
         return None
     try:
         return float(value)

@@ -435,6 +435,15 @@ def _mass_properties(bodies: Sequence[RigidBody]) -> Numbers:
     return np.array(rows, dtype=np.float64)
 
 
+class _Bodies(RigidBody):
+    """A body whose numbers are arrays over bodies, each of which has been checked."""
+
+    __slots__ = ()
+
+    def __post_init__(self) -> None:
+        """Take the arrays as they are."""
+
+
 def _body_of_arrays(bodies: Sequence[RigidBody]) -> RigidBody:
     """Return a body whose numbers are arrays over `bodies`: functions of floats then work on all of them at once."""
 
@@ -444,7 +453,7 @@ def _body_of_arrays(bodies: Sequence[RigidBody]) -> RigidBody:
         # The axis of the bodies last: rows come apart like tuples.
         return tuple(np.moveaxis(np.array(rows, dtype=np.float64), 0, -1))
 
-    return RigidBody(
+    return _Bodies(
         columns([(body.mass,) for body in bodies])[0],
         columns([body.inertia for body in bodies]),
         columns([body.center_of_mass for body in bodies]),

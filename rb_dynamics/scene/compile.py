@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable
 
 from rb_dynamics.errors import SceneError
-from rb_dynamics.loads.effect import Effect
 from rb_dynamics.loads.load import Takes
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Method
@@ -55,7 +54,7 @@ class Plan:
         if self._method is not None:
             self._chosen = self._method, self._control(self._method)
             self.description = f"{self.name}, {self._steps(self._method)}"
-        elif not scene.channels and all(_turns_nothing(scene, effect) for effect in scene.effects):
+        elif not scene.channels and _turns_nothing(scene):
             self.description = "auto: exact, as nothing turns the body"
         else:
             names = ", ".join(CANDIDATES[self.takes])
@@ -135,10 +134,10 @@ class Plan:
         return f"steps for an accuracy of {self._accuracy!r} after {self._horizon!r} s"
 
 
-def _turns_nothing(scene: Scene, effect: Effect) -> bool:
-    """Return whether `effect` is but a force that is constant in the world."""
-    held = [scene.frames.hold(wrench) for _, wrench in effect.schedule(scene.body)]
-    return effect.takes == Takes.HELD and all(map(is_free, held))
+def _turns_nothing(scene: Scene) -> bool:
+    """Return whether the effects are but forces that are constant in the world."""
+    held = [scene.frames.hold(wrench) for _, entries in scene.combined_effects.schedules() for _, wrench in entries]
+    return scene.combined_effects.takes == Takes.HELD and all(map(is_free, held))
 
 
 def cannot_take(scene: Scene, method: Method, takes: Takes) -> str:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 
 from rb_dynamics.body.plausibility import Finding
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import SceneError
-from rb_dynamics.loads.channels import ON_EXCESS, Channel
+from rb_dynamics.loads.channels import Channel
 from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.effect import Effect
 from rb_dynamics.loads.wrench import WrenchFrames
@@ -33,7 +32,7 @@ class Solver:
 
         Raises:
             TypeError: a field is not of its type.
-            SceneError: there is no such method, or step or accuracy is not greater than 0.
+            SceneError: there is no such method, step or accuracy is not greater than 0, or the accuracy not below 1.
         """
         # The methods are not imported for a scene that leaves the choice open.
         if instance(self.method, str, "solver.method", "write its name") != "auto":
@@ -42,9 +41,15 @@ class Solver:
             if self.method not in METHODS:
                 known, mend = ", ".join(METHODS), remedy(self.method, ("auto", *METHODS), "write one")
                 raise SceneError(f"solver.method is {shown(self.method)}, expected auto or one of {known}; {mend}")
-        for name, value in (("solver.step", self.step), ("solver.accuracy", self.accuracy)):
-            if value is not None:
-                number(value, name, "a finite number greater than 0, or None", SceneError, above=0.0)
+        for name in ("step", "accuracy"):
+            if (value := getattr(self, name)) is not None:
+                expected = "a finite number greater than 0, or None"
+                object.__setattr__(self, name, number(value, f"solver.{name}", expected, SceneError, above=0.0))
+        if self.accuracy is not None and self.accuracy >= 1.0:
+            raise SceneError(
+                f"solver.accuracy is {self.accuracy!r}, expected less than 1 (rad, and relative to the distance "
+                "travelled): more is none; write a smaller one, or a step"
+            )
 
 
 @dataclass(frozen=True)
@@ -87,8 +92,8 @@ class Scene:
         Raises:
             TypeError: a field is not of its type.
             ValueError: a number in `initial` is not finite, or the norm of its attitude is not 1.
-            SceneError: a channel has no topic, a number of channels, duration or outputs makes no sense, or the frames
-                were made with another centre of mass than the body has.
+            SceneError: two channels have one topic, duration or output rate makes no sense, or the frames were made
+                with another centre of mass than the body has.
         """
         instance(self.body, RigidBody, "body", "make one with RigidBody.from_diagonal(mass, moments)")
         frames = instance(self.frames, WrenchFrames, "frames", "write WrenchFrames()")
@@ -100,24 +105,17 @@ class Scene:
         instance(self.solver, Solver, "solver", "write Solver(method, step=..., accuracy=...)")
         if self.duration is not None:
             expected = f"a number from 0 to {LONGEST:.1e} (s), or None"
-            number(self.duration, "duration", expected, SceneError, least=0.0, most=LONGEST)
+            duration = number(self.duration, "duration", expected, SceneError, least=0.0, most=LONGEST)
+            object.__setattr__(self, "duration", duration)
         expected = f"a number from 0 to {1.0 / SHORTEST:g} (Hz)"
-        number(self.output_rate, "output_rate", expected, SceneError, least=0.0, most=1.0 / SHORTEST)
-        for k, channel in enumerate(self.channels):
-            if not instance(channel.topic, str, f"channels[{k}].topic", "write the name of a topic"):
-                raise SceneError(f"channels[{k}].topic is '', expected the name of a topic; write one, as 'wrench'")
-            expected = f"a time from 0 (hold for ever) to {LONGEST:.1e} (s)"
-            number(channel.timeout, f"channels[{k}].timeout", expected, SceneError, least=0.0, most=LONGEST)
-            for name in ("max_force", "max_torque"):
-                limit = getattr(channel, name)
-                if limit != math.inf:
-                    expected = "a number greater than 0, infinite for no limit"
-                    number(limit, f"channels[{k}].{name}", expected, SceneError, above=0.0)
-            if channel.on_excess not in ON_EXCESS:
-                raise SceneError(
-                    f"channels[{k}].on_excess is {shown(channel.on_excess)}, expected {' or '.join(ON_EXCESS)}; "
-                    "write one of them"
-                )
+        rate = number(self.output_rate, "output_rate", expected, SceneError, least=0.0, most=1.0 / SHORTEST)
+        object.__setattr__(self, "output_rate", rate)
+        topics = [channel.topic.lstrip("/") for channel in self.channels]
+        if len(set(topics)) < len(topics):
+            raise SceneError(
+                f"channels have the topics {topics}, expected different ones: of two with one topic, a command would "
+                "reach the last alone; rename one"
+            )
 
     @property
     def end_ns(self) -> int | None:
@@ -127,7 +125,7 @@ class Scene:
     @property
     def combined_effects(self) -> CombinedEffects:
         """What the effects do to the body."""
-        return CombinedEffects(self.body, self.effects)
+        return CombinedEffects(self.body, self.effects, self.frames)
 
 
 __all__ = ["Channel", "Scene", "Solver"]

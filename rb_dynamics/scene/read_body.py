@@ -23,7 +23,7 @@ def body_and_frames(root: Section) -> tuple[BodyReading, WrenchFrames]:
         named.reject("different names for world_frame and body.frame", "rename one of them")
     fixed = _fixed_frames(section.get("frames"), (world, frame))
     reading = read_inertia(section)
-    frames = WrenchFrames(world, frame, fixed)
+    frames = WrenchFrames(world, frame, fixed) if world != frame else WrenchFrames()
     return reading, frames.of(reading.body) if reading.body else frames
 
 
@@ -44,8 +44,10 @@ def _fixed_frames(field: Field | None, taken: tuple[str, str]) -> dict[str, Fixe
     for name, frame in field.mapping("{position:, orientation:}").items() if field else ():
         if name in taken:
             frame.reject("a name that is neither the world's nor the body's", "rename the frame", f"the name {name}")
+            continue
         if not _is_frame_name(name):
             frame.reject("the name of a frame", "use letters, digits and _", f"the name '{printable(name)}'")
+            continue
         values = frame.section(("position", "orientation"))
         frames[name] = FixedFrame(values.vector("position", LENGTH), values.quaternion("orientation"))
     return frames

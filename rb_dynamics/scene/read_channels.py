@@ -68,7 +68,7 @@ def _topic(section: Section, taken: dict[str, str]) -> str:
     field = section.get("topic")
     if field is None:
         section.missing("topic", "the name of a topic", "add topic: wrench")
-        return ""
+        return Channel().topic
     topic = field.text(
         "a ROS topic name",
         _is_topic,
@@ -89,7 +89,7 @@ def _topic(section: Section, taken: dict[str, str]) -> str:
         field.reject("a topic that does not end in /applied, where the log keeps what acted", "rename the channel")
     elif name:
         taken[name] = field.key
-    return topic
+    return topic or Channel().topic
 
 
 def _is_topic(name: str) -> bool:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from fractions import Fraction
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -226,3 +228,28 @@ class TestPointMasses:
 def test_the_bare_class_names_what_makes_a_body(given: tuple[Any, ...]) -> None:
     with pytest.raises(TypeError, match=r"from_matrix\(mass, inertia, center_of_mass\).*from_diagonal.*particle"):
         RigidBody(*given)
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"mass": -1.0}, "mass is -1.0, expected a finite number greater than 0"),
+        ({"inertia": ((9.0, 0.0, 0.0), (0.0, 9.0, 0.0), (0.0, 0.0, 9.0))}, "RigidBody.from_matrix"),
+        ({"principal_moments": (9.0, 9.0, 9.0)}, "RigidBody.from_matrix"),
+        ({"principal_moments": (0.0, 0.0, 0.0)}, "RigidBody.from_matrix"),
+        ({"principal_orientation_xyzw": (0.0, 0.6, 0.0, 0.8)}, "RigidBody.from_matrix"),
+        ({"principal_moments": (1.0, 1.0, 9.0)}, "no body has them"),
+        ({"center_of_mass": (math.nan, 0.0, 0.0)}, "center_of_mass"),
+    ],
+)
+def test_a_copy_with_parts_of_another_body_is_refused(changes: dict[str, Any], named: str) -> None:
+    """The motion is that of the principal moments: another inertia beside them would change nothing, silently."""
+    body = RigidBody.from_matrix(2.0, [[1.0, 0.1, 0.0], [0.1, 1.5, 0.0], [0.0, 0.0, 2.0]])
+
+    with pytest.raises(BodyError) as error:
+        dataclasses.replace(body, **changes)
+
+    assert named in str(error.value)
+    heavier = dataclasses.replace(body, mass=3, center_of_mass=np.ones(3))
+    assert heavier == RigidBody.from_matrix(3.0, body.inertia, (1.0, 1.0, 1.0))
+    assert hash(heavier) != hash(body)

@@ -338,6 +338,27 @@ class TestScheduledWrench:
             ("effects/scheduled_wrench_2", 500_000_000, "world"),
         ]
 
+    def test_none_takes_the_place_of_another(self) -> None:
+        """A kind may be called as the second of another kind is."""
+
+        class Push(Effect):
+            kind = "push"
+
+            def schedule(self, body: RigidBody) -> tuple[tuple[float, Wrench], ...]:
+                return ((0.0, Wrench((1.0, 0.0, 0.0))),)
+
+        class Push2(Push):
+            kind = "push_2"
+
+        scene = replace(parse_scene(BALL), duration=1.0, effects=(Push2(), Push(), Push()))
+
+        assert [name for name, _ in scene.combined_effects.schedules()] == [
+            "effects/push_2",
+            "effects/push",
+            "effects/push_3",
+        ]
+        assert simulate(scene).sample.linear_momentum_world == pytest.approx((3.0, 0.0, 0.0), abs=1e-12)
+
 
 class TestWhatIsNotListed:
     def test_costs_nothing(self) -> None:

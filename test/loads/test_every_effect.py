@@ -15,6 +15,7 @@ import pytest
 from motions import Recorder
 
 import rb_dynamics as rb
+from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.effect import Effect, Point
 from rb_dynamics.loads.effect_types import EFFECTS
 from rb_dynamics.loads.wrench import HeldWrench
@@ -56,7 +57,8 @@ def points() -> Iterator[Point]:
 
 def acting(effect: Effect, scene: rb.Scene, point: Point) -> tuple[Vector, Vector]:
     """Return force (world axes) and torque (principal axes) of an effect at time 0, whether held or not."""
-    begun = [wrench for time, wrench in effect.schedule(scene.body) if time <= 0.0]
+    schedules = CombinedEffects(scene.body, (effect,), scene.frames).schedules()
+    begun = [wrench for _, entries in schedules for time, wrench in entries if time <= 0.0]
     held = in_principal_axes(scene.body, scene.frames.hold(begun[-1]) if begun else HeldWrench())
     force = add(held.force_world, rotate(point.orientation, held.force_body))
     torque = add(held.torque_body, rotate_inverse(point.orientation, held.torque_world))

@@ -52,8 +52,9 @@ class Anything:
 
 
 NOT_FINITE = [math.nan, math.inf, -math.inf]
-NO_NUMBERS = [None, "text", Anything(), {}, 1j, [[1.0]], (1.0, "a", 2.0)]
+NO_NUMBERS = [None, "text", Anything(), {}, 1j, np.complex128(1 + 1j), np.True_, [[1.0]], (1.0, "a", 2.0)]
 NO_VECTORS = [*NO_NUMBERS, 1.0, (1.0, 2.0), (1.0, 2.0, 3.0, 4.0, 5.0), (math.nan, 0.0, 0.0), np.ones((3, 3))]
+NO_VECTORS += [{3.0, 1.0, 2.0}, {3.0: 0.0, 1.0: 0.0, 2.0: 0.0}]  # without an order; whose keys are no components
 NO_OBJECTS = [None, "text", 1.0, [1.0], Anything(), rb.Wrench]
 NO_COUNTS = [*NO_NUMBERS, *NOT_FINITE, 0.5]
 NO_QUATERNIONS = [*NO_VECTORS, (0.0, 0.0, 0.0, 1.4), (0.0, 0.0, 0.0, 0.0), (math.inf, 0.0, 0.0, 1.0)]
@@ -140,12 +141,16 @@ WRONG: Mapping[tuple[Callable[..., object], str], list[Any]] = {
     (_simulated, "body"): NO_OBJECTS,
     (_simulated, "frames"): NO_OBJECTS,
     (_simulated, "initial"): [*NO_OBJECTS, rb.State(linear_velocity_world=(0.0, 0.0, math.inf))],
-    (_simulated, "channels"): [*NO_LIST_OF_THEM, rb.Channel(), [rb.Channel("")], [rb.Channel(timeout=-1.0)]],
+    (_simulated, "channels"): [*NO_LIST_OF_THEM, rb.Channel(), [rb.Channel(), rb.Channel()]],
+    (rb.Channel, "topic"): [None, 1.0, ""],
+    (lambda timeout: rb.Channel(timeout=timeout), "timeout"): NOT_NEGATIVE,
+    (lambda max_force: rb.Channel(max_force=max_force), "max_force"): [0.0, -1.0, math.nan, None, "1"],
+    (lambda on_excess: rb.Channel(on_excess=on_excess), "on_excess"): [None, "drop"],
     (_simulated, "effects"): [*NO_LIST_OF_THEM, rb.LinearDrag((1.0, 1.0, 1.0))],
     (_simulated, "solver"): NO_OBJECTS,
     (rb.Solver, "method"): [*NO_OBJECTS, "rk5", "RK4"],
     (rb.Solver, "step"): POSITIVE[1:],
-    (rb.Solver, "accuracy"): POSITIVE[1:],
+    (rb.Solver, "accuracy"): [*POSITIVE[1:], 1.0],
     (_simulated, "duration"): NOT_NEGATIVE,
     (_simulated, "output_rate"): NOT_NEGATIVE,
     (rb.Simulation, "scene"): NO_OBJECTS,

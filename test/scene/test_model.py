@@ -5,15 +5,23 @@ from __future__ import annotations
 import copy
 import pickle
 from dataclasses import replace
+from typing import Any
 
+import numpy as np
 import pytest
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import SceneError, WrenchError
+from rb_dynamics.loads.central_gravity import CentralGravity
+from rb_dynamics.loads.channels import Channel
+from rb_dynamics.loads.scheduled_wrench import ScheduledWrench
+from rb_dynamics.loads.uniform_gravity import UniformGravity
 from rb_dynamics.loads.wrench import FixedFrame, Wrench, WrenchFrames
+from rb_dynamics.recording.memory import MemorySink
 from rb_dynamics.run.simulation import simulate
-from rb_dynamics.scene.model import Scene
+from rb_dynamics.scene.compile import Plan
+from rb_dynamics.scene.model import Scene, Solver
 from rb_dynamics.scene.read import parse_scene
 
 OTHER = RigidBody.from_diagonal(1.0, (1.0, 1.0, 1.0), (0.0, 0.5, 0.0))
@@ -81,3 +89,68 @@ def test_frames_are_not_changed_from_outside() -> None:
     fixed["nozzle"] = FixedFrame((0.0, 9.0, 0.0))
 
     assert frames.fixed == FIXED
+
+
+def test_weight_acts_in_the_world_of_the_scene() -> None:
+    """Whatever the world is called, and where another scene took the effect from."""
+    here = Scene(OTHER, WrenchFrames(), State(), duration=1.0, effects=(UniformGravity((0.0, 0.0, -2.0)),))
+    there = replace(here, frames=WrenchFrames("inertial", "world"))
+    sink = MemorySink()
+
+    assert simulate(there, sinks=[sink]).sample == simulate(here).sample
+    assert simulate(here).sample.position_world == pytest.approx((0.0, 0.0, -1.0), abs=1e-12)
+    assert [wrench.frame_id for _, entries in there.combined_effects.schedules() for _, wrench in entries] == [
+        "inertial"
+    ]
+    assert "nothing turns the body" in Plan(replace(there, channels=())).description
+
+
+@pytest.mark.parametrize(
+    "frames",
+    [
+        {"world_frame": "a", "body_frame": "a"},
+        {"world_frame": ""},
+        {"world_frame": "/world"},
+        {"fixed": {"world": FixedFrame()}},
+        {"fixed": {"body": FixedFrame()}},
+        {"fixed": {"": FixedFrame()}},
+    ],
+)
+def test_no_name_stands_for_two_frames(frames: dict[str, Any]) -> None:
+    with pytest.raises(SceneError, match="expected names that differ"):
+        WrenchFrames(**frames)
+
+
+def test_no_topic_stands_for_two_channels() -> None:
+    with pytest.raises(SceneError, match="expected different ones"):
+        replace(READ, channels=(Channel("push"), Channel("/push", max_force=1.0)))
+
+
+def test_a_scene_keeps_plain_floats() -> None:
+    """A number of 32 bits computes in 32 bits: a timeout would end at another nanosecond than was written."""
+    single: Any = np.float32(0.1)
+    scene = replace(
+        READ, duration=single, output_rate=single, channels=(Channel(timeout=single),), solver=Solver("rk4", single)
+    )
+
+    numbers = (scene.duration, scene.output_rate, scene.channels[0].timeout, scene.solver.step)
+    assert {(type(number), number) for number in numbers} == {(float, float(single))}
+
+
+@pytest.mark.parametrize("given", ["false", 0.0, None])
+def test_what_python_alone_takes_for_a_truth_value_is_refused(given: Any) -> None:
+    for make in (lambda: Channel(optional=given), lambda: CentralGravity(1.0, gravity_gradient=given)):
+        with pytest.raises(TypeError, match="expected a truth value"):
+            make()
+
+    numpy_true: Any = np.True_
+    assert CentralGravity(1.0, gravity_gradient=numpy_true).gravity_gradient is True
+
+
+def test_what_a_schedule_was_made_of_may_change_or_run_dry() -> None:
+    force: Any = iter((1.0, 0.0, 0.0))
+    entries: Any = [(0.0, Wrench(force))]
+    effects = ScheduledWrench(entries), ScheduledWrench(iter(entries))  # type: ignore[arg-type]
+    entries.clear()
+
+    assert effects == 2 * (ScheduledWrench(((0.0, Wrench((1.0, 0.0, 0.0))),)),)
