@@ -2,10 +2,10 @@
 
 Usage: python benchmarks/methods.py [--page FILE] [name ...]
 
-Prints for each method and step the error of the attitude at the end and the time it took, and marks the front: what no
-other method and step beats in both. The reference is a much finer run, and a second one of another family tells how
-good it is. Times are of this machine, in plain Python; errors are not. `LEFT_OUT` are families that are not in the
-package, because here they never come to the front; `--page` writes docs/methods.md.
+Prints the attitude error at the end and the time of each method and step, and marks the front: the points that no other
+point beats in both. The reference is a much finer run, checked by a run of another family. Times are in plain Python
+and depend on the machine; errors do not. `LEFT_OUT` are families that are not in the package because they never reach
+the front here; `--page` writes docs/methods.md.
 """
 
 from __future__ import annotations
@@ -136,22 +136,23 @@ LEFT_OUT = (
 
 ERRORS = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11)
 
-PAGE = """# Methods: what each costs for an error
+PAGE = """# Methods: cost over error
 
-Milliseconds of plain Python for an error of the attitude (rad) at the end, on one machine, by
-`python benchmarks/methods.py --page docs/methods.md`. Only ratios within a column mean anything: times are of one
-machine, and compiled code has others. Bold: the least of its column, within a tenth. `rb-dynamics trade` measures the
-same on a scene of your own.
+The tables show the time in milliseconds, in plain Python, that each method needs for the attitude error (rad) at the
+head of the column, at the end of the run. "-" means that no step measured reaches it. The times were measured on one
+machine by `python benchmarks/methods.py --page docs/methods.md`, so compare them only within a column; compiled code
+has other ratios. Bold: the shortest time of the column, within a tenth. `rb-dynamics trade` measures the same on your
+own scene.
 """
 
 LEFT_OUT_TEXT = """
 ## Left out
 
-A family that is nowhere cheaper than what is here is no use to anyone, and is not in the package: {names} (discrete
-Moser-Veselov, J. Phys. A 39 (2006) 13225, composed to its order, and Crouch-Grossman, a quarter of whose time goes into
-a stage that it does not need) stand in the tables above in italics. At best one of them shares the least of a column.
-What is good about the Moser-Veselov flow, its cheap step, is in `dmv82`, `dmv864` and `dmv104`, where the stages are
-those of the near-integrable schemes.
+A family that is nowhere cheaper than the methods of the package is not included. The tables above show these in
+italics: {names} (discrete Moser-Veselov, J. Phys. A 39 (2006) 13225, composed to its order, and Crouch-Grossman, which
+spends a quarter of its time on a stage that it does not need). At best, one of them equals the shortest time of a
+column. The advantage of the Moser-Veselov flow, its cheap step, is used in `dmv82`, `dmv864` and `dmv104`, with the
+stages of the near-integrable schemes.
 """
 
 

@@ -234,59 +234,61 @@ def plot(figure: Figure, place: int, title: str, series: Series, across_: str, u
         axes.legend(fontsize=7, frameon=False)
 
 
-TEXT = """# What a run costs, and how that grows
+TEXT = """# What a run costs, and how the cost grows
 
 Written by `python benchmarks/scaling.py` (`make scaling`) on {machine}. Times are
-processor time, best of {repeats}; where other work shares the cores, they come out up to twice as long as alone.
+processor time, best of {repeats}; if other work shares the cores, they are up to twice as long.
 
 ![Time over duration, bodies, commands and outputs; peak of memory over duration](images/scaling.svg)
 
 ## Starting
 
-By the clock: medians of processes that take turns, byte code cached (`python benchmarks/startup.py`).
+Wall time: medians of processes run in turn, with cached byte code (`python benchmarks/startup.py`).
 
 {starting}
 `simulate config/slew.yaml` includes its 6000 steps of rkmk4.
 
 ## A step in plain Python
 
-Without numba, steps of 1 ms: the time for each millisecond of simulated time, and what that leaves of a core at 1 kHz.
-"Seen" makes a sample (state, momenta, energy, defects) of every step too. The wrench is held; `exact` is free.
+The time for each millisecond of simulated time without numba, in steps of 1 ms, and what it leaves of a core at 1 kHz.
+"Alone" computes only the step; "seen" also computes a sample (state, momenta, energy, defects) of every step. The
+wrench is held; for `exact` there is none.
 
 {steps}
 {bar}
 
 ## Duration
 
-Time of a run over its simulated time in s, nobody looking. A closed form costs the same at any time, a step what it
-costs; `auto` keeps an error at the end, so that a longer run also asks for more accurate steps.
+Time of a run over its simulated time in s, without outputs. A closed form costs the same for any time, and each step
+costs the same. `auto` keeps the error at the end of the run, so a longer run also needs more accurate steps.
 
 {durations}
 ## Bodies
 
-Nanoseconds for a step of one body among so many in an `Ensemble`, compiled: rk4 and dlm2 take several bodies side by
-side in the vector units, dop853 one after the other. One thread by processor time; two by the clock.
+Nanoseconds for one step of one body, over the number of bodies in an `Ensemble`, compiled. rk4 and dlm2 compute several
+bodies side by side in the vector units, dop853 one after the other. Processor time for one thread, wall time for two.
 
 {bodies}
 ## Commands
 
-Time that so many held wrenches within 100 s add to the steps: each ends a step, begins an arc and enters the hash of
-the inputs. Between the last two columns a command costs {command}.
+Time that held wrenches within 100 s add to the steps, over their number. Each command ends a step, recomputes what the
+method needs for the new load, and is added to the hash of the inputs. Between the last two columns a command costs
+{command}.
 
 {commands}
-Commands are read as the run goes on, at most 1000 ahead of it, when they come from a bag or any iterator; a bag is gone
-through twice and not kept, apart from what its publishers stamped out of order.
+Commands from a bag or another iterator are read during the run, at most 1000 ahead of it. A bag is read twice and not
+kept in memory, except for commands that were stamped out of order.
 
 ## Outputs and logs
 
-Time of 10 s of free motion over the number of outputs, by what is told:
+Time of 10 s of free motion over the number of outputs, for each kind of log:
 
 {outputs}
 Between the last two columns, an output costs
 
 {each}
-An output is 9 messages in MCAP, compressed with zstd where that is installed. Rerun keeps about 200 000 samples of a
-run at most, evenly thinned, so that its size is bounded.
+In MCAP an output is 9 messages, compressed with zstd if that is installed. A Rerun recording keeps at most about 200
+000 samples of a run, evenly thinned, so its size is bounded.
 
 ## Memory
 
@@ -294,11 +296,11 @@ Peak of the resident size in MB over the simulated time in s, at {rate:g} output
 included:
 
 {memory}
-A run keeps neither what it has told nor commands that are done, but for the reasons of those it rejected. MCAP holds a
-chunk (128 KiB) and, of each chunk written, some 300 bytes for the index at the end. Rerun holds a batch of 4096
-samples, paths of at most 16 384 points and, for the index at the end, what it knows of each chunk: 200 000 outputs took
-138 MB and 2 million, thinned as they come, 136 MB. `MemorySink` keeps everything: that is what it is for.
-`test/run/test_memory.py` holds runs to this.
+A run keeps neither its outputs nor past commands, except for the reasons why commands were rejected. The MCAP writer
+holds a chunk (128 KiB) and, for each chunk written, some 300 bytes for the index at the end. The Rerun writer holds a
+batch of 4096 samples, paths of at most 16 384 points and an index entry for each chunk: 200 000 outputs took 138 MB,
+and 2 million, thinned as they come, 136 MB. `MemorySink` is meant to keep everything. `test/run/test_memory.py` checks
+these statements.
 """
 
 
