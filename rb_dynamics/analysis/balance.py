@@ -102,8 +102,8 @@ def _momentum(track: Track, name: str, kind: str, unit: str, series: TimeSeries,
         return None
     impulse = impulses(track, kind, series.time_ns)
     total = np.cumsum(impulse.exact, axis=0)
-    sizes = np.linalg.norm(np.concatenate([series.values, total]), axis=1)
-    scale = max(float(sizes.max()), _moved(track) if name == "linear momentum" else 0.0)
+    largest = max(float(np.linalg.norm(each, axis=1).max()) for each in (series.values, total))
+    scale = max(largest, _moved(track) if name == "linear momentum" else 0.0)
     least_first = np.argsort(impulse.error, kind="stable")
     good = np.zeros(len(least_first), dtype=bool)
     good[least_first] = np.cumsum(impulse.error[least_first]) <= accepted * scale

@@ -83,7 +83,9 @@ def _jumps(track: Track, time_ns: Times, size: Array, least: float, *, turns: bo
         return []
     since = np.diff(time_ns[at + 1]).astype(np.float64)
     usual = float(np.median(since)) if len(since) else float(apart[at[0]])
-    since = np.clip(np.insert(since, 0, usual), 0.2 * usual, np.maximum(5.0 * usual, apart[at])) * 1e-9
+    since = np.clip(np.insert(since, 0, usual), 0.2 * usual, np.maximum(5.0 * usual, apart[at]))
+    # Moves at one time take a nanosecond: their speed is a number too.
+    since = np.maximum(since, 1.0) * 1e-9
     gone = size[at]
     expected = np.maximum(_around(gone / since) * since, _around(gone))
     # Where a pose stands still but for one move, or there and back, nothing says how much moves vary.

@@ -9,7 +9,7 @@ known, the impulse is not known.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from rb_dynamics.analysis.track import Array, RecordedWrench, Times, Track, unit
 from rb_dynamics.numerics.rotation_arrays import rotate_all, rotate_all_inverse, rotation_vectors
 
 Rates = TypeVar("Rates", Array, Times)
+_BLOCK = 1 << 16
 
 # h^5/384 for the interpolated attitude and h^5/2880 for Simpson's rule, over h^5/720.
 _INTERPOLATED = 720.0 / 384.0 + 720.0 / 2880.0
@@ -50,9 +51,26 @@ class _Attitude:
 
 def impulses(track: Track, kind: str, time_ns: Times) -> Impulse:
     """Return the impulse of every "force" or "torque" (`kind`) of `track` between the samples at `time_ns`."""
-    attitude = _attitude(track, time_ns)
-    parts = [_of_channel(steps, kind, time_ns, attitude) for steps in track.acting]
-    count = len(time_ns)
+    attitude, acting, count = _attitude(track, time_ns), track.acting, len(time_ns)
+    # In blocks: what is needed on the way is many times the result.
+    blocks = [_between(acting, kind, time_ns, attitude, first) for first in range(0, max(count - 1, 1), _BLOCK)]
+    return Impulse(*(_joined([getattr(block, name) for block in blocks]) for name in Impulse.__annotations__))
+
+
+def _joined(parts: list[NDArray[Any]]) -> NDArray[Any]:
+    """Return the rows of all blocks; the first of each is that of no interval."""
+    return parts[0] if len(parts) == 1 else np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
+
+
+def _between(
+    acting: tuple[WrenchSteps, ...], kind: str, time_ns: Times, attitude: _Attitude | None, first: int
+) -> Impulse:
+    """Return the impulse between the samples from `first` on, `_BLOCK` intervals."""
+    rows = slice(first, first + _BLOCK + 1)
+    time_ns, count = time_ns[rows], len(time_ns[rows])
+    if attitude is not None:
+        attitude = _Attitude(attitude.orientation_xyzw[rows], attitude.angular_velocity[rows])
+    parts = [_of_channel(steps, kind, time_ns, attitude) for steps in acting]
     nothing = Impulse(np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count), np.ones(count, dtype=bool))
     return Impulse(
         exact=nothing.exact + sum(part.exact for part in parts),

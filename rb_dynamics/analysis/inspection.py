@@ -64,7 +64,7 @@ def inspect(
     if not isinstance(log, (str, os.PathLike)):
         raise TypeError(f"log is {shown(log)}, expected the path of a log; write its name")
     known = None if scene is None else opened(scene)
-    track = read_track(read_bag(log), known)
+    track = read_track(read_bag(log, repeated=False), known)
     return Inspection(track, summarize(track, bound))
 
 

@@ -11,6 +11,7 @@ and does not look for triangles that cut through each other.
 from __future__ import annotations
 
 import io
+import logging
 import math
 import os
 from dataclasses import dataclass, replace
@@ -81,6 +82,8 @@ def read_mesh(path: str | os.PathLike[str]) -> tuple[Points, Faces]:
         import trimesh
     except ImportError:
         raise MissingExtraError("trimesh", "mesh", "a body from a mesh") from None
+    # It logs how it failed to read what it then reads in another way.
+    logging.getLogger("trimesh").addHandler(logging.NullHandler())
     try:
         # From bytes and without a resolver: materials and textures that an OBJ names are not looked for.
         mesh: Any = trimesh.load_mesh(io.BytesIO(data), file_type=suffix[1:], process=False)

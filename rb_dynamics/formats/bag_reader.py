@@ -141,8 +141,11 @@ class Bag:
         return topic
 
 
-def read_bag(path: str | os.PathLike[str]) -> Bag:
+def read_bag(path: str | os.PathLike[str], repeated: bool = True) -> Bag:
     """Return what is in a bag: an MCAP file, or whatever `open_source` reads.
+
+    Without `repeated` the numbers of an Odometry that says again what pose and twist of a log of this package say are
+    left out.
 
     Raises:
         LogError: the bag cannot be read or is damaged; of a log of this package also where a topic has another type.
@@ -150,15 +153,19 @@ def read_bag(path: str | os.PathLike[str]) -> Bag:
     file = open_source(Path(path))
     bag = Bag(file.path, False, {}, file.metadata, file.attachments)
     for message in file.messages():
-        _topic_of(bag, message.channel).add(message.log_time, message.data)
+        _topic_of(bag, message.channel, repeated).add(message.log_time, message.data)
     for channel in file.channels.values():
-        _topic_of(bag, channel)
+        _topic_of(bag, channel, repeated)
     if RUN in file.metadata:
         require_types(file, logged_scene(file.attachments))
     bag.whole = file.complete
     bag.joints = tuple(file.joints) if isinstance(file, SplitMcap) else ()
     bag.complete = file.complete and INTERRUPTED not in file.metadata and not bag.next_file
     return bag
+
+
+def _has_motion(bag: Bag) -> bool:
+    return {POSE, TWIST} <= {topic.type_name for topic in bag.topics.values() if topic.count}
 
 
 def named_type(channel: McapChannel) -> str:
@@ -169,10 +176,12 @@ def named_type(channel: McapChannel) -> str:
     return type_name.replace("/", "/msg/") if type_name.count("/") == 1 else type_name
 
 
-def _topic_of(bag: Bag, channel: McapChannel) -> Topic:
+def _topic_of(bag: Bag, channel: McapChannel, repeated: bool) -> Topic:
     """Return the topic a channel belongs to, new where it is the first: a topic may have several publishers."""
-    kind = named_type(channel)
-    topic = bag.topics.setdefault(channel.topic, Topic(channel.topic, kind))
+    kind, topic = named_type(channel), bag.topics.get(channel.topic)
+    if topic is None:
+        keeps = repeated or kind != ODOMETRY or RUN not in bag.metadata or not _has_motion(bag)
+        topic = bag.topics[channel.topic] = Topic(channel.topic, kind, keeps)
     if topic.type_name != kind:
         raise LogError(
             f"{bag.path}: topic {topic.name} has both types {topic.type_name} and {kind}, expected one; give them "

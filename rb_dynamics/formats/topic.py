@@ -51,12 +51,12 @@ class Topic:
         messages: the bytes of each message, of DiagnosticArray alone: what is not kept as numbers.
     """
 
-    def __init__(self, name: str, type_name: str) -> None:
-        """Begin with no message."""
+    def __init__(self, name: str, type_name: str, keeps: bool = True) -> None:
+        """Begin with no message; of those to come only the times are kept if not `keeps`."""
         self.name, self.type_name, self.qos = name, type_name, ""
         self.log_times = array("q")
         self.messages: list[bytes] = []
-        self._fields = KEPT.get(type_name, ())
+        self._fields = KEPT.get(type_name, ()) if keeps else ()
         self._waiting: list[bytes] = []
         self._error: LogError | None = None
         # Stamps are mostly the log times: they are kept apart from the first on that is not.

@@ -55,6 +55,18 @@ def test_balances_agree_with_the_books_of_the_run(flight: Any) -> None:
     assert named(track, "angular momentum").worst <= own + error
 
 
+@pytest.mark.parametrize("block", [1, 7, 100_000])
+def test_blocks_give_the_whole(flight: Any, block: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    track = track_of(flight)
+    whole = {kind: impulses(track, kind, flight.samples.time_ns) for kind in ("force", "torque")}
+    monkeypatch.setattr("rb_dynamics.analysis.impulse._BLOCK", block)
+    for kind, expected in whole.items():
+        found = impulses(track, kind, flight.samples.time_ns)
+        assert (found.idle == expected.idle).all()
+        for name in ("exact", "turning", "error"):
+            np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-12, atol=1e-12)
+
+
 def test_force_in_world_axes_is_exact(flight: Any) -> None:
     balance = named(track_of(flight), "linear momentum")
     assert "exact" in balance.basis

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import struct
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -330,3 +331,20 @@ class TestFiles:
 
         with pytest.raises(MissingExtraError, match=r"'mesh'|\[mesh\]"):
             mesh.read_solid(scene_dir / "meshes" / "wedge.stl")
+
+
+def test_what_a_reader_tries_first_is_not_shown(tmp_path: Path) -> None:
+    path = tmp_path / "a.stl"
+    path.write_text(
+        "solid a\n"
+        + "".join(
+            "facet normal 0 0?0\nouter loop\n"
+            + "".join("vertex {} {} {}\n".format(*CORNERS[corner]) for corner in face)
+            + "endloop\nendfacet\n"
+            for face in CUBE
+        )
+        + "endsolid a\n"
+    )
+    code = "import sys; from rb_dynamics.body.mesh import read_solid; print(read_solid(sys.argv[1]).volume)"
+    done = subprocess.run([sys.executable, "-c", code, path], capture_output=True, text=True, check=True)
+    assert (float(done.stdout), done.stderr) == (pytest.approx(1.0), "")

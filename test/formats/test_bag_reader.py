@@ -17,6 +17,9 @@ import numpy as np
 import pytest
 from bag_rows import STAMPED, Row, stamped, write_rows
 
+from rb_dynamics import parse_scene, simulate
+from rb_dynamics.analysis.summary import summarize
+from rb_dynamics.analysis.topics import read_track
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import LogError, MissingExtraError
@@ -441,3 +444,15 @@ def test_a_time_beyond_2_63_is_damage_and_all_else_is_recovered(tmp_path: Path) 
     (found,) = recover(path, saved)
     assert len(found.damage) == 3
     assert read_bag(saved).topics["/pose"].log_times.tolist() == [1, 2, 3]
+
+
+def test_the_odometry_of_an_own_log_need_not_be_kept(tmp_path: Path) -> None:
+    log = tmp_path / "run.mcap"
+    simulate(parse_scene("body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\nduration: 0.1\n"), [], [McapSink(log)])
+    whole, less = read_bag(log), read_bag(log, repeated=False)
+    assert whole.topics["/odom"].numbers.shape == (11, 13)
+    assert less.topics["/odom"].numbers.shape == (11, 0)
+    assert {name: topic.count for name, topic in less.topics.items()} == {
+        name: topic.count for name, topic in whole.topics.items()
+    }
+    assert summarize(read_track(less)).checks == summarize(read_track(whole)).checks
