@@ -91,10 +91,10 @@ def _energy(track: Track) -> Balance | None:
     if kinetic is None or not len(kinetic.time_ns) or not track.acted:
         return None
     idle = impulses(track, "force", kinetic.time_ns).idle & impulses(track, "torque", kinetic.time_ns).idle
-    defect, covered, noise = _from_start(kinetic.values[:, None], idle, kinetic.time_ns)
+    defect, covered, noise = _from_start(kinetic.values[:, None], idle, kinetic.time_ns, track.own)
     scale = float(kinetic.values.max(initial=0.0))
     basis = _basis("drift of T while no wrench acts", covered, "the recording does not say what work a wrench does")
-    return Balance("energy", "J", kinetic.time_ns, defect[:, 0], covered, scale, basis, None if track.own else noise)
+    return Balance("energy", "J", kinetic.time_ns, defect[:, 0], covered, scale, basis, noise)
 
 
 def _momentum(track: Track, name: str, kind: str, unit: str, series: TimeSeries, accepted: float) -> Balance | None:
@@ -108,11 +108,13 @@ def _momentum(track: Track, name: str, kind: str, unit: str, series: TimeSeries,
     good = np.zeros(len(least_first), dtype=bool)
     good[least_first] = np.cumsum(impulse.error[least_first]) <= accepted * scale
     by_quadrature = float(impulse.error[good].sum())
-    total = np.cumsum(impulse.exact + np.where(good[:, None], impulse.turning, 0.0), axis=0)
-    defect, covered, noise = _from_start(series.values - total, good, series.time_ns)
+    # In place: a long log has millions of rows.
+    impulse.turning[~good] = 0.0
+    total = np.cumsum(np.add(impulse.exact, impulse.turning, out=total), axis=0, out=total)
+    defect, covered, noise = _from_start(series.values - total, good, series.time_ns, track.own)
     rest = f"a {kind} acts in body axes or none is logged, and the samples do not give its impulse"
     basis = _basis(_measured(impulse, good, kind, by_quadrature, unit), covered, rest)
-    return Balance(name, unit, series.time_ns, defect, covered, scale, basis, None if track.own else noise)
+    return Balance(name, unit, series.time_ns, defect, covered, scale, basis, noise)
 
 
 def _measured(impulse: Impulse, good: NDArray[np.bool_], kind: str, by_quadrature: float, unit: str) -> str:
@@ -143,18 +145,19 @@ def _basis(what: str, covered: float, rest: str) -> str:
     return f"{what}; known for {100.0 * covered:.3g} % of the time; elsewhere {rest}"
 
 
-def _from_start(values: Array, good: NDArray[np.bool_], time_ns: Times) -> tuple[Array, float, Noise]:
+def _from_start(values: Array, good: NDArray[np.bool_], time_ns: Times, own: bool) -> tuple[Array, float, Noise | None]:
     """Return `values` relative to the start of their stretch of good intervals, and how much of the time these are.
 
-    The last is their noise, and whether they change by more.
+    The last is their noise, and whether they change by more; None in an own log.
     """
     count = len(values)
     good = good.copy()
     good[0] = False
     starts = np.maximum.accumulate(np.where(good, 0, np.arange(count)))
     known = good | np.append(good[1:], False)
-    defect: Array = np.where(known[:, None], values - values[starts], np.nan)
+    defect = values - values[starts]
+    defect[~known] = np.nan
     lengths = np.diff(time_ns, prepend=time_ns[:1])
     total = int(lengths.sum())
     covered = float(lengths[good].sum() / total) if total else 0.0
-    return defect, covered, judge(values[known], starts[known])
+    return defect, covered, None if own else judge(values[known], starts[known])

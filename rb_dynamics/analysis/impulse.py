@@ -63,7 +63,7 @@ def _joined(parts: list[NDArray[Any]]) -> NDArray[Any]:
 
 
 def _between(
-    acting: tuple[WrenchSteps, ...], kind: str, time_ns: Times, attitude: _Attitude | None, first: int
+    acting: tuple[RecordedWrench, ...], kind: str, time_ns: Times, attitude: _Attitude | None, first: int
 ) -> Impulse:
     """Return the impulse between the samples from `first` on, `_BLOCK` intervals."""
     rows = slice(first, first + _BLOCK + 1)
