@@ -114,7 +114,7 @@ def section(task: Problem, rows: Sequence[Row]) -> str:
     ordered = sorted(rows, key=lambda row: (not row.points, row.chosen is None, row.seconds))
     head = ["", "setting", "error, rad", "time", "times ours", "set-up and first run"]
     return (
-        f"## {task.title}\n\n{task.text} Attitude wanted to {task.wanted:g} rad.\n\n"
+        f"## {task.title}\n\n{task.text} Accuracy wanted in attitude: {task.wanted:g} rad.\n\n"
         f"{table(head, map(result, ordered))}\n![{task.title}: error over time](benchmarks/{task.name}.svg)\n"
     )
 
@@ -150,7 +150,7 @@ def summary(results: Results, steps: StepTables) -> str:
                 what = f"our time over {row.name}"
                 verdict = "met" if row.ratio <= 1.3 else "**missed**"
                 rows.append([f"{linked(STEPS)}, {bodies(task)}", what, "<= 1.3", f"{row.ratio:.2f}", verdict])
-    return table(["scene", "what", "bar", "measured", ""], rows, words=2)
+    return table(["scene", "ratio", "goal", "measured", "result"], rows, words=2)
 
 
 def linked(title: str) -> str:
@@ -180,7 +180,7 @@ def losses(results: Results, steps: StepTables) -> str:
         faster = [("C RK4", way, 1.0 / ratio) for way, ratio in theirs if way and ratio > 1.0]
         lines += grouped(f"{STEPS}, {bodies(task)}", faster)
     if starts:
-        knows = "- `simulate`, where users start, knows channels, frames, timeouts and logs. It takes"
+        knows = "- `simulate`, the usual way to start, handles channels, frames, timeouts and logs. It takes"
         lines += [knows, *starts]
     return "\n".join(lines)
 
@@ -218,59 +218,63 @@ def figure(task: Problem, rows: Sequence[Row]) -> Figure:
 
 PAGE = """# Benchmarks
 
-What users would pick instead, given the same problems on the same machine in one run: `make bench` measures all this
-and writes this page. Times are medians of runs taken in turn (A B C A B C), ratios are medians of the ratios of each
-turn; "times ours" is against our fastest way. Times are those of the run alone, without what is done once: import,
-set-up, compilation, which stand in the last column, with the first run (our kernels come out of their cache after the
-first time; see `benchmarks/kernels.py`). Each peer goes from coarse to fine settings until its attitude is as right as
-wanted; "not reached" shows its most accurate setting of those under 5 s. The reference is the closed form, or two of
-our methods that agree to a tenth of what is wanted; the tests hold both to 30 digits
-([verification](verification.md)). An error of 0 is that of the closed form against itself: what it is off by stands
-there, and the pictures show it at 1e-16. Where a peer does not reach what is wanted, times and ratios are those of its
-best, and so lower bounds.
+This page compares the package with other programs for the same problems, on the same machine in one run. `make bench`
+measures all figures and writes this page.
+
+- **Times** are medians of runs taken in turn (A B C A B C), and ratios are medians of the ratios of each turn. "Times
+  ours" is relative to our fastest way. Times are those of the run alone. Import, set-up and compilation are done once;
+  they are in the last column, together with the first run (after the first time, our kernels are loaded from their
+  cache; see `benchmarks/kernels.py`).
+- **Settings** of each program go from coarse to fine until its attitude has the accuracy wanted. "Not reached" shows
+  the most accurate setting that takes less than 5 s; its times and ratios are therefore lower bounds.
+- **Errors** are relative to the closed form, or to two of our methods that agree within a tenth of the accuracy wanted.
+  The tests check both against 30 digits, and [verification](verification.md) shows their errors. An error of 0 is the
+  closed form compared with itself; the figures show it at 1e-16.
 
 {machine}
 
 {versions}
 {missing}
-## The bars
+## Goals
 
-What the project set out to reach, as ratios of times in one run.
+The goals of the project, as ratios of times in one run.
 
 {summary}
 ## Where we lose
 
 {losses}
-- Compilation: without numba nothing here is compiled and a step takes 30 to 100 us; with it the first run ever of a
-  method waits some seconds, later processes half a second for the cache. MuJoCo, Basilisk, Drake and Pinocchio come
-  compiled.
-- Contact, joints, several bodies that touch or hang together, sensors, optics, environments: MuJoCo, Drake, Basilisk
-  and Pinocchio have them. Here is one free rigid body.
-- Accelerators: diffrax and MuJoCo (MJX, Warp) run ensembles on a GPU; nothing here does.
-- Derivatives: diffrax, Pinocchio and Drake differentiate through the motion.
-- Any other equation: scipy, heyoka and diffrax integrate what one writes down.
+- Compilation: without numba this package compiles nothing, and a step takes 30 to 100 us. With numba, the very first
+  run of a method takes some seconds longer, and later processes half a second to load the cache. MuJoCo, Basilisk,
+  Drake and Pinocchio are compiled programs.
+- Contact, joints, connected bodies, sensors, optics, environments: MuJoCo, Drake, Basilisk and Pinocchio have them.
+  This package has one free rigid body.
+- Accelerators: diffrax and MuJoCo (MJX, Warp) run ensembles on a GPU; this package does not.
+- Derivatives: diffrax, Pinocchio and Drake can differentiate through the motion; this package cannot.
+- Other equations: scipy, heyoka and diffrax integrate any equation; this package does not.
 
 {sections}
 ## {step_title}
 
-The same step in C (`benchmarks/reference.c`), with the same books of work and impulse and the same operations in the
-same order, n steps of 1 ms without a return to Python. `{gcc}`;
-{flags}. Contraction and fast-math change the result; fast-math also takes out the compensation of the sums, which is
-what keeps 1e9 additions right.
+The same step in C (`benchmarks/reference.c`), which also accumulates work and impulse, with the same operations in the
+same order; n steps of 1 ms without returning to Python. Compiled with `{gcc}`;
+{flags}. Contraction and fast-math change the result. Fast-math also removes the compensation of the sums, which
+keeps 1e9 additions accurate.
 
 {steps}
-## How each peer is used
+## How each program is used
 
-- All: principal loop compiled where the peer can (rollout of MuJoCo, jit of diffrax, compiled Taylor series of heyoka,
-  simulation loop of Basilisk and Drake), no logging, contact and constraints off.
-- MuJoCo: body-frame wrenches as actuators on a site, which turn with the body inside a step; world-frame forces as
+- All: the main loop is compiled if the program can do that (rollout of MuJoCo, jit of diffrax, compiled Taylor series
+  of heyoka, simulation loop of Basilisk and Drake); no logging; contact and constraints are off.
+- MuJoCo: body-frame wrenches are actuators on a site, which turn with the body within a step; world-frame forces are
   `xfrc_applied`.
-- Basilisk: wrenches are set from Python once a command; RKF78 divides steps of about a radian, as attitude parameters
-  are switched between two steps only. The time includes starting over, some ms.
-- Drake: no wrench in body axes without a system in Python, so it is left out where there is one.
-- Pinocchio: it has no integrator; Munthe-Kaas RK4 on its own Lie group, in Python.
-- heyoka: called once a command, with the wrench as parameters; compensated (`high_accuracy`); ensembles in batches.
-- diffrax: equal steps of Dopri8 in one `scan` over the commands, else with step control; double precision, CPU.
-- scipy: `solve_ivp` once a command; an ensemble is one vector.
-- C: what has "same books" does all that our step does, "state alone" what one writes by hand.
+- Basilisk: wrenches are set from Python once for each command. RKF78 subdivides steps of about a radian, because
+  attitude parameters are switched only between two steps. The time includes a restart, some ms.
+- Drake: has no wrench in body axes without a system in Python, so it is omitted from scenes with one.
+- Pinocchio: has no integrator, so we use Munthe-Kaas RK4 on its own Lie group, in Python.
+- heyoka: called once for each command, with the wrench as parameters; compensated (`high_accuracy`); ensembles in
+  batches.
+- diffrax: for commands, equal steps of Dopri8 in one `scan`; otherwise step control; double precision, CPU.
+- scipy: `solve_ivp` once for each command; an ensemble is one vector.
+- C: "same books" also accumulates work and impulse like our step; "state alone" computes only the state, as one would
+  write it by hand.
 """

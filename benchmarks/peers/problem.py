@@ -145,9 +145,9 @@ def coast(name: str = "coast", rate: float = 0.4) -> Problem:
     return Problem(
         name,
         f"One hour of coasting at {rate:g} rad/s",
-        f"A triaxial body tumbles without torque for an hour ({3600.0 * rate / (2.0 * np.pi):.0f} turns); its state is "
-        "wanted at the end alone. The closed form takes the same time for any turn, the others one in proportion to "
-        "it: so the ratio goes with the rate, and two rates are shown.",
+        f"A triaxial body tumbles without torque for an hour ({3600.0 * rate / (2.0 * np.pi):.0f} turns); only the "
+        "final state is wanted. The time of the closed form does not depend on the number of turns, that of the "
+        "others is proportional to it. The ratio therefore depends on the rate, so two rates are shown.",
         mass=2.6,
         inertia=np.diag([1.4, 2.0, 2.6]),
         angular_velocities=np.array([[0.4 * rate, -0.7 * rate, 0.6 * rate]]),
@@ -179,7 +179,7 @@ def tumble() -> Problem:
         "dzhanibekov.yaml",
         name="tumble",
         title="A Dzhanibekov tumble",
-        text="`config/dzhanibekov.yaml`: a spin about the middle axis turns over again and again, for 100 s.",
+        text="`config/dzhanibekov.yaml`: a spin about the middle axis flips again and again, for 100 s.",
     )
 
 
@@ -203,9 +203,9 @@ def driven(name: str = "driven", spin: float = 1.0) -> Problem:
     return Problem(
         name,
         f"Ten thousand held wrenches at {spin:g} rad/s",
-        "Force and torque in body axes and a force in world axes, all three new every 0.01 s for 100 s, on a triaxial "
-        f"body with off-diagonal inertia that spins at about {spin:g} rad/s. The slower the spin, the less a high "
-        "order is worth: at 1 rad/s one step of order 4 is enough between two commands, at 5 rad/s it is not.",
+        "Force and torque in body axes and a force in world axes, all three changing every 0.01 s for 100 s, on a "
+        f"triaxial body with off-diagonal inertia that spins at about {spin:g} rad/s. A slower spin gains less from a "
+        "high order: at 1 rad/s one step of order 4 is enough between two commands, at 5 rad/s it is not.",
         mass=2.6,
         inertia=_TRIAXIAL,
         angular_velocities=np.array([[0.4 * spin, -0.7 * spin, 0.6 * spin]]),
@@ -223,7 +223,7 @@ def ensemble(bodies: int = 4096) -> Problem:
     return Problem(
         "ensemble",
         f"An ensemble of {bodies}",
-        f"{bodies} bodies, alike but for their spin, fire the same thruster for 2 s: a Monte Carlo study.",
+        f"{bodies} bodies that differ only in their spin fire the same thruster for 2 s, as in a Monte Carlo study.",
         mass=2.6,
         inertia=_TRIAXIAL,
         angular_velocities=np.random.default_rng(1).normal(scale=0.6, size=(bodies, 3)),
