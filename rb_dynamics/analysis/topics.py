@@ -27,7 +27,7 @@ from rb_dynamics.formats.messages import (
     VECTOR,
     WRENCH,
 )
-from rb_dynamics.loads.wrench import HeldWrench, Wrench, WrenchFrames
+from rb_dynamics.loads.wrench import WORLD, HeldWrench, Wrench, WrenchFrames
 from rb_dynamics.numerics.rotation_arrays import rotate_all
 from rb_dynamics.run.provenance import RUN
 from rb_dynamics.scene.model import Scene
@@ -204,7 +204,10 @@ class _Finder:
         return angular, linear, kinetic
 
     def _frames(self, world: str, body: str) -> WrenchFrames:
-        return self.scene.frames if self.scene else WrenchFrames(world, body)
+        if self.scene:
+            return self.scene.frames
+        # A bag need not name its frames: no wrench is in one that has no name.
+        return WrenchFrames("\0world" if world in ("", WORLD) else world, "\0body" if body in ("", WORLD) else body)
 
     def _wrenches(self, frames: WrenchFrames, own: bool) -> tuple[tuple[RecordedWrench, ...], bool]:
         """Return what acted: the applied topics, else every command held until the next of its topic."""
@@ -289,7 +292,7 @@ def _steps(bag: Bag, topic: str, frames: WrenchFrames, later_ns: int) -> Recorde
 
     zero = HeldWrench()
     parts = [zero if part is None else part for part in held]
-    world = np.array([wrench.frame_id == frames.world_frame for _, wrench in commands], dtype=bool)[order]
+    world = np.array([wrench.frame_id in (frames.world_frame, WORLD) for _, wrench in commands], dtype=bool)[order]
     return RecordedWrench(
         topic=topic,
         time_ns=np.array(times, dtype=np.int64)[order],
