@@ -134,7 +134,9 @@ def _lane_step(name: str) -> Step:
         start, way = begin(inertia, held, velocity, orientation, angular_velocity)
         return arrived(name, start, h, run(start, h, way), load)
 
-    step.__doc__ = f"Do what the step of `{name}` does, its stages written out for many bodies at once (`lanes.py`)."
+    step.__doc__ = (
+        f"Do what the step of `{name}` does, its stages written out for many bodies at once (`batch_kernel.py`)."
+    )
     return step
 
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.motion.equations_of_motion import differences_of, gyroscopic, half_product, turned
 from rb_dynamics.motion.method import Increment, Inertia, Load
-from rb_dynamics.motion.rk4 import differences_of, gyroscopic, half_product, turned
 from rb_dynamics.motion.step_checks import no_rotation, require_finite
 from rb_dynamics.numerics.rotation import Quaternion, multiply, normalize, renormalize, rotate, rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, dot, norm, scale

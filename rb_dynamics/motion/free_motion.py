@@ -47,7 +47,7 @@ def free_motion(body: RigidBody, state: State, t: npt.ArrayLike) -> FreeMotion:
 
     Constant work for each time; `t` is a number or an array of any shape. The error of the attitude is below
     100 eps (1 + |w| t), those of energy and |L| are below 20 eps, see `free_rotation`; the same to the bit,
-    compiled by numba or not (`kernel.py`).
+    compiled by numba or not (`fixed_step_kernel.py`).
 
     Raises:
         TypeError: an argument is not of its type.

@@ -106,8 +106,8 @@ class Method:
             horizon to the error at the end; None where steps have to be compared for it.
         takes: the loads it can integrate.
         pair: for an embedded pair, the step with its comparison; None where steps have to be compared.
-        compiles: whether numba can compile `step`, `longest_step` and `pair` under a held wrench (`kernel.py`); its
-            cache knows a step by the name of the method.
+        compiles: whether numba can compile `step`, `longest_step` and `pair` under a held wrench; the kernel cache
+            knows a step by the name of the method.
     """
 
     name: str

@@ -63,7 +63,7 @@ def lane_step(
 ) -> Increment:
     """Return what `step` does where Newton's method is soon done, as at turns below 0.2 rad, else NaN.
 
-    Without a loop, for many bodies at once (`lanes.py`).
+    Without a loop, for many bodies at once (`batch_kernel.py`).
     """
     return _step(_written_out, inertia, held, h, velocity, orientation, angular_velocity)
 

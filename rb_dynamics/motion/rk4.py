@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.motion.equations_of_motion import differences_of, gyroscopic, half_product, turned
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
 from rb_dynamics.motion.step_checks import no_rotation, require_finite
 from rb_dynamics.numerics.rotation import Quaternion, normalize, renormalize
@@ -33,7 +34,7 @@ def step(
     inverse = (1.0 / moments[0], 1.0 / moments[1], 1.0 / moments[2])
     half = 0.5 * h
 
-    # The stages are written out: the compiler then takes many bodies at once (`lanes.py`), and Python has less to do.
+    # Written-out stages let the compiler vectorise over bodies (`batch_kernel.py`) and give Python less to do.
     q, w, v = orientation, angular_velocity, velocity
     one = _slope(differences, inverse, held, 0.0, ZERO, v, q, w, load)
     ahead = scale(half, v)
@@ -116,41 +117,6 @@ def _slope(
         force,
         turned(q, twice, torque),
         dot(force, velocity) + dot(torque, omega),
-    )
-
-
-def differences_of(moments: Vector) -> Vector:
-    """Return I2 - I3, I3 - I1 and I1 - I2."""
-    a, b, c = moments
-    return (b - c, c - a, a - b)
-
-
-def gyroscopic(differences: Vector, omega: Vector) -> Vector:
-    """Return I w x w, which turns the axis of a free body (lecture 24, eq. 18), from `differences_of` the moments.
-
-    None of them is larger than the moment that divides it: a needle does not multiply their rounding, as it would that
-    of w x I w, the difference of two products.
-    """
-    (d1, d2, d3), (w1, w2, w3) = differences, omega
-    return (d1 * w2 * w3, d2 * w3 * w1, d3 * w1 * w2)
-
-
-def half_product(q: Quaternion, omega: Vector) -> Quaternion:
-    """Return q omega / 2, the rate of q for angular velocity in the axes that q turns."""
-    (x, y, z, w), (a, b, c) = q, scale(0.5, omega)
-    return (w * a + y * c - z * b, w * b + z * a - x * c, w * c + x * b - y * a, -x * a - y * b - z * c)
-
-
-def turned(q: Quaternion, twice: float, v: Vector) -> Vector:
-    """Return R(q) v for a quaternion of any length, twice = 2 / |q|^2; see `rotation.rotate`."""
-    x, y, z, w = q
-    tx = twice * (y * v[2] - z * v[1])
-    ty = twice * (z * v[0] - x * v[2])
-    tz = twice * (x * v[1] - y * v[0])
-    return (
-        v[0] + w * tx + (y * tz - z * ty),
-        v[1] + w * ty + (z * tx - x * tz),
-        v[2] + w * tz + (x * ty - y * tx),
     )
 
 

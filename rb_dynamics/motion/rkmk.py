@@ -71,7 +71,7 @@ _COMPARISON_SECOND = DORMAND_PRINCE.second(DORMAND_PRINCE.comparison)
 
 
 class StageContext(NamedTuple):
-    """What the stages of a step share; the angular `momentum` and `*_0` are in the axes of R0. `cf.py` has the same."""
+    """What the stages of a step share; the angular `momentum` and `*_0` are in the axes of R0."""
 
     name: str
     inertia: Inertia

@@ -8,8 +8,8 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.load import Load
 from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.motion.equations_of_motion import differences_of, gyroscopic
 from rb_dynamics.motion.phase import Phase, inertia_of
-from rb_dynamics.motion.rk4 import differences_of, gyroscopic
 from rb_dynamics.numerics.rotation import Quaternion, rotate, rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector, add, cross, divide, dot, scale, subtract
 from rb_dynamics.numerics.vector import multiply as times

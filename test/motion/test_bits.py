@@ -15,7 +15,7 @@ import rb_dynamics
 
 ROOT = Path(rb_dynamics.__file__).parent
 STEP_MODULES = [
-    *(ROOT / f"{name}.py" for name in ("vector", "rotation", "sincos", "elliptic")),
+    *(ROOT / "numerics" / f"{name}.py" for name in ("vector", "rotation", "sincos", "elliptic", "nanoseconds")),
     *sorted((ROOT / "loads").glob("*.py")),
     *sorted((ROOT / "motion").glob("*.py")),
 ]

@@ -194,7 +194,7 @@ class TestUnderALoad:
         held = method.step(INERTIA, HELD + HeldWrench(force_world=push, torque_body=twist), 0.1, *start)
         for found, expected in zip(loaded[:5], held[:5], strict=True):
             assert math.dist(found, expected) <= 16.0 * EPS
-        # What is held works by its impulse and the mean velocity in `explicit.py`, a load by the quadrature.
+        # A held wrench works by its impulse and the mean velocity, a load by the quadrature.
         by_mean_velocity = method.name in ("dverk", "dop853")
         assert loaded.work == pytest.approx(held.work, abs=1e-9 if by_mean_velocity else 16.0 * EPS)
 
