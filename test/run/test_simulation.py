@@ -516,7 +516,7 @@ class TestTooLarge:
         assert told.applied == without.applied
         assert [(each.time_ns, each.received) for each in told.rejected] == [(bad.stamp_ns, bad)]
         [said] = run.rejected
-        assert said.startswith(f"body at {bad.stamp_ns / 1e9:.9f} s: ")
+        assert said.startswith(f"body at simulation time {bad.stamp_ns / 1e9:.9f} s: ")
         assert expected.rejected == ()
         # Nobody listens, nothing is output, and the same is said.
         assert simulate(driven(solver, 0.0), [self.GOOD, good, ("body", bad)]).rejected == run.rejected
