@@ -17,7 +17,7 @@ from rb_dynamics.errors import SceneError, WrenchError
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, WrenchFrames, largest_wrench, require_possible
 from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS
 from rb_dynamics.numerics.validation import instance, number, shown, truth
-from rb_dynamics.numerics.vector import ZERO, Vector, scale
+from rb_dynamics.numerics.vector import ZERO, Vector, norm, scale
 
 ON_EXCESS = ("reject", "clip")
 """What may become of a command beyond the limits of its channel."""
@@ -89,16 +89,16 @@ class Channel:
     def _within(self, name: str, vector: Vector, limit: float, unit: str) -> Vector:
         if limit == math.inf:
             return vector
-        norm = math.hypot(*vector)
+        size = norm(vector)
         # Who saturates at the limit itself rounds its norm.
-        if norm <= limit * (1.0 + 1e-12):
+        if size <= limit * (1.0 + 1e-12):
             return vector
         if self.on_excess == "clip":
             # In two parts, as the norm of finite numbers need not be finite.
             direction = scale(1.0 / max(map(abs, vector)), vector)
-            return scale(limit / math.hypot(*direction), direction)
+            return scale(limit / norm(direction), direction)
         raise WrenchError(
-            f"wrench {name} is {norm:.9g} {unit}, expected at most max_{name} = {limit!r} {unit} of the channel "
+            f"wrench {name} is {size:.9g} {unit}, expected at most max_{name} = {limit!r} {unit} of the channel "
             f"{self.topic}; command less, or set on_excess: clip in the scene"
         )
 
