@@ -97,7 +97,7 @@ def ratios(scene: Runs, keeping: str) -> dict[tuple[str, int], float]:
 
 
 def verdict(rows: Mapping[str, Runs]) -> dict[str, list[str]]:
-    """Return for each method where it is near the least: of all methods, of those that keep energy, and momentum.
+    """Return, for each method, where its cost is near the lowest: of all, and of those that conserve an invariant.
 
     Scenes in closed form decide nothing: there the splittings take the very steps of `exact`.
     """
@@ -125,7 +125,9 @@ def main(names: list[str], seconds: float, kept: str) -> None:
             if kept:
                 Path(kept).write_text(json.dumps(rows))
     print(
-        "| method | of all | of those that keep energy | of those that keep angular momentum |\n" + "| --- " * 4 + "|"
+        "| method | of all methods | of those that conserve energy | of those that conserve angular momentum |\n"
+        + "| --- " * 4
+        + "|"
     )
     removed = {method.name for method in REMOVED}
     for name, cells in verdict(rows).items():

@@ -114,7 +114,7 @@ def test_arguments_of_the_effect_are_checked_in_python(
 
 def test_the_reference_of_this_package_leaves_it_out(python: Path, root: Path) -> None:
     code = "import make_reference; print(make_reference.scene_page())"
-    done = in_folder(python, root / "docs", "-c", code)
+    done = in_folder(python, root / "tools", "-c", code)
     assert done.returncode == 0, done.stderr
     assert ", euler | `auto`" in done.stdout
     assert "heun" not in done.stdout
