@@ -207,7 +207,7 @@ class _Finder:
         if self.scene:
             return self.scene.frames
         # A bag need not name its frames: no wrench is in one that has no name.
-        return WrenchFrames("\0world" if world in ("", WORLD) else world, "\0body" if body in ("", WORLD) else body)
+        return WrenchFrames(world or "\0world", "\0body" if body in ("", WORLD) else body)
 
     def _wrenches(self, frames: WrenchFrames, own: bool) -> tuple[tuple[RecordedWrench, ...], bool]:
         """Return what acted: the applied topics, else every command held until the next of its topic."""
@@ -292,7 +292,7 @@ def _steps(bag: Bag, topic: str, frames: WrenchFrames, later_ns: int) -> Recorde
 
     zero = HeldWrench()
     parts = [zero if part is None else part for part in held]
-    world = np.array([wrench.frame_id in (frames.world_frame, WORLD) for _, wrench in commands], dtype=bool)[order]
+    world = np.array([wrench.frame_id == frames.world_frame for _, wrench in commands], dtype=bool)[order]
     return RecordedWrench(
         topic=topic,
         time_ns=np.array(times, dtype=np.int64)[order],

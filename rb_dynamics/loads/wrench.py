@@ -136,7 +136,7 @@ class WrenchFrames:
             object.__setattr__(self, "fixed", fixed)
         # A command has but the name: of two frames that share one, it would act in the first.
         names = [self.world_frame, self.body_frame, *(self.fixed or {})]
-        if len({"", WORLD, *names}) < len(names) + 2:
+        if len({"", *names}) < len(names) + 1 or WORLD in names[1:]:
             raise SceneError(
                 f"frames are named {names}, expected names that differ, none of them empty or {WORLD!r}: world, body "
                 "and fixed frames are told apart by them alone; rename one"

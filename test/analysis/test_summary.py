@@ -469,6 +469,14 @@ def test_wrench_in_an_unknown_frame_is_not_judged(bagger: Any, scene_dir: Path) 
     assert summary.passed
 
 
+@pytest.mark.parametrize("frame", ["/world", "world", "map", ""])
+def test_the_world_of_a_bag_may_have_any_name(bagger: Any, frame: str) -> None:
+    command = ("/b/push", WRENCH, 0, (0, frame, (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)))
+    summary = summary_of(bagger([command, *(pose(EVERY * k, frame=frame) for k in range(9))]))
+    assert not any("nobody declared" in note for note in summary.notes)
+    assert summary_of(bagger([pose(0, frame=frame)] * 9)).checks
+
+
 def test_mixed_frames_on_one_topic_are_refused(bagger: Any) -> None:
     with pytest.raises(LogError, match=r"has the frames \['a', 'b'\]"):
         summary_of(bagger([pose(EVERY * k, frame="ab"[k % 2]) for k in range(4)]))
