@@ -5,12 +5,13 @@ A part that no effect has is None, so that no code runs for it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
-from rb_dynamics.loads.effect import Effect, Point, Stored, Wrenching
+from rb_dynamics.loads.effect import Effect, Point, Slowing, Stored, Wrenching
 from rb_dynamics.loads.load import Load, Takes
 from rb_dynamics.loads.wrench import WORLD, Wrench, WrenchFrames
 from rb_dynamics.numerics.rotation import Quaternion
@@ -108,6 +109,11 @@ class CombinedEffects:
             return total
 
         return energy
+
+    def slowing(self) -> Slowing | None:
+        """Return the rate (1/s) at which differences of velocity die down; None where they need not."""
+        parts = [part for effect in self.effects if (part := effect.slowing(self.body)) is not None]
+        return (lambda point: math.fsum(part(point) for part in parts)) if parts else None
 
     def storing(self) -> Callable[[Point], Stored] | None:
         """Return what moves inside the body, of all; None where nothing does."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
-from rb_dynamics.loads.effect import Effect, Point, Wrenching
+from rb_dynamics.loads.effect import Effect, Point, Slowing, Wrenching
 from rb_dynamics.loads.load import Takes
 from rb_dynamics.numerics.rotation import conjugate, multiply, rotate, rotate_inverse
 from rb_dynamics.numerics.validation import vector
@@ -77,6 +77,16 @@ class _Drag(Effect):
                 f"{self.kind}: rotation is {self.rotation}, expected none: a body without inertia is a particle and "
                 "does not turn; remove it, or add body.inertia"
             )
+
+    def slowing(self, body: RigidBody) -> Slowing | None:
+        """Return c/m, times the speed where drag goes with its square; then it is known where all axes are alike.
+
+        Else the speed along the axis of most drag, which the others share, fades before it has slowed the rest.
+        """
+        least, medium = min(self.translation) / body.mass, self.medium_velocity_world
+        if least == 0.0 or (self.power and min(self.translation) < max(self.translation)):
+            return None
+        return lambda point: least * (norm(subtract(point.velocity, medium)) if self.power else 1.0)
 
     def wrenching(self, body: RigidBody, start: float) -> Wrenching:
         """Return force and torque at a point."""

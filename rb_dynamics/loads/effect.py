@@ -55,6 +55,10 @@ Storing = Callable[[Point], Stored]
 """What moves inside the body at a point."""
 
 
+Slowing = Callable[[Point], float]
+"""Rate (1/s) at which differences of velocity die down at a point."""
+
+
 class Effect:
     """What acts of its own accord; each kind overrides what it has.
 
@@ -98,6 +102,13 @@ class Effect:
 
     def potential(self, body: RigidBody) -> Potential | None:
         """Return its potential energy; None where it has none."""
+        return None
+
+    def slowing(self, body: RigidBody) -> Slowing | None:
+        """Return the rate at which all differences of velocity die down by it; None where they need not.
+
+        Along the motion it may fall like 1/t, as the body comes to rest, and no faster: drag that thins out has none.
+        """
         return None
 
     def storing(self, body: RigidBody) -> Storing | None:

@@ -34,6 +34,7 @@ from rb_dynamics.motion.step_control import (
     by_method,
     by_trial,
     rounding,
+    taught,
 )
 from rb_dynamics.numerics.compilation import specialise
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
@@ -89,7 +90,8 @@ def run(constants: Constants, goal: Goal, learnt: Learnt, phase: Phase, room: in
     strides = reached = 0
     while strides < count:
         chosen = _choose(goal, learnt, phase, constants)
-        if chosen.length == 0 or rounding(goal, phase, chosen.length) > goal.accuracy or not is_finite(chosen.after):
+        steady = max(float(chosen.length), chosen.learnt.step * NANOSECONDS)
+        if chosen.length == 0 or rounding(goal, phase, steady) > goal.accuracy or not is_finite(chosen.after):
             break
         if chosen.length > room - reached:
             return Progress(strides, reached, phase, learnt, chosen.length, chosen.after, chosen.learnt)
@@ -168,13 +170,13 @@ def _run_on_numbers(numbers: Numbers, room: int, count: int) -> tuple[int, int, 
     """Do what `run` does, on an array."""
     c, g, i, k = numbers, _GOAL_AT, _PHASE_AT, _AFTER_AT
     share, x, y, z = c[g + 6], c[g + 7], c[g + 8], c[g + 9]
-    goal = Goal(c[g], c[g + 1], c[g + 2] != 0.0, c[g + 3], c[g + 4], c[g + 5], share, x, y, z, c[g + 10])
-    learnt = Learnt(c[i + PHASE], c[i + PHASE + 1])
+    goal = Goal(c[g], c[g + 1], c[g + 2] != 0.0, c[g + 3], c[g + 4], c[g + 5], share, x, y, z, c[g + 10], c[g + 11])
+    learnt = Learnt(c[i + PHASE], c[i + PHASE + 1], c[i + PHASE + 2], c[i + PHASE + 3], c[i + PHASE + 4])
     progress = run(constants_at(c), goal, learnt, phase_at(c, i), room, count)
     write_phase(c, i, progress.phase)
-    c[i + PHASE], c[i + PHASE + 1] = progress.learnt
+    c[i + PHASE], c[i + PHASE + 1], c[i + PHASE + 2], c[i + PHASE + 3], c[i + PHASE + 4] = progress.learnt
     write_phase(c, k, progress.after)
-    c[k + PHASE], c[k + PHASE + 1] = progress.following
+    c[k + PHASE], c[k + PHASE + 1], c[k + PHASE + 2], c[k + PHASE + 3], c[k + PHASE + 4] = progress.following
     return progress.strides, progress.reached, progress.next_stride
 
 
@@ -198,7 +200,8 @@ class Strides(OnDemand):
                 attempt = specialise(_pair_of_steps, f"{name}_trial", _pair=method.pair)
             else:
                 attempt = specialise(_halves_and_whole, f"{name}_trial", _stepped=step)
-            choose = specialise(by_trial, f"{name}_choice", _attempt=attempt)
+            longer = specialise(taught, f"{name}_taught", _attempt=attempt)
+            choose = specialise(by_trial, f"{name}_choice", _attempt=attempt, taught=longer)
         on_numbers = specialise(_run_on_numbers, name, run=specialise(run, f"{name}_run", _choose=choose))
         super().__init__(method.name, on_numbers, _SIGNATURE, _STEPS_IN_A_STRIDE[kind])
 

@@ -7,7 +7,6 @@ pieces gives the same bits as advancing at once.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 
 from rb_dynamics.loads.wrench import HeldWrench
@@ -18,10 +17,13 @@ from rb_dynamics.motion.phase import Phase
 from rb_dynamics.motion.step_control import AccuracyControl, FixedStep, OwnControl, StepControl, WholeArc
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import Quaternion
-from rb_dynamics.numerics.vector import ZERO, Vector, dot, norm, scale, subtract
+from rb_dynamics.numerics.vector import Vector, scale
 
 LoadFrom = Callable[[Phase], Load]
 """What acts beside the held wrench during a step that starts in a phase."""
+
+Slows = Callable[[Phase], float]
+"""The rate (1/s) at which differences of velocity die down in a phase."""
 
 Choose = Callable[[Phase, Callable[[Method], "Stepper"]], tuple[Method, StepControl]]
 """Method and control for what follows a phase; both controls count time in the same units."""
@@ -50,15 +52,19 @@ class Arc:
         phase: Phase,
         load_from: LoadFrom | None = None,
         choose_again: Choose | None = None,
+        slowing: Slows | None = None,
     ) -> None:
         """Start in `phase` at `start_ns`.
 
-        `load_from` gives what acts beside `held`, if anything does; `choose_again` another method, which is asked for
-        after `_CHOOSE_AGAIN` strides and whenever their number has doubled: a transient must not decide for ever.
+        `load_from` gives what acts beside `held`, if anything does, and `slowing` what drag does to differences of
+        speed; `choose_again` another method, which is asked for after `_CHOOSE_AGAIN` strides and whenever their number
+        has doubled: a transient must not decide for ever.
         """
         self.methods = [method.name]
-        self._what_acts = inertia, held, load_from
+        self._what_acts = inertia, held, load_from, slowing
         self._use(method, control)
+        if isinstance(control, AccuracyControl):
+            control.start()
         self._choose_again = choose_again
         self._start_ns = self.expected_ns = start_ns
         self._phase = phase
@@ -148,7 +154,7 @@ class Arc:
         control = self._control
         if self._kernel is None or not isinstance(control, (AccuracyControl, OwnControl)):
             return None
-        inertia, held, _ = self._what_acts
+        inertia, held, *_ = self._what_acts
         progress = self._kernel.after((inertia, held), control, self._phase, room, count, ahead)
         if progress is not None:
             self._phase, self._stride = progress.phase, progress.next_stride or None
@@ -196,14 +202,18 @@ class Arc:
             self.methods.append(method.name)
 
 
-# By this much of the speed two speeds differ to tell what drag does to their difference.
-_FASTER = 2.0**-10
-
-
 class Stepper:
     """An `Advance`: a method, the body that it moves and what acts on it; and the kernel of the method."""
 
-    def __init__(self, method: Method, inertia: Inertia, held: HeldWrench, load_from: LoadFrom | None) -> None:
+    def __init__(
+        self,
+        method: Method,
+        inertia: Inertia,
+        held: HeldWrench,
+        load_from: LoadFrom | None,
+        slowing: Slows | None = None,
+    ) -> None:
+        self._slowing = slowing
         self._method, self._inertia, self._held, self._load_from = method, inertia, held, load_from
         self._kernel = kernel(method) if load_from is None else None
 
@@ -240,19 +250,7 @@ class Stepper:
 
     def slowing(self, phase: Phase) -> float:
         """Return the rate (1/s) at which drag makes differences of speed die down in `phase`; 0 without drag."""
-        velocity = self._velocity(phase)
-        speed = norm(velocity)
-        if self._load_from is None or not speed > 0.0:
-            return 0.0
-        load, q, omega = self._load_from(phase), phase.orientation, phase.angular_velocity
-        force, _ = load(0.0, ZERO, velocity, q, omega)
-        faster, _ = load(0.0, ZERO, scale(1.0 + _FASTER, velocity), q, omega)
-        more = subtract(force, faster)
-        # Less is what rounding makes of a force that does not depend on the speed.
-        if not norm(more) > 1e-9 * norm(force):
-            return 0.0
-        rate = dot(more, scale(1.0 / speed, velocity)) / (self._inertia.mass * _FASTER * speed)
-        return rate if 0.0 < rate < math.inf else 0.0
+        return 0.0 if self._slowing is None else self._slowing(phase)
 
     def _arguments(
         self, phase: Phase, h: float

@@ -41,6 +41,10 @@ _EPSILON = 2.0**-52
 # axis. A pair keeps the better one of its results, and has that in hand.
 _SHARE = 0.2
 
+# By so many roundings of rate and attitude the results of doubling may differ, beside one, however short the stride is:
+# half of the strides by 0.6 to 2.6 with the one, of a thousand none by more than 10. Those of a pair are rounded alike.
+_NOISE = 9.0
+
 # ns; whole, and a float.
 _LONGEST = 2.0**62
 
@@ -58,6 +62,7 @@ class Goal(NamedTuple):
         share: what may be used up of the accuracy.
         x, y, z: where the centre of mass starts, world axes, m.
         slowing: at which errors of velocity die down now, 1/s; see `Advance.slowing`.
+        noise: by how many roundings of rate and attitude, beside one, the results may differ without an error.
     """
 
     accuracy: float
@@ -71,6 +76,7 @@ class Goal(NamedTuple):
     y: float = 0.0
     z: float = 0.0
     slowing: float = 0.0
+    noise: float = 0.0
 
 
 class Learnt(NamedTuple):
@@ -79,10 +85,16 @@ class Learnt(NamedTuple):
     Attributes:
         step: near which the next one is sought, s; 0 before the first.
         farthest: from the start, m: so far the body has travelled at least, whether it comes to rest or returns.
+        telling: length of a stride whose results differ by more than rounding, s; 0 where none has been needed.
+        told: error of attitude that it adds.
+        until: the time that it reaches, s since the start of the run: until then it stands for the shorter ones.
     """
 
     step: float = 0.0
     farthest: float = 0.0
+    telling: float = 0.0
+    told: float = 0.0
+    until: float = 0.0
 
 
 class Stride(NamedTuple):
@@ -167,8 +179,8 @@ class WholeArc:
         if error > self._accuracy:
             raise ConvergenceError(
                 f"accuracy {self._accuracy:g} cannot be kept: in closed form too, rounding alone adds about "
-                f"{error:.1g} rad in a turn of {turned:.3g} rad; accept that much as solver.accuracy, or shorten the "
-                "run"
+                f"{_rounded_up(error):g} rad in a turn of {turned:.3g} rad; accept that much as solver.accuracy, or "
+                "shorten the run"
             )
 
     def stride(self, phase: Phase, advance: Advance) -> tuple[int, Phase | None]:
@@ -224,7 +236,14 @@ class AccuracyControl:
     velocity count with the time they have to grow, linearly, and those of velocity less under drag. A stride h may add
     a share of accuracy * h / horizon to the attitude and, to the position, the same of the distance to the farthest
     place so far or, if that is more, a share of accuracy of what it travels itself: together no more than twice that of
-    the distance travelled. Where the motion amplifies errors faster, as near the middle axis or in a chaotic tumble,
+    the distance travelled.
+
+    Two results of doubling differ by some roundings of the rate, however short the stride. Where that is more than a
+    stride may add, no comparison over it tells its error: a longer one is taken on trial, whose results do differ, and
+    its error divided among the strides over the same time as the order says. Rounding itself is no reason to step
+    shorter; where it alone leaves the accuracy, that is refused.
+
+    Where the motion amplifies errors faster, as near the middle axis or in a chaotic tumble,
     more than the share comes together: the accuracy is no bound there, and `explain` and `trade` show what is reached.
 
     Attributes:
@@ -256,7 +275,9 @@ class AccuracyControl:
         if embedded:
             self.goal = Goal(accuracy, horizon, ends, inertia.mass, order - 1.0, 1.0, 1.0, *start)
         else:
-            self.goal = Goal(accuracy, horizon, ends, inertia.mass, float(order), 2.0**order - 1.0, _SHARE, *start)
+            self.goal = Goal(
+                accuracy, horizon, ends, inertia.mass, float(order), 2.0**order - 1.0, _SHARE, *start, noise=_NOISE
+            )
         self.learnt = self.following = Learnt()
         self.embedded = embedded
         self.parts = 1 if embedded else 2
@@ -280,9 +301,13 @@ class AccuracyControl:
                 f"accuracy {self.goal.accuracy:g} cannot be kept: a step of 1 ns has an error of {error:.3g}; "
                 "accept a larger solver.accuracy or check the size of the wrench"
             )
-        _require_reachable(self.goal, phase, length)
+        _require_reachable(self.goal, phase, max(length, learnt.step * NANOSECONDS))
         self.following = learnt
         return length, after
+
+    def start(self) -> None:
+        """Forget what holds for the last arc alone: another wrench has errors of its own."""
+        self.learnt = self.learnt._replace(until=0.0)
 
     def begin(self) -> None:
         """Let the next stride be sought near what the last one suggests."""
@@ -318,17 +343,49 @@ def by_trial(goal: Goal, learnt: Learnt, phase: Phase, trials: Any) -> Stride:
         length = max(1, round(min(h * NANOSECONDS, _LONGEST)))
         h = length / NANOSECONDS
         kept, other = _attempt(trials, phase, h)
-        error, farthest = _estimate(goal, learnt.farthest, phase, kept, other, h)
+        attitude, position, farthest, noise = _estimate(goal, learnt.farthest, phase, kept, other, h)
         allowed = goal.share * goal.accuracy * h / goal.horizon
+        if attitude <= noise and noise > allowed:
+            if learnt.until <= elapsed(phase):
+                learnt = taught(goal, learnt, phase, trials, h, noise)
+            attitude = learnt.told * (h / learnt.telling) ** (goal.order + 1.0)
+        error = max(attitude, position)
         following = 5.0 * h
         if error > 0.0:
             factor = 0.9 * (allowed / error) ** (1.0 / goal.order)
             following = h * min(5.0, max(0.2, factor))
         if error <= allowed:
-            return Stride(length, kept, Learnt(following, farthest), error)
+            return Stride(length, kept, Learnt(following, farthest, learnt.telling, learnt.told, learnt.until), error)
         if length == 1:
             return Stride(0, phase, learnt, error)
         h = following
+
+
+def taught(goal: Goal, learnt: Learnt, phase: Phase, trials: Any, h: float, noise: float) -> Learnt:
+    """Return what strides longer than h s teach: the one that leaves the smallest error to the shorter ones.
+
+    They are taken on trial up to one whose results differ by more than rounding, or to the longest that can be taken.
+    `noise` is the error of attitude that rounding hides over h s.
+    """
+    power, now = goal.order + 1.0, elapsed(phase)
+    telling, told, trial = h, noise, 2.0 * h
+    if learnt.telling > 0.0:
+        trial = max(trial, learnt.telling * min(2.0, max(0.5, (4.0 * noise / learnt.told) ** (1.0 / power))))
+    found = False
+    while trial <= goal.horizon:
+        kept, other = _attempt(trials, phase, trial)
+        attitude, _, _, hidden = _estimate(goal, learnt.farthest, phase, kept, other, trial)
+        if not found and trial > 2.0 * h and not math.isfinite(attitude):
+            trial = max(2.0 * h, 0.5 * trial)
+            continue
+        found = True
+        # What rounding hides comes on top.
+        if (attitude + hidden) * (telling / trial) ** power < told:
+            telling, told = trial, attitude + hidden
+        if not attitude <= hidden:
+            break
+        trial *= 2.0
+    return Learnt(learnt.step, learnt.farthest, telling, told, now + telling)
 
 
 def by_method(goal: Goal, learnt: Learnt, phase: Phase, advance: Any) -> Stride:
@@ -342,7 +399,7 @@ def by_method(goal: Goal, learnt: Learnt, phase: Phase, advance: Any) -> Stride:
     return Stride(int(min(longest, _LONGEST)) if longest >= 1.0 else 0, phase, learnt, 0.0)
 
 
-def rounding(goal: Goal, phase: Phase, length: int) -> float:
+def rounding(goal: Goal, phase: Phase, length: float) -> float:
     """Return the error that rounding adds by the end: each step of `length` ns rounds the rate, a random walk.
 
     0 where the run has no end: what flies is not stopped for what an hour of such steps would add.
@@ -351,6 +408,12 @@ def rounding(goal: Goal, phase: Phase, length: int) -> float:
         return 0.0
     rest, rate = _rest(goal, phase), norm(phase.angular_velocity)
     return _EPSILON * (1.0 + rate * rest) * math.sqrt(max(1.0, rest / (length / NANOSECONDS)))
+
+
+def _rounded_up(error: float) -> float:
+    """Return the next number of one digit: it can be accepted as it is said."""
+    unit = float(f"1e{math.floor(math.log10(error))}")
+    return math.ceil(error / unit) * unit
 
 
 def _attempt(trials: _Trials, phase: Phase, h: float) -> tuple[Phase, Phase]:
@@ -368,28 +431,35 @@ def _first(goal: Goal, phase: Phase) -> float:
     return min(0.01 * goal.horizon, 0.1 / rate if rate > 0.0 else math.inf)
 
 
-def _estimate(goal: Goal, farthest: float, phase: Phase, kept: Phase, other: Phase, h: float) -> tuple[float, float]:
-    """Return the error that the stride of h s from `phase` to `kept` adds, infinite if refused, and the farthest."""
+def _estimate(
+    goal: Goal, farthest: float, phase: Phase, kept: Phase, other: Phase, h: float
+) -> tuple[float, float, float, float]:
+    """Return what the stride of h s from `phase` to `kept` adds, and the farthest.
+
+    That is its errors of attitude and position, infinite if it is refused, and then that of the attitude that rounding
+    may hide.
+    """
     if not (is_finite(kept) and is_finite(other)):
-        return math.inf, farthest
+        return math.inf, math.inf, farthest, 0.0
     rest, rate = _rest(goal, phase), norm(kept.angular_velocity)
     rate_error = norm(subtract(other.angular_velocity, kept.angular_velocity))
     attitude = angle_between(other.orientation, kept.orientation) + rate_error * rest
     # What rounding alone makes of the difference is no reason to step shorter.
-    attitude -= _EPSILON * (1.0 + rate * rest)
+    rounded = _EPSILON * (1.0 + rate * rest)
+    attitude -= rounded
     per_mass, moved = 1.0 / goal.mass, norm(gain(phase, kept, POSITION))
     gained = norm(gain(phase, kept, MOMENTUM)) * per_mass
-    # Where drag goes with the speed, as with its square, the slowing falls like 1/t while the body comes to rest.
+    # The slowing may fall like 1/t while the body comes to rest, and errors with it.
     grows = math.log1p(goal.slowing * rest) / goal.slowing if goal.slowing > 0.0 else rest
     drift = norm(gain(kept, other, POSITION)) + norm(gain(kept, other, MOMENTUM)) * per_mass * grows
     drift -= 4.0 * _EPSILON * (moved + gained * grows)
     farthest = max(farthest, norm(_away(goal, phase)), norm(_away(goal, kept)))
     travelled = max(moved * goal.horizon / h, farthest)
     position = drift / travelled if travelled > 0.0 else 0.0
-    error = max(attitude, position)
-    if not math.isfinite(error):
-        return math.inf, farthest
-    return max(0.0, error) / goal.errors, farthest
+    if not math.isfinite(attitude + position):
+        return math.inf, math.inf, farthest, 0.0
+    parts = goal.errors
+    return max(0.0, attitude) / parts, max(0.0, position) / parts, farthest, goal.noise * rounded / parts
 
 
 def _away(goal: Goal, phase: Phase) -> Vector:
@@ -403,7 +473,7 @@ def _rest(goal: Goal, phase: Phase) -> float:
     return max(goal.horizon - elapsed(phase), 1.0 / NANOSECONDS) if goal.ends else goal.horizon
 
 
-def _require_reachable(goal: Goal, phase: Phase, length: int) -> None:
+def _require_reachable(goal: Goal, phase: Phase, length: float) -> None:
     """Refuse an accuracy that rounding alone does not leave, in strides of `length` ns from `phase` on.
 
     Raises:
@@ -413,6 +483,7 @@ def _require_reachable(goal: Goal, phase: Phase, length: int) -> None:
     if error > goal.accuracy:
         raise ConvergenceError(
             f"accuracy {goal.accuracy:g} cannot be kept: at {norm(phase.angular_velocity):.3g} rad/s in steps of "
-            f"{length / NANOSECONDS:.3g} s rounding alone adds about {error:.1g} rad in {_rest(goal, phase):g} s; "
-            "accept that much, shorten the run, or use a method of higher order, which takes longer steps"
+            f"{length / NANOSECONDS:.3g} s rounding alone adds about {_rounded_up(error):g} rad in "
+            f"{_rest(goal, phase):g} s; accept that much, shorten the run, or use a method of higher "
+            "order, which takes longer steps"
         )

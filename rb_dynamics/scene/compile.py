@@ -43,6 +43,8 @@ class Plan:
         self._start = self._from.center_of_mass_world
         self._ends = bool(scene.duration)
         self._horizon = scene.duration or OPEN_END_HORIZON
+        slowing, body = scene.combined_effects.slowing(), scene.body
+        self._slowing = None if slowing is None else (lambda phase: slowing(phase.point(body)))
         self.takes = scene.combined_effects.takes
         self._method = None if scene.solver.method == "auto" else METHODS[scene.solver.method]
         if self._method is not None and self._method.takes < self.takes:
@@ -69,7 +71,7 @@ class Plan:
         """
 
         def stepper(method: Method) -> Stepper:
-            return Stepper(method, self._inertia, held, load_from)
+            return Stepper(method, self._inertia, held, load_from, self._slowing)
 
         # Commands of one time may come one by one, each with an arc into which no time goes.
         if start_ns > self._from_ns:
@@ -77,7 +79,7 @@ class Plan:
             self._from_ns, self._from = start_ns, phase
         method, control = self._choose(held, start_ns, phase, load_from is None, stepper)
         again = None if self._method is not None or method is EXACT else self._cheapest
-        return Arc(method, self._inertia, held, control, start_ns, phase, load_from, again)
+        return Arc(method, self._inertia, held, control, start_ns, phase, load_from, again, self._slowing)
 
     def course(self, phase: Phase) -> Course:
         """Return what lies behind `phase`, which is on the last arc."""

@@ -164,7 +164,7 @@ def test_short_arcs_come_to_be_worth_it(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr("rb_dynamics.motion.fixed_step_kernel.WORTH_COMPILING", 300)
     monkeypatch.setattr("rb_dynamics.motion.fixed_step_kernel.WORTH_LOADING", 300)
     arc, _ = case(KINDS["doubling"], 5)
-    (inertia, held, _), control, phase = arc._what_acts, arc._control, arc._phase
+    (inertia, held, *_), control, phase = arc._what_acts, arc._control, arc._phase
     runs = adaptive_kernel.Strides(KINDS["doubling"], "doubling")
 
     found = [runs.after((inertia, held), control, phase, 10**6, 5, 1) is not None for _ in range(102)]

@@ -165,3 +165,18 @@ class TestLimits:
         METHODS[name].step(
             Inertia(1.0, (1.0, 2.0, 3.0)), HeldWrench(), 1e3, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), (30.0, 40.0, 50.0)
         )
+
+
+@pytest.mark.parametrize("name", [*NAMES, "dlm2", "dlm4", "dlm6", "dmv82", "dmv104", "dmv864"])
+@pytest.mark.parametrize("part", [0.45, 1.55])
+def test_equal_kicks_are_not_all_rounded_the_same_way(name: str, part: float) -> None:
+    """A sphere spins up by so many units in the last place a step: rounding is a random walk and no drift."""
+    rate, h, steps = 1.3, 0.25, 200
+    inertia, held = Inertia(1.0, (1.0, 1.0, 1.0)), HeldWrench(torque_body=(0.0, 0.0, part * EPS / h))
+    phase = Phase((0.1, 0.5, -0.5, 0.7), (0.0, 0.0, rate), (0.0,) * 14, (0.0,) * 14)
+
+    for _ in range(steps):
+        step = METHODS[name].step(inertia, held, h, (0.0,) * 3, phase.orientation, phase.angular_velocity)
+        phase = phase.after(step, h)
+
+    assert abs((phase.angular_velocity[2] - rate) / EPS - part * steps) <= 4.0 * math.sqrt(10 * steps) / 2.0

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import math
+import random
+import re
+from collections.abc import Callable
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -14,12 +18,15 @@ from scipy.integrate import solve_ivp
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import ConvergenceError
+from rb_dynamics.loads.effect import Effect, Point
+from rb_dynamics.loads.load import Takes
 from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.motion import Increment, Inertia
 from rb_dynamics.motion.arc import Arc
 from rb_dynamics.motion.phase import Phase, in_principal_axes, inertia_of
 from rb_dynamics.motion.step_control import AccuracyControl, FixedStep
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
-from rb_dynamics.numerics.vector import ZERO, Vector, norm, subtract
+from rb_dynamics.numerics.vector import ZERO, Vector, norm, scale, subtract
 from rb_dynamics.run.simulation import Run, simulate
 from rb_dynamics.scene.compile import Plan
 from rb_dynamics.scene.model import Solver
@@ -242,6 +249,85 @@ class TestStride:
         assert arc.next_grid_ns() > before
 
 
+class Noisy:
+    """An `Advance` of order 2 whose steps change the rate of 1 rad/s by `error` h^3, and by some roundings."""
+
+    def __init__(self, error: float) -> None:
+        self.error, self._random = error, random.Random(1)
+
+    def __call__(self, phase: Phase, h: float) -> Phase:
+        rate = 1.0 + self.error * h**3 + self._random.gauss(0.0, 1.0) * 2.0**-52
+        still = phase.angular_velocity[0] - 1.0
+        return phase.after(Increment(ZERO, phase.orientation, (rate + still, 0.0, 0.0), ZERO, ZERO, 0.0), h)
+
+    def pair(self, phase: Phase, h: float) -> tuple[Phase, Phase]:
+        raise NotImplementedError
+
+    def longest_step(self, phase: Phase, accuracy: float, horizon: float) -> float:
+        raise NotImplementedError
+
+    def slowing(self, phase: Phase) -> float:
+        return 0.0
+
+
+class TestWhereRoundingHidesTheError:
+    """Two results differ by roundings whatever the step: they are no error, and no error hides in them."""
+
+    INERTIA = Inertia(1.0, (1.0, 1.0, 1.0))
+    START = Phase((0.0, 0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0,) * 14, (0.0,) * 14)
+    HORIZON, ACCURACY = 1e4, 1e-6
+
+    def density(self, error: float, h: float) -> float:
+        """Return the error that strides of h s add by the end in a second, in units of what they may."""
+        return 0.25 * error * h**3 * self.HORIZON / (0.2 * self.ACCURACY * h / self.HORIZON)
+
+    @pytest.mark.parametrize("error", [8e-11, 8e-13, 8e-10])
+    def test_strides_are_as_long_as_they_may_be(self, error: float) -> None:
+        control = AccuracyControl(self.ACCURACY, self.HORIZON, 2, self.INERTIA, start=ZERO)
+        noisy, phase, strides = Noisy(error), self.START, []
+
+        for _ in range(400):
+            length, after = control.stride(phase, noisy)
+            control.begin()
+            assert after is not None
+            phase = after
+            strides.append(length / NANOSECONDS)
+
+        assert all(self.density(error, h) <= 1.0 for h in strides)
+        assert all(self.density(error, h) >= 0.04 for h in strides[5:])
+
+    def test_another_arc_may_have_more_of_it(self) -> None:
+        control = AccuracyControl(self.ACCURACY, self.HORIZON, 2, self.INERTIA, start=ZERO)
+        control.stride(self.START, Noisy(8e-13))
+        control.begin()
+
+        Arc(STEPPED["rk4"], self.INERTIA, HeldWrench(), control, 0, self.START)
+        length, _ = control.stride(self.START, Noisy(8e-11))
+
+        assert self.density(8e-11, length / NANOSECONDS) <= 1.0
+
+    @pytest.mark.parametrize(("method", "accuracy"), [("dmv104", 1e-8), ("dlm6", 1e-8), ("strang6", 1e-8)])
+    def test_a_small_torque_for_a_long_time(self, method: str, accuracy: float) -> None:
+        """No step is made shorter than it has to be: at some nanoseconds it would be refused."""
+        arc = self.small_torque(method, accuracy)
+        arc.at(NANOSECONDS)
+
+        assert arc.steps_to(NANOSECONDS) <= 150
+
+    def test_what_is_said_to_be_reachable_is_accepted(self) -> None:
+        with pytest.raises(ConvergenceError) as refused:
+            self.small_torque("dmv104", 5e-10).at(NANOSECONDS)
+        found = re.search(r"rounding alone adds about (\S+) rad", str(refused.value))
+
+        assert found is not None
+        self.small_torque("dmv104", float(found[1])).at(NANOSECONDS)
+
+    def small_torque(self, method: str, accuracy: float) -> Arc:
+        body = RigidBody.from_diagonal(2.0, (1.0, 1.5, 2.0))
+        start, held = State(angular_velocity_body=(1.0, 0.3, 2.0)), HeldWrench(torque_body=(0.0, 1e-5, 2e-5))
+        return driven(Case(body, start, held, {}), method, accuracy, self.HORIZON)
+
+
 class TestFixedStep:
     @pytest.mark.parametrize("step", [0.001, 1.0 / 3e3, 0.1, 1e-12, 123456.789, 5e-324, 3])
     def test_is_the_decimal_number_that_was_written(self, step: float) -> None:
@@ -308,3 +394,29 @@ class TestDistanceTravelled:
         run = particle_under(effects, 50.0, round(rise + fall, 9), method, accuracy)
 
         assert abs(run.sample.position_world[0]) <= accuracy * 2.0 * top + 1e-9 * limit
+
+    @pytest.mark.parametrize(("method", "accuracy"), CONTROLLED[2:])
+    def test_where_the_medium_thins_out(self, method: str, accuracy: float) -> None:
+        """Out of an atmosphere of 10 m: at the start drag is strong, and nothing is left of it for an hour."""
+        time, left = 3600.0, 101.0 - 10.0 * 10.0
+        scene = parse_scene(
+            f"body: {{mass: 1}}\ninitial: {{linear_velocity_world: [101, 0, 0]}}\nwrenches: []\nduration: {time}\n"
+            f"solver: {{method: {method}, accuracy: {accuracy!r}}}\n"
+        )
+        run = simulate(replace(scene, effects=(Atmosphere(),)))
+
+        path = left * time + 10.0 * math.log1p(100.0 / left)
+        assert abs(run.sample.position_world[0] - path) <= accuracy * path
+
+
+class Atmosphere(Effect):
+    """Linear drag of 10/s that falls by e in each 10 m of height."""
+
+    kind = "atmosphere"
+    takes = Takes.ANY
+
+    def wrenching(self, body: RigidBody, start: float) -> Callable[[Point], tuple[Vector, Vector]]:
+        def drag(point: Point) -> tuple[Vector, Vector]:
+            return scale(-10.0 * math.exp(-0.1 * max(0.0, point.position[0])), point.velocity), ZERO
+
+        return drag
