@@ -84,6 +84,8 @@ def read_mesh(path: str | os.PathLike[str]) -> tuple[Points, Faces]:
         raise MissingExtraError("trimesh", "mesh", "a body from a mesh") from None
     # It logs how it failed to read what it then reads in another way.
     logging.getLogger("trimesh").addHandler(logging.NullHandler())
+    if suffix == ".obj":
+        data = _surface(data)
     try:
         # From bytes and without a resolver: materials and textures that an OBJ names are not looked for.
         mesh: Any = trimesh.load_mesh(io.BytesIO(data), file_type=suffix[1:], process=False)
@@ -94,6 +96,21 @@ def read_mesh(path: str | os.PathLike[str]) -> tuple[Points, Faces]:
             "mesh of triangles; export it again"
         ) from error
     return vertices, faces
+
+
+def _surface(data: bytes) -> bytes:
+    """Return the vertices and faces of an OBJ file, one a line with single spaces.
+
+    trimesh reads "f 1 2 3" alone so: it passes over a face that is indented or has tabs, without a word.
+    """
+    lines = []
+    for line in data.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").splitlines():
+        match line.split(b"#", 1)[0].split():
+            case [b"v", *coordinates]:
+                lines.append(b"v " + b" ".join(coordinates[:3]))
+            case [b"f" | b"fo", *corners]:
+                lines.append(b"f " + b" ".join(corner.split(b"/", 1)[0] for corner in corners))
+    return b"\n".join(lines) + b"\n"
 
 
 def read_solid(path: str | os.PathLike[str], scale_to_m: float = 1.0) -> Solid:

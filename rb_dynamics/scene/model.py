@@ -92,14 +92,19 @@ class Scene:
         Raises:
             TypeError: a field is not of its type.
             ValueError: a number in `initial` is not finite, or the norm of its attitude is not 1.
-            SceneError: two channels have one topic, duration or output rate makes no sense, or the frames were made
-                with another centre of mass than the body has.
+            SceneError: `initial` has a time that is not 0, two channels have one topic, duration or output rate makes
+                no sense, or the frames were made with another centre of mass than the body has.
         """
         instance(self.body, RigidBody, "body", "make one with RigidBody.from_diagonal(mass, moments)")
         frames = instance(self.frames, WrenchFrames, "frames", "write WrenchFrames()")
         object.__setattr__(self, "frames", frames.of(self.body))
         instance(self.initial, State, "initial", "write State()")
         object.__setattr__(self, "initial", self.initial.checked("initial"))
+        if self.initial.time_ns:
+            raise SceneError(
+                f"initial.time_ns is {self.initial.time_ns}, expected 0: a run begins at time 0; write "
+                "replace(state, time_ns=0), and count the times of commands from there"
+            )
         object.__setattr__(self, "channels", instances(self.channels, Channel, "channels", "write Channel(topic)"))
         object.__setattr__(self, "effects", instances(self.effects, Effect, "effects", "write one, as LinearDrag(...)"))
         instance(self.solver, Solver, "solver", "write Solver(method, step=..., accuracy=...)")

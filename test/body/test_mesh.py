@@ -262,6 +262,17 @@ class TestFiles:
         assert solid.center_of_mass == pytest.approx((80.0, 20.0, 10.0), rel=1e-15)
         assert solid.squared_gyration[0][2] == pytest.approx(-100.0, rel=1e-14)
 
+    @pytest.mark.parametrize(
+        "face",
+        ["  f {} {} {}", "f\t{}\t{}\t{}", "fo {} {} {}", "f {} {} {} # c", "f {} \\\n{} {}", "f {}/1/1 {}//1 {}"],
+    )
+    def test_no_face_of_an_obj_is_passed_over(self, face: str, tmp_path: Path) -> None:
+        path = tmp_path / "part.obj"
+        lines = [f"v {x} {y} {z}" for x, y, z in (*CORNERS, *(CORNERS + 2.0))] + ["vt 0 0", "vn 0 0 1"]
+        lines += ["f {} {} {}".format(*corners) for corners in CUBE + 1]
+        path.write_text("\n".join([*lines, *(face.format(*corners) for corners in CUBE + 9)]) + "\n")
+        assert mesh.read_solid(path).volume == pytest.approx(2.0)
+
     def test_what_an_obj_names_is_not_read(self, tmp_path: Path) -> None:
         path = tmp_path / "part.obj"
         corners = [f"v {x:g} {y:g} {z:g}" for x, y, z in CORNERS]

@@ -153,3 +153,8 @@ def test_what_a_schedule_was_made_of_may_change_or_run_dry() -> None:
     entries.clear()
 
     assert effects == 2 * (ScheduledWrench(((0.0, Wrench((1.0, 0.0, 0.0))),)),)
+
+
+def test_a_run_begins_at_time_0() -> None:
+    with pytest.raises(SceneError, match=r"initial\.time_ns is 5, expected 0: a run begins at time 0"):
+        replace(READ, initial=State(5))
