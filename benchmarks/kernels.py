@@ -42,7 +42,7 @@ REPEATS = 5
 
 
 def by_accuracy(method: Method) -> StepControl:
-    """Return what chooses the strides of a run without end, as `scene/compile.py` does."""
+    """Return what chooses the strides of a run without end, as `scene/plan.py` does."""
     if method.longest_step is not None:
         return OwnControl(ACCURACY, 1.0, ends=False)
     order = method.order or 0

@@ -37,10 +37,10 @@ from rb_dynamics.motion.free_motion import FreeMotion as FreeMotion
 from rb_dynamics.motion.free_motion import free_motion as free_motion
 from rb_dynamics.recording.memory import MemorySink as MemorySink
 from rb_dynamics.recording.state_hash import HashSink as HashSink
-from rb_dynamics.run.diagnostics import Sample as Sample
 from rb_dynamics.run.ensemble import Ensemble as Ensemble
 from rb_dynamics.run.ensemble import driven_motion as driven_motion
-from rb_dynamics.run.samples import Samples as Samples
+from rb_dynamics.run.sample import Sample as Sample
+from rb_dynamics.run.sample_arrays import Samples as Samples
 from rb_dynamics.run.simulation import Run as Run
 from rb_dynamics.run.simulation import Simulation as Simulation
 from rb_dynamics.run.simulation import simulate as simulate

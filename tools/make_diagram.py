@@ -58,7 +58,7 @@ BOXES = {
         800, 115, "ros/arrivals.py", "commands as they come", files=("ros/arrivals.py", "ros/conversions.py")
     ),
     "parts": Box(160, 210, "body/   loads/   motion/", "what a Scene is made of", files=("body", "loads", "motion")),
-    "compile": Box(160, 305, "scene/compile.py", "method, step control", files=("scene/compile.py",)),
+    "compile": Box(160, 305, "scene/plan.py", "method, step control", files=("scene/plan.py",)),
     "loop": Box(
         480,
         400,
@@ -68,9 +68,7 @@ BOXES = {
         "loop",
         ("run/simulation.py",),
     ),
-    "sample": Box(
-        480, 490, "run/diagnostics.py", "Sample: state, momenta, energy, defects", 290, "", ("run/diagnostics.py",)
-    ),
+    "sample": Box(480, 490, "run/sample.py", "Sample: state, momenta, energy, defects", 290, "", ("run/sample.py",)),
     "memory": Box(100, 595, "memory.py", "arrays", 150, files=("recording/memory.py",)),
     "hash": Box(290, 595, "state_hash.py", "SHA-256 of all states", 150, files=("recording/state_hash.py",)),
     "mcap": Box(480, 595, "mcap_sink.py", "run.mcap, bag folder", 150, files=("recording/mcap_sink.py",)),

@@ -33,7 +33,7 @@ from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import Inertia
 from rb_dynamics.motion.arc import Arc
-from rb_dynamics.motion.closed_form import free_rotation
+from rb_dynamics.motion.free_rotation import free_rotation
 from rb_dynamics.motion.phase import Phase
 from rb_dynamics.motion.step_control import FixedStep
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
@@ -463,7 +463,7 @@ CLAIMS = [
     ),
     (
         "The closed form is accurate to 100 ε (1 + |ω| t), T and |L| to 20 ε, for all kinds of body and spin, to 1e9 s",
-        "test/motion/test_closed_form.py::test_attitude_energy_and_momentum_at_the_extremes",
+        "test/motion/test_free_rotation.py::test_attitude_energy_and_momentum_at_the_extremes",
     ),
     (
         "The same where products in its formulas underflow or overflow",

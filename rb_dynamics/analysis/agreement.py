@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rb_dynamics.analysis.holes import longest_usual
+from rb_dynamics.analysis.gaps import longest_usual
 from rb_dynamics.analysis.noise import typical
 from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track, unit_rows
 from rb_dynamics.numerics.rotation_arrays import rotate_all, rotation_vectors

@@ -13,7 +13,7 @@ import numpy as np
 from rb_dynamics.analysis.agreement import Agreement
 from rb_dynamics.analysis.balance import Balance
 from rb_dynamics.analysis.continuity import FARTHEST, Continuity, Jump
-from rb_dynamics.analysis.holes import NAMED, listed, longest_usual, told
+from rb_dynamics.analysis.gaps import NAMED, listed, longest_usual, told
 from rb_dynamics.analysis.track import Array, TimeSeries, Track, frame_names
 from rb_dynamics.formats.own_log import logged_scene
 

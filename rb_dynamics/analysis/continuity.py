@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rb_dynamics.analysis.holes import longest_usual
+from rb_dynamics.analysis.gaps import longest_usual
 from rb_dynamics.analysis.track import Array, Times, Track, unit_rows
 from rb_dynamics.numerics.rotation_arrays import rotation_vectors
 

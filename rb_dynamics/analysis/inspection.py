@@ -16,7 +16,7 @@ from rb_dynamics.analysis.summary import RunSummary, summarize
 from rb_dynamics.analysis.topics import read_track
 from rb_dynamics.analysis.track import Track
 from rb_dynamics.formats.bag_reader import read_bag
-from rb_dynamics.numerics.validation import number, shown
+from rb_dynamics.numerics.argument_checks import number, shown
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.scene.read import opened
 

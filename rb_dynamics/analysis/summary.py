@@ -16,7 +16,7 @@ import numpy as np
 from rb_dynamics.analysis.agreement import Agreement, agreements
 from rb_dynamics.analysis.balance import Balance, balances
 from rb_dynamics.analysis.checks import BOUND, Check, checks, cut, missing, one_recording
-from rb_dynamics.analysis.commands import Fate, fate
+from rb_dynamics.analysis.command_outcomes import Fate, fate
 from rb_dynamics.analysis.continuity import Continuity, continuity
 from rb_dynamics.analysis.residual import Residual, residual
 from rb_dynamics.analysis.track import Array, RecordedWrench, TimeSeries, Track

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from rb_dynamics.analysis.checks import cut, missing
 from rb_dynamics.analysis.clocks import remarks
-from rb_dynamics.analysis.holes import gaps
+from rb_dynamics.analysis.gaps import gaps
 from rb_dynamics.analysis.track import Track, frame_names
 
 # Commands that came this often came regularly; who sends fewer may mean the last one to stay.

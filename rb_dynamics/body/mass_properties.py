@@ -13,8 +13,8 @@ from rb_dynamics.body.moments_about_points import unit
 from rb_dynamics.body.plausibility import Finding, examine, symmetry
 from rb_dynamics.body.rigid_body import RigidBody, require_body, root_of_ratio
 from rb_dynamics.errors import BodyError
+from rb_dynamics.numerics.argument_checks import vector
 from rb_dynamics.numerics.rotation import Matrix, matrix, rotate_inverse
-from rb_dynamics.numerics.validation import vector
 from rb_dynamics.numerics.vector import ZERO, Vector, cross, dot, norm, subtract
 
 # A spin within this angle of the middle axis is warned of; it leaves the axis within a few growth times.

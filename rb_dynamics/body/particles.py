@@ -13,8 +13,8 @@ from collections.abc import Callable, Iterable, Sequence
 from rb_dynamics.body.moments_about_points import moment_of_force, moment_of_momentum
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import BodyError
+from rb_dynamics.numerics.argument_checks import items, number, vector
 from rb_dynamics.numerics.rotation import Matrix
-from rb_dynamics.numerics.validation import items, number, vector
 from rb_dynamics.numerics.vector import ZERO, Vector, add, cross, norm, scale, subtract
 
 # Particles this close to one line, relative to their largest coordinate, are on it: positions are rounded to that.

@@ -13,8 +13,8 @@ from typing import Any
 from rb_dynamics.body.principal_axes import diagonalize
 from rb_dynamics.errors import BodyError
 from rb_dynamics.numerics import rotation
+from rb_dynamics.numerics.argument_checks import instance, items, number, quaternion, vector
 from rb_dynamics.numerics.rotation import IDENTITY, Matrix, Quaternion
-from rb_dynamics.numerics.validation import instance, items, number, quaternion, vector
 from rb_dynamics.numerics.vector import ZERO, Vector
 
 # Relative to the largest entry. Inertia matrices are often typed with few digits; this admits their last digit in

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from rb_dynamics.numerics.argument_checks import quaternion, vector, whole_number
 from rb_dynamics.numerics.rotation import IDENTITY, Quaternion
-from rb_dynamics.numerics.validation import quaternion, vector, whole_number
 from rb_dynamics.numerics.vector import ZERO, Vector
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-from rb_dynamics.numerics.option_numbers import real
+from rb_dynamics.numerics.option_types import real
 
 HELP = "show what happened in a recorded run"
 
@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
     from rb_dynamics.cli import output
     from rb_dynamics.errors import LogError
     from rb_dynamics.formats.log_file import make_folder, require_apart, require_other
-    from rb_dynamics.formats.verification import require_library, verify_bag
+    from rb_dynamics.formats.mcap_integrity import require_library, verify_bag
     from rb_dynamics.report.text import as_text
 
     if args.verify:

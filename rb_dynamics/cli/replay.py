@@ -13,7 +13,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from rb_dynamics.cli.parser import require_ros, require_with
-from rb_dynamics.numerics.option_numbers import real
+from rb_dynamics.numerics.option_types import real
 
 if TYPE_CHECKING:
     from rb_dynamics.study.replay import Replay

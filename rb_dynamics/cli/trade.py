@@ -23,7 +23,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from rb_dynamics.cli.scene import add_scene, add_wrench, read_with_commands
-from rb_dynamics.numerics.option_numbers import real
+from rb_dynamics.numerics.option_types import real
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

@@ -14,7 +14,7 @@ from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.numerics.nanoseconds import split_stamp
 from rb_dynamics.numerics.rotation import rotate_inverse
 from rb_dynamics.numerics.vector import Vector
-from rb_dynamics.run.diagnostics import Sample
+from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.sink import AppliedWrench, Status
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.effect import Effect, Point, Potential, Wrenching
 from rb_dynamics.loads.load import Takes
+from rb_dynamics.numerics.argument_checks import number, truth, vector
 from rb_dynamics.numerics.rotation import rotate, rotate_inverse
-from rb_dynamics.numerics.validation import number, truth, vector
 from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, cross, dot, norm, scale, subtract
 from rb_dynamics.numerics.vector import multiply as times
 

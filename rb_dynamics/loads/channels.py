@@ -15,8 +15,8 @@ from typing import NamedTuple
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError, WrenchError
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, WrenchFrames, largest_wrench, require_possible
+from rb_dynamics.numerics.argument_checks import instance, number, shown, truth
 from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS
-from rb_dynamics.numerics.validation import instance, number, shown, truth
 from rb_dynamics.numerics.vector import ZERO, Vector, norm, scale
 
 ON_EXCESS = ("reject", "clip")

@@ -9,8 +9,8 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.effect import Effect, Point, Slowing, Wrenching
 from rb_dynamics.loads.load import Takes
+from rb_dynamics.numerics.argument_checks import vector
 from rb_dynamics.numerics.rotation import conjugate, multiply, rotate, rotate_inverse
-from rb_dynamics.numerics.validation import vector
 from rb_dynamics.numerics.vector import ZERO, Vector, norm, scale, subtract
 from rb_dynamics.numerics.vector import multiply as times
 

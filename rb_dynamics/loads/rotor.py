@@ -10,9 +10,9 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.effect import Effect, Point, Stored, Storing, Wrenching
 from rb_dynamics.loads.load import Takes
+from rb_dynamics.numerics.argument_checks import items, number, shown, vector
 from rb_dynamics.numerics.nanoseconds import on_nanosecond
 from rb_dynamics.numerics.rotation import rotate_inverse
-from rb_dynamics.numerics.validation import items, number, shown, vector
 from rb_dynamics.numerics.vector import ZERO, Vector, cross, dot, norm, scale, subtract
 from rb_dynamics.numerics.vector import multiply as times
 

@@ -9,7 +9,7 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError, WrenchError
 from rb_dynamics.loads.effect import Effect
 from rb_dynamics.loads.wrench import Wrench
-from rb_dynamics.numerics.validation import items, number, shown
+from rb_dynamics.numerics.argument_checks import items, number, shown
 from rb_dynamics.numerics.vector import ZERO
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.effect import Effect, Point, Potential
 from rb_dynamics.loads.wrench import WORLD, Wrench
-from rb_dynamics.numerics.validation import vector
+from rb_dynamics.numerics.argument_checks import vector
 from rb_dynamics.numerics.vector import Vector, dot, scale
 
 if TYPE_CHECKING:

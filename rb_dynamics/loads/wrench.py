@@ -13,8 +13,8 @@ from typing import NamedTuple
 from rb_dynamics.body.moments_about_points import moment_of_force
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError, WrenchError
+from rb_dynamics.numerics.argument_checks import instance, mapping, quaternion, shown, vector
 from rb_dynamics.numerics.rotation import IDENTITY, Quaternion, rotate
-from rb_dynamics.numerics.validation import instance, mapping, quaternion, shown, vector
 from rb_dynamics.numerics.vector import ZERO, Vector, add
 
 WORLD = "/world"

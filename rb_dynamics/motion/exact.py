@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion import planar
-from rb_dynamics.motion.closed_form import free_rotation
+from rb_dynamics.motion import planar_motion
+from rb_dynamics.motion.free_rotation import free_rotation
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method
-from rb_dynamics.motion.planar import fixed_axis
+from rb_dynamics.motion.planar_motion import fixed_axis
 from rb_dynamics.motion.step_checks import require_known_attitude
 from rb_dynamics.numerics.rotation import Quaternion, multiply, renormalize
 from rb_dynamics.numerics.vector import ZERO, Vector, add_scaled, dot, norm, scale
@@ -73,7 +73,7 @@ def step(
                 "force in world axes, or a torque along the principal axis about which the body turns; use method "
                 "auto, which is exact wherever there is a closed form, or one of the methods with a step"
             )
-        return planar.advance(inertia, held, h, velocity, orientation, angular_velocity, axis)
+        return planar_motion.advance(inertia, held, h, velocity, orientation, angular_velocity, axis)
     require_known_attitude("exact", h, norm(angular_velocity))
     return free_step(inertia, held, h, velocity, orientation, angular_velocity)
 

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 from rb_dynamics.body.rigid_body import RigidBody, require_body
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import ConvergenceError
-from rb_dynamics.motion.closed_form import free_rotation
 from rb_dynamics.motion.fixed_step_kernel import OnDemand
+from rb_dynamics.motion.free_rotation import free_rotation
 from rb_dynamics.motion.phase import Phase, inertia_of, of_origin
 from rb_dynamics.motion.step_checks import LARGEST_FREE_TURN
+from rb_dynamics.numerics.argument_checks import as_array, instance
 from rb_dynamics.numerics.rotation import multiply, renormalize
-from rb_dynamics.numerics.validation import as_array, instance
 from rb_dynamics.numerics.vector import add_scaled, norm, scale
 
 if TYPE_CHECKING:

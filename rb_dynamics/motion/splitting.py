@@ -15,8 +15,8 @@ from typing import NamedTuple
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import exact
-from rb_dynamics.motion.closed_form import free_rotation
 from rb_dynamics.motion.composition import KAHAN_LI6
+from rb_dynamics.motion.free_rotation import free_rotation
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
 from rb_dynamics.motion.step_checks import NO_INCREMENT, NOWHERE, require_finite
 from rb_dynamics.numerics.compilation import compiled_as

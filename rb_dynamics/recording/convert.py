@@ -25,9 +25,9 @@ from rb_dynamics.formats.own_log import SampleRow, received_commands, row_column
 from rb_dynamics.formats.ros2msg import TYPE_HASHES, schema_text
 from rb_dynamics.loads.channels import AppliedWrench
 from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.numerics.argument_checks import shown
 from rb_dynamics.numerics.decimals import exact_number, real_number
 from rb_dynamics.numerics.rotation import rotate
-from rb_dynamics.numerics.validation import shown
 from rb_dynamics.run.provenance import RESULT, RUN, SCENE, version
 from rb_dynamics.run.sink import RunInfo, Sample
 from rb_dynamics.scene.model import Scene

@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.log_file import LogFile
+from rb_dynamics.formats.mcap_integrity import require_library, verify
 from rb_dynamics.formats.mcap_records import McapChannel, Schema
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.messages import (
@@ -43,10 +44,9 @@ from rb_dynamics.formats.messages import (
     sample_topics,
 )
 from rb_dynamics.formats.ros2msg import TYPE_HASHES, schema_text
-from rb_dynamics.formats.verification import require_library, verify
 from rb_dynamics.recording.state_hash import StateHash
-from rb_dynamics.run.diagnostics import Sample
 from rb_dynamics.run.provenance import CHECKPOINT, INTERRUPTED, RESULT, RUN, SCENE, TOPICS, version
+from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.sink import AppliedWrench, Event, RejectedWrench, RunInfo, Status
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
 from rb_dynamics.loads.channels import AppliedWrench, RejectedWrench
-from rb_dynamics.run.diagnostics import Sample
+from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.sink import Event, RunInfo
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rb_dynamics.numerics.rotation_arrays import rotate_all
 from rb_dynamics.recording.rerun_layout import PlotLines
 from rb_dynamics.recording.thinning import KeptSample
-from rb_dynamics.run.diagnostics import Sample
+from rb_dynamics.run.sample import Sample
 
 Array = NDArray[np.float64]
 

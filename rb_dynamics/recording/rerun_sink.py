@@ -38,7 +38,7 @@ from rb_dynamics.recording import rerun_poinsot as poinsot
 from rb_dynamics.recording.rerun_blueprint import CLOSE_UP, OVERVIEW, blueprint
 from rb_dynamics.recording.rerun_columns import Columns, gather
 from rb_dynamics.recording.thinning import KeptSamples, Piece, Polyline, Thinner, WrenchHistory, WrenchPart
-from rb_dynamics.run.diagnostics import Sample
+from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.sink import AppliedWrench, Event, RejectedWrench, RunInfo, Status
 from rb_dynamics.theory.rolling_ellipsoid import contact
 

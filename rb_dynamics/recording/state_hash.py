@@ -6,7 +6,7 @@ import hashlib
 import struct
 from collections.abc import Mapping
 
-from rb_dynamics.run.diagnostics import Sample
+from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.sink import Event, RunInfo
 
 _RECORD = struct.Struct("<q28d")

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rb_dynamics.loads.channels import AppliedWrench
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.numerics.vector import ZERO, Vector
-from rb_dynamics.run.diagnostics import Sample
+from rb_dynamics.run.sample import Sample
 
 Array = NDArray[np.float64]
 

@@ -32,7 +32,7 @@ from rb_dynamics.study.campaign.summary import (
 )
 
 if TYPE_CHECKING:
-    from rb_dynamics.run.samples import Samples
+    from rb_dynamics.run.sample_arrays import Samples
 
 _WATCHED = 200
 """Runs that are flown again for the figure over time."""

@@ -18,7 +18,7 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from rb_dynamics.analysis.holes import longest_usual
+from rb_dynamics.analysis.gaps import longest_usual
 from rb_dynamics.errors import MissingExtraError
 from rb_dynamics.report.html import printable
 

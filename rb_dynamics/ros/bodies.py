@@ -17,7 +17,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from rb_dynamics.errors import RigidBodyError
-from rb_dynamics.numerics.option_numbers import real, whole
+from rb_dynamics.numerics.option_types import real, whole
 from rb_dynamics.ros.node import RigidBodyNode, spin
 from rb_dynamics.ros.start_arguments import LOGS, apart, parameter
 

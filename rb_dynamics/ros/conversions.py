@@ -20,11 +20,11 @@ from nav_msgs.msg import Odometry
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.wrench import WrenchFrames
+from rb_dynamics.numerics.argument_checks import shown
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, split_stamp
 from rb_dynamics.numerics.rotation import rotate, rotate_inverse, unit
-from rb_dynamics.numerics.validation import shown
 from rb_dynamics.numerics.vector import Vector
-from rb_dynamics.run.diagnostics import Sample
+from rb_dynamics.run.sample import Sample
 
 if TYPE_CHECKING:
     from simulation_interfaces.msg import EntityState

@@ -35,7 +35,7 @@ from rb_dynamics.formats.messages import (
 )
 from rb_dynamics.ros.driver import Driver
 from rb_dynamics.ros.health import Health
-from rb_dynamics.run.diagnostics import Sample
+from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.sink import Event, RunInfo, Status
 from rb_dynamics.scene.model import Scene
 

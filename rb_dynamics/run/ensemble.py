@@ -22,9 +22,9 @@ from rb_dynamics.motion.kernel_layout import PHASE, phase_numbers
 from rb_dynamics.motion.method import Method
 from rb_dynamics.motion.phase import Phase, inertia_of
 from rb_dynamics.motion.step_control import FixedStep, WholeArc
+from rb_dynamics.numerics.argument_checks import as_array, instance, instances, number, shown, whole_number
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, SHORTEST_STEP
-from rb_dynamics.numerics.validation import as_array, instance, instances, number, shown, whole_number
-from rb_dynamics.run.samples import Samples
+from rb_dynamics.run.sample_arrays import Samples
 
 if TYPE_CHECKING:
     import numpy as np

@@ -23,16 +23,16 @@ from rb_dynamics.loads.wrench import HeldWrench, Wrench
 from rb_dynamics.motion.arc import Arc, LoadFrom
 from rb_dynamics.motion.phase import Course, Phase, in_principal_axes
 from rb_dynamics.motion.step_control import WholeArc
+from rb_dynamics.numerics.argument_checks import instance, items, shown, whole_number
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
-from rb_dynamics.numerics.validation import instance, items, shown, whole_number
 from rb_dynamics.numerics.vector import Vector
-from rb_dynamics.run.diagnostics import Observer, Sample, acceleration, kinetic_energy
 from rb_dynamics.run.input_hash import RULE, InputHash
 from rb_dynamics.run.provenance import INPUTS_RULE, run_metadata
+from rb_dynamics.run.sample import Observer, Sample, acceleration, kinetic_energy
 from rb_dynamics.run.sink import Event, RunInfo, Sink
 from rb_dynamics.scene import opened
-from rb_dynamics.scene.compile import Plan
 from rb_dynamics.scene.model import Scene
+from rb_dynamics.scene.plan import Plan
 from rb_dynamics.scene.read import with_true_text
 
 _REMEDY = "give nanoseconds: round(1e9 * seconds)"

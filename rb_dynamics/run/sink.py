@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from rb_dynamics.loads.channels import AppliedWrench, RejectedWrench
 from rb_dynamics.numerics.vector import Vector
-from rb_dynamics.run.diagnostics import Sample
+from rb_dynamics.run.sample import Sample
 
 if TYPE_CHECKING:
     from rb_dynamics.scene.model import Scene

@@ -12,8 +12,8 @@ from rb_dynamics.loads.channels import Channel
 from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.effect import Effect
 from rb_dynamics.loads.wrench import WrenchFrames
+from rb_dynamics.numerics.argument_checks import instance, instances, number, shown
 from rb_dynamics.numerics.nanoseconds import LONGEST, SHORTEST, nanoseconds
-from rb_dynamics.numerics.validation import instance, instances, number, shown
 
 DEFAULT_ACCURACY = 1e-9
 """The error (rad, and relative to the path) accepted at the end of a run that says neither a step nor an accuracy."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 
-from rb_dynamics.numerics.validation import mapping
+from rb_dynamics.numerics.argument_checks import mapping
 from rb_dynamics.scene.document import Node, from_python, join, show
 from rb_dynamics.scene.problems import Problems
 

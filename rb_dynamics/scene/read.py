@@ -14,8 +14,8 @@ from types import MappingProxyType
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import PluginError, SceneError
+from rb_dynamics.numerics.argument_checks import instance, shown
 from rb_dynamics.numerics.nanoseconds import LONGEST, SHORTEST
-from rb_dynamics.numerics.validation import instance, shown
 from rb_dynamics.numerics.vector import ZERO
 from rb_dynamics.scene import document
 from rb_dynamics.scene.fields import Field, Rule, Section

@@ -1,6 +1,6 @@
 """`explain`: what a scene models and leaves out, which solver runs it, what that costs and how wrong it is.
 
-The decisions are those of `scene/compile.py` and the loads. Cost and error are measured by running the scene itself
+The decisions are those of `scene/plan.py` and the loads. Cost and error are measured by running the scene itself
 for a bounded time, and once more by another method.
 """
 
@@ -20,14 +20,14 @@ from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.caching import clear_caches
 from rb_dynamics.motion.exact import EXACT
 from rb_dynamics.motion.fixed_step_kernel import Tally, counted_by
+from rb_dynamics.numerics.argument_checks import items, number
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import angle_between
-from rb_dynamics.numerics.validation import items, number
 from rb_dynamics.numerics.vector import norm, scale, subtract
 from rb_dynamics.run.simulation import Simulation, as_command, post_all, without_outputs
 from rb_dynamics.scene import opened
-from rb_dynamics.scene.compile import OPEN_END_HORIZON
 from rb_dynamics.scene.model import DEFAULT_ACCURACY, Scene, Solver
+from rb_dynamics.scene.plan import OPEN_END_HORIZON
 from rb_dynamics.study.stopwatch import Stopwatch
 
 _EPSILON = 2.0**-52

@@ -43,8 +43,8 @@ from rb_dynamics.formats.own_log import received_commands, scene_and_names
 from rb_dynamics.loads.channels import AppliedWrench, RejectedWrench
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import METHODS, REMOVED
+from rb_dynamics.numerics.argument_checks import shown
 from rb_dynamics.numerics.decimals import whole_number
-from rb_dynamics.numerics.validation import shown
 from rb_dynamics.numerics.vector import ZERO
 from rb_dynamics.recording.state_hash import StateHash
 from rb_dynamics.run.input_hash import AppliedHash

@@ -25,8 +25,8 @@ from rb_dynamics.body.moments_about_points import unit
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import BodyError
-from rb_dynamics.motion.closed_form import free_rotation
 from rb_dynamics.motion.free_motion import free_motion
+from rb_dynamics.motion.free_rotation import free_rotation
 from rb_dynamics.numerics.elliptic import complete_k, rj
 from rb_dynamics.numerics.rotation import Quaternion, matrix, rotate, rotate_inverse
 from rb_dynamics.numerics.rotation_arrays import rotate_all

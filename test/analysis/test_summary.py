@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rb_dynamics.analysis.holes import gaps
+from rb_dynamics.analysis.gaps import gaps
 from rb_dynamics.analysis.summary import RunSummary, summarize
 from rb_dynamics.analysis.topics import read_track
 from rb_dynamics.errors import LogError

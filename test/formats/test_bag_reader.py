@@ -30,7 +30,7 @@ from rb_dynamics.formats.recovery import recover
 from rb_dynamics.formats.wrench_bags import read_wrenches
 from rb_dynamics.loads.wrench import Wrench, WrenchFrames
 from rb_dynamics.recording.mcap_sink import McapSink
-from rb_dynamics.run.diagnostics import Sample
+from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.sink import AppliedWrench, RunInfo
 from rb_dynamics.scene.model import Scene
 

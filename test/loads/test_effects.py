@@ -27,7 +27,7 @@ from rb_dynamics.motion.phase import Phase
 from rb_dynamics.numerics.rotation import angle_between, exp, multiply, normalize
 from rb_dynamics.numerics.vector import Vector, add, add_scaled, cross, dot, norm, scale, subtract
 from rb_dynamics.run.simulation import Run, simulate
-from rb_dynamics.scene.compile import Plan
+from rb_dynamics.scene.plan import Plan
 from rb_dynamics.scene.read import parse_scene
 
 SKEW = (

@@ -13,7 +13,7 @@ from rb_dynamics.motion import METHODS, Inertia, commutator_free
 from rb_dynamics.motion.phase import Phase
 from rb_dynamics.numerics.rotation import IDENTITY
 from rb_dynamics.numerics.vector import norm
-from rb_dynamics.run.diagnostics import Observer
+from rb_dynamics.run.sample import Observer
 
 
 def test_is_the_classical_method_where_everything_commutes() -> None:

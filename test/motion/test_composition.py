@@ -17,7 +17,7 @@ from rb_dynamics.motion.midpoint import MIDPOINT
 from rb_dynamics.motion.phase import Phase
 from rb_dynamics.motion.splitting import kick_free_kick
 from rb_dynamics.numerics.vector import norm
-from rb_dynamics.run.diagnostics import Observer
+from rb_dynamics.run.sample import Observer
 
 COEFFICIENTS = {4: SUZUKI4, 6: KAHAN_LI6}
 

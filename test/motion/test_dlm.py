@@ -12,13 +12,13 @@ from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Inertia, dlm
-from rb_dynamics.motion.closed_form import free_rotation
 from rb_dynamics.motion.composition import SUZUKI4
+from rb_dynamics.motion.free_rotation import free_rotation
 from rb_dynamics.motion.phase import Phase
 from rb_dynamics.motion.splitting import kick_free_kick
 from rb_dynamics.numerics.rotation import IDENTITY, angle_between, rotate
 from rb_dynamics.numerics.vector import Vector, multiply, norm, subtract
-from rb_dynamics.run.diagnostics import Observer
+from rb_dynamics.run.sample import Observer
 
 each = pytest.mark.parametrize("name", ["dlm2", "dlm4", "dlm6"])
 OMEGA: Vector = (0.7, -1.1, 0.9)

@@ -20,7 +20,7 @@ from rb_dynamics.motion.phase import Phase
 from rb_dynamics.motion.splitting import ABA82_STAGES, ABA104_STAGES, ABA864_STAGES
 from rb_dynamics.numerics.rotation import angle_between
 from rb_dynamics.numerics.vector import norm, scale
-from rb_dynamics.run.diagnostics import Observer
+from rb_dynamics.run.sample import Observer
 
 NAMES = ["strang2", "strang6"]
 each = pytest.mark.parametrize("name", NAMES)

@@ -30,7 +30,7 @@ from rb_dynamics.loads.wrench import Wrench, WrenchFrames
 from rb_dynamics.recording.mcap_sink import LogSettings, McapSink
 from rb_dynamics.recording.memory import MemorySink
 from rb_dynamics.recording.state_hash import StateHash
-from rb_dynamics.run.diagnostics import Sample
+from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.simulation import simulate
 from rb_dynamics.run.sink import AppliedWrench, Event, RejectedWrench, RunInfo, Status
 from rb_dynamics.scene.model import Channel, Scene, Solver

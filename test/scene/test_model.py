@@ -20,8 +20,8 @@ from rb_dynamics.loads.uniform_gravity import UniformGravity
 from rb_dynamics.loads.wrench import FixedFrame, Wrench, WrenchFrames
 from rb_dynamics.recording.memory import MemorySink
 from rb_dynamics.run.simulation import simulate
-from rb_dynamics.scene.compile import Plan
 from rb_dynamics.scene.model import Scene, Solver
+from rb_dynamics.scene.plan import Plan
 from rb_dynamics.scene.read import parse_scene
 
 OTHER = RigidBody.from_diagonal(1.0, (1.0, 1.0, 1.0), (0.0, 0.5, 0.0))

@@ -24,7 +24,7 @@ from rb_dynamics.motion.step_control import FixedStep
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import angle_between
 from rb_dynamics.numerics.vector import norm, subtract
-from rb_dynamics.run.diagnostics import Sample
+from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.sink import Event, RunInfo
 from rb_dynamics.scene.model import Scene, Solver
 

@@ -22,7 +22,7 @@ from rb_dynamics.motion.step_control import FixedStep
 from rb_dynamics.numerics import rotation
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.vector import norm, subtract
-from rb_dynamics.run.diagnostics import kinetic_energy
+from rb_dynamics.run.sample import kinetic_energy
 
 N = 2000
 

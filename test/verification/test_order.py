@@ -16,7 +16,7 @@ from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.motion.phase import Phase
 from rb_dynamics.numerics.vector import norm
-from rb_dynamics.run.diagnostics import Observer
+from rb_dynamics.run.sample import Observer
 
 QUANTITIES = [
     "attitude",

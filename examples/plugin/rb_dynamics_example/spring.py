@@ -9,7 +9,7 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.effect import Effect, Point, Potential, Wrenching
 from rb_dynamics.loads.load import Takes
-from rb_dynamics.numerics.validation import number, vector
+from rb_dynamics.numerics.argument_checks import number, vector
 from rb_dynamics.numerics.vector import ZERO, Vector, dot, scale, subtract
 
 if TYPE_CHECKING:

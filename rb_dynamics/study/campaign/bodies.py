@@ -15,9 +15,9 @@ from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.exact import EXACT
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.vector import subtract
-from rb_dynamics.run.diagnostics import Sample
 from rb_dynamics.run.ensemble import Ensemble
-from rb_dynamics.run.samples import Samples
+from rb_dynamics.run.sample import Sample
+from rb_dynamics.run.sample_arrays import Samples
 from rb_dynamics.run.simulation import Simulation, without_outputs
 from rb_dynamics.scene.model import Scene
 

@@ -13,7 +13,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rb_dynamics.errors import ConvergenceError, SceneError
-from rb_dynamics.run.samples import Samples
+from rb_dynamics.run.sample_arrays import Samples
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.study.campaign.bodies import Alone, Bodies, SideBySide, go_side_by_side, step_ns
 from rb_dynamics.study.campaign.control import Loop, check_values, delay_ns

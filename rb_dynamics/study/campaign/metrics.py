@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-    from rb_dynamics.run.samples import Samples
+    from rb_dynamics.run.sample_arrays import Samples
 
     Numbers = npt.NDArray[np.float64]
 

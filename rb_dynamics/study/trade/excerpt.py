@@ -15,10 +15,10 @@ from rb_dynamics.motion.fixed_step_kernel import WORTH_LOADING, OnDemand, Tally,
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import angle_between
 from rb_dynamics.numerics.vector import norm, subtract
-from rb_dynamics.run.diagnostics import Sample
+from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.simulation import Simulation, post_all
-from rb_dynamics.scene.compile import OPEN_END_HORIZON
 from rb_dynamics.scene.model import Scene, Solver
+from rb_dynamics.scene.plan import OPEN_END_HORIZON
 from rb_dynamics.study.stopwatch import Stopwatch
 
 _EPSILON = 2.0**-52

@@ -11,7 +11,7 @@ from rb_dynamics.motion.exact import EXACT
 from rb_dynamics.motion.fixed_step_kernel import longest_in_plain
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, SHORTEST
 from rb_dynamics.numerics.vector import norm
-from rb_dynamics.run.diagnostics import Sample
+from rb_dynamics.run.sample import Sample
 from rb_dynamics.scene.model import Solver
 from rb_dynamics.study.trade.excerpt import Excerpt, Flight
 from rb_dynamics.study.trade.load_evaluations import evaluations_in

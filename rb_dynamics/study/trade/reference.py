@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.exact import EXACT
-from rb_dynamics.run.diagnostics import Sample
+from rb_dynamics.run.sample import Sample
 from rb_dynamics.scene.model import Solver
 from rb_dynamics.study.trade.excerpt import SHORTEST, Excerpt
 from rb_dynamics.study.trade.refinement import TIME_IS_UP, Climber, climb

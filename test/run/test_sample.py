@@ -15,7 +15,7 @@ from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.motion.phase import Phase
 from rb_dynamics.numerics import rotation
 from rb_dynamics.numerics.vector import ZERO, scale, subtract
-from rb_dynamics.run.diagnostics import Observer, Sample, kinetic_energy
+from rb_dynamics.run.sample import Observer, Sample, kinetic_energy
 from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.scene.model import Solver
 

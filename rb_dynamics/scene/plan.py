@@ -14,8 +14,8 @@ from rb_dynamics.motion.auto_method import CANDIDATES, cheapest
 from rb_dynamics.motion.exact import EXACT, has_closed_form, is_free
 from rb_dynamics.motion.phase import Course, Phase, inertia_of
 from rb_dynamics.motion.step_control import AccuracyControl, FixedStep, OwnControl, StepControl, WholeArc
+from rb_dynamics.numerics.argument_checks import number
 from rb_dynamics.numerics.nanoseconds import SHORTEST_STEP
-from rb_dynamics.numerics.validation import number
 from rb_dynamics.scene.model import DEFAULT_ACCURACY, Scene
 
 OPEN_END_HORIZON = 3600.0

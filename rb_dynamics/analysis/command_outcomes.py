@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass
 
-from rb_dynamics.analysis.holes import gaps
+from rb_dynamics.analysis.gaps import gaps
 from rb_dynamics.analysis.track import RecordedWrench, Track
 from rb_dynamics.errors import WrenchError
 from rb_dynamics.formats.topic import Topic

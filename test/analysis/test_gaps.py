@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tumbling import bag_of, failing, spin, summary_of
 
-from rb_dynamics.analysis.holes import told
+from rb_dynamics.analysis.gaps import told
 from rb_dynamics.formats.topic import Topic
 
 STEP = 10_000_000

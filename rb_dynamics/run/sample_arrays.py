@@ -10,7 +10,7 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.motion.kernel_layout import phase_of
 from rb_dynamics.motion.phase import Phase
-from rb_dynamics.run.diagnostics import kinetic_energy
+from rb_dynamics.run.sample import kinetic_energy
 
 if TYPE_CHECKING:
     import numpy as np

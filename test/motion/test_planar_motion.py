@@ -17,7 +17,7 @@ from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.arc import Arc
 from rb_dynamics.motion.exact import EXACT, has_closed_form
 from rb_dynamics.motion.phase import Phase, inertia_of
-from rb_dynamics.motion.planar import fixed_axis
+from rb_dynamics.motion.planar_motion import fixed_axis
 from rb_dynamics.motion.step_control import OwnControl, WholeArc
 from rb_dynamics.numerics.rotation import IDENTITY, angle_between, exp
 from rb_dynamics.numerics.vector import ZERO, Vector, norm, subtract

@@ -12,9 +12,9 @@ from rb_dynamics.cli import main
 from rb_dynamics.errors import LogError, MissingExtraError
 from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.formats.log_file import LogFile
+from rb_dynamics.formats.mcap_integrity import verify, verify_bag
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.recovery import recover
-from rb_dynamics.formats.verification import verify, verify_bag
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.recording.mcap_sink import LogSettings, McapSink
 from rb_dynamics.recording.rosbag2_sink import BagSink
