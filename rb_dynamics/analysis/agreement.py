@@ -1,8 +1,8 @@
-"""Whether pose and twist tell of one motion: what the twist adds up to against how far the pose goes.
+"""Whether pose and twist agree: the integral of the twist against the change of the pose.
 
-Over windows of a second or more the integral of the angular velocity, in world axes, is held against the turns of the
-attitude, and that of the velocity against the position. Where they contradict each other, what would reconcile them is
-looked for: other axes, the opposite sign, degrees.
+Over windows of a second or more, the integral of the angular velocity in world axes is compared with the change of the
+attitude, and that of the velocity with the change of the position. If they contradict each other, other axes, the
+opposite sign and degrees are tried as explanations.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Clocks of a recording: stamps of messages against the times at which they were logged, and against one another."""
+"""Clocks of a recording: message stamps against the times at which they were logged, and against each other."""
 
 from __future__ import annotations
 

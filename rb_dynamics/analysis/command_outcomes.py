@@ -1,4 +1,4 @@
-"""`fate`: what became of the commands on one channel of our own log: honoured, rejected or timed out.
+"""`outcomes_of`: what became of the commands on one channel of our own log: honoured, rejected or timed out.
 
 It is derived from the messages and the scene in the log alone, so it works offline and for a log that was cut off.
 """
@@ -16,7 +16,7 @@ from rb_dynamics.loads.wrench import Wrench, WrenchFrames
 
 
 @dataclass(frozen=True)
-class Fate:
+class CommandOutcomes:
     """What became of the commands on one channel; None where the log does not say.
 
     Attributes:
@@ -34,7 +34,7 @@ class Fate:
     undeclared: tuple[str, ...] = ()
 
 
-def fate(track: Track, steps: RecordedWrench, source: Topic, declared: WrenchFrames | None) -> Fate:
+def outcomes_of(track: Track, steps: RecordedWrench, source: Topic, declared: WrenchFrames | None) -> CommandOutcomes:
     """Return what became of the commands on `source`, of which `steps` acted.
 
     Args:
@@ -61,7 +61,7 @@ def fate(track: Track, steps: RecordedWrench, source: Topic, declared: WrenchFra
     # which none stands was too large.
     alone, drops = acted - honoured, known(acted - honoured)
     too_large = [at for at in known(honoured - acted) if at != last]
-    return Fate(
+    return CommandOutcomes(
         applied=len(steps.time_ns) - alone.total(),
         timeouts=len(drops) if _known(track, drops) else None,
         timed_out_ns=drops[0] if drops else None,

@@ -1,7 +1,7 @@
-"""Jumps of a recorded pose: intervals in which it goes much farther than around them, and than its twist says.
+"""Jumps of a recorded pose: intervals with much more motion than their neighbours, and than the twist explains.
 
-A body moves through every place between two samples. A marker that is taken for another, a filter that is set anew, or
-samples that are lost without a hole in their stamps make it seem not to.
+Real motion is continuous. A pose jumps where markers are swapped, a filter is reset, or samples are lost while their
+stamps go on.
 """
 
 from __future__ import annotations

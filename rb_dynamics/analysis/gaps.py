@@ -1,4 +1,4 @@
-"""Holes in a stream of messages: intervals that are too long, of streams that come evenly and of others."""
+"""Holes in a stream of messages: intervals far longer than usual, in evenly and unevenly spaced streams alike."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""The noise of what should be constant, told from the recording itself, and whether it changes by more than that.
+"""Estimate the noise of a quantity that should be constant, and decide whether it changes by more than its noise.
 
-Third differences show noise and next to nothing of a smooth change; the spread about the mean shows both. Where there
-is noise alone their ratio is 1 (von Neumann, Annals of Mathematical Statistics 12 (1941) 367, with higher differences).
-It is taken of the means of ever longer blocks: longer ones see smaller changes, shorter ones faster changes.
+Third differences show the noise and hardly any smooth change; the spread about the mean shows both. For pure noise
+their ratio is 1 (von Neumann, Annals of Mathematical Statistics 12 (1941) 367, with higher differences). The ratio is
+taken for means of ever longer blocks: longer blocks reveal smaller changes, shorter ones faster changes.
 """
 
 from __future__ import annotations

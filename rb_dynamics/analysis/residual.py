@@ -2,11 +2,12 @@
 
 With J and P the impulses of the recorded torques and forces (`impulse.py`), R I w - J and m v - P for the centre of
 mass are constant: exact, and linear in I and m. Nothing is differentiated. What changes by more than its own noise
-(`noise.py`) has a cause: an inertia that is another, a constant error of the rates, or a torque that is not in the
-recording; then it says when, about which axis and how large. Never judges where impulses are not known.
+(`noise.py`) has a cause: a different inertia, a constant error of the rates, or a torque that is not in the
+recording, for which time, axis and size are given. Where impulses are not known, nothing is judged.
 
-Rates with noise stand on both sides of a fit, and plain least squares would make what they multiply too small: rates
-of the neighbouring samples, whose noise is another, are the instruments (Fuller, Measurement Error Models, 1.4).
+Noisy rates appear on both sides of the fit, which would bias plain least squares towards zero. The rates of
+neighbouring samples, whose noise is independent, therefore serve as instruments (Fuller, Measurement Error Models,
+1.4).
 """
 
 from __future__ import annotations

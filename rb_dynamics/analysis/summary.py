@@ -16,7 +16,7 @@ import numpy as np
 from rb_dynamics.analysis.agreement import Agreement, agreements
 from rb_dynamics.analysis.balance import Balance, balances
 from rb_dynamics.analysis.checks import BOUND, Check, checks, cut, missing, one_recording
-from rb_dynamics.analysis.command_outcomes import Fate, fate
+from rb_dynamics.analysis.command_outcomes import CommandOutcomes, outcomes_of
 from rb_dynamics.analysis.continuity import Continuity, continuity
 from rb_dynamics.analysis.residual import Residual, residual
 from rb_dynamics.analysis.track import Array, RecordedWrench, TimeSeries, Track
@@ -344,7 +344,9 @@ def _channel(
     applied = len(steps.time_ns) if steps.topic.endswith(APPLIED) else None
     source = track.bag.topics.get(name)
     known = track.own and applied is not None and source is not None
-    became = fate(track, steps, source, declared) if known and source is not None else Fate(applied or 0)
+    became = (
+        outcomes_of(track, steps, source, declared) if known and source is not None else CommandOutcomes(applied or 0)
+    )
     rejected = [count for count in (became.rejected, _counted(name, "rejected", health)) if count is not None]
     received = None if source is None else source.count
     frames, commands = steps.frames, steps.time_ns

@@ -2,7 +2,7 @@
 
 Ours, and not `mcap.writer.Writer`, for its speed and its promises: it takes the messages of a sample at once, 700 000
 a second where the library takes 130 000 one by one (`benchmarks/recording.py`), and it gives up its last chunks to
-finish a file on a full disk. What it writes is held against the library's reader: `verification.py`, and the tests.
+finish a file on a full disk. What it writes is held against the library's reader: `mcap_integrity.py`, and the tests.
 
 Never looks inside a message, and holds in memory one chunk and, until the end of the file, its index: some 300 bytes
 for each chunk, which is 1 to 3 % of the file.

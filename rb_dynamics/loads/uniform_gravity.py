@@ -1,4 +1,4 @@
-"""Uniform gravity: a constant force m g through the centre of mass, which a scene holds like a wrench in world axes."""
+"""Uniform gravity: a constant force m g through the centre of mass, held like a wrench command in world axes."""
 
 from __future__ import annotations
 

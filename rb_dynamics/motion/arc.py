@@ -1,7 +1,7 @@
 """`Arc`: the motion between two changes of what acts, while the held wrench is constant, as a function of time.
 
 An arc steps on a grid that starts where the arc starts. A time between two grid points is reached by one shorter step
-on which nothing later builds. Outputs at any rate therefore never change the motion, and advancing in many small
+that is then discarded. Outputs at any rate therefore never change the motion, and advancing in many small
 pieces gives the same bits as advancing at once.
 """
 

@@ -1,7 +1,7 @@
-"""Splitting of the free body into rotations about its principal axes: explicit, cheap, keeps the angular momentum.
+"""Splitting of the free body into rotations about its principal axes, after Dullweber, Leimkuhler and McLachlan.
 
-Each partial flow is a uniform rotation about one axis. Half kicks by the wrench come before and after, as in
-`splitting.py`.
+Explicit, cheap, and keeps the angular momentum. Each partial flow is a uniform rotation about one axis. Half kicks by
+the wrench come before and after, as in `splitting.py`.
 """
 
 from __future__ import annotations

@@ -106,7 +106,7 @@ class Phase(NamedTuple):
         return State(time_ns, *of_origin(body.center_of_mass, body.principal_orientation_xyzw, at, q, velocity, w))
 
 
-class Course(NamedTuple):
+class RoundingHistory(NamedTuple):
     """What lies behind a run, over all arcs: what errors of rounding grow with.
 
     Attributes:
@@ -123,12 +123,12 @@ class Course(NamedTuple):
     rates: float = 0.0
     speeds: float = 0.0
 
-    def on(self, inertia: Inertia, start: Phase, end: Phase) -> Course:
+    def on(self, inertia: Inertia, start: Phase, end: Phase) -> RoundingHistory:
         """Return the same with an arc from `start` to `end`; between them nothing is faster than at one of them."""
         time = end.time - start.time
         rates = norm(start.angular_velocity), norm(end.angular_velocity)
         speeds = norm(start.linear_momentum_world) / inertia.mass, norm(end.linear_momentum_world) / inertia.mass
-        return Course(
+        return RoundingHistory(
             self.arcs + 1,
             self.turned + max(rates) * time,
             self.travelled + max(speeds) * time,

@@ -91,7 +91,7 @@ class ConformanceResult:
 
 
 @dataclass(frozen=True)
-class Momenta:
+class MomentaAtStamp:
     """The momenta at one stamp (s): linear, and angular about the centre of mass, in world axes."""
 
     time_ns: int
@@ -233,7 +233,7 @@ class Conformance(Node):
         return self._finding(name, EXACT, before, after, _FORCE * duration, _TORQUE * duration)
 
     def _finding(
-        self, name: str, accepted: float, a: Momenta, b: Momenta, linear: Array, angular: Array
+        self, name: str, accepted: float, a: MomentaAtStamp, b: MomentaAtStamp, linear: Array, angular: Array
     ) -> ConformanceResult:
         # Relative to the impulse, or to the momenta where none is expected; linear and angular each in their measure.
         errors = [
@@ -275,7 +275,7 @@ class Conformance(Node):
             t.x, t.y, t.z = torque.tolist()
             self._wrenches[topic].publish(message)
 
-    def _moments(self, seconds: float) -> list[Momenta]:
+    def _moments(self, seconds: float) -> list[MomentaAtStamp]:
         """Return what comes from now on for so long, in the node's time."""
         self._odometry.clear()
 
@@ -288,7 +288,7 @@ class Conformance(Node):
         self._until(passed, "odom does not come, or its stamps do not move")
         return [self._moment(message) for message in self._odometry]
 
-    def _moment(self, message: Odometry) -> Momenta:
+    def _moment(self, message: Odometry) -> MomentaAtStamp:
         subject = self._subject
         q = message.pose.pose.orientation
         x, y, z, w = q.x, q.y, q.z, q.w
@@ -302,7 +302,7 @@ class Conformance(Node):
         v, o = message.twist.twist.linear, message.twist.twist.angular
         omega = np.array([o.x, o.y, o.z])
         velocity = np.array([v.x, v.y, v.z]) + np.cross(omega, subject.center_of_mass)
-        return Momenta(
+        return MomentaAtStamp(
             to_nanoseconds(message.header.stamp),
             rotation,
             rotation @ (subject.mass * velocity),

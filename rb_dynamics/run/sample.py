@@ -56,7 +56,7 @@ def kinetic_energy(body: RigidBody, phase: Phase) -> float:
     return 0.5 * (dot(momentum, scale(1.0 / body.mass, momentum)) + dot(omega, times(body.principal_moments, omega)))
 
 
-class Observer:
+class SampleBuilder:
     """Sees everything there is to see of a run: state, momenta, energies and the defects of their balances."""
 
     def __init__(self, effects: CombinedEffects, phase: Phase) -> None:

@@ -103,7 +103,7 @@ class Samples:
 
     @_field
     def energy_defect(self) -> Any:
-        """(...), T - T0 - work, J; see `Observer`."""
+        """(...), T - T0 - work, J; see `SampleBuilder`."""
         return self.kinetic_energy - kinetic_energy(self._body, _phase(self._began)) - self.work
 
     @_field

@@ -21,14 +21,14 @@ from rb_dynamics.loads.channels import AppliedWrench, CheckedWrench, RejectedWre
 from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.wrench import HeldWrench, Wrench
 from rb_dynamics.motion.arc import Arc, LoadFrom
-from rb_dynamics.motion.phase import Course, Phase, in_principal_axes
+from rb_dynamics.motion.phase import Phase, RoundingHistory, in_principal_axes
 from rb_dynamics.motion.step_control import WholeArc
 from rb_dynamics.numerics.argument_checks import instance, items, shown, whole_number
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
 from rb_dynamics.numerics.vector import Vector
 from rb_dynamics.run.input_hash import RULE, InputHash
 from rb_dynamics.run.provenance import INPUTS_RULE, run_metadata
-from rb_dynamics.run.sample import Observer, Sample, acceleration, kinetic_energy
+from rb_dynamics.run.sample import Sample, SampleBuilder, acceleration, kinetic_energy
 from rb_dynamics.run.sink import Event, RunInfo, Sink
 from rb_dynamics.scene import opened
 from rb_dynamics.scene.model import Scene
@@ -83,7 +83,7 @@ class Simulation:
         self._used: dict[str, None] = {}
         phase = Phase.of(scene.body, scene.initial)
         _require_finite(scene.body, phase, 0)
-        self._observer = Observer(self._effects, phase)
+        self._observer = SampleBuilder(self._effects, phase)
         self._phase = phase
         self._held, self._load_from = HeldWrench(), cast("LoadFrom | None", None)
         self._arc = self._new_arc(self.plan)
@@ -129,7 +129,7 @@ class Simulation:
         """Names of the methods that have led to the last time that `advance` was given, edge or not."""
         return tuple(dict.fromkeys((*self._used, *(self._arc.methods if self._computed_ns > self.time_ns else ()))))
 
-    def course(self) -> Course:
+    def course(self) -> RoundingHistory:
         """Return what lies behind the last time that `advance` was given, edge or not; changes nothing.
 
         Raises:

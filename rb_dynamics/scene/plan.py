@@ -12,7 +12,7 @@ from rb_dynamics.motion import METHODS, Method
 from rb_dynamics.motion.arc import Arc, LoadFrom, Stepper
 from rb_dynamics.motion.auto_method import CANDIDATES, cheapest
 from rb_dynamics.motion.exact import EXACT, has_closed_form, is_free
-from rb_dynamics.motion.phase import Course, Phase, inertia_of
+from rb_dynamics.motion.phase import Phase, RoundingHistory, inertia_of
 from rb_dynamics.motion.step_control import AccuracyControl, FixedStep, OwnControl, StepControl, WholeArc
 from rb_dynamics.numerics.argument_checks import number
 from rb_dynamics.numerics.nanoseconds import SHORTEST_STEP
@@ -39,7 +39,7 @@ class Plan:
         self._scene = scene
         self._inertia = inertia_of(scene.body)
         self._accuracy = scene.solver.accuracy or DEFAULT_ACCURACY
-        self._from_ns, self._from, self._course = 0, Phase.of(scene.body, scene.initial), Course()
+        self._from_ns, self._from, self._course = 0, Phase.of(scene.body, scene.initial), RoundingHistory()
         self._start = self._from.center_of_mass_world
         self._ends = bool(scene.duration)
         self._horizon = scene.duration or OPEN_END_HORIZON
@@ -81,7 +81,7 @@ class Plan:
         again = None if self._method is not None or method is EXACT else self._cheapest
         return Arc(method, self._inertia, held, control, start_ns, phase, load_from, again, self._slowing)
 
-    def course(self, phase: Phase) -> Course:
+    def course(self, phase: Phase) -> RoundingHistory:
         """Return what lies behind `phase`, which is on the last arc."""
         return self._course.on(self._inertia, self._from, phase)
 

@@ -1,4 +1,4 @@
-"""`Stopwatch`: time runs as if each had a process of its own, without the time its kernels take to compile or load.
+"""`Stopwatch`: measures run times as in a process of their own, without the time that kernels take to compile or load.
 
 Whether a kernel is worth compiling is decided in `motion/fixed_step_kernel.py`, from the counts made here.
 """

@@ -2,7 +2,7 @@
 
 Everything is in the space of rho = w / sqrt(2 T), where the ellipsoid rho . I rho = 1 does not depend on the energy
 (Goldstein, Classical Mechanics, section 5.6). The unit of length is its longest half axis. The plane touches it at rho
-and is normal to I w; T and I w are those of the body without what turns inside it. `poinsot.py` treats free motion.
+and is normal to I w; T and I w do not include rotors inside the body. `poinsot.py` treats free motion.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ from rb_dynamics.motion.phase import Phase
 from rb_dynamics.motion.splitting import kick_free_kick
 from rb_dynamics.numerics.rotation import IDENTITY, angle_between, rotate
 from rb_dynamics.numerics.vector import Vector, multiply, norm, subtract
-from rb_dynamics.run.sample import Observer
+from rb_dynamics.run.sample import SampleBuilder
 
 each = pytest.mark.parametrize("name", ["dlm2", "dlm4", "dlm6"])
 OMEGA: Vector = (0.7, -1.1, 0.9)
@@ -75,7 +75,7 @@ def test_order_drops_with_a_changed_coefficient() -> None:
 @each
 def test_momentum_balances_close_to_round_off(name: str) -> None:
     case = forced()
-    start = Observer(CombinedEffects(case.body), Phase.of(case.body, case.initial))
+    start = SampleBuilder(CombinedEffects(case.body), Phase.of(case.body, case.initial))
     sample = start.sample(move(case, METHODS[name], 0.25, 5.0), 0)
 
     assert norm(sample.angular_momentum_defect_world) <= 300.0 * EPS

@@ -20,7 +20,7 @@ from rb_dynamics.motion.phase import Phase
 from rb_dynamics.motion.splitting import ABA82_STAGES, ABA104_STAGES, ABA864_STAGES
 from rb_dynamics.numerics.rotation import angle_between
 from rb_dynamics.numerics.vector import norm, scale
-from rb_dynamics.run.sample import Observer
+from rb_dynamics.run.sample import SampleBuilder
 
 NAMES = ["strang2", "strang6"]
 each = pytest.mark.parametrize("name", NAMES)
@@ -123,7 +123,7 @@ class TestBalances:
     @pytest.mark.parametrize("step", [0.05, 0.5])
     def test_close_to_round_off_at_any_step(self, name: str, step: float) -> None:
         case = forced()
-        start = Observer(CombinedEffects(case.body), Phase.of(case.body, case.initial))
+        start = SampleBuilder(CombinedEffects(case.body), Phase.of(case.body, case.initial))
         sample = start.sample(move(case, METHODS[name], step, 5.0), 0)
 
         assert abs(sample.energy_defect) <= 1000.0 * EPS

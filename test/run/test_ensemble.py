@@ -24,7 +24,7 @@ from rb_dynamics.motion.phase import Phase, in_principal_axes, inertia_of
 from rb_dynamics.motion.step_control import FixedStep, WholeArc
 from rb_dynamics.numerics import compilation
 from rb_dynamics.numerics.rotation import normalize
-from rb_dynamics.run.sample import Observer, Sample
+from rb_dynamics.run.sample import Sample, SampleBuilder
 
 BODY = RigidBody.from_matrix(2.5, [[2.1, 0.1, -0.2], [0.1, 1.7, 0.3], [-0.2, 0.3, 2.9]], (0.1, -0.2, 0.3))
 OTHER = RigidBody.from_diagonal(1.3, (1.0, 2.0, 2.5))
@@ -61,7 +61,7 @@ class Alone:
         if self._method.order is None:
             self._control = WholeArc()
         self._phase, self._time_ns = Phase.of(body, state), state.time_ns
-        self._observer = Observer(CombinedEffects(body), self._phase)
+        self._observer = SampleBuilder(CombinedEffects(body), self._phase)
         self.hold(HeldWrench())
 
     def hold(self, held: HeldWrench) -> None:

@@ -15,7 +15,7 @@ from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.motion.phase import Phase
 from rb_dynamics.numerics import rotation
 from rb_dynamics.numerics.vector import ZERO, scale, subtract
-from rb_dynamics.run.sample import Observer, Sample, kinetic_energy
+from rb_dynamics.run.sample import Sample, SampleBuilder, kinetic_energy
 from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.scene.model import Solver
 
@@ -85,7 +85,7 @@ def particle_motion() -> list[tuple[Fraction, Point, Point]]:
 
 def sample(body: RigidBody) -> Sample:
     phase = Phase.of(body, STATE)
-    return Observer(CombinedEffects(body), phase).sample(phase, 42)
+    return SampleBuilder(CombinedEffects(body), phase).sample(phase, 42)
 
 
 class TestParticles:
@@ -156,7 +156,7 @@ class TestDefects:
         phase = Phase.of(case.body, case.initial)
         wrong = phase._replace(angular_velocity=tuple(1.001 * w for w in phase.angular_velocity))
 
-        found = Observer(CombinedEffects(case.body), phase).sample(wrong, 0)
+        found = SampleBuilder(CombinedEffects(case.body), phase).sample(wrong, 0)
 
         gained = kinetic_energy(case.body, wrong) - kinetic_energy(case.body, phase)
         spin = phase.angular_momentum_world(case.body)
@@ -171,7 +171,7 @@ class TestDefects:
         high = list(phase.high)
         high[6:13] = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]  # impulse, torque impulse, work
 
-        found = Observer(CombinedEffects(case.body), phase).sample(phase._replace(high=tuple(high)), 0)
+        found = SampleBuilder(CombinedEffects(case.body), phase).sample(phase._replace(high=tuple(high)), 0)
 
         assert found.work == 7.0
         assert found.energy_defect == -7.0
@@ -182,9 +182,9 @@ class TestDefects:
         case = forced()
         phase = Phase.of(case.body, case.initial)
         later = phase._replace(angular_velocity=scale(2.0, phase.angular_velocity))
-        first = Observer(CombinedEffects(case.body), phase).sample(phase, 0)
+        first = SampleBuilder(CombinedEffects(case.body), phase).sample(phase, 0)
 
-        found = Observer(CombinedEffects(case.body), phase).sample(later, 0)
+        found = SampleBuilder(CombinedEffects(case.body), phase).sample(later, 0)
 
         assert found.energy_defect == found.kinetic_energy - first.kinetic_energy
         assert found.angular_momentum_defect_world == subtract(

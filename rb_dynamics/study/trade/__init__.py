@@ -23,7 +23,7 @@ from rb_dynamics.study.explain import measured_length, probed
 from rb_dynamics.study.stopwatch import Clock, Stopwatch
 from rb_dynamics.study.trade.excerpt import accepted, trial_of
 from rb_dynamics.study.trade.full_runs import FullRuns, enough
-from rb_dynamics.study.trade.measurement import Measurement, climbers_for
+from rb_dynamics.study.trade.measurement import RunMeasurement, climbers_for
 from rb_dynamics.study.trade.reference import find_reference
 from rb_dynamics.study.trade.refinement import climb
 from rb_dynamics.study.trade.result import (
@@ -108,7 +108,7 @@ def trade(
             f"measured over the first {trial.seconds:.6g} s of {trial.whole:g} s: the errors of rows are those after "
             "them, and more time (--time) measures more"
         )
-    table = Measurement(replace(trial, horizon=scene.duration), reference, truth, target)
+    table = RunMeasurement(replace(trial, horizon=scene.duration), reference, truth, target)
     climbers = climbers_for(trial) if reference.is_useful else []
     if names is not None:
         remarks.append(f"measured as asked for: {', '.join(names)}; all other methods are left out")

@@ -31,7 +31,7 @@ _NO_BETTER = 3
 _BEFORE = 2
 
 
-class Measurement:
+class RunMeasurement:
     """Measures rows of `trial` against `truth`, on the way to the error `target` if there is one."""
 
     def __init__(self, trial: Excerpt, reference: Reference, truth: Sample, target: float | None = None) -> None:
