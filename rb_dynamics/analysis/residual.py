@@ -78,7 +78,7 @@ class Residual:
         inertia: which that is, kg m^2, body axes; its scale is that of the body given where no torque tells it.
         scaled: whether a torque told the scale.
         mass: which fits best, kg; None where no force tells it.
-        mass_error: standard deviation of `mass` by the noise, kg.
+        mass_error: standard deviation of `mass`, by the noise and by forces that were not recorded, kg.
         explained: whether the inertia given leaves no more than `bound`, or no more than noise.
         explainable: whether an inertia that a body can have explains it.
         noise: standard deviation of the angular momentum over the largest; 0 where it is within `bound`.
@@ -284,14 +284,17 @@ def _keeping_trace() -> Array:
 def _of_mass(speed: Array, pushed: Array, stretch: Labels) -> tuple[float | None, float]:
     """Return the mass that fits best, and its standard deviation; None where no force tells it.
 
-    The impulses, which have no noise, are the instruments.
+    The impulses, which have no noise, are the instruments. What is left over and is no noise may lie along them as much
+    as across: another force, or one at another time, changes the mass by so much.
     """
     impulse = centred(pushed, stretch)
     felt, along = float(np.sum(impulse**2)), float(np.sum(impulse * speed))
     if felt == 0.0 or along <= 0.0:
         return None, np.inf
     mass = felt / along
-    error = judge(mass * speed - pushed, stretch).level * np.sqrt(felt) / along
+    left = centred(mass * speed - pushed, stretch)
+    noise = judge(left, stretch)
+    error = (float(np.linalg.norm(left)) if noise.beyond else noise.level) * np.sqrt(felt) / along
     return (mass, error) if error <= _TOLD * mass else (None, error)
 
 

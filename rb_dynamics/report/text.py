@@ -197,7 +197,8 @@ def _bias(left: Residual, does: str) -> str:
 
 def _mass(left: Residual) -> str:
     if left.mass is None:
-        return " The noise hides which mass the forces fit." if np.isfinite(left.mass_error) else ""
+        hidden = " The forces do not tell the mass: noise, or what acted beside them, hides it."
+        return hidden if np.isfinite(left.mass_error) else ""
     digits = f"{left.mass:.9g}" if left.mass_error < 1e-8 * left.mass else f"{left.mass:.4g} ± {left.mass_error:.2g}"
     return f" The forces fit a mass of {digits} kg best."
 
