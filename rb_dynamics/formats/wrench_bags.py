@@ -182,6 +182,13 @@ class RecordedWrenches:
         self.notes: list[str] = []
         if start != "stamp":
             self._begin(start)
+        else:
+            self.notes += (
+                f"{bag.path}: its commands have no stamps, so all {bag.count} act at once, at time 0; --wrench-start "
+                "bag lets each act at its log time"
+                for bag in self._bags
+                if bag.unstamped
+            )
         spans = [(bag, bag.span.first_ns) for bag in self._bags]
         self.first_ns = min((first - bag.offset_ns for bag, first in spans if first is not None), default=None)
         self.late = sum(bag.count - bag.within - bag.early for bag in self._bags)

@@ -133,6 +133,9 @@ def test_commands_without_stamps_go_by_their_log_times(tmp_path: Path) -> None:
     found = RecordedWrenches([bag], ["wrench"], 10 * SECOND, start="auto")
     assert [wrench.stamp_ns for _, wrench in found] == [0, SECOND, 2 * SECOND]
     assert "have no stamps" in found.notes[0]
+    by_stamps = RecordedWrenches([bag], ["wrench"], 10 * SECOND, start="stamp")
+    assert [wrench.stamp_ns for _, wrench in by_stamps] == [0, 0, 0]
+    assert "so all 3 act at once, at time 0; --wrench-start bag" in by_stamps.notes[0]
     assert [wrench.stamp_ns for _, wrench in RecordedWrenches([bag], ["wrench"], start="stamp")] == [0, 0, 0]
 
 
