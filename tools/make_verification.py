@@ -49,7 +49,7 @@ sys.path[:0] = [str(ROOT / "test" / "support"), str(ROOT / "test" / "verificatio
     free_reference,
     motions,
     test_extremes,
-    test_closed_form,
+    test_free_rotation,
     test_invariants,
     test_order,
     test_second_simulator,
@@ -57,7 +57,7 @@ sys.path[:0] = [str(ROOT / "test" / "support"), str(ROOT / "test" / "verificatio
 ) = map(
     import_module,
     (
-        *("free_reference", "motions", "test_extremes", "test_closed_form", "test_invariants", "test_order"),
+        *("free_reference", "motions", "test_extremes", "test_free_rotation", "test_invariants", "test_order"),
         *("test_second_simulator", "test_ten_thousand_wrenches"),
     ),
 )
@@ -308,15 +308,15 @@ def exactness(moments: Sequence[float], spin: Sequence[float], t: float, digits:
 
 
 def exact_motions() -> dict[str, list[Exactness]]:
-    """Return the draws of test_closed_form by kind of body: all kinds of spin, times from 1e-3 to 1e9 s."""
+    """Return the draws of test_free_rotation by kind of body: all kinds of spin, times from 1e-3 to 1e9 s."""
     found: dict[str, list[Exactness]] = {}
-    for body in test_closed_form.BODIES:
-        for spin in test_closed_form.SPINS:
+    for body in test_free_rotation.BODIES:
+        for spin in test_free_rotation.SPINS:
             draw = random.Random(f"{body} {spin}")
             for longest in (1e-3, 1.0, 1e2, 1e5, 1e9):
-                moments = test_closed_form.BODIES[body](draw)
+                moments = test_free_rotation.BODIES[body](draw)
                 draw.shuffle(moments)
-                omega = test_closed_form.SPINS[spin](draw, moments)
+                omega = test_free_rotation.SPINS[spin](draw, moments)
                 found.setdefault(body, []).append(exactness(moments, omega, longest * draw.random()))
     return found
 
