@@ -74,7 +74,7 @@ def test_a_run_alone_has_the_bits_of_the_block(tmp_path: Path, law: str) -> None
 def test_a_run_alone_ends_when_its_scene_does(tmp_path: Path) -> None:
     """8562165.564 * 1e9 is a nanosecond less in double precision."""
     text = "scene: scene.yaml\nset: {duration: 8562165.564, output_rate: 1e-6}\nobserve_rate: 1e-6\nruns: 1\n"
-    scene = SCENE.replace("{method: rk4, step: 0.05}", "{method: auto}")
+    scene = SCENE.replace("{method: rk4, step: 0.05}", "{method: auto, accuracy: 1.0e-6}")
     campaign = read_campaign(write(tmp_path, text + "metrics: {final_rate: {final: rate}}\n", scene))
     fly_alone(campaign, 0, [memory := MemorySink()])
     assert memory.time_ns[-1] == 8_562_165_564_000_000
@@ -241,7 +241,7 @@ def test_a_function_that_fails_for_a_run_is_a_row_with_its_reason(tmp_path: Path
 
     failed = [run for run, error in enumerate(found["error"]) if error]
     reason = {
-        "NaN": r"control.law: own_bad.law returned \(nan, nan, nan\) N m at t = 1.0 s, no finite torque",
+        "NaN": r"control.law: own_bad.law returned \(nan, nan, nan\) N m at simulation time 1.0 s, no finite torque",
         "raise": r"control.law: own_bad.law raised IndexError: list index out of range, own_bad.py:8",
         "quantity": r"metrics: own_bad.quantity raised IndexError: list index out of range, own_bad.py:17",
     }[bad]

@@ -411,7 +411,7 @@ def test_command_ends_with_1_where_nothing_is_good_enough(tmp_path: Path, capsys
     scene = tmp_path / "scene.yaml"
     scene.write_text(SPINNING + "wrenches: []\nduration: 2\n")
     for wish, says in ((["--target", "1e-18"], "--target"), (["--budget", "1e12"], "--budget")):
-        assert main(["trade", str(scene), "--time", "0.6", *wish]) == 1
+        assert main(["trade", str(scene), "--time", "2", *wish]) == 1
         out, err = capsys.readouterr()
         assert "trust " in out
         assert "take " not in out
