@@ -1,7 +1,7 @@
-"""`explain`: what a scene models and leaves out, which solver runs it, what that costs and how wrong it is.
+"""`explain`: what a scene models and leaves out, which solver runs it, its cost and its error.
 
-The decisions are those of `scene/plan.py` and the loads. Cost and error are measured by running the scene itself
-for a bounded time, and once more by another method.
+The decisions are those of `scene/plan.py` and the loads. Cost and error are measured by running the scene for a limited
+time, and once more by another method.
 """
 
 from __future__ import annotations
@@ -32,22 +32,22 @@ from rb_dynamics.study.stopwatch import Stopwatch
 
 _EPSILON = 2.0**-52
 
-# The trial is over long before.
+# Largest number of probe commands: the measurement ends long before.
 _PROBES = 1000
 
-# A short trial (s) is timed this often, and the best counts; one that was ended for its time, once more.
+# A run shorter than this (s) is repeated, and the shortest time counts; a run stopped by the budget is repeated once.
 _SHORT, _REPEATS = 0.05, 3
 
-# Fewer steps are no measure: the first ones are shorter, and look up more.
+# A cost needs at least this many steps: the first ones are shorter and fill caches.
 _LEAST_STEPS = 16
 
-# A trial begins with so small a part of the run, as a power of 1/2: what a second of it costs is not known.
+# The first part of a timed run, as a power of 1/2 of it: the cost of a simulated second is not yet known.
 _SMALLEST_PART = 32
 
-# To have something to compare with nobody waits for a kernel to be compiled.
+# For the comparison run, only cached kernels are loaded; none is compiled.
 _LOADING_ALONE = 1e300
 
-# What is run before the stopwatch, to import and tabulate what a run needs.
+# Simulated time run before the stopwatch starts, for imports and tables.
 _WARM_UP_NS = 1000
 
 NOT_MODELLED = (
@@ -62,39 +62,38 @@ NOT_MODELLED = (
     "actuators",
     "relativity, radiation of momentum",
 )
-"""What no scene can say, as docs/limits.md has it, which says what to take instead."""
+"""What no scene can describe; docs/limits.md names alternatives."""
 
 _FREE_ROTATION = {
-    Symmetry.SPHERE: "uniform rotation, as the three moments are equal",
-    Symmetry.OBLATE: "trigonometric functions, as two moments are equal",
-    Symmetry.PROLATE: "trigonometric functions, as two moments are equal",
+    Symmetry.SPHERE: "uniform rotation, since all three moments are equal",
+    Symmetry.OBLATE: "trigonometric functions, since two moments are equal",
+    Symmetry.PROLATE: "trigonometric functions, since two moments are equal",
     Symmetry.TRIAXIAL: "Jacobi's elliptic functions",
 }
 
 
 @dataclass(frozen=True)
 class Explanation:
-    """What there is to say about a scene before it is run.
+    """What is known about a scene before it is run.
 
     Attributes:
         modelled: each thing that is modelled, and how.
-        left_out: each thing that is not, and why: of what this scene could say, and behind it what no scene can.
-        solver: what runs it, with its setting.
-        methods: names of the methods that moved the body in the trial.
-        trial_s: simulated seconds of the trial with all outputs, on which steps and cost stand.
-        steps_per_s: steps for each simulated second.
-        cost_per_s: seconds of computing for each simulated second of a whole run with all its outputs, on this machine;
-            writing them, and compiling and loading kernels, comes on top.
-        bare_cost_per_s: the same without outputs: where nobody is told, only the end is computed.
-        compiled: whether kernels have a part in it.
-        attitude_error: after `error_s`, rad; against a run by another method, or the bound of the closed form; None
-            where nothing tells it.
-        position_error: likewise, m.
-        error_s: simulated seconds after which the errors are those, s; less than `whole_s` where there was no time to
-            get to the end.
+        left_out: each thing that is not, and why: first what this scene could include, then what no scene can.
+        solver: the solver with its setting.
+        methods: names of the methods that moved the body in the timed run.
+        trial_s: simulated seconds of the timed run with all outputs.
+        steps_per_s: steps per simulated second.
+        cost_per_s: computing time per simulated second of a whole run with all outputs, on this machine; without
+            writing a log, and without compiling and loading kernels.
+        bare_cost_per_s: the same without outputs, if only the end is needed.
+        compiled: whether kernels took some of the steps.
+        attitude_error: after `error_s`, rad; the difference from a run by another method, or the bound of the closed
+            form; None if unknown.
+        position_error: the same, m.
+        error_s: simulated time of the errors, s; less than `whole_s` if there was no time to reach the end.
         whole_s: length of the scene, s.
-        error_basis: what the errors were found by.
-        remarks: what else a user should know.
+        error_basis: how the errors were found.
+        remarks: anything else a user should know.
     """
 
     modelled: tuple[str, ...]
@@ -118,7 +117,7 @@ class Explanation:
         return asdict(self)
 
     def as_text(self) -> str:
-        """Return it for a person."""
+        """Return the explanation as text."""
         whole = f"after all {self.whole_s:g} s"
         when = whole if self.error_s == self.whole_s else f"after {self.error_s:g} s of {self.whole_s:g} s only"
         attitude, position = (
@@ -135,8 +134,8 @@ class Explanation:
             f"cost, measured over {self.trial_s:g} s of this scene, and error",
             f"  moved by            {self.methods}{', compiled' if self.compiled else ''}",
             f"  steps               {self.steps_per_s:.4g} per simulated s",
-            f"  computing           {_speed(self.bare_cost_per_s)}: for its end alone, as simulate without a log",
-            f"  with all outputs    {_speed(self.cost_per_s)}: as with a log, to which its writing comes",
+            f"  computing           {_speed(self.bare_cost_per_s)}: only the end, like simulate without a log",
+            f"  with all outputs    {_speed(self.cost_per_s)}: like simulate with a log, without writing it",
             f"  attitude error      {attitude}",
             f"  position error      {position}",
             f"  ({self.error_basis})",
@@ -146,27 +145,26 @@ class Explanation:
 
 
 def _speed(cost: float) -> str:
-    """Return a cost (s per s) for a person."""
+    """Return a cost (s per s) as text."""
     return f"{cost:.2g} s per simulated s, {1.0 / cost if cost > 0.0 else math.inf:.2g} x real time"
 
 
 def explain(
     scene: Scene | str | os.PathLike[str], commands: Sequence[tuple[str, Wrench]] = (), budget: float = 2.0
 ) -> Explanation:
-    """Return what `scene` models, leaves out and costs.
+    """Return what `scene` models and leaves out, its cost and its error.
 
     Args:
-        scene: is not changed; or its file.
-        commands: wrench commands of the scene's channels; without any, a channel is tried with a probe if no
-            effect acts.
-        budget: about how long the trial may compute, s, and as long again a run by another method, which tells the
-            error; a trial that it ends is run once more, as the machine may be busy.
+        scene: or its file; not changed.
+        commands: wrench commands of the scene's channels; without any, and if no effect acts, a probe is used.
+        budget: approximate computing time of the timed run, s; the comparison run by another method takes as long
+            again. A run that the budget stops is repeated once, as the machine may have been busy.
 
     Raises:
-        TypeError: an argument is not of its type.
+        TypeError: an argument has the wrong type.
         ValueError: the budget is not greater than 0.
-        SceneError: the file says no valid scene, the solver makes no sense for it, or there is no motion to measure.
-        ConvergenceError: the scene cannot be run as it asks to be.
+        SceneError: the scene is not valid, its solver does not suit it, or there is no motion to measure.
+        ConvergenceError: the scene cannot be run with its solver.
     """
     scene = opened(scene)
     commands = list(map(as_command, items(commands, "commands", "(topic, wrench) pairs")))
@@ -176,22 +174,24 @@ def explain(
     if rejected := post_all(Simulation(scene), commands):
         remarks.append(f"{len(rejected)} of {len(commands)} wrench commands were rejected; the first: {rejected[0]}")
     if scene.duration is None and scene.output_rate > 0.0:
-        # What has no end of its own is looked at where the trial ends.
+        # An open-ended scene has at least one output, at the end of the timed run.
         scene = replace(scene, output_rate=max(scene.output_rate, 1.0 / length))
     stopwatch = Stopwatch()
     bare, bare_cost, bare_tally = _measured(scene, commands, length, 0.5 * budget, stopwatch, with_outputs=False)
     run, cost, tally = _measured(scene, commands, length, budget, stopwatch)
     reached = run.time_ns / NANOSECONDS
     if reached < length:
-        remarks.append(f"cost: measured over the first {reached:g} s of {length:g} s, for which the trial had time")
+        remarks.append(
+            f"cost: measured over the first {reached:g} s of {length:g} s, as far as the time budget allowed"
+        )
     is_compiled = bool(tally.used)
-    # No output changes the motion: without them there is more often time for all of it.
+    # Outputs do not change the motion; without them the run gets further in the same time.
     with counted_by(bare_tally):
         attitude, position, error_s, basis = _errors(without_outputs(scene), commands, bare, length, budget, stopwatch)
     if stopwatch.kernels:
         remarks.append(
             f"kernels compiled or loaded: {len(stopwatch.kernels)}, in {math.fsum(stopwatch.kernels.values()):.2g} s, "
-            "which the cost does not hold"
+            "not included in the cost"
         )
     return Explanation(
         _modelled(scene),
@@ -213,10 +213,10 @@ def explain(
 
 
 def measured_length(scene: Scene) -> float:
-    """Return how long (s) a run of `scene` is taken to be.
+    """Return the length (s) of a run of `scene`; a horizon if it has no duration.
 
     Raises:
-        SceneError: it is over at once.
+        SceneError: the duration is 0.
     """
     if scene.duration is None:
         return OPEN_END_HORIZON
@@ -265,10 +265,10 @@ def _left_out(scene: Scene) -> tuple[str, ...]:
 def probed(
     scene: Scene, commands: Sequence[tuple[str, Wrench]], length: float
 ) -> tuple[Sequence[tuple[str, Wrench]], list[str]]:
-    """Return `commands` to try `scene` with for `length` s, and remarks about them.
+    """Return `commands`, or a probe if there are none, and remarks about it.
 
-    Where there are none, the scene has a channel for them, and nothing else acts, they are a probe: a force of the
-    body's weight and a torque that turns it at about 1 rad/s after 1 s, reversed every second, for a thousand seconds.
+    The probe is used if the scene has channels and no effects: a force of the body's weight and a torque that gives
+    about 1 rad/s after 1 s, reversed every second, for at most a thousand seconds.
     """
     if commands or scene.effects or not scene.channels:
         return commands, []
@@ -298,9 +298,9 @@ def _measured(
     stopwatch: Stopwatch,
     with_outputs: bool = True,
 ) -> tuple[Simulation, float, Tally]:
-    """Return a run that has gone on for as long as the budget lasted, its cost (s per s), and what decided on kernels.
+    """Run for as long as the budget lasts; return the run, its cost (s per s), and the tally that decided on kernels.
 
-    It goes as a run of `length` s would, which is longer: what is not worth a kernel here may be there.
+    Kernels are decided on as in a run of `length` s, which may be longer than the measured one.
     """
     scene = scene if with_outputs else without_outputs(scene)
     with counted_by(stopwatch.tally(worth=math.inf)):
@@ -310,7 +310,7 @@ def _measured(
         run, reached, wall = _timed(scene, commands, length, budget, stopwatch, with_outputs)
     again = _REPEATS - 1 if wall < _SHORT else int(reached < length)
     if reached < length and tally.asked:
-        # A longer run has what is not worth it here: what was timed is not a part of it.
+        # A longer run would use kernels that this one did not: what was timed does not represent it.
         tally, wall, again = stopwatch.tally(length / reached), math.inf, again + 1
     with counted_by(tally):
         for _ in range(again):
@@ -326,12 +326,12 @@ def _timed(
     stopwatch: Stopwatch,
     with_outputs: bool,
 ) -> tuple[Simulation, float, float]:
-    """Return a run that has gone on for as long as the budget lasted, how far (s), and how long that took.
+    """Run for as long as `budget` lasts; return the run, the simulated time (s), and the computing time (s).
 
-    It has taken some steps, if the time was enough for them, and with outputs, it has reached one.
+    The run takes a minimum of steps if there is time for them, and with outputs it reaches at least one.
     """
     end = round(length * NANOSECONDS)
-    # No trial may find there what another one has computed.
+    # Results cached by an earlier run would make this one look faster.
     clear_caches()
     begin = stopwatch()
     run = _start(scene, commands)
@@ -340,11 +340,11 @@ def _timed(
     while True:
         run.advance(min(part, end))
         wall = stopwatch() - begin
-        # In closed form there may be a million outputs, and no second step.
+        # A closed form may have a million outputs and only one step.
         enough = run.steps >= _LEAST_STEPS or wall > budget
         if part >= end or (wall > 0.5 * budget and part >= least and enough):
             return run, min(part, end) / NANOSECONDS, wall
-        # So that the last part takes no more than the budget, and few are enough for a short run.
+        # The last part must not exceed the budget, and a short run must need few parts.
         part *= 2 if 32.0 * wall > budget else 16
 
 
@@ -363,10 +363,10 @@ def _errors(
     budget: float,
     stopwatch: Stopwatch,
 ) -> tuple[float | None, float | None, float, str]:
-    """Return the errors of attitude and position, after how long (s) they are those, and what they were found by.
+    """Return the errors of attitude (rad) and position (m), the time (s) they apply to, and how they were found.
 
-    That is `length`, or as far as a run with another method gets in the budget; `run`, a part of the same, goes on to
-    there. Steps that are shorter would be no proof: where commands bound them, they are the same.
+    That time is `length`, or as far as another method gets within the budget; `run` is continued to it. Shorter steps
+    of the same method would prove nothing: if commands bound the steps, they would be the same.
     """
     end = run.look()
     if run.moving == (EXACT.name,):
@@ -390,7 +390,7 @@ def _errors(
             continue
         if end.time_ns != truth.time_ns:
             continue
-        # Not less than what the numbers can tell, or one that is as rough as what it is compared with.
+        # At least the resolution of the numbers, or the accuracy of a coarser comparison run.
         far = norm(end.position_world) + course.travelled
         trust = 0.0 if accuracy <= finest else accuracy
         floors = 4.0 * _EPSILON * (1.0 + course.turned), 4.0 * _EPSILON * far
@@ -402,22 +402,22 @@ def _errors(
             end.time_ns / NANOSECONDS,
             f"difference from a run by {name} with accuracy {accuracy:.3g}",
         )
-    return None, None, length, "no other method could run it, so that there was nothing to compare with"
+    return None, None, length, "no other method could run it for comparison"
 
 
 def _closed_form_bounds(scene: Scene, run: Simulation, length: float) -> tuple[float, float]:
-    """Return what rounding may have come to: each arc rounds its turn, and what the next one starts with."""
+    """Return bounds on rounding errors: each arc rounds its rotation, and the initial state of the next one."""
     start, end, course = scene.initial, run.look(), run.course()
     attitude = _EPSILON * (100.0 * (course.arcs + course.turned) + 4.0 * course.rates * length)
     far = norm(start.position_world) + norm(end.position_world) + course.travelled + course.speeds * length
     return attitude, 4.0 * _EPSILON * far + norm(scene.body.center_of_mass) * attitude
 
 
-# What runs are compared with: methods of different families, in the order in which they are taken.
+# Methods of different families to compare with, in order of preference.
 _FAMILIES = ("taylor", "dop853", "dlm6", "rkmk54", "radau")
 
 
 def _others(scene: Scene, used: Sequence[str], accuracy: float) -> list[tuple[str, float]]:
-    """Return what to compare a run by the methods `used` with: another one, finer than `accuracy`, or as it may be."""
+    """Return methods and accuracies to compare with: methods not in `used`, finer than `accuracy` first."""
     able = [name for name in _FAMILIES if name not in used and METHODS[name].takes >= scene.combined_effects.takes]
     return [(name, factor * accuracy) for factor in (0.01, 0.1, 1.0, 1e2, 1e4) for name in able[:2]]

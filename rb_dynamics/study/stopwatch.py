@@ -1,4 +1,4 @@
-"""`Stopwatch`: measures run times as in a process of their own, without the time that kernels take to compile or load.
+"""`Stopwatch`: measures run times without the time that kernels take to compile or load.
 
 Whether a kernel is worth compiling is decided in `motion/fixed_step_kernel.py`, from the counts made here.
 """
@@ -28,16 +28,16 @@ class Stopwatch:
         room: float = math.inf,
         compiling: Callable[[str], None] | None = None,
     ) -> None:
-        """Measure by `clock`; no kernel is begun when those before it took `room` s, and `compiling` is told before."""
+        """Measure with `clock`; compile nothing more after `room` s of compiling, and call `compiling` before each."""
         self.kernels: dict[str, float] = {}
         self._clock, self._room, self._compiling = clock, room, compiling
 
     def __call__(self) -> float:
-        """Return the time (s) that counts."""
+        """Return the time (s), without compiling and loading."""
         return self._clock() - math.fsum(self.kernels.values())
 
     def tally(self, scale: float = 1.0, worth: float | None = None) -> Tally:
-        """Return a tally (see there) that notes what is compiled or loaded here."""
+        """Return a tally that records here what is compiled or loaded."""
         if math.fsum(self.kernels.values()) >= self._room:
             worth = math.inf
         return Tally(scale, worth, self._clock, self.kernels, self._compiling)

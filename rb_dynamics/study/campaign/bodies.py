@@ -1,7 +1,7 @@
 """The bodies of a block of runs: side by side in the kernels of `Ensemble`, or one alone through `Simulation`.
 
-Both give the same bits. Side by side go runs without effects, with one method and a fixed step (or without torque, in
-closed form); every other scene runs alone.
+Both give the same bits. Side by side is for runs without effects, with one method and a fixed step (or without torque,
+in closed form); every other scene runs alone.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ if TYPE_CHECKING:
     Numbers = npt.NDArray[np.float64]
 
 CHANNEL = "control"
-"""The wrench channel on which a controller commands."""
+"""The wrench channel of the controller's commands."""
 
 
 def go_side_by_side(scenes: Sequence[Scene], driven: bool) -> bool:
-    """Return whether the runs can go side by side; `driven` by a controller or not."""
+    """Return whether the runs can go side by side; `driven`: by a controller."""
     first = scenes[0]
     if any((scene.solver, scene.duration, scene.effects) != (first.solver, first.duration, ()) for scene in scenes):
         return False
@@ -44,7 +44,7 @@ def go_side_by_side(scenes: Sequence[Scene], driven: bool) -> bool:
 
 
 def step_ns(scene: Scene) -> int | None:
-    """Return the step of `scene` in nanoseconds; None where it has none, or it is no whole number of them."""
+    """Return the step of `scene` in nanoseconds; None if it has none, or it is not a whole number of them."""
     if scene.solver.step is None or METHODS.get(scene.solver.method, EXACT).order is None:
         return None
     length = Fraction(repr(scene.solver.step)) * NANOSECONDS
@@ -55,10 +55,10 @@ class Bodies(Protocol):
     """N bodies that move through time."""
 
     def samples(self) -> Samples:
-        """Return their state and bookkeeping, now."""
+        """Return their present state and bookkeeping."""
 
     def hold(self, torque: Numbers, changed: npt.NDArray[np.bool_]) -> None:
-        """Hold the torques (N, 3), body axes, N m, from now on; those that have not `changed` (N,) are held already."""
+        """Hold the torques (N, 3), body axes, N m, from now on; only those marked in `changed` (N,) are new."""
 
     def advance_to(self, time_ns: int) -> None:
         """Advance to a later time.
@@ -72,7 +72,7 @@ class SideBySide:
     """Bodies in an `Ensemble`."""
 
     def __init__(self, scenes: Sequence[Scene], threads: int | None) -> None:
-        """Start where the scenes do."""
+        """Start at the initial states of the scenes."""
         solver = scenes[0].solver
         method = "exact" if solver.method == "auto" else solver.method
         self._ensemble = Ensemble(
@@ -84,7 +84,7 @@ class SideBySide:
         return self._ensemble.samples()
 
     def hold(self, torque: Numbers, changed: npt.NDArray[np.bool_]) -> None:
-        """Hold the torques; see `Bodies`: a torque that is held again on the grid of steps changes nothing."""
+        """Hold the torques; see `Bodies`. On the grid of steps, holding the same torque again changes nothing."""
         self._ensemble.hold(torque_body=torque)
 
     def advance_to(self, time_ns: int) -> None:
@@ -96,10 +96,10 @@ _FIELDS = [name for name in Sample.__slots__ if name in vars(Samples)]
 
 
 class Alone:
-    """One body, in the loop that `simulate` runs; `sinks` are told all of it."""
+    """One body, in the loop that `simulate` runs; `sinks` receive its outputs."""
 
     def __init__(self, scene: Scene, sinks: Sequence[Sink] = ()) -> None:
-        """Start where the scene does."""
+        """Start at the initial state of the scene."""
         self._run = Simulation(scene if sinks else without_outputs(scene), sinks)
         self._now_ns, self._body_frame = 0, scene.frames.body_frame
         self._first = self._run.sample
@@ -136,5 +136,5 @@ class Alone:
         self._now_ns = time_ns
 
     def finish(self) -> None:
-        """Close the sinks; a run that has not been advanced to its end is cut off there."""
+        """Close the sinks; a run that was not advanced to its end is marked as cut off."""
         self._run.finish()

@@ -1,4 +1,4 @@
-"""The closed loop of a block of bodies: measure with noise, evaluate the law, saturate, and command after a delay.
+"""The closed loop of a block of bodies: measure with noise, evaluate the law, saturate, and apply after a delay.
 
 `flight.py` moves the bodies.
 """
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     Numbers = npt.NDArray[np.float64]
 
 DELAY = "control.delay"
-"""Key of the time from a sample to the torque that it commands."""
+"""Key of the time from a sample to the torque computed from it."""
 
 NUMBER = Rule("a finite number")
 NOT_NEGATIVE = Rule("a number of 0 or more", lambda v: v >= 0.0, "write a size without a sign")
@@ -40,17 +40,17 @@ RULES: Mapping[str, Rule] = {
     "control.noise.attitude": NOT_NEGATIVE,
     "control.noise.rate": NOT_NEGATIVE,
 }
-"""What a number of `Control` has to be, by its key; others are any `NUMBER`."""
+"""Limits of the numbers of `Control`, by key; any other may be any `NUMBER`."""
 
 _AHEAD = 64
-"""Samples for which noise is drawn at a time."""
+"""Noise is drawn for this many samples at a time."""
 
 
 def check_values(values: Mapping[str, float]) -> None:
-    """Check what a run has dispersed of its controller.
+    """Check the dispersed values of a controller.
 
     Raises:
-        SceneError: a value that no controller can have.
+        SceneError: a value is outside its limits.
     """
     for key, value in values.items():
         rule = RULES.get(key, NUMBER)
@@ -61,7 +61,7 @@ def check_values(values: Mapping[str, float]) -> None:
 
 
 def delay_ns(control: Control, values: Mapping[str, float]) -> int:
-    """Return the delay of a run, integer nanoseconds."""
+    """Return the delay of a run in integer nanoseconds."""
     return round(values.get(DELAY, dict(control.numbers)[DELAY]) * NANOSECONDS)
 
 
@@ -69,8 +69,7 @@ class Loop:
     """The controllers of N runs.
 
     Attributes:
-        failed: why, by its place, a body has got no torque from the law; it coasts from then on, and is none of those
-            that have been flown.
+        failed: why the law gave a body no torque, by its index; the body coasts from then on and counts as failed.
     """
 
     def __init__(
@@ -79,14 +78,14 @@ class Loop:
         """Make the law.
 
         Args:
-            campaign: that they belong to.
-            control: its loop.
+            campaign: the campaign of the runs.
+            control: its control loop.
             runs: their numbers.
-            values: by the name of each input, (N,).
+            values: of each input, by its name, (N,).
 
         Raises:
             FunctionError: the law raised.
-            SceneError: there is no such law, or it makes no function.
+            SceneError: there is no such law, or it does not return a function.
         """
         import numpy as np
 
@@ -100,7 +99,7 @@ class Loop:
         self._law = called(self._name, make, _parameters(numbers))
         if not callable(self._law):
             raise SceneError(
-                f"{self._name} returned {self._law!r}, expected a function of what is measured; correct the law"
+                f"{self._name} returned {self._law!r}, expected a function of the measurement; correct the law"
             )
         self.failed: dict[int, str] = {}
         self._most = numbers["control.saturation"][:, None]
@@ -111,16 +110,16 @@ class Loop:
         self._sample = 0
 
     def torque(self, samples: Samples) -> Numbers:
-        """Return the torques (N, 3), body axes, N m, that are commanded at the next sample, of which the time has come.
+        """Return the torques (N, 3), body axes, N m, commanded at the sample that is due now.
 
         Raises:
             FunctionError: the law raised.
-            SceneError: the law returned something else.
+            SceneError: the law did not return an array of the right shape.
         """
         import numpy as np
 
         measured = self._measure(samples)
-        # What the law gets is its own: it may write over it.
+        # The law gets arrays of its own, which it may overwrite.
         torque = called(self._name, lambda: np.asarray(self._law(measured), dtype=np.float64))
         if torque.shape != measured.angular_velocity_body.shape:
             raise SceneError(
@@ -147,7 +146,7 @@ class Loop:
             return Measurement(float(time_s), samples.orientation_xyzw.copy(), samples.angular_velocity_body.copy())
         k = self._sample % _AHEAD
         if k == 0:
-            # By sample first: what is taken at a time then lies together.
+            # Sample first, so that what is used together lies together in memory.
             self._drawn = np.stack([each.standard_normal((_AHEAD, 2, 3)) for each in self._noise], axis=1)
         self._sample += 1
         noise = self._drawn[k] * self._sizes[:, :, None]
@@ -158,7 +157,7 @@ class Loop:
 
 
 def _parameters(numbers: Mapping[str, Numbers]) -> Parameters:
-    """Return what stands below `control.parameters`: numbers as they are, lists together."""
+    """Return the values below `control.parameters`: scalars as they are, the elements of lists stacked."""
     import numpy as np
 
     parts: dict[str, list[Numbers]] = {}
@@ -176,7 +175,7 @@ def _parameters(numbers: Mapping[str, Numbers]) -> Parameters:
 
 
 def _turned(orientation: Numbers, angles: Numbers) -> Numbers:
-    """Return attitudes turned by small rotation vectors (rad, body axes), right to second order, of unit length."""
+    """Return attitudes rotated by small rotation vectors (rad, body axes), to second order, normalized."""
     import numpy as np
 
     x, y, z, w = orientation.T

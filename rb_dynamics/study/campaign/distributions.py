@@ -1,7 +1,7 @@
 """Distributions of one number, each as a function from a probability to a value.
 
-This makes every sampling (random, Latin hypercube, Sobol) and every correlation work with each of them. The bits of a
-value depend on its own probability alone, not on how many are computed at once.
+In this form, every sampling (random, Latin hypercube, Sobol) and every correlation works with every distribution. The
+bits of a value depend only on its own probability, not on how many are computed at once.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ if TYPE_CHECKING:
 
 
 class Distribution(Protocol):
-    """What takes a probability to a value."""
+    """A distribution, given by its quantile function."""
 
     def quantile(self, probability: Numbers) -> Numbers:
-        """Return the values (n,) that are not exceeded with `probability` (n,), between 0 and 1, both left out."""
+        """Return the values (n,) that are not exceeded with `probability` (n,), strictly between 0 and 1."""
 
 
 @dataclass(frozen=True)
 class Normal:
-    """The normal distribution, cut off below `low` and above `high`."""
+    """The normal distribution, truncated to `low` … `high`."""
 
     mean: float
     deviation: float
@@ -41,13 +41,13 @@ class Normal:
             return 0.0 * probability + self.mean
         below, above = (float(ndtr((edge - self.mean) / self.deviation)) for edge in (self.low, self.high))
         values: Numbers = self.mean + self.deviation * ndtri(below + (above - below) * probability)
-        # Rounding may step over an edge.
+        # Rounding may exceed a bound.
         return values.clip(self.low, self.high)
 
 
 @dataclass(frozen=True)
 class Uniform:
-    """Every number from `low` to `high` alike."""
+    """Uniform between `low` and `high`."""
 
     low: float
     high: float
@@ -59,7 +59,7 @@ class Uniform:
 
 @dataclass(frozen=True)
 class LogUniform:
-    """Every order of magnitude from `low` to `high` alike; both are greater than 0."""
+    """Uniform in the logarithm between `low` and `high`, both greater than 0."""
 
     low: float
     high: float
@@ -71,7 +71,7 @@ class LogUniform:
 
 @dataclass(frozen=True)
 class LogNormal:
-    """A factor whose logarithm is normal, with a median of 1."""
+    """A factor whose logarithm is normally distributed, with median 1."""
 
     deviation: float
 
@@ -84,7 +84,7 @@ class LogNormal:
 
 @dataclass(frozen=True)
 class Choice:
-    """One of `values`, by `weights` that add up to 1."""
+    """One of `values`, with probabilities `weights` that add up to 1."""
 
     values: tuple[float, ...]
     weights: tuple[float, ...]
@@ -113,7 +113,7 @@ class Stepped:
 
 
 def exponentials(exponents: Numbers) -> Numbers:
-    """Return e to the power of each of (n,), by libm one by one: vector units of other processors have other bits."""
+    """Return e to the power of each of (n,), one by one with libm: vector units differ in the last bits."""
     import numpy as np
 
     return np.array([math.exp(exponent) for exponent in exponents.tolist()])

@@ -1,8 +1,7 @@
 """Run a campaign: send blocks of runs to workers, here or on a cluster, and write their rows to disk.
 
-Workers are processes of `dask.distributed` where that is installed, on this machine or behind the address of a
-scheduler, or else threads of this process. If a worker dies, its blocks are flown again; rows that are on disk are
-not.
+Workers are processes of `dask.distributed` if it is installed, on this machine or behind the address of a scheduler,
+and otherwise threads of this process. If a worker dies, its blocks run again, except rows that are already on disk.
 """
 
 from __future__ import annotations
@@ -30,22 +29,22 @@ from rb_dynamics.study.campaign.scenes import Scenes
 from rb_dynamics.study.campaign.store import Store
 
 Progress = Callable[[int, int], None]
-"""Told how many runs are done, and how many there are."""
+"""Called with the number of runs done and the number of all runs."""
 
 SIDE_BY_SIDE, ALONE = 2000, 20
-"""Runs in a block: enough that numpy's calls do not count; few enough for memory, and that little is lost by a kill."""
+"""Runs in a block: enough to amortize numpy's calls, few enough for memory and to lose little when killed."""
 
 _FEW = 250
-"""Runs side by side that a block has at least."""
+"""Smallest number of runs side by side in a block."""
 
 _START_S = 5.0
-"""About what starting workers takes, with what they import and load."""
+"""Approximate time to start workers, with their imports and kernels."""
 
 _BLOCKS_EACH = 4
-"""Blocks for each worker, at least: they do not end all at the same time."""
+"""Minimum number of blocks per worker, as they do not all end at the same time."""
 
 _AHEAD = 3
-"""Blocks for each worker that the scheduler knows of."""
+"""Blocks per worker submitted to the scheduler at a time."""
 
 
 def run_campaign(
@@ -57,21 +56,21 @@ def run_campaign(
     block: int | None = None,
     progress: Progress | None = None,
 ) -> None:
-    """Fly the runs that `store` lacks, and finish it.
+    """Run what `store` does not have yet, and finish it.
 
     Args:
-        campaign: what is flown.
-        store: where its rows go.
-        workers: processes on this machine, 0 for threads of this process; by default one for each core, unless the
-            first block shows that this process is done before they would have been started.
+        campaign: to be run.
+        store: receives the rows.
+        workers: processes on this machine, 0 for threads of this process. By default one per core, unless the first
+            block shows that this process would finish before they had started.
         scheduler: address of a running scheduler of `dask.distributed`, such as tcp://host:8786.
-        block: runs in a block, by default chosen; results do not depend on it.
-        progress: told now and then how far it is.
+        block: runs in a block, chosen by default; results do not depend on it.
+        progress: called after each block.
 
     Raises:
         LogError: the rows cannot be written, or the scheduler cannot be reached.
         MissingExtraError: `scheduler` is given, and `distributed` is not installed.
-        SceneError: a function of the user returned what makes no sense.
+        SceneError: a user function returned a wrong type or shape.
     """
     if store.complete:
         return
@@ -85,7 +84,7 @@ def run_campaign(
     if local:
         flown = _here(campaign, blocks)
     elif scheduler is None and workers is None:
-        flown = _where_it_is_sooner(campaign, blocks, campaign.runs - done, processes)
+        flown = _here_or_on_workers(campaign, blocks, campaign.runs - done, processes)
     else:
         flown = _on_workers(campaign, blocks, scheduler, processes)
     with contextlib.closing(flown):
@@ -98,7 +97,7 @@ def run_campaign(
 
 
 def flies_side_by_side(campaign: Campaign) -> bool:
-    """Return whether the runs of `campaign` go through the kernels for many bodies, and not one by one."""
+    """Return whether the runs of `campaign` use the kernels for many bodies, rather than one run at a time."""
     dispersed = {each.name.partition(".")[0] for each in campaign.inputs}
     base = Scenes(campaign).base
     return (
@@ -109,7 +108,7 @@ def flies_side_by_side(campaign: Campaign) -> bool:
 
 
 def _commands_on_grid(campaign: Campaign, step: int | None) -> bool:
-    """Return whether all delays are whole multiples of a step (ns); else commands come between steps."""
+    """Return whether all delays are whole multiples of a step (ns); otherwise commands fall between steps."""
     if campaign.control is None or step is None:
         return True
     found = next((each.distribution for each in campaign.inputs if each.name == DELAY), None)
@@ -130,10 +129,10 @@ def _here(campaign: Campaign, blocks: Iterator[tuple[int, int]]) -> Generator[Co
         yield fly_block(campaign, first, last)
 
 
-def _where_it_is_sooner(
+def _here_or_on_workers(
     campaign: Campaign, blocks: Iterator[tuple[int, int]], left: int, processes: int
 ) -> Generator[Columns, None, None]:
-    """Yield rows of the `left` runs from here, until starting workers is worth it."""
+    """Yield rows of the `left` runs computed here, until starting workers is worth it."""
     for first, last in blocks:
         begin = time.perf_counter()
         columns = fly_block(campaign, first, last)
@@ -147,7 +146,7 @@ def _where_it_is_sooner(
 def _on_workers(
     campaign: Campaign, blocks: Iterator[tuple[int, int]], scheduler: str | None, processes: int
 ) -> Generator[Columns, None, None]:
-    """Yield the rows of blocks as they are done; only a few for each worker are known to the scheduler at a time."""
+    """Yield the rows of blocks as they finish; only a few blocks per worker are submitted at a time."""
     from distributed import Client, LocalCluster, as_completed
 
     with contextlib.ExitStack() as stack:
@@ -178,7 +177,7 @@ def _on_workers(
         waiting = as_completed(submit(islice(blocks, _AHEAD * workers)))
         for future in waiting:
             columns: Columns = future.result()
-            # Let go before the next: the scheduler keeps what somebody holds.
+            # Release it before the next one: the scheduler keeps results that are still referenced.
             future.release()
             for new in submit(islice(blocks, 1)):
                 waiting.add(new)
@@ -186,7 +185,7 @@ def _on_workers(
 
 
 def fly_there(campaign: Campaign, commander: str, first: int, last: int) -> Columns:
-    """Return the rows of a block on a worker, in one thread; `commander` is the version of who commands.
+    """Return the rows of a block on a worker, in one thread; `commander` is the version of the commanding process.
 
     Raises:
         LogError: the worker has another version.

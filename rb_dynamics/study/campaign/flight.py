@@ -1,7 +1,7 @@
-"""Fly a block of runs and return their rows.
+"""Run a block of runs and return their rows.
 
-A row depends on the campaign and the number of the run alone: a run that cannot be solved is flown again by itself,
-and the others without it. Must not write files or know of other blocks.
+A row depends only on the campaign and the number of the run: if a run cannot be solved, it is repeated alone, and the
+others without it. Must not write files or depend on other blocks.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     Numbers = npt.NDArray[np.float64]
 
 Columns = dict[str, Any]
-"""Rows of a block, by the names of the columns: arrays (n,), and a list of texts for `error`."""
+"""Rows of a block, by column name: arrays (n,), and a list of texts for `error`."""
 
 
 class _Run(NamedTuple):
@@ -42,10 +42,10 @@ class _Run(NamedTuple):
 
 
 def fly_block(campaign: Campaign, first: int, last: int, threads: int | None = None) -> Columns:
-    """Return the rows of the runs from `first` to `last`, which is left out.
+    """Return the rows of the runs from `first` up to, not including, `last`.
 
     Raises:
-        SceneError: a function of the user cannot be loaded, or returned what is no array of the right shape.
+        SceneError: a user function cannot be loaded, or returned an array of the wrong shape.
     """
     import numpy as np
 
@@ -81,17 +81,17 @@ def fly_block(campaign: Campaign, first: int, last: int, threads: int | None = N
 def fly_alone(
     campaign: Campaign, number: int, sinks: Sequence[Sink] = (), watch: Callable[[Samples], None] | None = None
 ) -> dict[str, float]:
-    """Fly one run, with all that `sinks` are told of it, and return its metrics by name.
+    """Execute one run, with its outputs to `sinks`, and return its metrics by name.
 
     Raises:
-        SceneError: its inputs make no valid scene.
+        SceneError: the scene is not valid with its inputs.
         ConvergenceError: a step cannot be solved.
-        FunctionError: a function of the user's raised, or its law gave no finite torque.
+        FunctionError: a user function raised, or the law returned no finite torque.
         LogError: a log cannot be written.
     """
     values = _values(campaign, number)
     check_values(values)
-    # A log and a page of it name the scene by its source.
+    # A log, and the page made from it, names the scene by its source.
     name = f"{campaign.source}, run {number}, seed {campaign.seed}"
     run = _Run(number, values, replace(scenes_of(campaign).whole(values), source=name))
     bodies, judge = Alone(run.scene, sinks), Judge(campaign, 1)
@@ -105,20 +105,20 @@ def fly_alone(
 
 
 def watch_runs(campaign: Campaign, numbers: Sequence[int], watch: Callable[[Samples], None]) -> None:
-    """Fly these runs side by side, and show `watch` all of them whenever they are looked at.
+    """Execute these runs side by side; `watch` is called with all of them at each observation.
 
     Raises:
-        ValueError: they cannot go side by side.
-        SceneError: the inputs of one make no valid scene.
-        ConvergenceError: a step of one cannot be solved.
-        FunctionError: a function of the user's raised.
+        ValueError: they cannot run side by side.
+        SceneError: the scene is not valid with the inputs of one.
+        ConvergenceError: a step of one of them cannot be solved.
+        FunctionError: a user function raised.
     """
     runs = []
     for number in numbers:
         values = _values(campaign, number)
         runs.append(_Run(number, values, scenes_of(campaign).scene(values)))
     if not _together(campaign, runs):
-        raise ValueError("these runs cannot go side by side; fly each of them alone")
+        raise ValueError("these runs cannot go side by side; execute each of them alone")
     bodies = SideBySide([run.scene for run in runs], None)
     _advance(campaign, bodies, runs, Judge(campaign, len(runs)), watch)
 
@@ -132,7 +132,7 @@ def _values(campaign: Campaign, number: int) -> dict[str, float]:
 def _passed(
     campaign: Campaign, metrics: Mapping[str, Numbers], errors: Mapping[int, str], first: int
 ) -> npt.NDArray[np.bool_]:
-    """Return which runs could be flown and meet every requirement; what is no number meets none."""
+    """Return which runs succeeded and meet every requirement; NaN meets none."""
     import numpy as np
 
     count = len(next(iter(metrics.values())))
@@ -143,7 +143,7 @@ def _passed(
 
 
 def _groups(campaign: Campaign, runs: list[_Run]) -> list[list[_Run]]:
-    """Return runs that go side by side together, and others each in a list of its own."""
+    """Return groups of runs that can go side by side; each of the others is a group of its own."""
     together = [run for run in runs if _on_grid(campaign, run)]
     if together and _together(campaign, together):
         return [together, *([run] for run in runs if not _on_grid(campaign, run))]
@@ -157,17 +157,17 @@ def _together(campaign: Campaign, runs: Sequence[_Run]) -> bool:
 
 
 def _on_grid(campaign: Campaign, run: _Run) -> bool:
-    """Return whether the commands of a run come at its steps: a body in a block cannot begin them anew by itself."""
+    """Return whether the commands of a run coincide with steps: in a block, no body can restart its step on its own."""
     step = step_ns(run.scene)
     return campaign.control is None or step is None or delay_ns(campaign.control, run.values) % step == 0
 
 
 _Part = tuple[list[_Run], Mapping[str, "Numbers"], Mapping[int, str]]
-"""Runs, their metrics, and why some of them could not be flown, by their places."""
+"""Runs, their metrics, and why some of them failed, by index."""
 
 
 def _fly(campaign: Campaign, runs: list[_Run], threads: int | None) -> list[_Part]:
-    """Fly `runs`; where one of them stops all, in parts."""
+    """Execute `runs`; if one of them stops all, split them."""
     judge, scenes = Judge(campaign, len(runs)), [run.scene for run in runs]
     try:
         bodies = SideBySide(scenes, threads) if _together(campaign, runs) else Alone(scenes[0])
@@ -187,9 +187,9 @@ def _advance(
     judge: Judge,
     watch: Callable[[Samples], None] | None = None,
 ) -> Mapping[int, str]:
-    """Take the bodies from edge to edge (sample of the controller, command, look) to the end of their scene.
+    """Advance the bodies from edge to edge (controller sample, command, observation) to the end of their scene.
 
-    Returns why some could not be flown, by their places; it ends early where none could.
+    Return why some failed, by index; ends early if all did.
     """
     scene = runs[0].scene
     end_ns = scene.end_ns or 0
@@ -219,7 +219,7 @@ def _advance(
 
 
 class _Closed:
-    """Controllers whose torques wait for their time."""
+    """Controllers, and the torques that wait for their delay."""
 
     def __init__(self, loop: Loop, period_ns: int, delays_ns: Sequence[int]) -> None:
         import numpy as np
@@ -233,18 +233,18 @@ class _Closed:
         self._count = 0
 
     def sample(self, time_ns: int, samples: Samples) -> None:
-        """Ask the law; what it commands waits for its time."""
+        """Evaluate the law; its torques wait for the delay."""
         self._torques[self._count] = self._loop.torque(samples)
         for group, (delay, _) in enumerate(self._groups):
             heapq.heappush(self._waiting, (time_ns + delay, self._count, group))
         self._count += 1
 
     def next_command_ns(self, end_ns: int) -> int:
-        """Return when the next torque takes effect, `end_ns` where none waits."""
+        """Return when the next torque takes effect, `end_ns` if none waits."""
         return self._waiting[0][0] if self._waiting else end_ns
 
     def commanded(self, time_ns: int) -> tuple[Numbers, npt.NDArray[np.bool_]] | None:
-        """Return the torques of all runs from now on, and which of them take effect now; None where none does."""
+        """Return the torques of all runs from now on, and which of them change now; None if none does."""
         import numpy as np
 
         changed = np.zeros(len(self._held), dtype=np.bool_)
@@ -254,7 +254,7 @@ class _Closed:
             self._held = np.where(of_group[:, None], self._torques[number], self._held)
             changed |= of_group
             if group == len(self._groups) - 1:
-                # The longest delay is over.
+                # The longest delay has passed.
                 del self._torques[number]
         return (self._held, changed) if changed.any() else None
 

@@ -1,7 +1,7 @@
-"""Decide whether rows on disk belong to this very campaign, and if not, what differs.
+"""Decide whether rows on disk belong to the same campaign, and if not, what differs.
 
-Only the content of the campaign file counts, not its wording. The number of runs counts where runs depend on it: a
-Latin hypercube is laid out for it, while random and Sobol samples can grow.
+Only the content of the campaign file counts, not its wording. The number of runs counts if runs depend on it: a Latin
+hypercube is designed for it, while random and Sobol samples can be extended.
 """
 
 from __future__ import annotations
@@ -17,32 +17,32 @@ from rb_dynamics.scene.problems import Problems
 from rb_dynamics.study.campaign.model import Campaign
 
 Facts = Mapping[str, str]
-"""What is kept beside rows: the texts of campaign and scene, the version of the package, and hashes of own modules."""
+"""Stored with the rows: the texts of campaign and scene, the version of the package, and hashes of user modules."""
 
 LAID_OUT = "latin_hypercube"
-"""The sampling in which a run depends on how many there are."""
+"""The sampling whose runs depend on the total number of runs."""
 
 _SHOWN = 3
 
 
 def facts_of(campaign: Campaign) -> Facts:
-    """Return what the rows of `campaign` depend on; `modules` where it names some of the user's own."""
+    """Return what the rows of `campaign` depend on; with `modules` if it uses user modules."""
     facts = {"campaign": campaign.text, "scene": campaign.scene_text, "version": version()}
     hashes = campaign.modules.hashes
     return facts | ({"modules": json.dumps(hashes, sort_keys=True)} if hashes else {})
 
 
 def check_same(facts: Facts, place: str | os.PathLike[str], campaign: Campaign, remedy: str) -> None:
-    """Check that rows with these `facts`, which lie in `place`, are of `campaign`; `remedy` is what else to do.
+    """Check that rows with these `facts`, stored in `place`, belong to `campaign`; `remedy` ends the message.
 
     Raises:
-        LogError: they are not; it names what differs.
+        LogError: they do not; the message names what differs.
     """
     here = facts_of(campaign)
     if not isinstance(facts, dict) or not (here.keys() - {"modules"}) <= facts.keys():
         raise LogError(f"found no facts of a campaign in {place}, expected its rows; {remedy}")
     try:
-        there, ours = _said(facts), _said(here)
+        there, ours = _contents(facts), _contents(here)
     except (SceneError, TypeError, AttributeError, ValueError) as error:
         raise LogError(f"what {place} says of its campaign is damaged ({error}); {remedy}") from error
     found = [
@@ -52,23 +52,23 @@ def check_same(facts: Facts, place: str | os.PathLike[str], campaign: Campaign, 
     ]
     if not found and list(there) == list(ours):
         return
-    # Columns, and which random number goes to which input, follow the order of the file.
-    found = found or ["the keys stand in another order"]
+    # Columns, and the assignment of random numbers to inputs, follow the order of the file.
+    found = found or ["the keys are in another order"]
     if len(found) == 1 and found[0].startswith("runs is "):
         remedy = (
-            "a Latin hypercube is laid out for its number of runs and cannot grow, as sampling: random and sobol can; "
-            f"fly more runs with another --seed and --out, or {remedy}"
+            "a Latin hypercube is designed for its number of runs and cannot be extended (random and sobol can); "
+            f"do more runs with another --seed and --out, or {remedy}"
         )
     more = [f"{len(found) - _SHOWN} more"] if len(found) > _SHOWN else []
     raise LogError(f"{place} holds runs of another campaign: {', '.join(found[:_SHOWN] + more)}; {remedy}")
 
 
-def _said(facts: Facts) -> dict[str, str]:
-    """Return what campaign and scene say, by dotted key as `show` writes it."""
+def _contents(facts: Facts) -> dict[str, str]:
+    """Return the contents of campaign and scene as text, by dotted key."""
     campaign = document.parse(facts["campaign"], Problems("campaign")).value
     if not isinstance(campaign, dict):
         raise TypeError("no campaign in it")
-    # What `scene` and `set` lead to is in the text of the scene.
+    # The scene's text already contains what `scene` and `set` refer to.
     left_out = {"scene", "set"}
     if "sampling" not in campaign or campaign["sampling"].value != LAID_OUT:
         left_out.add("runs")

@@ -1,7 +1,7 @@
 """Control laws: from the measurements of many bodies to the commanded torques, arrays in and arrays out.
 
-A law is made once from its parameters for a block of bodies and then called at each sample; it may keep state. It
-works element by element, so that a body gets the same bits alone and among others. `control.py` adds delay, noise and
+A law is created once from its parameters for a block of bodies and then called at each sample; it may keep state. It
+works element by element, so that a body gets the same bits alone and in a block. `control.py` adds delay, noise and
 saturation.
 """
 
@@ -24,7 +24,7 @@ Parameters = Mapping[str, "Numbers"]
 
 @dataclass(frozen=True)
 class Measurement:
-    """What a law is told of N bodies.
+    """Input of a law for N bodies.
 
     Attributes:
         time_s: of the sample, s.
@@ -77,7 +77,8 @@ def b_dot(parameters: Parameters) -> Law:
 def attitude_pd(parameters: Parameters) -> Law:
     """Return tau = -2 proportional sign(e4) e - derivative w, with e the error from `target` as a quaternion.
 
-    `proportional` in N m/rad, `derivative` in N m s, `target` (x, y, z, w) body to world, identity where it is absent.
+    `proportional` in N m/rad, `derivative` in N m s, `target` (x, y, z, w) body to world, by default the identity.
+
     Wie, Weiss and Arapostathis, Quaternion feedback regulator, J. Guidance 12 (1989) 375, eq. 11.
     """
     import numpy as np
@@ -117,6 +118,6 @@ REQUIRED: Mapping[str, tuple[str, ...]] = {
     "b_dot": ("gain", "field_period"),
     "attitude_pd": ("proportional", "derivative"),
 }
-"""Parameters that a law cannot do without."""
+"""Required parameters of a law."""
 
 OPTIONAL: Mapping[str, tuple[str, ...]] = {"attitude_pd": ("target",)}

@@ -1,6 +1,6 @@
-"""A lock for a file that only one process may write; the system holds it, so that it ends with the process.
+"""A lock for a file that only one process may write; the operating system releases it when the process ends.
 
-A second file beside it says who holds the lock, and is removed when the lock is released.
+A second file beside it names the holder, and is removed when the lock is released.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ _log = logging.getLogger(__name__)
 
 
 def lock(path: Path) -> Callable[[], None]:
-    """Lock `path` and return what lets it go.
+    """Lock `path` and return a function that releases it.
 
     Raises:
-        LogError: another process, or another part of this one, has it, or its folder cannot be written.
+        LogError: another process, or another part of this one, holds the lock, or the folder cannot be written.
     """
     try:
         import fcntl
@@ -37,15 +37,17 @@ def lock(path: Path) -> Callable[[], None]:
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError as error:
                 if error.errno not in (errno.EAGAIN, errno.EACCES):
-                    # A file system without locks, as clusters have them.
-                    _log.warning("%s cannot be locked (%s): see that no other process writes it", path, error.strerror)
+                    # This file system has no locks, as on some clusters.
+                    _log.warning(
+                        "%s cannot be locked (%s): make sure that no other process writes it", path, error.strerror
+                    )
                     break
                 holder = os.pread(descriptor, _SAID, 0).decode(errors="replace") or "another process"
                 os.close(descriptor)
                 raise LogError(
                     f"{path} is being written by {holder}; wait until it is done, or give another file with --out"
                 ) from None
-            # Who had it may have removed the file since it was opened.
+            # The previous holder may have removed the file since it was opened.
             if name.exists() and os.path.samestat(os.fstat(descriptor), os.stat(name)):
                 break
             os.close(descriptor)

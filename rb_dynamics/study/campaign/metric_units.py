@@ -7,12 +7,12 @@ from rb_dynamics.study.campaign.model import Metric
 
 
 def unit_of(metric: Metric) -> str:
-    """Return the unit of a metric, "" where only the user knows it."""
+    """Return the unit of a metric, "" if it is a user function."""
     if metric.reduction == "time_to":
         return "s"
     return QUANTITIES.get(metric.quantity, ("", ""))[1]
 
 
 def titled(name: str, unit: str) -> str:
-    """Return a name with its unit in brackets, where it has one."""
+    """Return a name with its unit in brackets, if it has one."""
     return f"{name} [{unit}]" if unit else name

@@ -1,6 +1,6 @@
 """Metrics of a run: quantities of its state, and how each is reduced over the run.
 
-Quantities are functions of `Samples`, so that one call evaluates a block of runs; users can add their own.
+Quantities are functions of `Samples`, so that one call evaluates a block of runs. Users can add their own.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     Numbers = npt.NDArray[np.float64]
 
 Quantity = Callable[["Samples"], "Numbers"]
-"""Takes samples of N bodies, and returns a number for each: (N,)."""
+"""Takes samples of N bodies, and returns one number per body: (N,)."""
 
 
 def rate(samples: Samples) -> Numbers:
@@ -42,14 +42,14 @@ def energy(samples: Samples) -> Numbers:
 
 
 def energy_defect(samples: Samples) -> Numbers:
-    """Return |T - T0 - work|, J: how wrong the motion is."""
+    """Return |T - T0 - work|, J, a measure of the integration error."""
     import numpy as np
 
     return np.abs(samples.energy_defect)
 
 
 def attitude_from(target_xyzw: Sequence[float]) -> Quantity:
-    """Return the function that gives the angle from `target_xyzw`, rad, from 0 to pi."""
+    """Return the function that gives the rotation angle from `target_xyzw`, rad, 0 to pi."""
     a, b, c, d = target_xyzw
 
     def attitude(samples: Samples) -> Numbers:
@@ -75,7 +75,7 @@ QUANTITIES: Mapping[str, tuple[str, str]] = {
     "energy": ("kinetic energy", "J"),
     "energy_defect": ("defect of the energy", "J"),
 }
-"""What each is and its unit."""
+"""Description and unit of each quantity."""
 
 _FUNCTIONS: Mapping[str, Quantity] = {
     "rate": rate,
@@ -94,10 +94,10 @@ def _length(vectors: Numbers) -> Numbers:
 
 
 def quantity(campaign: Campaign, metric: Metric) -> Quantity:
-    """Return the function that `metric` follows.
+    """Return the function that `metric` evaluates.
 
     Raises:
-        SceneError: there is none of that name.
+        SceneError: there is no quantity of that name.
     """
     if metric.quantity == "attitude":
         return attitude_from(metric.target_xyzw)
@@ -108,25 +108,25 @@ def quantity(campaign: Campaign, metric: Metric) -> Quantity:
 
 
 class Judge:
-    """The metrics of N runs, followed over time in constant memory."""
+    """The metrics of N runs, accumulated over time in constant memory."""
 
     def __init__(self, campaign: Campaign, count: int) -> None:
-        """Have seen nothing yet."""
+        """Start without observations."""
         functions: dict[tuple[object, ...], tuple[Quantity, list[_Reduction]]] = {}
         self._reductions: dict[str, _Reduction] = {}
         for metric in campaign.metrics:
             reduction = self._reductions[metric.name] = REDUCTIONS[metric.reduction](metric, count)
-            # Looked at once, however many metrics follow it.
+            # Each quantity is evaluated once, however many metrics use it.
             key = (metric.quantity, metric.target_xyzw)
             functions.setdefault(key, (quantity(campaign, metric), []))[1].append(reduction)
         self._functions = list(functions.items())
 
     def look(self, samples: Samples) -> None:
-        """Take in N bodies at a time later than the last.
+        """Add N bodies at a later time than before.
 
         Raises:
-            FunctionError: a quantity of the user's raised.
-            SceneError: it returned something else than a number for each body.
+            FunctionError: a user function raised.
+            SceneError: it did not return one number per body.
         """
         import numpy as np
 
@@ -142,12 +142,12 @@ class Judge:
                 reduction.take(time_s, values)
 
     def results(self) -> dict[str, Numbers]:
-        """Return each metric by its name, (N,)."""
+        """Return each metric by name, (N,)."""
         return {name: reduction.result() for name, reduction in self._reductions.items()}
 
 
 class _Reduction:
-    """What becomes of a quantity; this one keeps the last value."""
+    """Reduces a quantity over time; this class keeps the last value."""
 
     def __init__(self, metric: Metric, count: int) -> None:
         import numpy as np
@@ -156,7 +156,7 @@ class _Reduction:
         self._value: Numbers = np.full(count, math.nan)
 
     def take(self, time_s: float, values: Numbers) -> None:
-        """Take in the values (N,) at a later time."""
+        """Add the values (N,) at a later time."""
         self._value = values
 
     def result(self) -> Numbers:
@@ -179,7 +179,7 @@ class _Least(_Reduction):
 
 
 class _Mean(_Reduction):
-    """Over time, by the trapezoidal rule."""
+    """The mean over time, by the trapezoidal rule."""
 
     def __init__(self, metric: Metric, count: int) -> None:
         import numpy as np
@@ -199,7 +199,7 @@ class _Mean(_Reduction):
 
 
 class _TimeTo(_Reduction):
-    """The first look (s) at which the condition holds, and where it has to stay, holds from then on; NaN if none."""
+    """The first observation (s) at which the condition holds (with `stays`: holds to the end); NaN if none."""
 
     def take(self, time_s: float, values: Numbers) -> None:
         import numpy as np

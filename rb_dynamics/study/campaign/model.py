@@ -1,4 +1,4 @@
-"""`Campaign`: a validated campaign as values, sent to workers as they are; `read.py` makes one from a file."""
+"""`Campaign`: a validated campaign as plain values, which are sent to workers; `read.py` makes one from a file."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ class Input:
     """One number that differs from run to run.
 
     Attributes:
-        name: of its column: a dotted key of the scene or of `control`, or a part of one that is dispersed as a whole.
+        name: of its column: a dotted key of the scene or of `control`, or an element of a value that is dispersed as a
+            whole.
         distribution: of the number.
-        whole: the dotted key that it is a part of, "" where the name is a key itself.
+        whole: the dotted key that it is an element of, "" if the name is a key itself.
     """
 
     name: str
@@ -31,11 +32,11 @@ class Control:
     """A closed loop: a law that is sampled at its own rate and commands a torque.
 
     Attributes:
-        law: a name in `laws.LAWS`, or the dotted name of a function of the user's.
-        period_ns: between two samples, integer nanoseconds.
-        numbers: dotted key and value of all that may be dispersed: `control.delay` (s), `control.saturation` (N m, of
-            each axis), `control.bias[i]` (N m), `control.noise.attitude` (rad, of each axis), `control.noise.rate`
-            (rad/s, likewise), and `control.parameters.*` of the law.
+        law: a name in `laws.LAWS`, or the dotted name of a user function.
+        period_ns: sampling period, integer nanoseconds.
+        numbers: dotted key and value of everything that may be dispersed: `control.delay` (s), `control.saturation` (N
+            m, per axis), `control.bias[i]` (N m), `control.noise.attitude` (rad, per axis), `control.noise.rate`
+            (rad/s, per axis), and `control.parameters.*` of the law.
     """
 
     law: str
@@ -45,16 +46,16 @@ class Control:
 
 @dataclass(frozen=True)
 class Metric:
-    """One number that a run is judged by.
+    """One number computed for each run.
 
     Attributes:
         name: of its column.
         reduction: `final`, `worst`, `least`, `mean` or `time_to`.
-        quantity: a name in `metrics.QUANTITIES`, or the dotted name of a function of the user's.
-        target_xyzw: attitude that `attitude` is the angle from.
-        below: threshold of `time_to`, or
-        above: threshold of `time_to`.
-        stays: whether the condition of `time_to` has to hold from then on to the end.
+        quantity: a name in `metrics.QUANTITIES`, or the dotted name of a user function.
+        target_xyzw: attitude from which `attitude` measures the angle.
+        below: upper threshold of `time_to`.
+        above: lower threshold of `time_to`.
+        stays: whether the condition of `time_to` must then hold to the end.
     """
 
     name: str
@@ -68,7 +69,7 @@ class Metric:
 
 @dataclass(frozen=True)
 class Requirement:
-    """What a metric has to be: less than `below` and more than `above`."""
+    """Limits of a metric: less than `below` and more than `above`."""
 
     metric: str
     below: float = math.inf
@@ -80,20 +81,21 @@ class Campaign:
     """A campaign, validated.
 
     Attributes:
-        text: the campaign file as read.
+        text: content of the campaign file.
         source: its file name, for messages.
-        modules: of the user, which it names.
-        scene_text: the base scene, with what `set` says and the channel of the controller; it alone makes the scene.
+        modules: user modules that it names.
+        scene_text: the base scene, with the values of `set` and the channel of the controller; it defines the scene
+            completely.
         runs: number of them.
         seed: of the random numbers.
         sampling: one of `SAMPLINGS`.
-        inputs: what is dispersed.
-        mixing: for each input the row of the lower triangular matrix that gives standard normal numbers their
-            correlations; empty where nothing is correlated.
+        inputs: the dispersed numbers.
+        mixing: for each input, its row of the lower triangular matrix that correlates standard normal numbers; empty if
+            nothing is correlated.
         control: the closed loop, or None.
-        observe_ns: between two looks at the quantities of `metrics`, integer nanoseconds.
-        metrics: what a run is judged by.
-        requirements: what makes a run a success.
+        observe_ns: interval between observations of the quantities of `metrics`, integer nanoseconds.
+        metrics: computed for each run.
+        requirements: a run that meets all of them passes.
     """
 
     text: str

@@ -1,6 +1,6 @@
 """Read a campaign file: YAML to a validated `Campaign`. Keys, defaults and limits of a campaign are defined here.
 
-Nothing is guessed: an error names file, line, key, value, what was expected and how to mend it, as for a scene.
+Nothing is guessed: an error names file, line, key, value, what was expected and the remedy, as for a scene.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ _MOST_SOBOL = 2**30
 
 
 def read_campaign(path: str | os.PathLike[str], overrides: Mapping[str, object] = _NO_OVERRIDES) -> Campaign:
-    """Return the campaign in the YAML file `path`; `overrides` replace keys of its own, such as `runs`.
+    """Return the campaign in the YAML file `path`; `overrides` replace its own keys, such as `runs`.
 
     Raises:
         SceneError: the file or the scene it names cannot be read or is not valid; one line for each problem.
@@ -64,7 +64,7 @@ def read_campaign(path: str | os.PathLike[str], overrides: Mapping[str, object] 
 
 
 def parse_campaign(text: str, source: str = "<campaign>", overrides: Mapping[str, object] = _NO_OVERRIDES) -> Campaign:
-    """Return the campaign in the YAML `text`; paths in it begin at the folder of `source`.
+    """Return the campaign in the YAML `text`; paths in it are relative to the folder of `source`.
 
     Raises:
         SceneError: it is not valid; one line for each problem.
@@ -107,7 +107,7 @@ def parse_campaign(text: str, source: str = "<campaign>", overrides: Mapping[str
     campaign = Campaign(
         text, source, modules, base.text, runs, seed, sampling, found, mixing, control, period_ns, metrics, requirements
     )  # fmt: skip
-    # Functions of the user are found now, not after hours.
+    # Look user functions up now: an error should not come after hours of computing.
     Judge(campaign, 1)
     if control is not None:
         try:
@@ -118,7 +118,7 @@ def parse_campaign(text: str, source: str = "<campaign>", overrides: Mapping[str
 
 
 def _base(root: Section, controlled: bool, problems: Problems) -> Scene | None:
-    """Return the base scene with what `set` says, and a channel for the controller."""
+    """Return the base scene with the values of `set`, and a channel for the controller."""
     field = root.get("scene")
     if field is None:
         root.missing("scene", "the path of a scene file", "add scene: with a path relative to the campaign file")
@@ -132,13 +132,13 @@ def _base(root: Section, controlled: bool, problems: Problems) -> Scene | None:
         changes[key] = document.plain(value.node)
     path = os.path.join(os.path.dirname(problems.source), name)
     if not os.path.isfile(path):
-        field.reject("the path of a scene file", "correct the path, which begins at the folder of the campaign file")
+        field.reject("the path of a scene file", "correct the path, which is relative to the campaign file")
         return None
     base = read_scene(path, changes)
     if base.duration is None:
         field.reject("a scene that ends", "add duration to the scene, or to set", "no duration in it")
         return None
-    # The text tells nothing of where the file lay: the same campaign is the same everywhere.
+    # Leave the folder of the scene out of its text: the same campaign must be the same everywhere.
     title, tree = os.path.basename(name), document.parse(base.text, Problems(base.source))
     if controlled:
         if base.body.is_particle:
@@ -150,7 +150,7 @@ def _base(root: Section, controlled: bool, problems: Problems) -> Scene | None:
             if each.topic != CHANNEL
         ]
         apply_overrides(tree, {"wrenches": [*channels, {"topic": CHANNEL}]}, problems)
-    return parse_scene(document.to_text(tree, f"{title}, as a campaign flies it"), title)
+    return parse_scene(document.to_text(tree, f"{title}, as a campaign runs it"), title)
 
 
 def _sampling(field: Field | None) -> str:
@@ -193,7 +193,7 @@ def _control(field: Field | None) -> Control | None:
 
 
 def _name(field: Field, known: Sequence[str]) -> str:
-    """Return a name that is known, or one with a dot, which is looked for later."""
+    """Return a known name, or one with a dot, which is looked up later."""
     text = field.node.value if isinstance(field.node.value, str) else ""
     near = difflib.get_close_matches(text[:60], known, n=1)
     remedy = f"did you mean {near[0]}?" if near else "write one of them, or the dotted name of a function of your own"
@@ -203,7 +203,7 @@ def _name(field: Field, known: Sequence[str]) -> str:
 
 
 def _parameter(field: Field, key: str) -> dict[str, float]:
-    """Return a number, a list of numbers or a quaternion under the keys of its parts."""
+    """Return a number, or the elements of a list or a quaternion, by key."""
     value = field.node.value
     if isinstance(value, list):
         items = field.items("a list", "write numbers")
@@ -239,7 +239,7 @@ def _period_ns(field: Field, rate: float) -> int:
 
 
 def _check_grid(root: Section, base: Scene, control: Control | None) -> None:
-    """Refuse a loop whose samples would not fall on the grid of fixed steps."""
+    """Refuse a loop whose samples do not coincide with fixed steps."""
     if (
         control is None
         or base.solver.step is None

@@ -31,7 +31,7 @@ _COEFFICIENT = Rule("a number between -1 and 1", lambda v: -1.0 < v < 1.0, "writ
 
 
 def inputs(field: Field | None, base: Scene, control: Mapping[str, float]) -> tuple[Input, ...]:
-    """Return the inputs of each run, one for each number that differs."""
+    """Return the inputs of a run, one for each dispersed number."""
     if field is None:
         return ()
     tree = document.parse(base.text, Problems(base.source))
@@ -45,7 +45,7 @@ def inputs(field: Field | None, base: Scene, control: Mapping[str, float]) -> tu
             found += _numbers(key, entry, _values(key, tree, control))
     names = [each.name for each in found]
     if len(names) != len(set(names)):
-        field.reject("each number once", "remove one of them", "a number and the list that it is in")
+        field.reject("each number once", "remove one of them", "a number and the list that contains it")
     return tuple(found)
 
 
@@ -64,14 +64,14 @@ def _orientation(entry: Field) -> list[Input]:
     if entry.node.value == "any":
         return [Input(name, Uniform(0.0, 1.0), ORIENTATION) for name in ANYHOW]
     if not isinstance(entry.node.value, dict):
-        entry.reject("any, or {turn: deviation in rad}", "write any for attitudes all alike")
+        entry.reject("any, or {turn: deviation in rad}", "write any for uniformly distributed attitudes")
         return []
     turn = entry.section(("turn",)).number("turn", NOT_NEGATIVE, 0.0, required=True)
     return [Input(name, Normal(0.0, turn), ORIENTATION) for name in TURNS]
 
 
 def _values(key: str, tree: Node, control: Mapping[str, float]) -> dict[str, float]:
-    """Return the numbers that stand under `key` in the scene or in the controller, by their own keys."""
+    """Return the numbers below `key` in the scene or the controller, each by its own key."""
     found = {name: value for name, value in control.items() if name == key or name.startswith(f"{key}[")}
     if found or key.startswith("control."):
         return found
@@ -93,7 +93,7 @@ def _values(key: str, tree: Node, control: Mapping[str, float]) -> dict[str, flo
 def _numbers(key: str, entry: Field, values: Mapping[str, float]) -> list[Input]:
     if not values:
         entry.reject(
-            "a dotted key of a number, or of a list of numbers, that stands in the scene or in control",
+            "the dotted key of a number, or of a list of numbers, in the scene or in control",
             "correct the key, or give it a value in the scene or in set",
             f"no number under {key}",
         )
@@ -146,13 +146,13 @@ def _log_uniform(field: Field, _: float) -> Distribution:
 
 
 def _stepped(section: Section, distribution: Normal | Uniform | LogUniform) -> Distribution:
-    """Return `distribution`, rounded to multiples of `step` where the section has one."""
+    """Return `distribution`, rounded to multiples of `step` if the section has one."""
     field = section.get("step")
     if field is None:
         return distribution
     step = field.number(POSITIVE, 1.0)
     for edge in (distribution.low, distribution.high):
-        # Rounding would leave the bounds, or have a value there that is rounded to it from one side only.
+        # Otherwise rounding would exceed the bounds, or give a bound half its probability.
         steps = edge / step
         if math.isfinite(edge) and not (math.isfinite(steps) and math.isclose(steps, round(steps), abs_tol=1e-9)):
             field.reject("a step of which the lowest and the highest value are whole multiples", "write another step")
@@ -179,7 +179,7 @@ def _choice(field: Field, _: float) -> Distribution:
 
 
 _FARTHEST = 9.0
-"""Deviations that no normal number leaves: its probability is 2^-54 or more."""
+"""Limit of a normal number in deviations: probabilities are at least 2^-54."""
 
 _READERS: Mapping[str, Callable[[Field, float], Distribution]] = {
     "normal": _normal,
@@ -203,7 +203,7 @@ def _edges(section: Section, low: float, high: float, rule: Rule = NUMBER) -> tu
 
 
 def correlations(field: Field | None, found: Sequence[Input]) -> tuple[tuple[float, ...], ...]:
-    """Return the lower triangular rows that mix independent normal scores; empty where none are correlated."""
+    """Return the lower triangular rows that mix independent normal scores; empty if none are correlated."""
     if field is None:
         return ()
     names = [each.name for each in found]
@@ -227,13 +227,15 @@ def correlations(field: Field | None, found: Sequence[Input]) -> tuple[tuple[flo
         return ()
     rows = _cholesky(matrix)
     if rows is None:
-        field.reject("correlations that numbers can have, all together", "make some of them smaller")
+        field.reject(
+            "correlations that are possible together (a positive definite matrix)", "make some of them smaller"
+        )
         return ()
     return rows
 
 
 def _cholesky(matrix: Sequence[Sequence[float]]) -> tuple[tuple[float, ...], ...] | None:
-    """Return the lower triangular L with L L^T = `matrix`, None where it is not positive definite."""
+    """Return the lower triangular L with L L^T = `matrix`, None if it is not positive definite."""
     rows: list[list[float]] = []
     for i, row in enumerate(matrix):
         new: list[float] = []

@@ -1,7 +1,7 @@
-"""The inputs of runs: probabilities in the unit cube, correlated, and turned into values.
+"""The inputs of runs: probabilities in the unit cube, correlated, and mapped to values.
 
-Any block of runs can be had without the others: a random number depends on the seed of the campaign and the number of
-the run alone.
+Any block of runs can be computed without the others: a random number depends only on the seed of the campaign and the
+number of the run.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ if TYPE_CHECKING:
     Numbers = npt.NDArray[np.float64]
 
 INPUTS, NOISE = 0, 1
-"""Streams of random numbers that each run has."""
+"""Independent streams of random numbers per run."""
 
-# Probabilities of 0 and 1 are infinities of a normal number.
+# The normal quantiles of 0 and 1 are infinite.
 _LEAST, _MOST = 2.0**-54, 1.0 - 2.0**-53
 
 
 def generator(seed: int, run: int, stream: int) -> np.random.Generator:
-    """Return the random numbers of a run: Philox keyed by (seed, run), streams apart by 2^192 in its counter.
+    """Return the random generator of a run: Philox keyed by (seed, run); streams are 2^192 apart in its counter.
 
     Salmon et al., Parallel random numbers: as easy as 1, 2, 3 (2011): streams of different keys are independent.
     """
@@ -37,7 +37,7 @@ def generator(seed: int, run: int, stream: int) -> np.random.Generator:
 
 
 def inputs(campaign: Campaign, first: int, last: int) -> Numbers:
-    """Return the inputs of the runs from `first` to `last`, (n, inputs)."""
+    """Return the inputs of the runs from `first` up to, not including, `last`, (n, inputs)."""
     import numpy as np
 
     count = len(campaign.inputs)
@@ -61,7 +61,7 @@ def _design(campaign: Campaign, first: int, last: int) -> Numbers:
 
 @lru_cache(maxsize=1)
 def _hypercube(runs: int, count: int, seed: int) -> Numbers:
-    """Return the whole design: each block of it needs all of it."""
+    """Return the whole design, which every block needs."""
     import numpy as np
     from scipy.stats import qmc
 
@@ -75,7 +75,7 @@ def _sobol(first: int, last: int, count: int, seed: int) -> Numbers:
 
     engine = qmc.Sobol(count, seed=np.random.default_rng(seed))
     with warnings.catch_warnings():
-        # It warns of numbers that are no power of two; a block is a part of the whole.
+        # scipy warns if the number is not a power of two, but this is only a block of the sequence.
         warnings.simplefilter("ignore", UserWarning)
         if first:
             engine.fast_forward(first)
@@ -91,12 +91,12 @@ def _correlated(probabilities: Numbers, mixing: tuple[tuple[float, ...], ...]) -
     from scipy.special import ndtr, ndtri
 
     scores = ndtri(probabilities)
-    # Added up one by one: the order of a matrix product depends on the number of runs.
+    # Sum one by one: the order of summation in a matrix product depends on the number of runs.
     mixed = np.zeros_like(scores)
     for k, row in enumerate(mixing):
         for j, weight in enumerate(row):
             mixed[:, k] += weight * scores[:, j]
-    # What depends on itself alone keeps its bits.
+    # An input without correlations keeps its bits.
     same = [k for k, row in enumerate(mixing) if row[k] == 1.0]
     result: Numbers = ndtr(mixed).clip(_LEAST, _MOST)
     result[:, same] = probabilities[:, same]

@@ -1,8 +1,8 @@
-"""The scene of one run: the base scene with the run's inputs in it, validated like any scene.
+"""The scene of one run: the base scene with the inputs of the run, validated like any scene.
 
-Where the inertia is dispersed, each second moment of the mass, the integral of x_k^2 dm along principal axis k, is
-multiplied by a positive factor, and the axes are rotated. Each moment I_k is the sum of two second moments, so that
-every sample is the inertia of a real body.
+If the inertia is dispersed, each second moment of the mass, the integral of x_k^2 dm along principal axis k, is
+multiplied by a positive factor, and the axes are rotated. Each moment I_k is the sum of two second moments, so every
+sample is the inertia of a real body.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ ANYHOW = tuple(f"{ORIENTATION}.any[{i}]" for i in range(3))
 
 
 class Scenes:
-    """Makes the scenes of the runs of one campaign; base and inputs are read once."""
+    """Makes the scenes of the runs of one campaign; reads base and inputs once."""
 
     def __init__(self, campaign: Campaign) -> None:
         """Read the base scene.
 
         Raises:
-            SceneError: it is not valid.
+            SceneError: the base scene is not valid.
         """
         problems = Problems(campaign.source)
         self._campaign = campaign
@@ -47,25 +47,25 @@ class Scenes:
         """Return the scene of a run with these inputs, without its text.
 
         Raises:
-            SceneError: the inputs make no valid scene.
+            SceneError: the scene is not valid with these inputs.
         """
         problems, tree = Problems(self._campaign.source), _copy(self._tree)
         apply_overrides(tree, self.overrides(values), problems)
         return scene_of(tree, problems, "")
 
     def whole(self, values: Mapping[str, float]) -> Scene:
-        """Return the same with the text that alone makes it again.
+        """Return the scene of a run with these inputs, with its complete text.
 
         Raises:
-            SceneError: the inputs make no valid scene.
+            SceneError: the scene is not valid with these inputs.
         """
         return parse_scene(self._campaign.scene_text, self._campaign.source, self.overrides(values))
 
     def overrides(self, values: Mapping[str, float]) -> dict[str, object]:
-        """Return what a run with these inputs changes in the base scene, by dotted key."""
+        """Return the changes to the base scene for a run with these inputs, by dotted key."""
         changes: dict[str, object] = {}
         if INERTIA in self._wholes:
-            # Some forms of inertia give the mass and its centre too.
+            # Some forms of inertia also define the mass and its centre.
             changes["body.mass"] = self.base.body.mass
             changes["body.center_of_mass"] = self.base.body.center_of_mass
             changes[INERTIA] = self._inertia(values)
@@ -97,12 +97,12 @@ class Scenes:
 
 @lru_cache(maxsize=4)
 def scenes_of(campaign: Campaign) -> Scenes:
-    """Return what makes the scenes of `campaign`: read once in each process."""
+    """Return the `Scenes` of `campaign`, read once per process."""
     return Scenes(campaign)
 
 
 def any_attitude(u: float, v: float, w: float) -> Quaternion:
-    """Return an attitude, uniform over all of them where u, v, w are uniform from 0 to 1.
+    """Return an attitude; uniformly distributed over all attitudes if u, v, w are uniform from 0 to 1.
 
     Shoemake, Uniform random rotations, Graphics Gems III (1992) 124.
     """
@@ -112,7 +112,7 @@ def any_attitude(u: float, v: float, w: float) -> Quaternion:
 
 
 def _turn(values: Mapping[str, float], names: Sequence[str]) -> Quaternion:
-    """Return the rotation by the vector of these names, rad."""
+    """Return the rotation by the vector with these names, rad."""
     x, y, z = (values[name] for name in names)
     return exp((x, y, z))
 

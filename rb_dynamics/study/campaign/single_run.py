@@ -1,4 +1,4 @@
-"""Fly one run of a campaign again, alone, through `Simulation` and with a full log, and compare it with its row."""
+"""Repeat one run of a campaign alone, through `Simulation` and with a full log, and compare it with its row."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from rb_dynamics.study.campaign.user_functions import FunctionError
 
 @dataclass(frozen=True)
 class SingleRun:
-    """What a run gave when it was flown again.
+    """Result of a repeated run.
 
     Attributes:
         run: its number.
-        metrics: by name; none where it could not be flown to its end.
-        row: the metrics in its row, None where there is none.
-        log: where it was logged.
-        error: why it could not be flown to its end.
-        row_error: why its row says so.
+        metrics: by name; empty if the run failed.
+        row: the metrics in its row, None if there is no row.
+        log: path of its log.
+        error: why it failed.
+        row_error: why it failed according to its row.
     """
 
     run: int
@@ -39,7 +39,7 @@ class SingleRun:
 
     @property
     def differs(self) -> bool:
-        """Whether a metric is not that of the row, to the bit, or only one of both could be flown."""
+        """Whether a metric differs from the row in any bit, or only one of the two failed."""
         if self.row is None:
             return False
         if bool(self.error) != bool(self.row_error):
@@ -50,13 +50,13 @@ class SingleRun:
         )
 
     def as_dict(self) -> dict[str, Any]:
-        """Return it for JSON; what is no finite number is None."""
+        """Return the result for JSON; numbers that are not finite are None."""
         metrics = {name: value if math.isfinite(value) else None for name, value in self.metrics.items()}
         same = None if self.row is None else not self.differs
         return {"run": self.run, "metrics": metrics, "error": self.error, "same_as_row": same, "log": str(self.log)}
 
     def as_text(self) -> str:
-        """Return it for a person at a terminal."""
+        """Return the result as text."""
         lines = [f"run {self.run}"]
         if self.error:
             lines.append(f"  not flown to its end: {self.error}")
@@ -77,11 +77,11 @@ def _shown(value: float) -> str:
 
 
 def rerun(campaign: Campaign, run: int, log: Path, rows: Path) -> SingleRun:
-    """Fly `run` with all it has written to `log`, and compare it with its row where `rows` has one.
+    """Repeat `run` with a log at `log`, and compare it with its row if `rows` has one.
 
     Raises:
-        SceneError: there is no such run, or its inputs make no valid scene.
-        LogError: a file cannot be read or written, or `rows` is of another campaign.
+        SceneError: there is no such run, or the scene is not valid with its inputs.
+        LogError: a file cannot be read or written, or `rows` belongs to another campaign.
     """
     if not 0 <= run < campaign.runs:
         raise SceneError(f"--rerun: found {run}, expected a run from 0 to {campaign.runs - 1}; correct the number")
@@ -92,7 +92,7 @@ def rerun(campaign: Campaign, run: int, log: Path, rows: Path) -> SingleRun:
     try:
         metrics = fly_alone(campaign, run, [McapSink(log)])
     except (ConvergenceError, FunctionError) as problem:
-        # The log ends where the run does.
+        # The log ends with the run.
         error = str(problem)
     found = read_row(rows, run) if compared else None
     row = None if found is None else {each.name: float(found[each.name]) for each in campaign.metrics}

@@ -1,8 +1,8 @@
-"""The rows of a campaign on disk: a Parquet file for each block while it runs, and one for all of it at the end.
+"""The rows of a campaign on disk: one Parquet file per block while it runs, and one file at the end.
 
-A file is written under another name, synced and then renamed, so that what is on disk is complete. One process at a
-time writes, and existing files are checked before they are used. The final file depends on the campaign alone, not on
-how its runs were divided, interrupted or ordered.
+A file is written under a temporary name, synced and then renamed, so every file on disk is complete. Only one process
+at a time writes, and existing files are checked before they are used. The final file depends only on the campaign, not
+on how its runs were divided, interrupted or ordered.
 """
 
 from __future__ import annotations
@@ -28,26 +28,26 @@ if TYPE_CHECKING:
     from rb_dynamics.study.campaign.flight import Columns
 
 ROWS = 1 << 16
-"""Rows in a group of the last file, and so what is in memory at a time when it is written."""
+"""Rows per row group of the final file, which bounds the memory needed to write it."""
 
 _METADATA = b"rb_dynamics"
 _ANEW = "give another file with --out, or --overwrite to begin anew"
-_REMOVE = "remove the file, whose runs are then flown again"
+_REMOVE = "remove the file, so that its runs are repeated"
 _PART = re.compile(r"runs-(\d+)-(\d+)\.parquet")
 
 
 class Store:
     """The rows of one campaign: `path` when it is complete, files in `path` + ".parts" before.
 
-    It is this process's until it is closed, or nobody has it any more.
+    It is locked for this process until it is closed or garbage-collected.
     """
 
     def __init__(self, path: str | os.PathLike[str], campaign: Campaign, overwrite: bool = False) -> None:
-        """Take up what is there of the same campaign.
+        """Open the store and check existing rows of the same campaign.
 
         Raises:
-            LogError: what is there is of another campaign, damaged, or being written by another process, or the folder
-                cannot be written.
+            LogError: existing rows belong to another campaign, are damaged, or are being written by another process, or
+                the folder cannot be written.
             MissingExtraError: pyarrow is not installed.
         """
         self._parquet = _parquet()
@@ -61,7 +61,7 @@ class Store:
                 shutil.rmtree(self._parts, ignore_errors=True)
             self.complete = False
             if self.path.exists():
-                self._take_up()
+                self._use_existing()
             else:
                 self._begin()
         except OSError as error:
@@ -74,19 +74,19 @@ class Store:
             raise
 
     def close(self) -> None:
-        """Let other processes have it."""
+        """Release the lock."""
         self._release()
 
-    def _take_up(self) -> None:
-        """Use the file at `path`, which holds all runs; those of a smaller campaign become a block of this one."""
+    def _use_existing(self) -> None:
+        """Use the file at `path`, which holds all runs; rows of a smaller campaign become a block of this one."""
         check_same(read_facts(self.path), self.path, self._campaign, _ANEW)
         runs = self._parquet.read_metadata(self.path).num_rows
         self._check_not_more(runs, self.path)
-        # A kill may have left blocks of which the file is made.
+        # A kill may have left the blocks that the file was made from.
         shutil.rmtree(self._parts, ignore_errors=True)
         self.complete = runs == self._campaign.runs
         if not self.complete:
-            # First what says whose rows these are: a kill between the two must not leave rows without it.
+            # Write the facts first: a kill between the two must not leave rows without facts.
             self._begin()
             os.replace(self.path, self._part(0, runs))
 
@@ -103,7 +103,7 @@ class Store:
             new.write_text(json.dumps(facts_of(self._campaign)), encoding="utf-8")
 
     def _check_parts(self) -> None:
-        """Check that each file holds the runs that its name says, and no run is in two of them."""
+        """Check that each file holds the runs in its name, and that no run is in two files."""
         end, before = 0, None
         for first, last in self._on_disk():
             path = self._part(first, last)
@@ -130,11 +130,11 @@ class Store:
 
     @property
     def done(self) -> int:
-        """Runs whose rows are on disk."""
+        """Number of runs whose rows are on disk."""
         return self._campaign.runs if self.complete else sum(last - first for first, last in self._on_disk())
 
     def missing(self, block: int) -> Iterator[tuple[int, int]]:
-        """Yield first and last (left out) of blocks of at most `block` runs that are not on disk, in order."""
+        """Yield (first, last + 1) of blocks of at most `block` runs that are not on disk, in order."""
         if self.complete:
             return
         runs = self._campaign.runs
@@ -143,10 +143,10 @@ class Store:
                 yield first, min(first + block, end)
 
     def write(self, columns: Columns) -> None:
-        """Keep the rows of a block.
+        """Store the rows of a block.
 
         Raises:
-            LogError: the disk does not take them.
+            LogError: the rows cannot be written.
         """
         first, last = int(columns["run"][0]), int(columns["run"][-1]) + 1
         try:
@@ -158,10 +158,10 @@ class Store:
             ) from error
 
     def finish(self) -> None:
-        """Make one file of all blocks; those are removed.
+        """Merge all blocks into one file and remove them.
 
         Raises:
-            LogError: the disk does not take it, or a block cannot be read.
+            LogError: the file cannot be written, or a block cannot be read.
         """
         if self.complete:
             return
@@ -181,7 +181,7 @@ class Store:
             waiting = table if waiting is None else pa.concat_tables([waiting, table])
             writer = writer or self._parquet.ParquetWriter(target, table.schema, compression="zstd")
             while waiting.num_rows >= ROWS:
-                # In one chunk, or the pages of the file would show where blocks began.
+                # As one chunk; otherwise the pages of the file would depend on the blocks.
                 writer.write_table(waiting.slice(0, ROWS).combine_chunks(), ROWS)
                 waiting = waiting.slice(ROWS)
         if writer is not None and waiting is not None:
@@ -190,7 +190,7 @@ class Store:
             writer.close()
 
     def _tables(self) -> Iterator[Any]:
-        """Yield all rows in order, never more than a group of a file at a time: a block may be a whole campaign."""
+        """Yield all rows in order, at most one row group at a time: a block may be a whole campaign."""
         facts = {_METADATA: json.dumps(facts_of(self._campaign))}
         for first, last in self._on_disk():
             with _readable(self._part(first, last)) as path, self._opened(path) as file:
@@ -214,7 +214,7 @@ class Store:
 
 
 def read_rows(path: str | os.PathLike[str], columns: list[str] | None = None) -> Columns:
-    """Return the rows of a complete campaign: arrays by the names of the columns, and a list of texts for `error`.
+    """Return the rows of a complete campaign: arrays by column name, and a list of texts for `error`.
 
     Raises:
         LogError: the file cannot be read.
@@ -230,7 +230,7 @@ def read_rows(path: str | os.PathLike[str], columns: list[str] | None = None) ->
 
 
 def read_row(path: str | os.PathLike[str], run: int) -> dict[str, Any] | None:
-    """Return the row of one run, None where there is none, without reading the others into memory for long.
+    """Return the row of one run, None if there is none; reads one row group at a time.
 
     Raises:
         LogError: the file cannot be read.
@@ -250,7 +250,7 @@ def read_row(path: str | os.PathLike[str], run: int) -> dict[str, Any] | None:
 
 
 def read_facts(path: str | os.PathLike[str]) -> Facts:
-    """Return what is kept beside the rows of a complete campaign; nothing where they are no campaign's.
+    """Return the facts stored with the rows of a campaign; empty if the file has none.
 
     Raises:
         LogError: the file cannot be read.
@@ -279,7 +279,7 @@ def _read_json(path: Path) -> Facts:
 
 
 def _runs_in(parquet: Any, path: Path) -> tuple[int, int, int]:
-    """Return how many runs a block has, the first and the last of them, by what the file says of its columns.
+    """Return number, first and last of the runs in a block, from the column statistics of the file.
 
     Raises:
         LogError: the file cannot be read.
@@ -296,7 +296,7 @@ def _runs_in(parquet: Any, path: Path) -> tuple[int, int, int]:
 
 @contextlib.contextmanager
 def _readable(path: Path) -> Iterator[Path]:
-    """Yield the name of a block; what cannot be read in it is an error that names it."""
+    """Yield the path of a block; reading errors become a `LogError` that names it."""
     try:
         yield path
     except (OSError, ValueError) as error:
@@ -305,21 +305,21 @@ def _readable(path: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def _renamed(path: Path) -> Iterator[Path]:
-    """Yield a name to write to; what is written there comes to the disk, and then becomes `path`."""
+    """Yield a temporary path; when the block ends, the file is synced and renamed to `path`."""
     new = path.with_name(f"{path.name}.new")
     try:
         yield new
-        _to_disk(new)
+        _sync(new)
         os.replace(new, path)
         with contextlib.suppress(OSError):
-            # Not every system can wait for a folder; the file itself is there, under one of both names.
-            _to_disk(path.parent)
+            # Not every system can sync a folder; the file itself exists, under one of the two names.
+            _sync(path.parent)
     finally:
         new.unlink(missing_ok=True)
 
 
-def _to_disk(path: Path) -> None:
-    """Wait until the disk has a file, or the names in a folder."""
+def _sync(path: Path) -> None:
+    """Sync a file, or the names in a folder."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)

@@ -1,8 +1,8 @@
-"""What the rows of a campaign show: quantiles and pass rate with confidence intervals, failures, sensitivities.
+"""Statistics of a campaign: quantiles and pass rate with confidence intervals, failures, sensitivities.
 
-Intervals treat the runs as independent draws. A Latin hypercube or a Sobol sequence covers each input more evenly
-than that, and with few runs its inputs may be correlated by chance; a driver that is only such an echo is marked as
-one.
+Intervals treat the runs as independent draws. A Latin hypercube or a Sobol sequence covers each input more evenly, and
+with few runs its inputs may be correlated by chance; a sensitivity that only reflects such a correlation is marked as
+an echo.
 """
 
 from __future__ import annotations
@@ -28,28 +28,28 @@ if TYPE_CHECKING:
 
 CONFIDENCE = 0.95
 FAR = 0.9973
-"""The part of runs that requirements often speak of: what lies within three deviations of a normal number."""
+"""Probability within three standard deviations of a normal distribution, often used in requirements."""
 
 PROBABILITIES = (0.01, 0.05, 0.5, 0.95, 0.99, FAR)
 SHOWN = (0.01, 0.5, 0.95, 0.99, FAR)
-"""Of these, what a table has room for."""
+"""The quantiles that fit in a table."""
 
 BELOW = tuple("median" if each == 0.5 else f"{100.0 * each:g} % below" for each in SHOWN)
 """Heads of their columns."""
 
 TRUE = f"true {100.0 * FAR:g} % in"
-"""Head of the column that says where the quantile of all possible runs lies."""
+"""Head of the column with the confidence interval of the farthest quantile."""
 
 UNKNOWN = "unknown"
-"""What stands where the runs are too few to tell."""
+"""Shown if there are too few runs for a value."""
 
 EITHER_WAY = " either way"
-"""Behind the name of an input: its distance from its median, of which a metric may depend whatever the sign."""
+"""Suffix of an input's name: its distance from its median, for metrics that depend on it whatever the sign."""
 
 
 @dataclass(frozen=True)
 class Quantile:
-    """A quantile of a metric with its interval; None is what there are too few runs to tell."""
+    """A quantile of a metric with its interval; None for anything that needs more runs."""
 
     probability: float
     value: float | None
@@ -59,11 +59,11 @@ class Quantile:
 
 @dataclass(frozen=True)
 class Worst:
-    """The run that is worst by a metric: by what is required of it, else the largest, of `least` the smallest.
+    """The worst run by a metric: by its requirement, or else the largest (of `least`, the smallest).
 
     Attributes:
-        run: its number, the first where there are several.
-        value: of the metric; None where it has none and needs one.
+        run: its number, the first if there are several.
+        value: of the metric; None if a required value is missing.
         which: `largest`, `smallest` or `without a value`.
     """
 
@@ -74,23 +74,24 @@ class Worst:
 
 @dataclass(frozen=True)
 class MetricSummary:
-    """What became of one metric.
+    """Statistics of one metric.
 
     Attributes:
         name: of the metric.
         unit: of its values.
-        count: of runs in which it is a number.
-        missing: of runs in which it is none: a condition that was never met, or a run that could not be flown.
-        mean: of the numbers.
-        deviation: likewise, standard deviation.
-        least: likewise.
-        most: likewise.
-        quantiles: of the numbers.
-        worst: the worst run; None where no run has a number.
-        sensitivity: rank correlation with each input, the strongest first.
-        either_way: rank correlation with the distance of each input from its median, likewise.
-        echoes: of both the inputs that only follow a stronger one: they correlate with it in these runs, beyond
-            chance, and with the metric no more than that brings with it; with its name and that correlation.
+        count: number of runs with a value.
+        missing: number of runs without one: a condition that was never met, or a failed run.
+        mean: of the values.
+        deviation: standard deviation of the values.
+        least: smallest value.
+        most: largest value.
+        quantiles: of the values.
+        worst: the worst run; None if no run has a value.
+        sensitivity: rank correlation with each input, strongest first.
+        either_way: rank correlation with the distance of each input from its median, strongest first.
+        echoes: inputs of both lists that only follow a stronger one: in these runs they correlate with it beyond
+            chance, and with the metric no more than that explains; each with the name of the stronger input and that
+            correlation.
     """
 
     name: str
@@ -109,7 +110,7 @@ class MetricSummary:
 
     @property
     def drivers(self) -> tuple[tuple[str, float], ...]:
-        """All sensitivities, the strongest first, without the echoes of stronger ones."""
+        """All sensitivities, strongest first, without echoes."""
         only_follow = {name for name, _, _ in self.echoes}
         known = _strongest_first([*self.sensitivity, *((name + EITHER_WAY, value) for name, value in self.either_way)])
         return tuple(pair for pair in known if pair[0] not in only_follow)
@@ -117,19 +118,19 @@ class MetricSummary:
 
 @dataclass(frozen=True)
 class CampaignSummary:
-    """What became of all runs.
+    """Statistics of all runs.
 
     Attributes:
         runs: number of them.
-        passed: of those that met every requirement.
-        pass_rate: their part of all.
-        pass_low: lower end of its interval, for all possible runs.
+        passed: number that met every requirement.
+        pass_rate: fraction that passed.
+        pass_low: lower end of its confidence interval.
         pass_high: upper end.
-        failed: the numbers of runs that did not pass, the first `MOST_FAILURES` of them; there are `runs - passed`.
-        not_flown: number of runs that could not be flown, or not to their end.
-        errors: numbers and texts of these, likewise.
-        noise: the size that a rank correlation has by chance alone in 5 % of cases.
-        metrics: each of them.
+        failed: numbers of the runs that did not pass, at most the first `MOST_FAILURES`; there are `runs - passed`.
+        not_flown: number of runs that could not be completed.
+        errors: numbers and error texts of these, at most the first `MOST_FAILURES`.
+        noise: magnitude that a rank correlation exceeds by chance in 5 % of cases.
+        metrics: statistics of each metric.
     """
 
     runs: int
@@ -144,7 +145,7 @@ class CampaignSummary:
     metrics: tuple[MetricSummary, ...]
 
     def as_dict(self) -> dict[str, Any]:
-        """Return it for JSON: what is no finite number is None."""
+        """Return the summary for JSON; numbers that are not finite are None."""
         found: dict[str, Any] = _finite(asdict(self))
         return found
 
@@ -155,7 +156,7 @@ _RUNS_AN_INPUT = 10
 
 
 def summarise(campaign: Campaign, rows: Columns) -> CampaignSummary:
-    """Return what `rows` show."""
+    """Return the statistics of `rows`."""
     import numpy as np
 
     from rb_dynamics.study.campaign.metric_units import unit_of
@@ -182,11 +183,11 @@ def summarise(campaign: Campaign, rows: Columns) -> CampaignSummary:
 
 
 def quantile_interval(values: Numbers, probability: float) -> Quantile:
-    """Return a quantile of sorted `values` with an interval between order statistics, free of any distribution.
+    """Return a quantile of sorted `values` with a distribution-free interval between order statistics.
 
-    Of n values so many lie below the true quantile as a binomial number says: the r-th and the s-th bound it with at
-    least `CONFIDENCE` (David and Nagaraja, Order Statistics, section 7.1). The k-th stands for the quantile of
-    (k - 1/2)/n (Hazen); what lies before the first or behind the last of these has no value.
+    The number of n values below the true quantile is binomial: the r-th and the s-th bound it with at least
+    `CONFIDENCE` (David and Nagaraja, Order Statistics, section 7.1). The k-th value estimates the quantile of (k -
+    1/2)/n (Hazen); quantiles before the first or after the last have no value.
     """
     from scipy.stats import binom
 
@@ -203,7 +204,7 @@ def quantile_interval(values: Numbers, probability: float) -> Quantile:
 
 
 def proportion_interval(successes: int, trials: int) -> tuple[float, float]:
-    """Return the interval of Clopper and Pearson (Biometrika 26 (1934) 404): it covers at least `CONFIDENCE`."""
+    """Return the interval of Clopper and Pearson (Biometrika 26 (1934) 404) with coverage of at least `CONFIDENCE`."""
     from scipy.stats import beta
 
     tail = 0.5 * (1.0 - CONFIDENCE)
@@ -245,7 +246,7 @@ def _metric(
 
 
 def _worst(campaign: Campaign, name: str, rows: Columns) -> Worst | None:
-    """Return the worst of the runs that could be flown."""
+    """Return the worst of the completed runs."""
     import numpy as np
 
     column, is_number = rows[name], np.isfinite(rows[name])
@@ -270,7 +271,7 @@ def _worst(campaign: Campaign, name: str, rows: Columns) -> Worst | None:
 def _sensitivity(
     column: Numbers, is_number: npt.NDArray[np.bool_], ranks: Mapping[str, Numbers]
 ) -> tuple[tuple[str, float], ...]:
-    """Return Spearman's correlation with each of `ranks`; what is no number ranks above all numbers."""
+    """Return Spearman's correlation with each of `ranks`; NaN ranks above all numbers."""
     import numpy as np
 
     own = _ranks(np.where(is_number, column, math.inf))
@@ -284,7 +285,7 @@ def _strongest_first(found: Sequence[tuple[str, float]]) -> tuple[tuple[str, flo
 def _echoes(
     sensitivity: Sequence[tuple[str, float]], ranks: Mapping[str, Numbers], noise: float
 ) -> tuple[tuple[str, str, float], ...]:
-    """Return the inputs whose correlation is that of a stronger one, times theirs with it; see `MetricSummary`."""
+    """Return inputs whose correlation is no more than their correlation with a stronger one explains."""
     drivers: list[tuple[str, float]] = []
     echoes = []
     for name, value in sensitivity:
@@ -324,12 +325,12 @@ def _finite(value: Any) -> Any:
 def as_text(
     campaign: Campaign, summary: CampaignSummary, options: Sequence[str] = (), rows: str = "", most: int = 5
 ) -> str:
-    """Return the summary for a person at a terminal; `options` as in `rerun_commands`, `rows` where all runs are."""
+    """Return the summary as text; `options` as in `rerun_commands`, `rows` is the file with all runs."""
     lines = [
         f"runs        {summary.runs}, seed {campaign.seed}, {campaign.sampling.replace('_', ' ')}",
         f"passed      {summary.passed} of {summary.runs}: {_percents(summary)}",
         *(f"  {line}" for line in _aligned(quantile_table(summary))),
-        f"  99 % below: so many of the runs have a smaller value. {TRUE}: where it lies for all possible runs, with",
+        f"  99 % below: 99 % of the runs have a smaller value.  {TRUE}: its interval over all possible runs, with",
         f"  {CONFIDENCE:.0%} confidence. no value: runs that never met the condition, or could not be flown.",
     ]
     if far := far_text(summary):
@@ -364,7 +365,7 @@ def as_text(
 
 
 def few_runs(campaign: Campaign, summary: CampaignSummary) -> str:
-    """Return that the runs are too few to tell so many inputs apart; "" where they are enough."""
+    """Return a note that there are too few runs to separate the inputs; "" if there are enough."""
     wanted = _RUNS_AN_INPUT * len(campaign.inputs)
     if summary.runs >= wanted:
         return ""
@@ -375,7 +376,7 @@ def few_runs(campaign: Campaign, summary: CampaignSummary) -> str:
 
 
 def percent(part: float, runs: int) -> str:
-    """Return a part of `runs` in per cent, with the digits that so many runs can tell."""
+    """Return a fraction of `runs` in per cent, with as many digits as that many runs can resolve."""
     return f"{part:.{max(1, math.ceil(math.log10(runs)) - 2)}%}"
 
 
@@ -385,7 +386,7 @@ def _percents(summary: CampaignSummary) -> str:
 
 
 def quantile_table(summary: CampaignSummary) -> list[list[str]]:
-    """Return head and rows of the quantiles of each metric, as texts."""
+    """Return head and rows of the table of quantiles, as text."""
     from rb_dynamics.study.campaign.metric_units import titled
 
     table = [["metric", *BELOW, TRUE, "no value"]]
@@ -399,7 +400,7 @@ def quantile_table(summary: CampaignSummary) -> list[list[str]]:
 
 
 def _aligned(table: Sequence[Sequence[str]]) -> list[str]:
-    """Return the lines of a table: the first column and the last two begin at the left, numbers end at the right."""
+    """Return the lines of a table: numbers right-aligned, the first and the last two columns left-aligned."""
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
     lines = []
     for row in table:
@@ -409,7 +410,7 @@ def _aligned(table: Sequence[Sequence[str]]) -> list[str]:
 
 
 def far_text(summary: CampaignSummary) -> str:
-    """Return what so few runs cannot tell of the farthest quantile; "" where they can."""
+    """Return a note on what the runs are too few to tell about the farthest quantile; "" if they are enough."""
     count = min((metric.count for metric in summary.metrics if metric.count), default=0)
     reached = math.ceil(0.5 / (1.0 - FAR))
     bounded = math.ceil(math.log(0.5 * (1.0 - CONFIDENCE)) / math.log(FAR))
@@ -421,7 +422,7 @@ def far_text(summary: CampaignSummary) -> str:
 
 
 def worst_text(metric: MetricSummary) -> str:
-    """Return which run is the worst by a metric, "" where none is."""
+    """Return which run is the worst by a metric, as text; "" if none is."""
     if metric.worst is None:
         return ""
     if metric.worst.value is None:
@@ -431,25 +432,25 @@ def worst_text(metric: MetricSummary) -> str:
 
 
 def interval_text(quantile: Quantile | None) -> str:
-    """Return where the true quantile lies, as far as so many runs tell."""
+    """Return the interval of the true quantile, as text."""
     if quantile is None or quantile.low is None:
         return UNKNOWN
     return f"{quantile.low:.4g} " + ("or more" if quantile.high is None else f"to {quantile.high:.4g}")
 
 
 def rerun_commands(campaign: Campaign, runs: Sequence[int], options: Sequence[str] = ()) -> list[str]:
-    """Return the command that flies each run again, quoted for a shell.
+    """Return the command that repeats each run, quoted for a shell.
 
     Args:
-        campaign: that the runs are of.
+        campaign: the campaign of the runs.
         runs: their numbers.
-        options: words of the command line that made it this campaign and say where its rows are.
+        options: words of the command line that define the campaign and the file of its rows.
     """
     begin = shlex.join([_program(), "campaign", campaign.source, *options])
     return [f"{begin} --rerun {run}" for run in runs]
 
 
 def _program() -> str:
-    """Return what starts the command line here: as it was called where a shell would not find it by its name."""
+    """Return the command that starts this program, as called if a shell would not find it by name."""
     name, called = "rb-dynamics", sys.argv[0]
     return called if Path(called).stem == name and shutil.which(name) != called else name

@@ -1,4 +1,4 @@
-"""Find the laws and functions that a campaign names: those of this package, and the user's by dotted name."""
+"""Find the laws and functions that a campaign names: those of this package, and user functions by dotted name."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ _LONGEST_REASON = 300
 
 
 class FunctionError(RigidBodyError):
-    """A function of the user's raised, or gave what is no number: the run that it was called for cannot be flown."""
+    """A user function raised, or returned no finite number: the run fails."""
 
 
 def find_function(name: str, known: Mapping[str, Callable[..., Any]], modules: UserModules) -> Callable[..., Any]:
-    """Return what is `known` by `name`, or the function `module.function` of the user's `modules`.
+    """Return the `known` function `name`, or the function `module.function` of the user's `modules`.
 
     Raises:
         SceneError: there is no such module or function, or its module cannot be loaded.
@@ -34,7 +34,7 @@ def find_function(name: str, known: Mapping[str, Callable[..., Any]], modules: U
         raise
     except Exception as error:
         raise SceneError(
-            f"found {name}, expected a function that can be imported ({_said(error)}); put its module beside the "
+            f"found {name}, expected a function that can be imported ({_described(error)}); put its module beside the "
             "campaign file or install it, or correct it"
         ) from error
     if not callable(found):
@@ -44,24 +44,24 @@ def find_function(name: str, known: Mapping[str, Callable[..., Any]], modules: U
 
 
 def called(what: str, function: Callable[..., Any], *arguments: object) -> Any:
-    """Return what a function of the user's returns.
+    """Return the result of a user function.
 
     Raises:
         FunctionError: it raised.
-        SceneError: it raised what has to do with the machine and not with the run.
+        SceneError: it raised an error of the machine, not of the run.
     """
     try:
         return function(*arguments)
     except (OSError, MemoryError) as error:
         raise SceneError(
-            f"{what} raised {_said(error)}; what a law or a metric needs has to be there on every worker"
+            f"{what} raised {_described(error)}; what a law or a metric needs has to be there on every worker"
         ) from error
     except Exception as error:
-        raise FunctionError(f"{what} raised {_said(error)}") from error
+        raise FunctionError(f"{what} raised {_described(error)}") from error
 
 
-def _said(error: Exception) -> str:
-    """Return what `error` says and where in the user's file it was raised, in one line."""
+def _described(error: Exception) -> str:
+    """Return the message of `error` and where in the user's file it was raised, in one line."""
     text = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(": ")
     frames = traceback.extract_tb(error.__traceback__)
     inner = [frame for frame in frames if "importlib" not in frame.filename]

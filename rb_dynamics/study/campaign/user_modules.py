@@ -1,7 +1,7 @@
-"""The user's own modules of a campaign: their source travels with it, so that every process runs the same code.
+"""User modules of a campaign: their source is sent with it, so that every process runs the same code.
 
-Modules beside the campaign file go along, with everything that their `import` statements find there. Each is loaded
-under a name that contains its hash, so that modules of the same name, or earlier versions, do not mix. Installed
+This applies to modules beside the campaign file, and to everything that their `import` statements find there. Each is
+loaded under a name that contains its hash, so that modules of the same name, or earlier versions, do not mix. Installed
 modules are imported as usual, and refused if their source differs from that of the commanding process.
 """
 
@@ -30,12 +30,12 @@ from rb_dynamics.errors import SceneError
 
 @dataclass(frozen=True)
 class Source:
-    """One module that travels.
+    """A module that is sent with the campaign.
 
     Attributes:
-        name: dotted, as it is imported beside the campaign file.
-        file: where it was read, for tracebacks.
-        text: what it says.
+        name: dotted, as imported beside the campaign file.
+        file: its path when read, for tracebacks.
+        text: its source.
         is_package: whether it is the `__init__` of a package.
     """
 
@@ -50,8 +50,8 @@ class UserModules:
     """The modules that a campaign names, and what they import.
 
     Attributes:
-        beside: those that lie beside the campaign file; they travel.
-        installed: top-level names of others, each with the hash of its source.
+        beside: modules beside the campaign file, which are sent with it.
+        installed: top-level names of the other modules, each with the hash of its source.
     """
 
     beside: tuple[Source, ...] = ()
@@ -59,15 +59,15 @@ class UserModules:
 
     @property
     def hashes(self) -> Mapping[str, str]:
-        """SHA-256 of the source of each by its name."""
+        """SHA-256 of the source of each module, by name."""
         return {each.name: _sha256(each.text.encode()) for each in self.beside} | dict(self.installed)
 
     def load(self, name: str) -> ModuleType:
         """Return the module `name`.
 
         Raises:
-            SceneError: one that is installed is another here than where the campaign was read.
-            Exception: whatever importing it raises.
+            SceneError: an installed module differs from the one where the campaign was read.
+            Exception: whatever the import raises.
         """
         for top, there in self.installed:
             if (here := _installed(top)) != there:
@@ -82,14 +82,14 @@ class UserModules:
         return import_module(name)
 
     def find(self, name: str) -> Source | None:
-        """Return the module `name` of those that travel; "" and folders without `__init__` are empty packages."""
+        """Return the module `name` sent with the campaign; "" and folders without `__init__` are empty packages."""
         if name in self._by_name:
             return self._by_name[name]
         is_folder = any(not name or each.startswith(f"{name}.") for each in self._by_name)
         return Source(name, "", "", is_package=True) if is_folder else None
 
     def builtins(self) -> dict[str, Any]:
-        """Return the builtins of a module that travels: in it `import` finds the others of this campaign."""
+        """Return builtins for these modules, in which `import` finds the others of this campaign."""
         package, tops = self._package, {each.name.partition(".")[0] for each in self.beside}
 
         def own_import(
@@ -119,10 +119,10 @@ class UserModules:
 
 
 def read_modules(names: Iterable[str], folder: str) -> UserModules:
-    """Return the modules of the functions `names` (`module.function`), and what they import; `folder` comes first.
+    """Return the modules of the functions `names` (`module.function`), and their imports; `folder` is searched first.
 
     Raises:
-        SceneError: one in `folder` cannot be read.
+        SceneError: a module in `folder` cannot be read.
     """
     beside: dict[str, Source | None] = {}
     installed: dict[str, str] = {}
@@ -136,7 +136,7 @@ def read_modules(names: Iterable[str], folder: str) -> UserModules:
                 waiting += () if source is None else _imports(source)
         top = name.partition(".")[0]
         is_beside = any(source is not None and key.partition(".")[0] == top for key, source in beside.items())
-        if not is_beside and top not in installed and (name in named or _is_of_the_user(top)):
+        if not is_beside and top not in installed and (name in named or _is_user_module(top)):
             installed[top] = _installed(top)
     found = sorted((each for each in beside.values() if each is not None), key=lambda each: each.name)
     return UserModules(tuple(found), tuple(sorted((name, digest) for name, digest in installed.items() if digest)))
@@ -159,7 +159,7 @@ def _read(folder: Path, name: str) -> Source | None:
 
 
 def _imports(source: Source) -> Iterator[str]:
-    """Yield the absolute names of what `source` may import; names in modules are among them, and are found nowhere."""
+    """Yield the absolute names that `source` may import; names inside modules are included, and are found nowhere."""
     package = source.name if source.is_package else source.name.rpartition(".")[0]
     try:
         tree = ast.parse(source.text, source.file)
@@ -170,7 +170,7 @@ def _imports(source: Source) -> Iterator[str]:
             yield from (each.name for each in node.names)
         elif isinstance(node, ast.ImportFrom):
             try:
-                # As in the package that all of them are loaded in.
+                # Relative to the package under which all of them are loaded.
                 base = resolve_name("." * node.level + (node.module or ""), f"_.{package}".rstrip("."))
             except ImportError:
                 continue
@@ -179,8 +179,8 @@ def _imports(source: Source) -> Iterator[str]:
             yield from (f"{base}.{each.name}".lstrip(".") for each in node.names if each.name != "*")
 
 
-def _is_of_the_user(top: str) -> bool:
-    """Return whether a module that can be imported is neither Python's, nor a package that was installed, nor ours."""
+def _is_user_module(top: str) -> bool:
+    """Return whether an importable module belongs to neither Python, nor an installed package, nor this one."""
     if top in sys.stdlib_module_names or top == "rb_dynamics":
         return False
     ours = [Path(sysconfig.get_path(key)) for key in ("purelib", "platlib")]
@@ -194,7 +194,7 @@ _seen: dict[str, str] = {}
 
 
 def _installed(top: str) -> str:
-    """Return the hash of what `top` was when this process first asked, as what is imported stays; "" if nowhere."""
+    """Return the hash of `top` when first asked in this process (imports are cached, too); "" if not found."""
     if top not in _seen:
         files = [
             file for place in _places(top) for file in (sorted(place.rglob("*.py")) if place.is_dir() else [place])
@@ -221,7 +221,7 @@ def _sha256(data: bytes) -> str:
 
 
 class _Finder(MetaPathFinder):
-    """Finds the modules that have come with campaigns."""
+    """Finds the modules sent with campaigns."""
 
     def __init__(self) -> None:
         self.known: dict[str, UserModules] = {}

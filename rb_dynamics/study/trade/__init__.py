@@ -1,7 +1,7 @@
-"""`trade`: measure speed against accuracy of all methods that can run a scene, on the scene itself, and recommend one.
+"""`trade`: measure speed and accuracy of every method that can run a scene, on that scene, and recommend one.
 
-Every method goes from coarse settings to fine ones, in turns, so that all get about the same time. Results are
-compared with a reference on which two methods of different families agree.
+Settings are refined in turns, so that all methods get about the same time. Errors are differences from a reference on
+which two methods of different families agree.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from rb_dynamics.study.explain import measured_length, probed
 from rb_dynamics.study.stopwatch import Clock, Stopwatch
 from rb_dynamics.study.trade.excerpt import accepted, trial_of
 from rb_dynamics.study.trade.full_runs import FullRuns, enough
-from rb_dynamics.study.trade.measurement import RunMeasurement, climbers_for
+from rb_dynamics.study.trade.measurement import RunMeasurement, refinements_for
 from rb_dynamics.study.trade.reference import find_reference
-from rb_dynamics.study.trade.refinement import climb
+from rb_dynamics.study.trade.refinement import refine
 from rb_dynamics.study.trade.result import (
     Recommendation,
     Reference,
@@ -36,12 +36,10 @@ from rb_dynamics.study.trade.result import (
     with_front,
 )
 
-# Of the time there is: one run of the trial may take so much, and finding the reference, at the first attempt and at
-# those that follow.
+# Shares of `time_s`: the longest run of the excerpt, and the deadlines of the attempts to find a reference.
 _PILOT, _REFERENCE = 1.0 / 60.0, (0.4, 0.5, 0.6)
 
-# On top of it, relative to it: what compiling and loading kernels may take, and flying the whole scene where the trial
-# is a part of it.
+# Beyond `time_s`, relative to it: compiling and loading kernels, and running the whole scene if the excerpt is shorter.
 _KERNELS, _WHOLE = 1.0, 1.0 / 3.0
 
 
@@ -57,27 +55,26 @@ def trade(
     clock: Clock = time.perf_counter,
     compiling: Callable[[str], None] | None = None,
 ) -> Trade:
-    """Return how fast and how accurate each method that can run `scene` is on it.
+    """Return the speed and accuracy of each method that can run `scene`.
 
     Args:
-        scene: is not changed, or its file; its solver gives the target where none is asked for.
-        commands: wrench commands of the scene's channels; without any, a channel is tried with a probe if no
-            effect acts.
-        target: error to be kept, in attitude (rad) and in position relative to the path.
-        budget: real-time factor to be kept; then the most accurate row is recommended.
-        time_s: about how long all of it may take, s; compiling kernels may take as long again, once. A third comes on
-            top where that is not enough for the whole scene, over which what is recommended is flown then.
-        methods: names of those to measure, "auto" among them; None for all. The reference is the same.
-        progress: called now and then with the fraction done.
-        clock: what is measured with, s.
-        compiling: called before a kernel is compiled that is in no cache, with its name.
+        scene: or its file; not changed. Its solver gives the target if neither `target` nor `budget` is given.
+        commands: wrench commands of the scene's channels; without any, and if no effect acts, a probe is used.
+        target: largest error allowed, in attitude (rad) and in position relative to the path.
+        budget: real-time factor required; the most accurate row that reaches it is recommended.
+        time_s: approximate total time, s. Compiling kernels may take as long again, once; checking the recommendation
+            over the whole scene, if the excerpt is shorter, a third of it more.
+        methods: names of those to measure, which may include "auto"; None for all. The reference is the same.
+        progress: called repeatedly with the fraction done.
+        clock: used for all measurements, s.
+        compiling: called with the name of a kernel before it is compiled (not when it is loaded from the cache).
 
     Raises:
-        TypeError: an argument is not of its type.
-        ValueError: target, budget or time is not greater than 0.
-        SceneError: the file says no valid scene, the scene has nothing to measure, or one of `methods` is unknown or
-            cannot take the effects of the scene.
-        ConvergenceError: no two methods can run the scene in the time.
+        TypeError: an argument has the wrong type.
+        ValueError: target, budget or time_s is not greater than 0.
+        SceneError: the scene is not valid or has nothing to measure, or one of `methods` is unknown or does not support
+            the effects of the scene.
+        ConvergenceError: no two methods can run the scene in the time available.
     """
     scene = opened(scene)
     commands = list(map(as_command, items(commands, "commands", "(topic, wrench) pairs")))
@@ -90,32 +87,34 @@ def trade(
     stopwatch = Stopwatch(clock, _KERNELS * time_s, compiling)
     begin = stopwatch()
 
-    def told() -> None:
+    def report_progress() -> None:
         if progress is not None:
             progress(min(1.0, (stopwatch() - begin) / time_s))
 
     if target is None and budget is None:
         target = scene.solver.accuracy or DEFAULT_ACCURACY
     commands, remarks = probed(scene, commands, length)
-    kept = accepted(scene, commands)
-    if len(kept) < len(commands):
-        remarks.append(f"{len(commands) - len(kept)} of {len(commands)} wrench commands were rejected")
+    accepted_commands = accepted(scene, commands)
+    if len(accepted_commands) < len(commands):
+        remarks.append(f"{len(commands) - len(accepted_commands)} of {len(commands)} wrench commands were rejected")
     trial, reference, truth = find_reference(
-        trial_of(scene, kept, _PILOT * time_s, stopwatch), [begin + share * time_s for share in _REFERENCE], told
+        trial_of(scene, accepted_commands, _PILOT * time_s, stopwatch),
+        [begin + share * time_s for share in _REFERENCE],
+        report_progress,
     )
     if trial.seconds < trial.whole:
         remarks.append(
-            f"measured over the first {trial.seconds:.6g} s of {trial.whole:g} s: the errors of rows are those after "
-            "them, and more time (--time) measures more"
+            f"measured over the first {trial.seconds:.6g} s of {trial.whole:g} s, for which the errors "
+            "in the table hold; more time (--time) measures a longer part"
         )
     table = RunMeasurement(replace(trial, horizon=scene.duration), reference, truth, target)
-    climbers = climbers_for(trial) if reference.is_useful else []
+    refinements = refinements_for(trial) if reference.is_useful else []
     if names is not None:
-        remarks.append(f"measured as asked for: {', '.join(names)}; all other methods are left out")
-        climbers = [climber for climber in climbers if climber.method in names]
-    climb(climbers, table.measure, begin + time_s, stopwatch, told, table.foresee)
-    rows = with_front([row for climber in climbers for row in table.rows.get(climber.method, ())])
-    whole = FullRuns(trial, kept, rows, _WHOLE * time_s) if rows and trial.seconds < trial.whole else None
+        remarks.append(f"measured only {', '.join(names)}, as requested")
+        refinements = [refinement for refinement in refinements if refinement.method in names]
+    refine(refinements, table.measure, begin + time_s, stopwatch, report_progress, table.foresee)
+    rows = with_front([row for refinement in refinements for row in table.rows.get(refinement.method, ())])
+    whole = FullRuns(trial, accepted_commands, rows, _WHOLE * time_s) if rows and trial.seconds < trial.whole else None
     if progress is not None:
         progress(1.0)
     return Trade(
@@ -126,7 +125,7 @@ def trade(
         recommend(rows, target, budget, whole.judge if whole else as_measured),
         target,
         budget,
-        {climber.method: climber.ended for climber in climbers},
+        {refinement.method: refinement.ended for refinement in refinements},
         stopwatch.kernels,
         tuple(remarks),
         trial.whole,
@@ -136,10 +135,10 @@ def trade(
 
 
 def _asked_for(names: Sequence[object], scene: Scene) -> list[str]:
-    """Return `names` of methods, each once.
+    """Return the `names` of methods without duplicates.
 
     Raises:
-        SceneError: there are none, there is no such method, or it cannot take what acts.
+        SceneError: there are none, one is unknown, or one does not support the load of the scene.
     """
     found: list[str] = []
     for name in names:

@@ -1,4 +1,4 @@
-"""The excerpt of a scene that is run again and again: choose it, describe it, run it and time it."""
+"""The excerpt of a scene that `trade` runs repeatedly: choose it, describe it, run it and time it."""
 
 from __future__ import annotations
 
@@ -23,26 +23,26 @@ from rb_dynamics.study.stopwatch import Stopwatch
 
 _EPSILON = 2.0**-52
 
-# Parts of a run between which it looks at the clock.
+# The clock is read after each of these parts of a run.
 _PARTS = 64
 
 _SAMPLES = 256
 
-# So long (s), or such a share of a run without them, do outputs run to tell what they cost.
+# To measure the cost of outputs, run with them for this time (s) or for this share of a run without them.
 _SHORT, _SHARE = 0.005, 0.25
 
-# No clock tells less, s.
+# Resolution of a clock, s; avoids division by 0.
 _TICK = 1e-9
 
 SHORTEST = 1e-6
-"""The shortest trial, s."""
+"""The shortest excerpt, s."""
 
 
 @dataclass(frozen=True)
 class Flight:
-    """The end of a run, the methods and steps that led to it, the time they took (s), and whether kernels had a part.
+    """Result of one run: last sample, names of the methods, steps, run time (s), and whether kernels took some steps.
 
-    The time of what happens once, whatever the length of the run, is left out.
+    The time excludes what happens once, however long the run is.
     """
 
     sample: Sample
@@ -54,20 +54,20 @@ class Flight:
 
 @dataclass(frozen=True)
 class Excerpt:
-    """What is run again and again.
+    """A scene, or the beginning of it, that is run repeatedly.
 
     Attributes:
-        scene: without its solver and duration.
-        commands: until the end.
-        seconds: simulated.
+        scene: its solver and duration are not used.
+        commands: up to the end of the excerpt.
+        seconds: simulated time of the excerpt.
         whole: length of the scene, s.
-        clock: s.
-        pilot: a solver that runs it.
-        horizon: over which an accuracy is kept, s; None for the scene's open end.
-        path: of the body origin, m.
-        farthest: from the origin of the world, m.
-        rate: the largest, rad/s.
-        end: of the motion, as the pilot runs it.
+        clock: measures run time, s.
+        pilot: a solver that can run it.
+        horizon: time over which an accuracy applies, s; None for the open end of the scene.
+        path: length of the path of the body origin, m.
+        farthest: largest distance from the world origin, m.
+        rate: largest angular rate, rad/s.
+        end: last sample of the pilot's run.
     """
 
     scene: Scene
@@ -83,16 +83,16 @@ class Excerpt:
     end: Sample | None = None
 
     def fly(self, solver: Solver, tally: Tally, limit: float = math.inf, parts: int = _PARTS) -> Flight | None:
-        """Return the end of a run whose kernels `tally` decides on; None if it is not over after `limit` s.
+        """Run with `solver` and the kernels that `tally` allows; return None if that takes longer than `limit` s.
 
         Raises:
-            ConvergenceError: the method refuses, or is one of a plug-in and fails.
+            ConvergenceError: the method cannot take a step, or a plug-in method fails.
         """
-        # No run may find there what another one has computed.
+        # Results cached by an earlier run would make this one look faster.
         clear_caches()
         run = self._new(solver, 1.0 / self.seconds)
         begin = self.clock()
-        with counted_by(tally), _failing_alone(solver.method):
+        with counted_by(tally), _plugin_failures_as_refusals(solver.method):
             post_all(run, self.commands)
             run.advance(0)
             end_ns = run.next_output_ns()
@@ -104,24 +104,24 @@ class Excerpt:
         return Flight(run.sample, run.methods, run.steps, max(took, _TICK), bool(tally.used))
 
     def time_with_outputs(self, solver: Solver, used: Iterable[OnDemand], bare: float) -> float:
-        """Return the seconds of computing for each simulated second with the outputs of the scene.
+        """Return the computing time per simulated second with the outputs of the scene.
 
-        Without them, that is `bare`, and `used` are the kernels. Outputs cost about the same all along: where there are
-        many, those of the beginning tell what all of them add.
+        `bare` is the same without outputs, and `used` are the kernels of that run. Outputs cost about the same
+        throughout: if there are many, their cost is measured at the beginning and added.
 
         Raises:
-            ConvergenceError: the method refuses, or is one of a plug-in and fails.
+            ConvergenceError: the method cannot take a step, or a plug-in method fails.
         """
         end_ns = round(self.seconds * NANOSECONDS)
         if 0.0 < self.scene.output_rate * self.seconds < 1.0:
-            # None lies within.
+            # The excerpt contains no output.
             return bare
         limit = max(_SHORT, _SHARE * bare * self.seconds)
         tally = self.as_the_whole(used)
         reached_ns, took = self._reached(solver, tally, self.scene.output_rate, end_ns, limit)
         seconds = reached_ns / NANOSECONDS
         if tally.asked or reached_ns == end_ns:
-            # What is loaded now is not loaded in the middle of it; and a part has fewer steps than all of them.
+            # Run again with all kernels loaded, and with the step count of a whole run deciding on further ones.
             tally = self.clock.tally(self.whole / seconds, WORTH_LOADING)
             tally.used.update(used)
             took = min(took, self._reached(solver, tally, self.scene.output_rate, reached_ns)[1])
@@ -133,11 +133,11 @@ class Excerpt:
     def _reached(
         self, solver: Solver, tally: Tally, output_rate: float, until_ns: int, limit: float = math.inf
     ) -> tuple[int, float]:
-        """Return how far (ns) a run with outputs comes until then, or in about `limit` s, and its time (s)."""
+        """Run with outputs until `until_ns`, or about `limit` s; return the time reached (ns) and the run time (s)."""
         clear_caches()
         run = self._new(solver, output_rate)
         begin = self.clock()
-        with counted_by(tally), _failing_alone(solver.method):
+        with counted_by(tally), _plugin_failures_as_refusals(solver.method):
             post_all(run, self.commands)
             part = max(1, until_ns >> 32) if limit < math.inf else until_ns
             while True:
@@ -148,26 +148,26 @@ class Excerpt:
                 part *= 2 if 32.0 * took > limit else 16
 
     def as_the_whole(self, used: Iterable[OnDemand] = ()) -> Tally:
-        """Return a tally that decides as a run of the whole scene would, with what is compiled here in its cache.
+        """Return a tally that decides on kernels as a run of the whole scene would.
 
-        The kernels `used` have a part from the first step on: the steps until they do cost such a run as much as
-        loading them, and are as little a matter of its length.
+        The kernels in `used` are active from the first step: in a long run, the few steps before they are loaded do not
+        matter.
         """
         tally = self.clock.tally(self.whole / self.seconds, WORTH_LOADING)
         tally.used.update(used)
         return tally
 
     def warm_up(self, solver: Solver) -> None:
-        """Let the method import and tabulate what it needs."""
+        """Run a moment of the scene, so that the method's imports and tables are not part of a measurement."""
         moment = replace(self, seconds=SHORTEST, horizon=SHORTEST, commands=self.commands[:1])
         with suppress(ConvergenceError):
             moment.fly(solver, self.clock.tally(worth=math.inf), parts=1)
 
     def look(self, tally: Tally | None = None, limit: float = math.inf) -> Excerpt:
-        """Return the trial with what its motion is like, flown in plain Python unless `tally` decides.
+        """Return the excerpt with path, distance, rate and end filled in by a run, in plain Python without `tally`.
 
         Raises:
-            ConvergenceError: the pilot refuses, or it is not over after `limit` s.
+            ConvergenceError: the pilot cannot take a step, or the run takes longer than `limit` s.
         """
         run, samples = self._new(self.pilot, _SAMPLES / self.seconds), []
         begin = self.clock()
@@ -177,7 +177,7 @@ class Excerpt:
                 run.advance(run.next_output_ns())
                 samples.append(run.sample)
                 if self.clock() - begin > limit:
-                    raise ConvergenceError(f"{self.scene.source}: the motion takes more than {limit:.3g} s to look at")
+                    raise ConvergenceError(f"{self.scene.source}: the motion takes more than {limit:.3g} s to run once")
         speeds = [norm(sample.linear_velocity_world) for sample in samples]
         return replace(
             self,
@@ -188,22 +188,22 @@ class Excerpt:
         )
 
     def part(self, seconds: float) -> Excerpt:
-        """Return the beginning of it; what its motion is like is not known."""
+        """Return the first `seconds` of the excerpt, without path, distance, rate and end."""
         within = [(topic, wrench) for topic, wrench in self.commands if wrench.stamp_ns < seconds * NANOSECONDS]
         return replace(self, commands=within, seconds=seconds, horizon=seconds)
 
     def _new(self, solver: Solver, output_rate: float) -> Simulation:
-        """Return a run with so many outputs a second."""
+        """Return a new run of the excerpt with this many outputs per second."""
         return Simulation(replace(self.scene, solver=solver, duration=self.horizon, output_rate=output_rate))
 
     def error(self, attitude: float, position: float) -> float:
         """Return the larger of the attitude error and the position error relative to the path."""
-        # What the numbers of the position itself cannot tell is no error of a method.
+        # A difference below the resolution of the position in doubles is not an error of the method.
         drift = max(0.0, position - 4.0 * _EPSILON * self.farthest)
         return max(attitude, drift / self.path if self.path > 0.0 else float(drift > 0.0))
 
     def differences(self, a: Sample, b: Sample) -> tuple[float, float, float]:
-        """Return how far two ends are apart in attitude (rad), rate (rad/s) and position (m)."""
+        """Return the differences of two samples in attitude (rad), rate (rad/s) and position (m)."""
         return (
             angle_between(a.orientation_xyzw, b.orientation_xyzw),
             norm(subtract(a.angular_velocity_body, b.angular_velocity_body)),
@@ -212,8 +212,8 @@ class Excerpt:
 
 
 @contextmanager
-def _failing_alone(method: str) -> Iterator[None]:
-    """Turn what a plug-in's method raises into its refusal: the scene may not even name it."""
+def _plugin_failures_as_refusals(method: str) -> Iterator[None]:
+    """Turn any exception of a plug-in's method into a ConvergenceError: the scene may not even name it."""
     try:
         yield
     except ConvergenceError:
@@ -228,7 +228,7 @@ def _failing_alone(method: str) -> Iterator[None]:
 
 
 def accepted(scene: Scene, commands: Sequence[tuple[str, Wrench]]) -> list[tuple[str, Wrench]]:
-    """Return the commands that can be honoured."""
+    """Return the commands that the scene does not reject."""
     run = Simulation(replace(scene, solver=Solver("euler", step=1.0)))
     honoured = []
     for topic, wrench in commands:
@@ -239,12 +239,13 @@ def accepted(scene: Scene, commands: Sequence[tuple[str, Wrench]]) -> list[tuple
 
 
 def trial_of(scene: Scene, commands: Sequence[tuple[str, Wrench]], limit: float, clock: Stopwatch) -> Excerpt:
-    """Return the trial over as much of the scene as a general method runs in about `limit` s in plain Python.
+    """Return the longest excerpt that a general method runs in about `limit` s in plain Python.
 
-    In plain Python, as not every method has a kernel, and the errors of a long trial are those of rounding.
+    Plain Python, because not every method has a kernel, and because the errors of a longer run would be mostly
+    round-off.
 
     Raises:
-        ConvergenceError: none of them can.
+        ConvergenceError: no general method can run the scene.
     """
     whole = scene.duration or OPEN_END_HORIZON
     refusal = ConvergenceError(f"{scene.source}: no method was found to try the scene with")
@@ -259,10 +260,10 @@ def trial_of(scene: Scene, commands: Sequence[tuple[str, Wrench]], limit: float,
 
 
 def _longest(trial: Excerpt, limit: float) -> Excerpt:
-    """Return the longest part of `trial` that its pilot runs in about `limit` s, found by lengthening.
+    """Return the longest part of `trial` that its pilot runs in about `limit` s, by trying longer and longer ones.
 
     Raises:
-        ConvergenceError: it refuses.
+        ConvergenceError: the pilot cannot take a step.
     """
     whole = trial.seconds
     part = shorter = trial.part(min(whole, max(SHORTEST, whole * 2.0**-40)))

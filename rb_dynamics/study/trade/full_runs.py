@@ -1,6 +1,6 @@
-"""Errors over a whole scene where only an excerpt was measured: what is about to be recommended is flown to the end.
+"""Errors over the whole scene, if only an excerpt was measured: candidates for the recommendation are run to the end.
 
-The length of an excerpt depends on how busy the machine is; the recommendation should not.
+The length of the excerpt depends on how busy the machine is; the recommendation must not.
 """
 
 from __future__ import annotations
@@ -14,22 +14,22 @@ from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.study.trade.excerpt import Excerpt
 from rb_dynamics.study.trade.result import TradeRow, Verdict, grown
 
-# Of the time that there is, for the run that others are compared with: what it may take, and what it may be expected to
-# take without the looks at its motion.
+# Shares of the time available for the run that others are compared with: its limit, and its expected time without the
+# outputs that describe the motion.
 _FINEST, _EXPECTED = 0.5, 0.25
 
 
 class FullRuns:
-    """Judges rows of a trial by flying the whole scene, as long as there is time.
+    """Judges rows by running the whole scene, as long as there is time.
 
     Attributes:
-        checked_by: the row that others are compared with at the end of the scene; None where there was no time for it.
+        checked_by: the row that others are compared with at the end of the scene; None if there was no time to run it.
     """
 
     def __init__(
         self, trial: Excerpt, commands: Sequence[tuple[str, Wrench]], rows: Sequence[TradeRow], seconds: float
     ) -> None:
-        """Fly the most accurate of `rows` that there is time for, under `commands`; all of it takes about `seconds`."""
+        """Run the most accurate of `rows` that the time allows, with `commands`; all judging takes about `seconds`."""
         self.checked_by: TradeRow | None = None
         begin = trial.clock()
         self._end, self._longer = begin + seconds, trial.whole / trial.seconds
@@ -45,9 +45,9 @@ class FullRuns:
         self.checked_by = finest
 
     def judge(self, row: TradeRow) -> Verdict:
-        """Return the error of `row` over the whole scene: flown where there is time, or else grown from the trial.
+        """Return the error of `row` over the whole scene: measured if there is time, else extrapolated.
 
-        The finest run is wrong, too: by as much less than the row as in the trial, and never by more.
+        The run it is compared with has an error too: its share of the row's error is taken from the excerpt, at most 1.
         """
         guess = Verdict(grown(row.error, self._longer), measured=False)
         if self.checked_by is None or self.checked_by.solver == row.solver:
@@ -68,10 +68,10 @@ class FullRuns:
 
 
 def enough(rows: Sequence[TradeRow], target: float, trial: Excerpt, share: float) -> float | None:
-    """Return with about how much time (s) a row that keeps `target` can be judged, of which it has a `share`.
+    """Return about the total time (s) needed to judge a row that meets `target`; judging gets a `share` of it.
 
-    That takes another one to compare with, which has a smaller error. Errors are taken to grow with time where that
-    leaves any; None if no two rows will do.
+    Judging needs a second row with a smaller error to compare with. Errors are assumed to grow linearly with time if
+    some row then still meets the target. None if there are no two such rows.
     """
     longer = trial.whole / trial.seconds
     keeping = [row for row in rows if row.error * longer <= target] or [row for row in rows if row.error <= target]

@@ -1,4 +1,4 @@
-"""How often a method evaluates the load, counted on a real step so that the number cannot go stale."""
+"""How often a method evaluates the load, counted on a real step, so that the number is never out of date."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from rb_dynamics.numerics.vector import ZERO, Vector
 
 
 def evaluations_in(methods: str, steps: int, *, by_accuracy: bool) -> int | None:
-    """Return the evaluations of torque and force in so many accepted steps, and in what they were compared with.
+    """Return the number of load evaluations in `steps` accepted steps, error estimates included.
 
-    None where they are no fixed number: several `methods`, an implicit one, which iterates, or a Taylor series, which
-    has derivatives instead. Trials that were refused are not counted.
+    None if it is not a fixed number: more than one method, an implicit method (it iterates), or a Taylor series (it
+    uses derivatives instead). Rejected steps are not counted.
     """
     method = METHODS.get(methods)
     once = None if method is None else _in_a_step(method)
     if method is None or once is None:
         return None
-    # A stride by doubling is two steps and the one that they are compared with.
+    # Step doubling takes two steps and the one that they are compared with.
     return steps * once * (3 if by_accuracy and method.pair is None else 1)
 
 
 @cache
 def _in_a_step(method: Method) -> int | None:
-    """Return the evaluations in a step with the comparison that is embedded in it, if there is one."""
+    """Return the evaluations in one step, including its embedded error estimate if it has one."""
     if method.order is None:
         return 0
     if method.takes == Takes.HELD:
@@ -44,7 +44,7 @@ def _counted(method: Method, h: float) -> int:
 
 
 class _Counting:
-    """A load that counts how often it is asked."""
+    """A load that counts its evaluations."""
 
     def __init__(self) -> None:
         self.evaluations = 0

@@ -1,4 +1,4 @@
-"""Measure error and time of every setting of every method that can run the scene."""
+"""Measure error and run time of every setting of every method that can run the scene."""
 
 from __future__ import annotations
 
@@ -16,30 +16,30 @@ from rb_dynamics.scene.model import Solver
 from rb_dynamics.study.trade.excerpt import Excerpt, Flight
 from rb_dynamics.study.trade.load_evaluations import evaluations_in
 from rb_dynamics.study.trade.reference import settings_of
-from rb_dynamics.study.trade.refinement import TIME_IS_UP, Climber
+from rb_dynamics.study.trade.refinement import TIME_IS_UP, Refinement
 from rb_dynamics.study.trade.result import HOPELESS, USELESS, Reference, TradeRow
 
 _ACCURACIES = tuple(10.0**-k for k in range(3, 13))
 
-# A short run (s) is timed this often, and the best counts.
+# A run shorter than this (s) is repeated, and the shortest time counts.
 _SHORT, _REPEATS = 0.05, 3
 
-# So many runs that are no better tell that no finer setting helps.
+# After this many runs without improvement, finer settings do not help.
 _NO_BETTER = 3
 
-# So many settings before the one foreseen are measured: it may be wrong, and neighbours tell how the errors go.
+# Measure this many settings coarser than the predicted one, since the prediction may be wrong.
 _BEFORE = 2
 
 
 class RunMeasurement:
-    """Measures rows of `trial` against `truth`, on the way to the error `target` if there is one."""
+    """Measures rows of the excerpt `trial` against `truth`; `target` is the error aimed at, if there is one."""
 
     def __init__(self, trial: Excerpt, reference: Reference, truth: Sample, target: float | None = None) -> None:
         self.rows: dict[str, list[TradeRow]] = {}
         self._trial, self._reference, self._truth, self._target = trial, reference, truth, target
 
     def measure(self, solver: Solver, limit: float) -> tuple[float, str]:
-        """Run a setting and add its row; see `Measure`."""
+        """Run one setting and add its row; see `Measure`."""
         rows = self.rows.setdefault(solver.method, [])
         if not rows:
             self._trial.warm_up(solver)
@@ -53,7 +53,7 @@ class RunMeasurement:
             best = min(best, again.time if again else math.inf)
         bare = best / self._trial.seconds
         row = self._row(solver, flight, bare, self._trial.time_with_outputs(solver, tally.used, bare))
-        # The same steps again: a setting that changes nothing is not worth a row.
+        # A setting that gives the same steps as the one before gets no row.
         if not rows or _run(rows[-1]) != _run(row):
             rows.append(row)
         if row.within_trust:
@@ -68,14 +68,14 @@ class RunMeasurement:
         return best, ""
 
     def foresee(self, coming: Sequence[Solver]) -> tuple[int, float]:
-        """Say of a method what its rows tell about its settings to come; see `Foresee`."""
+        """Predict from the measured rows which of the remaining settings of a method can be skipped; see `Foresee`."""
         rows = self.rows.get(coming[0].method, [])
         far = far_from(self._target, rows, coming) if self._target is not None else 0
         if not rows or rows[-1].step is None or rows[-1].compiled:
             return far, math.inf
         last = rows[-1]
         most = longest_in_plain(METHODS[last.method]) * self._trial.seconds / self._trial.whole
-        # Where one has taken more in plain Python, none is compiled.
+        # If an earlier run took more steps in plain Python than that, nothing is compiled.
         return far, last.bare_time_per_s * self._trial.seconds * most / last.steps if last.steps <= most else math.inf
 
     def _row(self, solver: Solver, flight: Flight, bare: float, time_per_s: float) -> TradeRow:
@@ -84,7 +84,7 @@ class RunMeasurement:
         return TradeRow(
             method=solver.method,
             step=solver.step,
-            # Where all of the motion has a closed form, no accuracy sets anything.
+            # If the whole motion has a closed form, accuracy has no effect.
             accuracy=None if flight.methods == EXACT.name else solver.accuracy,
             attitude_error=attitude,
             rate_error=rate,
@@ -104,9 +104,9 @@ class RunMeasurement:
 
 
 def far_from(target: float, rows: Sequence[TradeRow], coming: Sequence[Solver]) -> int:
-    """Return how many of the settings `coming` are far from an error of `target`, by the order that `rows` show.
+    """Return how many of the settings `coming` are still far from an error of `target`, at the observed order.
 
-    The errors are taken to fall no more slowly than those of the method do in the end, so that it is rather too few.
+    The errors are assumed to fall at least at the order of the method, so that rather too few are skipped.
     """
     if len(rows) < 2 or not target < rows[-1].error < rows[-2].error <= HOPELESS:
         return 0
@@ -118,7 +118,7 @@ def far_from(target: float, rows: Sequence[TradeRow], coming: Sequence[Solver]) 
 
 
 def _size(one: TradeRow | Solver) -> float:
-    """Return what makes a setting coarse: its step or its accuracy."""
+    """Return the step or the accuracy."""
     return one.step or one.accuracy or 0.0
 
 
@@ -126,23 +126,23 @@ def _run(row: TradeRow) -> tuple[int, float, float]:
     return row.steps, row.attitude_error, row.position_error
 
 
-def climbers_for(trial: Excerpt) -> list[Climber]:
-    """Return all methods that can take the scene, with their settings."""
+def refinements_for(trial: Excerpt) -> list[Refinement]:
+    """Return all methods that can run the scene, with their settings."""
     steps = _steps(trial)
-    climbers = []
+    refinements = []
     for method in METHODS.usable():
         if method.takes < trial.scene.combined_effects.takes:
             continue
         if method.order is None or method.pair is not None or method.longest_step is not None:
-            climbers.append(Climber(method.name, settings_of(method.name, _ACCURACIES), growth=1.5))
+            refinements.append(Refinement(method.name, settings_of(method.name, _ACCURACIES), growth=1.5))
         else:
             settings = [Solver(method.name, step=step, accuracy=None) for step in steps]
-            climbers.append(Climber(method.name, settings, growth=math.sqrt(2.0)))
-    return [*climbers, Climber("auto", settings_of("auto", _ACCURACIES), growth=1.5)]
+            refinements.append(Refinement(method.name, settings, growth=math.sqrt(2.0)))
+    return [*refinements, Refinement("auto", settings_of("auto", _ACCURACIES), growth=1.5)]
 
 
 def _steps(trial: Excerpt) -> list[float]:
-    """Return steps (s) of two digits from 2 rad down to 1 ns, none longer than what lies between two commands."""
+    """Return steps (s, two digits) from 2 rad of rotation down to 1 ns, none longer than between two commands."""
     edges = sorted({0.0, trial.seconds, *(max(0, wrench.stamp_ns) / NANOSECONDS for _, wrench in trial.commands)})
     longest = max(after - before for before, after in pairwise(edges))
     natural = min(longest, 0.5 * trial.seconds, 2.0 / trial.rate if trial.rate > 0.0 else math.inf)

@@ -1,4 +1,4 @@
-"""The reference: the motion on which two methods of different families agree, and how closely they do."""
+"""The reference: the motion on which two methods of different families agree, and how closely they agree."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ from rb_dynamics.motion.exact import EXACT
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.scene.model import Solver
 from rb_dynamics.study.trade.excerpt import SHORTEST, Excerpt
-from rb_dynamics.study.trade.refinement import TIME_IS_UP, Climber, climb
+from rb_dynamics.study.trade.refinement import TIME_IS_UP, Refinement, refine
 from rb_dynamics.study.trade.result import Reference, setting
 
 _EPSILON = 2.0**-52
 
-# From coarse to fine: of those that a method can keep, and has the time for, the last one counts.
+# From coarse to fine; the finest that a method can meet in the time counts.
 _ACCURACIES = (1e-4, *(10.0**-k for k in range(6, 15)))
 
-# One of each family, in the order in which they are tried.
+# One method of each family, in the order in which they are tried.
 _FAMILIES = ("exact", "taylor", "dop853", "dlm6", "rkmk54", "radau", "midpoint6")
 
 
 def find_reference(
     trial: Excerpt, deadlines: Sequence[float], after: Callable[[], None]
 ) -> tuple[Excerpt, Reference, Sample]:
-    """Return the trial, its reference and the end of its motion.
+    """Return the excerpt, its reference, and the last sample of the reference.
 
-    Where no two methods run the trial by the first of `deadlines` (s), an eighth of it is tried until the next.
+    If no two methods can run the excerpt by the first of `deadlines` (s), an eighth of it is tried until the next.
 
     Raises:
-        ConvergenceError: nor is there time for any shorter one.
+        ConvergenceError: there was no time for a shorter excerpt either.
     """
     for number, deadline in enumerate(deadlines, start=1):
         try:
@@ -45,10 +45,10 @@ def find_reference(
 
 
 def _reference(trial: Excerpt, end: float, after: Callable[[], None]) -> tuple[Reference, Sample]:
-    """Return the reference and the end of its motion: two families go on to the finest that they can keep.
+    """Return the reference and its last sample: two families are refined to the finest accuracy that they can meet.
 
     Raises:
-        ConvergenceError: not two of them came to the end of the trial in the time.
+        ConvergenceError: fewer than two methods reached the end of the excerpt in the time.
     """
     found: dict[str, tuple[Solver, Sample]] = {}
     reasons = []
@@ -63,15 +63,15 @@ def _reference(trial: Excerpt, end: float, after: Callable[[], None]) -> tuple[R
 
     for name in _FAMILIES:
         if METHODS[name].takes >= trial.scene.combined_effects.takes and len(found) < 2:
-            climber = Climber(name, settings_of(name, _ACCURACIES), growth=1.5)
-            trial.warm_up(climber.settings[0])
-            # No more than half of what is left, so that another one can be tried.
-            climb([climber], measure, 0.5 * (trial.clock() + end), trial.clock, after)
-            reasons.append(f"{name}: {climber.ended}")
+            refinement = Refinement(name, settings_of(name, _ACCURACIES), growth=1.5)
+            trial.warm_up(refinement.settings[0])
+            # At most half of the time left, so that another method can be tried.
+            refine([refinement], measure, 0.5 * (trial.clock() + end), trial.clock, after)
+            reasons.append(f"{name}: {refinement.ended}")
     if len(found) < 2:
         raise ConvergenceError(
-            f"{trial.scene.source}: no reference could be made, which takes two methods that can run the scene; give "
-            f"more time (--time) or mend what they refuse. {'; '.join(reasons)}"
+            f"{trial.scene.source}: no two methods could run the scene to make a reference; give "
+            f"more time (--time) or correct the cause.  {'; '.join(reasons)}"
         )
     best = sorted(found.values(), key=lambda one: _accuracy(one[0]) or 0.0)
     (solver, truth), (other, check) = best
@@ -88,7 +88,7 @@ def _reference(trial: Excerpt, end: float, after: Callable[[], None]) -> tuple[R
 
 
 def settings_of(name: str, accuracies: Sequence[float]) -> list[Solver]:
-    """Return the settings of a method that finds its own steps; a closed form has only one."""
+    """Return the settings of a method that chooses its own steps; a closed form has only one."""
     return [Solver(name)] if name == EXACT.name else [Solver(name, accuracy=accuracy) for accuracy in accuracies]
 
 

@@ -10,25 +10,25 @@ from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.scene.model import Solver
 from rb_dynamics.study.stopwatch import Clock
 
-# So many refusals in a row tell that no finer setting helps.
+# After this many refusals in a row, finer settings do not help.
 _REFUSALS = 12
 
-# A step that is compiled is at least so many times as fast; most are a hundred times.
+# A compiled step is at least this many times as fast as in plain Python; most are a hundred times as fast.
 _FASTER = 20.0
 
 
 @dataclass
-class Climber:
-    """A method on its way from its coarsest setting to its finest.
+class Refinement:
+    """The settings of one method, from coarse to fine, and how far it has come.
 
     Attributes:
-        method: by name.
+        method: its name.
         settings: from coarse to fine.
-        growth: how much longer a run takes than the one before it.
-        spent: time it has had, s.
-        expected: time of its next run, as the last one tells, s.
-        runs: that came to their end.
-        ended: why it goes no further; "" while it does.
+        growth: estimated ratio of the run times of successive settings.
+        spent: time used, s.
+        expected: estimated time of the next run, s.
+        runs: number of completed runs.
+        ended: why it went no further; "" while it is still going.
     """
 
     method: str
@@ -43,11 +43,11 @@ class Climber:
 
     @property
     def coming(self) -> Sequence[Solver]:
-        """The settings that it has not tried."""
+        """The settings not yet tried."""
         return self.settings[self._next :]
 
     def foreseen(self, over: int, plain: float, share: float) -> None:
-        """Pass over so many settings if all of them would take longer than `share` s, and the one behind does not.
+        """Skip `over` settings if together they would take longer than `share` s, and the one after them would not.
 
         A run is compiled after `plain` s.
         """
@@ -62,14 +62,14 @@ class Climber:
             self.expected = times[-1]
 
     def go(self, measure: Measure, limit: float, clock: Clock) -> None:
-        """Measure the next setting, for at most `limit` s, and see what follows from it."""
+        """Measure the next setting, for at most `limit` s, and update the estimates."""
         setting, begin = self.settings[self._next], clock()
         self._next += 1
         try:
             took, self.ended = measure(setting, limit)
         except ConvergenceError as refusal:
             self._refused += 1
-            # Refused at first, a finer setting may do; refused after others were taken, none will.
+            # If the first settings are refused, a finer one may work; once one has worked, a refusal is final.
             if self.runs or self._refused == _REFUSALS or self._next == len(self.settings):
                 self.ended = f"refused: {refusal}"
         else:
@@ -81,45 +81,45 @@ class Climber:
 
 
 Measure = Callable[[Solver, float], tuple[float, str]]
-"""Takes a setting and a limit in s; returns the time of one run in s, inf if it was cut off, and why to end, or ""."""
+"""Takes a setting and a limit (s); returns the time of one run (s; inf if it was stopped), and why to end, or ""."""
 
 Foresee = Callable[[Sequence[Solver]], tuple[int, float]]
-"""Takes the settings of a method to come; returns how many of them are far from what is asked for, and after how long a
-run is compiled, s."""
+"""Takes the settings left of a method; returns how many are far from the target, and after how many s a run
+is compiled."""
 
 TIME_IS_UP = "its time was up"
 
 
-def climb(
-    climbers: Sequence[Climber],
+def refine(
+    refinements: Sequence[Refinement],
     measure: Measure,
     end: float,
     clock: Clock,
     after: Callable[[], None] = lambda: None,
     foresee: Foresee = lambda _: (0, math.inf),
 ) -> None:
-    """Let each of `climbers` go as far as it gets until `end` on the `clock`, all with about the same time.
+    """Refine each of `refinements` until `end` on the `clock`, giving all about the same time.
 
-    Always the one goes on that will have had the least time after its next run, so what one leaves the others share. No
-    run is started that is expected to last beyond the end. Where there is no time for all settings on the way to what
-    is asked for, those far from it are passed over.
+    The next to run is always the one that will have used the least time after its next run, so methods that end early
+    leave their time to the others. No run is started that would not finish before the end. If there is no time for all
+    settings, those far from the target are skipped.
 
     Args:
-        climbers: are changed.
-        measure: runs a setting.
-        end: time on the clock at which nothing may run any more.
+        refinements: changed in place.
+        measure: runs one setting.
+        end: time on the clock at which measuring ends.
         clock: s.
         after: called after each run.
-        foresee: tells what is far.
+        foresee: predicts which settings are far from the target.
     """
-    while going := [climber for climber in climbers if not climber.ended]:
+    while going := [refinement for refinement in refinements if not refinement.ended]:
         left = end - clock()
-        climber = min(going, key=lambda climber: climber.spent + climber.expected)
-        if left <= 0.0 or climber.expected > left:
-            climber.ended = TIME_IS_UP
+        refinement = min(going, key=lambda refinement: refinement.spent + refinement.expected)
+        if left <= 0.0 or refinement.expected > left:
+            refinement.ended = TIME_IS_UP
             continue
         share = left / len(going)
-        climber.go(measure, min(left, max(share, 3.0 * climber.expected)), clock)
-        if not climber.ended:
-            climber.foreseen(*foresee(climber.coming), share)
+        refinement.go(measure, min(left, max(share, 3.0 * refinement.expected)), clock)
+        if not refinement.ended:
+            refinement.foreseen(*foresee(refinement.coming), share)
         after()

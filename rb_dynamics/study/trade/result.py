@@ -1,4 +1,4 @@
-"""What `trade` finds: the measured runs, the reference, the front, and the recommendation."""
+"""What `trade` returns: the measured runs, the reference, the front, and the recommendation."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from dataclasses import asdict, dataclass, replace
 from rb_dynamics.scene.model import Solver
 
 USELESS = 1e-3
-"""A reference whose two methods differ by more is none: rad, or relative to the path."""
+"""If the two methods of a reference differ by more (rad, or relative to the path), it cannot be used."""
 
 
 HOPELESS = 1.0
-"""A run with a larger error (rad, or relative to the path) has lost the motion: however fast, it is on no front."""
+"""A run with a larger error (rad, or relative to the path) has lost the motion: it is never on the front."""
 
 
 @dataclass(frozen=True)
@@ -21,28 +21,29 @@ class TradeRow:
     """One run: a method with one setting.
 
     Attributes:
-        method: by name.
-        step: s; None where the accuracy sets the steps.
-        accuracy: None where the step is fixed; both are None where all of the motion has a closed form.
-        attitude_error: at the end of the trial, against the reference, rad.
-        rate_error: likewise, of the angular velocity, rad/s.
-        position_error: likewise, of the body origin, m.
-        error: the larger of attitude_error and position_error / path, as `solver.accuracy` counts it; not less than
-            what the reference is good for, and without what doubles of the size of the position cannot resolve.
-        within_trust: whether attitude and position are as good as the reference, so that it cannot tell the error.
+        method: its name.
+        step: s; None if the accuracy sets the steps.
+        accuracy: None if the step is fixed. Both are None if the whole motion has a closed form.
+        attitude_error: difference from the reference at the end of the excerpt, rad.
+        rate_error: the same of the angular velocity, rad/s.
+        position_error: the same of the body origin, m.
+        error: the larger of attitude_error and position_error / path, as `solver.accuracy` defines it; at least the
+            error of the reference, and without what doubles of the size of the position cannot resolve.
+        within_trust: whether attitude and position agree with the reference within its own error.
         energy_defect: T - T0 - work at the end, J.
         angular_momentum_defect: |L - L0 - integral of N dt| at the end, kg m^2/s.
         linear_momentum_defect: |p - p0 - integral of F dt| at the end, kg m/s.
-        time_per_s: seconds of computing for each simulated second of the scene as it is run, with all its outputs,
-            without compiling, loading and writing a log.
-        real_time_factor: simulated seconds for each second of computing, outputs likewise.
-        bare_time_per_s: the same as `time_per_s` without outputs, as where only the end is asked for.
-        steps: taken in the trial; those tried and refused are not counted.
-        evaluations: of torque and force in these steps and in what they were compared with; None for a method without
-            a fixed number of them: an implicit one iterates, a Taylor series has derivatives instead.
+        time_per_s: computing time per simulated second with all outputs of the scene, without compiling, loading and
+            writing a log.
+        real_time_factor: simulated seconds per second of computing, with all outputs.
+        bare_time_per_s: as `time_per_s`, without outputs.
+        steps: accepted steps in the excerpt.
+        evaluations: of torque and force in these steps, error estimates included; None if it is not a fixed number: an
+            implicit method iterates, a Taylor series has derivatives instead.
         compiled: whether kernels took some of the steps, as they would in a run of the whole scene.
-        front: whether no other row is as fast and as accurate, and better in one of the two, and the error not
-            `HOPELESS`. A row of "auto" that is the run of another row stands back: which was faster is chance.
+        front: whether no other row is at least as fast and as accurate and better in one of the two, and the error is
+            at most `HOPELESS`. A row of "auto" that made the same run as another row is left out: which was faster is
+            chance.
     """
 
     method: str
@@ -66,24 +67,24 @@ class TradeRow:
 
     @property
     def setting(self) -> str:
-        """The setting, for a person."""
+        """The setting, as text."""
         return setting(self.step, self.accuracy)
 
     @property
     def bare_real_time_factor(self) -> float:
-        """Simulated seconds for each second of computing without outputs."""
+        """Simulated seconds per second of computing, without outputs."""
         return 1.0 / self.bare_time_per_s
 
     @property
     def as_solver(self) -> Solver:
-        """What ran it."""
+        """The solver of this row."""
         if self.step is None and self.accuracy is None:
             return Solver(self.method)
         return Solver(self.method, self.step, self.accuracy)
 
     @property
     def solver(self) -> str:
-        """The line that says it in a scene."""
+        """The line to write in a scene."""
         parts = [f"method: {self.method}"]
         parts += [
             f"{key}: {_decimal(value)}"
@@ -95,16 +96,16 @@ class TradeRow:
 
 @dataclass(frozen=True)
 class Reference:
-    """What the rows are compared with, and how far it can be trusted.
+    """What the rows are compared with, and how accurate it is.
 
     Attributes:
-        method: made it, with its setting.
-        check: of another family, made the one it was compared with.
-        attitude: their difference, but not less than what rounding does, rad.
-        rate: likewise, rad/s.
-        position: likewise, m.
+        method: the method that made it, with its setting.
+        check: the method of another family that it was compared with.
+        attitude: their difference, at least the effect of rounding, rad.
+        rate: the same of the angular velocity, rad/s.
+        position: the same of the body origin, m.
         error: the larger of attitude and position / path.
-        path: of the body origin during the trial, m.
+        path: length of the path of the body origin during the excerpt, m.
     """
 
     method: str
@@ -117,11 +118,11 @@ class Reference:
 
     @property
     def is_useful(self) -> bool:
-        """Whether the two methods agree well enough for anything."""
+        """Whether the two methods agree well enough."""
         return self.error <= USELESS
 
     def errors(self, row: TradeRow) -> tuple[str, str, str]:
-        """Return the errors of attitude, rate and position for a person: "<=" the trust where they are below it."""
+        """Return the errors of attitude, rate and position as text: "<=" where the reference is no better."""
         pairs = (
             (row.attitude_error, self.attitude),
             (row.rate_error, self.rate),
@@ -135,11 +136,11 @@ class Reference:
 
 @dataclass(frozen=True)
 class Verdict:
-    """How wrong a row is at the end of the scene, of which the trial may be a part.
+    """The error of a row at the end of the scene, which may lie beyond the excerpt.
 
     Attributes:
-        error: at that end, as `TradeRow.error` counts it.
-        measured: whether it was flown so far; otherwise the error is that of the trial, grown by `grown`.
+        error: as `TradeRow.error` defines it.
+        measured: whether the whole scene was run; otherwise the error is extrapolated by `grown`.
     """
 
     error: float
@@ -148,13 +149,13 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Recommendation:
-    """What to write into the scene.
+    """What to write in the scene.
 
     Attributes:
         solver: the line to paste.
         reason: why this row.
-        row: what it was measured to do in the trial.
-        whole: its error at the end of the scene, which is the one that keeps the target.
+        row: its measurement on the excerpt.
+        whole: its error at the end of the scene, which is the one compared with the target.
     """
 
     solver: str
@@ -169,20 +170,20 @@ class Trade:
 
     Attributes:
         scene: file name.
-        trial_s: simulated seconds that were measured; the errors of rows are those at their end.
-        reference: what the errors are errors against.
+        trial_s: length of the excerpt in simulated seconds; the errors of rows are those at its end.
+        reference: what errors are relative to.
         rows: by method in the order of `METHODS`, "auto" last, each from coarse to fine.
-        recommended: None where no row does what is asked for.
-        target: the error asked for, rad and relative to the path; None where a speed was.
-        budget: the real-time factor asked for; None where an error was.
-        ended: why each method went no further.
-        kernels: time (s) that it took to compile or load each kernel that was not there, by name; part of no row.
-        remarks: what else a user should know.
+        recommended: None if no row meets the target or budget.
+        target: the error required, rad and relative to the path; None if a speed was required.
+        budget: the real-time factor required; None if an error was.
+        ended: why the refinement of each method ended.
+        kernels: time (s) to compile or load each kernel, by name; not part of any row.
+        remarks: anything else a user should know.
         whole: length of the scene, s.
-        checked_by: what a recommended row was compared with at its end; None where the trial reaches that end, or there
-            was no time to go there.
-        enough_s: about the time to measure (s) with which there is; None where the trial reaches the end, or nothing
-            measured tells.
+        checked_by: the row that recommended rows were compared with at the end of the scene; None if the excerpt is the
+            whole scene or there was no time for it.
+        enough_s: measuring time (s) that would probably be enough; None if the excerpt is the whole scene, or no
+            measurement tells.
     """
 
     scene: str
@@ -201,7 +202,7 @@ class Trade:
 
     @property
     def measured(self) -> str:
-        """What has rows, for a person: "auto" is no method of its own."""
+        """What has rows, as text; "auto" is not counted as a method."""
         methods = {row.method for row in self.rows}
         named = len(methods - {"auto"})
         parts = [f"{named} method{'s' * (named != 1)}"] if named else []
@@ -214,7 +215,7 @@ class Trade:
 
     @property
     def shortfall(self) -> str:
-        """Why nothing is recommended, and what to do; "" where something is."""
+        """Why nothing is recommended, and what to do; "" if something is."""
         reference = self.reference
         if self.recommended is not None:
             return ""
@@ -261,7 +262,7 @@ class Trade:
 
 
 def with_front(rows: Sequence[TradeRow]) -> tuple[TradeRow, ...]:
-    """Return the rows, those on the Pareto front of error and time marked."""
+    """Return the rows with those on the Pareto front of error and time marked."""
     fastest: dict[float, float] = {}
     least = math.nextafter(HOPELESS, math.inf)
     apart = _apart(rows)
@@ -273,7 +274,7 @@ def with_front(rows: Sequence[TradeRow]) -> tuple[TradeRow, ...]:
 
 
 def _apart(rows: Sequence[TradeRow]) -> list[TradeRow]:
-    """Return the rows without those of "auto" that are the run of a named method, which has the same row."""
+    """Return the rows without those of "auto" that made the same run as a named method."""
     named = {_run(row) for row in rows if row.method != "auto"}
     return [row for row in rows if row.method != "auto" or _run(row) not in named]
 
@@ -291,16 +292,16 @@ def _run(row: TradeRow) -> tuple[float, ...]:
 
 
 def grown(error: float, longer: float) -> float:
-    """Return an error after a run so many times as `longer`: grown with the square of time.
+    """Extrapolate an error to a run `longer` times as long: it grows with the square of time.
 
-    An error of the energy that grows with time does so to phase and to position along the path; most errors grow more
-    slowly.
+    An energy error that grows linearly makes phase and position along the path grow quadratically; most errors grow
+    more slowly.
     """
     return error * max(1.0, longer) ** 2
 
 
 def as_measured(row: TradeRow) -> Verdict:
-    """Return the verdict where the trial reaches the end of the scene."""
+    """Return the verdict if the excerpt is the whole scene."""
     return Verdict(row.error, measured=True)
 
 
@@ -310,10 +311,10 @@ def recommend(
     budget: float | None,
     judge: Callable[[TradeRow], Verdict] = as_measured,
 ) -> Recommendation | None:
-    """Return the fastest row that keeps `target`, or the most accurate that keeps `budget`; None where none does.
+    """Return the fastest row that meets `target`, or the most accurate that meets `budget`; None if there is none.
 
-    It keeps the target over the whole scene, of which `judge` tells. None that is `HOPELESS` keeps a budget. Where
-    "auto" comes down to a method that has the same row, that one is named.
+    `judge` tells the error over the whole scene. A row that is `HOPELESS` meets no budget. If "auto" made the same run
+    as a named method, the named one is recommended.
     """
     rows = _apart(rows)
     if budget is not None:
@@ -325,7 +326,7 @@ def recommend(
         accurate = sorted((row for row in rows if row.error <= most), key=lambda row: (row.time_per_s, row.error))
         able = []
         for row in accurate:
-            # What is slower and no more accurate is not worth a judgement.
+            # A slower row that is no more accurate need not be judged.
             if not able or row.error < able[-1].error:
                 able.append(row)
     for row in able:
@@ -336,13 +337,13 @@ def recommend(
 
 
 def setting(step: float | None, accuracy: float | None) -> str:
-    """Return a setting for a person."""
+    """Return a setting as text."""
     if step is not None:
         return f"step {step:g} s"
     return "closed form" if accuracy is None else f"accuracy {accuracy:g}".replace("e-0", "e-")
 
 
 def _decimal(value: float) -> str:
-    """Return a number as YAML reads it: with a point in front of an exponent."""
+    """Return a number as YAML reads it: with a decimal point before the exponent."""
     mantissa, e, exponent = repr(value).partition("e")
     return f"{mantissa}{'' if '.' in mantissa else '.0'}e{int(exponent)}" if e else mantissa

@@ -157,7 +157,7 @@ def changed(text: str) -> str:
         (CAMPAIGN, SCENE.replace("mass: 2.0", "mass: 2.1"), r"scene.body.mass is 2 there and 2.1 here; "),
         (CAMPAIGN.replace("scene.yaml\n", "scene.yaml\nset: {duration: 1}\n"), SCENE, r": scene.duration is 2 there"),
         (CAMPAIGN.replace("gain: 1.0}\n", "gain: 1.0}\nobserve_rate: 2\n"), SCENE, r"observe_rate is absent"),
-        (changed(CAMPAIGN), SCENE, "the keys stand in another order; "),
+        (changed(CAMPAIGN), SCENE, "the keys are in another order; "),
     ],
 )  # fmt: skip
 def test_what_differs_is_said(tmp_path: Path, text: str, scene: str, message: str) -> None:
@@ -327,8 +327,8 @@ def removed(parts: Path) -> None:
         (copied, r"runs-0+-0+7.parquet and runs-0+3-0+10.parquet in .*.parts both hold run 3; remove one of them, "),
         (renamed, r"0+14-0+23.parquet holds 7 of the runs 14 to 20, expected all of 14 to 22 as its name says; remove"),
         (moved, r"runs-0+15-0+22.parquet holds 7 of the runs 14 to 20, expected all of 15 to 21 as its name says"),
-        (truncated, r"cannot read .*/runs-0+7-0+14.parquet: .*; it is damaged, remove the file, whose runs are then "),
-        (flipped, r"cannot read .*/runs-0+7-0+14.parquet: .*; it is damaged, remove the file, whose runs are then "),
+        (truncated, r"cannot read .*/runs-0+7-0+14.parquet: .*; it is damaged, remove the file, so that its runs are "),
+        (flipped, r"cannot read .*/runs-0+7-0+14.parquet: .*; it is damaged, remove the file, so that its runs are "),
         (emptied, r"cannot read .*/campaign.json: .*; it is damaged, give another file with --out, or --overwrite to"),
         (binary, r"cannot read .*/campaign.json: .*; it is damaged, give another file with --out, or --overwrite to"),
         (no_mapping, r"found no facts of a campaign in .*.parts, expected its rows; give another"),

@@ -100,7 +100,7 @@ def test_what_is_wrong_is_said(tmp_path: Path, change: tuple[str, str], message:
                 ("body.mass", "control.parameters.gain", 0.9),
                 ("control.delay", "control.parameters.gain", -0.9),
             ],
-            "expected correlations that numbers can have, all together",
+            "expected correlations that are possible together",
         ),
     ],
 )

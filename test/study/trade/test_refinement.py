@@ -1,4 +1,4 @@
-"""`climb`: methods get the same time, nothing runs beyond the end, and refusals end what they should."""
+"""`refine`: methods get the same time, nothing runs beyond the end, and refusals end what they should."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.motion import METHODS
 from rb_dynamics.scene.model import Solver
-from rb_dynamics.study.trade.refinement import TIME_IS_UP, Climber, climb
+from rb_dynamics.study.trade.refinement import TIME_IS_UP, Refinement, refine
 
 
 class Machine:
@@ -33,23 +33,23 @@ class Machine:
         return (cost, "") if cost <= limit else (math.inf, TIME_IS_UP)
 
 
-def climber(method: str, rungs: int = 40, growth: float = 2.0) -> Climber:
-    return Climber(method, [Solver(method, step=0.5**k, accuracy=None) for k in range(rungs)], growth)
+def refinement(method: str, rungs: int = 40, growth: float = 2.0) -> Refinement:
+    return Refinement(method, [Solver(method, step=0.5**k, accuracy=None) for k in range(rungs)], growth)
 
 
 def test_methods_get_the_same_time() -> None:
     prices = {"rk4": 1e-5, "radau": 1e-3}
     machine = Machine(lambda solver: prices[solver.method] / (solver.step or 1.0))
-    climbers = [climber("rk4"), climber("radau")]
+    refinements = [refinement("rk4"), refinement("radau")]
 
-    climb(climbers, machine.measure, 10.0, machine.clock)
+    refine(refinements, machine.measure, 10.0, machine.clock)
 
     # Runs double, so that each may be short of its half by what the next run would have taken.
     assert machine.now <= 10.0
-    for one in climbers:
+    for one in refinements:
         assert 1.2 < one.spent < 8.0
         assert one.ended == TIME_IS_UP
-    assert climbers[0].runs - climbers[1].runs in (6, 7)
+    assert refinements[0].runs - refinements[1].runs in (6, 7)
 
 
 def test_where_all_settings_take_too_long_those_far_from_what_is_asked_for_are_passed_over() -> None:
@@ -64,7 +64,7 @@ def test_where_all_settings_take_too_long_those_far_from_what_is_asked_for_are_p
 
     def tried(end: float) -> list[float]:
         machine = Machine(cost)
-        climb([climber("rk4")], machine.measure, end, machine.clock, foresee=foresee)
+        refine([refinement("rk4")], machine.measure, end, machine.clock, foresee=foresee)
         return [price for _, price, _ in machine.log]
 
     settings = [cost(Solver("rk4", step=0.5**k, accuracy=None)) for k in range(40)]
@@ -76,12 +76,12 @@ def test_where_all_settings_take_too_long_those_far_from_what_is_asked_for_are_p
 
 def test_what_one_leaves_the_others_get() -> None:
     machine = Machine(lambda solver: 1e-3 / (solver.step or 1.0))
-    climbers = [climber("rk4", rungs=2), climber("radau")]
+    refinements = [refinement("rk4", rungs=2), refinement("radau")]
 
-    climb(climbers, machine.measure, 10.0, machine.clock)
+    refine(refinements, machine.measure, 10.0, machine.clock)
 
-    assert climbers[0].ended == "its finest setting"
-    assert climbers[1].spent > 4.0
+    assert refinements[0].ended == "its finest setting"
+    assert refinements[1].spent > 4.0
 
 
 @given(
@@ -93,12 +93,12 @@ def test_no_run_is_started_that_would_not_end_in_time(prices: list[float], end: 
     """Where runs grow by no more than expected, only a first run, of which nothing is known, is ever cut off."""
     names = list(METHODS)[: len(prices)]
     machine = Machine(lambda solver: prices[names.index(solver.method)] * true_growth ** -math.log2(solver.step or 1.0))
-    climbers = [climber(name) for name in names]
+    refinements = [refinement(name) for name in names]
 
-    climb(climbers, machine.measure, end, machine.clock)
+    refine(refinements, machine.measure, end, machine.clock)
 
     assert machine.now <= end * (1.0 + 1e-12)
-    assert all(one.ended for one in climbers)
+    assert all(one.ended for one in refinements)
     seen = set()
     for method, cost, limit in machine.log:
         assert method not in seen or cost <= limit
@@ -112,8 +112,8 @@ def test_refused_at_first_a_method_goes_on_to_finer_settings_and_no_further_than
             raise ConvergenceError("too long or too short")
         return 1e-9, ""
 
-    able, unable = climber("rk4"), climber("radau", rungs=3)
-    climb([able, unable], measure, 1.0, itertools.count(0.0, 1e-6).__next__)
+    able, unable = refinement("rk4"), refinement("radau", rungs=3)
+    refine([able, unable], measure, 1.0, itertools.count(0.0, 1e-6).__next__)
 
     assert able.runs == 7
     assert able.ended == unable.ended == "refused: too long or too short"

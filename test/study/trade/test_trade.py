@@ -173,7 +173,7 @@ def test_only_the_methods_asked_for_are_measured_against_the_same_reference(
     assert found.reference.method == free_trade.reference.method
     assert found.recommended is not None
     assert found.recommended.row.method in ("rk4", "dverk")
-    assert "measured as asked for: rk4, dverk; all other methods are left out" in found.remarks
+    assert "measured only rk4, dverk, as requested" in found.remarks
     assert "of 2 methods, from fast" in as_text(found)
     named = {one.method for one in free_trade.rows} - {"auto"}
     assert f"of {len(named)} methods and auto, from fast" in as_text(free_trade)
@@ -318,8 +318,8 @@ def test_a_long_scene_is_measured_as_it_would_run_and_no_time_holds_what_compili
     fixed_step_kernel.kernel.cache_clear()
     monkeypatch.setattr(
         TRADE,
-        "climbers_for",
-        lambda trial: [one for one in measurement.climbers_for(trial) if one.method in ("euler", "rk4")],
+        "refinements_for",
+        lambda trial: [one for one in measurement.refinements_for(trial) if one.method in ("euler", "rk4")],
     )
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "auto")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
