@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import ConvergenceError, SceneError
-from rb_dynamics.loads.effect import Effect, Point, Potential, Wrenching
+from rb_dynamics.loads.effect import Effect, Point, Potential, Sight, Wrenching
 from rb_dynamics.loads.load import Takes
 from rb_dynamics.numerics.argument_checks import number, truth, vector
 from rb_dynamics.numerics.rotation import rotate, rotate_inverse
@@ -101,6 +102,16 @@ class CentralGravity(Effect):
             return energy - 0.5 * mu * (trace - 3.0 * dot(n, times(moments, n))) / distance / distance / distance
 
         return at
+
+    def sight(self, body: RigidBody) -> Sight:
+        """Return half of the time in which the body could reach the centre, while it comes nearer."""
+
+        def ahead(point: Point) -> float:
+            distance, direction = self._to(point)
+            coming = dot(point.velocity, direction) < 0.0
+            return 0.5 * distance / norm(point.velocity) if coming else math.inf
+
+        return ahead
 
     def _to(self, point: Point) -> tuple[float, Vector]:
         away = subtract(point.position, self.center_world)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
-from rb_dynamics.loads.effect import Effect, Point, Slowing, Stored, Wrenching
+from rb_dynamics.loads.effect import Effect, Point, Sight, Slowing, Stored, Wrenching
 from rb_dynamics.loads.load import Load, Takes
 from rb_dynamics.loads.wrench import WORLD, Wrench, WrenchFrames
 from rb_dynamics.numerics.rotation import Quaternion
@@ -114,6 +114,11 @@ class CombinedEffects:
         """Return the rate (1/s) at which differences of velocity die down; None where they need not."""
         parts = [part for effect in self.effects if (part := effect.slowing(self.body)) is not None]
         return (lambda point: math.fsum(part(point) for part in parts)) if parts else None
+
+    def sight(self) -> Sight | None:
+        """Return for how long (s) the load at a point tells what comes; None where it always does."""
+        parts = [part for effect in self.effects if (part := effect.sight(self.body)) is not None]
+        return (lambda point: min(part(point) for part in parts)) if parts else None
 
     def storing(self) -> Callable[[Point], Stored] | None:
         """Return what moves inside the body, of all; None where nothing does."""

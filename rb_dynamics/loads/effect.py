@@ -59,6 +59,10 @@ Slowing = Callable[[Point], float]
 """Rate (1/s) at which differences of velocity die down at a point."""
 
 
+Sight = Callable[[Point], float]
+"""For how long (s) from a point on the load there tells what comes."""
+
+
 class Effect:
     """What acts of its own accord; each kind overrides what it has.
 
@@ -108,6 +112,13 @@ class Effect:
         """Return the rate at which all differences of velocity die down by it; None where they need not.
 
         Along the motion it may fall like 1/t, as the body comes to rest, and no faster: drag that thins out has none.
+        """
+        return None
+
+    def sight(self, body: RigidBody) -> Sight | None:
+        """Return for how long the load at a point tells what comes; None where it always does.
+
+        Steps by accuracy are no longer, so that none passes over a place where the load is strong without meeting it.
         """
         return None
 

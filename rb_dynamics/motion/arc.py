@@ -7,8 +7,11 @@ pieces gives the same bits as advancing at once.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from typing import NamedTuple
 
+from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.adaptive_kernel import Progress, strides_by
 from rb_dynamics.motion.fixed_step_kernel import LONGEST_STRETCH, kernel
@@ -16,17 +19,33 @@ from rb_dynamics.motion.method import Inertia, Load, Method
 from rb_dynamics.motion.phase import Phase
 from rb_dynamics.motion.step_control import AccuracyControl, FixedStep, OwnControl, StepControl, WholeArc
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
-from rb_dynamics.numerics.rotation import Quaternion
-from rb_dynamics.numerics.vector import Vector, scale
+from rb_dynamics.numerics.rotation import Quaternion, exp, multiply, rotate
+from rb_dynamics.numerics.vector import Vector, add, add_scaled, norm, scale, subtract
 
 LoadFrom = Callable[[Phase], Load]
 """What acts beside the held wrench during a step that starts in a phase."""
 
-Slows = Callable[[Phase], float]
-"""The rate (1/s) at which differences of velocity die down in a phase."""
+OfPhase = Callable[[Phase], float]
+
+
+class Outlook(NamedTuple):
+    """What effects say of what comes; each is None where they have nothing to say.
+
+    Attributes:
+        slowing: the rate (1/s) at which differences of velocity die down in a phase.
+        sight: for how long (s) the load in a phase tells what comes.
+    """
+
+    slowing: OfPhase | None = None
+    sight: OfPhase | None = None
+
 
 Choose = Callable[[Phase, Callable[[Method], "Stepper"]], tuple[Method, StepControl]]
 """Method and control for what follows a phase; both controls count time in the same units."""
+
+_NO_OUTLOOK = Outlook()
+
+_EPSILON = 2.0**-52
 
 _CHOOSE_AGAIN = 64
 
@@ -52,16 +71,16 @@ class Arc:
         phase: Phase,
         load_from: LoadFrom | None = None,
         choose_again: Choose | None = None,
-        slowing: Slows | None = None,
+        outlook: Outlook = _NO_OUTLOOK,
     ) -> None:
         """Start in `phase` at `start_ns`.
 
-        `load_from` gives what acts beside `held`, if anything does, and `slowing` what drag does to differences of
-        speed; `choose_again` another method, which is asked for after `_CHOOSE_AGAIN` strides and whenever their number
-        has doubled: a transient must not decide for ever.
+        `load_from` gives what acts beside `held`, if anything does, and `outlook` what is known of it ahead;
+        `choose_again` another method, which is asked for after `_CHOOSE_AGAIN` strides and whenever their number has
+        doubled: a transient must not decide for ever.
         """
         self.methods = [method.name]
-        self._what_acts = inertia, held, load_from, slowing
+        self._what_acts = inertia, held, load_from, outlook
         self._use(method, control)
         if isinstance(control, AccuracyControl):
             control.start()
@@ -211,9 +230,9 @@ class Stepper:
         inertia: Inertia,
         held: HeldWrench,
         load_from: LoadFrom | None,
-        slowing: Slows | None = None,
+        outlook: Outlook = _NO_OUTLOOK,
     ) -> None:
-        self._slowing = slowing
+        self._outlook = outlook
         self._method, self._inertia, self._held, self._load_from = method, inertia, held, load_from
         self._kernel = kernel(method) if load_from is None else None
 
@@ -250,7 +269,38 @@ class Stepper:
 
     def slowing(self, phase: Phase) -> float:
         """Return the rate (1/s) at which drag makes differences of speed die down in `phase`; 0 without drag."""
-        return 0.0 if self._slowing is None else self._slowing(phase)
+        return 0.0 if self._outlook.slowing is None else self._outlook.slowing(phase)
+
+    def sight(self, phase: Phase) -> float:
+        """Return for how long (s) from `phase` on the load there tells what comes."""
+        return math.inf if self._outlook.sight is None else self._outlook.sight(phase)
+
+    def steady(self, phase: Phase, longest: float) -> float:
+        """Return for how long (s), at most `longest`, the load stays near what it is in `phase`.
+
+        That is until it has changed by half of the strongest on the way of a body that coasts, as seen after about 1,
+        2, 4 ... ns. A first step whose stages all lie beyond a thin layer would see nothing, and be accepted.
+        """
+        if self._load_from is None or not 1.0 / NANOSECONDS < longest < math.inf:
+            return longest
+        load, (mass, moments), omega = self._load_from(phase), self._inertia, phase.angular_velocity
+        velocity, held = self._velocity(phase), self._held
+        half_acceleration = scale(0.5 / mass, add(held.force_world, rotate(phase.orientation, held.force_body)))
+        seen: list[tuple[float, Vector, Vector]] = []
+        for t in (0.0, *(longest * 2.0**-k for k in range(int(math.log2(longest * NANOSECONDS)), -1, -1))):
+            away = add_scaled(scale(t, velocity), t * t, half_acceleration)
+            try:
+                seen.append((t, *load(t, away, velocity, multiply(phase.orientation, exp(scale(t, omega))), omega)))
+            except ConvergenceError:
+                break
+        # What a rounding of the velocities makes is no change.
+        least = _EPSILON / longest
+        force = max([least * mass * norm(velocity), *(0.5 * norm(sight[1]) for sight in seen)])
+        torque = max([least * min(moments) * (norm(omega) + 1.0 / longest), *(0.5 * norm(sight[2]) for sight in seen)])
+        for t, push, twist in seen:
+            if norm(subtract(push, seen[0][1])) > force or norm(subtract(twist, seen[0][2])) > torque:
+                return t
+        return longest
 
     def _arguments(
         self, phase: Phase, h: float

@@ -34,6 +34,12 @@ class Advance(Protocol):
     def slowing(self, phase: Phase) -> float:
         """Return the rate (1/s) at which drag makes differences of speed die down in `phase`; 0 without drag."""
 
+    def steady(self, phase: Phase, longest: float) -> float:
+        """Return for how long (s), at most `longest`, the load stays near what it is in `phase`."""
+
+    def sight(self, phase: Phase) -> float:
+        """Return for how long (s) from `phase` on the load there tells what comes."""
+
 
 _EPSILON = 2.0**-52
 
@@ -290,7 +296,9 @@ class AccuracyControl:
         """
         trials = _Trials(advance, self.embedded)
         goal = self.goal._replace(slowing=advance.slowing(phase))
-        length, after, learnt, error = by_trial(goal, self.learnt, phase, trials)
+        step = self.learnt.step or advance.steady(phase, _first(goal, phase))
+        known = self.learnt._replace(step=min(step, max(advance.sight(phase), 1.0 / NANOSECONDS)))
+        length, after, learnt, error = by_trial(goal, known, phase, trials)
         if length == 0 and trials.refused is not None:
             raise ConvergenceError(
                 f"accuracy {self.goal.accuracy:g} cannot be kept: not even a step of 1 ns can be taken: "

@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
+from rb_dynamics.loads.effect import Point
 from rb_dynamics.loads.load import Takes
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Method
-from rb_dynamics.motion.arc import Arc, LoadFrom, Stepper
+from rb_dynamics.motion.arc import Arc, LoadFrom, OfPhase, Outlook, Stepper
 from rb_dynamics.motion.auto_method import CANDIDATES, cheapest
 from rb_dynamics.motion.exact import EXACT, has_closed_form, is_free
 from rb_dynamics.motion.phase import Phase, RoundingHistory, inertia_of
@@ -43,8 +45,10 @@ class Plan:
         self._start = self._from.center_of_mass_world
         self._ends = bool(scene.duration)
         self._horizon = scene.duration or OPEN_END_HORIZON
-        slowing, body = scene.combined_effects.slowing(), scene.body
-        self._slowing = None if slowing is None else (lambda phase: slowing(phase.point(body)))
+        effects, body = scene.combined_effects, scene.body
+        self._outlook = Outlook(
+            *(None if part is None else _of_phase(part, body) for part in (effects.slowing(), effects.sight()))
+        )
         self.takes = scene.combined_effects.takes
         self._method = None if scene.solver.method == "auto" else METHODS[scene.solver.method]
         if self._method is not None and self._method.takes < self.takes:
@@ -71,7 +75,7 @@ class Plan:
         """
 
         def stepper(method: Method) -> Stepper:
-            return Stepper(method, self._inertia, held, load_from, self._slowing)
+            return Stepper(method, self._inertia, held, load_from, self._outlook)
 
         # Commands of one time may come one by one, each with an arc into which no time goes.
         if start_ns > self._from_ns:
@@ -79,7 +83,7 @@ class Plan:
             self._from_ns, self._from = start_ns, phase
         method, control = self._choose(held, start_ns, phase, load_from is None, stepper)
         again = None if self._method is not None or method is EXACT else self._cheapest
-        return Arc(method, self._inertia, held, control, start_ns, phase, load_from, again, self._slowing)
+        return Arc(method, self._inertia, held, control, start_ns, phase, load_from, again, self._outlook)
 
     def course(self, phase: Phase) -> RoundingHistory:
         """Return what lies behind `phase`, which is on the last arc."""
@@ -134,6 +138,10 @@ class Plan:
         if solver.step is not None:
             return f"step {solver.step!r} s"
         return f"steps for an accuracy of {self._accuracy!r} after {self._horizon!r} s"
+
+
+def _of_phase(part: Callable[[Point], float], body: RigidBody) -> OfPhase:
+    return lambda phase: part(phase.point(body))
 
 
 def _turns_nothing(scene: Scene) -> bool:

@@ -19,10 +19,10 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.effect import Effect, Point
-from rb_dynamics.loads.load import Takes
+from rb_dynamics.loads.load import Load, Takes
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import Increment, Inertia
-from rb_dynamics.motion.arc import Arc
+from rb_dynamics.motion.arc import Arc, Stepper
 from rb_dynamics.motion.phase import Phase, in_principal_axes, inertia_of
 from rb_dynamics.motion.step_control import AccuracyControl, FixedStep
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
@@ -268,6 +268,92 @@ class Noisy:
 
     def slowing(self, phase: Phase) -> float:
         return 0.0
+
+    def steady(self, phase: Phase, longest: float) -> float:
+        return longest
+
+    def sight(self, phase: Phase) -> float:
+        return math.inf
+
+
+class Layer(Effect):
+    """Drag at 10/s where x is `center`, which falls by e in 10 m; `seen` where steps are told of it."""
+
+    kind, takes = "layer", Takes.ANY
+
+    def __init__(self, center: float = 0.0, *, seen: bool = False) -> None:
+        self.center, self.seen = center, seen
+
+    def wrenching(self, body: RigidBody, start: float) -> Callable[[Point], tuple[Vector, Vector]]:
+        def at(point: Point) -> tuple[Vector, Vector]:
+            rate = 10.0 * math.exp(-0.1 * abs(point.position[0] - self.center))
+            return scale(-rate * body.mass, point.velocity), ZERO
+
+        return at
+
+    def sight(self, body: RigidBody) -> Callable[[Point], float] | None:
+        def ahead(point: Point) -> float:
+            return max(0.5 * abs(point.position[0] - self.center), 5.0) / norm(point.velocity)
+
+        return ahead if self.seen else None
+
+
+class TestNoStepPassesOverAPlace:
+    """A step whose stages all lie beyond what acts would see nothing, find no error, and be accepted."""
+
+    @staticmethod
+    def through(layer: Layer, speed: float, method: str, accuracy: float) -> Run:
+        scene = parse_scene(
+            f"body: {{mass: 2, inertia: {{diagonal: [1, 2, 2.5]}}}}\nduration: 3600\n"
+            f"initial: {{linear_velocity_world: [{speed}, 0, 0]}}\nsolver: {{method: {method}, accuracy: {accuracy}}}"
+        )
+        return simulate(replace(scene, effects=(layer,)))
+
+    @pytest.mark.parametrize("accuracy", [1e-3, 1e-6])
+    @pytest.mark.parametrize("method", ["auto", "radau", "midpoint6", "dop853"])
+    def test_where_it_starts(self, method: str, accuracy: float) -> None:
+        sample = self.through(Layer(), 150.0, method, accuracy).sample
+
+        # dv/dx is -10/s exp(-x / 10 m), so that 50 m/s are left, and x = 50 t + 10 ln 3.
+        assert sample.position_world[0] == pytest.approx(180_000.0 + 10.0 * math.log(3.0), rel=accuracy)
+
+    @pytest.mark.parametrize("method", ["auto", "radau", "rk4"])
+    def test_that_an_effect_tells_it_of(self, method: str) -> None:
+        sample = self.through(Layer(1e5, seen=True), 250.0, method, 1e-4).sample
+
+        assert sample.linear_velocity_world[0] == pytest.approx(50.0, rel=1e-3)
+
+    @pytest.mark.parametrize("method", ["auto", "radau", "rk4", "dlm6", "dmv864"])
+    def test_where_a_small_mass_attracts_in_passing(self, method: str) -> None:
+        mu, speed, aside = 1e6, 1e4, 10.0
+        scene = parse_scene(
+            f"body: {{mass: 1}}\ninitial: {{position_world: [-1e8, {aside}, 0], "
+            f"linear_velocity_world: [{speed}, 0, 0]}}\nduration: 2e4\n"
+            f"effects: [{{type: central_gravity, gravitational_parameter: {mu}}}]\n"
+            f"solver: {{method: {method}, accuracy: 1e-3}}"
+        )
+        x, y, _ = simulate(scene).sample.linear_velocity_world
+
+        # Rutherford's angle.
+        assert math.atan2(-y, x) == pytest.approx(2.0 * math.atan(mu / (aside * speed**2)), rel=0.01)
+
+    @pytest.mark.parametrize(
+        ("load", "steady"),
+        [
+            (lambda t, *_: ((0.0, 0.0, -9.8), (1.0, 0.0, 0.0)), 36.0),
+            (lambda t, x, v, *_: (scale(-2.0, v), ZERO), 36.0),
+            # It comes to half of what it reaches at half of the time.
+            (lambda t, x, *_: (scale(-2.0, x), ZERO), 36.0),
+            # Noise far below the rounding of the rate.
+            (lambda t, *_: (ZERO, (1e-25 * (t > 0.0), 0.0, 0.0)), 36.0),
+            (lambda t, x, *_: (ZERO, (math.exp(-x[0]), 0.0, 0.0)), 36.0 * 2.0**-7),
+        ],
+    )
+    def test_what_is_alike_for_long_costs_no_short_steps(self, load: Load, steady: float) -> None:
+        stepper = Stepper(STEPPED["rk4"], Inertia(1.0, (1.0, 1.0, 1.0)), HeldWrench(), lambda phase: load)
+        moving = Phase((0.0, 0.0, 0.0, 1.0), (0.1, 0.0, 0.0), (*ZERO, 3.0, *(0.0,) * 10), (0.0,) * 14)
+
+        assert stepper.steady(moving, 36.0) == steady
 
 
 class TestWhereRoundingHidesTheError:
