@@ -6,6 +6,7 @@ import fcntl
 import os
 import re
 import shutil
+import signal
 import tempfile
 from collections.abc import Generator
 from importlib import import_module
@@ -119,14 +120,34 @@ def example_dir() -> Path:
 
 @pytest.fixture(scope="module")
 def kernel_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Keep what a module compiles away from the user's cache."""
+    """Keep what a module compiles away from the user's cache, in one that all modules and workers share."""
     from rb_dynamics.numerics import compilation
 
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        patch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
         compilation.cache_folder.cache_clear()
         yield
     compilation.cache_folder.cache_clear()
+
+
+@pytest.fixture
+def signals_of_a_terminal() -> Iterator[None]:
+    """Let SIGINT, SIGTERM and SIGHUP do here and in new processes what they do in a terminal.
+
+    Under nohup, or behind `&` in a script, some are ignored; processes inherit that, and would not end.
+    """
+    handlers = [
+        (signal.SIGINT, signal.default_int_handler),
+        (signal.SIGTERM, signal.SIG_DFL),
+        (signal.SIGHUP, signal.SIG_DFL),
+    ]
+    before = [(number, signal.signal(number, handler)) for number, handler in handlers]
+    yield
+    for number, handler in before:
+        signal.signal(number, handler)
 
 
 @pytest.fixture

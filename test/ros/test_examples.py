@@ -53,6 +53,7 @@ def test_the_controller_in_lockstep_flies_the_same_bits_again(tmp_path: Path) ->
     assert hashes[0] == hashes[1]
 
 
+@pytest.mark.usefixtures("signals_of_a_terminal")
 @pytest.mark.parametrize("name", ["regulate.py", "command.py"])
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
 def test_an_example_that_waits_for_a_node_ends_quietly(peer: Peer, name: str, how: signal.Signals) -> None:
@@ -104,6 +105,7 @@ def test_an_example_says_what_it_is_before_it_starts(name: str) -> None:
     assert "from Python" in said.stdout or "from rclpy" in said.stdout
 
 
+@pytest.mark.usefixtures("signals_of_a_terminal")
 def test_control_that_waits_for_a_node_is_interrupted_quietly(peer: Peer) -> None:
     command = [sys.executable, str(ROOT / "examples" / "control.py"), "pause"]
     waiting = peer.node.count_clients

@@ -25,7 +25,7 @@ from rosgraph_msgs.msg import Clock
 
 from rb_dynamics.formats.bag_reader import read_bag
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("signals_of_a_terminal")]
 
 # What `ros2 launch` does with a launch file and NAME:=VALUE.
 LAUNCH = """

@@ -163,6 +163,7 @@ def test_pause_step_and_reset(scene: Path, peer: Peer, tmp_path: Path) -> None:
     assert newest.poses("/pose")[0][0] == 0
 
 
+@pytest.mark.usefixtures("signals_of_a_terminal")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_closes_the_logs_and_exits_with_0(scene: Path, peer: Peer, tmp_path: Path, number: int) -> None:
     pytest.importorskip("rerun")

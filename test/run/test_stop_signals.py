@@ -8,12 +8,15 @@ import pty
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.run.stop_signals import Stopped, interrupted_by_signals
+
+pytestmark = pytest.mark.usefixtures("signals_of_a_terminal")
 
 SCENE = """\
 body: {mass: 1, inertia: {diagonal: [1, 2, 3]}}
@@ -24,16 +27,20 @@ duration: 100000
 """
 
 
-def begun(log: Path, *before: str, **options: int) -> subprocess.Popen[str]:
-    """Return a run of `SCENE` that has begun to write `log`."""
+@contextlib.contextmanager
+def begun(log: Path, *before: str, **options: int) -> Iterator[subprocess.Popen[str]]:
+    """Start a run of `SCENE`, wait until it has begun to write `log`, and make sure that it is gone afterwards."""
     scene = log.with_name("scene.yaml")
     scene.write_text(SCENE)
     command = [*before, sys.executable, "-m", "rb_dynamics", "simulate", str(scene), "--mcap", str(log)]
-    run = subprocess.Popen(command, text=True, **{"stderr": subprocess.PIPE, **options})
-    while run.poll() is None and not (log.exists() and log.stat().st_size > 100_000):
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            run.wait(0.02)
-    return run
+    with subprocess.Popen(command, text=True, **{"stderr": subprocess.PIPE, **options}) as run:
+        try:
+            while run.poll() is None and not (log.exists() and log.stat().st_size > 100_000):
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    run.wait(0.02)
+            yield run
+        finally:
+            run.kill()
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
