@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import pytest
 from motions import errors, forced
 
+from rb_dynamics.body.state import State
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.load import Takes
 from rb_dynamics.loads.wrench import Wrench
@@ -173,12 +175,18 @@ class TestNasty:
         """Errors grow for what is left of the run, not for all of it: nothing to refuse."""
         kick = "effects: [{type: scheduled_wrench, schedule: [{time: 1990, torque: [50, 20, 10]}, {time: 1991}]}]"
         run = simulate(parse_scene(f"{MOVING}duration: 2000\n{kick}"))
-        fine = simulate(parse_scene(f"{MOVING}duration: 2000\n{kick}\nsolver: {{method: taylor, step: 0.007}}"))
+        coast = simulate(parse_scene(f"{MOVING}duration: 1990\nsolver: {{method: exact}}")).sample
+        start = State(
+            0, coast.position_world, coast.orientation_xyzw, coast.linear_velocity_world, coast.angular_velocity_body
+        )
+        after = f"{MOVING}duration: 10\n{kick.replace('1990', '0').replace('1991', '1')}\n"
+        fine = simulate(replace(parse_scene(f"{after}solver: {{method: taylor, step: 0.007}}"), initial=start))
         assert angle_between(run.sample.orientation_xyzw, fine.sample.orientation_xyzw) <= 1e-9
 
     def test_a_run_without_end_keeps_its_accuracy_for_ever(self) -> None:
         """After the horizon of an hour too: the choice still has a rest to reckon with."""
-        text = f"{DRIVEN.replace('duration: 5', '')}solver: {{method: auto, accuracy: 1.0e-8}}"
+        endless = DRIVEN.replace("duration: 5\noutput_rate: 10", "output_rate: 0.1")
+        text = f"{endless}solver: {{method: auto, accuracy: 1.0e-8}}"
         late, early = Simulation(parse_scene(text)), Simulation(parse_scene(text))
         late.advance(5000 * NANOSECONDS)
         for run in (late, early):

@@ -8,6 +8,7 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
+from functools import cache
 
 import numpy as np
 import pytest
@@ -438,6 +439,18 @@ def particle_under(effects: str, velocity: float, duration: float, method: str, 
 CONTROLLED = [("auto", 1e-9), ("auto", 1e-5), ("rk4", 1e-6), ("rkmk54", 1e-7), ("dop853", 1e-9)]
 
 
+@cache
+def braked_near_a_centre() -> list[float]:
+    """Return where the particle of `test_after_a_fast_beginning` ends, its velocity and its path, by SciPy."""
+
+    def slope(_: float, y: NDArray[np.float64]) -> NDArray[np.float64]:
+        to, speed = np.array([-y[0], 30.0 - y[1]]), np.hypot(y[2], y[3])
+        return np.array([*y[2:4], *(1e-3 * to / np.hypot(*to) ** 3 - speed * y[2:4]), speed])
+
+    found = solve_ivp(slope, (0, 3000), [0, 0, 1e6, 0, 0], method="DOP853", rtol=3e-14, atol=1e-15)
+    return [float(value) for value in found.y[:, -1]]
+
+
 class TestDistanceTravelled:
     """A position error counts relative to what has been travelled, not to what a speed that is gone would have been."""
 
@@ -448,12 +461,7 @@ class TestDistanceTravelled:
             "{type: quadratic_drag, translation: 1}, "
             "{type: central_gravity, gravitational_parameter: 1.0e-3, center_world: [0, 30, 0]}"
         )
-
-        def slope(_: float, y: NDArray[np.float64]) -> NDArray[np.float64]:
-            to, speed = np.array([-y[0], 30.0 - y[1]]), np.hypot(y[2], y[3])
-            return np.array([*y[2:4], *(1e-3 * to / np.hypot(*to) ** 3 - speed * y[2:4]), speed])
-
-        end = solve_ivp(slope, (0, 3000), [0, 0, 1e6, 0, 0], method="DOP853", rtol=3e-14, atol=1e-15).y[:, -1]
+        end = braked_near_a_centre()
 
         x, y, _ = particle_under(effects, 1e6, 3000.0, method, accuracy).sample.position_world
 
