@@ -44,6 +44,12 @@ def _plain(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]))
 
 
+@pytest.fixture
+def _no_page(monkeypatch: pytest.MonkeyPatch) -> None:
+    """To draw the page takes thirty times as long as to fly; test_summary.py has its tests."""
+    monkeypatch.setattr("rb_dynamics.cli.campaign._write_page", lambda *_: None)
+
+
 def fly(campaign: Path, out: Path, **arguments: Any) -> bytes:
     read = read_campaign(campaign)
     run_campaign(read, Store(out, read), **{"workers": 0, **arguments})
@@ -246,6 +252,7 @@ def interrupted(campaign: Path, out: Path, block: int = 7) -> Path:
     return Path(f"{out}.parts")
 
 
+@pytest.mark.usefixtures("_no_page")
 def test_one_process_at_a_time(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     campaign, out = write(tmp_path), tmp_path / "rows.parquet"
     arguments = ["campaign", str(campaign), "--out", str(out), "--workers", "0"]
@@ -321,6 +328,7 @@ def removed(parts: Path) -> None:
     (parts / "campaign.json").unlink()
 
 
+@pytest.mark.usefixtures("_no_page")
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
@@ -405,6 +413,7 @@ def command(*arguments: object) -> list[str]:
     return [sys.executable, "-m", "rb_dynamics", "campaign", *map(str, arguments)]
 
 
+@pytest.mark.usefixtures("_no_page")
 def test_the_command_and_a_rerun(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scene = SCENE.replace("body:\n", "body:\n  frame: bus\n")
     campaign, out = write(tmp_path, scene=scene), tmp_path / "out" / "rows.parquet"
@@ -467,6 +476,7 @@ def test_a_rerun_without_a_row_says_so(tmp_path: Path, capsys: pytest.CaptureFix
 LAW = "def law(parameters):\n    return lambda measured: -{gain} * measured.angular_velocity_body\n"
 
 
+@pytest.mark.usefixtures("_no_page")
 def test_rows_of_another_law_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Whether the law has changed, or only what it imports."""
     campaign = write(tmp_path, CAMPAIGN.replace("law: rate_damping", "law: own.law.law"))
@@ -486,6 +496,7 @@ def test_rows_of_another_law_are_refused(tmp_path: Path, capsys: pytest.CaptureF
     assert main([*arguments, "--rerun", "3"]) == 0
 
 
+@pytest.mark.usefixtures("_no_page")
 def test_a_rerun_that_differs_is_seen(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -501,6 +512,7 @@ def test_a_rerun_that_differs_is_seen(
     assert "differs from its row" in capsys.readouterr().out
 
 
+@pytest.mark.usefixtures("_no_page")
 def test_runs_that_a_law_fails_are_rows_and_the_exit_code_tells(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
