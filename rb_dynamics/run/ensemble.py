@@ -7,8 +7,10 @@ that pays, in threads and vectorised over bodies; without it one after the other
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rb_dynamics.body.rigid_body import RigidBody, require_body
@@ -372,11 +374,12 @@ def _times(times_ns: npt.ArrayLike, start_ns: int) -> Times:
     return times
 
 
-def _copies(*parts: npt.ArrayLike) -> list[Numbers]:
+def _copies(*parts: npt.ArrayLike) -> list[npt.ArrayLike]:
     """Return what is held on when the user's arrays may have changed."""
     import numpy as np
 
-    return [np.array(as_array(part, name, "numbers")) for name, part in zip(_PARTS, parts, strict=True)]
+    named = zip(_PARTS, parts, strict=True)
+    return [part if isinstance(part, float) else np.array(as_array(part, name, "numbers")) for name, part in named]
 
 
 def _wrenches(
@@ -391,6 +394,9 @@ def _wrenches(
 
     found = []
     for name, part in zip(_PARTS, parts, strict=True):
+        if isinstance(part, float) and part == 0.0:
+            found.append(_nothing(intervals, bodies))
+            continue
         array = given = as_array(part, name, "numbers")
         if intervals > 1 and array.ndim == 2:
             array = array[:, np.newaxis]
@@ -399,7 +405,9 @@ def _wrenches(
         except ValueError:
             expected = f"({bodies}, 3)" if intervals == 1 else f"({intervals}, 3) or ({intervals}, {bodies}, 3)"
             raise ValueError(f"{name} has shape {given.shape}, expected one that broadcasts to {expected}") from None
-        if not np.isfinite(given).all():
+        # A number that is not finite shows in the extremes: two passes over the array, where others would take three.
+        low, high = float(given.min(initial=0.0)), float(given.max(initial=0.0))
+        if not (math.isfinite(low) and math.isfinite(high)):
             where = tuple(map(int, np.argwhere(~np.isfinite(given))[0]))
             raise WrenchError(
                 f"{name}{list(where) if where else ''} is {given[where]}, expected finite numbers; mend what made it"
@@ -409,10 +417,18 @@ def _wrenches(
                 f"{name} acts on body {int(np.flatnonzero(particles)[0])}, expected none: it has no inertia, it is a "
                 "particle; give it an inertia, or command a force alone"
             )
-        size = max(float(given.max(initial=0.0)), -float(given.min(initial=0.0)))
+        size = max(high, -low)
         require_possible(*((size, 0.0) if name.startswith("force") else (0.0, size)), largest)
         found.append(array)
     return tuple(found)
+
+
+@lru_cache(maxsize=4)
+def _nothing(intervals: int, bodies: int) -> Numbers:
+    """Return a part that is left out, most of the four: read-only zeros (intervals, bodies, 3), 8 bytes in all."""
+    import numpy as np
+
+    return np.broadcast_to(np.array(0.0), (intervals, bodies, 3))
 
 
 def _largest(bodies: Sequence[RigidBody]) -> tuple[float, float]:
