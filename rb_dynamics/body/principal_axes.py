@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 
 from rb_dynamics.numerics.rotation import IDENTITY, Matrix, Quaternion, multiply, normalize
-from rb_dynamics.numerics.vector import Vector
+from rb_dynamics.numerics.vector import Vector, norm
 
 _SWEEPS = 30
 
@@ -41,8 +41,8 @@ def _annihilate(a: list[list[float]], p: int, q: int) -> Quaternion:
     """
     apq = a[p][q]
     theta = (a[q][q] - a[p][p]) / (2.0 * apq)
-    t = math.copysign(1.0, theta) / (abs(theta) + math.hypot(1.0, theta))
-    c = 1.0 / math.hypot(1.0, t)
+    t = math.copysign(1.0, theta) / (abs(theta) + norm((1.0, theta, 0.0)))
+    c = 1.0 / norm((1.0, t, 0.0))
     s = t * c
     a[p][p] -= t * apq
     a[q][q] += t * apq

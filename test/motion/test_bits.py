@@ -1,7 +1,7 @@
-"""The bits of a step do not depend on the version of Python.
+"""The bits of a run do not depend on the version of Python.
 
-From 3.12 on `sum` of floats is compensated, and `math.hypot` has been rewritten more than once: what a step computes
-calls neither, but adds up in the open, by `math.fsum`, or takes `vector.norm`.
+From 3.12 on `sum` of floats is compensated, and `math.hypot` has been rewritten more than once: what makes a body or
+a step calls neither, but adds up in the open, by `math.fsum`, or takes `vector.norm`.
 """
 
 from __future__ import annotations
@@ -14,8 +14,10 @@ import pytest
 import rb_dynamics
 
 ROOT = Path(rb_dynamics.__file__).parent
-STEP_MODULES = [
+MODULES = [
     *(ROOT / "numerics" / f"{name}.py" for name in ("vector", "rotation", "sincos", "elliptic", "nanoseconds")),
+    *(ROOT / "body" / f"{name}.py" for name in ("principal_axes", "rigid_body", "state", "particles", "shapes")),
+    ROOT / "study" / "campaign" / "scenes.py",
     *sorted((ROOT / "loads").glob("*.py")),
     *sorted((ROOT / "motion").glob("*.py")),
 ]
@@ -27,8 +29,8 @@ def found_in(source: str) -> set[str]:
     return {node.id if isinstance(node, ast.Name) else node.attr for node in nodes} & DEPENDS_ON_THE_VERSION
 
 
-@pytest.mark.parametrize("path", STEP_MODULES, ids=lambda path: path.stem)
-def test_no_step_uses_what_other_versions_of_python_round_differently(path: Path) -> None:
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: path.stem)
+def test_nothing_that_makes_a_motion_uses_what_other_versions_of_python_round_differently(path: Path) -> None:
     assert found_in(path.read_text(encoding="utf-8")) == set()
 
 

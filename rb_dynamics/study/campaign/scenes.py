@@ -75,7 +75,7 @@ class Scenes:
 
     def _inertia(self, values: Mapping[str, float]) -> dict[str, object]:
         body = self.base.body
-        total = 0.5 * sum(body.principal_moments)
+        total = 0.5 * math.fsum(body.principal_moments)
         # A plate has a second moment of 0, which rounding may make negative.
         a, b, c = (
             max(0.0, total - moment) * values[name]
