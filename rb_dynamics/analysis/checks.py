@@ -119,10 +119,10 @@ def _late(series: TimeSeries, track: Track) -> str:
     if track.own or own is None or not own.count:
         return ""
     others = [each for each in track.bag.topics.values() if each.count and not each.type_name.startswith(_OF_ROS)]
-    begin, first = min((min(each.log_times), each.name) for each in others)
-    end, last = max((max(each.log_times), each.name) for each in others)
+    begin, first = min((int(each.log_times.min()), each.name) for each in others)
+    end, last = max((int(each.log_times.max()), each.name) for each in others)
     apart = max(_APART * 1e9, longest_usual(series.time_ns) if len(series.time_ns) > 3 else 0.0)
-    late, early = min(own.log_times) - begin, end - max(own.log_times)
+    late, early = int(own.log_times.min()) - begin, end - int(own.log_times.max())
     lacks = [f"it begins {late * 1e-9:.6g} s after the recording does, with {first}"] if late > apart else []
     lacks += [f"it stops {early * 1e-9:.6g} s before the recording does, which goes on with {last}"] * (early > apart)
     return "; ".join(lacks)
@@ -131,7 +131,7 @@ def _late(series: TimeSeries, track: Track) -> str:
 def one_recording(track: Track) -> Check:
     """Return whether the files of a folder follow one another, as those of one recording do."""
     joints = track.bag.joints
-    times = np.sort(np.concatenate([np.array(t.log_times, dtype=np.int64) for t in track.bag.topics.values()]))
+    times = np.sort(np.concatenate([t.log_times for t in track.bag.topics.values()]))
     ends = np.searchsorted(times, [joint.end_ns for joint in joints], side="right") - 1
     within = np.delete(np.diff(times), ends[ends < len(times) - 1])
     far = max(_FOLLOWS * 1e9, 10.0 * float(within.max(initial=0)))

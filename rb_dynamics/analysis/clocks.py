@@ -58,7 +58,7 @@ def clock(topic: Topic) -> Clock:
     stamps = topic.stamps
     if not topic.stamps_given:
         return Clock(topic.name, False, 0.0)
-    logged = np.array(topic.log_times, dtype=np.int64)
+    logged = topic.log_times
     offset = (logged - stamps) * 1e-9
     whole = float(np.median(offset))
     count = min(_PIECES, len(offset) // _LEAST)

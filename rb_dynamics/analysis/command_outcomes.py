@@ -51,7 +51,9 @@ def outcomes_of(track: Track, steps: RecordedWrench, source: Topic, declared: Wr
 
     # What a command did is written behind it, at its time: where a log is cut off at that time, it is lost.
     last = (
-        None if track.bag.complete else max((max(t.log_times) for t in track.bag.topics.values() if t.count), default=0)
+        None
+        if track.bag.complete
+        else max((int(t.log_times.max()) for t in track.bag.topics.values() if t.count), default=0)
     )
 
     def known(times: Counter[int]) -> list[int]:

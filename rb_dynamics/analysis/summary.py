@@ -267,7 +267,7 @@ def _use(track: Track, topic: Topic) -> str:
 
 
 def _topic(topic: Topic, start_ns: int, use: str) -> TopicFacts:
-    times = np.array(topic.log_times, dtype=np.int64)
+    times = topic.log_times
     if not len(times):
         return TopicFacts(topic.name, topic.type_name, use, 0, 0.0, 0.0, 0.0, 0.0)
     steps = np.diff(times)
@@ -351,7 +351,7 @@ def _channel(
     received = None if source is None else source.count
     frames, commands = steps.frames, steps.time_ns
     if applied is not None:
-        commands = np.array([] if source is None else source.log_times, dtype=np.int64)
+        commands = np.empty(0, np.int64) if source is None else source.log_times
     at = track.seconds(commands)
     if source is not None and applied is not None and source.count:
         frames = tuple(sorted({wrench.frame_id for _, wrench in track.bag.wrenches(name)}))

@@ -165,7 +165,7 @@ class _Finder:
         self.uses[topic] = ", ".join(filter(None, (self.uses.get(topic), use)))
         if len(time_ns) > 1 and not time_ns.any():
             self.notes.append(f"{topic}: no message has a stamp; the log times are used.")
-            time_ns = np.array(self.bag.topics[topic].log_times, dtype=np.int64)
+            time_ns = self.bag.topics[topic].log_times
         rows = values.reshape(len(time_ns), -1)
         usable = (np.abs(rows) < LARGEST).all(axis=1)
         # A bag may be large: what need not be copied is not.

@@ -16,7 +16,7 @@ import numpy as np
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
-from rb_dynamics.formats.bag_source import Joint, SplitMcap, open_source
+from rb_dynamics.formats.bag_source import Joint, SplitBag, open_source
 from rb_dynamics.formats.mcap_records import McapChannel
 from rb_dynamics.formats.messages import (
     ODOMETRY,
@@ -115,7 +115,7 @@ class Bag:
         starts, texts = zip(*source.texts, strict=True) if source.texts else ((), ())
         frames = [text[0] if text else "" for text in texts]
         of_row = np.searchsorted(starts, np.arange(source.count), side="right") - 1
-        columns = (source.log_times, of_row.tolist(), source.stamps.tolist(), source.numbers.tolist())
+        columns = (source.log_times.tolist(), of_row.tolist(), source.stamps.tolist(), source.numbers.tolist())
         return [
             (at, Wrench((fx, fy, fz), (tx, ty, tz), frames[k], stamp_ns))
             for at, k, stamp_ns, (fx, fy, fz, tx, ty, tz) in zip(*columns, strict=True)
@@ -152,14 +152,17 @@ def read_bag(path: str | os.PathLike[str], repeated: bool = True) -> Bag:
     """
     file = open_source(Path(path))
     bag = Bag(file.path, False, {}, file.metadata, file.attachments)
-    for message in file.messages():
-        _topic_of(bag, message.channel, repeated).add(message.log_time, message.data)
+    for block in file.blocks():
+        _topic_of(bag, block.channel, repeated).take(block)
     for channel in file.channels.values():
         _topic_of(bag, channel, repeated)
+    alike: dict[tuple[int, ...], Times] = {}
+    for topic in bag.topics.values():
+        topic.join(alike)
     if RUN in file.metadata:
         require_types(file, logged_scene(file.attachments))
     bag.whole = file.complete
-    bag.joints = tuple(file.joints) if isinstance(file, SplitMcap) else ()
+    bag.joints = tuple(file.joints) if isinstance(file, SplitBag) else ()
     bag.complete = file.complete and INTERRUPTED not in file.metadata and not bag.next_file
     return bag
 

@@ -1,24 +1,37 @@
 """`open_source`: the messages of any ROS 2 bag: an MCAP file or a rosbag2 folder, split or compressed, MCAP or SQLite.
 
-MCAP is read here; SQLite, and files that rosbag2 compressed as a whole, by the package rosbags.
+MCAP is read here, SQLite by the package rosbags.
 """
 
 from __future__ import annotations
 
+import contextlib
+import io
 import re
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from operator import index
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, BinaryIO, Protocol, TypeAlias, TypeVar
 
 from rb_dynamics.errors import LogError, MissingExtraError, SceneError
-from rb_dynamics.formats.mcap_records import McapChannel, McapFile, Message, Schema
+from rb_dynamics.formats.mcap_records import (
+    MAX_RECORD_BYTES,
+    Block,
+    McapChannel,
+    McapFile,
+    Message,
+    Schema,
+    in_blocks,
+)
 from rb_dynamics.formats.rosbag2_metadata import METADATA_FILE
 from rb_dynamics.run.provenance import DAMAGED, INTERRUPTED, MISSING_FILES, RESULT, next_file
 from rb_dynamics.scene.document import MAX_CHARACTERS, load
+
+# So much is given to zstd at once.
+_PACKED_BYTES = 4096
 
 
 @dataclass(frozen=True)
@@ -32,7 +45,7 @@ class Joint:
 
 
 class Source(Protocol):
-    """A bag, as `McapFile` is one: what stands below `path` is there when `messages` has run."""
+    """A bag, as `McapFile` is one: what stands below `path` is there when `messages` or `blocks` has run."""
 
     path: Path
     complete: bool
@@ -46,40 +59,51 @@ class Source(Protocol):
     def messages(self) -> Iterator[Message]:
         """Yield every message in the order of the bag."""
 
+    def blocks(self) -> Iterator[Block]:
+        """Yield every message in blocks of one channel, those of each channel in the order of the bag."""
+
 
 def open_source(path: str | Path) -> Source:
     """Return the bag at `path`: a file, or a folder as rosbag2 writes it.
 
     Raises:
         LogError: a folder holds no bag, or a file is only the `metadata.yaml` of one.
-        MissingExtraError: it takes rosbags to read it, which is not installed.
     """
     path = Path(path)
     if path.name == METADATA_FILE and path.is_file():
         raise LogError(f"{path} only says which files a bag has, expected the bag; give the folder: {path.parent}")
     if not path.is_dir():
-        return RosbagsSource(path) if path.suffix == ".db3" else McapFile(path)
-    files = _files(path)
-    if files and all(file.suffix == ".mcap" for file in files):
-        return SplitMcap(path, files)
-    if (path / METADATA_FILE).is_file():
-        return RosbagsSource(path)
+        return _opened(path)
+    mode, files = _files(path)
+    if files:
+        return SplitBag(path, files, mode)
     raise LogError(
         f"{path} holds no bag: expected {METADATA_FILE} or .mcap files in it, as `ros2 bag record` leaves them"
     )
 
 
+def _opened(path: Path, part: bool = False) -> McapFile | DatabaseFile:
+    return DatabaseFile(path) if path.suffix == ".db3" else McapFile(path, part=part)
+
+
 @dataclass
-class SplitMcap:
-    """Several MCAP files that are one bag, read one after the other.
+class SplitBag:
+    """Several files that are one bag, read one after the other.
 
     Of facts of one name the later stands, and the result is that of the last file: an earlier one's is no end. What was
     lost is all told; what an earlier file lacks at its end, and a file that is not there, are a piece that is missing
     in between.
+
+    Attributes:
+        path: the folder.
+        files: in their order.
+        compression: "none", "file" (each as a whole) or "message" (each message).
+        joints: where one file ends and the next begins, where nothing is known to be missing between them.
     """
 
     path: Path
     files: list[Path]
+    compression: str = "none"
     complete: bool = False
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     attachments: dict[str, bytes] = field(default_factory=dict)
@@ -90,70 +114,93 @@ class SplitMcap:
         """Yield every message of every file.
 
         Raises:
-            LogError: as `McapFile.messages`.
+            LogError: as `McapFile.messages`, or something in a file is damaged that is compressed.
         """
-        before: _Part | None = None
+        if self.compression == "message":
+            yield from map(self._unpacked, self._read(lambda file: file.messages()))
+        else:
+            yield from self._read(lambda file: file.messages())
+
+    def blocks(self) -> Iterator[Block]:
+        """Yield every message of every file, in blocks of one channel.
+
+        Raises:
+            LogError: as `messages`.
+        """
+        yield from (
+            in_blocks(self.messages()) if self.compression == "message" else self._read(lambda file: file.blocks())
+        )
+
+    def _read(self, read: Callable[[_File], Iterator[_Read]]) -> Iterator[_Read]:
+        before: _File | None = None
         complete = True
         for path in self.files:
-            file = McapFile(path, part=True)
-            part = _Part(file)
-            yield from part.messages()
+            with self._whole(path) as file:
+                yield from read(file)
             complete = complete and file.complete
             lost = self.metadata.get(INTERRUPTED, {})
             if before is not None:
-                lost = _between(before, part, lost)
-                self.joints += _joint(before, part)
+                lost = _between(before, file, lost)
+                self.joints += _joint(before, file)
             lost = _joined(lost, file.metadata.get(INTERRUPTED, {}))
             self.metadata.pop(RESULT, None)
             self.metadata.update(file.metadata | ({INTERRUPTED: lost} if lost else {}))
             self.attachments.update(file.attachments)
             self.channels.update({channel.topic: channel for channel in file.channels.values()})
-            before = part
+            before = file
         self.complete = complete
 
-
-@dataclass
-class _Part:
-    """One file of several, and the log times (ns) of its first and last message once they have been read."""
-
-    file: McapFile
-    begin_ns: int | None = None
-    end_ns: int | None = None
-
-    def messages(self) -> Iterator[Message]:
-        messages = self.file.messages()
-        message = next(messages, None)
-        if message is None:
+    @contextlib.contextmanager
+    def _whole(self, path: Path) -> Iterator[_File]:
+        """Open a file of the bag, unpacked where it is compressed as a whole."""
+        if self.compression != "file":
+            yield _opened(path, part=True)
             return
-        self.begin_ns = message.log_time
-        yield message
-        for message in messages:
-            yield message
-        self.end_ns = message.log_time
+        with tempfile.TemporaryDirectory() as folder:
+            unpacked = Path(folder, path.stem)
+            _unpack(path, unpacked)
+            try:
+                yield _opened(unpacked, part=True)
+            except LogError as error:
+                raise type(error)(str(error).replace(str(unpacked), str(path))) from error
 
-    @property
-    def cut(self) -> bool:
-        """Whether its end is missing, in a recovered copy too."""
-        reason = self.file.metadata.get(INTERRUPTED, {}).get("reason", DAMAGED)
-        return not self.file.complete or reason != DAMAGED
+    def _unpacked(self, message: Message) -> Message:
+        data, fault = bytearray(), ""
+        try:
+            for part in _zstd_parts(io.BytesIO(message.data)):
+                data += part
+                if len(data) > MAX_RECORD_BYTES:
+                    fault = f"unpacks to more than {MAX_RECORD_BYTES} bytes"
+                    break
+        except ValueError as error:
+            fault = f"cannot be unpacked ({error})"
+        if fault:
+            where = f"on {message.channel.topic}, log time {message.log_time} ns,"
+            raise LogError(f"{self.path} is damaged: a message {where} {fault}; record it again")
+        return message._replace(data=bytes(data))
 
 
-def _joint(before: _Part, after: _Part) -> list[Joint]:
+def _cut(file: _File) -> bool:
+    """Return whether the end of a file is missing, in a recovered copy too."""
+    reason = file.metadata.get(INTERRUPTED, {}).get("reason", DAMAGED)
+    return not file.complete or reason != DAMAGED
+
+
+def _joint(before: _File, after: _File) -> list[Joint]:
     """Return how `after` follows `before`, where nothing is known to be missing between them."""
-    absent = next_file(before.file.metadata) not in ("", after.file.path.name)
-    if before.end_ns is None or after.begin_ns is None or absent or before.cut:
+    absent = next_file(before.metadata) not in ("", after.path.name)
+    if before.span_ns is None or after.span_ns is None or absent or _cut(before):
         return []
-    return [Joint(before.file.path.name, after.file.path.name, before.end_ns, after.begin_ns)]
+    return [Joint(before.path.name, after.path.name, before.span_ns[1], after.span_ns[0])]
 
 
-def _between(before: _Part, after: _Part, lost: dict[str, str]) -> dict[str, str]:
+def _between(before: _File, after: _File, lost: dict[str, str]) -> dict[str, str]:
     """Return what was `lost` up to `before` and between it and `after`, the file behind it."""
-    expected = next_file(before.file.metadata) or after.file.path.name
-    absent = {MISSING_FILES: expected} if expected != after.file.path.name else {}
-    if not (absent or before.cut):
+    expected = next_file(before.metadata) or after.path.name
+    absent = {MISSING_FILES: expected} if expected != after.path.name else {}
+    if not (absent or _cut(before)):
         return lost
-    known = before.end_ns is not None and after.begin_ns is not None
-    hole = {"missing_ns": f"{before.end_ns} {after.begin_ns}"} if known else {}
+    hole = {"missing_ns": f"{before.span_ns[1]} {after.span_ns[0]}"} if before.span_ns and after.span_ns else {}
     # Seen from the whole bag that was no end: what comes later is there.
     return {**_joined(lost, {**hole, **absent}), "reason": DAMAGED}
 
@@ -166,45 +213,64 @@ def _joined(one: Mapping[str, str], other: Mapping[str, str]) -> dict[str, str]:
 
 
 @dataclass
-class RosbagsSource:
-    """A bag in any format that rosbags reads."""
+class DatabaseFile:
+    """One SQLite file, as rosbags reads it."""
 
     path: Path
     complete: bool = False
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     attachments: dict[str, bytes] = field(default_factory=dict)
     channels: dict[int, McapChannel] = field(default_factory=dict)
+    span_ns: tuple[int, int] | None = None
 
     def messages(self) -> Iterator[Message]:
         """Yield every message; its publish time is its log time.
 
         Raises:
-            LogError: the bag cannot be read.
+            LogError: the file cannot be read.
+            MissingExtraError: rosbags is not installed.
         """
         try:
             from rosbags.rosbag2 import Reader
         except ImportError:
             raise MissingExtraError("rosbags", "log", f"reading {self.path}") from None
         try:
-            if self.path.is_dir():
-                _require_room(self.path)
             with Reader(self.path) as reader:
                 self.channels = {
-                    each.id: McapChannel(_name(each.topic), Schema(_name(each.msgtype)), "cdr", {})
+                    each.id: McapChannel(_name(each.topic), Schema(_name(each.msgtype)), _encoding(each), {})
                     for each in reader.connections
                 }
                 for connection, time_ns, data in reader.messages():
                     at = index(time_ns)
                     # A cell of SQLite is of any type, and bytes() of a number is that many zeros.
                     yield Message(self.channels[connection.id], at, at, bytes(memoryview(data)))
+                    self.span_ns = at if self.span_ns is None else self.span_ns[0], at
         except LogError:
             raise
         except Exception as error:  # a reader of malformed files may raise anything
-            reason = str(error).rstrip(".") or type(error).__name__
-            raise LogError(
-                f"cannot read {self.path}: {reason}; check the path, and give a bag as `ros2 bag record` leaves it"
-            ) from error
+            raise _unreadable(self.path, error) from error
         self.complete = True
+
+    def blocks(self) -> Iterator[Block]:
+        """Yield every message, in blocks of one channel.
+
+        Raises:
+            LogError: as `messages`; likewise MissingExtraError.
+        """
+        return in_blocks(self.messages())
+
+
+_File: TypeAlias = McapFile | DatabaseFile
+_Read = TypeVar("_Read", Message, Block)
+
+
+def _encoding(connection: Any) -> str:
+    return _name(connection.ext.serialization_format)
+
+
+def _unreadable(path: Path, error: Exception) -> LogError:
+    reason = str(error).rstrip(".") or type(error).__name__
+    return LogError(f"cannot read {path}: {reason}; check the path, and give a bag as `ros2 bag record` leaves it")
 
 
 def _name(found: object) -> str:
@@ -223,16 +289,16 @@ def in_order(folder: Path) -> list[Path]:
     return sorted(folder.glob("*.mcap"), key=lambda file: ([int(part) for part in re.findall(r"\d+", file.stem)], file))
 
 
-def _files(folder: Path) -> list[Path]:
-    """Return the files of a bag in their order; those that a recorder left without metadata by number.
+def _files(folder: Path) -> tuple[str, list[Path]]:
+    """Return how a bag is compressed, and its files in their order: by number where a recorder left no metadata.
 
-    Empty where they are compressed as a whole or message by message.
+    Raises:
+        LogError: its metadata are damaged.
     """
     try:
-        mode, files = _compression(folder)
-        return [] if mode != "none" else files
+        return _compression(folder)
     except FileNotFoundError:
-        return in_order(folder)
+        return "none", in_order(folder)
 
 
 def _compression(folder: Path) -> tuple[str, list[Path]]:
@@ -272,30 +338,48 @@ def _file_name(path: str) -> str:
     return Path(path).name
 
 
-def _require_room(folder: Path) -> None:
-    """Check that there is room for what rosbags unpacks of a bag whose files are compressed as a whole.
+def _unpack(path: Path, target: Path) -> None:
+    """Unpack a file that was compressed as a whole.
 
     Raises:
-        LogError: there is none.
+        LogError: there is no room for it, or it cannot be read.
         MissingExtraError: zstandard is not installed.
-        ValueError: a file is no zstd; likewise OSError.
     """
-    mode, files = _compression(folder)
-    if mode != "file":
-        return
+    room = shutil.disk_usage(target.parent).free
     try:
-        import zstandard
-    except ImportError:
-        raise MissingExtraError("zstandard", "log", f"reading {folder}") from None
-    place = tempfile.gettempdir()
-    room = shutil.disk_usage(place).free
-    for path in files:
-        with path.open("rb") as file:
-            unpacked = zstandard.ZstdDecompressor().stream_reader(file, read_across_frames=True)
-            while part := unpacked.read(1 << 20):
+        with path.open("rb") as packed, target.open("wb") as file:
+            for part in _zstd_parts(packed):
                 room -= len(part)
                 if room < 0:
                     raise LogError(
-                        f"{folder} does not fit into {place} when it is unpacked, expected room for it; "
+                        f"{path} does not fit into {tempfile.gettempdir()} when it is unpacked, expected room for it; "
                         "set TMPDIR to a folder with more"
                     )
+                file.write(part)
+    except (OSError, ValueError) as error:
+        raise _unreadable(path, error) from error
+
+
+def _zstd_parts(packed: BinaryIO) -> Iterator[bytes]:
+    """Yield what is in zstd frames, in parts of no more than some 100 MB: bytes of zeros shrink 30 000 times.
+
+    Raises:
+        ValueError: it is no zstd or is cut off.
+        MissingExtraError: zstandard is not installed.
+    """
+    try:
+        import zstandard
+    except ImportError:
+        raise MissingExtraError("zstandard", "log", "reading a compressed bag") from None
+    frame, count = None, 0
+    try:
+        while part := packed.read(_PACKED_BYTES):
+            while part:
+                if frame is None:
+                    frame, count = zstandard.ZstdDecompressor().decompressobj(), count + 1
+                yield frame.decompress(part)
+                part, frame = (frame.unused_data, None) if frame.eof else (b"", frame)
+    except zstandard.ZstdError as error:
+        raise ValueError(str(error)) from error
+    if frame is not None or not count:
+        raise ValueError("what is compressed ends too soon")

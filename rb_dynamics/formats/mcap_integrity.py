@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 from rb_dynamics.errors import LogError, MissingExtraError
-from rb_dynamics.formats.bag_source import SplitMcap, open_source
-from rb_dynamics.formats.mcap_records import MAGIC, MAX_RECORD_BYTES, McapFile
+from rb_dynamics.formats.bag_source import SplitBag, open_source
+from rb_dynamics.formats.mcap_records import MAGIC, MAX_RECORD_BYTES
 
 if TYPE_CHECKING:
     from mcap.records import Footer, Message
@@ -42,9 +42,9 @@ def verify_bag(path: Path) -> int:
         MissingExtraError: the package mcap is not installed.
     """
     source = open_source(path)
-    if not isinstance(source, (SplitMcap, McapFile)):
+    files = source.files if isinstance(source, SplitBag) else [source.path]
+    if any(file.suffix in (".db3", ".zstd") for file in files):
         raise LogError(f"cannot verify {path}: it is no MCAP bag, expected .mcap; leave out --verify")
-    files = source.files if isinstance(source, SplitMcap) else [source.path]
     return sum(map(verify, files))
 
 

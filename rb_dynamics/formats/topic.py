@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
+from rb_dynamics.formats.mcap_records import Block
 from rb_dynamics.formats.messages import (
     DIAGNOSTICS,
     INERTIA,
@@ -25,6 +26,7 @@ from rb_dynamics.formats.messages import (
 
 Times = NDArray[np.int64]
 Values = NDArray[np.float64]
+Bytes = NDArray[np.uint8]
 
 # Of each type that is kept as numbers: which of its fields they are. The covariances of an Odometry are not kept.
 KEPT = {
@@ -47,17 +49,19 @@ class Topic:
         name: as recorded.
         type_name: message type, such as "std_msgs/msg/Float64"; with the encoding before it where that is not CDR.
         qos: `offered_qos_profiles` as recorded, YAML; "" where the writer gave none.
-        log_times: ns, one for each message.
+        count: messages.
         messages: the bytes of each message, of DiagnosticArray alone: what is not kept as numbers.
     """
 
     def __init__(self, name: str, type_name: str, keeps: bool = True) -> None:
         """Begin with no message; of those to come only the times are kept if not `keeps`."""
         self.name, self.type_name, self.qos = name, type_name, ""
-        self.log_times = array("q")
+        self.count = 0
         self.messages: list[bytes] = []
         self._fields = KEPT.get(type_name, ()) if keeps else ()
-        self._waiting: list[bytes] = []
+        self._times: list[Times] = []
+        # Content of messages of which the numbers are not taken yet; rows of one array are of one length.
+        self._waiting: list[Bytes] = []
         self._error: LogError | None = None
         # Stamps are mostly the log times: they are kept apart from the first on that is not.
         self._stamps: array[int] | None = None
@@ -65,20 +69,28 @@ class Topic:
         # First row, and the strings of a message, from where they change on.
         self._texts: list[tuple[int, tuple[str, ...]]] = []
 
-    def add(self, log_time: int, data: bytes) -> None:
-        """Add one message."""
-        self.log_times.append(log_time)
+    def take(self, block: Block) -> None:
+        """Add messages."""
+        self._times.append(block.log_times)
+        self.count += len(block.log_times)
         if self._fields and self._error is None:
-            self._waiting.append(data)
-            if len(self._waiting) == _BATCH:
+            self._waiting += block.rows()
+            if self.count - len(self._numbers) // self._width >= _BATCH:
                 self._take()
         elif self.type_name == DIAGNOSTICS:
-            self.messages.append(data)
+            self.messages += [row.tobytes() for rows in block.rows() for row in rows]
+
+    def join(self, alike: dict[tuple[int, ...], Times]) -> None:
+        """Put the log times into one array, that of another topic in `alike` where it has the same blocks of times."""
+        times = alike.setdefault(tuple(map(id, self._times)), self.log_times)
+        self._times = [times] if len(times) else []
 
     @property
-    def count(self) -> int:
-        """Number of messages."""
-        return len(self.log_times)
+    def log_times(self) -> Times:
+        """Times (ns) at which the messages were logged."""
+        if len(self._times) > 1:
+            self._times = [np.concatenate(self._times)]
+        return self._times[0] if self._times else np.empty(0, np.int64)
 
     @property
     def stamped(self) -> bool:
@@ -93,7 +105,7 @@ class Topic:
             LogError: a message is cut short or not CDR; likewise of `numbers` and `texts`.
         """
         self._taken()
-        return _view(self.log_times if self._stamps is None else self._stamps, "i8")
+        return self.log_times if self._stamps is None else _view(self._stamps, "i8")
 
     @property
     def stamps_given(self) -> bool:
@@ -136,17 +148,16 @@ class Topic:
             raise self._error
 
     def _take(self) -> None:
-        batch, self._waiting = self._waiting, []
+        waiting, self._waiting = self._waiting, []
         try:
-            stamps, numbers, texts = _alike(self.type_name, self._fields, batch) or self._one_by_one(batch)
+            stamps, numbers, texts = _alike(self.type_name, self._fields, waiting) or self._one_by_one(waiting)
         except LogError as error:
             self._error = error
             return
         begin = len(self._numbers) // self._width
         if self.stamped:
-            times = _view(self.log_times, "i8")[begin : begin + len(batch)]
-            if self._stamps is None and (stamps != times).any():
-                self._stamps = self.log_times[:begin]
+            if self._stamps is None and (stamps != self._last_times(len(stamps))).any():
+                self._stamps = array("q", self.log_times[:begin].tobytes())
             if self._stamps is not None:
                 self._stamps.frombytes(stamps.tobytes())
         self._numbers.frombytes(numbers.tobytes())
@@ -154,8 +165,18 @@ class Topic:
             if not self._texts or self._texts[-1][1] != text:
                 self._texts.append((begin + row, text))
 
-    def _one_by_one(self, batch: list[bytes]) -> tuple[Times, Values, list[tuple[int, tuple[str, ...]]]]:
-        rows = [cdr.decode(self.type_name, message) for message in batch]
+    def _last_times(self, count: int) -> Times:
+        """Return the log times of the last `count` messages."""
+        parts: list[Times] = []
+        for part in reversed(self._times):
+            if count <= 0:
+                break
+            parts.append(part[-count:])
+            count -= len(part)
+        return np.concatenate(parts[::-1])
+
+    def _one_by_one(self, waiting: list[Bytes]) -> tuple[Times, Values, list[tuple[int, tuple[str, ...]]]]:
+        rows = [cdr.decode(self.type_name, message.tobytes()) for messages in waiting for message in messages]
         stamps = np.array([row[0] if self.stamped else 0 for row in rows], dtype=np.int64)
         numbers = [list(itertools.chain.from_iterable(row[field] for field in self._fields)) for row in rows]
         texts = [tuple(value for value in row if isinstance(value, str)) for row in rows]
@@ -163,14 +184,14 @@ class Topic:
 
 
 def _alike(
-    type_name: str, fields: tuple[int, ...], batch: list[bytes]
+    type_name: str, fields: tuple[int, ...], waiting: list[Bytes]
 ) -> tuple[Times, Values, list[tuple[int, tuple[str, ...]]]] | None:
     """Return stamps, numbers and strings straight from the bytes; None unless only stamps and numbers differ."""
-    first = batch[0]
-    if any(len(message) != len(first) for message in batch):
+    if any(messages.shape[1] != waiting[0].shape[1] for messages in waiting):
         return None
+    raw = np.concatenate(waiting)
+    first = raw[0].tobytes()
     texts = tuple(value for value in cdr.decode(type_name, first) if isinstance(value, str))
-    raw = np.frombuffer(b"".join(batch), dtype=np.uint8).reshape(len(batch), -1)
     begin = cdr.first_number(type_name, first)
     same = raw[:, 12:begin]
     if (raw[:, :2] != raw[0, :2]).any() or (same != same[0]).any():

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bag_rows import add
 from tumbling import TWIST, bag_of, fill, in_world, spin, summary_of
 
 from rb_dynamics.analysis.clocks import remarks
@@ -50,7 +51,7 @@ def test_topics_by_two_clocks_are_told() -> None:
 def test_a_wrench_on_log_time_is_put_to_the_stamps_of_the_pose() -> None:
     bag = bag_of(spin(), logged_later_ns=1_700_000_000 * SECOND)
     bag.topics["/w"] = Topic("/w", PLAIN)
-    bag.topics["/w"].add(1_700_000_004 * SECOND, cdr.encode(PLAIN, (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)))
+    add(bag.topics["/w"], 1_700_000_004 * SECOND, cdr.encode(PLAIN, (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)))
     track = read_track(bag)
     assert track.wrenches[0].time_ns.tolist() == [4 * SECOND]
     assert any("/w has no stamps" in note and "put 1.7e+09 s earlier" in note for note in track.notes)
@@ -62,7 +63,7 @@ def test_a_pose_without_stamps_is_put_to_those_of_the_twist() -> None:
     plain = bag_of(motion, with_twist=False).topics["/b/pose"]
     bag.topics["/b/pose"] = Topic("/b/pose", plain.type_name)
     for log_time, row in zip(bag.topics["/b/twist"].log_times, plain.numbers.tolist(), strict=True):
-        bag.topics["/b/pose"].add(log_time, cdr.encode(plain.type_name, 0, "world", row))
+        add(bag.topics["/b/pose"], log_time, cdr.encode(plain.type_name, 0, "world", row))
     summary = summary_of(bag)
     assert summary.passed
     assert summary.duration_s == pytest.approx(9.99)

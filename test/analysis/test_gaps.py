@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from bag_rows import add
 from tumbling import bag_of, failing, spin, summary_of
 
 from rb_dynamics.analysis.gaps import told
@@ -45,7 +46,7 @@ def test_a_stream_that_begins_late_or_ends_early_is_named(missing: tuple[int, in
 def test_a_stream_begins_late_by_the_log_of_ros_alone_is_none() -> None:
     bag = bag_of(spin().moved(5 * 10**9))
     bag.topics["/rosout"] = Topic("/rosout", "rcl_interfaces/msg/Log")
-    bag.topics["/rosout"].add(0, b"")
+    add(bag.topics["/rosout"], 0, b"")
     assert not failing(bag)
 
 
@@ -58,7 +59,7 @@ def test_every_topic_says_what_it_is_used_for_or_why_it_is_not() -> None:
     ):
         bag.topics[name] = Topic(name, kind)
         for _ in range(count):
-            bag.topics[name].add(0, bytes(12))
+            add(bag.topics[name], 0, bytes(12))
     bag.topics["/d/pose"] = bag_of(spin(), with_twist=False).topics["/b/pose"]
     bag.topics["/d/pose"].name = "/d/pose"
     assert {topic.name: topic.use for topic in summary_of(bag).topics} == {

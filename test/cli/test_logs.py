@@ -159,8 +159,8 @@ def test_recover_gives_a_whole_file(scene: Path, tmp_path: Path) -> None:
     whole, cut = (read_bag(path).topics for path in (tmp_path / "whole.mcap", log))
     assert whole.keys() == cut.keys()
     for name, topic in whole.items():
-        assert (topic.log_times, topic.messages, topic.texts) == (
-            cut[name].log_times,
+        assert (topic.log_times.tolist(), topic.messages, topic.texts) == (
+            cut[name].log_times.tolist(),
             cut[name].messages,
             cut[name].texts,
         )

@@ -11,6 +11,8 @@ from types import SimpleNamespace
 
 import pytest
 
+from rb_dynamics.analysis.checks import one_recording
+from rb_dynamics.analysis.topics import read_track
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.formats.log_file import LogFile
@@ -33,6 +35,7 @@ def record(
     mode: CompressionMode = CompressionMode.NONE,
     topic: str = "/wrench",
     commands: list[Wrench] = COMMANDS,
+    start_ns: int = 10**18,
 ) -> Path:
     kinds = STORE.types
     vector, stamp = kinds["geometry_msgs/msg/Vector3"], kinds["builtin_interfaces/msg/Time"]
@@ -46,7 +49,7 @@ def record(
             content = kinds["geometry_msgs/msg/Wrench"](vector(*wrench.force), vector(*wrench.torque))
             message = kinds["geometry_msgs/msg/WrenchStamped"](header, content)
             data = STORE.serialize_cdr(message, "geometry_msgs/msg/WrenchStamped")
-            writer.write(connection, 10**18 + wrench.stamp_ns, data)
+            writer.write(connection, start_ns + wrench.stamp_ns, data)
     return path
 
 
@@ -133,7 +136,7 @@ def test_a_file_name_with_a_nul_is_no_file(tmp_path: Path) -> None:
 def test_what_does_not_fit_unpacked_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     bag = record(tmp_path / "bag", StoragePlugin.SQLITE3, CompressionMode.FILE)
     monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=100))
-    with pytest.raises(LogError, match=r"bag does not fit into .* when it is unpacked"):
+    with pytest.raises(LogError, match=r"bag\.db3\.zstd does not fit into .* when it is unpacked"):
         read_bag(bag)
 
 
@@ -153,7 +156,7 @@ def test_a_bag_compressed_as_a_whole_that_is_cut_off_or_damaged_is_refused(
     whole = file.read_bytes()
     for at in range(0, len(whole) // 2, len(whole) // 50):
         file.write_bytes(whole[:at])
-        with pytest.raises(LogError, match=r"cannot read .*bag: .+; check the path"):
+        with pytest.raises(LogError, match=r"cannot read .*\.zstd: .+; check the path"):
             read_bag(tmp_path / "bag")
         file.write_bytes(whole[:at] + bytes([whole[at] ^ 0xFF]) + whole[at + 1 :])
         with contextlib.suppress(LogError):
@@ -214,3 +217,54 @@ def test_what_was_lost_in_any_file_of_a_bag_is_kept(tmp_path: Path) -> None:
     assert bag.whole
     assert bag.ended
     assert not bag.complete
+
+
+def packed_message(path: Path, size: int) -> Path:
+    """Return a bag of one message that unpacks to so many bytes."""
+    import zstandard
+
+    bag = record(path, StoragePlugin.SQLITE3, CompressionMode.MESSAGE, commands=COMMANDS[:1])
+    (file,) = bag.glob("*.db3")
+    frame = zstandard.ZstdCompressor().compressobj(size=size)
+    data = b"".join([frame.compress(bytes(min(2**24, size - at))) for at in range(0, size, 2**24)]) + frame.flush()
+    with contextlib.closing(sqlite3.connect(file)) as connection, connection:
+        connection.execute("UPDATE messages SET data = ?", (data,))
+    return bag
+
+
+def test_a_small_message_that_unpacks_to_a_large_one_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match=r"message on /wrench, log time 10{18} ns, unpacks to more than 268435456 bytes"):
+        read_bag(packed_message(tmp_path / "bag", 2**28 + 1))
+
+
+def test_a_message_that_cannot_be_unpacked_is_refused(tmp_path: Path) -> None:
+    bag = packed_message(tmp_path / "bag", 10)
+    (file,) = bag.glob("*.db3")
+    for fault, data in (("ends too soon", b""), ("ends too soon", b"\x28\xb5\x2f\xfd"), ("Unknown frame", b"12345678")):
+        with contextlib.closing(sqlite3.connect(file)) as connection, connection:
+            connection.execute("UPDATE messages SET data = ?", (data,))
+        with pytest.raises(LogError, match=rf"cannot be unpacked \(.*{fault}.*\)"):
+            read_bag(bag)
+
+
+@pytest.mark.parametrize("storage", list(StoragePlugin))
+@pytest.mark.parametrize("mode", [CompressionMode.NONE, CompressionMode.FILE, CompressionMode.MESSAGE])
+def test_two_recordings_in_one_folder_are_told_apart(
+    tmp_path: Path, storage: StoragePlugin, mode: CompressionMode
+) -> None:
+    if storage is StoragePlugin.MCAP and mode is CompressionMode.MESSAGE:
+        mode = CompressionMode.STORAGE
+    folder, names = tmp_path / "both", []
+    for number, later_ns in enumerate((0, 10**14)):
+        bag = record(tmp_path / f"bag_{number}", storage, mode, start_ns=10**18 + later_ns)
+        (file,) = (each for each in bag.iterdir() if each.suffix != ".yaml")
+        names.append(file.name)
+        folder.mkdir(exist_ok=True)
+        file.rename(folder / file.name)
+        text = (bag / "metadata.yaml").read_text()
+    (folder / "metadata.yaml").write_text(text.replace(f"  - {names[1]}\n", f"  - {names[0]}\n  - {names[1]}\n", 1))
+    bag = read_bag(folder)
+    assert bag.topics["/wrench"].count == 40
+    (joint,) = bag.joints
+    assert (joint.begin_ns - joint.end_ns) // 10**12 == 99
+    assert not one_recording(read_track(bag)).passed

@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import functools
 import sqlite3
+from collections import defaultdict
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -14,7 +16,7 @@ from hypothesis import strategies as st
 from rb_dynamics import parse_scene, simulate
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_reader import read_bag
-from rb_dynamics.formats.mcap_records import MAGIC
+from rb_dynamics.formats.mcap_records import MAGIC, Block, McapFile, Message
 from rb_dynamics.formats.recovery import recover
 from rb_dynamics.formats.topic import KEPT
 from rb_dynamics.recording.mcap_sink import LogSettings, McapSink
@@ -40,8 +42,24 @@ def own_log(folder: Path) -> bytes:
     return path.read_bytes()
 
 
+def all_of(path: Path, read: Callable[[McapFile], Iterator[Message | Block]]) -> object:
+    """Return what each channel has and what else is known of a file, read so, or why it cannot be read."""
+    file, found = McapFile(path, salvage=True), defaultdict[str, list[tuple[int, bytes]]](list)
+    try:
+        for each in read(file):
+            if isinstance(each, Message):
+                found[repr(each.channel)].append((each.log_time, each.data))
+            else:
+                contents = [row.tobytes() for rows in each.rows() for row in rows]
+                found[repr(each.channel)] += zip(each.log_times.tolist(), contents, strict=True)
+    except LogError as error:
+        return str(error)
+    return found, file.damage, file.missing, file.complete, file.span_ns, file.metadata
+
+
 def look(path: Path) -> None:
     """Read everything in every way there is."""
+    assert all_of(path, McapFile.blocks) == all_of(path, McapFile.messages)
     with contextlib.suppress(LogError):
         for topic in read_bag(path).topics.values():
             topic.decoded()

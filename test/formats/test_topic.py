@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bag_rows import add
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
@@ -31,7 +32,7 @@ def test_stamps_and_numbers_are_those_of_the_messages(late_from: int) -> None:
     topic = Topic("/odom", ODOMETRY)
     stamps = [10 * k - (k >= late_from) for k in range(COUNT)]
     for k, stamp_ns in enumerate(stamps):
-        topic.add(10 * k, odometry(k, stamp_ns, "map" if k % 2000 else "world"))
+        add(topic, 10 * k, odometry(k, stamp_ns, "map" if k % 2000 else "world"))
     assert topic.stamps.tolist() == stamps
     assert topic.numbers[:, 0].tolist() == [float(k) for k in range(COUNT)]
     assert topic.numbers[:, 7].tolist() == [-float(k) for k in range(COUNT)]
@@ -44,7 +45,7 @@ def test_stamps_and_numbers_are_those_of_the_messages(late_from: int) -> None:
 def test_a_type_without_header_has_its_log_times() -> None:
     topic = Topic("/w", PLAIN_WRENCH)
     for k in range(3):
-        topic.add(k, cdr.encode(PLAIN_WRENCH, (k, 0, 0, 0, 0, 0)))
+        add(topic, k, cdr.encode(PLAIN_WRENCH, (k, 0, 0, 0, 0, 0)))
     assert topic.stamps.tolist() == [0, 1, 2]
     assert topic.numbers[:, 0].tolist() == [0.0, 1.0, 2.0]
 
@@ -54,7 +55,7 @@ def test_a_damaged_message_is_no_error_until_the_topic_is_looked_at(bad: int) ->
     topic = Topic("/twist", TWIST)
     for k in range(COUNT):
         data = cdr.encode(TWIST, k, "body", (0.0,) * 6)
-        topic.add(k, data[:-1] if k == bad else data)
+        add(topic, k, data[:-1] if k == bad else data)
     assert topic.count == COUNT
     for _ in range(2):
         with pytest.raises(LogError, match="before its last field"):

@@ -6,7 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from rb_dynamics.formats import cdr
+from rb_dynamics.formats.mcap_records import McapChannel, Message, Schema, in_blocks
 from rb_dynamics.formats.ros2msg import schema_text
+from rb_dynamics.formats.topic import Topic
 
 STAMPED = "geometry_msgs/msg/WrenchStamped"
 
@@ -16,6 +18,13 @@ Row = tuple[str, str, int, bytes]
 
 def stamped(stamp_ns: int, first: float, frame: str = "body") -> bytes:
     return cdr.encode(STAMPED, stamp_ns, frame, (first, 0.0, 0.0, 0.0, 0.0, 0.0))
+
+
+def add(topic: Topic, log_time: int, data: bytes) -> None:
+    """Add one message to a topic of a bag in memory."""
+    channel = McapChannel(topic.name, Schema(topic.type_name), "cdr", {})
+    for block in in_blocks([Message(channel, log_time, log_time, data)]):
+        topic.take(block)
 
 
 def write_rows(path: Path, rows: list[Row], encoding: str = "cdr", **options: Any) -> Path:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from bag_rows import add
 
 from rb_dynamics import State
 from rb_dynamics.body.rigid_body import RigidBody
@@ -115,7 +116,7 @@ def recording(seed: int, uncommanded: float = 0.0) -> Recording:
 def _topic(name: str, type_name: str, times: Any, frame: str, rows: Any) -> Topic:
     topic = Topic(name, type_name)
     for stamp, row in zip(times.tolist(), rows.tolist(), strict=True):
-        topic.add(stamp, cdr.encode(type_name, stamp, frame, row))
+        add(topic, stamp, cdr.encode(type_name, stamp, frame, row))
     return topic
 
 

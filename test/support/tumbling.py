@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from bag_rows import add
 
 from rb_dynamics.analysis.checks import Check
 from rb_dynamics.analysis.summary import RunSummary, summarize
@@ -104,7 +105,7 @@ def fill(topic: Topic, time_ns: Any, frame: str, rows: Any, logged_later_ns: Any
     """Add a stamped message for each row."""
     logged = time_ns + logged_later_ns
     for stamp, log_time, row in zip(time_ns.tolist(), logged.tolist(), rows.tolist(), strict=True):
-        topic.add(log_time, cdr.encode(topic.type_name, stamp, frame, row))
+        add(topic, log_time, cdr.encode(topic.type_name, stamp, frame, row))
 
 
 def summary_of(bag: Bag) -> RunSummary:
