@@ -3,9 +3,9 @@
 Every argument of rigid_body.launch.py holds for all of them; a namespace is put before theirs.
 """
 
+import json
 from pathlib import Path
 
-import yaml
 from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription, OpaqueFunction
 from launch.launch_description_sources import PythonLaunchDescriptionSource
@@ -32,7 +32,8 @@ def body_arguments(index: int, prefix: str, spacing: float, given: dict[str, str
     overrides |= {log: apart(overrides[log], name) for log in (*LOGS, "sink") if overrides.get(log)}
     own = {
         "namespace": f"{given.get('namespace', '')}/{name}",
-        "overrides": yaml.safe_dump(overrides, default_flow_style=True, width=10**6).strip(),
+        # JSON is YAML in which every text is quoted: it is read back as what it is.
+        "overrides": json.dumps(overrides, ensure_ascii=False),
     }
     return own | {log: str(apart(given[log], name)) for log in LOGS if given.get(log)}
 

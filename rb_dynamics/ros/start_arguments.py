@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+from collections.abc import Callable
+
+from rb_dynamics.errors import SceneError
+from rb_dynamics.numerics.decimals import real_number, whole_number
+from rb_dynamics.scene import document
+from rb_dynamics.scene.document import Node
+from rb_dynamics.scene.problems import Problems, printable
 
 LOGS = ("mcap", "bag", "rerun", "sink")
 """The parameters that ask a node for a log."""
@@ -29,26 +37,44 @@ def value_of(name: str, text: str, kind: type) -> object:
     Raises:
         ValueError: it means none.
     """
-    truths = {"true": True, "false": False}
+    readers: dict[type, Callable[[str], object]] = {bool: _truth, int: whole_number, float: real_number, str: str}
     try:
-        return truths[text.lower()] if kind is bool else kind(text)
+        return readers[kind](text)
     except (KeyError, ValueError):
         expected = {bool: "true or false", int: "a whole number"}.get(kind, "a number")
         raise ValueError(f"argument {name}: found {text!r}, expected {expected}") from None
 
 
 def values_of(name: str, text: str) -> dict[str, object]:
-    """Return the values that the text of argument `name` means, such as {body.mass: 17.0}; none where it is empty.
+    """Return the values that the text of argument `name` means, such as {body.mass: 17}; none where it is empty.
+
+    They are read as in a scene file, but that a whole number is an int, which a parameter may have to be.
 
     Raises:
         ValueError: it means none.
     """
-    import yaml
-
+    problems = Problems(f"argument {name}")
+    expected = f"argument {name}: found {printable(text)!r}, expected values by name such as '{{body.mass: 17.0}}'"
     try:
-        values = yaml.safe_load(text) if text else {}
-    except yaml.YAMLError:
-        values = None
-    if isinstance(values, dict):
-        return values
-    raise ValueError(f"argument {name}: found {text!r}, expected values by name such as '{{body.mass: 17.0}}'")
+        found = _plain(document.parse(text or "{}", problems))
+    except SceneError as error:
+        raise ValueError(f"{expected} ({error})") from None
+    if problems:
+        raise ValueError(f"{expected} ({problems.error()})")
+    assert isinstance(found, dict)
+    return found
+
+
+def _truth(text: str) -> bool:
+    return {"true": True, "false": False}[text.lower()]
+
+
+def _plain(node: Node) -> object:
+    if isinstance(node.value, dict):
+        return {key: _plain(value) for key, value in node.value.items()}
+    if isinstance(node.value, list):
+        return [_plain(item) for item in node.value]
+    if isinstance(node.value, float):
+        with contextlib.suppress(ValueError):
+            return whole_number(node.text)
+    return node.value
