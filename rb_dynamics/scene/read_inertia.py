@@ -240,7 +240,7 @@ def _urdf(form: Field, section: Section) -> BodyReading:
 
     inertial = read_urdf(path, text)
     finding = None if inertial.reach is None else examine_reach(inertial.body, inertial.reach)
-    return _resolved(form, section, inertial.body, (finding,) if finding else (), name)
+    return _resolved(form, section, inertial.body, (*inertial.findings, *((finding,) if finding else ())), name)
 
 
 def _file(values: Section, what: str) -> tuple[str, str]:

@@ -99,6 +99,147 @@ def test_a_placeholder_inertia_is_found() -> None:
     assert "no mass within it" in finding.why
 
 
+def fixed(parent: str, child: str, origin: str = "", kind: str = "fixed") -> str:
+    return f'<joint name="{child}_joint" type="{kind}"><parent link="{parent}"/><child link="{child}"/>{origin}</joint>'
+
+
+def link(name: str, inertial: str = "") -> str:
+    return f'<link name="{name}">{inertial}</link>'
+
+
+def diagonal(mass: float, xx: float, yy: float, zz: float, origin: str = "") -> str:
+    inertia = f'<inertia ixx="{xx}" ixy="0" ixz="0" iyy="{yy}" iyz="0" izz="{zz}"/>'
+    return inertial(origin, f'<mass value="{mass}"/>', inertia)
+
+
+def model(*parts: str) -> bytes:
+    return f"<robot name='r'>{''.join(parts)}</robot>".encode()
+
+
+def test_a_link_moves_with_what_is_fixed_to_it() -> None:
+    """By hand: two equal masses 2 m apart, the second a quarter turn about z from the first."""
+    parts = (
+        link("hull", diagonal(2.0, 0.1, 0.2, 0.25)),
+        link("tank", diagonal(2.0, 0.1, 0.2, 0.25)),
+        fixed("hull", "tank", f'<origin xyz="2 0 0" rpy="0 0 {math.pi / 2!r}"/>'),
+    )
+    hull, tank = (urdf.parse_urdf(model(*parts), name) for name in ("hull", "tank"))
+
+    assert (hull.body.mass, hull.body.center_of_mass) == (4.0, (1.0, 0.0, 0.0))
+    np.testing.assert_allclose(hull.body.inertia, np.diag([0.3, 0.3 + 4.0, 0.5 + 4.0]), rtol=0.0, atol=1e-15)
+    # In the axes of the tank the hull lies at y = 2.
+    np.testing.assert_allclose(tank.body.center_of_mass, (0.0, 1.0, 0.0), atol=1e-15)
+    np.testing.assert_allclose(tank.body.inertia, np.diag([0.3 + 4.0, 0.3, 0.5 + 4.0]), atol=1e-15)
+    (told,) = hull.findings
+    assert "'tank' (2.0 kg)" in told.seen
+
+
+poses = st.tuples(*[st.floats(-2.0, 2.0)] * 6)
+
+
+@given(st.lists(poses, min_size=3, max_size=3), st.lists(poses, min_size=2, max_size=2), st.integers(0, 2))
+def test_a_chain_of_fixed_links_by_homogeneous_matrices(
+    centers: list[tuple[float, ...]], joints: list[tuple[float, ...]], named: int
+) -> None:
+    def origin(pose: tuple[float, ...]) -> str:
+        x, y, z, *rpy = map(repr, pose)
+        return f'<origin xyz="{x} {y} {z}" rpy="{" ".join(rpy)}"/>'
+
+    def matrix(pose: tuple[float, ...]) -> Any:
+        found = np.eye(4)
+        found[:3, :3], found[:3, 3] = Rotation.from_euler("xyz", pose[3:]).as_matrix(), pose[:3]
+        return found
+
+    masses = (1.0, 2.5, 0.5)
+    data = model(
+        *(link(f"l{k}", inertial(origin(centers[k]), f'<mass value="{masses[k]}"/>')) for k in range(3)),
+        *(fixed(f"l{k}", f"l{k + 1}", origin(joints[k])) for k in range(2)),
+    )
+    body = urdf.parse_urdf(data, f"l{named}").body
+
+    at = [np.eye(4), matrix(joints[0]), matrix(joints[0]) @ matrix(joints[1])]
+    frames = [np.linalg.inv(at[named]) @ at[k] @ matrix(centers[k]) for k in range(3)]
+    center = sum(m * f[:3, 3] for m, f in zip(masses, frames, strict=True)) / sum(masses)
+    expected = np.zeros((3, 3))
+    for m, f in zip(masses, frames, strict=True):
+        arm = f[:3, 3] - center
+        expected += f[:3, :3] @ MATRIX @ f[:3, :3].T + m * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    assert body.mass == 4.0
+    np.testing.assert_allclose(body.center_of_mass, center, atol=1e-13)
+    np.testing.assert_allclose(body.inertia, expected, atol=1e-12)
+
+
+def test_links_that_are_frames_change_no_bit() -> None:
+    alone = urdf.parse_urdf(robot(inertial('<origin xyz="0.1 0 0" rpy="0.1 0.2 0.3"/>')), "arm")
+    zero = '<inertial><mass value="0"/><inertia ixx="0" ixy="0" ixz="0" iyy="0.0" iyz="0" izz="0"/></inertial>'
+    frames = fixed("arm", "imu", '<origin xyz="1 2 3"/>') + fixed("footprint", "arm", '<origin rpy="1 2 3"/>')
+    rest = link("imu", zero) + link("footprint") + frames
+    data = robot(inertial('<origin xyz="0.1 0 0" rpy="0.1 0.2 0.3"/>')).replace(
+        b"</robot>", rest.encode() + b"</robot>"
+    )
+
+    assert urdf.parse_urdf(data, "arm") == alone
+    # What has no mass of its own has that of what it is fixed to.
+    assert urdf.parse_urdf(data, "footprint").body.mass == 3.5
+
+
+def test_a_point_without_inertia_counts_beside_others() -> None:
+    data = model(
+        link("a", diagonal(1, 1, 1, 1)), link("b", diagonal(3, 0, 0, 0)), fixed("a", "b", '<origin xyz="0 0 2"/>')
+    )
+    body = urdf.parse_urdf(data, "a").body
+
+    assert (body.mass, body.center_of_mass) == (4.0, (0.0, 0.0, 1.5))
+    np.testing.assert_allclose(body.inertia, np.diag([4.0, 4.0, 1.0]))
+
+
+def test_what_hangs_on_other_joints_or_on_the_world_is_left_out_and_named() -> None:
+    data = model(
+        *(link(name, diagonal(mass, 1, 1, 1)) for name, mass in (("hull", 5), ("wheel", 2), ("table", 70))),
+        link("world"),
+        fixed("hull", "wheel", kind="continuous"),
+        fixed("world", "hull"),
+        fixed("world", "table"),
+    )
+    found = urdf.parse_urdf(data, "hull")
+
+    assert found.body.mass == 5.0
+    (told,) = found.findings
+    assert "left out: 'wheel' (2 kg), 'table' (70 kg)" in str(told)
+
+
+def test_reach_covers_every_link() -> None:
+    ball = '<collision><geometry><sphere radius="1"/></geometry></collision>'
+    joint = fixed("a", "b", '<origin xyz="10 0 0"/>')
+    a, b = diagonal(1, 1, 1, 1), diagonal(1, 1, 1, 1)
+
+    assert urdf.parse_urdf(model(link("a", a + ball), link("b", b + ball), joint), "a").reach == 6.0
+    assert urdf.parse_urdf(model(link("a", a + ball), link("b", b), joint), "a").reach is None
+
+
+A, B = link("a", diagonal(1, 1, 1, 1)), link("b", diagonal(1, 1, 1, 1))
+
+
+@pytest.mark.parametrize(
+    ("data", "says"),
+    [
+        (model(A, A), "link 'a' twice"),
+        (model(A, fixed("a", "c")), r"joint 'c_joint' joins \['a', 'c'\]"),
+        (model(A, '<joint type="fixed" name="j"><parent link="a"/></joint>'), r"joint 'j' joins \['a'\]"),
+        (model(A, B, fixed("a", "b"), fixed("b", "a")), "closes a loop of fixed joints"),
+        (model(A, fixed("a", "a")), "closes a loop of fixed joints"),
+        (model(A, B, fixed("a", "b", '<origin xyz="1"/>')), "joint 'b_joint': xyz of <origin> is '1'"),
+        (model(A, link("b", diagonal(-1, 1, 1, 1)), fixed("a", "b")), "link 'b': mass is -1"),
+        (model(A, link("b", diagonal(-1, 0, 0, 0)), fixed("a", "b")), "link 'b': mass is -1"),
+        (model(A, link("b", diagonal(1, 1, 1, 3)), fixed("a", "b")), "link 'b': .*1 < 3"),
+        (model(A, B, fixed("a", "b", '<origin xyz="1e300 0 0"/>')), "link 'a' with what is fixed to it"),
+    ],
+)
+def test_fixed_joints_that_are_refused(data: bytes, says: str) -> None:
+    with pytest.raises(BodyError, match=says):
+        urdf.parse_urdf(data, "a")
+
+
 BAD: dict[str, tuple[bytes, str]] = {
     "empty": (b"", "found no XML"),
     "no XML": (b"robot", "found no XML"),
