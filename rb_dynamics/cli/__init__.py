@@ -1,7 +1,7 @@
-"""The command line `rb-dynamics`: one module a command, each with `HELP`, `add_arguments` and `run`.
+"""The command line `rb-dynamics`: one module per command, each with `HELP`, `add_arguments` and `run`.
 
-This file only finds the command and turns errors into one message and an exit code: 0 done, 1 ran and failed its
-check, 2 bad input. Command modules import what they need inside `run`, so that `--help` stays quick.
+This file only dispatches to the command and turns errors into one message and an exit code: 0 success, 1 the command
+ran and its check failed, 2 bad input. Command modules import what they need inside `run`, so that `--help` stays quick.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def parser() -> argparse.ArgumentParser:
     """Return the parser of all commands."""
     top = Parser(
         prog="rb-dynamics",
-        description="Simulate one free-floating rigid body: offline, or as a ROS 2 node, with logs to trust.",
+        description="Simulate one free-floating rigid body: offline or as a ROS 2 node, with reproducible logs.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
@@ -52,7 +52,7 @@ def parser() -> argparse.ArgumentParser:
             help=module.HELP,
             description=module.__doc__,
             formatter_class=argparse.RawDescriptionHelpFormatter,
-            # What is cut short may mean another option tomorrow: `--run` is neither `--runs` nor `--rerun`.
+            # An abbreviation may become ambiguous with a new option: `--run` is neither `--runs` nor `--rerun`.
             allow_abbrev=False,
         )
         module.add_arguments(command)
@@ -71,7 +71,7 @@ class _Version(argparse.Action):
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
-    # What stands behind --ros-args is rcl's to read.
+    # Everything after --ros-args is parsed by rcl.
     split = arguments.index("--ros-args") if "--ros-args" in arguments else len(arguments)
     args = _parsed(parser(), arguments[:split])
     if args is None:
@@ -92,16 +92,16 @@ def main(argv: Sequence[str] | None = None) -> int:
             print("rb-dynamics: interrupted", file=sys.stderr)
         return 128 + (error.number if isinstance(error, Stopped) else signal.SIGINT)
     except BrokenPipeError:
-        # The reader of a pipe has gone (`| head`); nothing more can be said, nor should the flush at exit try.
+        # The reader of a pipe has gone (`| head`): nothing more can be printed, and the flush at exit must not try.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     return code
 
 
 def _parsed(top: argparse.ArgumentParser, arguments: Sequence[str]) -> argparse.Namespace | None:
-    """Return what `arguments` say, or None where they name no command: then the help has been shown on stderr.
+    """Return the parsed `arguments`, or None if they name no command; the help is then shown on stderr.
 
-    argparse itself answers an unknown option for all commands, not for the one it was given to.
+    argparse itself reports an unknown option with the usage of all commands, not of the one it was given to.
     """
     command = next((argument for argument in arguments if not argument.startswith("-")), None)
     if command is not None and command not in COMMANDS:
@@ -120,13 +120,13 @@ def _parsed(top: argparse.ArgumentParser, arguments: Sequence[str]) -> argparse.
 
 
 def _meant(found: str) -> str:
-    """Return what to do with a file where a command should stand; "" where `found` is none."""
+    """Return a remedy if a file was given in place of a command; "" if `found` is not a file."""
     use = {".yaml": "simulate", ".yml": "simulate", ".mcap": "inspect"}.get(os.path.splitext(found)[1])
     return f" before the file, such as rb-dynamics {use} {found}" if use else ""
 
 
 def _near(found: str, known: Sequence[str]) -> str:
-    """Return the question whether the nearest of `known` was meant; "" where nothing is near."""
+    """Return a question whether the nearest of `known` was meant; "" if none is near."""
     import difflib
 
     near = difflib.get_close_matches(found[:60], known, n=1)

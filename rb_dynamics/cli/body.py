@@ -1,8 +1,8 @@
 """Show the mass properties of a scene's body: principal axes and moments, radii of gyration, inertia ellipsoid.
 
-Warns of what is suspicious about them: inertia about the origin, products of the wrong sign, numbers in the wrong
-order, moments at the limit of the possible, a wrong unit; and of an initial spin close to the middle principal axis,
-about which no spin is stable. Give --mesh to compare the inertia with that of a shape.
+Warns of suspicious values: inertia about the origin, products of inertia of the wrong sign, numbers in the wrong order,
+moments at the limit of what is possible, a wrong unit; and of an initial rotation close to the intermediate principal
+axis, which is unstable. Give --mesh to compare the inertia with that of a shape.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scene(parser)
     parser.add_argument(
         "--axis", nargs=3, type=real("a finite number"), metavar=("X", "Y", "Z"),
-        help="also the scalar inertia and radius of gyration about this direction (body axes)",
+        help="also print the moment of inertia and radius of gyration about this direction (body axes)",
     )  # fmt: skip
     parser.add_argument(
         "--through", nargs=3, type=real("a finite number"), metavar=("X", "Y", "Z"),
         help="a point of that axis (m, from the body origin); default: the centre of mass",
     )  # fmt: skip
     parser.add_argument(
-        "--mesh", metavar="FILE", help="compare with this closed mesh (STL, OBJ, PLY), filled uniformly"
+        "--mesh", metavar="FILE", help="compare with this closed mesh (STL, OBJ, PLY) of uniform density"
     )
     parser.add_argument(
         "--scale",

@@ -1,9 +1,9 @@
-"""Fly a scene many times with dispersed numbers, and say what the runs have in common.
+"""Run a scene many times with dispersed numbers, and print statistics over the runs.
 
-Runs go in blocks to processes of dask on this machine (extra: scale), or behind --scheduler. Rows are kept as they
-come: the same command goes on where it was interrupted, and ends with the same file. Results do not depend on workers
-and blocks. --rerun flies one run again, alone, with a full log, and compares it with its row.
-Exit code 1: some runs could not be flown, or the run that was flown again differs from its row.
+Blocks of runs are computed by dask processes on this machine (extra: scale), or behind --scheduler. Rows are stored as
+they are finished: the same command resumes an interrupted campaign, and ends with the same file. Results do not depend
+on workers and blocks. --rerun repeats one run alone, with a full log, and compares it with its row. Exit code 1: some
+runs failed, or the repeated run differs from its row.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from rb_dynamics.study.campaign.store import Store
     from rb_dynamics.study.campaign.summary import CampaignSummary
 
-HELP = "fly a scene many times with dispersed numbers"
+HELP = "run a scene many times with dispersed numbers"
 
 _COUNT = whole("a whole number of 0 or more", lambda value: value >= 0)
 _POSITIVE = whole("a whole number of 1 or more", lambda value: value >= 1)
@@ -37,23 +37,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=_COUNT, metavar="N", help="seed, instead of the campaign's")
     parser.add_argument("--out", metavar="F", help="Parquet file for the rows; default: out/<name>.parquet")
     parser.add_argument("--html", metavar="F", help="page of the results; default: beside the rows (extra: plot)")
-    parser.add_argument("--overwrite", action="store_true", help="begin anew, whatever is there")
+    parser.add_argument("--overwrite", action="store_true", help="start again and replace existing rows")
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--scheduler", metavar="ADDRESS", help="dask scheduler of a cluster, such as tcp://host:8786")
     where.add_argument(
         "--workers",
         type=_COUNT,
         metavar="N",
-        help="processes here; 0: threads of this process; default: one a core, or 0 where that is sooner",
+        help="processes on this machine; 0: threads of this process; default: one per core, or 0 if that is faster",
     )
     parser.add_argument("--block", type=_POSITIVE, metavar="N", help="runs in a block; default: chosen")
-    parser.add_argument("--rerun", type=_COUNT, metavar="RUN", help="fly this run alone, with a full log")
+    parser.add_argument("--rerun", type=_COUNT, metavar="RUN", help="repeat this run alone, with a full log")
     parser.add_argument("--mcap", metavar="F", help="log of --rerun; default: out/<name>-RUN.mcap")
     parser.add_argument("--json", action="store_true", help="print the summary as one JSON object, floats in full")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Fly and print; exit code 0, or 1 where a run could not be flown, or differs from its row."""
+    """Run and print; exit code 0, or 1 if a run failed or differs from its row."""
     from pathlib import Path
 
     from rb_dynamics.study.campaign.read import read_campaign
@@ -78,7 +78,7 @@ def _run_all(args: argparse.Namespace, campaign: Campaign, out: Path) -> int:
 
 
 def _fly(args: argparse.Namespace, campaign: Campaign, store: Store) -> int:
-    """Fly what `store` lacks, and say what all rows show."""
+    """Run what `store` does not have yet, and print statistics over all rows."""
     import json
 
     from rb_dynamics.cli.output import counting
@@ -92,8 +92,8 @@ def _fly(args: argparse.Namespace, campaign: Campaign, store: Store) -> int:
         print(f"note: {store.done} of {campaign.runs} runs are on disk already", file=sys.stderr)
     if not flies_side_by_side(campaign):
         print(
-            "note: these runs go one by one, some hundred times slower than side by side: for that a scene has no "
-            "effects, and solver.step, and delays are whole multiples of it, as with step: in the distribution (see "
+            "note: these runs go one by one, some hundred times slower than side by side, which needs a scene without "
+            "effects, a solver.step, and delays that are whole multiples of it, as with step: in the distribution (see "
             "docs/campaigns.md)",
             file=sys.stderr,
         )
@@ -116,7 +116,7 @@ def _fly(args: argparse.Namespace, campaign: Campaign, store: Store) -> int:
 
 
 def _options(args: argparse.Namespace) -> list[str]:
-    """Return the words of the command line that --rerun needs too, to fly the same run and find its row."""
+    """Return the words of the command line that --rerun also needs, to repeat the same run and find its row."""
     given = {name: getattr(args, name) for name in ("runs", "seed", "out")}
     return [word for name, value in given.items() if value is not None for word in (f"--{name}", str(value))]
 
@@ -124,7 +124,7 @@ def _options(args: argparse.Namespace) -> list[str]:
 def _write_page(
     args: argparse.Namespace, campaign: Campaign, rows: Columns, out: Path, summary: CampaignSummary
 ) -> Path | None:
-    """Write the page; where nobody asked for it, its libraries may be missing."""
+    """Write the page; unless it was requested, missing libraries are only a note."""
     from pathlib import Path
 
     from rb_dynamics.errors import MissingExtraError

@@ -1,9 +1,9 @@
 """Write a log in another format, chosen by the name of OUT: a Rerun recording, a CSV or a Parquet table, or its scene.
 
-A table has one line for each logged sample, numbers with all their digits; the wrench commands go to OUT's name with
-.wrenches before its ending. The scene is the text that the log carries, to be run again or changed. A CSV of wrenches
-(time_ns or time_s, force_x ... torque_z, and topic and frame_id if need be) becomes an MCAP bag for simulate --wrench.
-A bag that something else wrote is not converted. An earlier OUT is replaced.
+A table has one line per logged sample, with all digits; the wrench commands go to a second file, with .wrenches before
+the ending of OUT. The scene is the text in the log, which can be run again or edited. A CSV of wrenches (time_ns or
+time_s, force_x ... torque_z, and topic and frame_id if needed) becomes an MCAP bag for simulate --wrench. Bags of other
+programs are not converted. An earlier OUT is replaced.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Fly a recorded wrench log through the real node and compare with what the recorded body did.
+"""Simulate recorded wrench commands with the real node and compare with the recorded motion.
 
-A second process publishes the 1200 recorded commands over DDS to the node in lockstep, and reads back pose and twist.
-They are compared with the recorded flight at all of its stamps, and to the bit with the same flight offline. Leaves
-demo.mcap, demo.rrd and demo.html, and in flip.rrd a free body that turns over.
+A second process publishes the 1200 recorded commands over DDS to the node in lockstep, and receives pose and twist.
+They are compared with the recording at all of its stamps, and bit for bit with the same run offline. Writes demo.mcap,
+demo.rrd, demo.html, and flip.rrd with a free body that flips.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ if TYPE_CHECKING:
     from rb_dynamics.ros.player import WrenchPlayer
     from rb_dynamics.scene.model import Scene
 
-HELP = "fly a recorded wrench log through the real node and compare"
+HELP = "simulate recorded wrench commands with the real node and compare"
 
 TOLERANCE = 1e-10
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `demo`."""
-    parser.add_argument("--out", default="out", metavar="DIR", help="where to leave the files (default: out)")
+    parser.add_argument("--out", default="out", metavar="DIR", help="folder for the files (default: out)")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Fly, compare, report; exit code 0 if the flight agrees with the recording, 1 if not."""
+    """Run, compare, report; exit code 0 if the motion agrees with the recording, 1 if not."""
     import os
     import shutil
     import sys
@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
     for earlier in (mcap, rrd):
         earlier.unlink(missing_ok=True)
     print(
-        f"flying {bag_file.name} ({len(commands)} wrench commands) through the node in lockstep, over DDS", flush=True
+        f"simulating {bag_file.name} ({len(commands)} wrench commands) with the node in lockstep, over DDS", flush=True
     )
     with output.progress("demo") as progress:
         player = _fly(scene, scene_file, commands, mcap, rrd, progress)
@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
         ("demo.mcap", "the log: ros2 bag play, Foxglove, PlotJuggler, rb-dynamics inspect"),
         ("demo.rrd", f"the scene: {viewer} {rrd}"),
         ("demo.html", "the comparison: open in a browser"),
-        ("flip.rrd", f"a free body that turns over, and why: {viewer} {flip}"),
+        ("flip.rrd", f"a free body that flips, and why: {viewer} {flip}"),
     ):
         print(f"{out / name!s:20} {what}")
     return 0 if same and comparison.within(TOLERANCE) else 1
@@ -90,7 +90,7 @@ def _fly(
     rrd: Path,
     progress: Callable[[float], None] | None,
 ) -> WrenchPlayer:
-    """Run the node as a process of its own and play the commands to it."""
+    """Run the node in a process of its own and send the commands to it."""
     import os
     import random
     import subprocess
@@ -98,7 +98,7 @@ def _fly(
 
     from rb_dynamics.errors import RigidBodyError
 
-    # This machine only, and a domain of its own: the demo neither hears nor disturbs anyone.
+    # This machine and a separate domain only: the demo must not interact with other nodes.
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     os.environ.setdefault("ROS_DOMAIN_ID", str(random.randrange(1, 100)))
     from rb_dynamics.ros.player import wrench_player
@@ -113,7 +113,7 @@ def _fly(
         with wrench_player([channel.topic for channel in scene.channels]) as player:
             player.play(commands, scene.end_ns or 0, progress)
             if code := node.wait(timeout=60):
-                raise RigidBodyError(f"the node ended with exit code {code}; its message stands above")
+                raise RigidBodyError(f"the node ended with exit code {code}; see its message above")
             return player
     finally:
         if node.poll() is None:
@@ -130,13 +130,13 @@ def _section(comparison: Comparison) -> Section:
     return comparison_section(
         np.array(comparison.times_ns) / 1e9,
         {name: np.array(values) for name, values in comparison.series().items()},
-        "Against the recorded flight",
-        f"Pose and twist as they came back over DDS, compared with the recording at {len(comparison.times_ns)} stamps.",
+        "Comparison with the recording",
+        f"Pose and twist received over DDS, compared with the recording at {len(comparison.times_ns)} stamps.",
     )
 
 
 def _same_bits_offline(scene: Scene, commands: list[tuple[str, Wrench]], mcap: Path) -> bool:
-    """Return whether `simulate` on the same commands gives the states that the node logged, to the bit."""
+    """Return whether `simulate` with the same commands gives the states that the node logged, to the bit."""
     from rb_dynamics.formats.bag_reader import read_bag
     from rb_dynamics.recording.state_hash import HashSink
     from rb_dynamics.run.simulation import simulate

@@ -1,8 +1,8 @@
-"""Say what a scene models, what it leaves out and why, which solver runs it, what that costs and how wrong it is.
+"""Print what a scene models, what it leaves out and why, which solver runs it, its cost and its error.
 
-Cost and error are measured on the scene itself: it is run for about a second, and once more by another method, to
-compare with: to its end if there is time, and the lines of the error say after how long.
-Give the commands of --wrench to measure it under them; without a bag the channels are tried with a probe.
+Cost and error are measured: the scene is run for about a second, and once more by another method to compare with. The
+error is that at the end if there is time, or else after the time printed with it. Give the commands of --wrench to
+measure with them; without a bag the channels are tried with a probe.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import argparse
 
 from rb_dynamics.cli.scene import add_scene, add_solver, add_wrench, read_with_commands
 
-HELP = "say what a scene models, which solver runs it, its cost and error"
+HELP = "print what a scene models, which solver runs it, its cost and error"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -1,4 +1,4 @@
-"""Show what happened in a recorded run: states, momenta, energy, defects, wrenches, rates and gaps.
+"""Analyse a recorded run: states, momenta, energy, defects, wrenches, rates and gaps.
 
 Works on logs of this package and on any ROS 2 MCAP bag of pose, twist and wrench; topics are found by type. A bag
 without mass properties gives motion and rates; with --scene also momenta and energy, from the twist.
@@ -14,17 +14,17 @@ import sys
 
 from rb_dynamics.numerics.option_types import real
 
-HELP = "show what happened in a recorded run"
+HELP = "analyse a recorded run"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `inspect`."""
     parser.add_argument("log", metavar="RUN.mcap", help="log of a run, or a bag of pose, twist and wrench")
     parser.add_argument(
-        "--html", metavar="F", help="write a report with figures (extra: plot); an earlier one is replaced"
+        "--html", metavar="F", help="write a report with figures (extra: plot); an existing one is replaced"
     )
     parser.add_argument("--json", action="store_true", help="print the summary as one JSON object, floats in full")
-    parser.add_argument("--video", metavar="F", help="write the tumble as .mp4 or .gif (extra: video)")
+    parser.add_argument("--video", metavar="F", help="write a video of the motion as .mp4 or .gif (extra: video)")
     parser.add_argument("--scene", metavar="SCENE", help="scene file whose body and frames belong to the bag")
     parser.add_argument(
         "--bound",
@@ -35,12 +35,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--verify",
         action="store_true",
-        help="read the MCAP again with the package mcap (extra: log): checksums, index, counts, order",
+        help="also read the MCAP file with the package mcap (extra: log): checksums, index, counts, order",
     )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the summary; exit code 0, or 1 where a check fails."""
+    """Print the summary; exit code 0, or 1 if a check fails."""
     import json
     from pathlib import Path
 
@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
     encoding = sys.stdout.encoding or "utf-8"
     text = json.dumps(found.as_dict(), allow_nan=False) if args.json else as_text(found.summary)
     print(text.encode(encoding, "backslashreplace").decode(encoding), flush=True)
-    # One object on stdout, whatever else is written.
+    # Only one JSON object on stdout, whatever else is written.
     said = sys.stderr if args.json else sys.stdout
     if args.html:
         from rb_dynamics.report.html import write_html

@@ -1,6 +1,6 @@
-"""The log of a command that runs a scene: where it goes, how it is kept, and what happens if it fails.
+"""The log options of a command that runs a scene, and what happens if a log fails.
 
-A failing log stops itself and not the run.
+A log that fails stops on its own; the run continues.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ def add_log(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of a log."""
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
-        "--mcap", metavar="F", default="", help="write the run as an MCAP log; an earlier one is replaced"
+        "--mcap", metavar="F", default="", help="write the run as an MCAP log; an existing one is replaced"
     )
     where.add_argument(
         "--bag", metavar="DIR", default="", help="write it as a rosbag2 folder: MCAP files and metadata.yaml"
@@ -35,34 +35,34 @@ def add_log(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--sink", action="append", default=[], metavar="NAME=TARGET",
-        help="tell the run to a sink by name, such as one of a plug-in; may be given again",
+        help="also write the run to another sink, such as that of a plug-in; may be repeated",
     )  # fmt: skip
     parser.add_argument(
         "--max-bag-size",
         type=whole("a whole number of bytes, 0 or more", lambda v: v >= 0),
         default=0,
         metavar="BYTES",
-        help="size at which --bag begins the next file",
+        help="size at which --bag starts a new file",
     )
     parser.add_argument(
-        "--max-bag-duration", type=_SECONDS, default=0.0, metavar="S", help="simulated time in one file of --bag"
+        "--max-bag-duration", type=_SECONDS, default=0.0, metavar="S", help="simulated time per file of --bag"
     )
     parser.add_argument(
         "--flush", type=_SECONDS, default=None, metavar="S",
-        help="wall time after which what was logged survives a kill (default 0.5); 0: whole chunks only",
+        help="longest wall time of logged data that a kill can lose (default 0.5); 0: whole chunks only",
     )  # fmt: skip
-    parser.add_argument("--accel", action="store_true", help="log the acceleration of the body origin too")
+    parser.add_argument("--accel", action="store_true", help="also log the acceleration of the body origin")
     parser.add_argument(
-        "--verify", action="store_true", help="read the finished log again with the package mcap (extra: log)"
+        "--verify", action="store_true", help="read the finished log back with the package mcap (extra: log)"
     )
 
 
 def log_sinks(args: argparse.Namespace) -> list[GuardedSink]:
-    """Return the logs that are asked for; one that fails says so on stderr, and the run goes on without it.
+    """Return the requested logs; one that fails is reported on stderr, and the run continues without it.
 
     Raises:
-        LogError: the arguments do not go together, or a log would replace what the run reads.
-        PluginError: a sink is of a plug-in that cannot be loaded.
+        LogError: the arguments cannot be combined, or a log would replace an input of the run.
+        PluginError: the plug-in of a sink cannot be loaded.
     """
     from rb_dynamics.formats.log_file import require_apart, require_other
 
@@ -88,4 +88,4 @@ def log_sinks(args: argparse.Namespace) -> list[GuardedSink]:
 
 
 def _warn(error: Exception) -> None:
-    print(f"warning: a log has stopped, the run goes on without it: {error}", file=sys.stderr)
+    print(f"warning: a log has stopped, the run continues without it: {error}", file=sys.stderr)

@@ -1,8 +1,8 @@
 """Run a scene as a ROS 2 node: wrench commands in, pose, twist, momenta and energy out.
 
-Everything behind --ros-args goes to ROS: parameters (-p lockstep:=true), remappings (-r wrench:=/cmd), namespaces
-(-r __ns:=/robot_1). Scalar values of the scene can be overridden as parameters (-p body.mass:=17.0). The node runs to
-the end of the scene's duration, or until it is stopped; SIGINT, SIGTERM and SIGHUP close the logs and exit with code 0.
+Arguments after --ros-args go to ROS: parameters (-p lockstep:=true), remappings (-r wrench:=/cmd), namespaces (-r
+__ns:=/robot_1). Scalar values of the scene can be overridden as parameters (-p body.mass:=17.0). The node runs to the
+end of the scene's duration, or until it is stopped; SIGINT, SIGTERM and SIGHUP close the logs and exit with code 0.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _as_parameters(words: Sequence[str]) -> str:
-    """Return how a node is told what `words`, options of other commands, ask for; "" where there are no options."""
+    """Return the node parameters that correspond to `words`, options of other commands; "" if there are none."""
     told = []
     for word, after in zip(words, [*words[1:], "--"], strict=True):
         option, equals, value = word.partition("=")

@@ -1,4 +1,4 @@
-"""Printing of results, as JSON or text, and of progress on a terminal."""
+"""Print results as JSON or text, and progress on a terminal."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ _UNITS = {
 
 
 def as_json(run: Run) -> str:
-    """Return one JSON object; floats in full precision, so that they read back to the same bits."""
+    """Return one JSON object; floats in full precision, so that they can be read back to the same bits."""
     sample = _known(run)
     facts = {**sample, "method": run.method, "steps": run.steps, "wall_time_s": run.wall_time_s}
     return json.dumps(facts, allow_nan=False)
 
 
 def as_text(run: Run) -> str:
-    """Return the final state and the books for a person."""
+    """Return the final state and the balances as text."""
     sample = _known(run)
     seconds = sample.pop("time_ns") / 1e9
     steps = f"{run.steps} step{'' if run.steps == 1 else 's'}"
@@ -50,25 +50,25 @@ def as_text(run: Run) -> str:
 
 
 def _known(run: Run) -> dict[str, Any]:
-    """Return the fields of the sample; a potential energy only where something has one."""
+    """Return the fields of the sample; a potential energy only if an effect has one."""
     return {name: value for name, value in asdict(run.sample).items() if value is not None}
 
 
 def note_coasting(scene: Scene) -> None:
-    """Say on stderr that nothing acts, where the scene names channels for what might."""
+    """Note on stderr that nothing acts, if the scene has channels."""
     if scene.channels and not scene.effects and "wrenches" in scene.text:
         topics = ", ".join(channel.topic for channel in scene.channels)
         print(f"note: no commands on {topics}: the body coasts; give a bag of commands with --wrench", file=sys.stderr)
 
 
 def note_start(commands: RecordedWrenches) -> None:
-    """Say on stderr which time of the bags is time 0 of the run, where it is not that of the stamps."""
+    """Print on stderr which time of the bags is time 0 of the run, if it is not that of the stamps."""
     for note in commands.notes:
         print(f"note: {note}", file=sys.stderr)
 
 
 def warn_outside(commands: RecordedWrenches, scene: Scene) -> None:
-    """Say on stderr how many commands the run will never reach."""
+    """Warn on stderr of commands after the end of the run."""
     if commands.late and commands.first_ns is not None:
         first = commands.first_ns / 1e9
         print(
@@ -79,7 +79,7 @@ def warn_outside(commands: RecordedWrenches, scene: Scene) -> None:
 
 
 def warn_rejected(run: Run, commands: int) -> None:
-    """Say on stderr how many commands could not be honoured, why the first was not, and how many were clipped."""
+    """Warn on stderr of rejected commands, with the reason for the first, and of clipped ones."""
     if run.rejected:
         print(
             f"warning: {len(run.rejected)} of {commands} wrench commands were rejected and had no effect; "
@@ -96,7 +96,7 @@ def warn_rejected(run: Run, commands: int) -> None:
 
 @contextlib.contextmanager
 def progress(what: str) -> Iterator[Callable[[float], None] | None]:
-    """Yield a function that shows the fraction done as a bar on a terminal; None in a pipe or without tqdm."""
+    """Yield a function that shows the fraction done as a bar on a terminal; yield None in a pipe or without tqdm."""
     with _bar(
         desc=what, total=100, unit="%", bar_format="{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"
     ) as move:
@@ -105,14 +105,14 @@ def progress(what: str) -> Iterator[Callable[[float], None] | None]:
 
 @contextlib.contextmanager
 def counting(what: str, unit: str, done: int, total: int) -> Iterator[Callable[[int, int], None] | None]:
-    """Yield a function of (done, total) that also shows how many units a second, and the time left; likewise."""
+    """Yield a function of (done, total) that also shows units per second and the time left, or None as above."""
     with _bar(desc=what, total=total, unit=unit, initial=done, smoothing=0.1) as move:
         yield None if move is None else lambda done, _: move(done)
 
 
 @contextlib.contextmanager
 def _bar(**options: Any) -> Iterator[Callable[[int], None] | None]:
-    """Yield what moves a bar of tqdm with these `options` to a place."""
+    """Yield a function that moves a bar of tqdm with these `options` to a position."""
     if not sys.stderr.isatty():
         yield None
         return

@@ -1,6 +1,6 @@
-"""The argument parser: refuses bad options in one line that says where to find help.
+"""The argument parser: reports bad options in one line that says where to find help.
 
-argparse alone would print the usage of all options, and bury the line that matters.
+argparse alone would print the usage of all options, which hides the line that matters.
 """
 
 from __future__ import annotations
@@ -10,18 +10,18 @@ from typing import NoReturn
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose errors are one line."""
+    """A parser whose errors take one line."""
 
     def error(self, message: str) -> NoReturn:
-        """Say what is wrong and end with exit code 2."""
+        """Print the error and exit with code 2."""
         self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
 
 
 def require_ros(purpose: str) -> None:
-    """Refuse what takes ROS where that is not installed; only `rb_dynamics.ros` imports it.
+    """Refuse options that need ROS if it is not installed; only `rb_dynamics.ros` imports it.
 
     Raises:
-        MissingExtraError: it is not.
+        MissingExtraError: it is not installed.
     """
     import importlib.util
 
@@ -32,6 +32,6 @@ def require_ros(purpose: str) -> None:
 
 
 def require_with(args: argparse.Namespace, option: str, is_given: bool, other: str, is_there: object) -> None:
-    """Refuse an option that would have no effect, as the `other` that it belongs to is not there."""
+    """Refuse an option that would have no effect without the option `other`."""
     if is_given and not is_there:
         args.parser.error(f"found {option} without {other}, expected both; add {other}, or leave out {option}")

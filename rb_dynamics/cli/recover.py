@@ -1,12 +1,12 @@
-"""Save what can be read of a log that was cut off or damaged: by a kill, a full disk, a lost power supply.
+"""Save what can be read of a log that was cut off or damaged by a kill, a full disk or a power failure.
 
-Writes a whole MCAP file, with index and statistics, that opens everywhere; the damaged one stays as it is. A folder
-gives a rosbag2 folder with metadata.yaml.
+Writes a complete MCAP file, with index and statistics, that other tools can open; the damaged file is not changed. A
+folder gives a rosbag2 folder with metadata.yaml.
 
-Times are counted from the first message, as inspect counts them.
+Times are counted from the first message, as in inspect.
 
-Exit codes: 0 done, and nothing is missing but the end; 1 damaged pieces were left out, or a file in between is missing
-(the lines say which); 2 nothing could be read.
+Exit codes: 0 success, nothing is missing except the end; 1 damaged pieces were left out, or a file in between is
+missing (see the output); 2 nothing could be read.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ HELP = "save what can be read of a log that was cut off"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `recover`."""
     parser.add_argument("source", metavar="IN", help="MCAP file, or a folder of them")
-    parser.add_argument("target", metavar="OUT", help="the file or folder to write; an earlier one is replaced")
+    parser.add_argument("target", metavar="OUT", help="the file or folder to write; an existing one is replaced")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Recover and say what was found; exit code 0, or 1 where something within the file is lost."""
+    """Recover and report; exit code 0, or 1 if data within the file are lost."""
     from pathlib import Path
 
     from rb_dynamics.formats.recovery import recover

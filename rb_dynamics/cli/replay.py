@@ -1,8 +1,8 @@
-"""Run a log again from what is in it and compare every logged number to the last bit.
+"""Run a log again from its own content and compare every logged number to the last bit.
 
 Scene, initial state and commands come from the log alone. On the version and platform that wrote it the bits are the
-same; elsewhere the largest difference is shown and held against --bound. With --into ros the log is not run again: its
-messages are published, with their stamps, at the pace of the run; --ros-args remaps them.
+same; elsewhere the largest difference is compared with --bound. With --into ros, the log is not run again: its messages
+are published, with their stamps, at the pace of the run; --ros-args remaps them.
 
 Exit codes: 0 the same bits, or on another version or platform within --bound; 1 different; 2 the log cannot be read.
 """
@@ -35,13 +35,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--rate",
         type=_NUMBER,
         metavar="R",
-        help="with --into ros: times real time (default 1); 0: as fast as possible",
+        help="with --into ros: multiple of real time (default 1); 0: as fast as possible",
     )
     parser.add_argument("--clock", action="store_true", help="with --into ros: publish /clock")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Replay; exit code 0, or 1 where the log and the replay differ."""
+    """Replay; exit code 0, or 1 if the log and the replay differ."""
     from rb_dynamics.cli import output
 
     require_with(args, "--rate", args.rate is not None, "--into ros", args.into)
@@ -71,7 +71,7 @@ def _publish(args: argparse.Namespace) -> int:
 
 
 def _report(found: Replay) -> list[str]:
-    """Return what a replay has found, for a person."""
+    """Return the result of a replay as text."""
     lines = [f"replayed {found.samples} samples under {found.commands} wrench commands; times are simulation time"]
     if not found.complete:
         lines.append("the log was cut off: what it has is compared")

@@ -21,30 +21,30 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scene", metavar="SCENE", help="scene file (YAML)")
     parser.add_argument(
         "--set", action="append", default=[], metavar="KEY=VALUE",
-        help="another value for any key of the scene, such as body.mass=2, wrenches[0].timeout=0.5 or effects=[]; may "
-        "be given again",
+        help="override any key of the scene, such as body.mass=2, wrenches[0].timeout=0.5 or effects=[]; may "
+        "be repeated",
     )  # fmt: skip
 
 
 def add_wrench(parser: argparse.ArgumentParser) -> None:
-    """Add the bag of wrench commands, and which of its topics drives which channel."""
+    """Add the bags of wrench commands, and the assignment of their topics to channels."""
     parser.add_argument(
         "--wrench", action="append", default=[], metavar="BAG",
-        help="bag with wrench commands, MCAP or a rosbag2 folder; may be given again, and all are flown",
+        help="bag with wrench commands, MCAP or a rosbag2 folder; may be repeated to combine bags",
     )  # fmt: skip
     parser.add_argument(
         "--wrench-start", type=_start, metavar="auto|bag|first|stamp|SECONDS",
-        help="which time of the bags is time 0 of the run: stamp: that of their stamps; bag: their start; first: the "
-        "first command; SECONDS: that stamp; auto (default): stamp where commands lie within the run so, else bag",
+        help="time 0 of the run. stamp: time 0 of the commands' stamps; bag: start of the bags; first: the "
+        "first command; SECONDS: that stamp; auto (default): stamp if commands then lie within the run, else bag",
     )  # fmt: skip
     parser.add_argument(
         "--topic", action="append", default=[], metavar="TOPIC=CHANNEL",
-        help="topic of the bag that drives a channel of the scene, where their names differ; may be given again",
+        help="topic of the bag for a channel of the scene, if their names differ; may be repeated",
     )  # fmt: skip
 
 
 def add_solver(parser: argparse.ArgumentParser) -> None:
-    """Add what stands for the scene's duration and solver."""
+    """Add the options that replace the scene's duration and solver."""
     parser.add_argument(
         "--duration",
         type=real("a number of seconds, such as 10"),
@@ -63,7 +63,7 @@ def add_solver(parser: argparse.ArgumentParser) -> None:
 
 
 def read(args: argparse.Namespace) -> Scene:
-    """Return the scene that `args` ask for.
+    """Return the scene selected by `args`.
 
     Raises:
         SceneError: it is not valid, or a value cannot be read.
@@ -79,7 +79,7 @@ def read(args: argparse.Namespace) -> Scene:
 
 
 def read_with_commands(args: argparse.Namespace) -> tuple[Scene, RecordedWrenches | list[tuple[str, Wrench]]]:
-    """Return the scene, and the commands of `--wrench` for its channels, or none; says on stderr which have no effect.
+    """Return the scene and the commands of `--wrench`; says on stderr which have no effect.
 
     Raises:
         SceneError: the scene is not valid, or a value cannot be read.
@@ -112,7 +112,7 @@ def read_with_commands(args: argparse.Namespace) -> tuple[Scene, RecordedWrenche
 
 
 def _start(text: str) -> Start:
-    """Return which time is time 0 of a run; seconds, as the decimal number that was written, in ns."""
+    """Return the time that is time 0 of a run: a word, or seconds as an exact decimal, converted to ns."""
     if text in ("auto", "bag", "first", "stamp"):
         return cast("Start", text)
     real("auto, bag, first, stamp or a number of seconds", lambda value: abs(value) < 2.0**31)(text)
@@ -120,7 +120,7 @@ def _start(text: str) -> Start:
 
 
 def _mapping(args: argparse.Namespace) -> dict[str, str]:
-    """Return the channel of each topic that `--topic` names."""
+    """Return the channel of each topic given with `--topic`."""
     from rb_dynamics.errors import LogError
 
     pairs = [text.partition("=") for text in args.topic]

@@ -1,8 +1,8 @@
 """Run a scene offline, without ROS, and print its final state.
 
-The wrench commands come from ROS 2 bags (--wrench) whose WrenchStamped or Wrench topics carry the names of the scene's
-channels; without one the body coasts. The same commands through the node in lockstep give the same bits. A bag of which
-no command acts is an error.
+Wrench commands come from ROS 2 bags (--wrench) whose WrenchStamped or Wrench topics have the names of the scene's
+channels; without a bag the body coasts. The same commands through the node in lockstep give the same bits. A bag
+without any command that acts is an error.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Simulate and print; exit code 0, or 1 where a log had to stop."""
+    """Simulate and print; exit code 0, or 1 if a log failed."""
     import contextlib
     import tempfile
     from pathlib import Path

@@ -1,17 +1,19 @@
-"""Measure speed against accuracy on a scene, over all methods that can run it, and say which to take.
+"""Measure speed and accuracy of all methods that can run a scene, and recommend one.
 
-Speed is that of the scene as it is run, with all its outputs, as with a log; the column "end alone" is without them.
-Every method goes from coarse settings to fine ones, in turns, for --time seconds altogether. Errors are those at the
-end of the run, against a reference on which two methods of different families agree; the first lines say how well.
-Where there is no time for so long a run, a part of the scene is measured; what is recommended is then flown to the end
-of the scene, for a third of --time at most, and its error is the one there, or where it could not be, grown with the
-square of time.
-Steps are compiled where a run of the whole scene with the same setting would compile them; what compiling takes, once
-for each method, is in no time of the table and comes on top of --time, which is said when it begins; nothing more is
-compiled after as long again. Printed are the runs that no other one beats in both speed and accuracy, and the line to
-write into the scene; all runs are in --json and --html. Where there is no time for all settings on the way to --target,
-a method passes over some, by the order that its errors show. Without --wrench the channels are tried with a probe.
-Exit code 1: nothing measured does what is asked for.
+Speed includes all outputs of the scene, as with a log; the column "end alone" is without them. Every method is refined
+from coarse settings to fine ones, in turns, for --time seconds altogether. Errors are those at the end of the run,
+relative to a reference on which two methods of different families agree; the first lines say how well. If there is no
+time for the whole scene, a part of it is measured; the recommended row is then run to the end of the scene, for a third
+of --time at most, and its error is the one there, or, without time for that, extrapolated with the square of time.
+
+Steps are compiled if a run of the whole scene with the same setting would compile them. Compiling takes place once per
+method, is announced, is part of no time in the table, and comes on top of --time, for as long again at most.
+
+The table shows the runs that no other run beats in both speed and accuracy, and the line to write in the scene; --json
+and --html have all runs. If there is no time for all settings on the way to --target, some are skipped by the order
+that the errors show. Without --wrench the channels are tried with a probe.
+
+Exit code 1: no row meets the target or budget.
 """
 
 from __future__ import annotations
@@ -30,7 +32,7 @@ if TYPE_CHECKING:
 
     from rb_dynamics.study.trade import Trade
 
-HELP = "measure speed against accuracy of all methods on a scene, and recommend one"
+HELP = "measure speed and accuracy of all methods on a scene, and recommend one"
 
 _POSITIVE = real("a finite number greater than 0", lambda v: v > 0.0)
 
@@ -49,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--methods", type=lambda text: text.split(","), metavar="M,...",
-        help="measure these methods alone, such as rk4,dverk; the reference is the same",
+        help="measure only these methods, such as rk4,dverk; the reference is the same",
     )  # fmt: skip
     parser.add_argument(
         "--time", type=_POSITIVE, default=30.0, metavar="S", help="how long to measure, in s; default: %(default)g"
@@ -59,7 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure and print; exit code 0, or 1 where nothing can be recommended."""
+    """Measure and print; exit code 0, or 1 if nothing can be recommended."""
     import json
     from pathlib import Path
 
@@ -96,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _say_once(text: str) -> Callable[[str], None]:
-    """Return what says so on stderr when it is first called."""
+    """Return a function that announces compiling on stderr when it is first called."""
     said: list[str] = []
 
     def say(kernel: str) -> None:
@@ -108,7 +110,7 @@ def _say_once(text: str) -> Callable[[str], None]:
 
 
 def as_text(found: Trade) -> str:
-    """Return reference, front and recommendation for a person."""
+    """Return reference, front and recommendation as text."""
     trust, measured = found.reference, {row.method for row in found.rows}
     more = "" if found.enough_s is None else f"; about --time {found.enough_s:g} would do"
     lines = [
@@ -122,7 +124,7 @@ def as_text(found: Trade) -> str:
         lines.append(f"compiled    {compiled} of {len(found.rows)} runs, as they would be over the whole scene")
     if found.kernels:
         took, count = math.fsum(found.kernels.values()), len(found.kernels)
-        lines.append(f"kernels     {count} compiled or loaded in {took:.3g} s, which is in no time above")
+        lines.append(f"kernels     {count} compiled or loaded in {took:.3g} s, not included in the times above")
     lines += _left_out({method: why for method, why in found.ended.items() if method not in measured})
     lines += [f"note        {remark}" for remark in found.remarks]
     if found.recommended is not None:
@@ -146,7 +148,7 @@ def as_text(found: Trade) -> str:
 
 
 def _left_out(ended: Mapping[str, str]) -> list[str]:
-    """Return a line for each reason, which is cut to what was found; --html has all of it."""
+    """Return a line for each reason, shortened; --html has the full text."""
     methods: dict[str, list[str]] = {}
     for method, why in ended.items():
         found = why.removeprefix("refused: ").removeprefix(f"{method}: ")

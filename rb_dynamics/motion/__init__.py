@@ -1,6 +1,6 @@
-"""How a body moves: the methods by name, and step control.
+"""Motion of a body: the methods by name, and step control.
 
-A new method is a file with one `Method` and an entry here; outside this package it is a plug-in.
+A new method is a file with one `Method` and an entry here; in another package it is a plug-in.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def _fault(name: str, found: object) -> str:
         return f"{found!r}, expected a rb_dynamics.motion.Method"
     if found.name != name:
         return f"a method named {found.name!r}, expected {name!r}, the name of its entry point"
-    # The cache of compiled steps knows a step by the sources of this package and the name of its method.
+    # The kernel cache identifies a step by the sources of this package and the name of its method.
     if found.compiles:
         return "a method that compiles, expected compiles=False: only steps of rb_dynamics are compiled"
     return ""
@@ -49,11 +49,11 @@ def _fault(name: str, found: object) -> str:
 METHODS: Registry[Method] = Registry("method", {method.name: method for method in _ALL}, _fault)
 
 REMOVED = dict.fromkeys(("strang4", "aba82", "aba84", "aba104", "aba864"), "dmv104, or strang6 for a slender body")
-"""What to take for a method that is no longer there."""
+"""Replacements for removed methods."""
 
 
 def remedy(name: object, known: Sequence[str], otherwise: str) -> str:
-    """Return what a message advises where `name` is none of the `known` ones."""
+    """Return the remedy for an error message about `name`, which is not `known`."""
     text = str(name).lower()[:60]
     if text in REMOVED:
         return f"{text} was removed; take {REMOVED[text]}"

@@ -1,7 +1,7 @@
 """Kernels for steps by accuracy: many steps, with their lengths chosen by step control, in one compiled call.
 
-The code of `step_control.py` decides, in plain Python and compiled alike, with the same bits. A kernel stops before a
-step that plain Python would refuse; plain Python then takes that step and raises the error.
+The code of `step_control.py` decides, in plain Python and compiled, with the same bits. A kernel stops before a step
+that plain Python would refuse; plain Python then takes that step and raises the error.
 """
 
 from __future__ import annotations
@@ -48,29 +48,29 @@ if TYPE_CHECKING:
 
 _SIGNATURE = "UniTuple(int64, 3)(float64[::1], int64, int64)"
 
-# What a kernel is handed: body and wrench, goal, phase and what is learnt. It puts back the last two, and behind them
-# both again as they are after the stride that comes next.
+# Arguments of a kernel: body and wrench, goal, phase and learnt state. It overwrites the last two, and appends both as
+# they will be after the next stride.
 _GOAL_AT = CONSTANTS
 _PHASE_AT = _GOAL_AT + len(Goal._fields)
 _KNOWN = PHASE + len(Learnt._fields)
 _AFTER_AT = _PHASE_AT + _KNOWN
 _HANDED, _PUT_BACK = Struct(f"{_AFTER_AT}d"), Struct(f"{2 * _KNOWN}d")
 
-# Beyond any run, and so far below 2^63 that sums of two do not overflow.
+# Longer than any run, but so far below 2^63 that sums of two do not overflow.
 _FOREVER = 2**62
 
 
 class Progress(NamedTuple):
-    """How far a kernel has come.
+    """Result of a kernel.
 
     Attributes:
-        strides: taken.
-        reached: ns after the start of the first of them.
-        phase: there.
-        learnt: there.
-        next_stride: which would have led too far, ns; 0 if it has not been chosen.
+        strides: number taken.
+        reached: ns after the start of the first stride.
+        phase: the phase there.
+        learnt: the learnt state there.
+        next_stride: the stride that would have gone too far, ns; 0 if it has not been chosen.
         after: the phase at its end.
-        following: what is learnt from it.
+        following: the learnt state after it.
     """
 
     strides: int
@@ -83,9 +83,9 @@ class Progress(NamedTuple):
 
 
 def run(constants: Constants, goal: Goal, learnt: Learnt, phase: Phase, room: int, count: int) -> Progress:
-    """Take at most `count` strides from `phase` on, of those that end in `room` ns.
+    """Take at most `count` strides from `phase` on, as far as they end within `room` ns.
 
-    Stops, with `next_stride` 0, before one that cannot be taken or whose accuracy cannot be reached.
+    Stops, with `next_stride` 0, before a stride that cannot be taken or whose accuracy cannot be reached.
     """
     strides = reached = 0
     while strides < count:
@@ -101,12 +101,12 @@ def run(constants: Constants, goal: Goal, learnt: Learnt, phase: Phase, room: in
 
 
 def _choose(goal: Goal, learnt: Learnt, phase: Phase, constants: Constants) -> Stride:
-    """Stand where `by_trial` will, or the next function."""
+    """Placeholder for `by_trial` or the next function."""
     raise NotImplementedError
 
 
 def _by_method(goal: Goal, learnt: Learnt, phase: Phase, constants: Constants) -> Stride:
-    """Return a stride that the method knows, and take it."""
+    """Return a stride chosen by the method itself, and take it."""
     chosen = by_method(goal, learnt, phase, constants)
     return Stride(chosen.length, _stepped(constants, phase, chosen.length / NANOSECONDS), learnt, 0.0)
 
@@ -114,7 +114,7 @@ def _by_method(goal: Goal, learnt: Learnt, phase: Phase, constants: Constants) -
 def _halves_and_whole(constants: Constants, phase: Phase, h: float) -> tuple[Phase, Phase]:
     """Return the phase after two steps of h/2 s and after one of h s."""
     kept = other = phase
-    # A loop, so that there is but one step to compile.
+    # A loop, so that only one step is compiled.
     for part in range(3):
         whole = part == 2
         end = _stepped(constants, phase if whole else kept, h if whole else 0.5 * h)
@@ -123,7 +123,7 @@ def _halves_and_whole(constants: Constants, phase: Phase, h: float) -> tuple[Pha
 
 
 def _pair_of_steps(constants: Constants, phase: Phase, h: float) -> tuple[Phase, Phase]:
-    """Return the phase after a step of h s, and the same of one order less."""
+    """Return the phase after a step of h s, and the embedded result of one order less."""
     inertia, held = constants
     velocity = _velocity(inertia, phase)
     step, comparison = _pair(inertia, held, h, velocity, phase.orientation, phase.angular_velocity, None)
@@ -152,22 +152,22 @@ def _grown(phase: Phase, step: Increment, h: float) -> Phase:
 
 
 def _step(*arguments: Any) -> Increment:
-    """Stand where the step of a method will."""
+    """Placeholder for the step of a method."""
     raise NotImplementedError
 
 
 def _pair(*arguments: Any) -> tuple[Increment, Increment]:
-    """Stand where the pair of a method will."""
+    """Placeholder for the pair of a method."""
     raise NotImplementedError
 
 
 def _longest_step(*arguments: Any) -> float:
-    """Stand where the longest step of a method will."""
+    """Placeholder for the longest step of a method."""
     raise NotImplementedError
 
 
 def _run_on_numbers(numbers: Numbers, room: int, count: int) -> tuple[int, int, int]:
-    """Do what `run` does, on an array."""
+    """Like `run`, on an array."""
     c, g, i, k = numbers, _GOAL_AT, _PHASE_AT, _AFTER_AT
     share, x, y, z = c[g + 6], c[g + 7], c[g + 8], c[g + 9]
     goal = Goal(c[g], c[g + 1], c[g + 2] != 0.0, c[g + 3], c[g + 4], c[g + 5], share, x, y, z, c[g + 10], c[g + 11])
@@ -180,12 +180,12 @@ def _run_on_numbers(numbers: Numbers, room: int, count: int) -> tuple[int, int, 
     return progress.strides, progress.reached, progress.next_stride
 
 
-# In plain Python, with what chooses it.
+# Plain Python, like the function that chooses it.
 _STEPS_IN_A_STRIDE = {"doubling": 3.0, "pair": 1.5, "own": 1.5}
 
 
 class Strides(OnDemand):
-    """The strides of one method by one kind of control."""
+    """The strides of one method with one kind of control."""
 
     def __init__(self, method: Method, kind: str) -> None:
         """Compile nothing yet; `kind` is "doubling", "pair" or "own"."""
@@ -214,7 +214,7 @@ class Strides(OnDemand):
         count: int,
         ahead: int,
     ) -> Progress | None:
-        """Return what `run` does, `ahead` strides being expected to come; None if it is not worth compiling."""
+        """Return the result of `run` if about `ahead` strides are expected; None if that is not worth compiling."""
         compiled = self.get(ahead, 1)
         if compiled is None:
             return None

@@ -1,7 +1,8 @@
-"""`method: auto`: the cheapest method that keeps the accuracy, from what a step costs and how long steps can be here.
+"""`method: auto`: the cheapest method that meets the accuracy, from the cost of a step and the possible step size.
 
-Each method's own step control says how long its steps can be, at the given state and load; only the cost of a step is
-tabulated. Must not read a clock or look ahead at commands: the same scene and commands always give the same choice.
+Each method's own step control determines the step size at the given state and load; only the cost of a step is
+tabulated. Must not read a clock or look ahead at commands: the same scene and commands must always give the same
+choice.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 COST_OF_A_STEP: Mapping[str, float] = MappingProxyType(
     {"rk4": 1.0, "dop853": 1.5, "taylor": 1.8, "dlm6": 3.7, "dmv864": 3.7, "dmv104": 3.5, "radau": 16.0}
 )
-"""Time of an accepted stride with its control, in units of one of `rk4`; measured by `benchmarks/strides.py`."""
+"""Run time of an accepted stride, relative to one of `rk4`; measured by `benchmarks/strides.py`."""
 
 CANDIDATES: Mapping[Takes, tuple[str, ...]] = MappingProxyType(
     {
@@ -28,9 +29,9 @@ CANDIDATES: Mapping[Takes, tuple[str, ...]] = MappingProxyType(
         Takes.ANY: ("dop853", "rk4", "radau"),
     }
 )
-"""The methods that are on the front of speed against accuracy for each kind of load, in the order of their trial."""
+"""The methods on the front of speed and accuracy for each kind of load, in the order in which they are tried."""
 
-# Attempts to find how long a stride may be; each can lengthen it fivefold.
+# Attempts to find the longest stride; each can lengthen it fivefold.
 _TRIALS = 12
 
 
@@ -42,12 +43,12 @@ def cheapest(
     arc: float,
     rest: float,
 ) -> tuple[Method, StepControl]:
-    """Return the candidate that costs least for arcs of `arc` s from `phase` on, with a control that knows its step.
+    """Return the cheapest candidate for arcs of `arc` s from `phase` on, with a control that has learnt its step.
 
-    The candidates come in the order in which they are tried; each has to be worth its trial in the `rest` of the run.
+    Candidates are tried in the given order, and only if the `rest` of the run (s) can repay the trial.
 
     Raises:
-        ConvergenceError: none of them keeps the accuracy; says what the first of them says.
+        ConvergenceError: none of them meets the accuracy; has the message of the first.
     """
     best: tuple[float, Method, StepControl] | None = None
     failure: ConvergenceError | None = None
@@ -70,10 +71,10 @@ def cheapest(
 
 
 def longest_stride(control: StepControl, advance: Advance, phase: Phase) -> float:
-    """Return how long (s) a stride from `phase` on may be; the control has learnt it when this returns.
+    """Return the longest stride (s) from `phase` on; the control has then learnt it.
 
     Raises:
-        ConvergenceError: no stride keeps the accuracy.
+        ConvergenceError: no stride meets the accuracy.
     """
     longest = 0.0
     for _ in range(_TRIALS):

@@ -1,10 +1,10 @@
-"""Kernels for many bodies, each under a schedule of held wrenches: one call for all bodies and the whole schedule.
+"""Kernels for many bodies, each under a sequence of held wrenches: one call for all bodies and all intervals.
 
 `lanes` takes a block of bodies through each step side by side, so that the compiler vectorises over bodies. It copies
-the block onto the stack, where the compiler knows that rows do not overlap and the data fit the first-level cache.
-This works for steps without loops and without calls that only some bodies take; `one_by_one` works for any step. Both
-give the same bits. A body whose step is refused becomes NaN, as in `fixed_step_kernel.py`. `run/ensemble.py` converts
-axes and times.
+the block onto the stack, where the compiler knows that rows do not overlap and the data fit the first-level cache. This
+works for steps without loops and without calls that only some bodies make; `one_by_one` works for any step. Both give
+the same bits. A body whose step is refused becomes NaN, as in `fixed_step_kernel.py`. `run/ensemble.py` converts axes
+and times.
 """
 
 from __future__ import annotations
@@ -45,13 +45,13 @@ if TYPE_CHECKING:
     Counts = npt.NDArray[np.int64]
 
 LANES = 64
-"""Bodies in a block: enough to hide the latency of divisions, few enough for the first cache."""
+"""Bodies in a block: enough to hide the latency of divisions, few enough for the first-level cache."""
 
 FEWEST = 12
-"""Bodies for which a block is worth it: one takes about as long as this many bodies one by one."""
+"""Smallest number of bodies worth a block: a block takes about as long as this many bodies one by one."""
 
 WORTH_A_THREAD = 20_000
-"""Steps that take much longer than to start a thread."""
+"""Number of steps that take much longer than starting a thread."""
 
 _WRENCH = "Array(float64, 3, 'A', True)"
 _SHARED = f"float64[:, ::1], float64, int64[::1], float64[::1], {', '.join(4 * (_WRENCH,))}"
@@ -81,7 +81,7 @@ class Schedule(NamedTuple):
     torque_world: Numbers
 
     def between(self, first: int, last: int) -> Schedule:
-        """Return what is done in the intervals from `first` to `last`."""
+        """Return the schedule of the intervals from `first` up to `last`."""
         rows: list[Any] = list(self[1:])
         return Schedule(self.h, *(row[first:last] for row in rows))
 
@@ -94,7 +94,7 @@ class Schedule(NamedTuple):
 
 
 def run(*_: Any) -> tuple[Quaternion, Vector, Sums, Sums]:
-    """Stand where `kernel.run` of a method will."""
+    """Placeholder for `kernel.run` of a method."""
     raise NotImplementedError
 
 
@@ -113,10 +113,10 @@ def one_by_one(
     first: int,
     last: int,
 ) -> None:
-    """Take the bodies from `first` to `last` from `state` to `after` by counts[k] steps of h s and one of rests[k] s.
+    """Move the bodies `first` to `last` from `state` to `after` by counts[k] steps of h s and one of rests[k] s.
 
-    Wrenches are (interval, body, axis), body parts in body axes. Where `trace` has rows, they are
-    the states after each interval; there is one body then.
+    Wrenches are (interval, body, axis), body parts in body axes. If `trace` has rows, they receive the states after
+    each interval; there is only one body then.
     """
     for i in range(first, last):
         inertia = Inertia(properties[i, 0], (properties[i, 1], properties[i, 2], properties[i, 3]))
@@ -145,9 +145,9 @@ def lanes(
     first: int,
     last: int,
 ) -> bool:
-    """Do the same, without a trace, `LANES` bodies side by side; in the last block the last body fills what is left.
+    """The same without a trace, `LANES` bodies at a time; the last block is padded with the last body.
 
-    Return whether every number is finite, their sum too.
+    Return whether every number is finite, and their sum too.
     """
     c = block(CONSTANTS, LANES)
     s = block(PHASE, LANES)
@@ -189,7 +189,7 @@ def _held(
     k: int,
     i: int,
 ) -> HeldWrench:
-    """Return what acts on body i in interval k, body parts in principal axes."""
+    """Return the wrench on body i in interval k, body parts in principal axes."""
     axes = (properties[i, 4], properties[i, 5], properties[i, 6], properties[i, 7])
     return HeldWrench(
         rotate_inverse(axes, _part(force_body, k, i)),
@@ -200,12 +200,12 @@ def _held(
 
 
 def _part(part: Numbers, k: int, i: int) -> Vector:
-    """Return one part for body i in interval k: 0 for -0, of which channels that add up leave no trace either."""
+    """Return one part for body i in interval k, with -0 replaced by 0, as the sum over channels does."""
     return (part[k, i, 0] + 0.0, part[k, i, 1] + 0.0, part[k, i, 2] + 0.0)
 
 
 def _all_finite(s: Numbers, sums: Numbers) -> bool:
-    """Return whether the sum of each column of `s` is finite, which is left in the first row of `sums`."""
+    """Return whether the sum of each column of `s` is finite; the sums are left in the first row of `sums`."""
     for i in range(LANES):
         sums[0, i] = s[0, i]
     for r in range(1, PHASE):
@@ -228,17 +228,17 @@ class Mover:
         self._one_by_one = _on_demand(one_by_one, _ONE_BY_ONE, method.name, step)
 
     def move(self, properties: Numbers, schedule: Schedule, state: Numbers, after: Numbers, threads: int) -> None:
-        """Write the state of all bodies after `schedule` to `after`; that before it is left as it is.
+        """Write the state of all bodies after `schedule` to `after`; `state` is unchanged.
 
         Args:
-            properties: (N, 8), of each body mass, principal moments, principal to body axes.
-            schedule: what is done.
+            properties: (N, 8), for each body mass, principal moments, rotation from principal to body axes.
+            schedule: steps and wrenches.
             state: (N, `PHASE`).
-            after: likewise.
-            threads: at most so many; the bits do not depend on it.
+            after: same shape.
+            threads: at most this many; the bits do not depend on it.
 
         Raises:
-            ConvergenceError: a step of a body cannot be solved; names the first such body of several.
+            ConvergenceError: a step of a body cannot be solved; names the first such body.
         """
         import numpy as np
 
@@ -278,7 +278,7 @@ class Mover:
         single = None if self._one_by_one is None else self._one_by_one.get(schedule.steps, schedule.steps)
         if single is not None:
             single(properties, *schedule, state, np.empty_like(state), trace, 0, 1)
-            # What is not finite stays so: the last state tells whether there is anything to look for.
+            # A number that is not finite stays so, so the last state tells.
             good = intervals
             if len(_not_finite(trace[-1:])) > 0:
                 good = int(_not_finite(trace)[0])
@@ -291,7 +291,7 @@ class Mover:
     def _in_plain_python(
         self, properties: Numbers, schedule: Schedule, state: list[float], i: int
     ) -> Iterator[tuple[float, ...]]:
-        """Yield the state of body i after each interval."""
+        """Yield the states of body i after each interval."""
         mass, i1, i2, i3, *axes = properties[i].tolist()
         inertia, axes = Inertia(mass, (i1, i2, i3)), tuple(axes)
         q, w, high, low = phase_of(tuple(state))
@@ -313,7 +313,7 @@ class Mover:
 
 @cache
 def mover(method: Method) -> Mover:
-    """Return what moves many bodies by `method`."""
+    """Return the `Mover` of `method`."""
     return Mover(method)
 
 
@@ -331,7 +331,7 @@ def _free_step(
     angular_velocity: Vector,
     load: Load | None = None,  # noqa: ARG001
 ) -> Increment:
-    """Do what the step of `exact` does, for free motion alone."""
+    """Take a step of `exact`, for free motion only."""
     if not (exact.is_free(held) and norm(angular_velocity) * abs(h) < LARGEST_FREE_TURN):
         return _no_free_motion()
     return exact.free_step(inertia, held, h, velocity, orientation, angular_velocity)
@@ -352,7 +352,7 @@ def _on_demand(
 
 
 def _parts(bodies: int, least: int, threads: int, steps: int) -> list[tuple[int, int]]:
-    """Return ranges of bodies, one for each thread that is worth it, their lengths multiples of `least`."""
+    """Return ranges of bodies, one per thread if that is worth it, with lengths that are multiples of `least`."""
     blocks = -(-bodies // least)
     count = max(1, min(threads, blocks, bodies * steps // WORTH_A_THREAD))
     ends = [min(bodies, k * blocks // count * least) for k in range(count + 1)]
@@ -360,12 +360,12 @@ def _parts(bodies: int, least: int, threads: int, steps: int) -> list[tuple[int,
 
 
 def _each(do: Callable[[tuple[int, int]], Any], parts: list[tuple[int, int]]) -> list[Any]:
-    """Return what `do` returns for each part, each in a thread: the first in this one."""
+    """Return the results of `do` for each part, each in its own thread, the first in this one."""
     others = [_pool(len(parts) - 1).submit(do, part) for part in parts[1:]]
     try:
         return [do(parts[0]), *(other.result() for other in others)]
     finally:
-        # Whatever happened here, nobody may write any more to what is handed back.
+        # Even after an error, no thread may still write to the arrays when this returns.
         wait(others)
 
 
@@ -375,12 +375,12 @@ def _pool(threads: int) -> ThreadPoolExecutor:
 
 
 if hasattr(os, "register_at_fork"):
-    # A child has the pool and none of its threads.
+    # A forked child inherits the pool, but not its threads.
     os.register_at_fork(after_in_child=_pool.cache_clear)
 
 
 def _not_finite(state: Numbers) -> Counts:
-    """Return the bodies of which a number is not finite, or their sum: one look is cheaper than thirty-five."""
+    """Return the bodies with a number that is not finite; checking the sum first is cheaper than 35 checks."""
     import numpy as np
 
     with np.errstate(all="ignore"):

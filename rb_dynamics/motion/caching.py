@@ -1,4 +1,4 @@
-"""Small caches of recent results about a body and its motion, all of which `clear_caches` can empty."""
+"""Small caches of recent results about a body and its motion; `clear_caches` empties all of them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _forget: list[Callable[[], None]] = []
 
 
 def cached_results(count: int) -> Callable[[Callable[..., _T]], _lru_cache_wrapper[_T]]:
-    """Let a function remember its last `count` results."""
+    """Decorate a function with a cache of its last `count` results."""
 
     def decorate(function: Callable[..., _T]) -> _lru_cache_wrapper[_T]:
         memory = lru_cache(maxsize=count)(function)
@@ -26,6 +26,6 @@ def cached_results(count: int) -> Callable[[Callable[..., _T]], _lru_cache_wrapp
 
 
 def clear_caches() -> None:
-    """Empty all memories, so that what is timed next finds nothing that was computed before."""
+    """Empty all caches, so that a run timed next computes everything itself."""
     for clear in _forget:
         clear()

@@ -15,8 +15,8 @@ from rb_dynamics.motion.step_checks import LARGEST_TURN, require_finite, turns_t
 from rb_dynamics.numerics.rotation import IDENTITY, Quaternion, exp, multiply, renormalize, rotate, rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, divide, dot, norm, scale
 
-# The exponentials of one product, each by the weights of the slopes of the stages before, in units of the step; rows of
-# equal length.
+# Exponentials of one product, each given by its weights of the earlier slopes, in units of the step; rows of equal
+# length.
 Product = tuple[tuple[float, ...], ...]
 
 
@@ -34,12 +34,12 @@ CF4_TABLE = StageProducts(
 
 
 def weights(product: Product) -> tuple[float, ...]:
-    """Return what the product comes to where everything commutes: its weights, summed for each slope."""
+    """Return the Runge-Kutta weights of the product: the sums over its exponentials, for each slope."""
     return tuple(map(math.fsum, zip(*product, strict=True)))
 
 
 class _Slope(NamedTuple):
-    """What changes with time at a stage: turn, momenta and place less what is uniform, in the axes of R0, and work."""
+    """Rates at a stage: rotation, momenta and position without their uniform parts, in the axes of R0, and power."""
 
     omega: Vector
     push: Vector
@@ -49,7 +49,7 @@ class _Slope(NamedTuple):
 
 
 class _Reached(NamedTuple):
-    """Where a stage stands: s into the step, turn, and what the slopes of force, torque and place come to."""
+    """State at a stage: time since the start (s), rotation, and the integrals of force, torque and position."""
 
     ahead: float
     turn: Quaternion
@@ -106,11 +106,11 @@ def _advance(
 ) -> Increment:
     """Advance R' = R hat(omega) by products of exponentials, everything else by the Runge-Kutta method `rows`.
 
-    The angular momentum is carried in the axes of R0, m = R^T R0 (m0 + lambda) with lambda' = R0^T R tau. So the
-    world-frame angular momentum changes by the quadrature of the torque and by nothing else.
+    The angular momentum is integrated in the axes of R0, m = R^T R0 (m0 + lambda) with lambda' = R0^T R tau. So the
+    world-frame angular momentum changes only by the quadrature of the torque.
 
     Raises:
-        ConvergenceError: the step turns the body too far, or diverges.
+        ConvergenceError: the step rotates the body too far, or diverges.
     """
     moments = inertia.moments
     frame = frame_of(name, inertia, held, h, velocity, orientation, angular_velocity)

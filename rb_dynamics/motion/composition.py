@@ -36,13 +36,13 @@ def compose(name: str, order: int, base: Method, coefficients: tuple[float, ...]
 
     Args:
         name: of the new method.
-        order: that the coefficients give, see `SUZUKI4` and `KAHAN_LI6`.
+        order: the order that the coefficients give, see `SUZUKI4` and `KAHAN_LI6`.
         base: a symmetric method of order 2.
         coefficients: lengths of the stages in units of the step; their sum is 1.
-        source: where the coefficients stand.
+        source: reference for the coefficients.
     """
 
-    # Compiled it is the step of `base` itself, which does not raise there.
+    # In a kernel this is the step of `base` itself, which does not raise.
     @wraps(base.step)
     def stage(
         inertia: Inertia,
@@ -67,7 +67,8 @@ def compose(name: str, order: int, base: Method, coefficients: tuple[float, ...]
         angular_velocity: Vector,
         load: Load | None = None,
     ) -> Increment:
-        # From the axes of R0 and an observer who moves with `velocity`: small numbers, to which rounding does little.
+        # Relative to the axes of R0 and to an observer who moves with `velocity`: small numbers have small rounding
+        # errors.
         here = HeldWrench(
             held.force_body,
             held.torque_body,

@@ -1,6 +1,6 @@
 """Splitting of the free body into rotations about its principal axes, after Dullweber, Leimkuhler and McLachlan.
 
-Explicit, cheap, and keeps the angular momentum. Each partial flow is a uniform rotation about one axis. Half kicks by
+Explicit, cheap, and conserves angular momentum. Each partial flow is a uniform rotation about one axis. Half kicks by
 the wrench come before and after, as in `splitting.py`.
 """
 
@@ -25,7 +25,7 @@ def flow(moments: Vector, orientation: Quaternion, angular_velocity: Vector, t: 
     first term turns the body about L and commutes with the others, each of which turns it about its own axis.
     """
     m = times(moments, angular_velocity)
-    # Sorted by three exchanges, which are undone below.
+    # Sorted by three exchanges, which are reversed below.
     one, two, three = (moments[0], m[0]), (moments[1], m[1]), (moments[2], m[2])
     first = one[0] > two[0]
     one, two = (two, one) if first else (one, two)
@@ -38,9 +38,9 @@ def flow(moments: Vector, orientation: Quaternion, angular_velocity: Vector, t: 
     x, y = (y, x) if first else (x, y)
     y, z = (z, y) if second else (y, z)
     x, y = (y, x) if third else (x, y)
-    # 1 where (a, b, c) is right-handed: after an even number of exchanges.
+    # 1 if (a, b, c) is right-handed: after an even number of exchanges.
     parity = 1.0 if (first != second) == third else -1.0
-    # Relative first: the inverse of a small moment may be no number where the rate is one.
+    # Ratios first: the inverse of a small moment may overflow although the rate does not.
     half_a, whole_c = 0.5 * t * ((middle - low) / middle), t * ((middle - high) / middle)
     x, y, z, w, m_b, m_c = _turn(x, y, z, w, m_b, m_c, half_a * (m_a / low), parity)
     z, x, y, w, m_a, m_b = _turn(z, x, y, w, m_a, m_b, whole_c * (m_c / high), parity)
@@ -62,13 +62,13 @@ def _exp(v: Vector) -> Quaternion:
 def _turn(
     q_a: float, q_b: float, q_c: float, q_w: float, m_b: float, m_c: float, angle: float, parity: float
 ) -> tuple[float, float, float, float, float, float]:
-    """Turn the body by `angle` about axis a: q <- q r, and the vector m, fixed in the world, by r^-1.
+    """Rotate the body by `angle` about axis a: q <- q r, and the vector m, fixed in the world, by r^-1.
 
-    `parity` is 1 where (a, b, c) is right-handed, else -1.
+    `parity` is 1 if (a, b, c) is right-handed, else -1.
     """
     s, c = sincos(0.5 * angle)
     p = parity * s
-    # cos(angle) - 1 by the half angle, so that nothing cancels.
+    # cos(angle) - 1 from the half angle, to avoid cancellation.
     sine, versine = 2.0 * p * c, 2.0 * s * s
     return (
         c * q_a + s * q_w,

@@ -18,7 +18,7 @@ from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
 from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import Vector, add_scaled, norm
 
-# The rows without their zeros: of which slopes the weights are is written where they are used.
+# Rows without their zeros; where they are used, the code says to which slopes the weights belong.
 _NODES = (
     0.0,
     0.05260015195876773,
@@ -89,7 +89,7 @@ _WEIGHTS = (
     0.04471061572777259,
 )
 _WEIGHTED_NODES = (_NODES[0], *_NODES[5:])
-# Those of the two error estimates, of orders 5 and 3.
+# Weights of the two error estimates, of orders 5 and 3.
 _FIFTH = (
     0.01312004499419488,
     -1.2251564463762044,
@@ -123,10 +123,10 @@ def step(
 ) -> Increment:
     """Advance (q, omega, v, x) and the books by DOP853 and normalise q (Hairer, Norsett & Wanner I, section II.5).
 
-    Order 8, under any load too; keeps no invariant but what its accuracy keeps.
+    Order 8, under any load too; has no invariants beyond its accuracy.
 
     Raises:
-        ConvergenceError: the step turns the body so far that the end is no rotation any more, or diverges.
+        ConvergenceError: the step rotates the body so far that the result is no rotation, or diverges.
     """
     f = frame(inertia, held, h, velocity, orientation, angular_velocity)
     return end("dop853", f, _WEIGHTED_NODES, _WEIGHTS, _weighted(f, load), load)
@@ -141,7 +141,7 @@ def pair(
     angular_velocity: Vector,
     load: Load | None = None,
 ) -> tuple[Increment, Increment]:
-    """Return the step and a comparison that is off by the estimate of its error, which falls as that of order 7.
+    """Return the step, and a second result that differs by the estimated error, which falls like that of order 7.
 
     The estimate combines those of orders 5 and 3, e5 |e5| / sqrt(|e5|^2 + |e3|^2 / 100) (HNW I, eq. II.10.17), for
     each of q, omega, impulse and displacement.
@@ -179,7 +179,7 @@ def _share(fifth: float, third: float) -> float:
 
 
 def _weighted(f: StepConstants, load: Load | None) -> Slopes:
-    """Return the slopes of the stages that have a weight: all but the second to the fifth."""
+    """Return the slopes of the stages with non-zero weights: all but the second to the fifth."""
     k1 = first(f, load)
     k2 = stage(f, _NODES[1], _ROW_2, (k1,), load)
     k3 = stage(f, _NODES[2], _ROW_3, (k1, k2), load)

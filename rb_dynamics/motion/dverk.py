@@ -1,4 +1,4 @@
-"""DVERK, Verner's explicit Runge-Kutta pair of orders 6 and 5: good at steps of some hundredths of a turn."""
+"""DVERK, Verner's explicit Runge-Kutta pair of orders 6 and 5: efficient at steps of some hundredths of a turn."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
 from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import Vector
 
-# The rows without their zeros: of which slopes the weights are is written where they are used.
+# Rows without their zeros; where they are used, the code says to which slopes the weights belong.
 _NODES = (0.0, 1.0 / 6.0, 4.0 / 15.0, 2.0 / 3.0, 5.0 / 6.0, 1.0, 1.0 / 15.0, 1.0)
 _ROW_2 = (1.0 / 6.0,)
 _ROW_3 = (4.0 / 75.0, 16.0 / 75.0)
@@ -17,9 +17,9 @@ _ROW_5 = (-165.0 / 64.0, 55.0 / 6.0, -425.0 / 64.0, 85.0 / 96.0)
 _ROW_6 = (12.0 / 5.0, -8.0, 4015.0 / 612.0, -11.0 / 36.0, 88.0 / 255.0)
 _ROW_7 = (-8263.0 / 15000.0, 124.0 / 75.0, -643.0 / 680.0, -81.0 / 250.0, 2484.0 / 10625.0)
 _ROW_8 = (3501.0 / 1720.0, -300.0 / 43.0, 297275.0 / 52632.0, -319.0 / 2322.0, 24068.0 / 84065.0, 3850.0 / 26703.0)
-# Of the first, third, fourth, fifth, seventh and eighth slope.
+# For the first, third, fourth, fifth, seventh and eighth slope.
 _WEIGHTS = (3.0 / 40.0, 875.0 / 2244.0, 23.0 / 72.0, 264.0 / 1955.0, 125.0 / 11592.0, 43.0 / 616.0)
-# Order 5, of the first, third, fourth, fifth and sixth.
+# Order 5, for the first, third, fourth, fifth and sixth slope.
 _FIFTH = (13.0 / 160.0, 2375.0 / 5984.0, 5.0 / 16.0, 12.0 / 85.0, 3.0 / 44.0)
 
 
@@ -35,10 +35,10 @@ def step(
     """Advance (q, omega, v, x) and the books by the formula of order 6 and normalise q.
 
     Verner, SIAM J. Numer. Anal. 15 (1978) 772; Hairer, Norsett & Wanner I, table II.5.4. Order 6, under any load too;
-    keeps no invariant but what its accuracy keeps.
+    has no invariants beyond its accuracy.
 
     Raises:
-        ConvergenceError: the step turns the body so far that the end is no rotation any more, or diverges.
+        ConvergenceError: the step rotates the body so far that the result is no rotation, or diverges.
     """
     f = frame(inertia, held, h, velocity, orientation, angular_velocity)
     return _sixth(f, _common(f, load), load)
@@ -53,7 +53,7 @@ def pair(
     angular_velocity: Vector,
     load: Load | None = None,
 ) -> tuple[Increment, Increment]:
-    """Return the step and the formula of order 5 that is embedded in it.
+    """Return the step and the embedded result of order 5.
 
     Raises:
         ConvergenceError: as for `step`.

@@ -13,17 +13,17 @@ def differences_of(moments: Vector) -> Vector:
 
 
 def gyroscopic(differences: Vector, omega: Vector) -> Vector:
-    """Return I w x w, which turns the axis of a free body (lecture 24, eq. 18), from `differences_of` the moments.
+    """Return I w x w, which tilts the axis of a free body (lecture 24, eq. 18), from `differences_of` the moments.
 
-    None of them is larger than the moment that divides it: a needle does not multiply their rounding, as it would that
-    of w x I w, the difference of two products.
+    No difference is larger than the moment that divides it, so rounding errors are not amplified for a needle, as they
+    would be in w x I w, the difference of two products.
     """
     (d1, d2, d3), (w1, w2, w3) = differences, omega
     return (d1 * w2 * w3, d2 * w3 * w1, d3 * w1 * w2)
 
 
 def half_product(q: Quaternion, omega: Vector) -> Quaternion:
-    """Return q omega / 2, the rate of q for angular velocity in the axes that q turns."""
+    """Return q omega / 2, the rate of q for an angular velocity in the rotating axes."""
     (x, y, z, w), (a, b, c) = q, scale(0.5, omega)
     return (w * a + y * c - z * b, w * b + z * a - x * c, w * c + x * b - y * a, -x * a - y * b - z * c)
 

@@ -1,6 +1,6 @@
-"""Motions that have a closed form, as a method: one step of any length.
+"""Motions with a closed form, as a method: one step of any length.
 
-These are free motion, with no torque and no force in body axes, and motion that stays planar (`planar.py`).
+These are free motion, without torque and without force in body axes, and motion that stays planar (`planar_motion.py`).
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ from rb_dynamics.numerics.vector import ZERO, Vector, add_scaled, dot, norm, sca
 
 
 def is_free(held: HeldWrench) -> bool:
-    """Return whether the motion under `held` has a closed form: no torque, no force but one constant in the world."""
+    """Return whether the motion under `held` is free: no torque, and no force except one constant in the world."""
     return held.torque_body == held.torque_world == held.force_body == ZERO
 
 
 def has_closed_form(held: HeldWrench, orientation: Quaternion, angular_velocity: Vector) -> bool:
-    """Return whether the motion under `held` is free, or turns about one fixed axis."""
+    """Return whether the motion under `held` is free, or a rotation about one fixed axis."""
     return is_free(held) or fixed_axis(held, orientation, angular_velocity) is not None
 
 
 def free_step(
     inertia: Inertia, held: HeldWrench, h: float, velocity: Vector, orientation: Quaternion, angular_velocity: Vector
 ) -> Increment:
-    """Return what h s of free rotation do, under a force that is constant in the world."""
+    """Return the increment of h s of free rotation, with a force that is constant in the world."""
     turn, omega = free_rotation(inertia.moments, angular_velocity, h)
     displacement = add_scaled(scale(h, velocity), 0.5 * h * h / inertia.mass, held.force_world)
     return Increment(
@@ -51,14 +51,14 @@ def step(
     angular_velocity: Vector,
     load: Load | None = None,
 ) -> Increment:
-    """Advance by the closed form of the free rotation (`free_rotation`), or of the turn about a fixed axis (`planar`).
+    """Advance by the closed form of free rotation (`free_rotation`), or rotation about a fixed axis (`planar_motion`).
 
-    No order: the error does not depend on h. Keeps energy and angular momentum to round-off at any h. Celledoni, Fasso,
-    Safstrom & Zanna, SIAM J. Sci. Comput. 30 (2008) 2084.
+    No order: the error does not depend on h. Conserves energy and angular momentum to round-off for any h. Celledoni,
+    Fasso, Safstrom & Zanna, SIAM J. Sci. Comput. 30 (2008) 2084.
 
     Raises:
-        ConvergenceError: there is no closed form: a torque or a force in body axes tilts the axis, or a load acts that
-            changes inside the step; or the turn is so long that no digit of the attitude is left.
+        ConvergenceError: there is no closed form, because a torque or a force in body axes tilts the axis or a load
+            changes inside the step; or the rotation is so long that no digit of the attitude is left.
     """
     if load is not None:
         raise ConvergenceError(

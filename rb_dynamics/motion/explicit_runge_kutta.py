@@ -1,8 +1,8 @@
-"""What explicit Runge-Kutta methods of high order share: the equations in increments, and the sums of a step.
+"""Shared by explicit Runge-Kutta methods of high order: the equations in increments, and the sums of a step.
 
-The equations are those of `rk4`, but the attitude is relative to the axes R0 at the start of the step, and velocity
-and position are relative to an observer who moves along. The increments are small, so that rounding does little harm.
-Under a held wrench no stage needs force or position: they are sums over the weights.
+The equations are those of `rk4`, but the attitude is relative to the axes R0 at the start of the step, and velocity and
+position are relative to an observer who moves along. The increments are small, and so are their rounding errors. Under
+a held wrench no stage needs force or position: they are sums over the weights.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, dot, norm
 from rb_dynamics.numerics.vector import multiply as times
 
 Turn = tuple[Quaternion, Vector]
-"""What a step has added to the quaternion since R0 and to the angular velocity."""
+"""Change of the quaternion since R0 and of the angular velocity."""
 
 Carried = tuple[Vector, Vector]
-"""What it has added to impulse and displacement, in the axes R0, less what is uniform."""
+"""Impulse and displacement, in the axes R0, without their uniform parts."""
 
 Row = tuple[float, ...]
-"""Weights of the slopes that they are written with; those that are zero are left out."""
+"""Weights of the slopes; zero weights are left out."""
 
 
 class StepConstants(NamedTuple):
-    """What the stages of a step share; `*_0` in the axes R0.
+    """Constants of a step; `*_0` in the axes R0.
 
     `differences` are those of the moments, and `inverse` is 1 / I.
     """
@@ -46,14 +46,14 @@ class StepConstants(NamedTuple):
 
 
 class Slope(NamedTuple):
-    """What changes at a stage.
+    """Rates at a stage.
 
     Attributes:
         turn: of the state.
-        push: the force, less the one that is held in the world; axes R0.
-        gain: of velocity since the start, m/s; axes R0; zero where there is no load.
-        twist: the torque, less the one that is held in the world; axes R0.
-        power: of the torques, and of the forces where there is a load.
+        push: the force, without the constant force in the world; axes R0.
+        gain: change of velocity since the start, m/s; axes R0; zero without a load.
+        twist: the torque, without the constant torque in the world; axes R0.
+        power: of the torques, and with a load also of the forces.
     """
 
     turn: Turn
@@ -71,7 +71,7 @@ _START: Turn = ((0.0, 0.0, 0.0, 0.0), ZERO)
 def frame(
     inertia: Inertia, held: HeldWrench, h: float, velocity: Vector, orientation: Quaternion, angular_velocity: Vector
 ) -> StepConstants:
-    """Return what the stages of the step share."""
+    """Return the constants of a step."""
     a, b, c = inertia.moments
     return StepConstants(
         differences_of(inertia.moments),
@@ -93,7 +93,7 @@ def first(f: StepConstants, load: Load | None) -> Slope:
 
 
 def stage(f: StepConstants, node: float, row: Row, slopes: Slopes, load: Load | None) -> Slope:
-    """Return the slope that h times the sum of `slopes` with the weights of `row` leads to, at `node` of the step."""
+    """Return the slope at `node` of the step, from h times the sum of `slopes` with the weights of `row`."""
     carried = (ZERO, ZERO)
     if load is not None:
         carried = _carried(f.h, row, slopes)
@@ -101,7 +101,7 @@ def stage(f: StepConstants, node: float, row: Row, slopes: Slopes, load: Load | 
 
 
 def total(h: float, row: Row, slopes: Slopes) -> Turn:
-    """Return h times the sum of the slopes of the state with the weights of `row`."""
+    """Return h times the sum of the state's slopes with the weights of `row`."""
     (a, b, c, d), (e, f, g) = slopes[0].turn
     s = row[0]
     a, b, c, d, e, f, g = s * a, s * b, s * c, s * d, s * e, s * f, s * g
@@ -114,11 +114,12 @@ def total(h: float, row: Row, slopes: Slopes) -> Turn:
 
 
 def moved(f: StepConstants, nodes: Row, row: Row, slopes: Slopes, load: Load | None) -> Carried:
-    """Return what `row` makes of impulse and displacement; `nodes` are those of the slopes.
+    """Return impulse and displacement for the weights of `row`; `nodes` are those of the slopes.
 
-    Without a load the slopes know no velocity: it is the sum of b_j a_ji = b_i (1 - c_i), the simplifying assumption
-    D(1) (Hairer, Norsett & Wanner I, eq. II.5.7), that the force of each stage moves the body by. The weights of the
-    error estimates of DOP853 do not fulfil it: theirs is another estimate, of the same orders and several times larger.
+    Without a load the slopes do not contain the velocity: the displacement by the force of each stage then has the
+    weights sum of b_j a_ji = b_i (1 - c_i), the simplifying assumption D(1) (Hairer, Norsett & Wanner I, eq. II.5.7).
+    The weights of the error estimates of DOP853 do not fulfil it: theirs is another estimate, of the same orders and
+    several times larger.
     """
     if load is not None:
         return _carried(f.h, row, slopes)
@@ -130,10 +131,10 @@ def moved(f: StepConstants, nodes: Row, row: Row, slopes: Slopes, load: Load | N
 
 
 def end(name: str, f: StepConstants, nodes: Row, weights: Row, slopes: Slopes, load: Load | None) -> Increment:
-    """Return what h times the sum of `slopes` with `weights` leads to; `nodes` are those of the slopes.
+    """Return the change of state for h times the sum of `slopes` with `weights`; `nodes` are those of the slopes.
 
     Raises:
-        ConvergenceError: the end is no rotation, or not finite.
+        ConvergenceError: the result is no rotation, or not finite.
     """
     turn, carried = total(f.h, weights, slopes), moved(f, nodes, weights, slopes, load)
     return increment(name, f, turn, carried, weights, slopes, load)
@@ -142,7 +143,7 @@ def end(name: str, f: StepConstants, nodes: Row, weights: Row, slopes: Slopes, l
 def increment(
     name: str, f: StepConstants, turn: Turn, carried: Carried, weights: Row, slopes: Slopes, load: Load | None
 ) -> Increment:
-    """Return the increment that ends with `turn` and `carried`, with the books by `weights`.
+    """Return the increment for `turn` and `carried`, with the work and impulses by `weights`.
 
     Raises:
         ConvergenceError: as for `end`.
@@ -161,7 +162,7 @@ def increment(
     path = add_scaled(rotate(orientation, shifted), h, f.velocity)
     if load is None:
         path = add_scaled(path, 0.5 * h * h * f.inverse_mass, f.held.force_world)
-        # Of what is held: the impulse times the mean velocity.
+        # For the held wrench: impulse times mean velocity.
         work += 0.5 * f.inverse_mass * dot(impulse, impulse)
     found = Increment(
         path,
@@ -196,7 +197,7 @@ def _slope(f: StepConstants, node: float, reached: Turn, carried: Carried, load:
         force, more = load(ahead, place, v, multiply(f.orientation, turn), omega)
         push, torque = add(push, rotate_inverse(f.orientation, force)), add(torque, more)
     all_torque = torque
-    # Rare, and everything that follows in the stage would wait for it.
+    # Rare; checking first would delay everything that follows in the stage.
     if f.held.torque_world != ZERO:
         all_torque = add(torque, turned((-x, -y, -z, q[3]), twice, f.torque_0))
     omega_dot = times(add(all_torque, gyroscopic(f.differences, omega)), f.inverse)

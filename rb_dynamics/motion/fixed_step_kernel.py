@@ -1,12 +1,12 @@
 """Kernels for fixed steps: many steps of one length under a held wrench in one compiled call.
 
-The same function runs in plain Python and, where numba is installed (extra `fast`) and it pays, compiled, with the
-same bits. It pays when the steps taken so far and known to come cost in plain Python about as much as compilation, a
-few seconds, or as loading the kernel from the cache, half a second. The environment variable `RB_DYNAMICS_COMPILE`
+The same function runs in plain Python and, if numba is installed (extra `fast`) and it pays, compiled, with the same
+bits. It pays when the steps taken so far and known to come cost in plain Python about as much as compilation, a few
+seconds, or as loading the kernel from the cache, half a second. The environment variable `RB_DYNAMICS_COMPILE`
 overrides that: `never`, `always` (at the first step) or `auto` (the default).
 
-A kernel takes no load that varies in the step and refuses nothing: non-finite numbers spread to its end, where the
-caller notices them and repeats the steps in plain Python, which raises the error.
+A kernel does not support a load that varies in the step, and does not raise: non-finite numbers propagate to its end,
+where the caller notices them and repeats the steps in plain Python, which raises the error.
 """
 
 from __future__ import annotations
@@ -47,15 +47,15 @@ if TYPE_CHECKING:
     Numbers = npt.NDArray[np.float64]
 
 LONGEST_STRETCH = 10_000
-"""Steps that are taken at once: more save nothing, and are lost where one of them is refused."""
+"""Steps per call: more would save nothing, and all are repeated if one of them is refused."""
 
 WORTH_COMPILING = 200_000
-"""Steps of `rk4` that take as long in plain Python as to compile a kernel: 2 to 6 s."""
+"""Number of `rk4` steps that take as long in plain Python as compiling a kernel: 2 to 6 s."""
 
 WORTH_LOADING = 20_000
-"""The same for a kernel that is in the cache, with the import of numba: 0.5 s."""
+"""The same for loading a kernel from the cache, including the import of numba: 0.5 s."""
 
-# Time of a step in plain Python, in steps of rk4, where it is another: the plain column of `benchmarks/kernels.py`.
+# Time of a step in plain Python relative to rk4, if different: the plain column of `benchmarks/kernels.py`.
 _PLAIN_PRICE = {
     name: price
     for price, names in (
@@ -71,7 +71,8 @@ _PLAIN_PRICE = {
 
 _SIGNATURE = "void(float64[::1], float64, int64)"
 
-# What a stretch is handed: body and wrench, and the phase. To pack them so takes a third of the time of numpy.array.
+# Arguments of a stretch: body and wrench, and the phase. Packing them like this takes a third of the time of
+# numpy.array.
 _NUMBERS, _PHASE = Struct(f"{CONSTANTS + PHASE}d"), Struct(f"{PHASE}d")
 _log = logging.getLogger(__name__)
 
@@ -89,7 +90,7 @@ def run(
     """Return attitude, angular velocity and books (see `Phase`) after n steps of h s under `held`, in principal axes.
 
     Raises:
-        ConvergenceError: a step cannot be solved; compiled, it leaves NaN instead.
+        ConvergenceError: a step cannot be solved; a compiled kernel returns NaN instead.
     """
     for _ in range(n):
         momentum = (high[3] + low[3], high[4] + low[4], high[5] + low[5])
@@ -101,12 +102,12 @@ def run(
 
 
 def _step(*arguments: Any) -> Increment:
-    """Stand where the step of a method will."""
+    """Placeholder for the step of a method."""
     raise NotImplementedError
 
 
 def _run_on_numbers(numbers: Numbers, h: float, n: int) -> None:
-    """Do what `run` does, on an array: 25 times faster to hand over than tuples."""
+    """Like `run`, on an array, which is 25 times faster to pass than tuples."""
     inertia, held = constants_at(numbers)
     start = phase_at(numbers, CONSTANTS)
     q, w, high, low = run(inertia, held, h, n, start.orientation, start.angular_velocity, start.high, start.low)
@@ -119,13 +120,13 @@ def plain(method: Method) -> Callable[..., tuple[Quaternion, Vector, Sums, Sums]
 
 
 class Tally:
-    """What decides whether a kernel is worth it: the steps taken without it. A process has one for all its runs.
+    """Counts steps taken without kernels, to decide whether one is worth compiling; shared by all runs of a process.
 
-    A run that is `counted_by` a tally of its own decides as if it had a process to itself, whatever is loaded.
+    A run within `counted_by` a tally of its own decides as if it were alone in its process, whatever is loaded.
 
     Attributes:
-        used: the kernels that have been worth it.
-        built: time (s) that it took to compile or load each of them that was not there, by name.
+        used: the kernels that were worth it.
+        built: time (s) to compile or load each of them, by name.
     """
 
     def __init__(
@@ -136,14 +137,15 @@ class Tally:
         built: dict[str, float] | None = None,
         compiling: Callable[[str], None] | None = None,
     ) -> None:
-        """Begin with no steps.
+        """Start without steps.
 
         Args:
-            scale: steps that each step stands for, where a part of a run is taken for the whole.
-            worth: steps that compiling is worth, for `WORTH_COMPILING`; infinite: neither is loading.
+            scale: what each step counts for, if only a part of a run is executed.
+            worth: steps that compiling is worth, in place of `WORTH_COMPILING`; if infinite, loading is not worth it
+                either.
             clock: s.
-            built: where to note the times.
-            compiling: called before a kernel is compiled that is in no cache, with its name.
+            built: receives the times.
+            compiling: called with the name of a kernel before it is compiled (not when it is loaded from the cache).
         """
         self.used: set[OnDemand] = set()
         self.built = {} if built is None else built
@@ -157,11 +159,11 @@ class Tally:
         return bool(self.used or self._steps)
 
     def miss(self, kernel: OnDemand, steps: float) -> None:
-        """Note `steps` that are taken without `kernel`."""
+        """Record `steps` taken without `kernel`."""
         self._steps[kernel] = self._steps.get(kernel, 0.0) + steps
 
     def expected(self, kernel: OnDemand, ahead: float) -> float:
-        """Return how many steps there will have been, at least."""
+        """Return how many steps there will be, at least."""
         steps = self._steps.get(kernel, 0.0) + ahead
         return steps if steps <= _TELLS_NOTHING else steps * self._scale
 
@@ -175,7 +177,7 @@ _tally = ContextVar("_tally", default=_of_the_process)
 
 @contextlib.contextmanager
 def counted_by(tally: Tally) -> Iterator[None]:
-    """Let `tally` decide meanwhile what is worth compiling; `RB_DYNAMICS_COMPILE` is heeded as ever."""
+    """Let `tally` decide what is worth compiling in this context; `RB_DYNAMICS_COMPILE` still applies."""
     token = _tally.set(tally)
     try:
         yield
@@ -184,16 +186,16 @@ def counted_by(tally: Tally) -> Iterator[None]:
 
 
 class OnDemand:
-    """A function that is compiled when it is worth it."""
+    """A function that is compiled when that pays."""
 
     def __init__(self, method: str, function: Callable[..., Any], signature: str, price: float = 1.0) -> None:
         """Compile nothing yet.
 
         Args:
-            method: that it is for.
-            function: to be compiled; the cache knows it by its name.
+            method: the method that it belongs to.
+            function: to be compiled; cached by its name.
             signature: its types.
-            price: of what it does at a time in plain Python, in steps of the method.
+            price: cost of one call per step in plain Python, in steps of the method.
         """
         self._method, self._function, self._signature = method, function, signature
         self._price = price * _PLAIN_PRICE.get(method, 1.0)
@@ -202,9 +204,9 @@ class OnDemand:
         self._is_cached: bool | None = None
 
     def get(self, ahead: float, missed: float) -> Callable[..., Any] | None:
-        """Return the compiled function; None if it is not worth it, though `ahead` are known to come.
+        """Return the compiled function; None if it is not worth compiling for `ahead` more steps.
 
-        `missed` of them will then be done without it.
+        In that case `missed` of them will be taken without it.
         """
         when, tally = _when(), _tally.get()
         if when == "never" or tally.worth == math.inf:
@@ -253,10 +255,10 @@ class Kernel(OnDemand):
     def after(
         self, inertia: Inertia, held: HeldWrench, h: float, n: int, phase: Phase, ahead: int, missed: int
     ) -> Phase | None:
-        """Return the phase after n steps of h s; None if they are to be taken in plain Python.
+        """Return the phase after n steps of h s; None if they must be taken in plain Python.
 
-        So they are if a step is refused, or if this is not worth compiling though `ahead` are known to come; then
-        `missed` of them are taken before the next time of asking.
+        That is so if a step is refused, or if compiling is not worth it for `ahead` more steps; then `missed` of them
+        are taken before the next call.
         """
         compiled = self.get(ahead, missed)
         if compiled is None:
@@ -277,7 +279,7 @@ def kernel(method: Method) -> Kernel | None:
 
 
 def longest_in_plain(method: Method) -> float:
-    """Return how many steps a long run takes in plain Python before its kernel is worth loading; inf if it has none."""
+    """Return the steps of a long run in plain Python before its kernel is worth loading; inf if there is no kernel."""
     if _when() == "never" or not available() or not method.compiles:
         return math.inf
     return WORTH_LOADING / _PLAIN_PRICE.get(method.name, 1.0)

@@ -1,4 +1,4 @@
-"""`free_motion`: the exact motion of a body on which nothing acts, at any time; the reference for everything else."""
+"""`free_motion`: the exact motion of a body without loads, at any time; the reference for everything else."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FreeMotion:
-    """States at the times asked for; the leading axes are those of the times.
+    """States at the requested times; the leading axes are those of the times.
 
     Attributes:
         position_world: (..., 3), of the body origin, m.
@@ -50,16 +50,16 @@ def free_motion(body: RigidBody, state: State, t: npt.ArrayLike) -> FreeMotion:
     compiled by numba or not (`fixed_step_kernel.py`).
 
     Raises:
-        TypeError: an argument is not of its type.
+        TypeError: an argument has the wrong type.
         ValueError: a number in `state` is not finite, or the norm of its attitude is not 1.
-        ConvergenceError: a time is not finite, or so long that the turn has no correct digit left, or the position is
-            beyond the range of numbers.
+        ConvergenceError: a time is not finite or too long for any correct digit of the attitude, or the position
+            overflows.
     """
     import numpy as np
 
     require_body(body)
     state = instance(state, State, "state", "make one with State(...), or take scene.initial").checked("state")
-    # A copy: the kernel takes no array that is read-only.
+    # A copy, because the kernel takes no read-only array.
     times = np.array(as_array(t, "t", "a time or times (s)"))
     rate, longest = norm(state.angular_velocity_body), float(np.abs(times).max(initial=0.0))
     if not longest * rate < LARGEST_FREE_TURN:
@@ -90,7 +90,7 @@ def _table(numbers: tuple[float, ...], times: Numbers) -> Numbers:
         compiled(np.array(numbers), times, table)
         if np.isfinite(table).all():
             return table
-    # What has no answer is said here.
+    # Errors are raised here.
     rows = [0.0] * (_ROW * times.size)
     _free_states(numbers, times.tolist(), rows)
     table = np.array(rows)
@@ -108,8 +108,9 @@ _ROW = 13
 def _free_states(numbers: Sequence[float], times: Sequence[float], rows: MutableSequence[float]) -> None:
     """Write position, attitude, velocity and angular velocity, of body origin and axes, at each of `times`.
 
-    `numbers` are the principal moments; at the start, the angular velocity in principal axes, their attitude, position
-    and velocity of the centre of mass; then where this is and how the principal axes stand, in the body.
+    `numbers` are the principal moments; then, at the start, angular velocity in principal axes, attitude of the
+    principal axes, position and velocity of the centre of mass; then position of the centre of mass and orientation of
+    the principal axes in the body.
     """
     c = numbers
     moments, spin, start = (c[0], c[1], c[2]), (c[3], c[4], c[5]), (c[6], c[7], c[8], c[9])

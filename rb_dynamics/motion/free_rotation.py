@@ -1,9 +1,9 @@
 """Torque-free rotation of a rigid body in closed form: any time in constant work.
 
 Jacobi's elliptic functions solve Euler's equations (lecture 24, eqs. 20 to 22). The attitude follows from the azimuth
-about the fixed angular momentum, an elliptic integral of the third kind. The formulas are arranged so that nothing
-cancels, for any body (sphere, symmetric, needle, plate, moments one unit in the last place apart) and any spin (on an
-axis, on the separatrix or close to it).
+about the fixed angular momentum, an elliptic integral of the third kind. The formulas are arranged to avoid
+cancellation for any body (sphere, symmetric, needle, plate, moments that differ by one unit in the last place) and any
+rotation (about an axis, on the separatrix or close to it).
 
 Sources: Jacobi, J. reine angew. Math. 39 (1850) 293; Landau & Lifshitz, Mechanics, section 37; Celledoni, Fasso,
 Safstrom & Zanna, SIAM J. Sci. Comput. 30 (2008) 2084; DLMF 19.21.12 for the integral.
@@ -26,7 +26,7 @@ from rb_dynamics.numerics.vector import multiply as times
 _Axes = tuple[tuple[int, float], tuple[int, float], tuple[int, float]]
 
 
-# A change of the angular velocity slower than this (rad/s) is none in any run, and its inverse would overflow.
+# A rate of change below this (rad/s) is negligible in any run, and its inverse would overflow.
 _SLOWEST = 1e-250
 
 
@@ -68,19 +68,19 @@ class _Tumble(NamedTuple):
 
 
 def free_rotation(moments: Vector, angular_velocity: Vector, t: float) -> tuple[Quaternion, Vector]:
-    """Return the rotation r of the first t s, q(t) = q(0) r, and the angular velocity after them.
+    """Return the rotation r during the first t s, q(t) = q(0) r, and the angular velocity after them.
 
     Moments in kg m^2, angular velocities in principal axes, rad/s; t of any sign. The error of the attitude is below
     100 eps (1 + |w| t), those of energy and |L| are below 20 eps.
 
     Raises:
-        ConvergenceError: the angle turned is no finite number.
+        ConvergenceError: the rotation angle is not finite.
     """
     spin = positive_zeros(angular_velocity)
     rate = norm(spin)
     if not math.isfinite(rate * t):
         return _beyond_range(rate, t)
-    # In units near the largest moment and the largest rate, powers of two: products neither under- nor overflow.
+    # In units near the largest moment and the largest rate, powers of two, to avoid overflow and underflow of products.
     unit = math.frexp(max(abs(spin[0]), abs(spin[1]), abs(spin[2])))[1]
     w = _in_units(spin, unit)
     moments = _in_units(moments, math.frexp(max(moments[0], moments[1], moments[2]))[1])
@@ -117,9 +117,9 @@ def _in_units(v: Vector, exponent: int) -> Vector:
 def _balanced(moments: Vector, start: Vector, w: Vector) -> Vector:
     """Return w without what rounding did to 2T = w . I w and L^2 = |I w|^2 since `start`.
 
-    Rounding of the closed form favours one side by some hundredths of a unit in the last place; in a million steps that
-    adds up like n, not like its root. The correction is the shortest, across the polhode; one that is larger than
-    round-off is none, and is left to be seen.
+    Rounding of the closed form is biased by some hundredths of a unit in the last place; in n steps that adds up like
+    n, not like its root. The correction is the shortest, across the polhode; one that is larger than round-off is not
+    applied, so that a real error stays visible.
     """
     gained = times(times(moments, subtract(w, start)), add(w, start))
     energy, square = gained[0] + gained[1] + gained[2], dot(moments, gained)
@@ -135,23 +135,23 @@ def _balanced(moments: Vector, start: Vector, w: Vector) -> Vector:
 
 
 def _spins_steadily(moments: Vector, w: Vector) -> bool:
-    """Return whether w stays what it is: w' = I^-1 (I w x w) vanishes (a sphere, or w on a principal axis)."""
+    """Return whether w is constant: w' = I^-1 (I w x w) vanishes (a sphere, or w along a principal axis)."""
     return (moments[1] == moments[2] or w[1] * w[2] == 0.0) and (
         (moments[2] == moments[0] or w[2] * w[0] == 0.0) and (moments[0] == moments[1] or w[0] * w[1] == 0.0)
     )
 
 
 def _stays(body: _Tumble, t: float) -> bool:
-    """Return whether w is so close to the middle axis that it cannot leave it by a rounding in t s; it grows by exp."""
+    """Return whether w is so close to the middle axis that rounding errors, growing by exp, stay negligible in t s."""
     _, cn, dn = body.start
     return norm((cn, dn, 0.0)) < 1e-130 and abs(body.rate * t) < 200.0
 
 
-# No change of the angular velocity that counts.
+# A change of the angular velocity that is negligible.
 _STEADY = _Tumble(((0, 1.0), (1, 1.0), (2, 1.0)), ZERO, ZERO, 0.0, 0.0, 0.0, 0.0, ZERO, 0.0, 0.0, 0.0, 0.0)
 
 
-# An arc is looked at many times from one start.
+# An arc is often evaluated many times from one start.
 @cached_results(8)
 def _tumble(moments: Vector, w: Vector) -> _Tumble:
     low, middle, high = 0, 1, 2
@@ -161,9 +161,10 @@ def _tumble(moments: Vector, w: Vector) -> _Tumble:
         middle, high = high, middle
     if moments[low] > moments[middle]:
         low, middle = middle, low
-    # L^2 - 2 T I_b, the distance from the separatrix: a difference of two positive terms that may all but cancel.
+    # L^2 - 2 T I_b, the distance from the separatrix: a difference of two positive terms that may cancel almost
+    # completely.
     unit, d = _separation(moments[high], moments[middle], moments[low], w[high], w[low])
-    # At zero, which may be an underflow, the body goes round the axis that no other moment equals.
+    # If it is 0, perhaps by underflow, the body rotates about the axis whose moment differs from the others.
     about_high = d > 0.0 or (d == 0.0 and moments[high] > moments[middle])
     a, b, c = (low, middle, high) if about_high else (high, middle, low)
     ia, ib, ic = moments[a], moments[b], moments[c]
@@ -213,7 +214,7 @@ def _tumble_at(body: _Tumble, t: float) -> tuple[Quaternion, Vector]:
         return _unresolved(t)
     start = _angles(body, body.start)
     if abs(body.rate * t) < 1.0:
-        # u0 + rate t would round a slow motion away.
+        # u0 + rate t would lose a slow motion to rounding.
         half_periods, functions = _sum(body, body.rate * t)
     else:
         half_periods = round(u / (2.0 * body.quarter))
@@ -226,7 +227,7 @@ def _tumble_at(body: _Tumble, t: float) -> tuple[Quaternion, Vector]:
     phi = body.momentum / body.moments[1] * t + body.gain * azimuth
     if not math.isfinite(phi):
         return _unresolved(t)
-    # chi grows by pi in half a period; reduced in whole turns of the quaternion, nothing is rounded.
+    # chi grows by pi in half a period; removing whole turns of the quaternion avoids rounding.
     chi = now.chi + (half_periods % 4) * math.pi
     turn = multiply(
         multiply(multiply(_about_c(start.chi), _about_b(start.theta)), _about_c(phi)),
@@ -239,7 +240,7 @@ def _tumble_at(body: _Tumble, t: float) -> tuple[Quaternion, Vector]:
 
 
 class _Angles(NamedTuple):
-    """What the attitude needs at one u: direction of the angular momentum (theta, chi), and the azimuth's integral."""
+    """Values for the attitude at one u: direction of the angular momentum (theta, chi), and the azimuth's integral."""
 
     sn: float
     cn: float
@@ -273,7 +274,7 @@ def _angles(body: _Tumble, functions: Vector) -> _Angles:
 
 
 def _azimuth_integral(body: _Tumble, sn: float, cn: float, dn: float) -> float:
-    """Return the integral of cn^2/(cn^2 + beta sn^2) du from 0 to |u| <= K, by terms of one sign.
+    """Return the integral of cn^2/(cn^2 + beta sn^2) du from 0 to |u| <= K, as a sum of terms of one sign.
 
     phi' = L/I_b + L (I_b - I_a)/(I_a I_b) cn^2/(cn^2 + beta sn^2). The textbook form R_F - beta/3 R_J(.., p) cancels
     for a needle; the relation between R_J of p and of its reflection q (DLMF 19.21.12) leaves an arctangent and
@@ -298,7 +299,7 @@ def _about_b(angle: float) -> Quaternion:
 
 
 def _in_principal_axes(axes: _Axes, vector: Vector) -> Vector:
-    """Return a vector of axes a, b, c in principal axes: a permutation with signs, exact."""
+    """Return a vector given in axes a, b, c in principal axes: an exact permutation with signs."""
     (a, sign_a), (b, sign_b), (_, sign_c) = axes
     x, y, z = sign_a * vector[0], sign_b * vector[1], sign_c * vector[2]
     return (
@@ -311,11 +312,11 @@ def _in_principal_axes(axes: _Axes, vector: Vector) -> Vector:
 def _separation(high: float, middle: float, low: float, w_high: float, w_low: float) -> tuple[float, float]:
     """Return a unit of rate and high (high - middle) w_high^2 - low (middle - low) w_low^2 in it, to the last digit.
 
-    In doubled precision (Dekker, Numer. Math. 18 (1971) 224), which the cancellation asks for. The unit is a power of
-    two near the larger term, so that no square that counts underflows.
+    In doubled precision (Dekker, Numer. Math. 18 (1971) 224), because of cancellation. The unit is a power of two near
+    the larger term, so that no relevant square underflows.
     """
     p, q = _product(_two_difference(high, middle), high), _product(_two_difference(middle, low), low)
-    # A term without weight has no say: its rate may be out of all proportion to the other one.
+    # A term with weight 0 is left out: its rate may be many orders larger than the other one.
     w_high, w_low = w_high if p[0] > 0.0 else 0.0, w_low if q[0] > 0.0 else 0.0
     largest = max(math.sqrt(p[0]) * abs(w_high), math.sqrt(q[0]) * abs(w_low))
     exponent = math.frexp(largest / math.sqrt(max(p[0], q[0])))[1] if largest > 0.0 else 0
@@ -332,7 +333,7 @@ def _two_difference(a: float, b: float) -> tuple[float, float]:
 
 
 def _product(x: tuple[float, float], y: float) -> tuple[float, float]:
-    """Return (x[0] + x[1]) y as a sum of two."""
+    """Return (x[0] + x[1]) y as a sum of two numbers."""
     p = x[0] * y
     xh, xl = _split(x[0])
     yh, yl = _split(y)

@@ -1,6 +1,6 @@
-"""How body, wrench and phase are laid out in the arrays that kernels work on.
+"""Layout of body, wrench and phase in the arrays of the kernels.
 
-For one body the numbers follow each other from index i on; for many, each number is a row, with body i in column i.
+For one body the numbers are consecutive from index i on; for many, each number is a row, with body i in column i.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
     Numbers = npt.NDArray[np.float64]
 
 Constants = tuple[Inertia, HeldWrench]
-"""What stays the same from step to step: the body, and what is held."""
+"""Constant from step to step: body and held wrench."""
 
 CONSTANTS = 16
-"""Its numbers: mass, principal moments, then force and torque in principal axes, force and torque in world axes."""
+"""Numbers of them: mass, principal moments, force and torque in principal axes, force and torque in world axes."""
 
 PHASE = 35
 """Numbers of a phase: attitude, angular velocity, high sums, low sums; see `Phase`."""
@@ -35,7 +35,7 @@ def constant_numbers(inertia: Inertia, held: HeldWrench) -> tuple[float, ...]:
 
 
 def constants_at(numbers: Numbers) -> Constants:
-    """Return the body and the wrench that `numbers` begin with."""
+    """Return the body and the wrench at the beginning of `numbers`."""
     c = numbers
     held = HeldWrench((c[4], c[5], c[6]), (c[7], c[8], c[9]), (c[10], c[11], c[12]), (c[13], c[14], c[15]))
     return Inertia(c[0], (c[1], c[2], c[3])), held
@@ -68,7 +68,7 @@ def phase_numbers(phase: Phase) -> tuple[float, ...]:
 
 
 def phase_of(numbers: tuple[float, ...]) -> Phase:
-    """Return the phase of these `PHASE` numbers."""
+    """Return the phase for these `PHASE` numbers."""
     s = numbers
     return Phase((s[0], s[1], s[2], s[3]), (s[4], s[5], s[6]), s[7:21], s[21:])
 
@@ -96,7 +96,7 @@ def write_phase(numbers: Numbers, i: int, phase: Phase) -> None:
         numbers[i + 21 + k] = phase.low[k]
 
 
-# In tuples, as `run` of a kernel has them, and without a loop: side by side nothing may be left lane by lane.
+# In tuples, as in `run` of a kernel, and without a loop: vectorised code must not process bodies one by one.
 def phase_in(rows: Numbers, i: int) -> tuple[Quaternion, Vector, Sums, Sums]:
     """Return attitude, angular velocity, high and low sums in column i."""
     s = rows

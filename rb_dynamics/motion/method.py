@@ -1,7 +1,7 @@
 """`Method`: advances a body by h under a held wrench. A method is data plus one pure function, its `step`.
 
 A step works in the principal axes of inertia and about the centre of mass, on plain floats. It returns increments,
-which one place (`Phase.after`) adds up with compensated summation. It knows neither time nor files nor channels.
+which one place (`Phase.after`) adds up with compensated summation. It depends on neither time nor files nor channels.
 """
 
 from __future__ import annotations
@@ -17,22 +17,22 @@ from rb_dynamics.numerics.vector import Vector
 
 
 class Inertia(NamedTuple):
-    """What a step needs to know of the body: kg and kg m^2 about the principal axes."""
+    """Mass properties for a step: kg, and kg m^2 about the principal axes."""
 
     mass: float
     moments: Vector
 
 
 class Increment(NamedTuple):
-    """What one step does.
+    """Result of one step.
 
     Attributes:
         displacement: of the centre of mass, world axes, m.
         orientation: after the step, principal to world axes.
         angular_velocity: after the step, principal axes, rad/s.
         impulse: integral of the force by the method's own quadrature, world axes, N s.
-        torque_impulse: integral of the torque about the centre of mass, likewise, world axes, N m s.
-        work: integral of force . velocity + torque . angular velocity, likewise, J.
+        torque_impulse: integral of the torque about the centre of mass, by the same quadrature, world axes, N m s.
+        work: integral of force . velocity + torque . angular velocity, by the same quadrature, J.
     """
 
     displacement: Vector
@@ -56,7 +56,7 @@ class Step(Protocol):
         angular_velocity: Vector,
         load: Load | None = None,
     ) -> Increment:
-        """Return what a step of h s does.
+        """Return the increment of a step of h s.
 
         Args:
             inertia: of the body.
@@ -65,10 +65,10 @@ class Step(Protocol):
             velocity: of the centre of mass, world axes, m/s.
             orientation: principal to world axes.
             angular_velocity: principal axes, rad/s.
-            load: what acts beside `held`, if anything does; of a kind that the method takes (`Method.takes`).
+            load: a load in addition to `held`, or None; of a kind that the method supports (`Method.takes`).
 
         Raises:
-            ConvergenceError: the step cannot be solved, or is beyond the reach of the method.
+            ConvergenceError: the step cannot be solved, or is too long for the method.
         """
 
 
@@ -85,7 +85,7 @@ class Pair(Protocol):
         angular_velocity: Vector,
         load: Load | None = None,
     ) -> tuple[Increment, Increment]:
-        """Return what `step` returns, and the same of one order less: their difference estimates the error."""
+        """Return the result of `step`, and one of one order less: their difference estimates the error."""
 
 
 # longest_step(inertia, held, velocity_world, orientation, angular_velocity_principal, accuracy, horizon)
@@ -100,14 +100,14 @@ class Method:
         name: as in `solver.method`.
         order: after a fixed time the error of attitude, rate, position, booked work and impulses is O(h^order); None
             for a closed form, whose error does not depend on h and which takes an arc in one step.
-        invariants: what free motion keeps to round-off, of "energy", "angular_momentum" and "unit_quaternion".
+        invariants: what free motion conserves to round-off, of "energy", "angular_momentum" and "unit_quaternion".
         step: the method itself; its docstring names the source.
         longest_step: for a method that knows its own error: the longest step (s) that adds at most accuracy * step /
-            horizon to the error at the end; None where steps have to be compared for it.
-        takes: the loads it can integrate.
-        pair: for an embedded pair, the step with its comparison; None where steps have to be compared.
+            horizon to the error at the end; None if steps must be compared for that.
+        takes: the loads that it supports.
+        pair: for an embedded pair, the step with its comparison; None if steps must be compared.
         compiles: whether numba can compile `step`, `longest_step` and `pair` under a held wrench; the kernel cache
-            knows a step by the name of the method.
+            identifies a step by the name of the method.
     """
 
     name: str

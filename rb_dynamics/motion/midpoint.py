@@ -1,6 +1,6 @@
-"""The implicit midpoint rule with the Cayley attitude update: keeps energy and angular momentum to round-off.
+"""The implicit midpoint rule with the Cayley attitude update: conserves energy and angular momentum to round-off.
 
-Takes any load, evaluated at the midpoint of the step, without derivatives.
+Supports any load, evaluated at the midpoint of the step, without derivatives.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from rb_dynamics.numerics.vector import Vector, add, add_scaled, cross, divide, 
 from rb_dynamics.numerics.vector import multiply as times
 
 _ITERATIONS = 50
-# A load converges by a factor per iteration; where it is above 1/2, the step does not resolve the motion.
+# The iteration over a load converges linearly; if its factor is above 1/2, the step does not resolve the motion.
 _LOAD_ITERATIONS = 60
 _UNKNOWN: Vector = (math.inf, math.inf, math.inf)
-# Newton has converged when it changes the angular velocity by a few units in the last place.
+# Newton has converged when the angular velocity changes by only a few units in the last place.
 _CONVERGED = 4.0 * 2.0**-52
-# Below the normal range a unit in the last place is no longer relative.
+# Below the normal range, a unit in the last place is no longer relative.
 _SMALLEST = 2.0**-1071
 
 
@@ -45,7 +45,7 @@ def step(
     midpoint: at h/2, half the displacement and half the turn, with the mean velocities. Order 2, symmetric.
 
     Raises:
-        ConvergenceError: no w is found for this step, or no load that agrees with the motion that it causes.
+        ConvergenceError: there is no solution w for this step, or the iteration over the load does not converge.
     """
     if load is None:
         return _step(_iterated, inertia, held, h, velocity, orientation, angular_velocity)
@@ -61,7 +61,7 @@ def lane_step(
     angular_velocity: Vector,
     load: Load | None = None,  # noqa: ARG001
 ) -> Increment:
-    """Return what `step` does where Newton's method is soon done, as at turns below 0.2 rad, else NaN.
+    """Take the same step if Newton's method converges fast, as for rotations below 0.2 rad; else return NaN.
 
     Without a loop, for many bodies at once (`batch_kernel.py`).
     """
@@ -98,12 +98,12 @@ def _under_load(
                 "numbers; check the load, or use a shorter step"
             )
         torque = rotate(attitude, torque)
-        # What the momenta still change by, relative to what they are made of.
+        # Change of the momenta in the last iteration, relative to their contributions.
         push, twist = abs(h) * norm(subtract(force, force_0)), abs(h) * norm(subtract(torque, torque_0))
         before = size
         size = push / (abs(h) * norm(force) + mass * norm(mean_velocity) + _SMALLEST)
         size += twist / (abs(h) * norm(torque) + momentum + _SMALLEST)
-        # Converged, or at the round-off floor, where changes no longer shrink.
+        # Converged, or at the round-off level, where changes no longer shrink.
         if size <= _CONVERGED or 0.5 * before <= size <= 1e-12:
             return found
         both, force_0, torque_0 = held + HeldWrench(force_world=force, torque_world=torque), force, torque
@@ -159,13 +159,13 @@ def _step(
 
 
 def _half(turn: Quaternion) -> Quaternion:
-    """Return the turn by half the angle, for turns below pi."""
+    """Return the rotation by half the angle, for rotations below pi."""
     x, y, z, w = turn
     return normalize((x, y, z, 1.0 + w))
 
 
 def _half_cayley(a: Vector, u: Vector) -> Vector:
-    """Return (1 - hat(a))^-1 u: body-fixed u, averaged over the turn cay(2 a)."""
+    """Return (1 - hat(a))^-1 u: body-fixed u, averaged over the rotation cay(2 a)."""
     return scale(1.0 / (1.0 + dot(a, a)), add(add(u, cross(a, u)), scale(dot(a, u), a)))
 
 
@@ -183,7 +183,7 @@ def _iterated(moments: Vector, m0: Vector, half_world: Vector, target: Vector, h
 
 
 def _written_out(moments: Vector, _m0: Vector, half_world: Vector, target: Vector, h: float) -> Vector:
-    """Return the same after at most four iterations, NaN if that does not do."""
+    """Return the same after at most four iterations, NaN if they are not enough."""
     w, size, done = _improved(moments, half_world, target, h, divide(target, moments), math.inf)
     w, size, done = _improved_unless(done, moments, half_world, target, h, w, size)
     w, size, done = _improved_unless(done, moments, half_world, target, h, w, size)
@@ -195,7 +195,7 @@ def _improved_unless(
     done: bool, moments: Vector, half_world: Vector, target: Vector, h: float, w: Vector, size: float
 ) -> tuple[Vector, float, bool]:
     better, smaller, now = _improved(moments, half_world, target, h, w, size)
-    # A choice for each number: one between tuples is a branch.
+    # Select number by number: selecting between tuples would be a branch.
     kept = (w[0] if done else better[0], w[1] if done else better[1], w[2] if done else better[2])
     return kept, smaller, done or now
 
@@ -203,7 +203,7 @@ def _improved_unless(
 def _improved(
     moments: Vector, half_world: Vector, target: Vector, h: float, w: Vector, previous: float
 ) -> tuple[Vector, float, bool]:
-    """Return w after an iteration, by how much it changed, and whether that was the last; `previous` was the change."""
+    """Return w after an iteration, its change, and whether it was the last; `previous` was the change before."""
     momentum = times(moments, w)
     lever = add(momentum, half_world)
     residual = subtract(add_scaled(momentum, 0.5 * h, cross(w, lever)), target)
@@ -211,7 +211,7 @@ def _improved(
     w = subtract(w, correction)
     size, length = _largest(correction), _largest(w)
     least = _SMALLEST + _SMALLEST / min(moments[0], moments[1], moments[2])
-    # Converged, or at the round-off floor, where corrections no longer shrink.
+    # Converged, or at the round-off level, where corrections no longer shrink.
     done = size <= _CONVERGED * length + least or (size >= 0.5 * previous and size <= 1e-12 * length)
     return w, size, done
 
@@ -225,7 +225,7 @@ def _not_converged(h: float, rate: float, before: float, last: float) -> Vector:
 
 
 def _largest(v: Vector) -> float:
-    """Return the largest component: as good a measure as the norm, without its roots."""
+    """Return the largest component: as good as the norm here, without square roots."""
     x, y, z = abs(v[0]), abs(v[1]), abs(v[2])
     larger = x if x > y else y
     return larger if larger > z else z
@@ -244,7 +244,7 @@ def _solve_jacobian(moments: Vector, w: Vector, lever: Vector, half: float, b: V
     c3 = (half * (y * i3 - q), half * (p - x * i3), i3)
     c23, c31, c12 = cross(c2, c3), cross(c3, c1), cross(c1, c2)
     determinant = dot(c1, c23)
-    # Singular: no correction is right, and none will be found.
+    # Singular: there is no valid correction.
     inverse = 1.0 / determinant if determinant != 0.0 else math.inf
     return scale(inverse, (dot(d, c23), dot(d, c31), dot(d, c12)))
 

@@ -1,7 +1,7 @@
 """Splitting into kicks and preprocessed discrete Moser-Veselov motion: nearly the exact flow at a fraction of its cost.
 
-The discrete body keeps energy and angular momentum exactly; slightly modified moments make it follow the true motion
-to order 10. Steps that turn the body by more than about a radian between two kicks are refused.
+The discrete body conserves energy and angular momentum exactly; slightly modified moments make it follow the true
+motion to order 10. Steps that rotate the body by more than about a radian between two kicks are refused.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from rb_dynamics.numerics.vector import Vector, norm
 _Row = tuple[float, ...]
 _Rows = tuple[tuple[_Row, _Row], tuple[_Row, _Row], tuple[_Row, _Row], tuple[_Row, _Row]]
 
-# Newton converges quadratically: a correction of 1e-8 leaves none.
+# Newton converges quadratically: after a correction of 1e-8 nothing is left.
 _LAST_CORRECTION = 1e-8
 _SMALLEST = 1e-300
 _ITERATIONS = 12
-# Beyond a right angle the discrete body has no such turn, or another one; before it the series ends.
+# Beyond a right angle the discrete body has no such rotation, or another one; the series ends before that.
 _LARGEST_TURN = 1.2
-# Of a body more slender than that the coefficients cancel.
+# For a body more slender than this the coefficients cancel.
 _SMALLEST_RATIO = 1e-3
 
-# Of s_k and d_k.
+# Denominators of s_k and d_k.
 _DENOMINATORS = (6.0, 60.0, 2520.0, 45360.0)
 
 _NO_ROWS: _Rows = (
@@ -41,7 +41,7 @@ _NO_ROWS: _Rows = (
 
 
 def flow(moments: Vector, orientation: Quaternion, angular_velocity: Vector, t: float) -> tuple[Quaternion, Vector]:
-    """Return attitude and angular velocity after t s of free motion, of order 10; energy and angular momentum are kept.
+    """Return attitude and angular velocity after t s of free motion, to order 10; energy and momentum are conserved.
 
     With m = I w the turn by 2 atan |r| about r solves J r + r x J r = (t/2) (1 + |r|^2) m (Moser & Veselov, Commun.
     Math. Phys. 139 (1991) 217, in half-angle form); m is fixed in the world. The moments J with
@@ -49,7 +49,7 @@ def flow(moments: Vector, orientation: Quaternion, angular_velocity: Vector, t: 
     & Vilmart, J. Phys. A 39 (2006) 13225).
 
     Raises:
-        ConvergenceError: the body turns too far in t s, or is too slender.
+        ConvergenceError: the body rotates too far in t s, or is too slender.
     """
     i1, i2, i3 = moments
     w1, w2, w3 = angular_velocity
@@ -90,7 +90,7 @@ def flow(moments: Vector, orientation: Quaternion, angular_velocity: Vector, t: 
         return _out_of_reach(t, turn)
     n = 1.0 / math.sqrt(1.0 + x * x + y * y + z * z)
     x, y, z = n * x, n * y, n * z
-    # The turn back of m, as in `rotate_inverse`.
+    # The inverse rotation of m, as in `rotate_inverse`.
     t1, t2, t3 = 2.0 * (y * m3 - z * m2), 2.0 * (z * m1 - x * m3), 2.0 * (x * m2 - y * m1)
     return multiply(orientation, (x, y, z, n)), (
         (m1 - n * t1 + (y * t3 - z * t2)) / i1,

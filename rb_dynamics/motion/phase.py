@@ -1,4 +1,4 @@
-"""`Phase`: the state inside a run, about the centre of mass and in principal axes, with the books of work and impulse.
+"""`Phase`: the state inside a run, about the centre of mass and in principal axes, with work and impulses.
 
 It is converted from and to `State` only at the ends of a run and at outputs, so that conversions add no rounding.
 """
@@ -22,17 +22,18 @@ from rb_dynamics.numerics.vector import multiply as times
 _SUMS = 14
 Sums = tuple[float, ...]
 POSITION, MOMENTUM, IMPULSE, TORQUE_IMPULSE = 0, 3, 6, 9
-"""Where among the sums each of these vectors begins."""
+"""Offset of each of these vectors among the sums."""
 
 
 class Phase(NamedTuple):
-    """A point of phase space, with its books.
+    """A point of phase space, with the accumulated work and impulses.
 
     Attributes:
         orientation: principal to world axes.
-        angular_velocity: principal axes, rad/s; not the momentum, so that the user's digits are kept as they came.
+        angular_velocity: principal axes, rad/s; used in place of the momentum so that the initial value keeps its
+            digits.
         high: the compensated sums, see `_SUMS`.
-        low: what rounding took from them; the value is high + low.
+        low: their rounding errors; the value is high + low.
     """
 
     orientation: Quaternion
@@ -42,7 +43,7 @@ class Phase(NamedTuple):
 
     @classmethod
     def of(cls, body: RigidBody, state: State) -> Phase:
-        """Return the phase of `body` in `state`, with empty books."""
+        """Return the phase of `body` in `state`, with work and impulses 0."""
         arm = rotate(state.orientation_xyzw, body.center_of_mass)
         omega = rotate_inverse(body.principal_orientation_xyzw, state.angular_velocity_body)
         spin = rotate(state.orientation_xyzw, cross(state.angular_velocity_body, body.center_of_mass))
@@ -56,7 +57,7 @@ class Phase(NamedTuple):
         )
 
     def after(self, step: Increment, h: float) -> Phase:
-        """Return the phase after a step of h s; the sums lose nothing, see `grown`."""
+        """Return the phase after a step of h s; the sums are compensated, see `grown`."""
         high, low = grown(self.high, self.low, step, h)
         return Phase(step.orientation, step.angular_velocity, high, low)
 
@@ -91,12 +92,12 @@ class Phase(NamedTuple):
         return elapsed(self)
 
     def point(self, body: RigidBody) -> Point:
-        """Return what effects may depend on."""
+        """Return the variables that effects may depend on."""
         velocity = scale(1.0 / body.mass, self.linear_momentum_world)
         return Point(self.time, self.center_of_mass_world, velocity, self.orientation, self.angular_velocity)
 
     def angular_momentum_world(self, body: RigidBody) -> Vector:
-        """Return L = I w about the centre of mass, kg m^2/s (lecture 24, page 22), without what moves inside."""
+        """Return L = I w about the centre of mass, kg m^2/s (lecture 24, page 22), without parts that move inside."""
         return rotate(self.orientation, times(body.principal_moments, self.angular_velocity))
 
     def state(self, body: RigidBody, time_ns: int) -> State:
@@ -107,14 +108,14 @@ class Phase(NamedTuple):
 
 
 class RoundingHistory(NamedTuple):
-    """What lies behind a run, over all arcs: what errors of rounding grow with.
+    """Quantities of a run, over all arcs, that bound the growth of rounding errors.
 
     Attributes:
-        arcs: how many.
-        turned: rad.
-        travelled: by the centre of mass, m.
-        rates: at their starts but that of the first, added up, rad/s: at each one a rate is rounded.
-        speeds: likewise, m/s.
+        arcs: their number.
+        turned: total rotation, rad.
+        travelled: path of the centre of mass, m.
+        rates: sum of the rates at the starts of all arcs but the first, rad/s: at each start a rate is rounded.
+        speeds: the same of the speeds, m/s.
     """
 
     arcs: int = 0
@@ -124,7 +125,7 @@ class RoundingHistory(NamedTuple):
     speeds: float = 0.0
 
     def on(self, inertia: Inertia, start: Phase, end: Phase) -> RoundingHistory:
-        """Return the same with an arc from `start` to `end`; between them nothing is faster than at one of them."""
+        """Return the same with one more arc from `start` to `end`; motion is assumed fastest at one of its ends."""
         time = end.time - start.time
         rates = norm(start.angular_velocity), norm(end.angular_velocity)
         speeds = norm(start.linear_momentum_world) / inertia.mass, norm(end.linear_momentum_world) / inertia.mass
@@ -166,13 +167,13 @@ def of_origin(
 
 
 def total(phase: Phase, first: int) -> Vector:
-    """Return the vector among the sums of `phase` that begins at `first`."""
+    """Return the vector at offset `first` of the sums of `phase`."""
     h, low, i = phase.high, phase.low, first
     return (h[i] + low[i], h[i + 1] + low[i + 1], h[i + 2] + low[i + 2])
 
 
 def gain(before: Phase, after: Phase, first: int) -> Vector:
-    """Return by how much the vector among the sums that begins at `first` has grown, however large it is."""
+    """Return the change of the vector at offset `first` of the sums, however large its value."""
     a, b, c, d, i = after.high, after.low, before.high, before.low, first
     return (
         (a[i] - c[i]) + (b[i] - d[i]),
@@ -187,9 +188,9 @@ def elapsed(phase: Phase) -> float:
 
 
 def is_finite(phase: Phase) -> bool:
-    """Return whether attitude, rate and sums are finite, and none so large that together they are not.
+    """Return whether attitude, rate and sums are finite, and so is their total.
 
-    What rounding took from a sum that is finite is finite.
+    The rounding error of a finite sum is finite.
     """
     (a, b, c, d), (e, f, g), h = phase.orientation, phase.angular_velocity, phase.high
     rotation = a + b + c + d + e + f + g
@@ -198,7 +199,7 @@ def is_finite(phase: Phase) -> bool:
 
 
 def grown(high: Sums, low: Sums, step: Increment, h: float) -> tuple[Sums, Sums]:
-    """Return the sums after a step of h s, and what rounding has taken from them.
+    """Return the sums after a step of h s, and their rounding errors.
 
     By two-sum (Knuth, TAOCP 2, 4.2.2 theorem B): the error of 1e9 additions stays at one rounding.
     """
@@ -230,7 +231,7 @@ def _add(a: float, b: float, rest: float) -> tuple[float, float]:
 
 
 def inertia_of(body: RigidBody) -> Inertia:
-    """Return what a step needs to know of `body`. A particle never turns; its moments only must not divide by zero."""
+    """Return the mass properties of `body` for a step. A particle never rotates; its moments must only be non-zero."""
     return Inertia(body.mass, (1.0, 1.0, 1.0) if body.is_particle else body.principal_moments)
 
 

@@ -1,6 +1,6 @@
-"""Motion that provably stays planar: the body turns about one principal axis that nothing tilts, I theta'' = N.
+"""Motion that provably stays planar: rotation about one principal axis that nothing tilts, I theta'' = N.
 
-One angle describes the attitude, in closed form for a constant torque. A body that does not turn is included.
+One angle describes the attitude, in closed form for a constant torque. A body that does not rotate is included.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ _AXES: tuple[Vector, Vector, Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 
 
 
 def fixed_axis(held: HeldWrench, orientation: Quaternion, angular_velocity: Vector) -> int | None:
-    """Return the principal axis (0, 1 or 2) about which alone the body turns under `held`; None where there is none.
+    """Return the principal axis (0, 1 or 2) about which alone the body rotates under `held`; None if there is none.
 
-    To the bit: angular velocity and torque have that component alone, and so has a force in body axes, which would
-    otherwise turn with the body. Where nothing turns at all any axis will do.
+    To the bit: angular velocity and torque have only that component, and so has a force in body axes, which would
+    otherwise rotate with the body. If nothing rotates, any axis will do.
     """
     torque = _torque(held, orientation)
     turning = [k for k in range(3) if angular_velocity[k] != 0.0 or torque[k] != 0.0]

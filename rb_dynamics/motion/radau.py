@@ -30,15 +30,15 @@ _A = (
 _NODES = ((4.0 - _ROOT) / 10.0, (4.0 + _ROOT) / 10.0, 1.0)
 
 _ITERATIONS = 50
-# Newton has converged when it changes the unknowns by less than rounding does.
+# Newton has converged when the unknowns change by less than their rounding errors.
 _CONVERGED = 2.0**-54
-# Where corrections no longer shrink they are rounding, if they are below this.
+# If corrections no longer shrink, they are rounding errors if they are below this.
 _ROUNDING = 1e-11
-# Corrections that shrink by less than this ask for a new Jacobian.
+# A slower convergence than this requires a new Jacobian.
 _SLOW = 0.1
-# dexpinv is singular at a turn by 2 pi.
+# dexpinv is singular at a rotation by 2 pi.
 _LARGEST_TURN = 6.0
-# About the root of the precision: the best step of a one-sided difference.
+# About the square root of the precision: the best step of a one-sided difference.
 _DIFFERENCE = 2.0**-26
 
 
@@ -54,8 +54,8 @@ def step(
     """Advance by Radau IIA with three stages (Hairer & Wanner II, table IV.5.6), solved to round-off.
 
     The equations are those of `rkmk4`: the rotation vector and the torque impulse in the axes of R0, and under a load
-    the impulse and the displacement with them; without one these two follow by quadrature. Order 5, under any load
-    too; L-stable; keeps the angular momentum and the unit quaternion.
+    the impulse and the displacement with them; without one these two follow by quadrature. Order 5, under any load too;
+    L-stable; conserves the angular momentum and the unit quaternion.
 
     Raises:
         ConvergenceError: Newton's method finds no stages for this step, or the step diverges.
@@ -64,12 +64,12 @@ def step(
     momentum = times(moments, angular_velocity)
     force_0 = rotate_inverse(orientation, held.force_world)
     torque_0 = rotate_inverse(orientation, held.torque_world)
-    # Units that give all unknowns the size of turn and displacement, so that no pivot of Newton's matrix mixes what
-    # nothing couples; any will do where h is 0.
+    # Units in which all unknowns have the size of rotation and displacement, so that no pivot of Newton's matrix mixes
+    # unknowns that are not coupled; any will do if h is 0.
     spin_unit, push_unit = min(moments) / (h or 1.0), mass / (h or 1.0)
 
     def at(node: float, y: list[float]) -> tuple[Quaternion, Vector, Vector]:
-        """Return turn, angular velocity and gain of velocity (axes of R0) at a stage."""
+        """Return rotation, angular velocity and change of velocity (axes of R0) at a stage."""
         ahead = node * h
         turn = exp((y[0], y[1], y[2]))
         carried = add_scaled(add_scaled(momentum, ahead, torque_0), spin_unit, (y[3], y[4], y[5]))
@@ -93,7 +93,7 @@ def step(
             *scale(h, gain),
         ]
 
-    # What depends on nothing that is sought needs no Newton: without a load the translation.
+    # Quantities that do not depend on the unknowns need no Newton iteration: without a load the translation.
     sought = 6 if load is None else 12
     start = slope(0.0, [0.0] * 12)
     spin, way = norm(momentum) / spin_unit, norm(scale(h, velocity))
@@ -132,17 +132,17 @@ def _solve(
 ) -> tuple[list[list[float]], list[list[float]]]:
     """Return the stages z = A slope(z), three of twelve numbers, and their slopes h y'.
 
-    Of z the first `sought` numbers are solved for; the impulse follows from them where it is not among them.
+    The first `sought` numbers of z are solved for; the impulse follows from them if it is not among them.
 
     Args:
         slope: h y' at a node and a stage.
         h: s, for the message.
         sought: number of unknowns in a stage.
-        sizes: of what the unknowns are added to, one for each three; corrections are measured by them.
+        sizes: scale of each group of three unknowns, by which corrections are measured.
         differences: for the Jacobian, one for each unknown.
 
     Raises:
-        ConvergenceError: the corrections do not shrink to rounding.
+        ConvergenceError: the corrections do not shrink to rounding errors.
     """
     import numpy as np
 
@@ -158,7 +158,7 @@ def _solve(
 
     z = np.zeros((3, 12))
     size = previous = math.inf
-    # What overflows is seen in the size of the correction.
+    # An overflow shows in the size of the correction.
     with np.errstate(all="ignore"), contextlib.suppress(np.linalg.LinAlgError):
         newton = matrix([jacobian(0.0, [0.0] * 12)] * 3)
         for _ in range(_ITERATIONS):
@@ -169,7 +169,7 @@ def _solve(
             z[:, sought:9] = by_slopes[:, sought:9]
             size = _relative(correction, z, sizes)
             if size <= _CONVERGED or (size >= 0.5 * previous and size <= _ROUNDING):
-                # Slopes from z and not from the equations, where stiffness would amplify the rounding of z.
+                # Slopes from z and not from the equations, in which stiffness would amplify the rounding errors of z.
                 return z.tolist(), np.linalg.solve(a, z).tolist()
             if not (math.isfinite(size) and np.abs(z[:, :3]).max() < _LARGEST_TURN):
                 break
@@ -195,7 +195,7 @@ def _jacobian(
 
 
 def _relative(correction: Array, z: Array, sizes: list[float]) -> float:
-    """Return the size of the correction, each three measured by what they are added to; no number if they have none."""
+    """Return the relative size of the correction, by groups of three; NaN if it has none."""
     found = 0.0
     for k, size in enumerate(sizes):
         change = float(abs(correction[:, 3 * k : 3 * k + 3]).max())

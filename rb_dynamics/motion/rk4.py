@@ -1,4 +1,4 @@
-"""The classical Runge-Kutta method on quaternion and angular velocity: the baseline that everybody knows."""
+"""The classical Runge-Kutta method on quaternion and angular velocity: the usual baseline."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ def step(
     """Advance (q, omega, v, x) by the classical RK4 and normalise q (Hairer, Norsett & Wanner I, table II.1.2).
 
     q' = q omega / 2, I omega' = tau - omega x I omega (lecture 24, eq. 18), v' = F / m. Order 4, under any load too;
-    keeps no invariant: the normalisation hides the error of |q|, not that of energy and angular momentum.
+    has no invariants: the normalisation hides the error of |q|, not that of energy and angular momentum.
 
     Raises:
-        ConvergenceError: the step turns the body so far that a stage is no rotation any more, or diverges.
+        ConvergenceError: the step rotates the body so far that a stage is no rotation, or diverges.
     """
     inverse_mass, differences, moments = 1.0 / inertia.mass, differences_of(inertia.moments), inertia.moments
     inverse = (1.0 / moments[0], 1.0 / moments[1], 1.0 / moments[2])
     half = 0.5 * h
 
-    # Written-out stages let the compiler vectorise over bodies (`batch_kernel.py`) and give Python less to do.
+    # Stages are written out so that the compiler vectorises over bodies (`batch_kernel.py`), and for speed in Python.
     q, w, v = orientation, angular_velocity, velocity
     one = _slope(differences, inverse, held, 0.0, ZERO, v, q, w, load)
     ahead = scale(half, v)
@@ -55,12 +55,12 @@ def step(
     middle = (2.0 * (b[0] + c[0]), 2.0 * (b[1] + c[1]), 2.0 * (b[2] + c[2]), 2.0 * (b[3] + c[3]))
     spin = (a[0] + d[0] + middle[0], a[1] + d[1] + middle[1], a[2] + d[2] + middle[2], a[3] + d[3] + middle[3])
     q = _add_scaled(orientation, sixth, spin)
-    # Products, as a power that overflows is an error in Python and no infinity.
+    # Products, because a power that overflows raises in Python.
     square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
     if not 0.5 < square < 2.0:
         return no_rotation("rk4", h, square, norm(angular_velocity))
     end = Increment(
-        # What the velocities of the stages come to.
+        # Weighted sums of the velocities of the stages.
         add_scaled(scale(h, velocity), h * sixth * inverse_mass, add(one.force, add(two.force, three.force))),
         renormalize(q),
         add_scaled(angular_velocity, sixth, _sum(one.angular, two.angular, three.angular, four.angular)),
@@ -72,7 +72,7 @@ def step(
 
 
 class _Slope(NamedTuple):
-    """What changes at a stage, and what the books ask for.
+    """Rates at a stage, for state, work and impulses.
 
     Attributes:
         spin: of the quaternion, 1/s.
@@ -101,11 +101,11 @@ def _slope(
     load: Load | None,
 ) -> _Slope:
     x, y, z, w = q
-    # A stage is a unit quaternion to the order of the method only. One division here is cheaper than its norm.
+    # A stage is a unit quaternion only to the order of the method. One division here is cheaper than its norm.
     twice = 2.0 / (x * x + y * y + z * z + w * w)
     force = add(turned(q, twice, held.force_body), held.force_world)
     torque = held.torque_body
-    # Rare, and everything that follows in the stage would wait for it.
+    # Rare; checking first would delay everything that follows in the stage.
     if held.torque_world != ZERO:
         torque = add(torque, turned((-x, -y, -z, w), twice, held.torque_world))
     if load is not None:

@@ -1,4 +1,4 @@
-"""Runge-Kutta-Munthe-Kaas methods: Runge-Kutta in the Lie algebra, so that the attitude stays a rotation.
+"""Runge-Kutta-Munthe-Kaas methods: Runge-Kutta in the Lie algebra, which keeps the attitude a rotation.
 
 A method is a tableau. An embedded pair returns both results; step control chooses the step.
 """
@@ -17,13 +17,13 @@ from rb_dynamics.numerics.vector import multiply as times
 
 
 class Tableau(NamedTuple):
-    """An explicit Runge-Kutta method (Hairer, Norsett & Wanner I, eq. II.1.8); a row may end before its zeros do.
+    """An explicit Runge-Kutta method (Hairer, Norsett & Wanner I, eq. II.1.8); trailing zeros may be left out.
 
     Attributes:
         nodes: of the stages, in units of the step.
         stages: for each stage the weights of the slopes before it.
         weights: of the slopes in the step.
-        comparison: the same of one order less, for an embedded pair.
+        comparison: the weights of one order less, for an embedded pair.
     """
 
     nodes: tuple[float, ...]
@@ -32,7 +32,7 @@ class Tableau(NamedTuple):
     comparison: tuple[float, ...] = ()
 
     def second(self, weights: tuple[float, ...]) -> tuple[float, ...]:
-        """Return what `weights` make of the slopes in the second integral: b^T A."""
+        """Return the weights of the second integral: b^T A."""
         return tuple(
             math.fsum(weight * row[j] for weight, row in zip(weights, self.stages, strict=False) if j < len(row))
             for j in range(len(weights) - 1)
@@ -71,7 +71,7 @@ _COMPARISON_SECOND = DORMAND_PRINCE.second(DORMAND_PRINCE.comparison)
 
 
 class StageContext(NamedTuple):
-    """What the stages of a step share; the angular `momentum` and `*_0` are in the axes of R0."""
+    """Constants of a step; the angular `momentum` and `*_0` are in the axes of R0."""
 
     name: str
     inertia: Inertia
@@ -86,13 +86,13 @@ class StageContext(NamedTuple):
 
 
 class _Reached(NamedTuple):
-    """Where a stage stands, in the axes of R0.
+    """State at a stage, in the axes of R0.
 
     Attributes:
-        ahead: s into the step.
+        ahead: s since the start of the step.
         theta: rotation vector.
-        gained: torque impulse, less that of the torque of the world.
-        place: since the start of the step.
+        gained: torque impulse, without that of the constant torque in the world.
+        place: displacement since the start of the step.
         velocity: of the centre of mass.
     """
 
@@ -104,7 +104,7 @@ class _Reached(NamedTuple):
 
 
 class _Slope(NamedTuple):
-    """What changes with time at a stage, in the axes of R0: theta, momenta less what is uniform, place and work."""
+    """Rates at a stage, in the axes of R0: theta, momenta without their uniform parts, position and work."""
 
     turn: Vector
     push: Vector
@@ -122,7 +122,7 @@ def frame_of(
     orientation: Quaternion,
     angular_velocity: Vector,
 ) -> StageContext:
-    """Return what the stages of a step of the method `name` share."""
+    """Return the constants of a step of the method `name`."""
     return StageContext(
         name,
         inertia,
@@ -174,7 +174,7 @@ def _end(
     second: tuple[float, ...],
     slopes: tuple[_Slope, ...],
 ) -> Increment:
-    """Return what a step does by the weighted slopes, `second` being the weights of the second integral."""
+    """Return the increment for the weighted slopes; `second` are the weights of the second integral."""
     (mass, moments), held, h, orientation = frame.inertia, frame.held, frame.h, frame.orientation
     theta, pushed, moved, twisted, work = ZERO, ZERO, ZERO, ZERO, 0.0
     for stage, weight in enumerate(weights):
@@ -207,13 +207,13 @@ def _rkmk4(
 ) -> Increment:
     """Advance by the classical Runge-Kutta method in the Lie algebra, with dexpinv (Munthe-Kaas, BIT 38 (1998) 92).
 
-    With R = R0 exp(theta): theta' = dexpinv_{-theta}(omega) (IMNZ algorithm 4.1), and the angular momentum is carried
-    in the axes of R0, m = exp(-theta) (m0 + lambda) with lambda' = exp(theta) tau. So the world-frame angular momentum
-    changes by the quadrature of the torque and by nothing else. Order 4, under any load too; keeps the angular momentum
-    and the unit quaternion.
+    With R = R0 exp(theta): theta' = dexpinv_{-theta}(omega) (IMNZ algorithm 4.1), and the angular momentum is
+    integrated in the axes of R0, m = exp(-theta) (m0 + lambda) with lambda' = exp(theta) tau. So the world-frame
+    angular momentum changes only by the quadrature of the torque. Order 4, under any load too; conserves the angular
+    momentum and the unit quaternion.
 
     Raises:
-        ConvergenceError: the step turns the body further than exp can be inverted, or diverges.
+        ConvergenceError: the step rotates the body further than exp can be inverted, or diverges.
     """
     f = frame_of("rkmk4", inertia, held, h, velocity, orientation, angular_velocity)
     k1 = _slope(f, _Reached(0.0, ZERO, ZERO, ZERO, f.velocity_0), load)
@@ -234,10 +234,10 @@ def _rkmk54(
 ) -> Increment:
     """Advance as `rkmk4` does, with the tableau of Dormand and Prince (Hairer, Norsett & Wanner I, table II.5.2).
 
-    Order 5, under any load too; keeps the angular momentum and the unit quaternion.
+    Order 5, under any load too; conserves the angular momentum and the unit quaternion.
 
     Raises:
-        ConvergenceError: the step turns the body further than exp can be inverted, or diverges.
+        ConvergenceError: the step rotates the body further than exp can be inverted, or diverges.
     """
     frame = frame_of("rkmk54", inertia, held, h, velocity, orientation, angular_velocity)
     return _end(frame, DORMAND_PRINCE.weights, _SECOND, _slopes(frame, load))
@@ -252,7 +252,7 @@ def _pair(
     angular_velocity: Vector,
     load: Load | None = None,
 ) -> tuple[Increment, Increment]:
-    """Return the step of order 5 and its comparison of order 4, which needs one slope more: that at the end.
+    """Return the step of order 5 and its comparison of order 4, which needs one more slope, at the end.
 
     Raises:
         ConvergenceError: as for the step.

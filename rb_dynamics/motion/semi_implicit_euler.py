@@ -1,4 +1,4 @@
-"""Semi-implicit Euler as physics engines step a rigid body: a baseline of order 1."""
+"""Semi-implicit Euler, as used in physics engines for rigid bodies: a baseline of order 1."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ def step(
     """Advance by semi-implicit Euler with an explicit gyroscopic term (symplectic Euler, HLW eq. I.1.9).
 
     All loads at the start; v1 = v0 + h F / m, x1 = x0 + h v1, w1 = w0 + h I^-1 (tau - w0 x I w0), q1 = q0 exp(h w1).
-    The work is that of the impulses at the mean of the velocities before and after, so that what is missing from the
-    energy is the error of attitude and gyroscopic term. Order 1, under any load too; keeps no invariant.
+    The work is the impulses times the mean of the velocities before and after, so that the energy defect shows the
+    error of attitude and gyroscopic term. Order 1, under any load too; has no invariants.
 
     Raises:
-        ConvergenceError: the step turns the body too far, or diverges.
+        ConvergenceError: the step rotates the body too far, or diverges.
     """
     force = add(rotate(orientation, held.force_body), held.force_world)
     torque = add(held.torque_body, rotate_inverse(orientation, held.torque_world))

@@ -1,9 +1,9 @@
 """Splitting into kicks and free motion: the wrench changes the momenta only, in between the body moves exactly.
 
 All of the error comes from the wrench: none without torque and, with the near-integrable stages, one proportional to a
-small torque even at large steps. Energy and angular momentum change in the kicks only, by exactly what is booked.
-A load acts in the kicks too: symplectic if it has a potential. Never integrates one that depends on the velocities,
-which change in a kick.
+small torque even at large steps. Energy and angular momentum change only in the kicks, by exactly the accumulated work
+and impulse. A load acts in the kicks too; the method is symplectic if it has a potential. Must not integrate a load
+that depends on the velocities, which change in a kick.
 """
 
 from __future__ import annotations
@@ -26,28 +26,28 @@ from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, divide, d
 # flow(moments, orientation, angular velocity, t): orientation and angular velocity after t s of free rotation.
 Flow = Callable[[Vector, Quaternion, Vector, float], tuple[Quaternion, Vector]]
 
-# (kick, free), in units of the step: first the kick, then the free motion.
+# (kick, free), in units of the step: the kick comes first.
 Stages = tuple[tuple[float, float], ...]
 
 
-# A wrench that turns further than this between two kicks is not seen by them.
+# If the body rotates further than this between two kicks, they do not resolve the wrench.
 _LARGEST_TURN_BETWEEN_KICKS = 3.0
 
-# What is left of an attitude in so many units and less than one is as good as random.
+# In units of 2^-27, the fraction of an attitude component is practically random.
 _DIGITS = 2.0**27
-# Numbers of this size have no digits after the point: adding it and taking it away again rounds.
+# Numbers of this size have no digits after the point: adding and subtracting it rounds.
 _WHOLE = 1.5 * 2.0**52
-# Of the distance between two numbers, twice what dither may be; less than 1, so that it alone changes nothing.
+# Twice the amplitude of the dither, in distances of two numbers; less than 1, so that dither alone changes nothing.
 _DITHER = 1.0 - 2.0**-10
-# So much of a number less is the one below it (Rump, Zimmermann, Boldo & Melquiond, BIT 49 (2009) 419).
+# Relative decrement that gives the number below (Rump, Zimmermann, Boldo & Melquiond, BIT 49 (2009) 419).
 _BELOW = 2.0**-53 * (1.0 + 2.0**-52)
 
-# Where there are no kicks, the rounding of the angle alone is the limit: 1e-7 rad.
+# Without kicks, only the rounding of the angle is a limit: 1e-7 rad.
 _LARGEST_TURN_WITHOUT_KICKS = 1e9
 
 
 def kick_free_kick(coefficients: tuple[float, ...]) -> Stages:
-    """Return the composition of Strang's splitting, half a kick, free motion, half a kick; halves that meet are one."""
+    """Return Strang's splitting composed: half a kick, free motion, half a kick; adjacent half kicks are merged."""
     stages, before = [], 0.0
     for coefficient in coefficients:
         stages.append((0.5 * (before + coefficient), coefficient))
@@ -61,7 +61,7 @@ def free_kick_free(free: tuple[float, ...], kicks: tuple[float, ...]) -> Stages:
 
 
 class Start(NamedTuple):
-    """What a step starts from; `*_0` in the axes of R0, in which all of it is reckoned."""
+    """Start of a step; `*_0` in the axes of R0, in which everything is computed."""
 
     inertia: Inertia
     held: HeldWrench
@@ -73,21 +73,21 @@ class Start(NamedTuple):
 
 
 class Way(NamedTuple):
-    """How far a step has come; vectors in the axes of R0.
+    """State within a step; vectors in the axes of R0.
 
-    Only what turns with the body is summed: the force of the world pushes like a constant, as the kicks add up to 1 and
-    lie symmetrically.
+    Only what rotates with the body is summed: the force in the world acts like a constant one, because the kicks add up
+    to 1 and are symmetric.
 
     Attributes:
         turn: R0^T R.
         omega: angular velocity, axes of R.
         pushed: impulse in the kicks.
-        moved: what the pushes have come to, kg m.
+        moved: sum of the displacements by the kicks, kg m.
         twisted: torque impulse in the kicks.
-        kicked: length of all kicks, s.
+        kicked: total length of the kicks, s.
         work: J.
-        elapsed: length of all free motions, s.
-        moment: of the force of the world, what it has come to, s^2.
+        elapsed: total length of the free motions, s.
+        moment: displacement by the force of the world per acceleration, s^2.
     """
 
     turn: Quaternion
@@ -115,13 +115,13 @@ def advance(
 ) -> Increment:
     """Advance by kicks I w += t (tau_body + R^T tau_world), p += t F, and by free motion with `flow`.
 
-    A kick does the work (mean of w) . impulse of torque + (mean of v) . impulse of force: what T grows by. The load is
-    asked at the time, place and attitude of a kick, which the kick leaves as they are, and must not use the velocities
-    it is given: those before the kick.
+    A kick does the work (mean of w) . impulse of torque + (mean of v) . impulse of force, by which T grows. The load is
+    evaluated at the time, position and attitude of a kick, which the kick does not change, and must not use the
+    velocities it is given: those before the kick.
 
     Raises:
-        ConvergenceError: the body turns so far between two kicks that they miss what the wrench does, or the load leads
-            to numbers that are not finite.
+        ConvergenceError: the body rotates so far between two kicks that they do not resolve the wrench, or the load
+            gives numbers that are not finite.
     """
     start, way = begin(inertia, held, velocity, orientation, angular_velocity)
     for stage in stages:
@@ -132,7 +132,7 @@ def advance(
 def begin(
     inertia: Inertia, held: HeldWrench, velocity: Vector, orientation: Quaternion, angular_velocity: Vector
 ) -> tuple[Start, Way]:
-    """Return what a step starts from, and the way before its first stage."""
+    """Return the start of a step, and the state before its first stage."""
     start = Start(
         inertia,
         held,
@@ -148,7 +148,7 @@ def begin(
 def kick_and_free(
     name: str, flow: Flow, stage: tuple[float, float], start: Start, h: float, way: Way, load: Load | None
 ) -> Way:
-    """Return the way after the kick and the free motion of one stage; see `advance`."""
+    """Return the state after the kick and the free motion of one stage; see `advance`."""
     (mass, moments), held, velocity, orientation, velocity_0, force_0, torque_0 = start
     turn, omega, pushed, moved, twisted, kicked, work, elapsed, moment = way
     kick, free = stage
@@ -185,7 +185,7 @@ def kick_and_free(
 
 
 def arrived(name: str, start: Start, h: float, way: Way, load: Load | None) -> Increment:
-    """Return what the step has done, after its last stage."""
+    """Return the increment of the step, after its last stage."""
     mass, held, orientation = start.inertia.mass, start.held, start.orientation
     displacement = add_scaled(rotate(orientation, scale(1.0 / mass, way.moved)), 0.5 * h * h / mass, held.force_world)
     step = Increment(
@@ -200,11 +200,11 @@ def arrived(name: str, start: Start, h: float, way: Way, load: Load | None) -> I
 
 
 def _kicked(omega: Vector, gain: Vector, orientation: Quaternion, turn: Quaternion) -> Vector:
-    """Return omega + gain, rounded up as often as down.
+    """Return omega + gain, rounded without bias.
 
-    Rates stand on a lattice, on which a constant gain would round the same way in every kick: the error of n kicks
-    would grow like n, not like its root. Dither of at most half the distance to the next number makes that even; it is
-    drawn from the last digits of the attitude, and leaves a sum that needs no rounding as it is.
+    Without dither, a constant gain would be rounded the same way in every kick: the error of n kicks would grow like n,
+    not like its root. Dither of at most half the distance to the next number removes the bias; it is taken from the
+    last digits of the attitude, and does not change a sum that needs no rounding.
     """
     (a, b, c, d), (e, f, g, h) = orientation, turn
     drawn = _DIGITS * ((0.83 * a + 0.59 * b) + (0.71 * c + 0.97 * d) + ((0.67 * e + 0.79 * f) + (0.89 * g + 0.61 * h)))
@@ -253,15 +253,15 @@ def method(
     flow: Flow = _exact_flow,
     free_motion: str = "exact free motion",
 ) -> Method:
-    """Return the splitting with these stages and, between the kicks, a `flow` that keeps energy and angular momentum.
+    """Return the splitting with these stages and a `flow` between the kicks that conserves energy and angular momentum.
 
     Args:
         name: of the method.
         order: under any wrench.
         stages: kicks and free motions.
-        scheme: what the stages are and where they stand.
-        flow: of the free body.
-        free_motion: what the flow is and where it stands.
+        scheme: name and reference of the stages.
+        flow: free motion of the body.
+        free_motion: name and reference of the flow.
     """
 
     def step(

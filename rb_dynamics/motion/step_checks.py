@@ -1,6 +1,6 @@
 """Checks that refuse a step: numbers that are not finite, and rotations too large for the stages to resolve.
 
-How long a step should be is for `step_control.py` to decide.
+`step_control.py` chooses the step size.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ from rb_dynamics.numerics.vector import Vector
 NOWHERE: Vector = (math.nan, math.nan, math.nan)
 NO_ATTITUDE: Quaternion = (math.nan, math.nan, math.nan, math.nan)
 NO_INCREMENT = Increment(NOWHERE, NO_ATTITUDE, NOWHERE, NOWHERE, NOWHERE, math.nan)
-"""What a step that is refused comes to where it is compiled: it spreads to everything after."""
+"""Result of a refused step in a kernel: it propagates to everything after."""
 
 LARGEST_TURN = 3.0
-"""Largest turn (rad) in a step. exp and dexpinv are regular below 2 pi; half of that leaves the stages room."""
+"""Largest rotation (rad) in a step. exp and dexpinv are regular below 2 pi; half of that is left for the stages."""
 
 LARGEST_FREE_TURN = 1e15
-"""Turn (rad) beyond which double precision knows no digit of the attitude, however exact the motion."""
+"""Rotation (rad) beyond which doubles resolve no digit of the attitude, however exact the motion."""
 
 
 def require_known_attitude(name: str, h: float, rate: float) -> None:
-    """Let pass a motion of h s at `rate` (rad/s) in closed form that leaves digits of the attitude.
+    """Check that a closed-form motion of h s at `rate` (rad/s) leaves digits of the attitude.
 
     Raises:
-        ConvergenceError: it turns further than `LARGEST_FREE_TURN`.
+        ConvergenceError: it rotates further than `LARGEST_FREE_TURN`.
     """
     if not rate * abs(h) < LARGEST_FREE_TURN:
         raise ConvergenceError(
@@ -41,13 +41,13 @@ def require_known_attitude(name: str, h: float, rate: float) -> None:
 
 @compiled_as()
 def require_finite(name: str, h: float, step: Increment) -> Increment:
-    """Return `step`, which the method `name` made in h s. Compiled, any: what is not finite spreads by itself.
+    """Return `step`, taken by the method `name` with h s. Not checked in a kernel, where NaN propagates by itself.
 
     Raises:
         ConvergenceError: a number in it is not finite.
     """
     (a, b, c), (d, e, f, g), (i, j, k), (m, n, o), (p, q, r), work = step
-    # What is not finite makes the sum so, and one look is cheaper than seventeen.
+    # If one number is not finite, neither is the sum; one check is cheaper than 17.
     total = a + b + c + d + e + f + g + i + j + k + m + n + o + p + q + r + work
     if not math.isfinite(total) and not all(map(math.isfinite, (*chain.from_iterable(step[:5]), work))):
         raise _without_numbers(name, h)
@@ -55,10 +55,10 @@ def require_finite(name: str, h: float, step: Increment) -> Increment:
 
 
 def require_small_turn(name: str, h: float, rate: float) -> None:
-    """Let pass a stage of h s at `rate` (rad/s) that turns the body by less than `LARGEST_TURN`.
+    """Check that a stage of h s at `rate` (rad/s) rotates the body by less than `LARGEST_TURN`.
 
     Raises:
-        ConvergenceError: it turns further.
+        ConvergenceError: it rotates further.
     """
     if not rate * abs(h) < LARGEST_TURN:
         turns_too_far(name, h, rate)

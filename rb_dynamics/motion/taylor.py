@@ -17,15 +17,15 @@ from rb_dynamics.numerics.compilation import compiled_as, workspace
 from rb_dynamics.numerics.rotation import Quaternion, multiply, normalize, renormalize, rotate, rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, dot, norm, positive_zeros, scale
 
-# Work for a given time goes with order^2 / step; it is flat from 12 to 20 for errors of 1e-11 to 1e-15, and short steps
-# between commands want it low.
+# Work per time is proportional to order^2 / step; it is flat from 12 to 20 for errors of 1e-11 to 1e-15, and short
+# steps between commands favour a low order.
 _ORDER = 12
 _TERMS = _ORDER + 1
 
-# Below it nothing is gained.
+# A lower order gains nothing.
 _LOWEST_ORDER = 6
 
-# The last term against the first, per order: beyond it a step has no correct digit.
+# Limit of the last term relative to the first, per order: beyond it a step has no correct digit.
 _LARGEST_RATIO = 0.85
 
 _Series = list[float]
@@ -33,7 +33,7 @@ _EPSILON = 2.0**-52
 
 
 class _Start(NamedTuple):
-    """What an expansion starts from, in units of time in which the rates are about 1.
+    """Start of an expansion, in units of time in which the rates are about 1.
 
     Attributes:
         moments: kg m^2.
@@ -52,6 +52,8 @@ class _Start(NamedTuple):
 
 class _Expansion(NamedTuple):
     """Coefficients of t^0, t^1, ...
+
+    It is written to memory of the caller, which does not affect equality: all are equal as cache keys.
 
     Attributes:
         turn: quaternion of the rotation since t = 0.
@@ -87,19 +89,18 @@ def step(
 ) -> Increment:
     """Advance by the Taylor series (Jorba & Zou, Exp. Math. 14 (2005) 99; Hairer, Norsett & Wanner I, section I.8).
 
-    With R = R0 r: r' = r w / 2, I w' = I w x w + tau_body + R^T tau_world, force and torque by the integral of R.
-    Order 12, of which a short step leaves out the terms that rounding would; keeps no invariant but what its accuracy
-    keeps.
+    With R = R0 r: r' = r w / 2, I w' = I w x w + tau_body + R^T tau_world, force and torque by the integral of R. Order
+    12; a short step leaves out terms below rounding. Has no invariants beyond its accuracy.
 
     Raises:
-        ConvergenceError: the last terms of the series are not small: the step is beyond its reach; or a load that
-            changes inside the step acts, for which there are no recurrences.
+        ConvergenceError: the last terms of the series are not small: the step is too long; or a load changes inside the
+            step, for which there are no recurrences.
     """
     if load is not None:
         return _no_recurrences()
     rate = _rate(inertia, held, angular_velocity)
     unit, order = _clock(rate), _order(rate * abs(h))
-    # Here and in `longest_step`, as it lives no longer than the function that asks for it.
+    # Allocated here and in `longest_step`, as it lives only as long as the function that needs it.
     memory = _Expansion(
         (workspace(_TERMS), workspace(_TERMS), workspace(_TERMS), workspace(_TERMS)),
         (workspace(_TERMS), workspace(_TERMS), workspace(_TERMS)),
@@ -109,7 +110,7 @@ def step(
     )
     start = _start(inertia, held, orientation, angular_velocity, unit)
     series, t = _expand(memory, start, order), h * unit
-    # With fewer terms it is within reach.
+    # The full order allows a longer step.
     if order == _ORDER:
         last = (0.5 * _size(series, _ORDER, 0.0)) ** (1.0 / _ORDER)
         if not last * abs(t) < _LARGEST_RATIO:
@@ -125,7 +126,7 @@ def step(
     if held.torque_body != ZERO:
         once, _ = _integrals(series.torque, t, order)
         torque_impulse = add_scaled(torque_impulse, unit, rotate(orientation, once))
-    # The work of the force is its impulse times the mean velocity, whatever the force does.
+    # The work of the force is its impulse times the mean velocity, whatever the force.
     work = dot(impulse, add_scaled(velocity, 0.5 / inertia.mass, impulse))
     turn = normalize((_value(x, t, order), _value(y, t, order), _value(z, t, order), _value(w, t, order)))
     end = Increment(
@@ -166,8 +167,8 @@ def longest_step(
 ) -> float:
     """Return the longest step (s) that adds at most accuracy * step / horizon to the attitude error at the end.
 
-    The last two terms of attitude and rate tell the first that is left out; an error of the rate grows for the whole
-    horizon. Rounding alone is no reason to step shorter.
+    The last two terms of attitude and rate give the first one left out; an error of the rate grows for the whole
+    horizon. Rounding is no reason for shorter steps.
     """
     unit = _clock(_rate(inertia, held, angular_velocity))
     memory = _Expansion(
@@ -201,14 +202,14 @@ def longest_step(
 
 
 def _rate(inertia: Inertia, held: HeldWrench, angular_velocity: Vector) -> float:
-    """Return the rate (1/s) of the motion: no coefficient k of its series is much larger than rate^k."""
+    """Return a rate (1/s) such that no coefficient k of the series is much larger than rate^k."""
     i1, i2, i3 = inertia.moments
     torque = norm(held.torque_body) + norm(held.torque_world)
     return max(norm(angular_velocity), math.sqrt(torque / min(i1, i2, i3)))
 
 
 def _clock(rate: float) -> float:
-    """Return a power of two near `rate`: in its units the powers of the rate are numbers."""
+    """Return a power of two near `rate`: in its units the powers of the rate stay within range."""
     return math.ldexp(1.0, min(max(math.frexp(rate)[1], -480), 480)) if 0.0 < rate < math.inf else 1.0
 
 
@@ -238,7 +239,7 @@ def _start(
     )
 
 
-# The arc looks at one step many times: to choose it, to take it, and for each output inside it.
+# The arc evaluates one step many times: to choose it, to take it, and for each output inside it.
 @cached_results(4)
 def _expand(memory: _Expansion, start: _Start, order: int) -> _Expansion:
     """Write the coefficients up to `order` into `memory` and return it."""
@@ -260,7 +261,7 @@ def _expand(memory: _Expansion, start: _Start, order: int) -> _Expansion:
                 xx, yy, zz = xx + a * e, yy + b * f, zz + c * g
                 xy, yz, zx = xy + a * f, yz + b * g, zx + c * e
                 wx, wy, wz = wx + d * e, wy + d * f, wz + d * g
-            # The rotation matrix: of the constant term the identity, and twice the products of the quaternion.
+            # The rotation matrix: the identity for the constant term, and twice the products of the quaternion.
             one = 1.0 if k == 0 else 0.0
             m11, m12, m13 = one - 2.0 * (yy + zz), 2.0 * (xy - wz), 2.0 * (zx + wy)
             m21, m22, m23 = 2.0 * (xy + wz), one - 2.0 * (zz + xx), 2.0 * (yz - wx)
@@ -317,7 +318,7 @@ def _integral(series: _Series, t: float, order: int) -> float:
 
 
 def _integrals(series: tuple[_Series, _Series, _Series], t: float, order: int) -> tuple[Vector, Vector]:
-    """Return the integral of a vector and the integral of that."""
+    """Return the integral of a vector, and the integral of that integral."""
     a, b, c = series
     a1 = b1 = c1 = a2 = b2 = c2 = 0.0
     for k in range(order, -1, -1):
@@ -329,7 +330,7 @@ def _integrals(series: tuple[_Series, _Series, _Series], t: float, order: int) -
 
 
 def _size(series: _Expansion, k: int, horizon: float) -> float:
-    """Return how much coefficient k makes of the attitude at the end."""
+    """Return the contribution of coefficient k to the attitude at the end."""
     (x, y, z, w), (p, q, r) = series.turn, series.omega
     return 2.0 * norm((norm((x[k], y[k], z[k])), w[k], 0.0)) + horizon * norm((p[k], q[k], r[k]))
 

@@ -1,4 +1,4 @@
-"""How the commands of a channel arrive: early, late, twice or out of order (`Arrivals`), or not at all (`Losses`)."""
+"""Statistics of the commands of a channel: early, late, duplicate or superseded (`Arrivals`), or lost (`Losses`)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 
 class Arrival(enum.Enum):
-    """How a command came, by its stamp; the value is the word that diagnostics use."""
+    """How a command arrived, judged by its stamp; the values are used in diagnostics."""
 
     EARLY = "early"
     ON_TIME = "on time"
@@ -21,16 +21,16 @@ class Arrivals:
     """The stamps of the commands of one channel, in simulation time."""
 
     def __init__(self) -> None:
-        """Begin with none."""
+        """Start without commands."""
         self._heap: list[int] = []
         self._waiting: set[int] = set()
         self._acted_ns: int | None = None
 
     def classify(self, stamp_ns: int, now_ns: int) -> Arrival:
-        """Return how a command with this stamp came, now, and remember it.
+        """Classify a command with this stamp that arrives now, and record the stamp.
 
-        A duplicate has the stamp of one before it. A superseded command came so late that a newer one of its channel
-        had taken effect already: it must not act any more.
+        A duplicate has the stamp of an earlier one. A superseded command arrived after a newer one of its channel had
+        taken effect, so it must not act any more.
         """
         while self._heap and self._heap[0] <= now_ns:
             self._acted_ns = heapq.heappop(self._heap)
@@ -48,36 +48,36 @@ class Arrivals:
 
 
 class Losses:
-    """How many commands of a channel never came: by the middleware's count or by gaps in their numbers, what is more.
+    """Counts lost commands of a channel: the larger of the middleware's count and the gaps in sequence numbers.
 
-    The middleware does not count what a full queue, the commander's or ours, replaced by something newer. The numbers
-    are the publisher's own and do not tell it from another, so they count only where it is alone.
+    The middleware does not count what a newer message replaced in a full queue, the publisher's or ours. Sequence
+    numbers are the publisher's own and do not identify it, so they count only if there is one publisher.
     """
 
     def __init__(self) -> None:
-        """Begin with none."""
+        """Start without losses."""
         self._last: int | None = None
         self._told = self._skipped = self._counted = 0
 
     def tell(self, lost: int) -> int:
-        """Take what the middleware says was lost; return how many more that makes."""
+        """Take the middleware's count; return how many more were lost."""
         self._told += lost
         return self._more()
 
     def take(self, number: int | None, alone: Callable[[], bool]) -> int:
-        """Take the number of a command that came, None where it has none; return how many more are missing."""
+        """Take the sequence number of a command, None if it has none; return how many more were lost."""
         last, self._last = self._last, number
         if number is None or last is None or number == last + 1:
             return 0
         if number <= last or not alone():
-            # That of another publisher, which may be gone already; the next one may be from either.
+            # It is from another publisher, which may be gone already; the next one may be from either.
             self._last = None
             return 0
         self._skipped += number - last - 1
         return self._more()
 
     def forget(self) -> None:
-        """A publisher has come or gone: the last number may be that of another than the next."""
+        """Call when a publisher appears or disappears: the last number may belong to another than the next."""
         self._last = None
 
     def _more(self) -> int:

@@ -1,9 +1,7 @@
 """Several bodies of one scene in one process, each a node in its own namespace; the bodies do not interact.
 
-`launch/bodies.launch.py` does the same with a process for each body; docs/ros.md compares the cost. One thread moves
-all bodies, so take the launch file where one core is not enough.
-
-    python -m rb_dynamics.ros.bodies SCENE --count 3 [--prefix body_] [--spacing 1.0] [--ros-args ...]
+`launch/bodies.launch.py` does the same with one process per body; docs/ros.md compares the cost. One thread advances
+all bodies, so use the launch file if one core is not enough.
 """
 
 from __future__ import annotations
@@ -23,10 +21,10 @@ from rb_dynamics.ros.start_arguments import LOGS, apart, parameter
 
 
 def bodies(count: int, prefix: str, spacing: float) -> list[RigidBodyNode]:
-    """Return `count` nodes: namespace, frame and names of logs with a number, side by side along y of the world (m).
+    """Return `count` nodes with numbered namespaces, frames and logs, placed side by side along y of the world (m).
 
     Raises:
-        RigidBodyError: a parameter, the scene or a log file is not valid; the logs of those before are finished.
+        RigidBodyError: a parameter, the scene or a log file is not valid; logs already opened are closed.
     """
     logs, names = _logs(), [f"{prefix}{index + 1}" for index in range(count)]
     with contextlib.ExitStack() as undo:
@@ -55,7 +53,7 @@ def _body(name: str, y: float, logs: dict[str, object], others: Sequence[str]) -
 
 
 def _logs() -> dict[str, object]:
-    """Return the logs that the arguments ask for, which each body has to itself."""
+    """Return the logs in the arguments; each body has its own."""
     asking = Node("rigid_body", allow_undeclared_parameters=True, automatically_declare_parameters_from_overrides=True)
     try:
         found = {log: asking.get_parameter_or(log, Parameter(log, value="")).value for log in LOGS}

@@ -38,11 +38,11 @@ from rb_dynamics.ros.conversions import to_nanoseconds
 
 Array = npt.NDArray[np.float64]
 
-# Relative error accepted where the integral is exact, and where the wrench turns with the body between two samples.
+# Relative error accepted if the integral is exact, and if the wrench rotates with the body between two samples.
 EXACT, TURNING = 1e-9, 2e-3
-# s of simulation that a command is watched for, and of patience for a message.
+# Simulated time to observe a command, s, and wall time to wait for a message, s.
 _WINDOW, _PATIENCE = 0.25, 20.0
-# s until a publisher and a reader have found each other, and until a node that reports once a second has done so.
+# Time for publisher and reader to discover each other, s, and for a node that reports once a second to do so.
 _MATCHING, _REPORTING = 3.0, 5.0
 _FORCE, _TORQUE = np.array([0.8, -0.4, 0.6]), np.array([0.02, 0.03, -0.01])
 _NONE = np.zeros(3)
@@ -58,10 +58,10 @@ class Subject:
         inertia: 3 × 3, kg m^2.
         center_of_mass: from the body origin, m.
         topic: a channel that holds its command.
-        second: another one, or "".
+        second: another channel, or "".
         timed: a channel with a timeout, or "".
-        timeout: of `timed`, s of simulation.
-        frame: a frame fixed to the body with the body's axes, or "".
+        timeout: of `timed`, simulated s.
+        frame: a frame fixed to the body with parallel axes, or "".
         position: of its origin from the body origin, m.
     """
 
@@ -78,9 +78,9 @@ class Subject:
 
 @dataclass(frozen=True)
 class ConformanceResult:
-    """What one check found; `error` is relative to the change of momentum that was expected.
+    """Result of one check; `error` is relative to the expected change of momentum.
 
-    Where nothing is measured `error` is 0 or infinite, and `note` says what was seen.
+    If nothing is measured, `error` is 0 or infinite, and `note` says what was observed.
     """
 
     name: str
@@ -101,7 +101,7 @@ class MomentaAtStamp:
 
 
 class Conformance(Node):
-    """Commands a node and watches the momenta."""
+    """Sends commands to a node and observes the momenta."""
 
     def __init__(self, wrench_topics: Sequence[str]) -> None:
         """Prepare to publish on `wrench_topics` and to read `odom`, `inertia` and `/diagnostics`."""
@@ -124,7 +124,7 @@ class Conformance(Node):
         """Return mass, inertia and centre of mass as the node publishes them.
 
         Raises:
-            RigidBodyError: it does not.
+            RigidBodyError: it does not publish them.
         """
         self._until(lambda: bool(self._inertia), "no message on inertia; give --mass, --inertia and --center")
         i = self._inertia[-1].inertia
@@ -132,10 +132,10 @@ class Conformance(Node):
         return i.m, matrix, np.array([i.com.x, i.com.y, i.com.z])
 
     def run(self, subject: Subject) -> Iterator[ConformanceResult]:
-        """Yield what each check finds, in turn.
+        """Yield the result of each check in turn.
 
         Raises:
-            RigidBodyError: the node does not listen, or does not move.
+            RigidBodyError: the node does not subscribe to the topics, or its stamps do not advance.
         """
         self._subject = subject
         for topic, publisher in self._wrenches.items():
@@ -144,15 +144,17 @@ class Conformance(Node):
         world, body = self._odometry[-1].header.frame_id, self._odometry[-1].child_frame_id
         zero = (world, _NONE, _NONE)
         main = subject.topic
-        yield self._held("free motion keeps its momenta", {main: zero}, EXACT)
+        yield self._held("free motion conserves momentum", {main: zero}, EXACT)
         yield self._held("world axes: neither part turns with the body", {main: (world, _FORCE, _TORQUE)}, EXACT)
         yield self._watched(
             "hold: the command acts until the next one", EXACT, self._wrench_of({main: (world, _FORCE, _TORQUE)})
         )
         yield self._held("body axes: both parts turn with the body", {main: (body, _FORCE, _TORQUE)}, TURNING)
         yield self._held("an empty frame_id means body axes", {main: ("", _TORQUE * 10, _NONE)}, TURNING)
-        yield self._refused("an unknown frame_id is not honoured", main, ("no_such_frame", _FORCE, _NONE), zero)
-        yield self._refused("a NaN is not honoured", main, (world, np.array([np.nan, 0, 0]), _NONE), zero)
+        yield self._refused(
+            "a command with an unknown frame_id is rejected", main, ("no_such_frame", _FORCE, _NONE), zero
+        )
+        yield self._refused("a command with a NaN is rejected", main, (world, np.array([np.nan, 0, 0]), _NONE), zero)
         if subject.frame:
             lever = {main: (subject.frame, _FORCE * 0.1, _NONE)}
             yield self._held("lever arm: a force at a fixed frame turns the body", lever, TURNING)
@@ -160,7 +162,7 @@ class Conformance(Node):
             both = {main: (world, _FORCE, _NONE), subject.second: (world, -0.25 * _FORCE, _TORQUE)}
             yield self._held("channels add up", both, EXACT)
             yield self._held(
-                "a channel goes on while another ends", {main: zero, subject.second: both[subject.second]}, EXACT
+                "a channel continues while another times out", {main: zero, subject.second: both[subject.second]}, EXACT
             )
             self._send({subject.second: zero})
         self._settle({main: zero})
@@ -169,11 +171,11 @@ class Conformance(Node):
         yield self.quality_of_service(main)
 
     def quality_of_service(self, topic: str) -> ConformanceResult:
-        """Offer commands on `topic` as BEST_EFFORT, and look whether a node that cannot take them so says it.
+        """Offer commands on `topic` as BEST_EFFORT, and check that a node that cannot receive them reports it.
 
-        Passes where they fit, or where a status of WARN or more on `/diagnostics` speaks of QoS as none did before.
+        Passes if the QoS is compatible, or if a new status of WARN or more on `/diagnostics` mentions QoS.
         """
-        name = "a commander whose QoS does not fit is reported on /diagnostics"
+        name = "a publisher with incompatible QoS is reported on /diagnostics"
         self._within(_REPORTING, lambda: self._reports > 0)
         before = set(self._complaints)
         unfit: list[object] = []
@@ -186,9 +188,13 @@ class Conformance(Node):
         try:
             if not self._within(_MATCHING, lambda: bool(unfit)):
                 self._until(partial(_is_heard, offered), f"nobody listens on {topic}")
-                return ConformanceResult(name, True, 0.0, 0.0, "BEST_EFFORT fits, so there is nothing to report")
+                return ConformanceResult(
+                    name, True, 0.0, 0.0, "BEST_EFFORT is compatible, so there is nothing to report"
+                )
             if not self._within(_REPORTING, lambda: self._complaints > before):
-                return ConformanceResult(name, False, math.inf, 0.0, "BEST_EFFORT does not fit, and nobody says so")
+                return ConformanceResult(
+                    name, False, math.inf, 0.0, "BEST_EFFORT is incompatible, and no diagnostics report it"
+                )
             node, text = min(self._complaints - before)
             return ConformanceResult(name, True, 0.0, 0.0, f"{node}: {text}")
         finally:
@@ -202,7 +208,7 @@ class Conformance(Node):
                 self._complaints |= {(status.name, text) for text in texts if _of_quality(text)}
 
     def _held(self, name: str, commands: dict[str, tuple[str, Array, Array]], accepted: float) -> ConformanceResult:
-        """Command, and compare once the commands act."""
+        """Send a command, and compare once it acts."""
         self._settle(commands)
         return self._watched(name, accepted, self._wrench_of(commands))
 
@@ -214,7 +220,7 @@ class Conformance(Node):
         return self._watched(name, EXACT, self._wrench_of({topic: good}))
 
     def _watched(self, name: str, accepted: float, wrench: Callable[[Array], tuple[Array, Array]]) -> ConformanceResult:
-        """Compare the change of the momenta over a window with the integral (trapezoidal) of `wrench`."""
+        """Compare the change of momentum over a time window with the integral (trapezoidal rule) of `wrench`."""
         moments = self._moments(_WINDOW)
         expected = [np.zeros(3), np.zeros(3)]
         for a, b in pairwise(moments):
@@ -224,18 +230,18 @@ class Conformance(Node):
         return self._finding(name, accepted, moments[0], moments[-1], expected[0], expected[1])
 
     def _burst(self, topic: str, frame: str) -> ConformanceResult:
-        """Command once and stay silent: the whole impulse is force times timeout, whenever it began."""
+        """Send one command and no more: the total impulse is force times timeout, whenever it began."""
         before = self._moments(0.0)[-1]
         self._send({topic: (frame, _FORCE, _TORQUE)})
         duration = self._subject.timeout
         after = self._moments(duration + 3 * _WINDOW)[-1]
-        name = "watchdog: after its timeout a silent channel has given force times duration"
+        name = "timeout: a channel without further commands has applied force times duration"
         return self._finding(name, EXACT, before, after, _FORCE * duration, _TORQUE * duration)
 
     def _finding(
         self, name: str, accepted: float, a: MomentaAtStamp, b: MomentaAtStamp, linear: Array, angular: Array
     ) -> ConformanceResult:
-        # Relative to the impulse, or to the momenta where none is expected; linear and angular each in their measure.
+        # Relative to the impulse, or to the momenta if none is expected; linear and angular each in their own unit.
         errors = [
             float(np.linalg.norm(change - wanted))
             / max(float(np.linalg.norm(wanted)), float(np.linalg.norm(scale)) * 1e-3, 1e-6)
@@ -247,7 +253,7 @@ class Conformance(Node):
         return ConformanceResult(name, max(errors) <= accepted, max(errors), accepted)
 
     def _wrench_of(self, commands: dict[str, tuple[str, Array, Array]]) -> Callable[[Array], tuple[Array, Array]]:
-        """Return force and torque about the centre of mass, world axes, as the rule has them, by the rotation."""
+        """Return force and torque about the centre of mass, world axes, as the rule defines them."""
         subject, world = self._subject, self._odometry[-1].header.frame_id
 
         def wrench(rotation: Array) -> tuple[Array, Array]:
@@ -262,7 +268,7 @@ class Conformance(Node):
         return wrench
 
     def _settle(self, commands: dict[str, tuple[str, Array, Array]]) -> None:
-        """Command and wait until they must have arrived."""
+        """Send a command and wait until it must have arrived."""
         self._send(commands)
         self._moments(_WINDOW)
 
@@ -276,7 +282,7 @@ class Conformance(Node):
             self._wrenches[topic].publish(message)
 
     def _moments(self, seconds: float) -> list[MomentaAtStamp]:
-        """Return what comes from now on for so long, in the node's time."""
+        """Return the momenta of the next `seconds` of the node's time."""
         self._odometry.clear()
 
         def passed() -> bool:
@@ -285,7 +291,7 @@ class Conformance(Node):
             first, last = (to_nanoseconds(self._odometry[i].header.stamp) for i in (0, -1))
             return last - first >= seconds * 1e9
 
-        self._until(passed, "odom does not come, or its stamps do not move")
+        self._until(passed, "no odom arrives, or its stamps do not advance")
         return [self._moment(message) for message in self._odometry]
 
     def _moment(self, message: Odometry) -> MomentaAtStamp:
@@ -314,7 +320,7 @@ class Conformance(Node):
             raise RigidBodyError(f"{problem}, within {_PATIENCE:g} s")
 
     def _within(self, seconds: float, condition: Callable[[], bool]) -> bool:
-        """Listen until `condition` holds, or has not for so long (s); return whether it does."""
+        """Listen until `condition` holds or this time (s) has passed; return whether it holds."""
         give_up = time.monotonic() + seconds
         while not condition():
             if time.monotonic() > give_up:
@@ -388,7 +394,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run all checks and print them; exit code 0 if all hold, 1 if one does not, 2 if the node cannot be tested."""
+    """Run all checks and print them; exit code 0 if all pass, 1 if one fails, 2 if the node cannot be tested."""
     parser = _parser()
     known, ros = parser.parse_known_args(args)
     if (known.mass is None) != (known.inertia is None) or (known.inertia is not None and known.inertia.size != 6):

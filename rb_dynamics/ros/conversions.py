@@ -1,4 +1,4 @@
-"""Conversions between ROS messages and tuples: stamps and states in, and messages too rare to need the encoder.
+"""Conversions between ROS messages and tuples, for stamps, states, and messages that the encoder does not cover.
 
 Axes and reference points: `pose` is the body origin in the world; `twist` is the velocity of the body origin and the
 angular velocity, both in body axes, as in REP-103 and nav_msgs/Odometry.
@@ -34,7 +34,7 @@ def to_stamp(time_ns: int) -> Time:
     """Return integer nanoseconds as a stamp.
 
     Raises:
-        LogError: the time is past 2^31 s, where stamps end.
+        LogError: the time is beyond 2^31 s, the range of stamps.
     """
     seconds, nanoseconds = split_stamp(time_ns)
     return Time(sec=seconds, nanosec=nanoseconds)
@@ -46,10 +46,10 @@ def to_nanoseconds(stamp: Time) -> int:
 
 
 def to_state(message: Odometry, frames: WrenchFrames) -> State:
-    """Return the state that pose (world axes) and twist (body axes) of an odometry message are.
+    """Return the state in the pose (world axes) and twist (body axes) of an odometry message.
 
     Raises:
-        SceneError: a frame is not ours, or the quaternion is zero; empty frames are.
+        SceneError: a frame is unknown (empty frames are accepted), or the quaternion is zero.
     """
     for name, found, expected in (
         ("header.frame_id", message.header.frame_id, frames.world_frame),
@@ -59,7 +59,7 @@ def to_state(message: Odometry, frames: WrenchFrames) -> State:
             raise SceneError(f"{name} is {shown(found)}, expected {expected!r} or nothing; transform the state before")
     p, q = message.pose.pose.position, message.pose.pose.orientation
     linear, angular = message.twist.twist.linear, message.twist.twist.angular
-    # A quaternion that is none is left for the scene to refuse.
+    # The scene refuses an invalid quaternion.
     orientation = unit((q.x, q.y, q.z, q.w)) or (q.x, q.y, q.z, q.w)
     return State(
         0,
@@ -73,12 +73,12 @@ def to_state(message: Odometry, frames: WrenchFrames) -> State:
 def entity_state(
     sample: Sample, acceleration: tuple[Vector, Vector], stamp_ns: int, frames: WrenchFrames
 ) -> EntityState:
-    """Return the state as simulation_interfaces has it: everything in world axes, also the angular velocity.
+    """Return the state as simulation_interfaces defines it: everything in world axes, including angular velocity.
 
     Args:
         sample: the state.
         acceleration: of the body origin and angular, body axes.
-        stamp_ns: what the message is stamped.
+        stamp_ns: stamp of the message.
         frames: names of the frames.
     """
     from simulation_interfaces.msg import EntityState
@@ -94,12 +94,12 @@ def entity_state(
 
 
 def with_entity_state(state: State, message: EntityState, pose: bool, twist: bool) -> State:
-    """Return `state` with pose and twist, each where asked, from `message`, in world axes."""
+    """Return `state` with pose and twist, each if requested, from `message`, in world axes."""
     if pose:
         p, q = message.pose.position, message.pose.orientation
-        # The twist stays as it is in the world.
+        # A new attitude must not change the twist in world axes.
         angular_world = rotate(state.orientation_xyzw, state.angular_velocity_body)
-        # A quaternion that is none is left for the scene to refuse.
+        # The scene refuses an invalid quaternion.
         orientation = unit((q.x, q.y, q.z, q.w)) or (q.x, q.y, q.z, q.w)
         state = replace(
             state,

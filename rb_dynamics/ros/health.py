@@ -1,6 +1,6 @@
-"""`Health`: counts what went wrong with commands, and puts the state of the node into one diagnostics status.
+"""`Health`: counts problems with commands, and summarizes the state of the node in one diagnostics status.
 
-`Throttle` limits repeated warnings in the log. Neither knows ROS.
+`Throttle` limits repeated warnings in the log. Neither depends on ROS.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from rb_dynamics.run.sink import Status
 
 OK, WARN, ERROR = 0, 1, 2
 _PERIOD_NS = NANOSECONDS
-# How many different warnings are logged in a second.
+# Number of different warnings logged per second.
 _REASONS = 5
-# Characters of a warning or failure: a peer must not make the node repeat a megabyte every second.
+# Characters of a warning or failure: a peer must not make the node log a megabyte every second.
 _LONGEST = 1000
 _NUMBER = re.compile(r"\d[\d.e+-]*")
 
 
 @dataclass(slots=True)
 class StateCounts:
-    """What became of the states that came on ~/set_state."""
+    """Counts of the states received on ~/set_state."""
 
     accepted: int = 0
     rejected: int = 0
@@ -48,15 +48,15 @@ class _Counts:
 
 
 class Throttle:
-    """Lets each reason through once a second, and a few of them: what differs by its numbers alone is one reason."""
+    """Passes each message once a second, and a few different ones; texts that differ only in numbers count as equal."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
-        """Take the steady clock, s."""
+        """Use `clock`, a steady clock in s."""
         self._clock = clock
         self._said: dict[str, float] = {}
 
     def lets(self, message: str) -> bool:
-        """Return whether `message` is to be said."""
+        """Return whether `message` should be logged."""
         now, reason = self._clock(), _NUMBER.sub("", message)
         self._said = {each: at for each, at in self._said.items() if now - at < 1.0}
         if reason in self._said or len(self._said) == _REASONS:
@@ -66,21 +66,21 @@ class Throttle:
 
 
 class Health:
-    """What `/diagnostics` says. A warning stays for the run, as nobody has to be looking when it happens.
+    """The content of `/diagnostics`. A warning stays for the whole run, as it may happen when no one is watching.
 
-    A condition is a warning that goes when it holds no more.
+    A condition is a warning that disappears when it no longer holds.
     """
 
     def __init__(self, name: str, topics: Sequence[str], say: Callable[[int, str], None]) -> None:
-        """Begin with no complaints about the node `name` and its wrench `topics`; `say` logs a level and a message."""
+        """Start without problems of the node `name` and its wrench `topics`; `say` logs a level and a message."""
         self._name, self._topics, self._say = name, tuple(topics), say
         self._next_ns = time.monotonic_ns()
-        # What is amiss around us: no reset changes it.
+        # Conditions outside this node; a reset does not change them.
         self._conditions: dict[str, str] = {}
         self.clear()
 
     def clear(self) -> None:
-        """Forget everything: a run begins anew."""
+        """Clear everything for a new run."""
         self._counts = {topic: _Counts() for topic in self._topics}
         self.states = StateCounts()
         self._mismatches: dict[str, int] = {}
@@ -92,18 +92,18 @@ class Health:
         return self._pause or self._failure
 
     def paused(self, message: str) -> None:
-        """Remember why the run is paused, until it goes on."""
+        """Record why the run is paused, until it continues."""
         self._pause = _cut(message)
         self._say(ERROR, self._pause)
 
     def went_on(self) -> None:
-        """The run goes on: that it was paused, and why, is the newest warning."""
+        """The run continues; the newest warning says that it was paused, and why."""
         if self._pause:
             self._warning, self._pause = _cut(f"went on after it had {self._pause}"), ""
             self._say(WARN, self._warning)
 
     def accepted(self, topic: str, arrival: Arrival | None) -> None:
-        """Count a command, and how its stamp stood where stamps matter."""
+        """Count a command, and how it arrived if stamps matter."""
         counts = self._counts[topic]
         counts.accepted += 1
         counts.early += arrival is Arrival.EARLY
@@ -115,7 +115,7 @@ class Health:
         self._counts[topic].superseded += 1
 
     def rejected(self, topic: str) -> None:
-        """Count a command that was not honoured."""
+        """Count a rejected command."""
         self._counts[topic].rejected += 1
 
     def taken_back(self, topic: str) -> None:
@@ -124,31 +124,31 @@ class Health:
         self._counts[topic].rejected += 1
 
     def clipped(self, topic: str) -> None:
-        """Count a command that the limits of its channel made smaller; it is one of those that are accepted."""
+        """Count a command reduced by the limits of its channel; it is also counted as accepted."""
         self._counts[topic].clipped += 1
 
     def lost(self, topic: str, number: int) -> None:
-        """Count commands that never came."""
+        """Count lost commands."""
         self._counts[topic].lost += number
 
     def mismatched(self, topic: str, number: int) -> None:
-        """Count peers whose QoS does not fit ours on `topic`: nothing will ever pass between us."""
+        """Count peers with incompatible QoS on `topic`: no message will ever pass between us."""
         self._mismatches[topic] = self._mismatches.get(topic, 0) + number
 
     def holds(self, condition: str, message: str) -> None:
-        """Warn of a condition while it holds; `message` is "" when it does no more."""
+        """Warn of a condition while it holds; an empty `message` ends it."""
         message = _cut(message)
         if message and message != self._conditions.get(condition):
             self._say(WARN, message)
         self._conditions[condition] = message
 
     def warn(self, message: str) -> None:
-        """Remember the newest warning."""
+        """Record the newest warning."""
         self._warning = _cut(message)
         self._say(WARN, self._warning)
 
     def failed(self, message: str) -> None:
-        """Remember the newest failure."""
+        """Record the newest failure."""
         self._failure = _cut(message)
         self._say(ERROR, self._failure)
 
@@ -161,7 +161,7 @@ class Health:
         return True
 
     def status(self, simulation: Simulation, pacer: Pacer | ClockFollower, state: str, awaited: str = "") -> Status:
-        """Return the status of the node in its `state`, and what that waits for."""
+        """Return the status of the node in `state`, and what it waits for."""
         sample = simulation.sample
         offset_ns = pacer.offset_ns
         stamp = "none yet" if offset_ns is None else f"{max(1, sample.time_ns + offset_ns) / 1e9:.9f} s"

@@ -1,4 +1,4 @@
-"""`publish`: the messages of a log on their topics, byte for byte, with their stamps, at the pace of the run."""
+"""`publish`: publish the messages of a log, byte for byte, with their stamps, at the pace of the run."""
 
 from __future__ import annotations
 
@@ -24,28 +24,28 @@ from rb_dynamics.formats.rosbag2_metadata import offered_qos
 from rb_dynamics.ros.conversions import to_stamp
 from rb_dynamics.ros.pacing import Pacer
 
-# A reader that is slow for a moment loses nothing.
+# Enough for a reader that is slow for a moment.
 _DEPTH = 1000
-# s: how long nobody may be there, and how long the next reader may take after the last, also on a busy machine.
+# s: how long to wait for a first reader, and for another after the last one, even on a busy machine.
 _PATIENCE, _NEXT = 3.0, 1.5
 _TYPE = re.compile(r"([a-z][a-z0-9_]*)/(?:msg/)?([A-Za-z][A-Za-z0-9]*)")
 
 
 def publish(log: str | Path, rate: float = 1.0, clock: bool = False, ros_args: Sequence[str] = ()) -> int:
-    """Publish every message of `log`; return how many.
+    """Publish every message of `log`; return their number.
 
-    Begins when no further reader has come for 1.5 s, or after 3 s without any.
+    Starts when no new reader has appeared for 1.5 s, or after 3 s without any.
 
     Args:
         log: a bag, see `open_source`.
-        rate: times real time; 0 = as fast as possible.
-        clock: publish `/clock` too, where the log has none.
-        ros_args: remappings and the like, from `--ros-args` on.
+        rate: multiple of real time; 0 = as fast as possible.
+        clock: publish `/clock` too, if the log has none.
+        ros_args: remappings and so on, from `--ros-args` on.
 
     Raises:
         LogError: the log cannot be read.
     """
-    # A first look at the whole log: all topics are there before the first message, and what is damaged is found.
+    # Read the whole log once first: this finds damage, and creates all topics before the first message.
     source = open_source(log)
     for _ in source.messages():
         pass
@@ -85,7 +85,7 @@ def _play(log: str | Path, rate: float, publishers: dict[str, Publisher], ticks:
 
 
 def _publisher(node: Node, channel: McapChannel) -> Publisher | None:
-    """Return a publisher for a channel; None, with a warning, where its type is not installed or its name no topic."""
+    """Return a publisher for a channel; None, with a warning, if type or topic name cannot be used."""
     kind = _message_type(channel.type_name)
     if kind is None:
         node.get_logger().warning(f"{channel.topic}: left out, its type {channel.type_name!r} is not installed")
@@ -99,9 +99,9 @@ def _publisher(node: Node, channel: McapChannel) -> Publisher | None:
 
 
 def _message_type(name: str) -> Any | None:
-    """Return the message type that a log names; None where it is not installed.
+    """Return the message type named in a log; None if it is not installed.
 
-    Nothing is imported for a log but a package of messages: a file may name any module there is.
+    Only message packages are imported: a file could name any module.
     """
     found = _TYPE.fullmatch(name)
     spec = importlib.util.find_spec(found[1]) if found else None
@@ -115,9 +115,9 @@ def _message_type(name: str) -> Any | None:
 
 
 def _is_kept(channel: McapChannel) -> bool:
-    """Return whether the log says that its publisher kept the newest message for readers that come later."""
+    """Return whether the log says that the topic was transient local."""
     (offered, *_) = offered_qos(channel) or [{}]
-    # Before version 9 of the metadata the policies were numbers.
+    # Before version 9 of the metadata, policies were numbers.
     return isinstance(offered, dict) and offered.get("durability") in ("transient_local", 1)
 
 

@@ -1,4 +1,4 @@
-"""`Neighbours`: other nodes that publish our topics, and readers that hear nothing because of their QoS."""
+"""`Neighbours`: finds other nodes that publish our topics, and readers with incompatible QoS."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from rclpy.qos import DurabilityPolicy, QoSCompatibility, ReliabilityPolicy, qos
 
 from rb_dynamics.ros.health import Health
 
-# What is offered, and what a reader may ask beyond it, by the name of the parameter.
+# By parameter name: the policy offered, and the one a reader may request beyond it.
 _WEAKER = {
     "reliability": (ReliabilityPolicy.BEST_EFFORT, ReliabilityPolicy.RELIABLE),
     "durability": (DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL),
 }
-# Where every node may publish.
+# Topics that every node may publish.
 _SHARED = ("/diagnostics", "/tf", "/tf_static")
-# Topics that a warning names.
+# Number of topics named in a warning.
 _NAMED = 3
-# How the middleware calls a participant that has not said its name, or is no node.
+# Names that the middleware reports for a participant that has no name yet, or is no node.
 _UNKNOWN = "_NODE_NAME_UNKNOWN_"
 
 
 class Neighbours:
-    """Looks at each of our topics once a second, one at a time: 40 µs each, and only where something is amiss more."""
+    """Checks our topics once a second, one at a time: 40 µs each, and more only if something is wrong."""
 
     def __init__(
         self,
@@ -35,17 +35,17 @@ class Neighbours:
         health: Health,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Begin to look at `publishers`, which may grow, and tell `health`; `clock` is steady, s."""
+        """Check `publishers`, which may grow, and report to `health`; `clock` is steady, s."""
         self._node, self._publishers, self._health, self._clock = node, publishers, health, clock
         self._shared = {node.resolve_topic_name(topic) for topic in _SHARED}
         self._waiting: list[Publisher] = []
         self._next = clock()
-        # What this round has found: by a node what it publishes of ours, by what is said of a reader its topics.
+        # Results of this round: our topics by node that also publishes them, and topics by problem of a reader.
         self._rivals: dict[str, list[str]] = {}
         self._unfit: list[str] = []
 
     def look(self) -> None:
-        """Look at one topic, where it is time to, and after the last say what is so now."""
+        """Check one topic if it is time, and after the last one report the result."""
         now = self._clock()
         if now < self._next:
             return
@@ -57,7 +57,7 @@ class Neighbours:
         if topic not in self._shared and self._node.count_publishers(topic) > 1:
             for rival in self._others(topic):
                 self._rivals.setdefault(rival, []).append(topic)
-        # A reader that is there and not matched may be on its way still.
+        # An unmatched reader may still be connecting.
         if self._node.count_subscribers(topic) > publisher.get_subscription_count():
             self._unfit += self._misfits(topic, publisher)
         if not self._waiting:
@@ -83,7 +83,7 @@ class Neighbours:
         offered = publisher.qos_profile
         readers = self._node.get_subscriptions_info_by_topic(topic)
         return [
-            f"{topic}: the QoS of the reader {_name(reader)} does not fit, it hears nothing: "
+            f"{topic}: the QoS of the reader {_name(reader)} is incompatible, it receives nothing: "
             f"{_remedy(self._node, topic, offered, reader.qos_profile)}"
             for reader in readers
             if qos_check_compatible(offered, reader.qos_profile)[0] == QoSCompatibility.ERROR
@@ -91,7 +91,7 @@ class Neighbours:
 
 
 def _remedy(node: Node, topic: str, offered: Any, asked: Any) -> str:
-    """Return what there is to do for a reader that asks more than is offered."""
+    """Return the remedy for a reader that requests more than is offered."""
     less, more = [], []
     for policy, (weak, strong) in _WEAKER.items():
         if (getattr(offered, policy), getattr(asked, policy)) == (weak, strong):
@@ -104,7 +104,7 @@ def _remedy(node: Node, topic: str, offered: Any, asked: Any) -> str:
 
 def _name(endpoint: Any) -> str:
     if endpoint.node_name == _UNKNOWN:
-        return "a node whose name is not known"
+        return "a node of unknown name"
     return f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}"
 
 

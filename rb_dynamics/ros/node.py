@@ -1,9 +1,9 @@
-"""The ROS 2 node: topics, services and parameters around a `Driver`, which decides when the simulation advances.
+"""The ROS 2 node: topics, services and parameters around a `Runner`, which decides when the simulation advances.
 
-One thread does everything: it waits for messages until the next output is due and then advances for a few
-milliseconds at a time, so that neither messages nor signals wait for the physics. Steady time paces it, unless it
-follows `/clock`. At high output rates it sleeps from one output to the next and then takes the commands that came
-meanwhile, since waiting for messages costs more than simulating.
+One thread does everything: it waits for messages until the next output is due and then advances for a few milliseconds
+at a time, so that neither messages nor signals wait for the physics. A steady clock paces it, unless it follows
+`/clock`. At high output rates it sleeps from one output to the next and then takes the commands that arrived meanwhile,
+since waiting for messages would cost more than simulating.
 """
 
 from __future__ import annotations
@@ -44,11 +44,11 @@ from rb_dynamics.numerics.nanoseconds import NANOSECONDS, split_stamp
 from rb_dynamics.recording.failure_guard import GuardedSink
 from rb_dynamics.ros import conversions
 from rb_dynamics.ros.arrivals import Losses
-from rb_dynamics.ros.driver import Driver
 from rb_dynamics.ros.health import ERROR, Health, Throttle
 from rb_dynamics.ros.neighbours import Neighbours
 from rb_dynamics.ros.pacing import ClockFollower, Pacer
 from rb_dynamics.ros.publishers import TopicSink
+from rb_dynamics.ros.runner import Runner
 from rb_dynamics.ros.settings import (
     read_settings,
     real_time_factor,
@@ -61,31 +61,31 @@ from rb_dynamics.run.sink import Sink
 from rb_dynamics.run.stop_signals import stop_signals
 from rb_dynamics.scene.model import Scene
 
-# s: up to so long it sleeps instead of waiting for messages, so often it then looks at services, and for so long.
+# s: output periods up to this are slept through; number of those after which services are checked; time for that.
 _LONGEST_SLEEP, _BETWEEN_TURNS, _LONGEST_TURN = 0.006, 0.1, 0.005
-# s before an output: what came until then is computed before the output is due, and does not keep it waiting.
+# s before an output: commands that arrived until then are computed before the output is due, and do not delay it.
 _LAST_LOOK = 0.0004
-# Of prctl(2): by how many ns Linux may end a sleep late, to end it together with others; 50 000 otherwise.
+# prctl(2): by how many ns Linux may delay the end of a sleep to merge wake-ups; the default is 50 000.
 _PR_SET_TIMERSLACK, _SLACK_NS = 29, 1
 
 
 class RigidBodyNode(Node):
-    """Simulates the body of a scene and speaks ROS 2; topics, parameters and services are listed in docs/ros.md."""
+    """Simulates the body of a scene; docs/ros.md lists topics, parameters and services."""
 
     def __init__(self, elsewhere: Sequence[str] = (), **kwargs: object) -> None:
         """Read the parameters and the scene, and start the run; keyword arguments go to `rclpy.node.Node`.
 
-        Parameters that override the QoS of topics in the namespaces `elsewhere` are for other nodes of the process.
+        QoS overrides for topics in the namespaces `elsewhere` belong to other nodes of the process.
 
         Raises:
             RigidBodyError: a parameter, the scene or a log file is not valid.
         """
-        # Undeclared ones come to our own check, whose answer says what is known.
+        # Accept undeclared parameters here; our own check names the valid ones.
         super().__init__("rigid_body", allow_undeclared_parameters=True, **kwargs)
         self._settings = settings = read_settings(self)
         scene = settings.scene
         self._topics = [channel.topic for channel in scene.channels]
-        # Logs that were removed, and of which that is said.
+        # Logs that were deleted, and have been reported.
         self._missing: set[Path] = set()
         pacer = (
             ClockFollower(lambda: self.get_clock().now().nanoseconds)
@@ -94,10 +94,10 @@ class RigidBodyNode(Node):
         )
         self._throttle = Throttle()
         self._health = Health(self.get_fully_qualified_name(), self._topics, self._say)
-        self.driver = Driver(scene, settings.mode, pacer, self._health, self)
-        self._topic_sink = TopicSink(self, scene, settings.topics, self._health, self.driver)
+        self.runner = Runner(scene, settings.mode, pacer, self._health, self)
+        self._topic_sink = TopicSink(self, scene, settings.topics, self._health, self.runner)
         _warm_up(scene)
-        # What may not be called so, or have such a QoS, is found out before there is a log.
+        # Find invalid names and QoS before there is a log.
         self._losses = {topic: Losses() for topic in self._topics}
         self._wrench_subscriptions = {topic: self._subscribe(topic) for topic in self._topics}
         require_overridable(self, elsewhere)
@@ -106,43 +106,43 @@ class RigidBodyNode(Node):
         self.create_service(SetBool, "~/pause", self._on_pause)
         self.create_service(Trigger, "~/step", self._on_step)
         self.create_service(Trigger, "~/reset", self._on_reset)
-        self.driver.start()
+        self.runner.start()
         for _, log in self._logs:
-            # A log that cannot even be opened is a mistake of whoever asked for it; later it only stops the log.
+            # A log that cannot be opened at the start is an error; later, an error only stops the log.
             if log.error:
-                self.driver.simulation.finish()
+                self.runner.simulation.finish()
                 raise log.error
         if importlib.util.find_spec("simulation_interfaces") is not None:
             from rb_dynamics.ros.simulation_services import SimulationServices
 
-            self._simulation_services = SimulationServices(self, self.driver)
+            self._simulation_services = SimulationServices(self, self.runner)
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self.add_post_set_parameters_callback(self._after_set_parameters)
         self.get_logger().info(self._introduction())
 
     def tick(self) -> None:
-        """Take commands, advance as far as there is time to, and publish diagnostics once a second."""
-        self.driver.tick()
+        """Take commands, advance as far as time allows, and publish diagnostics once a second."""
+        self.runner.tick()
         self._neighbours.look()
         if self._health.due():
             self._miss_logs()
             if self._settings.logs.names or self._topic_sink.status_is_read:
-                self.driver.report()
+                self.runner.report()
 
     def _miss_logs(self) -> None:
-        """Say of each log that is removed while it is written that it is; once."""
+        """Warn once of each log that was deleted while it is being written."""
         missing = {path for path, log in self._logs if path and log.error is None and not path.exists()}
         for path in sorted(missing - self._missing):
-            self._health.failed(f"the log {path} was removed: what is written to it is lost; ~/reset begins another")
+            self._health.failed(f"the log {path} was deleted: data written to it are lost; ~/reset begins another")
         self._missing = missing
 
     def finish(self) -> None:
         """Report a last time and close the logs."""
-        self.driver.report()
-        simulation = self.driver.simulation
+        self.runner.report()
+        simulation = self.runner.simulation
         simulation.finish()
         self.get_logger().info(
-            f"stopped at {self.driver.shown_time} after {simulation.steps} steps of {simulation.methods}"
+            f"stopped at {self.runner.shown_time} after {simulation.steps} steps of {simulation.methods}"
         )
 
     def _introduction(self) -> str:
@@ -158,16 +158,16 @@ class RigidBodyNode(Node):
         end = "until stopped" if scene.duration is None else f"for {scene.duration:g} s"
         logs = ", ".join(settings.logs.names)
         return (
-            f"{scene.source} by {self.driver.simulation.plan.name}, {mode}, {end}; listening on {heard}"
-            f"{f'; logging to {logs}' if logs else ''}{'; paused' if self.driver.paused else ''}"
+            f"{scene.source} by {self.runner.simulation.plan.name}, {mode}, {end}; listening on {heard}"
+            f"{f'; logging to {logs}' if logs else ''}{'; paused' if self.runner.paused else ''}"
         )
 
     def sinks(self) -> list[Sink]:
-        """Return what the next run is told to: the topics, and the logs, each guarded: a failure stops it alone."""
+        """Return the sinks of the next run: topics and logs, each guarded, so that a failure stops only that one."""
         names = ["inertia", *(name for name, _ in (*SAMPLE_TOPICS, ACCEL)), *self._topics]
         resolved = {name: self.resolve_topic_name(name) for name in names}
         sinks = self._settings.logs.sinks(self.get_namespace(), resolved)
-        # A sink of a plug-in may write no file.
+        # A sink of a plug-in need not write a file.
         paths = [Path(log.path) if hasattr(log, "path") else None for log in sinks]
         guarded = [
             GuardedSink(
@@ -182,13 +182,13 @@ class RigidBodyNode(Node):
         return [self._topic_sink, *guarded]
 
     def _keep_earlier(self, path: Path | None) -> None:
-        """Move an earlier log aside: what flew cannot be flown again."""
+        """Rename an earlier log: its run cannot be repeated."""
         kept = path and move_aside(path)
         if kept is not None:
             self.get_logger().info(f"an earlier log {path} is kept as {kept.name}")
 
     def _subscribe(self, topic: str) -> Subscription:
-        # In lockstep no command may be lost, however far the commander is ahead: the reader keeps them all.
+        # In lockstep no command may be lost, however far ahead the sender is: the reader keeps all.
         lockstep = self._settings.mode.lockstep
         qos = QoSProfile(history=HistoryPolicy.KEEP_ALL) if lockstep else QoSProfile(depth=COMMAND_DEPTH)
         remedy = (
@@ -201,8 +201,8 @@ class RigidBodyNode(Node):
         def mismatched(event: Any) -> None:
             self._health.mismatched(topic, event.total_count_change)
             self._health.failed(
-                f"{topic}: a commander's QoS does not fit, expected RELIABLE; nothing it sends acts: publish RELIABLE, "
-                f"{remedy}"
+                f"{topic}: a publisher's QoS is incompatible, expected RELIABLE; its commands have no "
+                f"effect: publish RELIABLE, {remedy}"
             )
 
         events = SubscriptionEventCallbacks(
@@ -225,10 +225,10 @@ class RigidBodyNode(Node):
         self.take_commands()
 
     def take_commands(self) -> None:
-        """Take all commands that wait, on every channel.
+        """Take all waiting commands on every channel.
 
-        To wait anew for each would cost more than to simulate it; and time must not advance on the commands of one
-        channel while earlier ones of another lie there unread.
+        Waiting for each one separately would cost more than simulating it; and time must not advance on the commands of
+        one channel while earlier ones of another are unread.
         """
         for topic, subscription in self._wrench_subscriptions.items():
             for message, facts in _waiting(subscription):
@@ -238,55 +238,55 @@ class RigidBodyNode(Node):
         alone = self._wrench_subscriptions[topic].get_publisher_count
         self._on_lost(topic, self._losses[topic].take(facts.get("publication_sequence_number"), lambda: alone() == 1))
         try:
-            # As from a bag: a message object takes the middleware several times as long to make.
+            # As raw bytes: the middleware takes several times as long to make a message object.
             wrench = decode_wrench(WRENCH, 0, message)
-            # One with nanoseconds beyond a second may mean a time that no log can hold.
+            # A stamp with more than 1e9 nanoseconds may be a time that no log can hold.
             split_stamp(wrench.stamp_ns)
         except LogError as error:
             self._health.rejected(topic)
             self._health.warn(f"{topic}: rejected: {error}")
             return
-        self.driver.command(topic, wrench, _age_ns(facts))
+        self.runner.command(topic, wrench, _age_ns(facts))
 
     def _on_lost(self, topic: str, lost: int) -> None:
         if not lost:
             return
         self._health.lost(topic, lost)
         message = (
-            f"{topic}: {lost} commands lost on the way; the publisher needs RELIABLE and enough depth, or KEEP_ALL, "
-            f"and no more than {COMMAND_DEPTH} may come at once"
+            f"{topic}: {lost} commands lost in transport; the publisher needs RELIABLE and enough depth, or KEEP_ALL, "
+            f"and no more than {COMMAND_DEPTH} may arrive at once"
         )
         if self._settings.mode.lockstep:
-            self.driver.fail(f"the motion is no longer that of its commands: {message}")
+            self.runner.fail(f"the motion no longer follows its commands: {message}")
         else:
             self._health.warn(message)
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        self.driver.pause(request.data)
+        self.runner.pause(request.data)
         response.success, response.message = True, "paused" if request.data else "running"
         return response
 
     def _on_step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        if not self.driver.stands_still:
+        if not self.runner.stands_still:
             response.success, response.message = False, "only while paused or in lockstep: call ~/pause first"
             return response
-        self.driver.step()
+        self.runner.step()
         response.success, response.message = True, "one output period more"
         return response
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        failure = self.driver.reset()
+        failure = self.runner.reset()
         response.success, response.message = not failure, "simulation time 0 s, initial state, commands cleared"
         if failure:
             response.message += f"; but {failure}"
         return response
 
     def _on_set_state(self, message: Odometry) -> None:
-        """Let the newest good state of those that wait act: each is a run of its own, and a log."""
+        """Apply the newest valid state of those waiting: each would begin a new run and a new log."""
         waiting = [message, *(later for later, _ in _waiting(self._states))]
         while waiting:
             try:
-                self.driver.set_state(conversions.to_state(waiting.pop(), self.driver.scene.frames))
+                self.runner.set_state(conversions.to_state(waiting.pop(), self.runner.scene.frames))
                 self._health.states.accepted += 1
                 break
             except RigidBodyError as error:
@@ -295,11 +295,11 @@ class RigidBodyNode(Node):
         if waiting:
             self._health.states.left_out += len(waiting)
             self._health.warn(
-                f"~/set_state: {len(waiting)} left out, as a newer one came before they were looked at; send fewer"
+                f"~/set_state: {len(waiting)} ignored, since a newer one arrived before they were processed; send fewer"
             )
 
     def _on_set_parameters(self, parameters: Sequence[Parameter]) -> SetParametersResult:
-        """Check all that are set together as one change; nothing changes before all of it is good."""
+        """Check all parameters set together as one change; nothing changes unless all are valid."""
         try:
             self._change = self._checked(parameters)
         except RigidBodyError as error:
@@ -309,7 +309,7 @@ class RigidBodyNode(Node):
     def _checked(self, parameters: Sequence[Parameter]) -> tuple[float | None, Scene | None, bool]:
         overrides = scene_overrides(parameters)
         initial_only = all(name.startswith("initial.") for name in overrides)
-        if not initial_only and not self.driver.paused:
+        if not initial_only and not self.runner.paused:
             raise SceneError(f"{', '.join(overrides)}: can only be changed while paused; call ~/pause first")
         factor = None
         for parameter in parameters:
@@ -320,7 +320,7 @@ class RigidBodyNode(Node):
                         f"parameter real_time_factor: found {factor:g} while /clock is followed, expected no change, "
                         "as that clock sets the pace; change it at its source, or start the node without use_sim_time"
                     )
-        scene = self.driver.changed(overrides) if overrides else None
+        scene = self.runner.changed(overrides) if overrides else None
         if scene is not None:
             require_paceable(scene)
         return factor, scene, initial_only
@@ -328,18 +328,18 @@ class RigidBodyNode(Node):
     def _after_set_parameters(self, _: Sequence[Parameter]) -> None:
         factor, scene, initial_only = self._change
         if factor is not None:
-            self.driver.pace(factor)
+            self.runner.pace(factor)
         if scene is None:
             return
         try:
-            self.driver.change(scene, initial_only)
+            self.runner.change(scene, initial_only)
         except RigidBodyError as error:
             self._health.failed(f"the body is as it was: {error}")
 
     def reject_clock(self, error: ValueError) -> None:
-        """Count a message of the clock that is followed, which is none: nothing has moved."""
-        if isinstance(self.driver.pacer, ClockFollower):
-            self.driver.pacer.rejected += 1
+        """Count an invalid message of the clock that is followed; time did not move."""
+        if isinstance(self.runner.pacer, ClockFollower):
+            self.runner.pacer.rejected += 1
         self._health.warn(f"/clock: rejected: {error}")
 
     def _say(self, level: int, message: str) -> None:
@@ -351,13 +351,13 @@ class RigidBodyNode(Node):
 
 
 def _warm_up(scene: Scene) -> None:
-    """Compile now what is to be compiled, while no time passes yet."""
+    """Compile kernels now, before time starts."""
     if scene.solver.step is not None and os.environ.get("RB_DYNAMICS_COMPILE") == "always":
         Simulation(scene).advance(round(2 * scene.solver.step * NANOSECONDS))
 
 
 def _waiting(subscription: Subscription) -> Iterator[tuple[Any, dict[str, Any]]]:
-    """Take all messages that wait, each with what the middleware knows of it."""
+    """Take all waiting messages, each with the middleware's information about it."""
     with subscription.handle:
         for _ in range(COMMAND_DEPTH):
             taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
@@ -367,7 +367,7 @@ def _waiting(subscription: Subscription) -> Iterator[tuple[Any, dict[str, Any]]]
 
 
 def _age_ns(facts: dict[str, Any]) -> int:
-    """Return how long ago a message came, as the middleware says; 0 where it does not."""
+    """Return how long ago a message arrived, according to the middleware; 0 if it does not say."""
     came_ns = int(facts["received_timestamp"])
     return time.time_ns() - came_ns if came_ns else 0
 
@@ -380,21 +380,21 @@ def spin(
     Raises:
         RigidBodyError: a node could not start.
     """
-    # Compilation takes seconds, and pays where many steps lie between two outputs.
+    # Compilation takes seconds, and pays if there are many steps between two outputs.
     os.environ.setdefault("RB_DYNAMICS_COMPILE", "never")
     stop: list[int] = []
     with stop_signals(stop.append, signal.SIGINT), contextlib.ExitStack() as stack:
         try:
-            # rclpy's own handlers would take the context away before the logs are closed.
+            # rclpy's own handlers would shut the context down before the logs are closed.
             rclpy.init(args=None if args is None else list(args), signal_handler_options=SignalHandlerOptions.NO)
             stack.callback(rclpy.try_shutdown)
             nodes = make()
         except (RuntimeError, ValueError, NameValidationException, InvalidParameterTypeException) as error:
-            # rcl's and rmw's errors; each says which argument or name it could not take.
+            # Errors of rcl and rmw; each names the argument or name that is invalid.
             raise RigidBodyError(
-                f"ROS 2 could not start the node: {error}; check what stands behind --ros-args"
+                f"ROS 2 could not start the node: {error}; check the arguments after --ros-args"
             ) from error
-        # What is there now stays: to look through it for garbage would take longer than an output period.
+        # Everything so far stays: searching it for garbage would take longer than an output period.
         gc.freeze()
         for last_first in (gc.collect, gc.unfreeze):
             stack.callback(last_first)
@@ -415,9 +415,9 @@ def _end_sleeps_in_time() -> None:
 
 def _run(nodes: Sequence[RigidBodyNode], executor: SingleThreadedExecutor, stop: Sequence[int]) -> None:
     for node in nodes:
-        node.driver.go()
+        node.runner.go()
     next_turn = 0.0
-    while not stop and (running := [node for node in nodes if not node.driver.done]):
+    while not stop and (running := [node for node in nodes if not node.runner.done]):
         seconds = _seconds_until_due(running)
         if seconds > _LONGEST_SLEEP:
             _serve(executor, seconds)
@@ -429,40 +429,40 @@ def _run(nodes: Sequence[RigidBodyNode], executor: SingleThreadedExecutor, stop:
             if seconds > _LAST_LOOK:
                 time.sleep(seconds - _LAST_LOOK)
                 for node in running:
-                    node.driver.prepare()
+                    node.runner.prepare()
                 seconds = _seconds_until_due(running)
             time.sleep(seconds)
-        # A command knows when it came, so it acts no later for being taken only now.
+        # A command carries its arrival time, so it acts no later for being taken late.
         for node in running:
             node.tick()
 
 
 def turn(executor: SingleThreadedExecutor) -> None:
-    """Let all that have something to do, do one thing each, for some milliseconds at most; wait for nothing more."""
+    """Let everything that is ready do one thing each, for at most some milliseconds, without waiting."""
     until = time.monotonic() + _LONGEST_TURN
     while _serve(executor, 0.0) and time.monotonic() < until:
         pass
 
 
 def _serve(executor: SingleThreadedExecutor, seconds: float) -> bool:
-    """Wait for one thing to do, and do it; return whether one was done to its end. `spin_once` does not tell."""
+    """Wait for one thing to do, and do it; return whether it was completed, which `spin_once` does not tell."""
     try:
         task, entity, node = executor.wait_for_ready_callbacks(timeout_sec=seconds)
     except TimeoutException:
         return False
     task()
     error = task.exception()
-    # rclpy's own reader of /clock takes no negative time, and would end the node.
+    # rclpy's own reader of /clock does not accept negative times, and would end the node.
     if isinstance(error, ValueError) and isinstance(entity, Subscription) and entity.msg_type is Clock:
         node.reject_clock(error)
     elif error is not None:
         raise error
-    # What is not done waits for time to advance.
+    # Unfinished callbacks wait for time to advance.
     return bool(task.done())
 
 
 def _seconds_until_due(nodes: Sequence[RigidBodyNode]) -> float:
-    return min(node.driver.seconds_until_due() for node in nodes)
+    return min(node.runner.seconds_until_due() for node in nodes)
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -1,6 +1,6 @@
 """What simulation time should be now, by the steady clock (`Pacer`) or by a ROS clock (`ClockFollower`).
 
-Both also say by how much stamps are ahead of simulation time.
+Both also tell by how much stamps are ahead of simulation time.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ from collections.abc import Callable
 
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 
-# A lag beyond this is given up and counted: catching up without bound is a spiral.
+# A larger lag is given up and counted: catching up without bound would never end.
 LARGEST_LAG_NS = 100_000_000
-# A clock that leaps this far at once is another clock, most likely: nobody waits for so much to be computed.
+# A clock that jumps this far at once was most likely replaced: the body is not simulated over the jump.
 LARGEST_LEAP_NS = 10 * NANOSECONDS
-# s of steady time after which a clock that does not move counts as paused.
+# s of steady time after which a clock that does not advance counts as paused.
 _PAUSE = 1.0
 
 
@@ -23,26 +23,26 @@ class Pacer:
     """Maps the steady clock to simulation time by a factor, from the moment it was last restarted."""
 
     def __init__(self, factor: float) -> None:
-        """Take the real-time factor, greater than 0."""
+        """Use a real-time factor greater than 0."""
         self.factor = factor
         self.clear()
         self.begin(0)
 
     def clear(self) -> None:
-        """Forget what was counted."""
+        """Clear the counts."""
         self._overruns = self._dropped_ns = self._largest_ns = 0
 
     def begin(self, offset_ns: int) -> None:
-        """A run begins: simulation time is 0 now, and stamps are `offset_ns` ahead of it."""
+        """Begin a run at simulation time 0, with stamps `offset_ns` ahead of it."""
         self.offset_ns: int | None = offset_ns
         self.restart(0)
 
     def restart(self, time_ns: int) -> None:
-        """Let simulation time be `time_ns` now."""
+        """Let the present simulation time be `time_ns`."""
         self._clock_ns, self._time_ns = time.monotonic_ns(), time_ns
 
     def due_ns(self, next_ns: int) -> int:
-        """Return what simulation time should be, where `next_ns` is to be reached next; gives up too large a lag."""
+        """Return the simulation time due now, if `next_ns` is to be reached next; gives up a lag that is too large."""
         due = self._time_ns + int((time.monotonic_ns() - self._clock_ns) * self.factor)
         lag = int((due - next_ns) / self.factor)
         self._largest_ns = max(self._largest_ns, lag)
@@ -54,16 +54,16 @@ class Pacer:
         return next_ns
 
     def since(self, age_ns: int) -> int:
-        """Return how much simulation time passes in so much steady time."""
+        """Return the simulation time that passes in this much steady time."""
         return int(age_ns * self.factor)
 
     def seconds_until(self, time_ns: int) -> float:
-        """Return how long to wait (s, not negative) until simulation time should be `time_ns`."""
+        """Return how long to wait (s, at least 0) until simulation time `time_ns` is due."""
         ahead = (time_ns - self._time_ns) / self.factor - (time.monotonic_ns() - self._clock_ns)
         return max(0.0, ahead / NANOSECONDS)
 
     def values(self) -> dict[str, str]:
-        """Return what diagnostics show."""
+        """Return the values for diagnostics."""
         return {
             "real-time factor": f"{self.factor:g}",
             "overruns": str(self._overruns),
@@ -72,7 +72,7 @@ class Pacer:
         }
 
     def warning(self) -> str:
-        """Return what a person should know, or ""."""
+        """Return a warning, or ""."""
         if not self._overruns:
             return ""
         times = "once" if self._overruns == 1 else f"{self._overruns} times"
@@ -80,52 +80,53 @@ class Pacer:
 
 
 class ClockFollower:
-    """Lets simulation time pass as a ROS clock does; stands in for `Pacer` under `use_sim_time`.
+    """Lets simulation time follow a ROS clock; replaces `Pacer` under `use_sim_time`.
 
-    Only what the clock advances counts: a jump backwards, or a leap of more than 10 s, moves stamps and not the body.
+    Only normal advances of the clock count: a jump backwards, or ahead by more than 10 s, moves stamps and not the
+    body.
     """
 
     def __init__(self, now: Callable[[], int], steady: Callable[[], float] = time.monotonic) -> None:
-        """Take the clock to follow (ns; 0 before its first message), and the one that tells whether it stands."""
+        """Use the clock to follow (ns; 0 before its first message), and a steady clock to detect that it is paused."""
         self._now, self._steady = now, steady
         self._standing = False
         self.clear()
         self.begin(0)
 
     def clear(self) -> None:
-        """Forget what was counted."""
+        """Clear the counts."""
         self._jumps_back = self._leaps = self._pauses = 0
-        # Messages whose time is none; who reads them counts them.
+        # Messages with an invalid time, counted by their reader.
         self.rejected = 0
 
     @property
     def offset_ns(self) -> int | None:
-        """How far stamps are ahead of simulation time; None while the clock has not begun."""
+        """By how much stamps are ahead of simulation time; None before the clock's first message."""
         return self._clock_ns - self._time_ns if self._clock_ns else None
 
     def begin(self, offset_ns: int) -> None:
-        """A run begins: simulation time is 0 now; what stamps are is the clock's to say."""
+        """Begin a run at simulation time 0; the clock determines the stamps."""
         self.restart(0)
 
     def restart(self, time_ns: int) -> None:
-        """Let simulation time be `time_ns` now."""
+        """Let the present simulation time be `time_ns`."""
         self._time_ns, self._clock_ns, self._moved = time_ns, self._now(), self._steady()
 
     def due_ns(self, next_ns: int) -> int:
-        """Return what simulation time should be."""
+        """Return the simulation time due now."""
         self._follow()
         return self._time_ns
 
     def since(self, age_ns: int) -> int:
-        """Return 0: the clock that is followed says nothing of what happened between its messages."""
+        """Return 0: the clock tells nothing about the time between its messages."""
         return 0
 
     def seconds_until(self, time_ns: int) -> float:
-        """Return how long to wait: for the clock's next message."""
+        """Return how long to wait for the clock's next message."""
         return math.inf
 
     def values(self) -> dict[str, str]:
-        """Return what diagnostics show."""
+        """Return the values for diagnostics."""
         self._follow()
         state = "waiting for its first message" if not self._clock_ns else "paused" if self._standing else "running"
         return {
@@ -137,13 +138,13 @@ class ClockFollower:
         }
 
     def warning(self) -> str:
-        """Return what a person should know, or ""."""
+        """Return a warning, or ""."""
         if not self._clock_ns:
             return "waiting for /clock, as use_sim_time is true: start its publisher"
         if self._jumps_back or self._leaps:
             return (
-                f"jumps of the clock: {self._jumps_back} back, {self._leaps} ahead by more than 10 s; the body went on "
-                "from where it was, only its stamps jumped; ~/reset starts again"
+                f"jumps of the clock: {self._jumps_back} back, {self._leaps} ahead by more than 10 s; only the stamps "
+                "jumped, the body continued from where it was; ~/reset starts again"
             )
         return ""
 

@@ -1,9 +1,7 @@
-"""The least permissions that the node needs in a secured graph: an SROS2 policy file made from its own interface.
+"""The minimum permissions of the node in a secured graph: an SROS2 policy file made from its own interface.
 
-Starts the node as the arguments say, asks the graph what it publishes, subscribes to and serves, and stops it before
-the body moves. Keys and signatures are left to `ros2 security create_permission`.
-
-    python -m rb_dynamics.ros.permissions SCENE [--enclave /rigid_body] [--ros-args ...] > policy.xml
+Starts the node with the given arguments, queries the graph for its publishers, subscriptions and services, and stops it
+before the body moves. Keys and signatures are left to `ros2 security create_permission`.
 """
 
 from __future__ import annotations
@@ -19,12 +17,12 @@ from rb_dynamics.errors import RigidBodyError
 from rb_dynamics.ros.node import RigidBodyNode, spin
 from rb_dynamics.ros.start_arguments import LOGS, parameter
 
-# What an action is made of stands below this name.
+# The topics and services of an action are below this name.
 _ACTION = "/_action/"
 
 
 def policy(node: RigidBodyNode, enclave: str) -> str:
-    """Return the SROS2 policy (version 0.2.0) that allows `node`, in `enclave`, what it does and nothing else."""
+    """Return the SROS2 policy (version 0.2.0) that allows `node`, in `enclave`, exactly what it does."""
     name, namespace = node.get_name(), node.get_namespace()
     published = {topic for topic, _ in node.get_publisher_names_and_types_by_node(name, namespace)}
     read = {topic for topic, _ in node.get_subscriber_names_and_types_by_node(name, namespace)}
@@ -62,13 +60,13 @@ def main(args: Sequence[str] | None = None) -> int:
     known, ros = parser.parse_known_args(args)
     ros = [argument for argument in ros if argument != "--ros-args"]
     try:
-        return spin(["--ros-args", "-p", parameter("scene", known.scene), *ros], lambda: _said(known.enclave))
+        return spin(["--ros-args", "-p", parameter("scene", known.scene), *ros], lambda: _print_policy(known.enclave))
     except RigidBodyError as error:
         sys.stderr.write(f"permissions: {error}\n")
         return 2
 
 
-def _said(enclave: str) -> list[RigidBodyNode]:
+def _print_policy(enclave: str) -> list[RigidBodyNode]:
     """Print the policy of a node that keeps no log, and return no node to run."""
     node = RigidBodyNode(parameter_overrides=[Parameter(log, value="") for log in LOGS])
     try:

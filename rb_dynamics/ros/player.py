@@ -1,4 +1,4 @@
-"""Publish recorded wrench commands to a node in lockstep, and collect the motion that comes back over DDS."""
+"""Publish recorded wrench commands to a node in lockstep, and collect the resulting motion over DDS."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import Vector
 from rb_dynamics.ros.conversions import to_nanoseconds, to_stamp
 
-# How many commands a channel may be ahead of the motion that has come back, and how many messages may wait for us.
+# How many commands a channel may be ahead of the motion received, and how many messages may be queued.
 _LEAD = 20
 _DEPTH = 5000
 # s
@@ -33,7 +33,7 @@ Twists = dict[int, tuple[Vector, Vector]]
 
 @contextlib.contextmanager
 def wrench_player(topics: Sequence[str]) -> Iterator[WrenchPlayer]:
-    """Yield a player in a ROS context of its own, which ends with it."""
+    """Yield a player in its own ROS context, which ends with it."""
     rclpy.init(args=[])
     try:
         yield WrenchPlayer(topics)
@@ -42,7 +42,7 @@ def wrench_player(topics: Sequence[str]) -> Iterator[WrenchPlayer]:
 
 
 class WrenchPlayer(Node):
-    """Plays wrench commands in the order of their stamps, never far ahead of the node that answers them."""
+    """Plays wrench commands in the order of their stamps, never far ahead of the node."""
 
     def __init__(self, topics: Sequence[str], node_name: str = "rigid_body", context: Context | None = None) -> None:
         """Prepare to publish `topics` and to read `pose` and `twist` of the node `node_name`."""
@@ -67,13 +67,13 @@ class WrenchPlayer(Node):
         end_ns: int,
         progress: Callable[[float], None] | None = None,
     ) -> None:
-        """Publish `commands`, then step the node to `end_ns`; return when the motion up to there has come back.
+        """Publish `commands`, then step the node to `end_ns`; return when the motion up to then has arrived.
 
         Raises:
             RigidBodyError: the node did not answer for a minute.
         """
-        self._wait(self._connected, "the node did not appear")
-        # A node greets a new reader with its newest state: from here on nothing is missed.
+        self._wait(self._connected, "the node was not found")
+        # A node sends its newest state to a new reader: from here on nothing is missed.
         self._wait_for_motion(0)
         stamps = sorted({wrench.stamp_ns for _, wrench in commands})
         position = {stamp: i for i, stamp in enumerate(stamps)}

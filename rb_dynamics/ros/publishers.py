@@ -1,7 +1,7 @@
-"""`TopicSink`: the node's publishers behind the interface of a sink.
+"""`TopicSink`: the node's publishers, as a sink.
 
-Samples are published as the bytes that a log has. Making a message only for the middleware to take it apart again
-would cost several times as much.
+Samples are published as the same bytes as in a log. Building message objects only for the middleware to serialize them
+again would cost several times as much.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ from rb_dynamics.formats.messages import (
     sample_packers,
     sample_topics,
 )
-from rb_dynamics.ros.driver import Driver
 from rb_dynamics.ros.health import Health
+from rb_dynamics.ros.runner import Runner
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.sink import Event, RunInfo, Status
 from rb_dynamics.scene.model import Scene
@@ -49,7 +49,7 @@ _OVERRIDABLE = (
 
 @dataclass(frozen=True)
 class Topics:
-    """Which topics there are beside those that are always published, and how many samples each of them keeps."""
+    """Optional topics, and how many samples each topic keeps."""
 
     depth: int = 10
     clock: bool = False
@@ -59,7 +59,7 @@ class Topics:
 
 @dataclass
 class _SampleTopic:
-    """A topic of samples: kept for readers that come later or not, and what packs it, where the run has it."""
+    """A topic of samples: whether late readers get the last one, and its encoder if the run has it."""
 
     publisher: Publisher
     kept: bool
@@ -67,30 +67,30 @@ class _SampleTopic:
 
 
 class TopicSink:
-    """Publishes every sample on the topics of the node; a topic that nobody reads costs nothing.
+    """Publishes every sample on the topics of the node; a topic without readers costs nothing.
 
-    While time stands still, a reader that joins is greeted with the newest sample, so that it sees where the body is.
-    No stamp is ever zero: to tf2 that means "the newest", and to whoever reads `/clock` "not begun". The initial state,
-    at time 0, is stamped 1 ns.
+    While time is paused, a new reader gets the newest sample, so that it sees where the body is. No stamp is ever zero:
+    to tf2 that means "the newest", and to readers of `/clock` "not started". The initial state, at time 0, is stamped 1
+    ns.
     """
 
-    def __init__(self, node: Node, scene: Scene, topics: Topics, health: Health, driver: Driver) -> None:
-        """Create the publishers on `node`, all of which are in `publishers`.
+    def __init__(self, node: Node, scene: Scene, topics: Topics, health: Health, runner: Runner) -> None:
+        """Create the publishers on `node`; `publishers` holds all of them.
 
         Args:
             node: creates the publishers.
             scene: that of the first run.
-            topics: which ones beside the usual.
-            health: counts readers whose QoS does not fit.
-            driver: tells stamps, without which nothing is published, and whether time stands still.
+            topics: optional topics and depth.
+            health: counts readers with incompatible QoS.
+            runner: tells stamps, without which nothing is published, and whether time is paused.
         """
-        self._node, self._asked, self._health, self._driver = node, topics, health, driver
+        self._node, self._asked, self._health, self._runner = node, topics, health, runner
         self._newest: tuple[Sample, int] | None = None
         self.publishers: list[Publisher] = []
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._inertia = self._created(*MASS_PROPERTIES, latched)
         self._diagnostics = self._created("/diagnostics", DIAGNOSTICS, 1)
-        # What the broadcaster of tf2_ros sends, on the same topics; but what nobody reads is not made.
+        # Equivalent to the broadcaster of tf2_ros, on the same topics, but nothing is made for topics without readers.
         self._static = self._created(*TF_STATIC, latched) if topics.transforms else None
         self._samples: dict[str, _SampleTopic] = {}
         if topics.clock:
@@ -98,14 +98,14 @@ class TopicSink:
         self._add_samples(scene)
 
     def open(self, run: RunInfo) -> None:
-        """Publish what is simulated; late subscribers get it too (transient local)."""
+        """Publish the mass properties; late subscribers receive them too (transient local)."""
         self._add_samples(run.scene)
         packers, pack_clock = sample_packers(run.scene, run.acceleration), clock_packer()
         packers["/clock"] = lambda s: pack_clock(*s.stamp)
         for name, topic in self._samples.items():
             topic.pack = packers.get(name)
         self._body_frame = run.scene.frames.body_frame
-        stamp_ns = self._driver.stamped(run.scene.initial.time_ns) or 1
+        stamp_ns = self._runner.stamped(run.scene.initial.time_ns) or 1
         self._inertia.publish(encode_inertia(run.scene, stamp_ns))
         if self._static is not None and run.scene.frames.fixed:
             self._static.publish(encode_fixed(run.scene.frames, stamp_ns))
@@ -113,7 +113,7 @@ class TopicSink:
     def write(self, event: Event) -> None:
         """Publish a sample or a status; wrenches are not echoed."""
         if isinstance(event, Sample):
-            stamp_ns = self._driver.stamped(event.time_ns)
+            stamp_ns = self._runner.stamped(event.time_ns)
             if stamp_ns is None:
                 return
             self._newest, stamped = (event, stamp_ns), None
@@ -122,21 +122,21 @@ class TopicSink:
                     stamped = stamped or Stamped(event, stamp_ns)
                     topic.publisher.publish(topic.pack(stamped))
         elif isinstance(event, Status) and self.status_is_read:
-            status = replace(event, time_ns=self._driver.stamped(event.time_ns) or 1)
+            status = replace(event, time_ns=self._runner.stamped(event.time_ns) or 1)
             self._diagnostics.publish(encode_status(status, self._body_frame))
 
     @property
     def status_is_read(self) -> bool:
-        """Whether anybody reads `/diagnostics`; to put a status together takes 0.2 ms."""
+        """Whether `/diagnostics` has readers; assembling a status takes 0.2 ms."""
         return bool(self._diagnostics.get_subscription_count())
 
     def close(self, result: Mapping[str, str]) -> None:
-        """Wait, briefly, until readers have what was published last."""
+        """Wait, briefly, until readers have received the last messages."""
         for topic in self._samples.values():
             topic.publisher.wait_for_all_acked(Duration(seconds=0.2))
 
     def _add_samples(self, scene: Scene) -> None:
-        """Create what publishes the samples of `scene` and is not there yet."""
+        """Create the publishers for samples of `scene` that do not exist yet."""
         for name, type_name in sample_topics(scene, self._asked.acceleration):
             if name not in self._samples and (type_name != TRANSFORMS or self._asked.transforms):
                 self._add(name, type_name)
@@ -150,7 +150,7 @@ class TopicSink:
         publisher = self._created(
             name, type_name, self._asked.depth, event_callbacks=events, qos_overriding_options=overriding
         )
-        # What is kept for readers that come later is there before they are.
+        # Publish what is kept for late readers before they connect.
         kept = publisher.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
         self._samples[name] = _SampleTopic(publisher, kept)
 
@@ -162,6 +162,6 @@ class TopicSink:
 
     def _greet(self, name: str, event: Any) -> None:
         topic = self._samples[name]
-        greeted = event.current_count_change > 0 and self._driver.stands_still and not topic.kept
+        greeted = event.current_count_change > 0 and self._runner.stands_still and not topic.kept
         if greeted and self._newest and topic.pack:
             topic.publisher.publish(topic.pack(Stamped(*self._newest)))

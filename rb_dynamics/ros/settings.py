@@ -18,8 +18,8 @@ from rb_dynamics.errors import SceneError
 from rb_dynamics.formats.messages import sample_depth
 from rb_dynamics.recording.log_outputs import Logs
 from rb_dynamics.recording.mcap_sink import FLUSH_S, LogSettings
-from rb_dynamics.ros.driver import Mode
 from rb_dynamics.ros.publishers import Topics
+from rb_dynamics.ros.runner import Mode
 from rb_dynamics.scene import document, read_scene
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.scene.problems import Problems
@@ -29,24 +29,24 @@ from rb_dynamics.scene.read import ROOT_KEYS
 _PARAMETERS: dict[str, tuple[object, str]] = {
     "scene": ("", "scene file (YAML)"),
     "real_time_factor": (1.0, "simulated seconds per second, 1e-9 to 1e9; 0 runs as fast as possible"),
-    "lockstep": (False, "time stands still until every channel's newest stamp allows it to advance"),
-    "start_paused": (False, "begin paused; ~/pause and ~/step move time"),
+    "lockstep": (False, "time advances only as far as the newest stamp of every channel"),
+    "start_paused": (False, "start paused; ~/pause and ~/step control time"),
     "publish_clock": (False, "publish simulation time on /clock"),
     "publish_tf": (False, "publish the pose on /tf and the scene's fixed frames on /tf_static"),
     "publish_accel": (False, "publish the acceleration of the body origin on accel"),
     "apply_at": ("arrival", "when a command takes effect: at its arrival, or at its header.stamp"),
-    "mcap": ("", "write an MCAP log to this file; an earlier one is moved aside, as for bag and rerun"),
+    "mcap": ("", "write an MCAP log to this file; an earlier file is renamed, as for bag and rerun"),
     "bag": ("", "write the log as a rosbag2 folder instead"),
-    "max_bag_size": (0, "bytes at which the bag begins its next file; 0 = no bound"),
-    "max_bag_duration": (0.0, "s of simulation time in one file of the bag; 0 = no bound"),
-    "flush": (FLUSH_S, "s of wall time after which what was logged survives a kill; 0 = whole chunks only"),
-    "verify": (False, "read each finished log again with the package mcap (extra: log)"),
+    "max_bag_size": (0, "size in bytes at which the bag starts a new file; 0 = no limit"),
+    "max_bag_duration": (0.0, "simulated seconds per file of the bag; 0 = no limit"),
+    "flush": (FLUSH_S, "longest wall time (s) of logged data that a kill can lose; 0 = whole chunks only"),
+    "verify": (False, "read each finished log back with the package mcap (extra: log)"),
     "rerun": ("", "write a Rerun recording to this file"),
-    "sink": ("", "tell the run to a sink by name, such as one of a plug-in: NAME=TARGET, or a list of these"),
+    "sink": ("", "also write the run to another sink, such as that of a plug-in: NAME=TARGET, or a list of these"),
 }
-# Beyond these, times in ns leave the range of a double.
+# Beyond these, times in ns exceed the precision of a double.
 _SLOWEST, _FASTEST = 1e-9, 1e9
-# Those that may be set while the node runs.
+# Parameters that may be set while the node runs.
 _SETTABLE = ("real_time_factor",)
 # Declared by rclpy itself.
 _QOS = "qos_overrides."
@@ -65,7 +65,7 @@ class Settings:
 
 
 def documented() -> list[tuple[str, object, str]]:
-    """Return the node's own parameters: name, default, what each does."""
+    """Return the node's own parameters: name, default, description."""
     return [(name, default, text) for name, (default, text) in _PARAMETERS.items()]
 
 
@@ -74,7 +74,7 @@ def read_settings(node: Node) -> Settings:
 
     Raises:
         SceneError: a parameter or the scene is not valid.
-        LogError: the logs that are asked for do not go together.
+        LogError: the requested logs cannot be combined.
     """
     # rclpy has no public way to see an override before it is declared.
     given = node._parameter_overrides  # noqa: SLF001
@@ -100,7 +100,7 @@ def read_settings(node: Node) -> Settings:
             "parameter publish_tf: needs the package tf2_msgs, which is not installed; install ros-jazzy-tf2-msgs "
             "(it is not on PyPI) and source ROS 2, or leave out publish_tf"
         )
-    # Declared, so that `ros2 param list` shows what there is to change.
+    # Declare them, so that `ros2 param list` shows what can be changed.
     for name, value in scene_values(scene).items():
         _declare(node, name, value, "value of the scene; settable while paused")
     return Settings(
@@ -121,15 +121,15 @@ def read_settings(node: Node) -> Settings:
 
 
 def scene_values(scene: Scene) -> dict[str, object]:
-    """Return the numbers, texts and lists of numbers that stand in the scene, by their dotted keys."""
+    """Return the numbers, texts and lists of numbers in the scene, by their dotted keys."""
     return dict(_leaves(document.parse(scene.text, Problems(scene.source)), ""))
 
 
 def require_known(name: str) -> None:
-    """Check that a parameter can be one of the node's or a key of a scene.
+    """Check that a parameter belongs to the node or is a key of a scene.
 
     Raises:
-        SceneError: neither; names the nearest, and all.
+        SceneError: it is neither; the message names the nearest, and all of them.
     """
     section = name.split(".", maxsplit=1)[0].split("[", maxsplit=1)[0]
     if name in _PARAMETERS or section in ROOT_KEYS:
@@ -144,10 +144,10 @@ def require_known(name: str) -> None:
 
 
 def require_paceable(scene: Scene) -> None:
-    """Check that the outputs of the scene have times that a node can wait for.
+    """Check that the node can know the times of the scene's outputs in advance.
 
     Raises:
-        SceneError: they have not.
+        SceneError: it cannot.
     """
     if scene.output_rate == 0 and scene.solver.step is None:
         raise SceneError(
@@ -157,12 +157,12 @@ def require_paceable(scene: Scene) -> None:
 
 
 def require_overridable(node: Node, elsewhere: Sequence[str] = ()) -> None:
-    """Check that each parameter that overrides a QoS has done so, now that `node` has its topics.
+    """Check that each QoS override applies to a topic of `node`, once its topics exist.
 
-    Those for topics in the namespaces `elsewhere` are not for this node.
+    Overrides for topics in the namespaces `elsewhere` are not for this node.
 
     Raises:
-        SceneError: no topic has such a parameter; names the nearest that exist.
+        SceneError: there is no such topic or policy; the message names the nearest.
     """
     known = [_QOS + name for name in node.get_parameters_by_prefix(_QOS.rstrip("."))]
     # As in `read_settings`.
@@ -182,7 +182,7 @@ def require_overridable(node: Node, elsewhere: Sequence[str] = ()) -> None:
         if node.get_parameter("lockstep").value and policy.startswith("subscription"):
             remedy = "in lockstep no command may be lost, and none can be overridden: leave it out"
         raise SceneError(
-            f"parameter {name}: found nothing that it overrides, expected a topic of this node, by its name after "
+            f"parameter {name}: found no topic that it applies to, expected a topic of this node, by its name after "
             f"remapping, and a policy that can be overridden; {remedy}"
         )
 
@@ -191,7 +191,7 @@ def scene_overrides(parameters: Iterable[Parameter]) -> dict[str, object]:
     """Return those of `parameters`, set while the node runs, that change the scene.
 
     Raises:
-        SceneError: one is unknown, deleted, or cannot be set any more.
+        SceneError: one is unknown, deleted, or cannot be changed now.
     """
     overrides = {}
     for parameter in parameters:
@@ -207,7 +207,7 @@ def scene_overrides(parameters: Iterable[Parameter]) -> dict[str, object]:
 
 
 def number(name: str, value: object) -> float:
-    """Return a parameter that is a finite number, not negative.
+    """Return the value of a parameter that must be a finite number, at least 0.
 
     Raises:
         SceneError: it is not.
@@ -220,10 +220,10 @@ def number(name: str, value: object) -> float:
 
 
 def real_time_factor(value: object) -> float:
-    """Return a factor by which simulation time can be counted in steady time, or 0.
+    """Return a real-time factor that can be computed with in ns, or 0.
 
     Raises:
-        SceneError: it is none.
+        SceneError: it is out of range.
     """
     factor = number("real_time_factor", value)
     if factor and not _SLOWEST <= factor <= _FASTEST:
@@ -263,7 +263,7 @@ def _leaves(node: document.Node, key: str) -> Iterator[tuple[str, object]]:
 
 
 def _declare(node: Node, name: str, default: object, text: str) -> object:
-    # Dynamic typing lets `real_time_factor:=1` be a number like any other; what it has to be is checked here.
+    # Dynamic typing accepts `real_time_factor:=1` as a number; the type is checked here.
     read_only = name in _PARAMETERS and name not in _SETTABLE
     descriptor = ParameterDescriptor(description=text, read_only=read_only, dynamic_typing=True)
     return node.declare_parameter(name, default, descriptor).value

@@ -1,7 +1,7 @@
-"""The services of the package simulation_interfaces, private to the node as in Gazebo, if that package is installed.
+"""Services of the package simulation_interfaces, private to the node as in Gazebo, if that package is installed.
 
-Test scripts that drive a simulator by this standard also drive the node. The body is the only entity, named after its
-frame.
+Test scripts that control a simulator by this standard can also control the node. The body is the only entity, named
+after its frame.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from simulation_interfaces.srv import (
 from rb_dynamics.errors import RigidBodyError
 from rb_dynamics.numerics.rotation import NORM_TOLERANCE
 from rb_dynamics.ros import conversions
-from rb_dynamics.ros.driver import Driver
+from rb_dynamics.ros.runner import Runner
 from rb_dynamics.run.simulation import Simulation
 
 _F = SimulatorFeatures
@@ -48,11 +48,11 @@ _OK = Result(result=Result.RESULT_OK)
 
 
 class SimulationServices:
-    """Answers the standard's requests with what the `Driver` of the node can do."""
+    """Answers the standard's requests by means of the node's `Runner`."""
 
-    def __init__(self, node: Node, driver: Driver) -> None:
+    def __init__(self, node: Node, runner: Runner) -> None:
         """Create the services and the action on `node`."""
-        self._driver = driver
+        self._runner = runner
         for kind, name, answer in (
             (GetSimulatorFeatures, "get_simulator_features", self._features),
             (GetSimulationState, "get_simulation_state", self._get_simulation_state),
@@ -65,7 +65,7 @@ class SimulationServices:
             (GetEntityState, "get_entity_state", self._get_entity_state),
             (SetEntityState, "set_entity_state", self._set_entity_state),
         ):
-            # A group for each: a step that is computed must not hold up ~/pause, commands or a cancellation.
+            # One group each: a long step must not block ~/pause, commands or a cancellation.
             node.create_service(kind, f"~/{name}", answer, callback_group=MutuallyExclusiveCallbackGroup())
         self._action = ActionServer(
             node,
@@ -90,15 +90,16 @@ class SimulationServices:
         if wanted == self._state():
             response.result = Result(result=codes.ALREADY_IN_TARGET_STATE, error_message="already in that state")
         elif wanted == SimulationState.STATE_STOPPED:
-            failure = self._driver.stop()
+            failure = self._runner.stop()
             code = codes.STATE_TRANSITION_ERROR if failure else Result.RESULT_OK
             response.result = Result(result=code, error_message=failure)
         elif wanted in (SimulationState.STATE_PLAYING, SimulationState.STATE_PAUSED):
-            # SimulationState.msg allows stopped -> paused, the service's comment does not; it does no harm.
-            self._driver.pause(wanted == SimulationState.STATE_PAUSED)
+            # SimulationState.msg allows stopped -> paused, although the comment of the service does not; it is
+            # harmless.
+            self._runner.pause(wanted == SimulationState.STATE_PAUSED)
             response.result = _OK
         elif wanted == SimulationState.STATE_QUITTING:
-            self._driver.quit()
+            self._runner.quit()
             response.result = _OK
         else:
             response.result = Result(
@@ -109,9 +110,9 @@ class SimulationServices:
     async def _step_simulation(self, request: Any, response: Any) -> Any:
         response.result = self._refusal_to_step()
         if response.result is None:
-            before, interruptions = self._driver.simulation, self._driver.interruptions
-            self._driver.step(request.steps)
-            await _UntilStill(self._driver)
+            before, interruptions = self._runner.simulation, self._runner.interruptions
+            self._runner.step(request.steps)
+            await _UntilStill(self._runner)
             response.result = self._outcome(before, interruptions)
         return response
 
@@ -120,10 +121,10 @@ class SimulationServices:
         if refusal is not None:
             goal.abort()
             return SimulateSteps.Result(result=refusal)
-        before, interruptions = self._driver.simulation, self._driver.interruptions
+        before, interruptions = self._runner.simulation, self._runner.interruptions
         for done in range(1, goal.request.steps + 1):
-            self._driver.step()
-            await _UntilStill(self._driver)
+            self._runner.step()
+            await _UntilStill(self._runner)
             outcome = self._outcome(before, interruptions)
             if outcome.result != Result.RESULT_OK:
                 goal.abort()
@@ -137,16 +138,17 @@ class SimulationServices:
         return SimulateSteps.Result(result=_OK)
 
     def _reset(self, request: Any, response: Any) -> Any:
-        # A bit field, in which 0 and 255 mean all; nothing can be spawned here, so that bit has nothing to do.
+        # A bit field in which 0 and 255 mean all; the bit for spawned entities has no effect, as nothing can be
+        # spawned.
         kind = ResetSimulation.Request
         scope = kind.SCOPE_ALL if request.scope in _ALL_SCOPES else request.scope
         time, state = bool(scope & kind.SCOPE_TIME), bool(scope & kind.SCOPE_STATE)
         try:
             if time and state:
-                failure = self._driver.reset()
+                failure = self._runner.reset()
                 response.result = _failed(failure) if failure else _OK
             elif time or state:
-                (self._driver.reset_time if time else self._driver.reset_state)()
+                (self._runner.reset_time if time else self._runner.reset_state)()
                 response.result = _OK
             else:
                 response.result = Result(
@@ -169,7 +171,7 @@ class SimulationServices:
     def _entity_info(self, request: Any, response: Any) -> Any:
         response.result = self._found(request.entity)
         response.info.category.category = EntityCategory.CATEGORY_OBJECT
-        response.info.description = f"rigid body of {self._driver.scene.body.mass:g} kg"
+        response.info.description = f"rigid body of {self._runner.scene.body.mass:g} kg"
         return response
 
     def _get_entity_state(self, request: Any, response: Any) -> Any:
@@ -187,9 +189,9 @@ class SimulationServices:
         frame = request.state.header.frame_id
         # Before version 2 of the package there was no choice.
         set_pose, set_twist = getattr(request, "set_pose", True), getattr(request, "set_twist", True)
-        if frame not in ("", self._driver.scene.frames.world_frame):
+        if frame not in ("", self._runner.scene.frames.world_frame):
             response.result = _failed(
-                f"header.frame_id is {frame!r}, expected {self._driver.scene.frames.world_frame!r} or nothing"
+                f"header.frame_id is {frame!r}, expected {self._runner.scene.frames.world_frame!r} or nothing"
             )
         elif set_pose and not (
             abs(math.hypot(q.x, q.y, q.z, q.w) - 1.0) <= NORM_TOLERANCE and all(map(math.isfinite, (p.x, p.y, p.z)))
@@ -199,29 +201,29 @@ class SimulationServices:
             )
         else:
             try:
-                self._driver.catch_up()
-                self._driver.set_state(
-                    conversions.with_entity_state(self._driver.state, request.state, set_pose, set_twist)
+                self._runner.catch_up()
+                self._runner.set_state(
+                    conversions.with_entity_state(self._runner.state, request.state, set_pose, set_twist)
                 )
             except RigidBodyError as error:
                 response.result = _failed(str(error))
         return response
 
     def _state(self) -> int:
-        if self._driver.stopped:
+        if self._runner.stopped:
             return int(SimulationState.STATE_STOPPED)
-        return int(SimulationState.STATE_PAUSED if self._driver.paused else SimulationState.STATE_PLAYING)
+        return int(SimulationState.STATE_PAUSED if self._runner.paused else SimulationState.STATE_PLAYING)
 
     def _refusal_to_step(self) -> Result | None:
-        return None if self._driver.paused else _failed("only while paused: set_simulation_state to paused first")
+        return None if self._runner.paused else _failed("only while paused: set_simulation_state to paused first")
 
     def _outcome(self, before: Simulation, interruptions: int) -> Result:
-        """Return how steps went that began in the run `before`, after so many interruptions."""
-        if failure := self._driver.health.failure:
+        """Return the result of steps that began in the run `before`, after so many interruptions."""
+        if failure := self._runner.health.failure:
             return _failed(failure)
-        if self._driver.simulation is not before:
+        if self._runner.simulation is not before:
             return _failed("the simulation was reset meanwhile")
-        return _OK if self._driver.interruptions == interruptions else _failed("paused or resumed meanwhile")
+        return _OK if self._runner.interruptions == interruptions else _failed("paused or resumed meanwhile")
 
     def _filtered(self, filters: Any) -> tuple[list[str], Result]:
         if filters.bounds.points:
@@ -241,23 +243,23 @@ class SimulationServices:
 
     @property
     def _name(self) -> str:
-        return self._driver.scene.frames.body_frame
+        return self._runner.scene.frames.body_frame
 
     def _entity_state(self) -> EntityState:
-        simulation = self._driver.simulation
+        simulation = self._runner.simulation
         return conversions.entity_state(
-            simulation.sample, simulation.acceleration, self._driver.stamp_ns, self._driver.scene.frames
+            simulation.sample, simulation.acceleration, self._runner.stamp_ns, self._runner.scene.frames
         )
 
 
 class _UntilStill:
-    """Lets a callback wait, between turns of the executor, until there is nothing left to compute."""
+    """Lets a callback wait, between turns of the executor, until everything is computed."""
 
-    def __init__(self, driver: Driver) -> None:
-        self._driver = driver
+    def __init__(self, runner: Runner) -> None:
+        self._runner = runner
 
     def __await__(self) -> Generator[None, None, None]:
-        while self._driver.behind:
+        while self._runner.behind:
             yield
 
 

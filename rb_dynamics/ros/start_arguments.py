@@ -1,4 +1,4 @@
-"""Arguments of a node: parameters as rcl reads them, and those of the launch files. Must not import rclpy."""
+"""Start arguments of a node: parameters as rcl parses them, and launch arguments. Must not import rclpy."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ from rb_dynamics.scene.document import Node
 from rb_dynamics.scene.problems import Problems, printable
 
 LOGS = ("mcap", "bag", "rerun", "sink")
-"""The parameters that ask a node for a log."""
+"""The parameters that request a log."""
 
 
 def parameter(name: str, text: str) -> str:
-    """Return a parameter as rcl reads it: YAML, where only quotes keep a text what it is."""
+    """Return a parameter in rcl's syntax: YAML, in which only quotes keep a text a text."""
     quoted = text.replace("'", "''")
     return f"{name}:='{quoted}'"
 
 
 def apart(target: object, name: str) -> object:
-    """Return the target of a log, or of several, with the name of a body: out/run.mcap is out/run_body_1.mcap."""
+    """Return one or several log targets with the name of a body inserted: out/run.mcap becomes out/run_body_1.mcap."""
     if isinstance(target, list):
         return [apart(each, name) for each in target]
-    # Not by Path, which would take the target of a plug-in's sink, tcp://host/run, for a path.
+    # Not with Path, which would change the target of a plug-in's sink such as tcp://host/run.
     stem, suffix = os.path.splitext(str(target).rstrip("/"))
     return f"{stem}_{name}{suffix}"
 
 
 def value_of(name: str, text: str, kind: type) -> object:
-    """Return the value that the text of argument `name` means; `kind` is bool, float, int or str.
+    """Return the value of the argument `name` from its `text`; `kind` is bool, float, int or str.
 
     Raises:
-        ValueError: it means none.
+        ValueError: the text is not of that kind.
     """
     readers: dict[type, Callable[[str], object]] = {bool: _truth, int: whole_number, float: real_number, str: str}
     try:
@@ -46,12 +46,12 @@ def value_of(name: str, text: str, kind: type) -> object:
 
 
 def values_of(name: str, text: str) -> dict[str, object]:
-    """Return the values that the text of argument `name` means, such as {body.mass: 17}; none where it is empty.
+    """Return the values of the argument `name` from its `text`, such as {body.mass: 17}; empty if the text is.
 
-    They are read as in a scene file, but that a whole number is an int, which a parameter may have to be.
+    They are read as in a scene file, except that a whole number is an int, which a parameter may require.
 
     Raises:
-        ValueError: it means none.
+        ValueError: the text is not such a mapping.
     """
     problems = Problems(f"argument {name}")
     expected = f"argument {name}: found {printable(text)!r}, expected values by name such as '{{body.mass: 17.0}}'"

@@ -1,8 +1,8 @@
-"""Many bodies at once, and whole schedules of held wrenches in one call: arrays in, arrays out.
+"""Many bodies at once, and whole sequences of held wrenches in one call: arrays in, arrays out.
 
 Each body moves as it would alone, with the same bits: steps of one length from the start of a hold, and a shorter one
-to the time of an output (`motion/arc.py`). Bodies do not interact. With numba (extra `fast`) they run compiled where
-that pays, in threads and vectorised over bodies; without it one after the other, some hundred times slower.
+to the time of an output (`motion/arc.py`). Bodies do not interact. With numba (extra `fast`) they run compiled if that
+pays, in threads and vectorised over bodies; without it one after the other, some hundred times slower.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ if TYPE_CHECKING:
 
 
 class _Hold(NamedTuple):
-    """What is held, and the grid of full steps that began with it.
+    """The held wrenches, and the grid of full steps that began with them.
 
     Attributes:
         start_ns: when it began.
         wrenches: four of (1, N, 3), see `Schedule`.
-        reached: full steps taken since.
+        reached: number of full steps taken since.
         state: after them.
     """
 
@@ -53,9 +53,10 @@ class _Hold(NamedTuple):
 
 
 class Ensemble:
-    """Bodies that move side by side, each under wrenches of its own.
+    """Bodies that move side by side, each under its own wrenches.
 
-    Forces act through the centre of mass, `*_body` parts turn with the body. Until `hold` is called, all of them coast.
+    Forces act through the centre of mass; `*_body` parts rotate with the body. Until `hold` is called, all bodies
+    coast.
 
     Attributes:
         time_ns: simulation time, integer nanoseconds.
@@ -69,18 +70,18 @@ class Ensemble:
         step: float | None = None,
         threads: int | None = None,
     ) -> None:
-        """Start from `states`, all of one time.
+        """Start from `states`, all at the same time.
 
         Args:
             bodies: one for all, or one for each state.
             states: of N bodies.
-            method: name of a method with a step, or `exact` for what has a closed form.
-            step: s; every method but `exact` needs it.
-            threads: at most so many, by default one for each core that may be used; the bits do not depend on it.
+            method: name of a method with a step, or `exact` for motions with a closed form.
+            step: s; required by every method except `exact`.
+            threads: at most this many, by default one per available core; the bits do not depend on it.
 
         Raises:
-            TypeError: an argument is not of its type.
-            ValueError: numbers of bodies and states, times, method, step, threads or a state do not fit.
+            TypeError: an argument has the wrong type.
+            ValueError: numbers of bodies and states, times, method, step, threads or a state are not valid.
         """
         states = [state.checked(f"states[{k}]") for k, state in enumerate(instances(states, State, "states", _STATE))]
         if isinstance(bodies, RigidBody):
@@ -94,7 +95,7 @@ class Ensemble:
             )
         times = sorted({state.time_ns for state in states})
         if len(times) > 1:
-            raise ValueError(f"states begin between {times[0]} and {times[-1]} ns, expected one time for all of them")
+            raise ValueError(f"states begin between {times[0]} and {times[-1]} ns, expected the same time for all")
         self._steps = _Steps(method, step)
         self._threads = _threads(threads)
         self._body = _body_of_arrays(many)
@@ -118,12 +119,12 @@ class Ensemble:
         force_world: npt.ArrayLike = 0.0,
         torque_world: npt.ArrayLike = 0.0,
     ) -> None:
-        """Hold these from now on, instead of what was held: N and N m, each of a shape that broadcasts to (N, 3).
+        """Hold these wrenches from now on: N and N m, each of a shape that broadcasts to (N, 3).
 
-        Steps begin anew here, as at every command of a run.
+        A new grid of steps begins here, as at every command of a run.
 
         Raises:
-            ValueError: a shape does not fit.
+            ValueError: a shape is wrong.
             WrenchError: a number is not finite, or a torque acts on a particle.
         """
         parts = _copies(force_body, torque_body, force_world, torque_world)
@@ -137,13 +138,13 @@ class Ensemble:
         self.advance_to(self.time_ns + round(seconds * NANOSECONDS))
 
     def advance_to(self, time_ns: int) -> None:
-        """Advance to `time_ns`; the steps, and so the bits of what follows, do not depend on where one stops to look.
+        """Advance to `time_ns`; the steps, and so the later bits, do not depend on how time is divided into calls.
 
         Raises:
-            ValueError: the time has passed.
-            ConvergenceError: a step of a body cannot be solved; names the body. The ensemble stays where it was.
+            ValueError: the time is in the past.
+            ConvergenceError: a step of a body cannot be solved; names the body. The ensemble is unchanged.
         """
-        # Numbers of numpy overflow where those of Python grow.
+        # numpy integers overflow, those of Python do not.
         time_ns = whole_number(time_ns, "time_ns", "give nanoseconds: round(1e9 * seconds)")
         if time_ns < self.time_ns:
             raise ValueError(f"time_ns is {time_ns}, expected {self.time_ns} or later: time only grows")
@@ -158,19 +159,19 @@ class Ensemble:
         force_world: npt.ArrayLike = 0.0,
         torque_world: npt.ArrayLike = 0.0,
     ) -> None:
-        """Hold each of K wrenches until its time: the same as K calls of `hold` and `advance_to`, without their cost.
+        """Hold each of K wrenches until its time: equivalent to K calls of `hold` and `advance_to`, but faster.
 
         Args:
-            times_ns: (K,), integers, none before the last nor before now; the last wrench stays held.
+            times_ns: (K,), integers, not decreasing and not before now; the last wrench remains held.
             force_body: N, of a shape (3,) for all, (K, 3) for all bodies, or one that broadcasts to (K, N, 3).
             torque_body: N m, likewise.
             force_world: likewise.
             torque_world: likewise.
 
         Raises:
-            ValueError: a shape does not fit, or times do not grow.
+            ValueError: a shape is wrong, or times decrease.
             WrenchError: a number is not finite, or a torque acts on a particle.
-            ConvergenceError: a step of a body cannot be solved; names the body. The ensemble stays where it was.
+            ConvergenceError: a step of a body cannot be solved; names the body. The ensemble is unchanged.
         """
         times = _times(times_ns, self.time_ns)
         parts = _copies(force_body, torque_body, force_world, torque_world)
@@ -185,16 +186,16 @@ class Ensemble:
         self.time_ns = int(times[-1])
 
     def samples(self) -> Samples:
-        """Return state and bookkeeping of all bodies, now."""
-        # They look at the state when they are asked: its memory is theirs from now on.
+        """Return the present state and bookkeeping of all bodies."""
+        # Samples are computed lazily from the state, so its memory must not be reused.
         self._memory = [array for array in self._memory if array is not self._state]
         return Samples(self._body, self._start, self._state, self.time_ns)
 
     def _advanced(self, hold: _Hold, time_ns: int) -> tuple[_Hold, Numbers]:
-        """Return `hold` with the full steps before `time_ns`, and the state then."""
+        """Return `hold` after its full steps before `time_ns`, and the state then."""
         count, rest = self._steps.split(time_ns - hold.start_ns)
         state = hold.state
-        # In pieces, of which one can be taken again body by body, or be interrupted.
+        # In pieces, so that one can be repeated body by body, or be interrupted.
         for done in range(hold.reached, count, LONGEST_STRETCH):
             state = self._moved(hold, [min(LONGEST_STRETCH, count - done)], [0.0], state)
         hold = hold._replace(reached=count, state=state)
@@ -204,11 +205,11 @@ class Ensemble:
         return self._taken(self._steps.schedule(counts, rests, hold.wrenches), state, hold.state)
 
     def _taken(self, schedule: Schedule, state: Numbers, *kept: Numbers) -> Numbers:
-        """Return the state after `schedule`, in memory that neither `kept` nor anything seen from outside needs."""
+        """Return the state after `schedule`, in memory that is used neither by `kept` nor outside."""
         needed = [self._state, self._hold.state, state, *kept]
         after = next((a for a in self._memory if all(a is not other for other in needed)), None)
         if after is None:
-            # As long as it is new, the memory of a large ensemble costs as much as a step.
+            # Allocating the memory of a large ensemble costs as much as a step.
             import numpy as np
 
             after = np.empty_like(state)
@@ -230,26 +231,26 @@ def driven_motion(
     torque_world: npt.ArrayLike = 0.0,
     last_only: bool = False,
 ) -> Samples:
-    """Return the motion of `body` from `state` on under K wrenches, at the K times until which each of them is held.
+    """Return the motion of `body` from `state` under K wrenches, at the K times until which each of them is held.
 
-    The bits are those of `simulate` with the same commands, method and fixed step; a wrench that is held for a shorter
-    time than a step takes one step of its own length.
+    The bits are those of `simulate` with the same commands, method and fixed step; a wrench held for less than a step
+    takes one step of its own length.
 
     Args:
-        body: that moves.
-        state: at the start, where the first wrench is held from.
-        times_ns: (K,), integers, none before the last nor before the start.
-        method: name of a method with a step, or `exact` for what has a closed form.
-        step: s; every method but `exact` needs it.
+        body: the body that moves.
+        state: initial state, at which the first wrench begins.
+        times_ns: (K,), integers, not decreasing and not before the start.
+        method: name of a method with a step, or `exact` for motions with a closed form.
+        step: s; required by every method except `exact`.
         force_body: N, through the centre of mass, of a shape (3,) or (K, 3).
         torque_body: N m, likewise.
         force_world: likewise, world axes.
         torque_world: likewise.
-        last_only: return the last time alone, as a row of its own: the others are not kept.
+        last_only: return only the last time, as one row.
 
     Raises:
-        TypeError: an argument is not of its type.
-        ValueError: a shape or the state does not fit, times do not grow, or there is no such method or step.
+        TypeError: an argument has the wrong type.
+        ValueError: a shape or the state is not valid, times decrease, or there is no such method or step.
         WrenchError: a number is not finite, or a torque acts on a particle.
         ConvergenceError: a step cannot be solved.
     """
@@ -267,7 +268,7 @@ def driven_motion(
             now, before = np.empty_like(start), now
             steps.mover.move(properties, schedule, before, now, 1)
         return Samples(body, start, now, times[-1:])
-    # The numbers of one time side by side, as they are written.
+    # Store the numbers of one time contiguously, as they are written.
     trace, now, first = np.empty((len(times), PHASE)), start, 0
     for schedule in steps.schedules(state.time_ns, times, wrenches):
         last = first + len(schedule.counts)
@@ -281,10 +282,10 @@ _PARTS = ("force_body", "torque_body", "force_world", "torque_world")
 
 
 class _Steps:
-    """Full steps of one length and a shorter one, as `Arc` takes them with `FixedStep`; `exact` has shorter ones only.
+    """Full steps of one length and a shorter one, as `Arc` takes them with `FixedStep`; `exact` has only shorter ones.
 
     Attributes:
-        mover: takes them.
+        mover: takes the steps.
     """
 
     def __init__(self, name: object, step: float | None) -> None:
@@ -297,7 +298,7 @@ class _Steps:
         self.mover = mover(method)
 
     def split(self, length_ns: int) -> tuple[int, float]:
-        """Return the number of full steps in `length_ns`, and the length of the shorter one after them in s."""
+        """Return the number of full steps in `length_ns`, and the length in s of the remaining step."""
         count, rest = divmod(length_ns * self._denominator, self._length)
         return count, rest / (self._denominator * NANOSECONDS)
 
@@ -308,9 +309,9 @@ class _Steps:
         return Schedule(self._h, np.asarray(counts, dtype=np.int64), np.asarray(rests, dtype=np.float64), *wrenches)
 
     def schedules(self, start_ns: int, times: Times, wrenches: tuple[Numbers, ...]) -> Iterator[Schedule]:
-        """Yield what leads from `start_ns` to each of `times`, in pieces of not many more than `LONGEST_STRETCH` steps.
+        """Yield the schedules from `start_ns` to each of `times`, in pieces of about `LONGEST_STRETCH` steps at most.
 
-        Each time is the end of a grid and the beginning of the next one.
+        Each time ends one grid and begins the next.
         """
         import numpy as np
 
@@ -322,7 +323,7 @@ class _Steps:
             counts = lengths * self._denominator // self._length
             rests = (lengths * self._denominator - counts * self._length) / per_second
         else:
-            # Whole numbers of any size, by Python, for each length that there is: mostly one.
+            # With Python's integers of any size, once per distinct length: mostly one.
             found, where = np.unique(lengths, return_inverse=True)
             splits = [self.split(length) for length in found.tolist()]
             counts = np.array([count for count, _ in splits])[where]
@@ -375,7 +376,7 @@ def _times(times_ns: npt.ArrayLike, start_ns: int) -> Times:
 
 
 def _copies(*parts: npt.ArrayLike) -> list[npt.ArrayLike]:
-    """Return what is held on when the user's arrays may have changed."""
+    """Return copies of what is held, since the user's arrays may change."""
     import numpy as np
 
     named = zip(_PARTS, parts, strict=True)
@@ -410,7 +411,7 @@ def _wrenches(
         if not (math.isfinite(low) and math.isfinite(high)):
             where = tuple(map(int, np.argwhere(~np.isfinite(given))[0]))
             raise WrenchError(
-                f"{name}{list(where) if where else ''} is {given[where]}, expected finite numbers; mend what made it"
+                f"{name}{list(where) if where else ''} is {given[where]}, expected finite numbers; correct its source"
             )
         if name.startswith("torque") and particles.any() and array[:, particles].any():
             raise WrenchError(
@@ -432,7 +433,7 @@ def _nothing(intervals: int, bodies: int) -> Numbers:
 
 
 def _largest(bodies: Sequence[RigidBody]) -> tuple[float, float]:
-    """Return the largest force and torque that each of `bodies` can be simulated under."""
+    """Return the largest force and torque with which each of `bodies` can be simulated."""
     forces, torques = zip(*map(largest_wrench, bodies), strict=True)
     return min(forces), min(torques)
 
@@ -444,7 +445,7 @@ def _particles(bodies: Sequence[RigidBody]) -> npt.NDArray[np.bool_]:
 
 
 def _mass_properties(bodies: Sequence[RigidBody]) -> Numbers:
-    """Return what a step needs to know of each body: mass, moments, principal to body axes, as (N, 8)."""
+    """Return mass, moments, and the rotation from principal to body axes of each body, as (N, 8)."""
     import numpy as np
 
     rows = [(body.mass, *inertia_of(body).moments, *body.principal_orientation_xyzw) for body in bodies]
@@ -452,21 +453,21 @@ def _mass_properties(bodies: Sequence[RigidBody]) -> Numbers:
 
 
 class _Bodies(RigidBody):
-    """A body whose numbers are arrays over bodies, each of which has been checked."""
+    """A body whose fields are arrays over bodies, each already validated."""
 
     __slots__ = ()
 
     def __post_init__(self) -> None:
-        """Take the arrays as they are."""
+        """Skip validation."""
 
 
 def _body_of_arrays(bodies: Sequence[RigidBody]) -> RigidBody:
-    """Return a body whose numbers are arrays over `bodies`: functions of floats then work on all of them at once."""
+    """Return a body whose fields are arrays over `bodies`, so that functions of floats work on all of them at once."""
 
     def columns(rows: list[Any]) -> Any:
         import numpy as np
 
-        # The axis of the bodies last: rows come apart like tuples.
+        # With the axis of bodies last, rows unpack like tuples.
         return tuple(np.moveaxis(np.array(rows, dtype=np.float64), 0, -1))
 
     return _Bodies(

@@ -1,6 +1,6 @@
-"""`InputHash`: a SHA-256 that two runs share exactly if scene and commands agree, in whatever order the commands came.
+"""`InputHash`: a SHA-256 that is equal exactly if scene and commands agree, in whatever order commands arrived.
 
-Logs without `inputs_rule` carry the older `AppliedHash`, over what acted in the order in which it was applied.
+Logs without `inputs_rule` have the older `AppliedHash`, over the loads in the order in which they were applied.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from rb_dynamics.scene.model import Scene
 
 RULE = "2"
-"""What `inputs_rule` says beside a hash of `InputHash`."""
+"""Value of `inputs_rule` that belongs to `InputHash`."""
 
 _NUMBERS = struct.Struct("<6d")
 
@@ -23,20 +23,20 @@ _NUMBERS = struct.Struct("<6d")
 class InputHash:
     """SHA-256 over the text of a scene and every command that took effect on one of its channels, in order of time.
 
-    Commands of one nanosecond enter in the order of the scene's channels, those of one channel as they came. Each is a
-    line of UTF-8, `TIME TOPIC STAMP NUMBERS FRAME` and a newline: when it took effect and its stamp (ns), the topic as
-    the scene writes it, force and torque as 6 float64, little endian, in 96 hexadecimal digits, and its `frame_id`.
+    Commands of the same nanosecond are ordered by the scene's channels, those of one channel by arrival. Each is a line
+    of UTF-8, `TIME TOPIC STAMP NUMBERS FRAME` and a newline: when it took effect and its stamp (ns), the topic as
+    written in the scene, force and torque as 6 float64, little endian, in 96 hexadecimal digits, and its `frame_id`.
     """
 
     def __init__(self, scene: Scene) -> None:
-        """Begin with the scene."""
+        """Start with the scene."""
         self._hash = hashlib.sha256(scene.text.encode())
         self._places = {channel.topic: place for place, channel in enumerate(scene.channels)}
         self._time_ns = 0
         self._lines: list[tuple[int, str]] = []
 
     def update(self, applied: AppliedWrench) -> None:
-        """Add a change of what acts; timeouts and effects follow from the scene and do not count."""
+        """Add a change of load; timeouts and effects follow from the scene and do not count."""
         command, place = applied.received, self._places.get(applied.topic)
         if command is None or place is None:
             return
@@ -48,7 +48,7 @@ class InputHash:
         self._lines.append((place, line))
 
     def hexdigest(self) -> str:
-        """Return the hash so far; what comes later must not be of the same nanosecond."""
+        """Return the hash so far; later changes must not have the same nanosecond."""
         self._end_nanosecond()
         return self._hash.hexdigest()
 
@@ -59,10 +59,10 @@ class InputHash:
 
 
 class AppliedHash:
-    """SHA-256 over the text of a scene and every change of what acts, effects and timeouts included, as given."""
+    """SHA-256 over the text of a scene and every change of load, effects and timeouts included, in the given order."""
 
     def __init__(self, scene: Scene) -> None:
-        """Begin with the scene."""
+        """Start with the scene."""
         self._hash = hashlib.sha256(scene.text.encode())
 
     def update(self, applied: AppliedWrench) -> None:

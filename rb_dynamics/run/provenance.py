@@ -1,4 +1,4 @@
-"""Where a run comes from: the metadata that a log carries so that the run can be repeated and checked."""
+"""Provenance of a run: the metadata in a log with which the run can be repeated and checked."""
 
 from __future__ import annotations
 
@@ -11,46 +11,46 @@ if TYPE_CHECKING:
     from rb_dynamics.scene.model import Scene
 
 SCENE = "scene.yaml"
-"""Name of the attachment of a log that is its scene."""
+"""Name of the attachment of a log that contains its scene."""
 
 RUN = "rb_dynamics"
-"""Name of the metadata of a log that says what was run: `run_metadata`."""
+"""Name of the metadata of a log with the facts of the run: `run_metadata`."""
 
 RESULT = "rb_dynamics.result"
-"""Name of the metadata of a log that says how its run ended."""
+"""Name of the metadata of a log with the result of the run."""
 
 CONTINUES_IN = "continues_in"
-"""What says in it, of a file that is not the last of a bag, which file comes next: such a result is no end of a run."""
+"""Key in it, in a file that is not the last of a bag, of the next file; such a result is not the end of a run."""
 
 INTERRUPTED = "rb_dynamics.interrupted"
-"""Name of the metadata that a log has whose run, disk or power ended before the log was finished."""
+"""Name of the metadata in a log whose run, disk or power ended before the log was finished."""
 
 CUT_OFF, DAMAGED = "cut off", "damaged"
-"""What `reason` says in it of a file that was recovered; "cut off and damaged" of one that was both."""
+"""Value of `reason` in it for a recovered file; "cut off and damaged" if it was both."""
 
 MISSING_FILES = "missing_files"
-"""What names in it the files of a bag that are not there although later ones are."""
+"""Key in it of the missing files of a bag that has later ones."""
 
 TOPICS = "rb_dynamics.topics"
-"""Name of the metadata of a log that gives each topic's name in the log by its name in the scene."""
+"""Name of the metadata of a log that maps the scene's topic names to those in the log."""
 
 INPUTS_RULE = "inputs_rule"
-"""What says in the result by which rule `inputs_sha256` was made; absent in logs of the first."""
+"""Key in the result of the rule by which `inputs_sha256` was computed; absent in logs of the first rule."""
 
 CHECKPOINT = "rb_dynamics.checkpoint"
-"""Name of the metadata that follows the samples in a log as they are written: how many, and the hash of all of them."""
+"""Name of the metadata written between samples: their number and the hash of all of them so far."""
 
 _PACKAGES = ("rb_dynamics", "numpy", "scipy", "PyYAML", "zstandard", "rerun-sdk")
 
 
 def next_file(metadata: Mapping[str, Mapping[str, str]]) -> str:
-    """Return which file of a bag comes behind the one of this metadata; "" where it is the last, or does not say."""
+    """Return the file of a bag that follows the one with this metadata; "" if it is the last or does not say."""
     return metadata.get(RESULT, {}).get(CONTINUES_IN, "")
 
 
 @functools.cache
 def version(package: str = "rb_dynamics") -> str:
-    """Return the installed version of `package`, or "not installed", as it was when first asked."""
+    """Return the installed version of `package` when first asked, or "not installed"."""
     from importlib import metadata
 
     try:
@@ -60,9 +60,9 @@ def version(package: str = "rb_dynamics") -> str:
 
 
 def run_metadata(scene: Scene, method: str, solver: str) -> dict[str, str]:
-    """Return what is known when a run begins: software, platform, method, hash of the scene. Values are text.
+    """Return the facts at the start of a run: software, platform, method, hash of the scene. Values are text.
 
-    `seed` is empty: nothing in a run is random.
+    `seed` is empty: a run uses no random numbers.
     """
     import platform
     from pathlib import PurePath

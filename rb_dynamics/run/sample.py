@@ -32,7 +32,7 @@ class Sample:
         energy_defect: T - T0 - work, J.
         angular_momentum_defect_world: L - L0 - integral of N dt, kg m^2/s.
         linear_momentum_defect_world: p - p0 - integral of F dt, kg m/s.
-        potential_energy: of the effects that have one, J; None where none has.
+        potential_energy: of the effects that have one, J; None if no effect has one.
     """
 
     time_ns: int
@@ -57,10 +57,10 @@ def kinetic_energy(body: RigidBody, phase: Phase) -> float:
 
 
 class SampleBuilder:
-    """Sees everything there is to see of a run: state, momenta, energies and the defects of their balances."""
+    """Computes samples: state, momenta, energies and the defects of their balances."""
 
     def __init__(self, effects: CombinedEffects, phase: Phase) -> None:
-        """Measure the defects from `phase`; `effects` act on their body beside the wrenches."""
+        """Measure the defects from `phase` on; `effects` act on their body in addition to the wrenches."""
         self._body = body = effects.body
         self._potential, self._storing = effects.potential(), effects.storing()
         self._energy = kinetic_energy(body, phase)
@@ -68,12 +68,13 @@ class SampleBuilder:
         self._stored = self._storing(phase.point(body)).energy if self._storing else 0.0
 
     def sample(self, phase: Phase, time_ns: int) -> Sample:
-        """Return the body in `phase`.
+        """Return the sample of the body in `phase`.
 
         The defects are the raw residuals of the balances T - T0 = W (lecture 24, page 8), L - L0 = int N dt (page 18)
-        and p - p0 = int F dt (page 6), with W and the impulses by the method's own quadrature: never projected, never
-        smoothed. What moves inside the body counts in L and T. Its inner torque is booked with the others, and by
-        parts gives the change of its own momentum and the work of its motor, which therefore drop out of the defects.
+        and p - p0 = int F dt (page 6), with W and the impulses by the method's own quadrature: they must not be
+        projected or smoothed. Parts that move inside the body count in L and T. Their inner torque is accumulated with
+        the others; integrated by parts it gives the change of their own momentum and the work of their motor, which
+        therefore cancel in the defects.
         """
         body = self._body
         state = phase.state(body, time_ns)

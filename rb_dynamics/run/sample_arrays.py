@@ -1,4 +1,4 @@
-"""`Samples`: state and books of many bodies, or of one body at many times, as arrays."""
+"""`Samples`: state and balances of many bodies, or of one body at many times, as arrays."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
 
 
 def _field(compute: Callable[[Any], Any]) -> cached_property[Numbers]:
-    """Make what `compute` returns for rows of numbers a field: an array, worked out once."""
+    """Return a lazy field with the array that `compute` returns for rows of numbers."""
 
     @wraps(compute)
     def field(samples: Samples) -> Numbers:
         import numpy as np
 
-        # An energy beyond the range of numbers is infinite here as everywhere.
+        # An energy beyond the range of doubles becomes infinite, as elsewhere.
         with np.errstate(all="ignore"):
             found = compute(samples)
         return np.stack(found, axis=-1) if isinstance(found, tuple) else np.asarray(found)
@@ -38,20 +38,20 @@ def _field(compute: Callable[[Any], Any]) -> cached_property[Numbers]:
 class Samples:
     """State and bookkeeping of many bodies, or at many times: each field of `Sample` with a leading axis.
 
-    A field is worked out when it is first asked for: what nobody looks at costs nothing.
+    A field is computed when it is first read.
 
     Attributes:
         time_ns: of all bodies, or one for each row; integer nanoseconds.
     """
 
     def __init__(self, body: RigidBody, start: Numbers, state: Numbers, time_ns: int | Times) -> None:
-        """Look at what `body` (of arrays) does in `state`, whose books began at `start`: (..., `PHASE`)."""
+        """Describe `body` (of arrays) in `state`, with balances from `start` on: (..., `PHASE`)."""
         self.time_ns = time_ns
         self._body, self._began, self._state = body, start, state
 
     @classmethod
     def known(cls, time_ns: int | Times, **fields: Numbers) -> Samples:
-        """Return samples of which these fields are known, and no others."""
+        """Return samples with only these fields."""
         samples = cls.__new__(cls)
         samples.time_ns = time_ns
         samples.__dict__.update(fields)
@@ -128,5 +128,5 @@ class Samples:
 def _phase(state: Numbers) -> Phase:
     import numpy as np
 
-    # Each number of all rows side by side, as numpy is quick with.
+    # Each number contiguous over all rows, which numpy processes fastest.
     return phase_of(tuple(np.ascontiguousarray(state.T)))

@@ -1,4 +1,4 @@
-"""The loop: `Simulation` advances a scene from edge to edge (command, timeout, knot, output, end) and tells sinks.
+"""The loop: `Simulation` advances a scene from edge to edge (command, timeout, knot, output, end) and feeds sinks.
 
 Offline runs, the node and replay all advance through `Simulation`, which must not read a clock, a file or a message.
 `simulate` runs a scene to its end and times it.
@@ -37,32 +37,33 @@ from rb_dynamics.scene.read import with_true_text
 
 _REMEDY = "give nanoseconds: round(1e9 * seconds)"
 
-# Hz: the first output after the start lies behind the end of time.
+# Hz: at a lower rate the first output after the start would be beyond the range of time.
 _NEVER = 2.0**-31
 
 
 class Simulation:
     """One run of a scene: takes commands, advances time, feeds sinks.
 
-    Time is integer nanoseconds from 0. The motion depends on the scene and on the commands with the times at which they
-    take effect, and on nothing else: not on how often `advance` is called, nor on the output rate.
+    Time is integer nanoseconds from 0. The motion depends only on the scene and on the commands with the times at which
+    they take effect, not on how often `advance` is called, nor on the output rate.
 
     Attributes:
-        clipped: how many commands the limits of their channel have made smaller.
-        taken_back: commands that `post` took, and that were rejected as the motion could not go on under them.
+        clipped: number of commands reduced by the limits of their channel.
+        taken_back: commands that `post` accepted, but that were rejected because the motion could not continue with
+            them.
     """
 
     def __init__(self, scene: Scene, sinks: Sequence[Sink] = (), facts: Mapping[str, str] | None = None) -> None:
         """Prepare a run; `start` begins it.
 
         Args:
-            scene: what is simulated.
-            sinks: told everything that happens.
-            facts: what logs are to say of the run beside what is known here, such as where its commands come from.
+            scene: the scene to simulate.
+            sinks: receive the events of the run.
+            facts: additional facts for logs, such as the source of the commands.
 
         Raises:
-            TypeError: an argument is not of its type.
-            SceneError: the solver makes no sense for the scene.
+            TypeError: an argument has the wrong type.
+            SceneError: the solver does not suit the scene.
         """
         scene = instance(scene, Scene, "scene", "read one with read_scene(path)")
         self.scene = scene = with_true_text(scene) if sinks else scene
@@ -87,7 +88,7 @@ class Simulation:
         self._phase = phase
         self._held, self._load_from = HeldWrench(), cast("LoadFrom | None", None)
         self._arc = self._new_arc(self.plan)
-        # Whether something else acts from `time_ns` on than in `_arc`.
+        # Whether the load from `time_ns` on differs from that in `_arc`.
         self._stale = False
         rate = Fraction(repr(float(scene.output_rate)))
         self._period_ns = (NANOSECONDS / rate).as_integer_ratio() if rate else None
@@ -99,7 +100,7 @@ class Simulation:
         return self._observer.sample(self._phase, self.time_ns)
 
     def look(self) -> Sample:
-        """Return state and bookkeeping at the last time that `advance` was given, edge or not; changes nothing.
+        """Return state and bookkeeping at the last time given to `advance`, edge or not; changes nothing.
 
         Raises:
             ConvergenceError: a step could not be solved.
@@ -116,21 +117,21 @@ class Simulation:
 
     @property
     def steps(self) -> int:
-        """Steps taken so far; the short ones that only look between two grid points are not counted."""
+        """Steps taken so far, without the short ones to a time between two grid points."""
         return self._steps_before + self._arc.steps_to(self.time_ns)
 
     @property
     def methods(self) -> str:
-        """Names of the methods that have moved the body, in the order of their first use, joined by "+"."""
+        """Names of the methods that have moved the body, in order of first use, joined by "+"."""
         return "+".join(self._used) or self.plan.name
 
     @property
     def moving(self) -> tuple[str, ...]:
-        """Names of the methods that have led to the last time that `advance` was given, edge or not."""
+        """Names of the methods used up to the last time given to `advance`, edge or not."""
         return tuple(dict.fromkeys((*self._used, *(self._arc.methods if self._computed_ns > self.time_ns else ()))))
 
     def course(self) -> RoundingHistory:
-        """Return what lies behind the last time that `advance` was given, edge or not; changes nothing.
+        """Return statistics of the path up to the last time given to `advance`, edge or not; changes nothing.
 
         Raises:
             ConvergenceError: a step could not be solved.
@@ -143,7 +144,7 @@ class Simulation:
         return self.time_ns == self.end_ns
 
     def start(self) -> None:
-        """Open the sinks and give them the initial state; if one cannot be opened, those before it are closed.
+        """Open the sinks and give them the initial state; if one cannot be opened, those opened before are closed.
 
         Raises:
             LogError: a log cannot be written.
@@ -160,37 +161,37 @@ class Simulation:
         self.write(self.sample)
 
     def post(self, topic: str, wrench: Wrench, time_ns: int = 0) -> bool:
-        """Let `wrench` take effect on channel `topic` at `time_ns`; a time that has passed means now.
+        """Let `wrench` take effect on channel `topic` at `time_ns`; a time in the past means now.
 
-        One that lies behind the end is not kept. Returns whether the limits of the channel make it smaller.
+        A command after the end is not kept. Returns whether the limits of the channel reduce it.
 
         Raises:
-            TypeError: an argument is not of its type.
-            WrenchError: the command cannot be honoured; the run goes on without it.
+            TypeError: an argument has the wrong type.
+            WrenchError: the command is rejected; the run continues without it.
         """
         command = self.check(topic, wrench)
         self.take(command, time_ns)
         return command.require()
 
     def check(self, topic: str, wrench: Wrench) -> CheckedWrench:
-        """Return the command as the channel `topic` takes it, for `take`; changes nothing.
+        """Return the command as the channel `topic` would apply it, for `take`; changes nothing.
 
         Raises:
-            TypeError: an argument is not of its type.
-            WrenchError: no such channel.
+            TypeError: an argument has the wrong type.
+            WrenchError: there is no such channel.
         """
         instance(topic, str, "topic", "write the name of a channel")
         return self._channels.check(topic, instance(wrench, Wrench, "wrench", "write Wrench(force, torque)"))
 
     def take(self, command: CheckedWrench, time_ns: int) -> None:
-        """Let a command from `check` take effect as `post` does; one that cannot be honoured is told to the sinks."""
+        """Let a command from `check` take effect as `post` does; a rejected one is reported to the sinks."""
         time_ns = max(self._computed_ns, whole_number(time_ns, "time_ns", _REMEDY))
         if self.end_ns is None or time_ns <= self.end_ns:
             self._channels.take(command, time_ns)
             self.clipped += command.clipped
 
     def outstanding(self) -> list[tuple[str, Wrench, int]]:
-        """Return topic, command and time (ns from now, 0 where it is held) of each that a run from here would need."""
+        """Return topic, command and time (ns from now, 0 if held) of each command that a run from here would need."""
         return [(topic, wrench, max(0, at - self._computed_ns)) for topic, wrench, at in self._channels.outstanding()]
 
     def next_output_ns(self) -> int:
@@ -204,7 +205,7 @@ class Simulation:
         """Advance to the last edge at or before `until_ns`, never past the end of the scene.
 
         Raises:
-            ConvergenceError: a step could not be solved; `time_ns` and `sample` stand at the last good state.
+            ConvergenceError: a step could not be solved; `time_ns` and `sample` remain at the last good state.
         """
         until_ns = whole_number(until_ns, "until_ns", _REMEDY)
         output = self.next_output_ns()
@@ -220,7 +221,7 @@ class Simulation:
             if self.end_ns is not None:
                 edge = min(edge, self.end_ns)
             if edge > until_ns or self.ended:
-                # Nothing to tell yet, but what leads there is done: the next call has less to do.
+                # No edge is reached, but the steps towards it are done, so the next call has less to do.
                 if not self.ended:
                     self._arc.advance(until_ns)
                     self._computed_ns = max(self._computed_ns, until_ns)
@@ -238,13 +239,13 @@ class Simulation:
                 self.write(self.sample)
 
     def write(self, event: Event) -> None:
-        """Tell every sink, until the run is finished."""
+        """Pass an event to every sink, unless the run is finished."""
         if not self._finished:
             for sink in self._sinks:
                 sink.write(event)
 
     def finish(self) -> None:
-        """Close every sink, even where one of them fails; a second call does nothing."""
+        """Close every sink, even if one of them fails; a second call does nothing."""
         if self._finished:
             return
         self._finished = True
@@ -260,7 +261,7 @@ class Simulation:
                 stack.callback(sink.close, result)
 
     def _next_change_ns(self) -> int | None:
-        """Return when what acts changes next: a command, a timeout or a kink of an effect."""
+        """Return when the load changes next: a command, a timeout or a knot of an effect."""
         change = self._channels.next_change_ns()
         if self._knots and (change is None or self._knots[0] < change):
             return self._knots[0]
@@ -274,19 +275,19 @@ class Simulation:
         while self._channels.huge and not self._goes_on():
             changes = self._channels.apply(self.time_ns)
         for change in changes:
-            # Only sinks are told the hash of the inputs, at the end.
+            # Only sinks receive the hash of the inputs, at the end.
             if self._sinks and isinstance(change, AppliedWrench):
                 self._inputs.update(change)
             self.write(change)
-        # What was rejected leaves no trace in the motion: no edge either.
+        # A rejected command leaves no trace in the motion, not even an edge.
         if kink or any(isinstance(change, AppliedWrench) for change in changes):
             self._stale = True
 
     def _goes_on(self) -> bool:
-        """Return whether one step can be taken under what acts now; else the largest command is rejected instead."""
+        """Return whether one step can be taken under the present load; if not, reject the largest command."""
         before = self._held, self._load_from
         try:
-            # A plan of its own: the other remembers the steps it has found.
+            # With a separate plan: the other one remembers its step sizes.
             arc = self._new_arc(Plan(self.scene))
             grid_ns = arc.next_grid_ns()
             # A closed form takes no steps.
@@ -317,7 +318,7 @@ class Simulation:
 
 
 def without_outputs(scene: Scene) -> Scene:
-    """Return `scene` as it is run where nobody is told: outputs are not computed, which changes nothing else."""
+    """Return `scene` without outputs, for runs without sinks; the motion is the same."""
     return scene if scene.output_rate == 0.0 else replace(scene, output_rate=_NEVER)
 
 
@@ -329,7 +330,7 @@ def _sink(sink: Sink) -> Sink:
 
 
 def _channels(scene: Scene, effects: CombinedEffects) -> WrenchChannels:
-    """Return the channels of the scene and, behind them, one for each effect that holds wrenches."""
+    """Return the channels of the scene, followed by one for each effect that holds wrenches."""
     schedules = effects.schedules()
     channels = WrenchChannels(scene.channels, scene.frames, [name for name, _ in schedules], scene.body)
     for number, (_, entries) in enumerate(schedules):
@@ -351,15 +352,15 @@ def _require_finite(body: RigidBody, phase: Phase, time_ns: int) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """What `simulate` returns.
+    """Result of `simulate`.
 
     Attributes:
         sample: at the end of the run.
         method: names of the methods that moved the body, joined by "+".
-        steps: of all of them.
+        steps: total number of steps.
         wall_time_s: s.
-        rejected: why each command that could not be honoured was not; the run went on without them.
-        clipped: number of commands that the limits of their channel made smaller.
+        rejected: the reason for each rejected command; the run continued without them.
+        clipped: number of commands reduced by the limits of their channel.
     """
 
     sample: Sample
@@ -380,20 +381,20 @@ def simulate(
     """Run `scene` to the end of its duration; each of `commands` (topic, wrench) takes effect at its stamp.
 
     Args:
-        scene: what is simulated, or its file; its `duration` must be given.
-        commands: wrench commands for the scene's channels; those after the end have no effect, those that cannot be
-            honoured are left out and named in the result, as the node does. A sequence may be in any order; anything
-            else is read as the run goes on, `LOOK_AHEAD` commands ahead of it, and not kept.
-        sinks: told everything that happens.
-        progress: called now and then with the fraction done.
-        facts: what logs are to say of the run beside what is known here, such as where its commands come from.
+        scene: the scene to simulate, or its file; its `duration` must be given.
+        commands: wrench commands for the scene's channels. Those after the end have no effect; rejected ones are named
+            in the result, as in the node. A sequence may be in any order; any other iterable is read during the run,
+            `LOOK_AHEAD` commands ahead of it, and not kept.
+        sinks: receive the events of the run.
+        progress: called repeatedly with the fraction done.
+        facts: additional facts for logs, such as the source of the commands.
 
     Raises:
-        TypeError: an argument is not of its type.
-        SceneError: the file says no valid scene, or the scene has no duration.
+        TypeError: an argument has the wrong type.
+        SceneError: the file has no valid scene, or the scene has no duration.
         LogError: a log cannot be written.
-        ConvergenceError: a step could not be solved; what was logged until then is complete.
-        ValueError: `commands` are no sequence, and one came after the run had gone beyond its stamp.
+        ConvergenceError: a step could not be solved; the log is complete up to there.
+        ValueError: `commands` is not a sequence, and one came after the run had passed its stamp.
     """
     started = time.perf_counter()
     scene = opened(scene)
@@ -409,7 +410,7 @@ def simulate(
     run.start()
     try:
         part = 0
-        # To advance in pieces changes nothing, see `Arc`.
+        # Advancing in pieces changes no bits, see `Arc`.
         for known_ns in _post_ahead(run, commands, rejected):
             while part < 100 and run.end_ns * (part + 1) // 100 <= known_ns:
                 part += 1
@@ -430,7 +431,7 @@ def as_command(command: object) -> tuple[str, Wrench]:
     """Return `command`.
 
     Raises:
-        TypeError: it is no pair of a topic and a wrench.
+        TypeError: it is not a pair of a topic and a wrench.
     """
     if isinstance(command, (tuple, list)) and len(command) == 2:
         topic, wrench = command
@@ -443,10 +444,10 @@ def as_command(command: object) -> tuple[str, Wrench]:
 
 
 def post_all(run: Simulation, commands: Sequence[tuple[str, Wrench]]) -> list[str]:
-    """Post `commands` to a run in the order in which `simulate` does; return why each that was rejected was.
+    """Post `commands` to a run in the order in which `simulate` does; return the reason for each rejected one.
 
     Raises:
-        TypeError: one is no pair of a topic and a wrench.
+        TypeError: one is not a pair of a topic and a wrench.
     """
     rejected: list[str] = []
     for _ in _post_ahead(run, commands, rejected):
@@ -455,11 +456,11 @@ def post_all(run: Simulation, commands: Sequence[tuple[str, Wrench]]) -> list[st
 
 
 LOOK_AHEAD = 1000
-"""Commands that wait for their time in `simulate`: so many may come in any order, and more take no more memory."""
+"""Commands that `simulate` reads ahead: within this number they may be in any order, and memory stays bounded."""
 
 
 def _post_ahead(run: Simulation, commands: Iterable[tuple[str, Wrench]], rejected: list[str]) -> Iterator[int]:
-    """Post commands, and yield now and then the time (ns) until which all have been posted; at last the end."""
+    """Post commands, yielding repeatedly the time (ns) until which all have been posted; at last the end."""
     if isinstance(commands, Sequence):
         commands = sorted(map(as_command, commands), key=lambda command: command[1].stamp_ns)
     elif not isinstance(commands, Iterable):

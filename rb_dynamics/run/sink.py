@@ -1,4 +1,4 @@
-"""`Sink`: receives what happens in a run. Memory, MCAP, Rerun and the node's publishers implement its three calls.
+"""`Sink`: receives the events of a run. Memory, MCAP, Rerun and the node's publishers implement its three calls.
 
 Events are values in the units and frames of the log. A sink must not change the run.
 """
@@ -25,8 +25,8 @@ class RunInfo:
         scene: the validated scene, with its text as `scene.text` and its file name as `scene.source`.
         method: name of the method that runs, as in `METHODS`.
         metadata: facts about the run as text: software versions, platform, method, seed, hash of the inputs.
-        acceleration: tells that of the body origin (m/s^2) and the angular one (rad/s^2), body axes, for the sample
-            that is being written; None where nothing is run.
+        acceleration: returns the acceleration of the body origin (m/s^2) and the angular one (rad/s^2), body axes, for
+            the sample being written; None if there is no simulation.
     """
 
     scene: Scene
@@ -37,14 +37,14 @@ class RunInfo:
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """Health of a run at one time: what `/diagnostics` shows.
+    """Health of a run at one time, as shown on `/diagnostics`.
 
     Attributes:
         time_ns: simulation time.
         level: 0 OK, 1 WARN, 2 ERROR, as in diagnostic_msgs/DiagnosticStatus.
-        message: one line for a person.
+        message: one line of text.
         values: key and value, as text.
-        name: of what the status is about: a node by its full name.
+        name: subject of the status: a node by its full name.
     """
 
     time_ns: int
@@ -58,16 +58,16 @@ Event = Sample | AppliedWrench | RejectedWrench | Status
 
 
 class Sink(Protocol):
-    """Takes what happens in a run; `open` once, `write` in the order of time, `close` once."""
+    """Receives the events of a run: one `open`, then `write` in order of time, then one `close`."""
 
     def open(self, run: RunInfo) -> None:
-        """Prepare for `run`; nothing is written before."""
+        """Prepare for `run`; called before the first `write`."""
 
     def write(self, event: Event) -> None:
-        """Take one event; times never decrease."""
+        """Receive one event; times never decrease."""
 
     def close(self, result: Mapping[str, str]) -> None:
-        """Finish with facts known only at the end (steps, hash of the states) and release everything."""
+        """Receive the facts known only at the end (steps, hash of the states) and release all resources."""
 
 
 __all__ = ["AppliedWrench", "Event", "RejectedWrench", "RunInfo", "Sample", "Sink", "Status"]

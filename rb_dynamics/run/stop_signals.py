@@ -10,9 +10,9 @@ from collections.abc import Callable, Iterator
 
 @contextlib.contextmanager
 def stop_signals(handle: Callable[[int], None], *others: signal.Signals) -> Iterator[None]:
-    """Call `handle` on SIGTERM, SIGHUP and `others`; what handled them before does so again afterwards.
+    """Call `handle` on SIGTERM, SIGHUP and `others`; the previous handlers are restored afterwards.
 
-    SIGHUP stays ignored where it is, as under nohup. Outside the main thread nothing is changed.
+    SIGHUP remains ignored if it was, as under nohup. Outside the main thread nothing is changed.
     """
     numbers = [signal.SIGTERM, *others]
     hangup = getattr(signal, "SIGHUP", None)  # not on Windows
@@ -29,7 +29,7 @@ def stop_signals(handle: Callable[[int], None], *others: signal.Signals) -> Iter
 
 
 class Stopped(KeyboardInterrupt):
-    """SIGTERM or SIGHUP; caught wherever Ctrl-C is."""
+    """SIGTERM or SIGHUP; handled wherever Ctrl-C is."""
 
     def __init__(self, number: int) -> None:
         """Keep the `number` of the signal."""
@@ -39,7 +39,7 @@ class Stopped(KeyboardInterrupt):
 
 @contextlib.contextmanager
 def interrupted_by_signals() -> Iterator[None]:
-    """Make SIGTERM and SIGHUP what Ctrl-C is, once: those that follow do not interrupt the closing of logs."""
+    """Treat SIGTERM and SIGHUP like Ctrl-C, once: further signals do not interrupt the closing of logs."""
     came: list[int] = []
 
     def handle(number: int) -> None:

@@ -46,7 +46,7 @@ def test_demo_flies_as_the_recorded_body_did(tmp_path: Path, scene_dir: Path, ex
     assert "600 stamps compared with the recorded flight: all within 1e-10" in demo.stdout
     assert "the same bits" in demo.stdout
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"demo.mcap", "demo.rrd", "demo.html", "flip.rrd"}
-    assert "Against the recorded flight" in (tmp_path / "out" / "demo.html").read_text()
+    assert "Comparison with the recording" in (tmp_path / "out" / "demo.html").read_text()
 
     # Read by a reader that is not ours: the log holds what the recorded body did, and the bits of an offline run.
     def poses(path: Path, topic: str) -> dict[int, list[float]]:

@@ -59,7 +59,7 @@ def test_a_full_disk_stops_the_log_and_not_the_run(scene: Path, tmp_path: Path) 
     # 400 KiB: room for whole chunks, compressed or not.
     limited = command("simulate", scene, "--mcap", log, "--json", prefix="ulimit -f 800; exec")
     assert limited.returncode == 1, limited.stderr
-    assert "warning: a log has stopped, the run goes on without it" in limited.stderr
+    assert "warning: a log has stopped, the run continues without it" in limited.stderr
     assert "Traceback" not in limited.stderr
     assert json.loads(limited.stdout)["time_ns"] == 10**10
     bag = read_bag(log)

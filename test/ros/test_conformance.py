@@ -33,14 +33,14 @@ def test_a_lever_and_a_timeout_that_are_not_there_are_found_out() -> None:
         assert node.stop() == 0
     assert done.returncode == 1, done.stdout + done.stderr
     failed = [line for line in done.stdout.splitlines() if line.startswith("FAILS")]
-    assert ["lever arm" in failed[0], "watchdog" in failed[1], len(failed)] == [True, True, 2]
+    assert ["lever arm" in failed[0], "timeout" in failed[1], len(failed)] == [True, True, 2]
 
 
 @pytest.mark.parametrize(
     ("arguments", "passed", "note"),
     [
-        ((), True, "/rigid_body: wrench: a commander's QoS"),
-        (("-r", "/diagnostics:=/elsewhere"), False, "nobody says so"),
+        ((), True, "/rigid_body: wrench: a publisher's QoS"),
+        (("-r", "/diagnostics:=/elsewhere"), False, "no diagnostics report it"),
         (("-p", "qos_overrides./wrench.subscription.reliability:=best_effort"), True, "fits"),
     ],
 )

@@ -221,7 +221,7 @@ def test_a_storm_of_commands_leaves_the_last_one_acting_and_each_accounted_for(
     assert {told[f"wrench: {name}"] for name in ("rejected", "early", "late", "duplicate", "superseded")} == {"0"}
     if lost:
         assert diagnostics[-1].status[0].level == b"\x01"
-        assert "commands lost on the way" in node.err
+        assert "commands lost in transport" in node.err
     # N s for 1 N, then 2 N: the books close, whatever was left out.
     assert float(told["linear momentum defect"].split()[0]) < 1e-9
     assert float(told["energy defect"].split()[0]) < 1e-9
@@ -247,7 +247,7 @@ def test_in_lockstep_a_command_that_was_replaced_before_it_came_stops_time(tmp_p
         node.process.send_signal(signal.SIGCONT)
         peer.until(lambda: came_or_lost(diagnostics) == 20_001, "every command accounted for")
         assert node.stop() == 0, node.err
-    assert "the motion is no longer that of its commands" in diagnostics[-1].status[0].message
+    assert "the motion no longer follows its commands" in diagnostics[-1].status[0].message
     assert values(diagnostics[-1])["state"] == "paused"
 
 
@@ -341,18 +341,18 @@ def test_a_log_that_is_removed_is_missed(scene: Path, peer: Peer, tmp_path: Path
         peer.until(lambda: len(momenta) > 10, "motion")
         shutil.rmtree(folder)
         peer.until(
-            lambda: bool(diagnostics) and "was removed" in diagnostics[-1].status[0].message,
+            lambda: bool(diagnostics) and "was deleted" in diagnostics[-1].status[0].message,
             "the failure in diagnostics",
         )
         count, told = len(momenta), len(diagnostics)
         peer.until(lambda: len(momenta) > count + 10 and len(diagnostics) > told + 1, "motion without a log")
-        assert "was removed" in diagnostics[-1].status[0].message
+        assert "was deleted" in diagnostics[-1].status[0].message
         assert peer.call("rigid_body/reset", Trigger.Request()).success
         told = len(diagnostics)
         peer.until(lambda: len(diagnostics) > told + 1, "a new log")
         assert diagnostics[-1].status[0].level < b"\x02", diagnostics[-1].status[0].message
         assert node.stop() == 0, node.err
-    assert node.err.count("was removed") == 1
+    assert node.err.count("was deleted") == 1
     assert read_bag(log).complete
 
 

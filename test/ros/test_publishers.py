@@ -17,10 +17,10 @@ from ros_harness import Peer
 from rb_dynamics import Simulation, parse_scene
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.messages import sample_encoder, sample_topics
-from rb_dynamics.ros.driver import Driver, Mode
 from rb_dynamics.ros.health import Health
 from rb_dynamics.ros.pacing import Pacer
 from rb_dynamics.ros.publishers import Topics, TopicSink
+from rb_dynamics.ros.runner import Mode, Runner
 from rb_dynamics.run.sink import RunInfo, Sample, Status
 
 pytestmark = pytest.mark.ros
@@ -33,7 +33,7 @@ NOBODY: Any = None
 def test_a_topic_that_nobody_reads_is_not_made(peer: Peer) -> None:
     node = Node("rigid_body", context=peer.context)
     health = Health("rigid_body", (), print)
-    sink = TopicSink(node, SCENE, Topics(), health, Driver(SCENE, Mode(), Pacer(1.0), health, NOBODY))
+    sink = TopicSink(node, SCENE, Topics(), health, Runner(SCENE, Mode(), Pacer(1.0), health, NOBODY))
     sink.open(RunInfo(SCENE, "exact"))
     nowhere: Any = ()
     unpackable = replace(Simulation(SCENE).sample, position_world=nowhere)
@@ -64,9 +64,9 @@ def test_topics_have_the_bytes_of_the_log_and_only_those_of_the_run(peer: Peer) 
     )
     node = Node("rigid_body", context=peer.context)
     health = Health("rigid_body", (), print)
-    driver = Driver(SCENE, Mode(), Pacer(1.0), health, NOBODY)
-    driver.pacer.begin(7)
-    sink = TopicSink(node, with_gravity, Topics(clock=True, transforms=transforms, acceleration=True), health, driver)
+    runner = Runner(SCENE, Mode(), Pacer(1.0), health, NOBODY)
+    runner.pacer.begin(7)
+    sink = TopicSink(node, with_gravity, Topics(clock=True, transforms=transforms, acceleration=True), health, runner)
     acceleration = ((1.0, 2.0, 3.0), (4.0, 5.0, 6.0))
     names = {name for name, _ in sample_topics(with_gravity, accel=True) if transforms or name != "/tf"} | {"/clock"}
     heard: dict[str, bytes] = {}

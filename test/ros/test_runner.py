@@ -1,4 +1,4 @@
-"""`Driver` without DDS: changes from outside, against what the laws say of the motion after them."""
+"""`Runner` without DDS: changes from outside, against what the laws say of the motion after them."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from rb_dynamics import MemorySink, Simulation, Wrench, parse_scene
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.wrench import WrenchFrames
 from rb_dynamics.ros.conversions import to_state
-from rb_dynamics.ros.driver import Driver, Host, Mode
 from rb_dynamics.ros.health import Health
 from rb_dynamics.ros.pacing import Pacer
+from rb_dynamics.ros.runner import Host, Mode, Runner
 from rb_dynamics.run.sink import Event, Sink, Status
 
 SCENE = """\
@@ -42,26 +42,26 @@ class Memory:
     def take_commands(self) -> None: ...
 
 
-def driver(text: str = SCENE, mode: Mode | None = None, host: Host | None = None) -> Driver:
+def runner(text: str = SCENE, mode: Mode | None = None, host: Host | None = None) -> Runner:
     scene = parse_scene(text)
     health = Health("/body", [channel.topic for channel in scene.channels], lambda level, message: None)
-    body = Driver(scene, mode or Mode(start_paused=True), Pacer(1.0), health, host or Memory())
+    body = Runner(scene, mode or Mode(start_paused=True), Pacer(1.0), health, host or Memory())
     body.start()
     return body
 
 
-def run_steps(body: Driver, count: int) -> None:
+def run_steps(body: Runner, count: int) -> None:
     body.step(count)
     while body.behind:
         body.tick()
 
 
-def count(body: Driver, name: str) -> int:
+def count(body: Runner, name: str) -> int:
     return int(body.health.status(body.simulation, body.pacer, "").values[f"wrench: {name}"])
 
 
 def test_steps_are_output_periods_however_they_are_asked_for() -> None:
-    one, many = driver(), driver()
+    one, many = runner(), runner()
     for _ in range(7):
         run_steps(one, 1)
     run_steps(many, 7)
@@ -73,7 +73,7 @@ def test_steps_are_output_periods_however_they_are_asked_for() -> None:
 
 
 def test_a_new_mass_keeps_the_velocities_the_stamps_and_what_is_held() -> None:
-    body = driver()
+    body = runner()
     body.command("wrench", Wrench(force=(4.0, 0.0, 0.0), frame_id="world"))
     run_steps(body, 10)
     before, stamp = body.simulation.sample, body.stamp_ns
@@ -95,7 +95,7 @@ def test_a_new_mass_keeps_the_velocities_the_stamps_and_what_is_held() -> None:
 
 
 def test_a_new_run_from_the_state_as_it_is_changes_no_digit_of_the_motion() -> None:
-    whole, cut = driver(), driver()
+    whole, cut = runner(), runner()
     for body in (whole, cut):
         body.command("wrench", Wrench(torque=(0.0, 0.1, 0.0)))
         run_steps(body, 20)
@@ -108,7 +108,7 @@ def test_a_new_run_from_the_state_as_it_is_changes_no_digit_of_the_motion() -> N
 
 
 def test_a_value_that_was_there_already_begins_no_new_run() -> None:
-    body = driver()
+    body = runner()
     run_steps(body, 3)
     before = body.simulation
     body.change(body.changed({"body.mass": 2, "body.inertia.diagonal": [1, 2, 2.5]}), initial_only=False)
@@ -116,7 +116,7 @@ def test_a_value_that_was_there_already_begins_no_new_run() -> None:
 
 
 def test_the_new_run_is_one_that_simulate_repeats() -> None:
-    body = driver()
+    body = runner()
     run_steps(body, 10)
     body.set_state(replace(body.state, angular_velocity_body=(0.0, 1.0, 0.01)))
     text = body.simulation.scene.text
@@ -128,7 +128,7 @@ def test_the_new_run_is_one_that_simulate_repeats() -> None:
 
 
 def test_commands_that_wait_and_timeouts_go_on_over_a_change() -> None:
-    body = driver(mode=Mode(start_paused=True, apply_at="stamp"))
+    body = runner(mode=Mode(start_paused=True, apply_at="stamp"))
     body.command("wrench", Wrench(force=(2.0, 0.0, 0.0), frame_id="world", stamp_ns=150_000_000))
     body.command("push", Wrench(force=(6.0, 0.0, 0.0), frame_id="world"))
     run_steps(body, 10)
@@ -139,7 +139,7 @@ def test_commands_that_wait_and_timeouts_go_on_over_a_change() -> None:
 
 
 def test_commands_that_came_out_of_order_go_on_in_the_order_of_their_stamps() -> None:
-    body = driver(mode=Mode(start_paused=True, apply_at="stamp"))
+    body = runner(mode=Mode(start_paused=True, apply_at="stamp"))
     for force, stamp_ms in ((6.0, 150), (4.0, 50), (2.0, 20), (8.0, 250)):
         body.command("wrench", Wrench(force=(force, 0.0, 0.0), frame_id="world", stamp_ns=stamp_ms * 1_000_000))
     run_steps(body, 10)
@@ -154,7 +154,7 @@ def test_commands_that_came_out_of_order_go_on_in_the_order_of_their_stamps() ->
 
 @pytest.mark.parametrize("mode", [Mode(start_paused=True, apply_at="stamp"), Mode(lockstep=True), Mode()])
 def test_what_a_command_does_is_found_once(mode: Mode, monkeypatch: pytest.MonkeyPatch) -> None:
-    body, looked = driver(mode=mode), []
+    body, looked = runner(mode=mode), []
     hold = WrenchFrames.hold
     monkeypatch.setattr(WrenchFrames, "hold", lambda frames, wrench: (looked.append(wrench), hold(frames, wrench))[1])
     for wrench in (Wrench(stamp_ns=50_000_000), Wrench(frame_id="nowhere", stamp_ns=60_000_000)):
@@ -164,7 +164,7 @@ def test_what_a_command_does_is_found_once(mode: Mode, monkeypatch: pytest.Monke
 
 
 def test_what_is_held_after_a_timeout_or_was_rejected_does_not_come_back() -> None:
-    body = driver(SCENE.replace("push, timeout: 0.5", "push, timeout: 0.05, max_force: 50.0, on_excess: clip"))
+    body = runner(SCENE.replace("push, timeout: 0.5", "push, timeout: 0.05, max_force: 50.0, on_excess: clip"))
     body.command("push", Wrench(force=(6.0, 0.0, 0.0), frame_id="world"))
     body.command("wrench", Wrench(torque=(1e8, 0.0, 0.0)))  # taken back: no step can be taken under it
     body.command("wrench", Wrench(frame_id="nowhere"))
@@ -183,7 +183,7 @@ def test_what_is_held_after_a_timeout_or_was_rejected_does_not_come_back() -> No
 
 
 def test_reset_leads_back_to_the_initial_state_and_its_parts_do_their_part() -> None:
-    body = driver()
+    body = runner()
     body.command("wrench", Wrench(force=(4.0, 0.0, 0.0), frame_id="world"))
     run_steps(body, 10)
     first = body.simulation.sample
@@ -219,7 +219,7 @@ def test_reset_leads_back_to_the_initial_state_and_its_parts_do_their_part() -> 
 def test_a_change_is_checked_as_a_whole_and_a_bad_one_changes_nothing(
     overrides: dict[str, object], expected: str
 ) -> None:
-    body = driver()
+    body = runner()
     run_steps(body, 3)
     before = body.simulation
     with pytest.raises(SceneError, match=expected):
@@ -229,7 +229,7 @@ def test_a_change_is_checked_as_a_whole_and_a_bad_one_changes_nothing(
 
 
 def test_a_state_that_is_none_is_refused_and_the_run_goes_on() -> None:
-    body = driver()
+    body = runner()
     run_steps(body, 3)
     before = body.simulation
     for bad in (
@@ -243,7 +243,7 @@ def test_a_state_that_is_none_is_refused_and_the_run_goes_on() -> None:
 
 
 def test_stamped_commands_late_early_twice_and_out_of_order() -> None:
-    body = driver(mode=Mode(start_paused=True, apply_at="stamp"))
+    body = runner(mode=Mode(start_paused=True, apply_at="stamp"))
     ms = 1_000_000
     run_steps(body, 2)
 
@@ -268,7 +268,7 @@ def test_stamped_commands_late_early_twice_and_out_of_order() -> None:
 
 
 def test_a_command_without_a_stamp_acts_when_it_comes_though_a_later_stamp_waits() -> None:
-    body = driver(mode=Mode(start_paused=True, apply_at="stamp"))
+    body = runner(mode=Mode(start_paused=True, apply_at="stamp"))
     ms = 1_000_000
 
     def push(force: float, stamp_ns: int) -> None:
@@ -291,7 +291,7 @@ def test_a_command_without_a_stamp_acts_when_it_comes_though_a_later_stamp_waits
 
 def test_by_arrival_the_commands_of_a_channel_keep_their_order() -> None:
     memory = Memory()
-    body = driver(mode=Mode(), host=memory)
+    body = runner(mode=Mode(), host=memory)
     body.pacer.restart(50_000_000)
     for force, age_ns in ((1.0, 0), (2.0, 40_000_000), (3.0, 0), (4.0, 20_000_000)):
         body.command("wrench", Wrench(force=(force, 0.0, 0.0), frame_id="world"), age_ns)
@@ -300,7 +300,7 @@ def test_by_arrival_the_commands_of_a_channel_keep_their_order() -> None:
 
 
 def test_another_factor_while_it_runs() -> None:
-    body = driver(mode=Mode())
+    body = runner(mode=Mode())
     body.pace(0.0)
     while not body.done:
         body.tick()
@@ -308,7 +308,7 @@ def test_another_factor_while_it_runs() -> None:
 
 
 def test_a_lag_is_given_up_and_counted_however_far_the_next_output_is() -> None:
-    body = driver(SCENE.replace("duration: 1.0", "output_rate: 0.01"), Mode())
+    body = runner(SCENE.replace("duration: 1.0", "output_rate: 0.01"), Mode())
     body.pacer.restart(1_000_000_000)
     body.tick()
     while body.behind:
@@ -322,7 +322,7 @@ def test_a_lag_is_given_up_and_counted_however_far_the_next_output_is() -> None:
 
 
 def test_time_goes_on_from_what_was_computed_not_from_the_last_output() -> None:
-    body = driver(SCENE.replace("duration: 1.0", "output_rate: 0.01"), Mode())
+    body = runner(SCENE.replace("duration: 1.0", "output_rate: 0.01"), Mode())
     body.pacer.restart(80_000_000)
     body.tick()
     while body.behind:
@@ -337,7 +337,7 @@ def test_time_goes_on_from_what_was_computed_not_from_the_last_output() -> None:
 
 
 def test_a_change_from_outside_takes_no_time_from_the_motion_however_far_the_next_output_is() -> None:
-    body = driver(SCENE.replace("duration: 1.0", "output_rate: 0.01"), Mode())
+    body = runner(SCENE.replace("duration: 1.0", "output_rate: 0.01"), Mode())
     passed, x = 0, 0.0
     for _ in range(3):
         body.pacer.restart(50_000_000)
@@ -358,7 +358,7 @@ def test_a_change_from_outside_takes_no_time_from_the_motion_however_far_the_nex
 
 
 def test_what_it_takes_to_get_ready_is_no_lag() -> None:
-    body = driver(mode=Mode())
+    body = runner(mode=Mode())
     body.pacer.restart(300_000_000)
     before = time.monotonic_ns()
     body.go()
@@ -367,7 +367,7 @@ def test_what_it_takes_to_get_ready_is_no_lag() -> None:
 
 
 def test_stop_stands_at_time_0_until_told() -> None:
-    body = driver(mode=Mode())
+    body = runner(mode=Mode())
     body.pause(True)
     run_steps(body, 2)
     assert body.stop() == ""
@@ -378,7 +378,7 @@ def test_stop_stands_at_time_0_until_told() -> None:
 
 def test_each_run_has_sinks_of_its_own() -> None:
     memory = Memory()
-    body = driver(host=memory)
+    body = runner(host=memory)
     run_steps(body, 2)
     body.set_state(body.state)
     run_steps(body, 3)
@@ -387,7 +387,7 @@ def test_each_run_has_sinks_of_its_own() -> None:
 
 def test_a_command_acts_from_when_it_came_but_not_before_what_has_been_told() -> None:
     memory = Memory()
-    body = driver(mode=Mode(), host=memory)
+    body = runner(mode=Mode(), host=memory)
     # 50 ms have passed, and are computed.
     body.pacer.restart(body.simulation.time_ns + 50_000_000)
     body.tick()
@@ -409,7 +409,7 @@ def test_a_command_acts_from_when_it_came_but_not_before_what_has_been_told() ->
 @pytest.mark.parametrize("apply_at", ["arrival", "stamp"])
 def test_a_command_that_came_acts_before_the_output_is_due_unless_stamps_count(apply_at: str) -> None:
     memory = Memory()
-    body = driver(SCENE.replace("duration: 1.0", "output_rate: 1"), Mode(apply_at=apply_at), memory)
+    body = runner(SCENE.replace("duration: 1.0", "output_rate: 1"), Mode(apply_at=apply_at), memory)
     body.pacer.restart(50_000_000)
     body.command("wrench", Wrench(force=(1.0, 0.0, 0.0), frame_id="world", stamp_ns=20_000_000))
     body.prepare()
@@ -431,7 +431,7 @@ def test_time_goes_no_further_than_to_when_commands_were_looked_for() -> None:
             time.sleep(0.02)
 
     memory = Slow()
-    body = driver(SCENE.replace("duration: 1.0", "output_rate: 1"), Mode(), memory)
+    body = runner(SCENE.replace("duration: 1.0", "output_rate: 1"), Mode(), memory)
     before = time.monotonic_ns()
     body.pacer.restart(50_000_000)
     body.tick()
@@ -451,7 +451,7 @@ def test_lockstep_says_what_it_waits_for_and_warns_of_commands_that_move_no_time
         def sinks(self) -> list[Sink]:
             return [Statuses()]
 
-    body = driver(mode=Mode(lockstep=True), host=Watched())
+    body = runner(mode=Mode(lockstep=True), host=Watched())
 
     def message() -> str:
         while body.behind:
@@ -472,7 +472,7 @@ def test_lockstep_says_what_it_waits_for_and_warns_of_commands_that_move_no_time
 
 def test_a_rejected_command_leaves_no_trace_in_what_the_stamps_of_others_mean() -> None:
     nothing = Wrench(force=(float("nan"), 0.0, 0.0), frame_id="world", stamp_ns=10**18)
-    body = driver(mode=Mode(start_paused=True, apply_at="stamp"))
+    body = runner(mode=Mode(start_paused=True, apply_at="stamp"))
     run_steps(body, 2)
     body.command("wrench", nothing)
     body.command("wrench", Wrench(force=(2.0, 0.0, 0.0), frame_id="world"))
@@ -492,13 +492,13 @@ def test_a_state_whose_quaternion_is_a_little_off_keeps_its_speed() -> None:
     message = Odometry()
     message.pose.pose.orientation.z = message.pose.pose.orientation.w = 0.5**0.5 * 1.0009
     message.twist.twist.linear.x = 1.0
-    body = driver()
+    body = runner()
     body.set_state(to_state(message, body.scene.frames))
     assert body.state.linear_velocity_world == pytest.approx((0.0, 1.0, 0.0), abs=1e-15)
 
 
 def test_what_is_told_of_a_pause_holds_as_long_as_the_pause() -> None:
-    body = driver(mode=Mode())
+    body = runner(mode=Mode())
     status = lambda: body.health.status(body.simulation, body.pacer, "")  # noqa: E731
     body.fail("a command was lost")
     assert status().level == 2
