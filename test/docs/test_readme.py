@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import pytest
 import yaml
+from command_line import command
 
 from rb_dynamics import parse_scene
 from rb_dynamics.motion import METHODS
@@ -101,8 +102,13 @@ class Reader:
         if step.kind == "file":
             (self.folder / step.shown).write_text(step.text, "utf-8")
             return
-        tail = ["-c", step.text] if step.kind == "python" else ["-m", "rb_dynamics", *words(step.text)]
-        result = subprocess.run([sys.executable, *tail], cwd=self.folder, capture_output=True, text=True, check=False)
+        if step.kind == "python":
+            line = [sys.executable, "-c", step.text]
+            result = subprocess.run(line, cwd=self.folder, capture_output=True, text=True, check=False)
+        else:
+            with pytest.MonkeyPatch.context() as patch:
+                patch.chdir(self.folder)
+                result = command(*words(step.text))
         if step.kind == "shows":
             assert result.returncode in (0, 1, 2), result.stderr
             assert step.shown
