@@ -70,6 +70,10 @@ def pytest_configure(config: pytest.Config) -> None:
     )
     config.add_cleanup(lock.close)
     config.add_cleanup(lambda: shutil.rmtree(logs, ignore_errors=True))
+    if "PYTEST_XDIST_WORKER" not in os.environ:
+        # What is compiled here is no user's; workers and the processes they start share it, and each kernel once.
+        kernels = os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="rb_dynamics_cache_")
+        config.add_cleanup(lambda: shutil.rmtree(kernels, ignore_errors=True))
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -116,21 +120,6 @@ def scene_dir() -> Path:
 def example_dir() -> Path:
     """Return the folder of the recorded wrench logs that ship with the package."""
     return ROOT / "examples"
-
-
-@pytest.fixture(scope="module")
-def kernel_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Keep what a module compiles away from the user's cache, in one that all modules and workers share."""
-    from rb_dynamics.numerics import compilation
-
-    folder = tmp_path_factory.getbasetemp()
-    if "PYTEST_XDIST_WORKER" in os.environ:
-        folder = folder.parent
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
-        compilation.cache_folder.cache_clear()
-        yield
-    compilation.cache_folder.cache_clear()
 
 
 @pytest.fixture

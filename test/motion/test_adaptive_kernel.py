@@ -20,9 +20,6 @@ from rb_dynamics.numerics.vector import ZERO, Vector, dot, norm
 
 needs_numba = pytest.mark.skipif(not compilation.available(), reason="nothing to compare with: numba is not installed")
 
-
-pytestmark = pytest.mark.usefixtures("kernel_cache")
-
 RK4, MIDPOINT = METHODS["rk4"].step, METHODS["midpoint"].step
 
 

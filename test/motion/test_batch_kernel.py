@@ -22,9 +22,6 @@ LANE_METHODS = [name for name in METHODS if name in batch_kernel._LANE_STEPS]
 needs_numba = pytest.mark.skipif(not compilation.available(), reason="nothing to compare with: numba is not installed")
 
 
-pytestmark = pytest.mark.usefixtures("kernel_cache")
-
-
 def case(r: random.Random, fastest: float) -> tuple[Inertia, HeldWrench, Phase]:
     def vector(size: float) -> Vector:
         return (r.uniform(-size, size), r.uniform(-size, size), r.uniform(-size, size))

@@ -34,9 +34,6 @@ COMPILED = [name for name, method in METHODS.items() if method.compiles]
 needs_numba = pytest.mark.skipif(not compilation.available(), reason="nothing to compare with: numba is not installed")
 
 
-pytestmark = pytest.mark.usefixtures("kernel_cache")
-
-
 def case(r: random.Random, longest: float = 0.1) -> tuple[Inertia, HeldWrench, float, Phase]:
     """Return a body, what acts on it, a step and a start; one in ten is symmetric, one in twenty at rest."""
 

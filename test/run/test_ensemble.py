@@ -34,9 +34,6 @@ FIELDS = [name for name in Sample.__slots__ if hasattr(Samples, name)]
 needs_numba = pytest.mark.skipif(not compilation.available(), reason="numba is not installed")
 
 
-pytestmark = pytest.mark.usefixtures("kernel_cache")
-
-
 @pytest.fixture(params=["never", pytest.param("always", marks=needs_numba)])
 def _compile(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", request.param)
