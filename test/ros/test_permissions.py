@@ -10,14 +10,18 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from command_line import called
 from ros_harness import ROOT
+
+from rb_dynamics.ros.permissions import main
 
 pytestmark = pytest.mark.ros
 
 
 def generated(*arguments: str) -> str:
-    command = [sys.executable, "-m", "rb_dynamics.ros.permissions", *arguments]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    done = called(main, *arguments)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
 
 
 def names(policy: str, tag: str, right: str) -> list[str | None]:
@@ -27,7 +31,7 @@ def names(policy: str, tag: str, right: str) -> list[str | None]:
 
 
 def test_the_shipped_policy_is_that_of_the_node() -> None:
-    found = generated("config/free_flyer.yaml")
+    found = generated(str(ROOT / "config" / "free_flyer.yaml"))
     shipped = (ROOT / "config" / "security" / "free_flyer.policy.xml").read_text(encoding="utf-8")
     # Where simulation_interfaces is installed, the node answers more.
     if importlib.util.find_spec("simulation_interfaces") is None:
@@ -97,11 +101,9 @@ def test_sros2_makes_permissions_of_the_policy_that_deny_all_else(tmp_path: Path
 def test_a_scene_that_is_none_has_no_policy(tmp_path: Path) -> None:
     scene = tmp_path / "scene.yaml"
     scene.write_text("body: 3\n")
-    command = [sys.executable, "-m", "rb_dynamics.ros.permissions", str(scene)]
-    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    result = called(main, scene)
     assert result.returncode == 2
     assert result.stdout == ""
-    assert "Traceback" not in result.stderr
 
 
 @pytest.mark.parametrize("has_keys", [False, True])
@@ -150,8 +152,6 @@ def test_the_policy_is_made_without_a_log(scene: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("wrong", [("-r", "a b:=c"), ("-p", "solver.method:=rk9")])
 def test_a_wrong_argument_ends_it_with_one_message(scene: Path, wrong: tuple[str, str]) -> None:
-    command = [sys.executable, "-m", "rb_dynamics.ros.permissions", str(scene), "--ros-args", *wrong]
-    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    result = called(main, scene, "--ros-args", *wrong)
     assert result.returncode == 2
     assert result.stderr.splitlines()[-1].startswith("permissions: ")
-    assert "Traceback" not in result.stderr

@@ -5,9 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from command_line import command
 from geometry_msgs.msg import InertiaStamped, PoseStamped
 from nav_msgs.msg import Odometry
-from ros_harness import TRANSIENT, NodeProcess, Peer, running, stamp, values
+from ros_harness import TRANSIENT, Peer, node_arguments, running, stamp, values
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
 
@@ -149,10 +150,9 @@ def test_what_our_own_pause_leaves_out_is_not_made_up_for(moving: Path, peer: Pe
     ],
 )
 def test_there_is_one_master_of_time(scene: Path, parameters: dict[str, object], expected: str) -> None:
-    node = NodeProcess(scene, use_sim_time=True, **parameters)
-    assert node.wait() == 2
-    assert expected in node.err
-    assert "Traceback" not in node.err
+    refused = command(*node_arguments(scene, use_sim_time=True, **parameters))
+    assert refused.returncode == 2
+    assert expected in refused.stderr
 
 
 def test_a_factor_makes_time_pass_faster(scene: Path, peer: Peer) -> None:

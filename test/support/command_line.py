@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import io
+from collections.abc import Callable, Sequence
+from functools import partial
 from subprocess import CompletedProcess
 
 from rb_dynamics.cli import main
 
 
-def command(*arguments: object) -> CompletedProcess[str]:
-    """Return what `rb-dynamics` with these arguments says, and its exit code; what it does not catch is raised."""
+def called(main: Callable[[Sequence[str]], int], *arguments: object) -> CompletedProcess[str]:
+    """Return what a command says, and its exit code; an exception that it does not catch is raised."""
     words = [str(each) for each in arguments]
     with contextlib.redirect_stdout(io.StringIO()) as out, contextlib.redirect_stderr(io.StringIO()) as err:
         try:
@@ -18,3 +20,6 @@ def command(*arguments: object) -> CompletedProcess[str]:
         except SystemExit as end:
             code = int(end.code or 0)
     return CompletedProcess(words, code, out.getvalue(), err.getvalue())
+
+
+command = partial(called, main)

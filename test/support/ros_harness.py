@@ -37,16 +37,22 @@ def stamp(message: Any) -> int:
     return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
 
 
+def node_arguments(scene: Path | str, *ros_args: str, **parameters: object) -> list[str]:
+    """Return the command line of a node that runs `scene`; `__` in the name of a parameter stands for a dot."""
+    arguments = ["node", str(scene), "--ros-args"]
+    for name, value in parameters.items():
+        text = str(value).lower() if isinstance(value, bool) else str(value)
+        arguments += ["-p", f"{name.replace('__', '.')}:={text}"]
+    return [*arguments, *ros_args]
+
+
 class NodeProcess:
-    """A node that runs `scene`; parameters as keyword arguments, `__` in a name stands for a dot."""
+    """A node that runs `scene`; arguments as for `node_arguments`."""
 
     def __init__(self, scene: Path | str, *ros_args: str, **parameters: object) -> None:
-        arguments = [sys.executable, "-m", "rb_dynamics", "node", str(scene), "--ros-args"]
-        for name, value in parameters.items():
-            text = str(value).lower() if isinstance(value, bool) else str(value)
-            arguments += ["-p", f"{name.replace('__', '.')}:={text}"]
+        arguments = [sys.executable, "-m", "rb_dynamics", *node_arguments(scene, *ros_args, **parameters)]
         self.process = subprocess.Popen(
-            [*arguments, *ros_args], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT, env=os.environ
+            arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT, env=os.environ
         )
 
     def stop(self, number: int = signal.SIGTERM) -> int:
