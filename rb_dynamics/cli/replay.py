@@ -1,8 +1,8 @@
-"""Run a log again from its own content and compare every logged number to the last bit.
+"""Run a log again from its own content and compare all that it says of the run, every number to the last bit.
 
 Scene, initial state and commands come from the log alone. On the version and platform that wrote it the bits are the
-same; elsewhere the largest difference is compared with --bound. With --into ros, the log is not run again: its messages
-are published, with their stamps, at the pace of the run; --ros-args remaps them.
+same; elsewhere, as the log says, the largest difference is shown and held against --bound. With --into ros the log is
+not run again: its messages are published, with their stamps, at the pace of the run; --ros-args remaps them.
 
 Exit codes: 0 the same bits, or on another version or platform within --bound; 1 different; 2 the log cannot be read.
 """
@@ -13,6 +13,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from rb_dynamics.cli.parser import require_ros, require_with
+from rb_dynamics.numerics.argument_checks import shown
 from rb_dynamics.numerics.option_types import real
 
 if TYPE_CHECKING:
@@ -52,13 +53,8 @@ def run(args: argparse.Namespace) -> int:
 
     with output.progress(args.log) as progress:
         found = replay(args.log, progress)
-    print("\n".join(_report(found)))
-    if found.identical:
-        return 0
-    if found.within(args.bound):
-        print(f"within {args.bound:g}, as another version or platform may be")
-        return 0
-    return 1
+    print("\n".join(_report(found, args.bound)))
+    return 0 if found.identical or found.within(args.bound) else 1
 
 
 def _publish(args: argparse.Namespace) -> int:
@@ -70,31 +66,68 @@ def _publish(args: argparse.Namespace) -> int:
     return 0
 
 
-def _report(found: Replay) -> list[str]:
+def _report(found: Replay, bound: float) -> list[str]:
     """Return the result of a replay as text."""
     lines = [f"replayed {found.samples} samples under {found.commands} wrench commands; times are simulation time"]
     if not found.complete:
         lines.append("the log was cut off: what it has is compared")
-    lines += [f"  {name} was {was or 'not said'}, here {here}" for name, (was, here) in found.software.items()]
-    if found.first is not None:
-        time_ns, topic = found.first
-        lines.append(f"first difference at {time_ns / 1e9:.9f} s, on {topic}; largest of each topic:")
-        for name, each in found.differences.items():
-            lines.append(
-                f"  {name:24} {each.largest:<12.3g} at {each.largest_ns / 1e9:.9f} s, relative {each.relative:.3g}"
-            )
-    lines += [*found.missing, *found.torn]
+    if found.software:
+        lines.append("as the log says, it was made by another version or on another platform:")
+    lines += [f"  {name} was {was or 'none'}, here {here or 'none'}" for name, (was, here) in found.software.items()]
+    lines += [*_differences(found), *found.missing, *found.torn]
     lines += [f"{topic}: {count} {what}: not compared" for (topic, what), count in found.uncompared.items()]
-    for name, (logged, here) in found.hashes.items():
-        lines.append(f"{name}: {logged} {'agrees' if logged == here else f'in the log, {here} here'}")
+    lines += _facts(found)
+    if found.unchecked:
+        lines.append(f"not checked, as no run gives them: {', '.join(sorted(found.unchecked))}")
     if found.proven_ns is not None and not found.complete:
         lines.append(f"the hash of the states proves the log up to {found.proven_ns / 1e9:.9f} s")
     if found.software and found.corrupt:
         lines.append(f"another version or platform does not explain it: {', '.join(found.corrupt)}")
-    if found.gap_ns is None:
-        lines.append("the same to the last bit" if found.identical else "NOT the same bits")
-    else:
+    if found.gap_ns is not None:
         gap = f"{found.gap_ns / 1e9:.9f} s"
         before = "NOT the same bits" if found.first is not None else "the same bits"
-        lines.append(f"commands are missing from {gap} on: {before} up to {gap}, nothing can be said after")
-    return lines
+        return [*lines, f"commands are missing from {gap} on: {before} up to {gap}, nothing can be said after"]
+    return [*lines, *_verdict(found, bound)]
+
+
+def _differences(found: Replay) -> list[str]:
+    if found.first is None:
+        return []
+    time_ns, topic = found.first
+    return [
+        f"first difference at {time_ns / 1e9:.9f} s, on {topic}; largest of each topic:",
+        *(
+            f"  {name:24} {each.largest:<12.3g} at {each.largest_ns / 1e9:.9f} s, relative {each.relative:.3g}"
+            for name, each in found.differences.items()
+        ),
+    ]
+
+
+def _facts(found: Replay) -> list[str]:
+    """Return what the metadata of the log say against what the replay found; hashes in full."""
+    lines = [
+        f"{name}: {logged} agrees" if logged == here else f"{name}: {shown(logged)} in the log, {shown(here)} here"
+        for name, (logged, here) in found.facts.items()
+        if logged != here or name.endswith("sha256")
+    ]
+    agreeing = [
+        name
+        for name, (logged, here) in found.facts.items()
+        if logged == here and not name.endswith(("sha256", ".QoS", ".schema"))
+    ]
+    return [*lines, f"agree: {', '.join(agreeing)}, QoS and schemas"] if agreeing else lines
+
+
+def _verdict(found: Replay, bound: float) -> list[str]:
+    if found.identical:
+        return ["the same to the last bit"]
+    if not found.software:
+        return ["NOT the same bits"]
+    if not found.within(bound):
+        more = f": {found.relative:.2g}; --bound takes more, where the motion amplifies what is rounded otherwise"
+        return ["NOT the same bits", f"NOT within {bound:g}{more if found.within(found.relative) else ''}"]
+    return [
+        f"NOT the same bits, but every number is within {found.relative:.2g} of the largest of its kind",
+        f"within {bound:g}, as another version or platform may be: it may round or step otherwise (CHANGELOG.rst)",
+        "not proven: digits below that, and which version and platform made the log, as only the log says so",
+    ]

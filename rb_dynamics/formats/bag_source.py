@@ -23,6 +23,7 @@ from rb_dynamics.formats.mcap_records import (
     McapChannel,
     McapFile,
     Message,
+    OnFact,
     Schema,
     in_blocks,
 )
@@ -63,8 +64,8 @@ class Source(Protocol):
         """Yield every message in blocks of one channel, those of each channel in the order of the bag."""
 
 
-def open_source(path: str | Path) -> Source:
-    """Return the bag at `path`: a file, or a folder as rosbag2 writes it.
+def open_source(path: str | Path, on_fact: OnFact | None = None) -> Source:
+    """Return the bag at `path`: a file, or a folder as rosbag2 writes it; `on_fact` as in `McapFile`.
 
     Raises:
         LogError: a folder holds no bag, or a file is only the `metadata.yaml` of one.
@@ -73,17 +74,17 @@ def open_source(path: str | Path) -> Source:
     if path.name == METADATA_FILE and path.is_file():
         raise LogError(f"{path} only says which files a bag has, expected the bag; give the folder: {path.parent}")
     if not path.is_dir():
-        return _opened(path)
+        return _opened(path, on_fact=on_fact)
     mode, files = _files(path)
     if files:
-        return SplitBag(path, files, mode)
+        return SplitBag(path, files, mode, on_fact)
     raise LogError(
         f"{path} holds no bag: expected {METADATA_FILE} or .mcap files in it, as `ros2 bag record` leaves them"
     )
 
 
-def _opened(path: Path, part: bool = False) -> McapFile | DatabaseFile:
-    return DatabaseFile(path) if path.suffix == ".db3" else McapFile(path, part=part)
+def _opened(path: Path, part: bool = False, on_fact: OnFact | None = None) -> McapFile | DatabaseFile:
+    return DatabaseFile(path) if path.suffix == ".db3" else McapFile(path, part=part, on_fact=on_fact)
 
 
 @dataclass
@@ -98,12 +99,14 @@ class SplitBag:
         path: the folder.
         files: in their order.
         compression: "none", "file" (each as a whole) or "message" (each message).
+        on_fact: as in `McapFile`.
         joints: where one file ends and the next begins, where nothing is known to be missing between them.
     """
 
     path: Path
     files: list[Path]
     compression: str = "none"
+    on_fact: OnFact | None = None
     complete: bool = False
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     attachments: dict[str, bytes] = field(default_factory=dict)
@@ -154,13 +157,13 @@ class SplitBag:
     def _whole(self, path: Path) -> Iterator[_File]:
         """Open a file of the bag, unpacked where it is compressed as a whole."""
         if self.compression != "file":
-            yield _opened(path, part=True)
+            yield _opened(path, part=True, on_fact=self.on_fact)
             return
         with tempfile.TemporaryDirectory() as folder:
             unpacked = Path(folder, path.stem)
             _unpack(path, unpacked)
             try:
-                yield _opened(unpacked, part=True)
+                yield _opened(unpacked, part=True, on_fact=self.on_fact)
             except LogError as error:
                 raise type(error)(str(error).replace(str(unpacked), str(path))) from error
 

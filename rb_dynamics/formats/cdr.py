@@ -9,8 +9,9 @@ byte after the encapsulation; a string is its length with the closing NUL, then 
 from __future__ import annotations
 
 import functools
+import itertools
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Final, TypeAlias
 
 from rb_dynamics.errors import LogError
@@ -93,6 +94,18 @@ def numbers(layout: Sequence[Field], values: Sequence[Any]) -> list[float]:
             for element in value:
                 found += numbers(field, element)
     return found
+
+
+def with_numbers(layout: Sequence[Field], values: Sequence[Any], found: Iterator[float]) -> tuple[Any, ...]:
+    """Return decoded values with the next of `found` in the place of each float64."""
+    return tuple(
+        [with_numbers(field, element, found) for element in value]
+        if isinstance(field, list)
+        else tuple(itertools.islice(found, field))
+        if isinstance(field, int)
+        else value
+        for field, value in zip(layout, values, strict=True)
+    )
 
 
 def first_number(type_name: str, data: bytes) -> int:

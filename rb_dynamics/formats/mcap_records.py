@@ -162,14 +162,21 @@ def _block(messages: list[Message]) -> Block:
     return Block(messages[0].channel, log_times, data, np.append(0, ends[:-1]), ends)
 
 
+Fact: TypeAlias = "dict[str, str] | bytes | McapChannel"
+"""What a record says that is no message: a metadata record, an attachment, or a channel by its topic."""
+
+OnFact: TypeAlias = Callable[[str, Fact], None]
+
+
 @dataclass
 class McapFile:
-    """One MCAP file; the attributes below `part` fill while `messages` or `blocks` runs.
+    """One MCAP file; the attributes below `on_fact` fill while `messages` or `blocks` runs.
 
     Attributes:
         path: the file.
         salvage: leave out chunks that are damaged, instead of stopping at the first.
         part: of a bag of several files: one that was begun and never written to is cut off, and no error.
+        on_fact: told the name and content of each fact as it is read, of two of one name too.
         complete: the file was finished by its writer; False for one that was cut off.
         damage: what was left out, one line for each piece.
         missing: first and last log time (ns) of what stood in each piece left out, where the piece still says so.
@@ -182,6 +189,7 @@ class McapFile:
     path: Path
     salvage: bool = False
     part: bool = False
+    on_fact: OnFact | None = None
     complete: bool = False
     damage: list[str] = field(default_factory=list)
     missing: list[tuple[int, int]] = field(default_factory=list)
@@ -418,16 +426,22 @@ class McapFile:
         elif opcode == Opcode.CHANNEL:
             channel_id, schema_id = fields.take("HH")
             topic, encoding = fields.text(), fields.text()
-            self.channels[channel_id] = McapChannel(
-                topic, self._schemas.get(schema_id, Schema()), encoding, fields.mapping()
-            )
+            schema = self._schemas.get(schema_id, Schema())
+            self.channels[channel_id] = channel = McapChannel(topic, schema, encoding, fields.mapping())
+            self._tell(topic, channel)
         elif opcode == Opcode.ATTACHMENT:
             fields.take("QQ")
             name, _ = fields.text(), fields.text()
-            self.attachments[name] = fields.block("Q")
+            self.attachments[name] = content = fields.block("Q")
+            self._tell(name, content)
         elif opcode == Opcode.METADATA:
             name = fields.text()
-            self.metadata[name] = fields.mapping()
+            self.metadata[name] = facts = fields.mapping()
+            self._tell(name, facts)
+
+    def _tell(self, name: str, said: Fact) -> None:
+        if self.on_fact is not None:
+            self.on_fact(name, said)
 
     def _decompressed(self, content: bytes) -> bytes:
         compression, size, checksum, data = self._chunk_head(content)

@@ -10,6 +10,8 @@ from itertools import chain
 from typing import TYPE_CHECKING
 
 from rb_dynamics.formats import cdr
+from rb_dynamics.formats.mcap_records import McapChannel, Schema
+from rb_dynamics.formats.ros2msg import TYPE_HASHES, schema_text
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.numerics.nanoseconds import split_stamp
 from rb_dynamics.numerics.rotation import rotate_inverse
@@ -61,6 +63,9 @@ MASS_PROPERTIES = ("inertia", INERTIA)
 TF_STATIC = ("/tf_static", TRANSFORMS)
 """Where the scene has frames fixed on the body."""
 
+QOS, TYPE_HASH = "offered_qos_profiles", "topic_type_hash"
+"""What the metadata of a channel say, as rosbag2 writes them."""
+
 COMMAND_DEPTH = 1000
 """How many commands the node keeps until it reads them: what plays a log to a node must keep as many."""
 
@@ -89,6 +94,26 @@ def sample_topics(scene: Scene, accel: bool) -> tuple[tuple[str, str], ...]:
     """Return name and type of each topic that a sample of `scene` has, in order."""
     potential = () if scene.combined_effects.potential() is None else (POTENTIAL,)
     return (*SAMPLE_TOPICS, *potential, *((ACCEL,) if accel else ()))
+
+
+def log_topics(scene: Scene, accel: bool) -> list[tuple[str, str, str]]:
+    """Return name, type and QoS of each topic of a log: of samples first, commands, what effects hold, and the rest."""
+    usual, latched = qos_profile(sample_depth(scene)), qos_profile(1, "transient_local")
+    command = qos_profile(COMMAND_DEPTH)
+    return [
+        *((name, type_name, usual) for name, type_name in sample_topics(scene, accel)),
+        *((name, WRENCH, command) for each in scene.channels for name in (each.topic, each.topic + APPLIED)),
+        *((name + APPLIED, WRENCH, command) for name, _ in scene.combined_effects.schedules()),
+        (*MASS_PROPERTIES, latched),
+        *([(*TF_STATIC, latched)] if scene.frames.fixed else []),
+        ("/diagnostics", DIAGNOSTICS, qos_profile(1)),
+    ]
+
+
+def log_channel(topic: str, type_name: str, qos: str) -> McapChannel:
+    """Return the channel of a topic in a log."""
+    schema = Schema(type_name, "ros2msg", schema_text(type_name).encode())
+    return McapChannel(topic, schema, "cdr", {QOS: qos, TYPE_HASH: TYPE_HASHES[type_name]})
 
 
 def decode_wrench(type_name: str, log_time: int, data: bytes) -> Wrench:

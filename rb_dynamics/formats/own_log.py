@@ -77,7 +77,12 @@ def scene_and_names(
             f"it cannot be {purpose}; inspect shows a bag of pose, twist and wrench, and its commands are flown with "
             "simulate SCENE --wrench BAG"
         )
-    text = source.attachments[SCENE].decode()
+    try:
+        text = source.attachments[SCENE].decode()
+    except UnicodeDecodeError as error:
+        raise LogError(
+            f"{source.path} is damaged: {SCENE} in it is no UTF-8 text (byte {error.start}); give a copy that is whole"
+        ) from error
     if text == UNSAID:
         raise LogError(
             f"{source.path} cannot be {purpose}: its scene was made or changed in Python, and no text in the log says "

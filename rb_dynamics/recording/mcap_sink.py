@@ -24,26 +24,22 @@ from typing import TYPE_CHECKING
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.log_file import LogFile
 from rb_dynamics.formats.mcap_integrity import require_library, verify
-from rb_dynamics.formats.mcap_records import McapChannel, Schema
+from rb_dynamics.formats.mcap_records import McapChannel
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.messages import (
     APPLIED,
-    COMMAND_DEPTH,
-    DIAGNOSTICS,
     MASS_PROPERTIES,
     TF_STATIC,
-    WRENCH,
     encode_applied,
     encode_fixed,
     encode_inertia,
     encode_received,
     encode_status,
-    qos_profile,
-    sample_depth,
+    log_channel,
+    log_topics,
     sample_encoder,
     sample_topics,
 )
-from rb_dynamics.formats.ros2msg import TYPE_HASHES, schema_text
 from rb_dynamics.recording.state_hash import StateHash
 from rb_dynamics.run.provenance import CHECKPOINT, INTERRUPTED, RESULT, RUN, SCENE, TOPICS, version
 from rb_dynamics.run.sample import Sample
@@ -127,7 +123,7 @@ class McapSink:
             require_library(f"verifying {self.path}")
         acceleration = run.acceleration if self.settings.accel else None
         samples = sample_topics(run.scene, acceleration is not None)
-        topics = self._topics(run.scene, samples)
+        topics = self._topics(run.scene, acceleration is not None)
         self._file = LogFile(self.path)
         self._writer = McapWriter(self._file, f"rb_dynamics {version()}")
         self._guarded(self._begin, run, topics)
@@ -246,22 +242,13 @@ class McapSink:
     def _add(self, name: str, message: bytes, time_ns: int) -> None:
         self._writer.add_messages((self._ids[name],), (message,), time_ns, time_ns)
 
-    def _topics(self, scene: Scene, samples: tuple[tuple[str, str], ...]) -> list[_Topic]:
-        """Return all topics: those of a sample first, commanded wrenches, and those that effects hold.
+    def _topics(self, scene: Scene, accel: bool) -> list[_Topic]:
+        """Return all topics.
 
         Raises:
             LogError: two of them have one absolute name.
         """
-        usual, latched = qos_profile(sample_depth(scene)), qos_profile(1, "transient_local")
-        command = qos_profile(COMMAND_DEPTH)
-        topics = [
-            *((name, type_name, usual) for name, type_name in samples),
-            *((name, WRENCH, command) for each in scene.channels for name in (each.topic, each.topic + APPLIED)),
-            *((name + APPLIED, WRENCH, command) for name, _ in scene.combined_effects.schedules()),
-            (*MASS_PROPERTIES, latched),
-            *([(*TF_STATIC, latched)] if scene.frames.fixed else []),
-            ("/diagnostics", DIAGNOSTICS, qos_profile(1)),
-        ]
+        topics = log_topics(scene, accel)
         names = sorted(self._absolute(name) for name, _, _ in topics)
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
@@ -282,11 +269,12 @@ class McapSink:
     def _register(self, topics: list[_Topic]) -> None:
         schemas: dict[str, int] = {}
         for name, type_name, qos in topics:
+            channel = log_channel(self._absolute(name), type_name, qos)
             if type_name not in schemas:
-                schemas[type_name] = self._writer.add_schema(type_name, "ros2msg", schema_text(type_name).encode())
-            metadata = {"offered_qos_profiles": qos, "topic_type_hash": TYPE_HASHES[type_name]}
-            self._ids[name] = self._writer.add_channel(self._absolute(name), "cdr", schemas[type_name], metadata)
-            self._channels.append(McapChannel(self._absolute(name), Schema(type_name), "cdr", metadata))
+                schemas[type_name] = self._writer.add_schema(*channel.schema)
+            schema = schemas[type_name]
+            self._ids[name] = self._writer.add_channel(channel.topic, channel.encoding, schema, channel.metadata)
+            self._channels.append(channel)
 
     def _write_received(self, event: AppliedWrench | RejectedWrench) -> None:
         command = event.received

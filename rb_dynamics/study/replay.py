@@ -3,10 +3,10 @@
 Scene, initial state and the time at which each command took effect come from the log alone. Only the commands are
 held in memory.
 
-Some bits must agree on every platform and version: the received commands; the hashes of scene and commands; what
-pose, odometry and transform say of one instant; and, as far as the hash of the states agrees with the log's, every
-topic except the acceleration, which that hash does not cover. Everything else may differ in its last digits on
-another version or platform.
+Some things must agree on every platform and version: the received commands; the hashes of scene and commands; stamps,
+frames and all that is no number; what pose, odometry and transform say of one instant; and, as far as the hash of the
+states agrees with the log's, every topic except the acceleration, which that hash does not cover. Everything else may
+differ in its last digits on another version or platform. Which these were is what the log says: nothing proves it.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import math
-import platform
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -22,20 +21,25 @@ from pathlib import Path
 
 from rb_dynamics.errors import LogError, WrenchError
 from rb_dynamics.formats import cdr
-from rb_dynamics.formats.bag_source import Source, open_source
-from rb_dynamics.formats.mcap_records import Message
+from rb_dynamics.formats.bag_source import Source, SplitBag, open_source
+from rb_dynamics.formats.mcap_records import Fact, McapChannel, Message
 from rb_dynamics.formats.messages import (
     ACCEL,
     APPLIED,
     DIAGNOSTICS,
     MASS_PROPERTIES,
+    QOS,
     SAMPLE_TOPICS,
+    SCALAR,
     TF_STATIC,
+    TYPE_HASH,
     WRENCH,
     encode_applied,
     encode_fixed,
     encode_inertia,
     encode_received,
+    log_channel,
+    log_topics,
     sample_encoder,
     sample_topics,
 )
@@ -47,22 +51,31 @@ from rb_dynamics.numerics.argument_checks import shown
 from rb_dynamics.numerics.decimals import whole_number
 from rb_dynamics.numerics.vector import ZERO
 from rb_dynamics.recording.state_hash import StateHash
-from rb_dynamics.run.input_hash import AppliedHash
+from rb_dynamics.run.input_hash import RULE, AppliedHash
 from rb_dynamics.run.provenance import (
     CHECKPOINT,
+    CONTINUES_IN,
     INPUTS_RULE,
     INTERRUPTED,
     RESULT,
     RUN,
     SCENE,
+    TOPICS,
     next_file,
-    version,
 )
 from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.run.sink import Event, RunInfo, Sample
 from rb_dynamics.scene.model import Scene
 
 _PARTS = 100
+
+# What bits depend on beside scene and commands.
+_SOFTWARE = ("version.rb_dynamics", "version.numpy", "version.scipy", "plugins", "platform", "machine")
+# What every version says of a scene.
+_BY_SCENE = ("scene_sha256", "method", "seed", "effects")
+# A pose has a position and an attitude, what has six numbers two vectors, and mass properties a mass, a centre and
+# moments.
+_PARTS_OF_RUN = {7: (3, 4), 6: (3, 3), 10: (1, 3, 6)}
 
 
 @dataclass
@@ -71,11 +84,12 @@ class Difference:
 
     Attributes:
         first_ns: where its bytes first differ.
-        largest: of its numbers, in their unit.
+        largest: of its numbers, in their unit, where `relative` is largest.
         largest_ns: where that is.
-        scale: the largest number of the topic in the log, where it differs.
+        relative: the largest difference of a quantity (position, attitude, energy ...) against the largest number that
+            this quantity has had in the replay; infinite where it is not a number, or where something else differs.
         hashed: the topic says what the hash of the states is over, or what that follows from.
-        certain: the topic is what the log alone says.
+        certain: the topic is what the log alone says, or something else than a number differs.
     """
 
     first_ns: int
@@ -83,14 +97,7 @@ class Difference:
     certain: bool = False
     largest: float = 0.0
     largest_ns: int = 0
-    scale: float = 0.0
-
-    @property
-    def relative(self) -> float:
-        """Largest difference against the largest number; infinite where it is not a number."""
-        if self.largest == 0.0:
-            return 0.0
-        return self.largest / self.scale if self.scale > 0.0 else float("inf")
+    relative: float = 0.0
 
 
 @dataclass
@@ -107,12 +114,12 @@ class Replay:
         missing: what one of the two has and the other has not, one line for each topic.
         torn: topics that contradict the pose or the twist of the same instant in the log itself, one line for each.
         uncompared: how many messages of the log cannot be held against a run, by topic and what they are.
+        unchecked: what else the log says that does not follow from its scene and commands, by record and name.
         proven_ns: time up to which the hash of the states, over numbers too that the log does not show, is that of the
-            log: of all samples, or of those before the last checkpoint of a log that was cut off. None where it differs
-            or there is none.
-        hashes: of scene, states and inputs as (log, replay), where the log has them.
-        certain: names of the hashes that another version or platform gives too.
-        software: what is not as it was when the log was written: (log, here), by name of the fact.
+            log: of all samples, or of those before the last checkpoint that agrees. None where none does.
+        facts: what the log says of the run, its hashes included, as (log, replay), by record and name.
+        certain: names of the facts that another version or platform gives too.
+        software: what is not as it was when the log was written, as the log says: (log, here), by name.
     """
 
     samples: int = 0
@@ -123,32 +130,41 @@ class Replay:
     missing: list[str] = field(default_factory=list)
     torn: list[str] = field(default_factory=list)
     uncompared: dict[tuple[str, str], int] = field(default_factory=dict)
+    unchecked: set[str] = field(default_factory=set)
     proven_ns: int | None = None
-    hashes: dict[str, tuple[str, str]] = field(default_factory=dict)
+    facts: dict[str, tuple[str, str]] = field(default_factory=dict)
     certain: set[str] = field(default_factory=set)
     software: dict[str, tuple[str, str]] = field(default_factory=dict)
 
     @property
     def corrupt(self) -> list[str]:
-        """Topics and hashes that differ although no version and no platform changes their bits."""
+        """Topics and facts that differ although no version and no platform changes them."""
         topics = [
             topic
             for topic, each in self.differences.items()
             if each.certain or (each.hashed and self.proven_ns is not None and each.first_ns <= self.proven_ns)
         ]
-        return topics + [name for name in self.certain if self.hashes[name][0] != self.hashes[name][1]]
+        return topics + [name for name in self.differing if name in self.certain]
+
+    @property
+    def differing(self) -> list[str]:
+        """Names of the facts that are not what the log says."""
+        return [name for name, (logged, found) in self.facts.items() if logged != found]
 
     def within(self, bound: float) -> bool:
         """Return whether all that differs is what may differ on another version or platform, by at most `bound`."""
         broken = self.missing or self.torn or self.corrupt or self.gap_ns is not None
-        return not broken and bool(self.software) and all(d.relative <= bound for d in self.differences.values())
+        return not broken and bool(self.software) and self.relative <= bound
+
+    @property
+    def relative(self) -> float:
+        """Largest difference of a number, as in `Difference`; 0 where all are the same."""
+        return max((each.relative for each in self.differences.values()), default=0.0)
 
     @property
     def identical(self) -> bool:
-        """Whether every number, and every hash that the log has, is the same to the last bit, and none is missing."""
-        hashes_agree = all(logged == found for logged, found in self.hashes.values())
-        differ = self.differences or self.missing or self.torn or self.gap_ns is not None
-        return hashes_agree and not differ
+        """Whether every number is the same to the last bit, and what else is compared too, and none is missing."""
+        return not (self.differing or self.differences or self.missing or self.torn) and self.gap_ns is None
 
     @property
     def first(self) -> tuple[int, str] | None:
@@ -164,8 +180,8 @@ def replay(path: str | Path, progress: Callable[[float], None] | None = None) ->
         SceneError: the scene in it is not valid any more.
         ConvergenceError: a step could not be solved that once was.
     """
-    facts = _Facts.of(open_source(path))
-    found = Replay(commands=len(facts.commands), complete=facts.complete, software=_changed(facts.metadata))
+    facts = _Facts.of(path)
+    found = Replay(commands=len(facts.commands), complete=facts.complete, torn=facts.records.torn)
     comparison = _Comparison(open_source(path), facts, found)
     run = Simulation(facts.scene, [comparison])
     for topic, wrench, time_ns in facts.commands:
@@ -193,16 +209,19 @@ class _Facts:
     names: Mapping[str, str]
     commands: list[tuple[str, Wrench, int]]
     metadata: dict[str, dict[str, str]]
+    records: _Records
     complete: bool
     end_ns: int
 
     @classmethod
-    def of(cls, source: Source) -> _Facts:
+    def of(cls, path: str | Path) -> _Facts:
         """Read a log through.
 
         Raises:
             LogError: it has no scene or no sample, is not all of a run, or its method was removed.
         """
+        said = _Records()
+        source = open_source(path, said.add)
         begin_ns, end_ns = 0, -1
         received: list[Message] = []
         for number, message in enumerate(source.messages()):
@@ -233,7 +252,50 @@ class _Facts:
                 )
             # A change of wrench may be behind the last sample.
             end_ns = _end(source, result["end_time_ns"])
-        return cls(scene, names, commands, source.metadata, complete, end_ns)
+        return cls(scene, names, commands, source.metadata, said, complete, end_ns)
+
+
+class _Records:
+    """What the records of a log say, beside the last of each name, which its source keeps.
+
+    Attributes:
+        torn: names of which two records do not say the same.
+        channels: all that differ, by topic.
+        checkpoints: time (ns) and hash of the states, as they say, by number of samples.
+    """
+
+    def __init__(self) -> None:
+        self.torn: list[str] = []
+        self.channels: dict[str, list[McapChannel]] = {}
+        self.checkpoints: dict[int, tuple[str, str]] = {}
+        self._before: dict[str, dict[str, str] | bytes] = {}
+        self._states = ""
+
+    def add(self, name: str, said: Fact) -> None:
+        """Take one record."""
+        if isinstance(said, McapChannel):
+            declared = self.channels.setdefault(name, [])
+            declared += [said] if said not in declared else []
+            return
+        if name == RESULT and isinstance(said, dict) and CONTINUES_IN in said:
+            if said.get("states_sha256") != self._states:
+                self._tear(name, "the hash of the states at the end of a file is not that of the checkpoint before it")
+        elif name == CHECKPOINT and isinstance(said, dict):
+            facts = said.get("time_ns", ""), said.get("states_sha256", "")
+            self._states = facts[1]
+            try:
+                number = whole_number(said.get("samples", ""))
+            except ValueError:
+                number = 0
+            if self.checkpoints.setdefault(number, facts) != facts:
+                self._tear(name)
+        elif self._before.setdefault(name, said) != said and name != INTERRUPTED:
+            self._tear(name)
+
+    def _tear(self, name: str, what: str = "the log has two of that name that do not say the same") -> None:
+        line = f"{name}: {what}"
+        if line not in self.torn:
+            self.torn.append(line)
 
 
 def _end(source: Source, told: str) -> int:
@@ -256,32 +318,52 @@ class _Comparison:
         self._source, self._facts, self._found = source, facts, found
         self._log = source.messages()
         self._states = StateHash()
-        self._checkpoint = {} if facts.complete else facts.metadata.get(CHECKPOINT, {})
+        self._checkpoints = dict(facts.records.checkpoints)
         by_rule_1 = facts.complete and INPUTS_RULE not in facts.metadata[RESULT]
         self._in_order = _InOrder(facts.scene) if by_rule_1 else None
+        self._largest_energy, self._scales = 0.0, dict[str, list[float]]()
+        self._newest_ns = 0
+        # Times of what each file has once, at the time of its first sample, and which of them waits for that.
+        self._begun: dict[str, list[int]] = {}
+        self._at_start: dict[str, int] = {}
 
     def open(self, run: RunInfo) -> None:
-        """Say which topics are compared."""
+        """Say which topics are compared, and compare what the log says of the run."""
         names, scene = self._facts.names, run.scene
         frames, accel = scene.frames, ACCEL[0] in names
         samples = sample_topics(scene, accel)
         self._sample_topics = [names[name] for name, _ in samples]
+        self._energies = {names[name] for name, kind in samples if kind == SCALAR}
         self._encode = sample_encoder(scene, run.acceleration if accel else None)
         self._body_frame = frames.body_frame
         commands = {channel.topic for channel in scene.channels}
         held = [*commands, *(name for name, _ in scene.combined_effects.schedules())]
         self._applied = {names[topic + APPLIED] for topic in held}
         self._certain = {names[topic] for topic in commands}
-        self._types = {names[name]: kind for name, kind in samples}
-        self._types |= dict.fromkeys(self._applied | self._certain, WRENCH)
-        self._waiting: dict[str, deque[Message]] = {topic: deque() for topic in self._types}
         self._once = {names[MASS_PROPERTIES[0]]: lambda time_ns: encode_inertia(scene, time_ns)}
-        self._types[names[MASS_PROPERTIES[0]]] = MASS_PROPERTIES[1]
         if frames.fixed:
             self._once[names[TF_STATIC[0]]] = lambda time_ns: encode_fixed(frames, time_ns)
-            self._types[names[TF_STATIC[0]]] = TF_STATIC[1]
-        self._absent = set(self._once)
+        topics = log_topics(scene, accel)
+        self._channels = {names.get(name, name): log_channel(names.get(name, name), *rest) for name, *rest in topics}
+        self._types = {topic: each.type_name for topic, each in self._channels.items() if each.type_name != DIAGNOSTICS}
+        self._waiting: dict[str, deque[Message]] = {topic: deque() for topic in self._types if topic not in self._once}
         self._unhashed = {names[ACCEL[0]]} if accel else set()
+        self._hold_run(run.metadata, [name for name, *_ in topics])
+
+    def _hold_run(self, here: Mapping[str, str], topics: Sequence[str]) -> None:
+        """Compare what is said of the run when it begins."""
+        logged = self._facts.metadata[RUN]
+        both = {name: (logged.get(name, ""), here.get(name, "")) for name in _SOFTWARE}
+        self._found.software |= {name: (was, now) for name, (was, now) in both.items() if was != now}
+        for name in {**here, **logged}:
+            if name in both:
+                continue
+            if name in here and name != "scene_file" and name.partition(".")[0] not in ("version", "python"):
+                self._hold(RUN, name, logged, here, certain=name in _BY_SCENE or None)
+            else:
+                self._found.unchecked.add(f"{RUN}.{name}")
+        named = self._facts.metadata.get(TOPICS, {})
+        self._hold(TOPICS, "names", {"names": ", ".join(sorted(named))}, {"names": ", ".join(sorted(topics))})
 
     def write(self, event: Event) -> None:
         """Compare what the log has of this event."""
@@ -290,8 +372,10 @@ class _Comparison:
         if isinstance(event, Sample):
             self._states.update(event)
             self._found.samples += 1
-            if str(self._found.samples) == self._checkpoint.get("samples"):
-                self._hold_states(self._checkpoint)
+            if (checkpoint := self._checkpoints.pop(self._found.samples, None)) is not None:
+                self._hold_states(CHECKPOINT, dict(zip(("time_ns", "states_sha256"), checkpoint, strict=True)))
+            energies = event.kinetic_energy, event.work, event.potential_energy or 0.0
+            self._largest_energy = max(self._largest_energy, *map(abs, energies))
             logged = [
                 self._compare(topic, event.time_ns, message)
                 for topic, message in zip(self._sample_topics, self._encode(event), strict=True)
@@ -318,29 +402,84 @@ class _Comparison:
             messages = [each for each in waiting if self._facts.complete or each.log_time <= self._facts.end_ns]
             if messages:
                 self._miss(topic, messages[0].log_time, f"{len(messages)} messages that the replay has not")
-        scene = hashlib.sha256(self._source.attachments[SCENE]).hexdigest()
-        self._hold("scene_sha256", self._facts.metadata[RUN].get("scene_sha256", ""), scene, certain=True)
+        for topic, channel in self._channels.items():
+            self._hold_channel(topic, self._facts.records.channels.get(topic, []), channel)
+        known = (RUN, TOPICS, CHECKPOINT, *([RESULT] if self._facts.complete else []))
+        self._found.unchecked |= self._facts.metadata.keys() - set(known)
+        self._found.unchecked |= self._source.attachments.keys() - {SCENE}
+        begun = len(self._source.files) if isinstance(self._source, SplitBag) else 1
+        for topic in self._once:
+            times = self._begun.get(topic, [])
+            if len(times) > begun or (self._facts.complete and (len(times) < begun or times[0] != 0)):
+                self._miss(topic, times[0] if times else 0, f"{len(times)} messages, expected one at each file's start")
+        for number in self._checkpoints:
+            self._found.unchecked.add(f"{CHECKPOINT} of {number} samples")
         if self._facts.complete:
-            for topic in self._absent:
-                self._miss(topic, 0, "not what the replay has here")
-            logged = self._facts.metadata[RESULT]
-            self._hold_states(logged)
-            inputs, rule_1 = logged.get("inputs_sha256", ""), self._in_order
-            if rule_1 is None:
-                self._hold("inputs_sha256", inputs, result["inputs_sha256"], certain=True)
-            else:
-                self._hold("inputs_sha256", inputs, rule_1.hexdigest(), certain=self._found.proven_ns is not None)
+            if self._checkpoints:
+                last, there = str(max(self._checkpoints)), str(self._found.samples)
+                self._hold(CHECKPOINT, "samples", {"samples": last}, {"samples": there}, certain=True)
+            self._hold_result(result)
 
-    def _hold(self, name: str, logged: str, here: str, certain: bool = False) -> None:
-        self._found.hashes[name] = logged, here
-        if certain:
-            self._found.certain.add(name)
+    def _hold_result(self, here: Mapping[str, str]) -> None:
+        """Compare what is said of the run when it ends."""
+        logged, rule_1 = self._facts.metadata[RESULT], self._in_order
+        self._hold_states(RESULT, {**logged, "time_ns": str(self._states.time_ns)})
+        solver = self._facts.scene.solver
+        proven = self._found.proven_ns == self._states.time_ns
+        # How many steps of a given length there are, no version changes.
+        counted = proven or (solver.step is not None and solver.method != "auto")
+        for name in ("method", "steps"):
+            self._hold(RESULT, name, logged, here, certain=counted)
+        self._hold(RESULT, "end_time_ns", logged, here, certain=True)
+        rule = logged.get(INPUTS_RULE, "")
+        if rule_1 is not None:
+            here = {**here, "inputs_sha256": rule_1.hexdigest()}
+            if "version.rb_dynamics" in self._found.software:
+                here = {**here, INPUTS_RULE: ""}
+        self._hold(RESULT, INPUTS_RULE, logged, here)
+        if rule in ("", RULE):
+            self._hold(RESULT, "inputs_sha256", logged, here, certain=rule_1 is None or proven)
+        self._found.unchecked |= {f"{RESULT}.{name}" for name in logged if f"{RESULT}.{name}" not in self._found.facts}
 
-    def _hold_states(self, logged: Mapping[str, str]) -> None:
-        """Compare the hash of all states up to now."""
-        there, here = logged.get("states_sha256", ""), self._states.hexdigest()
-        self._hold("states_sha256", there, here)
-        self._found.proven_ns = self._states.time_ns if there == here else None
+    def _hold(
+        self,
+        record: str,
+        name: str,
+        logged: Mapping[str, str],
+        here: Mapping[str, str],
+        certain: bool | None = None,
+    ) -> None:
+        """Compare what the log says under a name; None for `certain`: no platform changes it, but a version may."""
+        fact, both = f"{record}.{name}", (logged.get(name, ""), here.get(name, ""))
+        was = self._found.facts.get(fact)
+        if was is None or was[0] == was[1]:
+            self._found.facts[fact] = both
+        if certain or (certain is None and "version.rb_dynamics" not in self._found.software):
+            self._found.certain.add(fact)
+
+    def _hold_states(self, record: str, logged: Mapping[str, str]) -> None:
+        """Compare the hash of all states up to now, and their time."""
+        here = {"states_sha256": self._states.hexdigest(), "time_ns": str(self._states.time_ns)}
+        proven = self._found.proven_ns == self._states.time_ns
+        self._hold(record, "states_sha256", logged, here, certain=proven)
+        if logged["time_ns"] != here["time_ns"] or record == CHECKPOINT:
+            self._hold(record, "time_ns", logged, here, certain=True)
+        if logged.get("states_sha256", "") == here["states_sha256"]:
+            self._found.proven_ns = self._states.time_ns
+            # What comes before what is proven is proven as well.
+            self._found.certain |= {name for name in self._found.differing if name == f"{CHECKPOINT}.states_sha256"}
+
+    def _hold_channel(self, topic: str, declared: Sequence[McapChannel], here: McapChannel) -> None:
+        """Compare what a channel says of its messages: how to read them, and their QoS."""
+        if not declared:
+            self._miss(topic, 0, "no channel of that name")
+        for each in declared:
+            self._hold(topic, "QoS", {"QoS": each.metadata.get(QOS, "")}, {"QoS": here.metadata[QOS]})
+            one, two = (
+                {"schema": hashlib.sha256(repr((c.encoding, c.metadata.get(TYPE_HASH), c.schema)).encode()).hexdigest()}
+                for c in (each, here)
+            )
+            self._hold(topic, "schema", one, two, certain=True)
 
     def _hold_together(self, time_ns: int, logged: Sequence[Message | None]) -> None:
         """Compare what the log says twice of one instant: of pose and twist `odom` and `/tf` are copies."""
@@ -412,14 +551,30 @@ class _Comparison:
                 certain=topic in self._certain,
             ),
         )
-        logged = _numbers(message)
-        here = _numbers(message._replace(data=expected))
-        alike = on_time and len(logged) == len(here)
-        largest = max((abs(a - b) for a, b in zip(logged, here, strict=True)), default=0.0) if alike else math.inf
-        difference.scale = max([difference.scale, *map(abs, logged)])
-        # Not a number compares with nothing: it must not pass for a small difference.
-        if not largest <= difference.largest:
-            difference.largest, difference.largest_ns = largest, time_ns
+        layout = cdr.LAYOUTS[message.channel.type_name]
+        here, logged = _numbers(message._replace(data=expected)), _numbers(message)
+        values = cdr.decode(message.channel.type_name, expected)
+        if (
+            not on_time
+            or len(logged) != len(here)
+            or cdr.encode(message.channel.type_name, *cdr.with_numbers(layout, values, iter(logged))) != message.data
+        ):
+            difference.certain = True
+            difference.largest, difference.largest_ns, difference.relative = math.inf, time_ns, math.inf
+            return
+        scales = self._scales.setdefault(topic, [])
+        start = 0
+        for place, count in enumerate(_quantities(layout, len(here))):
+            one, two = logged[start : start + count], here[start : start + count]
+            start += count
+            if place == len(scales):
+                scales.append(0.0)
+            scales[place] = max(scales[place], *map(abs, two))
+            scale = self._largest_energy if topic in self._energies else scales[place]
+            largest = max(abs(a - b) if math.isfinite(a) else math.inf for a, b in zip(one, two, strict=True))
+            relative = largest / scale if scale > 0.0 else math.inf
+            if largest > 0.0 and relative > difference.relative:
+                difference.largest, difference.largest_ns, difference.relative = largest, time_ns, relative
 
     def _next(self, topic: str) -> Message | None:
         """Return the log's next message on a topic; None behind the last."""
@@ -439,16 +594,25 @@ class _Comparison:
         if message is None:
             return False
         topic, kind = message.channel.topic, message.channel.type_name
+        if message.log_time < self._newest_ns:
+            self._miss(topic, message.log_time, f"what stands behind {self._newest_ns / 1e9:.9f} s")
+        self._newest_ns = max(self._newest_ns, message.log_time)
         if topic not in self._types:
             what = "messages that say how a node was" if kind == DIAGNOSTICS else "messages of a topic of no run"
             self._leave_out(topic, what)
         elif kind != self._types[topic]:
             self._miss(topic, message.log_time, f"the type {kind}, expected {self._types[topic]}")
         elif topic in self._once:
-            self._absent.discard(topic)
+            self._begun.setdefault(topic, []).append(message.log_time)
+            self._at_start[topic] = message.log_time
             self._note(message, message.log_time, self._once[topic](message.log_time))
         else:
             self._waiting[topic].append(message)
+            if self._at_start and topic == self._sample_topics[0]:
+                for other, time_ns in self._at_start.items():
+                    if time_ns != message.log_time:
+                        self._miss(other, time_ns, "what belongs to the start of a file")
+                self._at_start.clear()
             if self._in_order is not None and topic in self._applied:
                 self._in_order.logged(topic)
         return True
@@ -495,12 +659,8 @@ def _numbers(message: Message) -> list[float]:
     return cdr.numbers(cdr.LAYOUTS[message.channel.type_name], values)
 
 
-def _changed(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, tuple[str, str]]:
-    """Return what bits depend on and is not as it was."""
-    logged = metadata[RUN]
-    here = {
-        "platform": platform.platform(),
-        "machine": platform.machine(),
-        **{f"version.{package}": version(package) for package in ("rb_dynamics", "numpy", "scipy")},
-    }
-    return {name: (logged.get(name, ""), value) for name, value in here.items() if logged.get(name, "") != value}
+def _quantities(layout: Sequence[cdr.Field], count: int) -> Sequence[int]:
+    """Return how many of the numbers of a message belong to each of its quantities, in order."""
+    runs = [run for part in layout for run in (part if isinstance(part, list) else [part]) if isinstance(run, int)]
+    parts = [part for run in runs for part in _PARTS_OF_RUN.get(run, (run,))]
+    return parts * (count // sum(parts))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 from importlib import metadata
+from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
@@ -114,10 +116,13 @@ def test_an_option_that_would_do_nothing_is_refused(
     assert f"found {option} without {other}, expected both; add {other}, or leave out {option}; see" in found
 
 
-def test_version_is_that_of_the_installed_package() -> None:
+def test_version_is_that_of_the_installed_package(root: Path) -> None:
     try:
         installed = metadata.version("rb_dynamics")
     except metadata.PackageNotFoundError:
         installed = "not installed"
     assert rb_dynamics.__version__ == installed
+    # What logs say they were made by.
+    told = ElementTree.parse(root / "package.xml").findtext("version")
+    assert installed in {told, "not installed"}, "another version than package.xml: run pip install -e . again"
     assert "__version__" in dir(rb_dynamics)

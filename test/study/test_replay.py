@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import math
+import random
 import struct
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -18,7 +20,7 @@ from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.formats.bag_source import Source, open_source
 from rb_dynamics.formats.log_file import LogFile
-from rb_dynamics.formats.mcap_records import McapFile, Message
+from rb_dynamics.formats.mcap_records import McapFile, Message, OnFact
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.messages import WRENCH, decode_wrench
 from rb_dynamics.formats.own_log import logged_scene, scene_and_names
@@ -28,7 +30,7 @@ from rb_dynamics.recording.mcap_sink import LogSettings, McapSink
 from rb_dynamics.recording.rosbag2_sink import BagSink
 from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.run.sink import Status
-from rb_dynamics.study.replay import replay
+from rb_dynamics.study.replay import Replay, replay
 
 SCENE = parse_scene(
     "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}, center_of_mass: [0.1, 0, 0.2]}\n"
@@ -53,10 +55,15 @@ def edited(
     edit: Callable[[Message], Message | None] = lambda message: message,
     facts: Mapping[str, str] | None = None,
     scene: bytes | None = None,
+    rearrange: Callable[[list[Message]], object] = lambda messages: None,
 ) -> Path:
-    """Copy a log through `edit`, which changes a message or leaves it out, with other `facts` and another `scene`."""
+    """Copy a log through `edit`, which changes a message or leaves it out, with other `facts` and another `scene`.
+
+    A fact is named by its key, in every record, or by record and key; `rearrange` changes the list of messages.
+    """
     old = McapFile(source)
     messages = list(old.messages())
+    rearrange(messages)
     file = LogFile(target)
     writer = McapWriter(file, "test")
     writer.begin()
@@ -71,10 +78,16 @@ def edited(
     for name, data in old.attachments.items():
         writer.add_attachment(name, "", scene or data)
     for name, said in old.metadata.items():
-        writer.add_metadata(name, said | {key: value for key, value in (facts or {}).items() if key in said})
+        other = {key: (facts or {}).get(f"{name}.{key}", (facts or {}).get(key, value)) for key, value in said.items()}
+        writer.add_metadata(name, other)
     writer.finish()
     file.close()
     return target
+
+
+def hashes(found: Replay) -> set[str]:
+    """Return the names of the hashes that were compared, without the package's."""
+    return {name.removeprefix("rb_dynamics.") for name in found.facts if name.endswith("sha256")}
 
 
 @pytest.fixture
@@ -87,9 +100,12 @@ def test_the_same_bits(log: Path) -> None:
     found = replay(log)
     assert found.identical
     assert (found.samples, found.commands, found.complete, found.software) == (61, 6, True, {})
-    assert set(found.hashes) == {"states_sha256", "inputs_sha256", "scene_sha256"}
+    # How many checkpoints there are, wall time says.
+    ends = {"scene_sha256", "result.states_sha256", "result.inputs_sha256"}
+    assert hashes(found) - {"checkpoint.states_sha256"} == ends
     assert found.uncompared == {("/push", "commands that were rejected: nothing follows from their numbers"): 2}
-    assert all(logged == here and len(logged) == 64 for logged, here in found.hashes.values())
+    assert all(logged == here for logged, here in found.facts.values())
+    assert "rb_dynamics.result.steps" in found.facts
 
 
 def test_what_was_too_large_or_clipped_is_so_again(tmp_path: Path) -> None:
@@ -136,7 +152,7 @@ def test_a_command_is_logged_as_the_bytes_that_came_and_replayed(tmp_path: Path)
     plain = [dataclasses.replace(wrench) for wrench in came]
     assert plain == came
     simulate(SCENE, [("push", wrench) for wrench in plain], [McapSink(tmp_path / "plain.mcap")])
-    assert replay(tmp_path / "plain.mcap").hashes == found.hashes
+    assert replay(tmp_path / "plain.mcap").identical
     assert [wrench for _, wrench in read_bag(tmp_path / "plain.mcap").wrenches("/push")] == plain
 
 
@@ -167,7 +183,7 @@ def test_a_split_bag_and_a_recovered_beginning(tmp_path: Path, log: Path) -> Non
         found = replay(path)
         assert found.identical
         assert not found.complete
-        assert set(found.hashes) == {"scene_sha256"}, "cut off before its first checkpoint"
+        assert hashes(found) == {"scene_sha256"}, "cut off before its first checkpoint"
 
 
 def test_whole_files_are_proven_though_the_last_one_has_no_sample_left(tmp_path: Path) -> None:
@@ -198,7 +214,7 @@ def test_behind_a_piece_that_is_missing_nothing_is_said(tmp_path: Path, log: Pat
     assert found.gap_ns == 933_333_333
     assert not found.identical
     assert found.differences == {}
-    assert found.hashes == {}
+    assert "rb_dynamics.result.states_sha256" not in found.facts
 
 
 def test_the_states_of_a_log_that_was_cut_off_are_proven_up_to_its_last_checkpoint(tmp_path: Path) -> None:
@@ -216,12 +232,14 @@ def test_the_states_of_a_log_that_was_cut_off_are_proven_up_to_its_last_checkpoi
         assert found.identical
         assert found.proven_ns is not None
         assert last_ns - 100_000_000 < found.proven_ns <= last_ns
-        assert set(found.hashes) == {"states_sha256", "scene_sha256"}
+        assert hashes(found) == {"checkpoint.states_sha256", "scene_sha256"}
 
     checkpoint = read_bag(path).metadata["rb_dynamics.checkpoint"]["states_sha256"].encode()
     path.write_bytes(path.read_bytes().replace(checkpoint, b"0" * 64))
-    assert replay(path).proven_ns is None
-    assert not replay(path).identical
+    cut = replay(path).proven_ns
+    assert cut is not None
+    assert cut < found.proven_ns
+    assert replay(path).differing == ["rb_dynamics.checkpoint.states_sha256"]
 
 
 def test_a_log_that_is_still_being_written_is_compared_up_to_where_it_was(
@@ -232,9 +250,9 @@ def test_a_log_that_is_still_being_written_is_compared_up_to_where_it_was(
     data, growing = (tmp_path / "whole.mcap").read_bytes(), tmp_path / "growing.mcap"
     lengths = iter((len(data) // 2, 3 * len(data) // 4))
 
-    def grown(path: Path) -> Source:
+    def grown(path: Path, on_fact: OnFact | None = None) -> Source:
         growing.write_bytes(data[: next(lengths)])
-        return open_source(path)
+        return open_source(path, on_fact)
 
     monkeypatch.setattr("rb_dynamics.study.replay.open_source", grown)
     found = replay(growing)
@@ -268,7 +286,7 @@ def test_a_changed_command_moves_what_comes_after(tmp_path: Path, log: Path) -> 
     found = replay(edited(log, tmp_path / "edited.mcap", edit))
     assert found.first == (333_333_333, "/robot/turn/applied")
     assert found.differences["/pose"].first_ns == 366_666_667
-    assert [name for name, (logged, here) in found.hashes.items() if logged == here] == ["scene_sha256"]
+    assert {name for name in hashes(found) if f"rb_dynamics.{name}" not in found.differing} == {"scene_sha256"}
 
 
 def test_not_a_number_is_no_small_difference(tmp_path: Path, log: Path) -> None:
@@ -457,17 +475,163 @@ def test_with_another_numpy_and_other_bits_a_log_must_agree_with_itself(tmp_path
     assert found.within(1e-9)
 
 
+FORGED = {"version.rb_dynamics": "0.0.1"}
+
+
+@pytest.mark.parametrize("name", ["method", "solver", "seed", "effects", "effects_not_logged_as_wrench"])
+def test_what_a_log_says_of_its_run_is_held_against_the_scene(tmp_path: Path, full: Path, name: str) -> None:
+    found = replay(edited(full, tmp_path / "e.mcap", facts={f"rb_dynamics.{name}": "rk4"}))
+    assert found.differing == [f"rb_dynamics.{name}"]
+    assert not found.identical
+    # What follows from the scene alone no version says otherwise.
+    found = replay(edited(full, tmp_path / "e.mcap", facts=FORGED | {f"rb_dynamics.{name}": "rk4"}))
+    assert found.within(1e-9) == (name in {"solver", "effects_not_logged_as_wrench"})
+
+
+@pytest.mark.parametrize("name", ["method", "steps", "end_time_ns", "inputs_rule", "inputs_sha256", "states_sha256"])
+def test_what_a_log_says_of_the_end_is_held_against_the_run(tmp_path: Path, full: Path, name: str) -> None:
+    end = read_bag(full).metadata["rb_dynamics.result"][name]
+    forged = {f"rb_dynamics.result.{name}": f"{end[:-1]}{int(end[-1], 16) ^ 1:x}"}
+    found = replay(edited(full, tmp_path / "e.mcap", facts=forged))
+    assert found.differing[:1] == [f"rb_dynamics.result.{name}"]
+    assert not found.identical
+    # Of a hash of states nobody can tell more than that it is another; of a rule that is not known, no more either.
+    found = replay(edited(full, tmp_path / "e.mcap", facts=FORGED | forged))
+    assert found.within(1e-9) == (name in {"states_sha256", "inputs_rule"})
+
+
+def test_what_no_run_gives_is_said_to_be_unchecked(tmp_path: Path) -> None:
+    simulate(SCENE, COMMANDS, [McapSink(tmp_path / "run.mcap")], facts={"wrench_bags": "a.mcap"})
+    found = replay(tmp_path / "run.mcap")
+    assert found.identical
+    named = {name for name in found.unchecked if "version" not in name}
+    assert named == {"rb_dynamics.scene_file", "rb_dynamics.python", "rb_dynamics.wrench_bags"}
+
+
+@pytest.mark.parametrize("old", [b"world", b"body"])
+def test_another_version_excuses_no_other_frame(tmp_path: Path, full: Path, old: bytes) -> None:
+    def edit(message: Message) -> Message:
+        other = message.data.replace(old, old[::-1])
+        return message._replace(data=other) if message.channel.topic == "/odom" else message
+
+    found = replay(edited(full, tmp_path / "e.mcap", edit, FORGED | {"states_sha256": "0" * 64}))
+    assert found.corrupt == ["/odom"]
+    assert not found.within(math.inf)
+
+
+def test_another_version_excuses_an_attitude_by_its_own_size_not_by_that_of_the_position(tmp_path: Path) -> None:
+    text = SCENE.text.replace("initial: {", "initial: {position_world: [7.0e6, 0, 0], ")
+    simulate(parse_scene(text), COMMANDS, [McapSink(tmp_path / "run.mcap")])
+    facts = FORGED | {"states_sha256": "0" * 64}
+    found = replay(edited(tmp_path / "run.mcap", tmp_path / "e.mcap", off_by(1e-6, "/pose", "/odom", "/tf"), facts))
+    assert found.torn == found.corrupt == []
+    assert found.relative > 1e-8
+    assert not found.within(1e-9)
+
+
+def test_a_log_of_an_older_version_with_other_bits_is_the_same_within_rounding() -> None:
+    """0.1.0 rounded the kicks of splittings otherwise."""
+    found = replay(Path(__file__).parent / "version_0_1.mcap")
+    assert found.software["version.rb_dynamics"][0] == "0.1.0"
+    assert "rb_dynamics.result.states_sha256" in found.differing
+    assert found.corrupt == found.missing == found.torn == []
+    assert 0.0 < found.relative < 1e-12
+    # Though the defects of its balances are rounding alone, and differ wholly.
+    assert found.differences["/energy/defect"].largest > 0.0
+    assert found.within(1e-12)
+
+
+def test_records_of_one_name_and_checkpoints_agree(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    scene = parse_scene(SCENE.text.replace("output_rate: 30", "output_rate: 400"))
+    simulate(scene, COMMANDS, [McapSink(path, settings=LogSettings(flush_s=0.0))])
+    found = replay(path)
+    assert found.identical
+    assert found.facts["rb_dynamics.checkpoint.states_sha256"][0] != found.facts["rb_dynamics.result.states_sha256"][0]
+    data = path.read_bytes()
+    hashed = read_bag(path).metadata["rb_dynamics.checkpoint"]["states_sha256"].encode()
+    assert data.count(hashed) == 1
+    path.write_bytes(data.replace(hashed, b"0" * 64))
+    assert replay(path).differing == ["rb_dynamics.checkpoint.states_sha256"]
+    # A second record of the name, in front of which the first would not be seen.
+    place = 17 + struct.unpack_from("<Q", data, 9)[0]
+    (length,) = struct.unpack_from("<Q", data, place + 1)
+    record = data[place : place + 9 + length]
+    assert b"rb_dynamics" in record
+    path.write_bytes(data[:place] + record.replace(b"x86_64", b"x86_65").replace(b"aarch64", b"aarch65") + data[place:])
+    assert [line.partition(":")[0] for line in replay(path).torn] == ["rb_dynamics"]
+
+
+def test_a_channel_that_says_its_messages_are_read_otherwise_is_seen(tmp_path: Path) -> None:
+    folder = tmp_path / "bag"
+    scene = parse_scene(SCENE.text.replace("timeout: 0.35", "timeout: 0.35, optional: true"))
+    with pytest.MonkeyPatch.context() as patch:
+        # Uncompressed, so that a text of the same length can stand in the place of another.
+        patch.setattr("rb_dynamics.formats.mcap_writer._compression", lambda: ("", bytes))
+        patch.setattr("zlib.crc32", lambda *_: 0)
+        simulate(scene, COMMANDS, [BagSink(folder, max_duration_s=0.7)])
+    assert replay(folder).identical
+    file = min(folder.glob("*.mcap"))
+    data = file.read_bytes()
+    for old, new, fact in (
+        (b"float64 x\nfloat64 y", b"float64 y\nfloat64 x", ".schema"),
+        (b"reliability: reliable", b"reliability: reliablf", ".QoS"),
+    ):
+        assert old in data
+        file.write_bytes(data.replace(old, new))
+        found = replay(folder)
+        assert found.differing
+        assert all(name.endswith(fact) for name in found.differing)
+
+
+def test_whatever_is_changed_in_a_log_is_seen(tmp_path: Path, full: Path) -> None:
+    """Bits, times, order and number of messages; but for what a run does not say: how a node was."""
+    rng = random.Random(14)
+
+    def spoil(messages: list[Message]) -> None:
+        # Inertia and a file's other facts come first; a received command may have other padding.
+        place = rng.choice([n for n, m in enumerate(messages) if m.channel.topic not in {"/diagnostics", "/push"}])
+        message = messages[place]
+        same = [n for n, m in enumerate(messages) if m.channel is message.channel and m.data != message.data]
+        match rng.choice(["bit", "bit", "log_time", "publish_time", "leave out", "twice", "exchange"]):
+            case "bit":
+                data = bytearray(message.data)
+                data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
+                messages[place] = message._replace(data=bytes(data))
+            case "leave out":
+                del messages[place]
+            case "twice":
+                messages.insert(place, message)
+            case "exchange" if same:
+                other = rng.choice(same)
+                messages[place] = message._replace(data=messages[other].data)
+                messages[other] = messages[other]._replace(data=message.data)
+            case "publish_time":
+                messages[place] = message._replace(publish_time=message.publish_time ^ 1 << rng.randrange(40))
+            case _:
+                messages[place] = message._replace(log_time=message.log_time ^ 1 << rng.randrange(40))
+
+    for _ in range(25):
+        state = rng.getstate()
+        try:
+            found = replay(edited(full, tmp_path / "e.mcap", rearrange=spoil))
+        except LogError:
+            continue
+        assert not found.identical, state
+        assert not found.within(1.0), state
+
+
 def test_scene_and_commands_are_the_same_whatever_the_version(tmp_path: Path, full: Path) -> None:
-    for name in ("scene_sha256", "inputs_sha256"):
-        found = replay(edited(full, tmp_path / "e.mcap", facts=OTHER | {name: "0" * 64}))
-        assert found.corrupt == [name]
+    for name in ("scene_sha256", "result.inputs_sha256"):
+        found = replay(edited(full, tmp_path / "e.mcap", facts=OTHER | {name.removeprefix("result."): "0" * 64}))
+        assert found.corrupt == [f"rb_dynamics.{name}"]
         assert not found.within(1e-9)
 
 
 def test_a_log_of_rule_1_is_the_same_still() -> None:
     """Commands came in another order than a replay posts them, one at the very time of its channel's timeout."""
     found = replay(Path(__file__).parent / "rule_1.mcap")
-    logged, here = found.hashes["inputs_sha256"]
+    logged, here = found.facts["rb_dynamics.result.inputs_sha256"]
     assert logged == here
     assert found.missing == []
     assert found.identical or found.software
