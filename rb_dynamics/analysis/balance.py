@@ -14,6 +14,8 @@ from rb_dynamics.analysis.impulse import Impulse, impulses
 from rb_dynamics.analysis.noise import Noise, judge
 from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track
 
+_BLOCK = 1 << 16
+
 
 @dataclass(frozen=True)
 class Balance:
@@ -64,8 +66,13 @@ class Balance:
     def _sizes(self) -> Array:
         if self.defect.ndim == 1:
             return np.abs(self.defect)
-        sizes: Array = np.linalg.norm(self.defect, axis=1)
-        return sizes
+        return sizes_of(self.defect)
+
+
+def sizes_of(rows: Array) -> Array:
+    """Return the length of each row; in blocks, for the squares of a long log take as much memory as the log."""
+    blocks = [np.linalg.norm(rows[k : k + _BLOCK], axis=1) for k in range(0, len(rows), _BLOCK)]
+    return np.concatenate(blocks) if blocks else np.empty(0)
 
 
 def balances(track: Track, bound: float) -> list[Balance]:
@@ -102,7 +109,7 @@ def _momentum(track: Track, name: str, kind: str, unit: str, series: TimeSeries,
         return None
     impulse = impulses(track, kind, series.time_ns)
     total = np.cumsum(impulse.exact, axis=0)
-    largest = max(float(np.linalg.norm(each, axis=1).max()) for each in (series.values, total))
+    largest = max(float(sizes_of(each).max()) for each in (series.values, total))
     scale = max(largest, _moved(track) if name == "linear momentum" else 0.0)
     least_first = np.argsort(impulse.error, kind="stable")
     good = np.zeros(len(least_first), dtype=bool)
@@ -111,9 +118,12 @@ def _momentum(track: Track, name: str, kind: str, unit: str, series: TimeSeries,
     # In place: a long log has millions of rows.
     impulse.turning[~good] = 0.0
     total = np.cumsum(np.add(impulse.exact, impulse.turning, out=total), axis=0, out=total)
-    defect, covered, noise = _from_start(series.values - total, good, series.time_ns, track.own)
+    measured = _measured(impulse, good, kind, by_quadrature, unit)
+    del impulse
+    np.subtract(series.values, total, out=total)
+    defect, covered, noise = _from_start(total, good, series.time_ns, track.own)
     rest = f"a {kind} acts in body axes or none is logged, and the samples do not give its impulse"
-    basis = _basis(_measured(impulse, good, kind, by_quadrature, unit), covered, rest)
+    basis = _basis(measured, covered, rest)
     return Balance(name, unit, series.time_ns, defect, covered, scale, basis, noise)
 
 
@@ -155,7 +165,8 @@ def _from_start(values: Array, good: NDArray[np.bool_], time_ns: Times, own: boo
     good[0] = False
     starts = np.maximum.accumulate(np.where(good, 0, np.arange(count)))
     known = good | np.append(good[1:], False)
-    defect = values - values[starts]
+    defect = values[starts]
+    np.subtract(values, defect, out=defect)
     defect[~known] = np.nan
     lengths = np.diff(time_ns, prepend=time_ns[:1])
     total = int(lengths.sum())

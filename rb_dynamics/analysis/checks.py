@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rb_dynamics.analysis.agreement import Agreement
-from rb_dynamics.analysis.balance import Balance
+from rb_dynamics.analysis.balance import Balance, sizes_of
 from rb_dynamics.analysis.continuity import FARTHEST, Continuity, Jump
 from rb_dynamics.analysis.gaps import NAMED, listed, longest_usual, told
 from rb_dynamics.analysis.track import Array, TimeSeries, Track, frame_names
@@ -184,7 +184,7 @@ def _agrees(track: Track, each: Agreement) -> Check:
 
 
 def _unit(orientation: Array, bound: float) -> Check:
-    worst = float(np.abs(np.linalg.norm(orientation, axis=1) - 1.0).max())
+    worst = float(np.abs(sizes_of(orientation) - 1.0).max())
     return Check("quaternion is unit", worst <= bound, f"|norm - 1| is at most {worst:.3g}, accepted {bound:g}")
 
 

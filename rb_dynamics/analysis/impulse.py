@@ -9,7 +9,7 @@ known, the impulse is not known.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,25 +51,22 @@ class _Attitude:
 
 def impulses(track: Track, kind: str, time_ns: Times) -> Impulse:
     """Return the impulse of every "force" or "torque" (`kind`) of `track` between the samples at `time_ns`."""
-    attitude, acting, count = _attitude(track, time_ns), track.acting, len(time_ns)
+    acting, count = track.acting, len(time_ns)
     # In blocks: what is needed on the way is many times the result.
-    blocks = [_between(acting, kind, time_ns, attitude, first) for first in range(0, max(count - 1, 1), _BLOCK)]
-    return Impulse(*(_joined([getattr(block, name) for block in blocks]) for name in Impulse.__annotations__))
+    blocks = [slice(first, first + _BLOCK + 1) for first in range(0, max(count - 1, 1), _BLOCK)]
+    known = all(_rows(track, time_ns[block]) for block in blocks)
+    whole = Impulse(np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count), np.ones(count, dtype=bool))
+    for block in blocks:
+        part = _between(acting, kind, time_ns[block], _attitude(track, time_ns[block]) if known else None)
+        # The first row of a block is that of no interval.
+        for name in Impulse.__annotations__:
+            getattr(whole, name)[block][1:] = getattr(part, name)[1:]
+    return whole
 
 
-def _joined(parts: list[NDArray[Any]]) -> NDArray[Any]:
-    """Return the rows of all blocks; the first of each is that of no interval."""
-    return parts[0] if len(parts) == 1 else np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
-
-
-def _between(
-    acting: tuple[RecordedWrench, ...], kind: str, time_ns: Times, attitude: _Attitude | None, first: int
-) -> Impulse:
-    """Return the impulse between the samples from `first` on, `_BLOCK` intervals."""
-    rows = slice(first, first + _BLOCK + 1)
-    time_ns, count = time_ns[rows], len(time_ns[rows])
-    if attitude is not None:
-        attitude = _Attitude(attitude.orientation_xyzw[rows], attitude.angular_velocity[rows])
+def _between(acting: tuple[RecordedWrench, ...], kind: str, time_ns: Times, attitude: _Attitude | None) -> Impulse:
+    """Return the impulse between the samples of one block."""
+    count = len(time_ns)
     parts = [_of_channel(steps, kind, time_ns, attitude) for steps in acting]
     nothing = Impulse(np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count), np.ones(count, dtype=bool))
     return Impulse(
@@ -213,17 +210,26 @@ def _acceleration(h: Array, w: Array) -> Array:
     return result
 
 
-def _attitude(track: Track, time_ns: Times) -> _Attitude | None:
-    """Return attitude and rate at `time_ns`; None where pose and twist do not both have every one of these stamps."""
-    pose, twist = track.pose, track.twist
-    if pose is None or twist is None:
-        return None
-    rows: list[NDArray[np.intp]] = [np.searchsorted(series.time_ns, time_ns) for series in (pose, twist)]
-    for series, row in zip((pose, twist), rows, strict=True):
+def _rows(track: Track, time_ns: Times) -> list[NDArray[np.intp]]:
+    """Return the rows of pose and twist at `time_ns`; none where they do not both have every one of these stamps."""
+    if track.pose is None or track.twist is None:
+        return []
+    rows = []
+    for series in (track.pose, track.twist):
+        row = np.searchsorted(series.time_ns, time_ns)
         if (row == len(series.time_ns)).any() or (series.time_ns[row] != time_ns).any():
-            return None
-    orientation = unit_rows(pose.values[rows[0], 3:])
-    omega = twist.values[rows[1], 3:]
+            return []
+        rows.append(row)
+    return rows
+
+
+def _attitude(track: Track, time_ns: Times) -> _Attitude:
+    """Return attitude and rate at `time_ns`, which pose and twist both have."""
+    assert track.pose is not None
+    assert track.twist is not None
+    at_pose, at_twist = _rows(track, time_ns)
+    orientation = unit_rows(track.pose.values[at_pose, 3:])
+    omega = track.twist.values[at_twist, 3:]
     if track.twist_in_world:
         omega = rotate_all_inverse(orientation, omega)
     return _Attitude(orientation, omega)

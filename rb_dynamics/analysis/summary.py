@@ -14,7 +14,7 @@ from decimal import Decimal
 import numpy as np
 
 from rb_dynamics.analysis.agreement import Agreement, agreements
-from rb_dynamics.analysis.balance import Balance, balances
+from rb_dynamics.analysis.balance import Balance, balances, sizes_of
 from rb_dynamics.analysis.checks import BOUND, Check, checks, cut, missing, one_recording
 from rb_dynamics.analysis.command_outcomes import CommandOutcomes, outcomes_of
 from rb_dynamics.analysis.continuity import Continuity, continuity
@@ -326,7 +326,7 @@ def _ranges(track: Track) -> list[Range]:
 
 
 def _range(track: Track, name: str, unit: str, series: TimeSeries) -> Range:
-    values = series.values if series.values.ndim == 1 else np.linalg.norm(series.values, axis=1)
+    values = series.values if series.values.ndim == 1 else sizes_of(series.values)
     seconds = track.seconds(series.time_ns)
     low, high = int(values.argmin()), int(values.argmax())
     return Range(name, unit, float(values[low]), float(seconds[low]), float(values[high]), float(seconds[high]))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import heapq
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -25,6 +26,32 @@ ON_EXCESS = ("reject", "clip")
 # m/s^2 and rad/s^2: beyond, no actuator is meant, and a command under which the motion cannot go on is what is wrong.
 # Below, it is the step or the accuracy, and whoever chose it has to know.
 _HUGE = 1e6
+
+
+# What we publish ourselves: a channel of that name would clash with it in the graph and in the log.
+_PUBLISHED = frozenset(
+    {
+        "pose", "twist", "odom", "accel", "angular_momentum", "linear_momentum", "energy/kinetic", "energy/work",
+        "energy/defect", "energy/potential", "inertia", "diagnostics", "tf", "tf_static", "clock",
+    }
+)  # fmt: skip
+
+
+def topic_fault(topic: str) -> tuple[str, str] | None:
+    """Return what was expected instead of the topic of a channel, and what to do; None where it may have it."""
+    name = topic.removeprefix("/")
+    # A ROS 2 name without substitutions and private parts: no bag can hold those.
+    parts = [re.fullmatch(r"(?!.*__)[A-Za-z_][A-Za-z0-9_]*", part) for part in name.split("/")]
+    if len(topic) > 200 or not all(parts):
+        mend = "use letters, digits and _, with / between parts that do not begin with a digit"
+        return "a ROS topic name", mend
+    if name in _PUBLISHED:
+        return "a topic that rb_dynamics does not publish itself", "rename the channel, for example to wrench"
+    if name.startswith("effects/"):
+        return "a topic outside effects/, where the log keeps what effects hold", "rename the channel"
+    if name.endswith("/applied"):
+        return "a topic that does not end in /applied, where the log keeps what acted", "rename the channel"
+    return None
 
 
 @dataclass(frozen=True, slots=True)

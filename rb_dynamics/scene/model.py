@@ -8,7 +8,7 @@ from rb_dynamics.body.plausibility import Finding
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import SceneError
-from rb_dynamics.loads.channels import Channel
+from rb_dynamics.loads.channels import Channel, topic_fault
 from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.effect import Effect
 from rb_dynamics.loads.wrench import WrenchFrames
@@ -92,8 +92,9 @@ class Scene:
         Raises:
             TypeError: a field is not of its type.
             ValueError: a number in `initial` is not finite, or the norm of its attitude is not 1.
-            SceneError: `initial` has a time that is not 0, two channels have one topic, duration or output rate makes
-                no sense, or the frames were made with another centre of mass than the body has.
+            SceneError: `initial` has a time that is not 0, a channel has a topic that it may not have, two have one,
+                duration or output rate makes no sense, or the frames were made with another centre of mass than the
+                body has.
         """
         instance(self.body, RigidBody, "body", "make one with RigidBody.from_diagonal(mass, moments)")
         frames = instance(self.frames, WrenchFrames, "frames", "write WrenchFrames()")
@@ -115,7 +116,10 @@ class Scene:
         expected = f"a number from 0 to {1.0 / SHORTEST:g} (Hz)"
         rate = number(self.output_rate, "output_rate", expected, SceneError, least=0.0, most=1.0 / SHORTEST)
         object.__setattr__(self, "output_rate", rate)
-        topics = [channel.topic.lstrip("/") for channel in self.channels]
+        for channel in self.channels:
+            if fault := topic_fault(channel.topic):
+                raise SceneError(f"the topic of a channel is {shown(channel.topic)}, expected {fault[0]}; {fault[1]}")
+        topics = [channel.topic.removeprefix("/") for channel in self.channels]
         if len(set(topics)) < len(topics):
             raise SceneError(
                 f"channels have the topics {topics}, expected different ones: of two with one topic, a command would "

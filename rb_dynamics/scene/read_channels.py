@@ -3,20 +3,11 @@
 from __future__ import annotations
 
 import math
-import re
 
-from rb_dynamics.loads.channels import ON_EXCESS
+from rb_dynamics.loads.channels import ON_EXCESS, topic_fault
 from rb_dynamics.numerics.nanoseconds import LONGEST, SHORTEST
 from rb_dynamics.scene.fields import Field, Rule, Section
 from rb_dynamics.scene.model import Channel
-
-# What we publish ourselves: a channel of that name would clash with it in the graph and in the log.
-PUBLISHED_TOPICS = frozenset(
-    {
-        "pose", "twist", "odom", "accel", "angular_momentum", "linear_momentum", "energy/kinetic", "energy/work",
-        "energy/defect", "energy/potential", "inertia", "diagnostics", "tf", "clock",
-    }
-)  # fmt: skip
 
 _TIMEOUT = Rule(
     f"0 (hold for ever) or a number from {SHORTEST:g} to {LONGEST:.1e} (s)",
@@ -69,30 +60,16 @@ def _topic(section: Section, taken: dict[str, str]) -> str:
     if field is None:
         section.missing("topic", "the name of a topic", "add topic: wrench")
         return Channel().topic
-    topic = field.text(
-        "a ROS topic name",
-        _is_topic,
-        "use letters, digits and _, with / between parts that do not begin with a digit",
-        "",
-    )
+    topic = field.text("a ROS topic name", lambda text: text != "", "write one, such as wrench", "")
     # In the root namespace wrench and /wrench are one topic, and a bag knows only /wrench.
     name = topic.removeprefix("/")
+    if fault := topic and topic_fault(topic):
+        field.reject(*fault)
+        return Channel().topic
     if name in taken:
         field.reject(
             "each topic once", "rename one of the channels or remove it", f"{topic} again, first in {taken[name]}"
         )
-    elif name in PUBLISHED_TOPICS:
-        field.reject("a topic that rb_dynamics does not publish itself", "rename the channel, for example to wrench")
-    elif name.startswith("effects/"):
-        field.reject("a topic outside effects/, where the log keeps what effects hold", "rename the channel")
-    elif name.endswith("/applied"):
-        field.reject("a topic that does not end in /applied, where the log keeps what acted", "rename the channel")
     elif name:
         taken[name] = field.key
     return topic or Channel().topic
-
-
-def _is_topic(name: str) -> bool:
-    """Return whether `name` is a ROS 2 topic name without substitutions and private parts: no bag can hold those."""
-    parts = name.removeprefix("/").split("/")
-    return len(name) <= 200 and all(re.fullmatch(r"(?!.*__)[A-Za-z_][A-Za-z0-9_]*", part) for part in parts)

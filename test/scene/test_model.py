@@ -125,6 +125,12 @@ def test_no_topic_stands_for_two_channels() -> None:
         replace(READ, channels=(Channel("push"), Channel("/push", max_force=1.0)))
 
 
+@pytest.mark.parametrize("topic", ["effects/uniform_gravity", "/effects/a", "pose", "/tf_static", "a/applied", "a b"])
+def test_a_topic_that_no_log_could_hold_is_refused(topic: str) -> None:
+    with pytest.raises(SceneError, match=f"the topic of a channel is '{topic}', expected a .*topic"):
+        replace(READ, channels=(Channel(topic),))
+
+
 def test_a_scene_keeps_plain_floats() -> None:
     """A number of 32 bits computes in 32 bits: a timeout would end at another nanosecond than was written."""
     single: Any = np.float32(0.1)
