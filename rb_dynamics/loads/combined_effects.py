@@ -8,14 +8,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 from rb_dynamics.body.rigid_body import RigidBody
-from rb_dynamics.errors import SceneError
+from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.effect import Effect, Point, Sight, Slowing, Stored, Wrenching
 from rb_dynamics.loads.load import Load, Takes
 from rb_dynamics.loads.wrench import WORLD, Wrench, WrenchFrames
 from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import ZERO, Vector, add
+
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
@@ -59,6 +62,10 @@ class CombinedEffects:
                 found[name] = tuple((time, self._named(wrench)) for time, wrench in schedule)
         return list(found.items())
 
+    def _parts(self, what: str, of: Callable[[Effect], Callable[[Point], _T] | None]) -> list[Callable[[Point], _T]]:
+        found = ((effect, of(effect)) for effect in self.effects)
+        return [_refusing(effect, what, part) for effect, part in found if part is not None]
+
     def _named(self, wrench: Wrench) -> Wrench:
         return replace(wrench, frame_id=self.frames.world_frame) if wrench.frame_id == WORLD else wrench
 
@@ -72,8 +79,7 @@ class CombinedEffects:
         Raises:
             SceneError: an effect has a load inside the step and does not say so.
         """
-        found = (_inside_the_step(effect, self.body, start) for effect in self.effects)
-        parts = [part for part in found if part is not None]
+        parts = self._parts("load", lambda effect: _inside_the_step(effect, self.body, start))
         if not parts:
             return None
 
@@ -98,7 +104,7 @@ class CombinedEffects:
 
     def potential(self) -> Callable[[Point], float] | None:
         """Return the potential energy (J) of all; None where none has one."""
-        parts = [part for effect in self.effects if (part := effect.potential(self.body)) is not None]
+        parts = self._parts("potential", lambda effect: effect.potential(self.body))
         if not parts:
             return None
 
@@ -112,17 +118,17 @@ class CombinedEffects:
 
     def slowing(self) -> Slowing | None:
         """Return the rate (1/s) at which differences of velocity die down; None where they need not."""
-        parts = [part for effect in self.effects if (part := effect.slowing(self.body)) is not None]
+        parts = self._parts("slowing", lambda effect: effect.slowing(self.body))
         return (lambda point: math.fsum(part(point) for part in parts)) if parts else None
 
     def sight(self) -> Sight | None:
         """Return for how long (s) the load at a point tells what comes; None where it always does."""
-        parts = [part for effect in self.effects if (part := effect.sight(self.body)) is not None]
+        parts = self._parts("sight", lambda effect: effect.sight(self.body))
         return (lambda point: min(part(point) for part in parts)) if parts else None
 
     def storing(self) -> Callable[[Point], Stored] | None:
         """Return what moves inside the body, of all; None where nothing does."""
-        parts = [part for effect in self.effects if (part := effect.storing(self.body)) is not None]
+        parts = self._parts("stored momentum", lambda effect: effect.storing(self.body))
         if not parts:
             return None
 
@@ -134,6 +140,22 @@ class CombinedEffects:
             return Stored(momentum, energy)
 
         return stored
+
+
+def _refusing(effect: Effect, what: str, part: Callable[[Point], _T]) -> Callable[[Point], _T]:
+    """Return a part of `effect` that refuses the points where it fails: a step on trial may lead anywhere."""
+
+    def at(point: Point) -> _T:
+        try:
+            return part(point)
+        except (ArithmeticError, ValueError) as failed:
+            raise ConvergenceError(
+                f"{effect.kind}: its {what} fails with {type(failed).__name__}: {failed}, at simulation time "
+                f"{point.time:.9g} s, position {list(point.position)} m, velocity {list(point.velocity)} m/s and rate "
+                f"{list(point.angular_velocity)} rad/s in principal axes; correct the effect, or end the run before"
+            ) from failed
+
+    return at
 
 
 def _inside_the_step(effect: Effect, body: RigidBody, start: float) -> Wrenching | None:

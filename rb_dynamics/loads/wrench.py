@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from rb_dynamics.body.moments_about_points import moment_of_force
 from rb_dynamics.body.rigid_body import RigidBody
@@ -43,9 +43,12 @@ class Wrench:
     def __post_init__(self) -> None:
         """Keep what was given as it is now; numbers that make no sense are refused where they are to act.
 
+        What is beyond double precision is infinite there, and in logs.
+
         Raises:
-            TypeError: force or torque is not three components: nothing could log it.
+            TypeError: force or torque is not three components, or frame_id no text: nothing could log it.
         """
+        instance(self.frame_id, str, "wrench frame_id", "write the name of a frame")
         for name in ("force", "torque"):
             given: object = getattr(self, name)
             if type(given) is not tuple:
@@ -54,6 +57,19 @@ class Wrench:
                 object.__setattr__(self, name, given)
             if type(given) is not tuple or len(given) != 3:
                 raise TypeError(f"wrench {name} is {shown(given)}, expected three components; write (x, y, z)")
+            if not type(given[0]) is type(given[1]) is type(given[2]) is float:
+                object.__setattr__(self, name, tuple(map(_within_doubles, given)))
+
+
+def _within_doubles(component: Any) -> Any:
+    """Return a component as it is; infinity for a whole number of more than 308 digits."""
+    try:
+        float(component)
+    except OverflowError:
+        return -math.inf if component < 0 else math.inf
+    except (TypeError, ValueError):
+        pass
+    return component
 
 
 @dataclass(frozen=True, slots=True)

@@ -41,6 +41,9 @@ class Advance(Protocol):
         """Return for how long (s) from `phase` on the load there tells what comes."""
 
 
+MOST_STEPS = 10**12
+"""Steps of a fixed length in one run: compiled they take days."""
+
 _EPSILON = 2.0**-52
 
 # What doubling may use up of the accuracy: errors grow faster than linearly while a body turns over its middle
@@ -152,6 +155,20 @@ class FixedStep:
         self.denominator = exact.denominator
         self.length = exact.numerator
 
+    def require_few(self, time_ns: int, name: str = "step", error: type[Exception] = ValueError) -> None:
+        """Let pass a run of `time_ns` that takes at most `MOST_STEPS` steps.
+
+        Raises:
+            Exception: `error`, as it would run on for days, years or ages.
+        """
+        count = time_ns * self.denominator // self.length
+        if count > MOST_STEPS:
+            step, time = self.length / self.denominator / NANOSECONDS, time_ns / NANOSECONDS
+            raise error(
+                f"{name} is {step:g} s, which makes {count:.3g} steps in {time:g} s, expected at most {MOST_STEPS:g}: "
+                f"that many take days; take a step of {time / MOST_STEPS:.2g} s or more"
+            )
+
     def stride(self, phase: Phase, advance: Advance) -> tuple[int, Phase | None]:
         """Return the step; it has not been taken."""
         return self.length, None
@@ -221,7 +238,8 @@ class OwnControl:
         length = by_method(self.goal, self.learnt, phase, advance).length
         if length == 0:
             raise ConvergenceError(
-                f"accuracy {self.goal.accuracy:g} cannot be kept: a step would have to be shorter than 1 ns; "
+                f"accuracy {self.goal.accuracy:g} cannot be kept: at simulation time {elapsed(phase):.9g} s a step "
+                "would have to be shorter than 1 ns; "
                 "accept a larger solver.accuracy or check the size of the wrench"
             )
         _require_reachable(self.goal, phase, length)
@@ -301,13 +319,13 @@ class AccuracyControl:
         length, after, learnt, error = by_trial(goal, known, phase, trials)
         if length == 0 and trials.refused is not None:
             raise ConvergenceError(
-                f"accuracy {self.goal.accuracy:g} cannot be kept: not even a step of 1 ns can be taken: "
-                f"{trials.refused}"
+                f"accuracy {self.goal.accuracy:g} cannot be kept: at simulation time {elapsed(phase):.9g} s not "
+                f"even a step of 1 ns can be taken: {trials.refused}"
             ) from trials.refused
         if length == 0:
             raise ConvergenceError(
-                f"accuracy {self.goal.accuracy:g} cannot be kept: a step of 1 ns has an error of {error:.3g}; "
-                "accept a larger solver.accuracy or check the size of the wrench"
+                f"accuracy {self.goal.accuracy:g} cannot be kept: at simulation time {elapsed(phase):.9g} s a step "
+                f"of 1 ns has an error of {error:.3g}; accept a larger solver.accuracy or check the size of the wrench"
             )
         _require_reachable(self.goal, phase, max(length, learnt.step * NANOSECONDS))
         self.following = learnt
@@ -366,7 +384,8 @@ def by_trial(goal: Goal, learnt: Learnt, phase: Phase, trials: Any) -> Stride:
             return Stride(length, kept, Learnt(following, farthest, learnt.telling, learnt.told, learnt.until), error)
         if length == 1:
             return Stride(0, phase, learnt, error)
-        h = following
+        # A few nanoseconds less may be rounded to the same.
+        h = min(following, (length - 1) / NANOSECONDS)
 
 
 def taught(goal: Goal, learnt: Learnt, phase: Phase, trials: Any, h: float, noise: float) -> Learnt:

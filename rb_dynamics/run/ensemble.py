@@ -193,6 +193,7 @@ class Ensemble:
 
     def _advanced(self, hold: _Hold, time_ns: int) -> tuple[_Hold, Numbers]:
         """Return `hold` after its full steps before `time_ns`, and the state then."""
+        self._steps.require_few(time_ns - hold.start_ns)
         count, rest = self._steps.split(time_ns - hold.start_ns)
         state = hold.state
         # In pieces, so that one can be repeated body by body, or be interrupted.
@@ -293,9 +294,19 @@ class _Steps:
         if method is None:
             known, mend = ", ".join(METHODS), remedy(name, tuple(METHODS), "write one, as steps are fixed here")
             raise ValueError(f"method is {shown(name)}, expected one of {known}; {mend}")
-        self._length, self._denominator = _grid(method, step)
+        self._grid = grid = _grid(method, step)
+        self._length, self._denominator = grid.length, grid.denominator
         self._h = self._length / (self._denominator * NANOSECONDS)
         self.mover = mover(method)
+
+    def require_few(self, time_ns: int) -> None:
+        """Let pass a run of `time_ns` that comes to an end.
+
+        Raises:
+            ValueError: it takes more than `MOST_STEPS` steps.
+        """
+        if isinstance(self._grid, FixedStep):
+            self._grid.require_few(time_ns)
 
     def split(self, length_ns: int) -> tuple[int, float]:
         """Return the number of full steps in `length_ns`, and the length in s of the remaining step."""
@@ -317,6 +328,7 @@ class _Steps:
 
         if len(times) == 0:
             return
+        self.require_few(int(times[-1]) - start_ns)
         lengths = np.diff(times, prepend=start_ns)
         per_second, largest = self._denominator * NANOSECONDS, int(lengths.max()) * self._denominator
         if max(per_second, largest, self._length) < 2**53:
@@ -337,16 +349,15 @@ class _Steps:
             first = last
 
 
-def _grid(method: Method, step: float | None) -> tuple[int, int]:
-    """Return the length of a full step in units of 1/denominator ns, and the denominator."""
+def _grid(method: Method, step: float | None) -> FixedStep | WholeArc:
+    """Return what says how long the steps are."""
     if method.order is None:
-        return WholeArc.length, WholeArc.denominator
+        return WholeArc()
     expected = f"a number of {SHORTEST_STEP:g} or more (s), as {method.name} needs one"
     if step is None:
         raise ValueError(f"step is None, expected {expected}")
     step = number(step, "step", expected, least=SHORTEST_STEP)
-    control = FixedStep(step)
-    return control.length, control.denominator
+    return FixedStep(step)
 
 
 def _threads(threads: int | None) -> int:

@@ -122,7 +122,9 @@ class Plan:
             return WholeArc()
         if solver.step is not None:
             expected = f"a number of {SHORTEST_STEP:g} or more (s), or the run would not get anywhere"
-            return FixedStep(number(solver.step, "solver.step", expected, SceneError, least=SHORTEST_STEP))
+            control = FixedStep(number(solver.step, "solver.step", expected, SceneError, least=SHORTEST_STEP))
+            control.require_few(self._scene.end_ns or 0, f"{self._scene.source}: solver.step", SceneError)
+            return control
         accuracy, horizon = self._accuracy, self._horizon
         if method.longest_step is not None:
             return OwnControl(accuracy, horizon, ends=self._ends)

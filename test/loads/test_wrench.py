@@ -98,6 +98,11 @@ class TestFrames:
         assert FRAMES.hold(Wrench(force, torque, "map")).force_world == force
 
 
+def test_a_frame_without_a_name_is_no_frame() -> None:
+    with pytest.raises(TypeError, match="wrench frame_id is 5, expected a str"):
+        Wrench(frame_id=5)  # type: ignore[arg-type]
+
+
 class TestLeverArm:
     @given(vectors, vectors, vectors, vectors, quaternions)
     def test_is_the_rule(self, force: Vector, torque: Vector, place: Vector, center: Vector, axes) -> None:  # type: ignore[no-untyped-def]

@@ -18,7 +18,7 @@ from scipy.integrate import solve_ivp
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
-from rb_dynamics.errors import ConvergenceError
+from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.effect import Effect, Point
 from rb_dynamics.loads.load import Load, Takes
 from rb_dynamics.loads.wrench import HeldWrench
@@ -28,10 +28,12 @@ from rb_dynamics.motion.phase import Phase, in_principal_axes, inertia_of
 from rb_dynamics.motion.step_control import AccuracyControl, FixedStep
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.vector import ZERO, Vector, norm, scale, subtract
+from rb_dynamics.run.ensemble import Ensemble, driven_motion
 from rb_dynamics.run.simulation import Run, simulate
 from rb_dynamics.scene.model import Solver
 from rb_dynamics.scene.plan import Plan
 from rb_dynamics.scene.read import parse_scene
+from rb_dynamics.study.explain import explain
 
 
 def driven(case: Case, method: str, accuracy: float, horizon: float) -> Arc:
@@ -355,6 +357,62 @@ class TestNoStepPassesOverAPlace:
         moving = Phase((0.0, 0.0, 0.0, 1.0), (0.1, 0.0, 0.0), (*ZERO, 3.0, *(0.0,) * 10), (0.0,) * 14)
 
         assert stepper.steady(moving, 36.0) == steady
+
+
+class Failing(Effect):
+    """A force that has no value where `load` has none."""
+
+    kind, takes = "failing", Takes.FIELD
+
+    def __init__(self, load: Callable[[Point], float]) -> None:
+        self.load = load
+
+    def wrenching(self, body: RigidBody, start: float) -> Callable[[Point], tuple[Vector, Vector]]:
+        return lambda point: ((self.load(point), 0.0, 0.0), ZERO)
+
+
+class TestAnEffectThatFails:
+    TEXT = (
+        "body: {mass: 1}\ninitial: {linear_velocity_world: [1, 0, 0]}\nduration: 2.5\n"
+        "solver: {method: %s, accuracy: 1e-4}"
+    )
+
+    def flown(self, method: str, load: Callable[[Point], float]) -> Run:
+        return simulate(replace(parse_scene(self.TEXT % method), effects=(Failing(load),)))
+
+    def test_on_trial_costs_that_step_alone(self) -> None:
+        """x stays below 1/300 m, but a first trial of 0.025 s leads beyond 1/200 m, where the force has no value."""
+        sample = self.flown("auto", lambda point: -450.0 * math.asin(200.0 * point.position[0])).sample
+
+        assert abs(sample.position_world[0]) <= 1.0 / 300.0
+
+    @pytest.mark.parametrize("method", ["auto", "rk4"])
+    def test_on_the_way_is_said_with_time_and_state(self, method: str) -> None:
+        failed = (
+            "failing: its load fails with ValueError: .* at simulation time 0.7613.* s, position .* velocity .* rate "
+        )
+        with pytest.raises(ConvergenceError, match=failed):
+            self.flown(method, lambda point: math.sqrt(1.0 - point.position[0]))
+
+    @pytest.mark.parametrize("method", ["dop853", "rk4", "radau"])
+    def test_at_a_pole_ends(self, method: str) -> None:
+        """Steps of two nanoseconds, of which nine tenths are two again, were tried for ever."""
+        with pytest.raises(ConvergenceError, match="at simulation time "):
+            self.flown(method, lambda point: 1.0 / (2.0 - point.time) if point.time < 2.0 else 1.0 / 0.0)
+
+
+class TestAFixedStep:
+    SCENE = "body: {mass: 1}\nduration: 1e6\nsolver: {method: rk4, step: 1e-9}"
+
+    def test_that_would_run_for_ages_is_refused(self) -> None:
+        scene, most = parse_scene(self.SCENE), r"makes 1e\+15 steps in 1e\+06 s, .*; take a step of 1e-06 s or more"
+        for run in (simulate, explain):
+            with pytest.raises(SceneError, match=f"solver.step is 1e-09 s, which {most}"):
+                run(scene)
+        with pytest.raises(ValueError, match=most):
+            driven_motion(scene.body, scene.initial, [10**15], method="rk4", step=1e-9)
+        with pytest.raises(ValueError, match=most):
+            Ensemble([scene.body], [scene.initial], "rk4", 1e-9).advance(1e6)
 
 
 class TestWhereRoundingHidesTheError:

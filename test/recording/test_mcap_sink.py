@@ -216,6 +216,16 @@ def test_what_was_rejected_was_received_all_the_same(tmp_path: Path) -> None:
     assert "/wrench/applied" not in bag.messages
 
 
+def test_what_is_beyond_double_precision_is_rejected_and_logged_as_infinite(tmp_path: Path) -> None:
+    scene = parse_scene("body: {mass: 1, inertia: {diagonal: [1, 2, 2.5]}}\nwrenches: [{topic: push}]\nduration: 1")
+    path = tmp_path / "run.mcap"
+    run = simulate(scene, [("push", Wrench((10**400, 0, -(10**309))))], [McapSink(path)])
+
+    assert "wrench force is (inf, 0.0, -inf), expected three components (N): three finite numbers" in run.rejected[0]
+    [received] = [m for topic, m in raw_messages(path) if topic.endswith("/push")]
+    assert struct.unpack_from("<3d", received.data, len(received.data) - 48) == (math.inf, 0.0, -math.inf)
+
+
 def test_status_is_a_diagnostic_array(tmp_path: Path) -> None:
     status = Status(5, 1, "log is slow: \udcff", {"dropped": "3", "": ""})
     (message,) = Rosbags(write(tmp_path / "run.mcap", [status])).messages["/diagnostics"]
