@@ -28,7 +28,7 @@ __all__ = list(_HOMES)
 
 
 def __getattr__(name: str) -> object:
-    """Import what stands behind a public name, or a part of the package, when it is first asked for; so the version."""
+    """Import the object of a public name, a subpackage or the version when it is first used."""
     if name == "__version__":
         return import_module(f"{__name__}.run.provenance").version()
     home = _HOMES.get(name, f"{__name__}.{name}")

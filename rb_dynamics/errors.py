@@ -1,6 +1,6 @@
-"""Every error the package raises on purpose; each says what was found, what was expected and what to do.
+"""The errors that the package raises on purpose; each names what was found, what was expected and the remedy.
 
-Never raised for programming mistakes: those stay Python's own exceptions, with their traceback.
+Programming errors must raise Python's own exceptions, with their traceback.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ class RigidBodyError(Exception):
 
 
 class SceneError(RigidBodyError):
-    """A scene file does not say what it has to say: names file, line, key, value, expectation and remedy."""
+    """An invalid scene: the message names file, line, key, value, expectation and remedy."""
 
 
 class BodyError(RigidBodyError):
@@ -19,7 +19,7 @@ class BodyError(RigidBodyError):
 
 
 class WrenchError(RigidBodyError):
-    """A wrench command that cannot be honoured: not finite, or in a frame nobody declared."""
+    """A wrench command that is rejected: not finite, or in an undeclared frame."""
 
 
 class ConvergenceError(RigidBodyError):

@@ -18,29 +18,29 @@ from rb_dynamics.analysis.noise import typical
 from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track, unit_rows
 from rb_dynamics.numerics.rotation_arrays import rotate_all, rotation_vectors
 
-# A difference of more than this part of what either says is a contradiction.
+# A difference larger than this fraction of either change is a contradiction.
 _CONTRADICTS = 0.3
-# Another reading explains it where it leaves no more than this part.
+# Another interpretation explains it if it leaves no more than this fraction.
 _RECONCILED = 0.1
-# Smaller differences may be those of sensors, such as the constant error of gyros: rad/s and m/s.
+# Smaller differences may be sensor errors, such as the constant error of gyros: rad/s and m/s.
 _SENSORS = 0.05
-# A window counts where it turns by at least this (rad), and by so many times the noise.
+# A window counts if it turns by at least this (rad), and by this multiple of the noise.
 _LEAST_TURN, _ABOVE_NOISE = 0.05, 10.0
 _LEAST_WINDOWS = 3
 _SECOND = 1_000_000_000
-# Attitudes that are farther apart, and rates that lead farther, do not say how the body turned; rad.
+# Larger rotations between samples do not determine how the body rotated; rad.
 _FARTHEST, _AROUND = 1.0, 2.0
 
 
 @dataclass(frozen=True)
 class Reading:
-    """A way to read a twist."""
+    """An interpretation of a twist."""
 
     world: bool
     factor: float
 
     def words(self, given: Reading) -> str:
-        """Return how this reading differs from the one `given`."""
+        """Return the difference from the `given` interpretation, as text."""
         parts = [f"in {'world' if self.world else 'body'} axes"] if self.world != given.world else []
         parts += ["with the opposite sign"] if self.factor < 0.0 else []
         parts += ["in degrees per second"] if abs(self.factor) != 1.0 else []
@@ -53,14 +53,14 @@ class Agreement:
 
     Attributes:
         of: "attitude" or "position".
-        error: median difference over a window, over the larger of what both say; None where that is not known.
+        error: median difference over a window, relative to the larger change; None if unknown.
         window_s: length of a window.
-        windows: how many were compared.
-        contradicts: whether they cannot both be right.
-        remedy: how to read the twist so that they agree, "" where no way was found.
-        remaining: `error` then.
-        nothing: the twist is zero all the time.
-        reason: why `error` is not known, "" where it is.
+        windows: number compared.
+        contradicts: whether at least one of the two must be wrong.
+        remedy: interpretation of the twist with which they agree, "" if none was found.
+        remaining: `error` with it.
+        nothing: whether the twist is always zero.
+        reason: why `error` is unknown, "" if it is known.
     """
 
     of: str
@@ -77,7 +77,7 @@ class Agreement:
 def agreements(track: Track) -> tuple[Agreement, ...]:
     """Return how attitude and position agree with the twist.
 
-    Nothing where pose or twist is not there, and for a log of this package, whose pose and twist are of one state.
+    Empty if pose or twist is absent, and for a log of this package, whose pose and twist come from one state.
     """
     pose, twist = track.pose, track.twist
     if track.own or pose is None or twist is None or len(pose.time_ns) < 2 or len(twist.time_ns) < 2:
@@ -103,14 +103,14 @@ def agreements(track: Track) -> tuple[Agreement, ...]:
 
 @dataclass(frozen=True)
 class _Both:
-    """Pose, and what the twist adds up to in each interval of it.
+    """Pose, and the integral of the twist over each of its intervals.
 
     Attributes:
         time_ns: (n,).
         pose: (n, 7), quaternions of unit length.
         twist: (n - 1, 6), integral of the twist over each interval, in its own axes.
-        turned: (n - 1, 3), turn in each interval, rad, world axes.
-        stretch: number of the stretch of each interval, -1 for one that is not judged.
+        turned: (n - 1, 3), rotation in each interval, rad, world axes.
+        stretch: number of the stretch of each interval, -1 if it is not judged.
     """
 
     time_ns: Times
@@ -143,7 +143,7 @@ class _Both:
         return _Both(time_ns, rows, added, turned, np.where(broken, -1, np.cumsum(broken)))
 
     def said(self, part: slice, reading: Reading) -> Array:
-        """Return the integral of part of the twist over each interval, world axes."""
+        """Return the integral of a part of the twist over each interval, world axes."""
         added = reading.factor * self.twist[:, part]
         if reading.world:
             return added
@@ -153,7 +153,7 @@ class _Both:
 
 
 def _judged(of: str, both: _Both, gone: Array, part: slice, readings: list[Reading], least: float) -> Agreement:
-    """Return how what the pose did in each interval agrees with the twist, read as the first of `readings`."""
+    """Return how the change of the pose in each interval agrees with the twist in the first of `readings`."""
     path = np.concatenate([np.zeros((1, 3)), np.cumsum(gone, axis=0)])
     floor = max(least, _ABOVE_NOISE * typical(path, np.zeros(len(path), dtype=np.int_)))
     given, *others = readings
@@ -187,9 +187,9 @@ def _remedy(
 
 
 def _windows(both: _Both, gone: Array, said: Array, floor: float) -> tuple[float, float, int, float] | None:
-    """Return median error over what was gone, the same per second, number and length (s) of the windows; None for few.
+    """Return median relative error, median error per second, number and length (s) of the windows; None if too few.
 
-    The shortest of 1 s, 10 s, ... in which the body goes far enough.
+    The shortest of 1 s, 10 s, ... in which the body moves far enough.
     """
     since = both.time_ns[:-1] - both.time_ns[0]
     apart = np.diff(both.time_ns)

@@ -1,6 +1,6 @@
 """Balances of a recorded motion: momentum against the impulse of the wrenches, energy against work.
 
-Where the log does not determine an impulse or a work, the balance is unknown.
+If the log does not determine an impulse or a work, the balance is unknown.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ class Balance:
     """One conservation law, checked on the samples of a log.
 
     Attributes:
-        name: what is balanced.
+        name: the quantity.
         unit: of the values.
         time_ns: of the samples.
-        defect: one row for each sample; NaN where it is not known. Zero at the start of each stretch that is known.
+        defect: one row per sample; NaN if unknown. Zero at the start of each known stretch.
         covered: fraction of the time for which it is known.
-        scale: the largest energy or momentum seen.
-        basis: what the defect is measured against, for a person.
-        noise: of the recording, and whether the defect is more; None of a log of this package, which has none.
+        scale: largest energy or momentum.
+        basis: what the defect is relative to, as text.
+        noise: noise of the recording, and whether the defect exceeds it; None for a log of this package.
     """
 
     name: str
@@ -43,23 +43,23 @@ class Balance:
 
     @property
     def worst(self) -> float:
-        """The largest defect, or 0 where none is known."""
+        """The largest defect, 0 if none is known."""
         sizes = self._sizes()
         return float(np.nanmax(sizes)) if np.isfinite(sizes).any() else 0.0
 
     @property
     def worst_ns(self) -> int:
-        """When the defect is largest."""
+        """Time of the largest defect."""
         sizes = self._sizes()
         return int(self.time_ns[np.nanargmax(sizes)]) if np.isfinite(sizes).any() else 0
 
     @property
     def relative(self) -> float:
-        """The largest defect over `scale`."""
+        """The largest defect relative to `scale`."""
         return self.worst / self.scale if self.scale > 0.0 else (0.0 if self.worst == 0.0 else np.inf)
 
     def onset_ns(self, bound: float) -> int | None:
-        """When the defect is first beyond `bound` times `scale`; None where it never is."""
+        """First time at which the defect exceeds `bound` times `scale`; None if it never does."""
         beyond = self._sizes() > bound * self.scale
         return int(self.time_ns[beyond.argmax()]) if beyond.any() else None
 
@@ -76,10 +76,10 @@ def sizes_of(rows: Array) -> Array:
 
 
 def balances(track: Track, bound: float) -> list[Balance]:
-    """Return the balances that `track` has the data for: energy, angular momentum, linear momentum.
+    """Return the balances that the data of `track` allow: energy, angular momentum, linear momentum.
 
-    An impulse by quadrature counts only where its error, summed up, stays under a tenth of `bound` (relative to the
-    largest momentum), so that it cannot be what fails a check.
+    An impulse by quadrature counts only if its accumulated error stays below a tenth of `bound` (relative to the
+    largest momentum), so that it cannot make a check fail.
     """
     found = [_energy(track)]
     if track.angular_momentum is not None:
@@ -140,7 +140,7 @@ def _measured(impulse: Impulse, good: NDArray[np.bool_], kind: str, by_quadratur
 
 
 def _moved(track: Track) -> float:
-    """Return the momentum of the parts whose sum p is computed here; where they cancel, p itself is round-off."""
+    """Return the momentum of the parts from which p is computed here; if they cancel, p itself is round-off."""
     if track.momenta_from == "the log" or track.body is None or track.twist is None:
         return 0.0
     velocity, omega = (np.linalg.norm(part, axis=1).max(initial=0.0) for part in np.hsplit(track.twist.values, 2))
@@ -156,9 +156,9 @@ def _basis(what: str, covered: float, rest: str) -> str:
 
 
 def _from_start(values: Array, good: NDArray[np.bool_], time_ns: Times, own: bool) -> tuple[Array, float, Noise | None]:
-    """Return `values` relative to the start of their stretch of good intervals, and how much of the time these are.
+    """Return `values` relative to the start of their stretch of valid intervals, and the fraction of the time covered.
 
-    The last is their noise, and whether they change by more; None in an own log.
+    The last result is their noise, and whether they change by more; None for a log of this package.
     """
     count = len(values)
     good = good.copy()

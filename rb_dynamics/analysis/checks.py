@@ -1,6 +1,6 @@
-"""What has to hold in a recorded run: it is whole, time runs evenly, attitudes are unit, the balances close.
+"""Checks of a recorded run: completeness, time, unit quaternions, balances.
 
-Judges only what it can: a check that lacks its data says so, or is not there where nothing of it is recorded.
+Only what can be judged is: a check without data says so, or is left out if nothing of it is recorded.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ from rb_dynamics.analysis.track import Array, TimeSeries, Track, frame_names
 from rb_dynamics.formats.own_log import logged_scene
 
 BOUND = 1e-6
-"""Default of the largest defect accepted, relative to the largest energy or momentum seen."""
+"""Default of the largest accepted defect, relative to the largest energy or momentum."""
 
-# Streams of one recording do not begin and end at once; s.
+# Topics of one recording do not begin and end at the same time; s.
 _APART = 1.0
-# Talk of ROS itself, and of its recorder, says nothing of when a recording begins and ends.
+# Topics of ROS and of its recorder do not show when a recording begins and ends.
 _OF_ROS = ("rcl_interfaces/", "rosbag2_interfaces/")
-# Nor does the next file of one recording begin later than this, or than ten times the longest pause; s.
+# Largest pause between files of one recording, at least, and ten times the longest pause within; s.
 _FOLLOWS = 10.0
 
 
 @dataclass(frozen=True)
 class Check:
-    """One thing that has to hold, whether it does, and by how much.
+    """One check, its result and details.
 
-    `judged` is False where that is not known, `share` the fraction of the time for which it is.
+    `judged` is False if the result is unknown, `share` the fraction of the time for which it is known.
     """
 
     name: str
@@ -49,9 +49,9 @@ def checks(
     steady: Continuity | None = None,
     agreed: Sequence[Agreement] = (),
 ) -> list[Check]:
-    """Return every check that `track` has the data for; `bound` is relative to the largest energy or momentum."""
+    """Return every check that the data of `track` allow; `bound` is relative to the largest energy or momentum."""
     whole = track.bag.whole
-    detail = "it has its end" if whole else "cut off: it holds what was written until then"
+    detail = "it is complete" if whole else "cut off: it contains what was written until then"
     done = [Check("file is whole", whole, detail), _recorded(track)]
     done += [one_recording(track)] if track.bag.joints else []
     done += [_whole(series, track) for series in _motion(track)]
@@ -69,7 +69,7 @@ def _recorded(track: Track) -> Check:
 
 
 def cut(track: Track) -> str:
-    """Return when a recording was cut off, and of what a run was to be; "" for one that has its end."""
+    """Return when a recording was cut off, and how long the run should have been; "" if it is complete."""
     if track.bag.ended:
         return ""
     start, end = track.span_ns
@@ -80,19 +80,19 @@ def cut(track: Track) -> str:
 
 
 def missing(track: Track) -> str:
-    """Return which pieces of a recording are missing before its end; "" where none is known to be."""
+    """Return which pieces of a recording are missing before its end; "" if none are known to be."""
     start, _ = track.span_ns
     times = [f"from t = {(a - start) * 1e-9:.6g} to {(b - start) * 1e-9:.6g} s" for a, b in track.bag.missing]
     told = [f"{'a piece is' if len(times) == 1 else 'pieces are'} missing {', '.join(times)}"] if times else []
     told += [f"the next file, {name}, is missing" for name in track.bag.missing_files]
-    # A run begins at 0: a later file of a bag, alone, does not.
+    # A run begins at 0; a later file of a bag, alone, does not.
     if track.own and start > 0 and not any(begin < start for begin, _ in track.bag.missing):
         told = [f"the first {start * 1e-9:.9g} s are missing", *told]
     return "; ".join(told)
 
 
 def _motion(track: Track) -> list[TimeSeries]:
-    """Return pose and twist, once where both are from one topic."""
+    """Return pose and twist, only once if both are from one topic."""
     found = {series.topic: series for series in (track.pose, track.twist) if series is not None}
     return list(found.values())
 
@@ -114,7 +114,7 @@ def _whole(series: TimeSeries, track: Track) -> Check:
 
 
 def _late(series: TimeSeries, track: Track) -> str:
-    """Return how long after the recording its messages begin, and how long before its end they stop; "" where not."""
+    """Return how late the topic begins and how early it ends relative to the recording; "" if neither."""
     own = track.bag.topics.get(series.topic)
     if track.own or own is None or not own.count:
         return ""
@@ -129,7 +129,7 @@ def _late(series: TimeSeries, track: Track) -> str:
 
 
 def one_recording(track: Track) -> Check:
-    """Return whether the files of a folder follow one another, as those of one recording do."""
+    """Return the check whether the files of a folder follow each other, as those of one recording do."""
     joints = track.bag.joints
     times = np.sort(np.concatenate([t.log_times for t in track.bag.topics.values()]))
     ends = np.searchsorted(times, [joint.end_ns for joint in joints], side="right") - 1
@@ -174,7 +174,7 @@ def _agrees(track: Track, each: Agreement) -> Check:
     if each.error is None:
         return Check(name, True, f"not judged; {each.reason}", judged=False, share=0.0)
     if each.nothing:
-        return Check(name, False, f"it is zero all the time although the {each.of} changes: nobody filled it in")
+        return Check(name, False, f"it is always zero although the {each.of} changes: it was not filled in")
     measured = f"{100.0 * each.error:.3g} % (median of {each.windows} windows of {each.window_s:g} s)"
     if not each.contradicts:
         return Check(name, True, f"they differ by {measured}")

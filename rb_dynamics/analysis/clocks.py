@@ -1,4 +1,4 @@
-"""Clocks of a recording: message stamps against the times at which they were logged, and against each other."""
+"""Clocks of a recording: message stamps compared with log times, and with each other."""
 
 from __future__ import annotations
 
@@ -9,27 +9,27 @@ import numpy as np
 from rb_dynamics.analysis.track import Track
 from rb_dynamics.formats.topic import Topic
 
-# Stamps and log times may differ by how long a message is under way, which changes by less than this; s.
+# The transport delay, by which stamps and log times may differ, changes by less than this; s.
 _UNDER_WAY = 0.1
 _ABOVE_NOISE = 10.0
-# Means are taken of so many pieces of a stream, of no fewer messages each.
+# Means are taken of this many pieces of a topic, each of at least this many messages.
 _PIECES, _LEAST = 16, 4
-# A change is a drift where a straight line leaves no more than this part of it.
+# A change is a drift if a straight line leaves at most this fraction of it.
 _STRAIGHT = 0.3
 APART = 1.0
-"""Stamps this much further apart than their log times are by different clocks; s."""
+"""Larger differences between stamps and log times mean different clocks; s."""
 
 
 @dataclass(frozen=True)
 class Clock:
-    """Log times less stamps of one topic.
+    """Log times minus stamps of one topic.
 
     Attributes:
         topic: as recorded.
-        stamped: whether its messages have stamps; else they are on log time and the offset is 0.
+        stamped: whether its messages have stamps; otherwise they use log times and the offset is 0.
         offset_s: median.
-        range_s: by how much it changes, less how much it scatters; 0 where it only scatters.
-        drift: seconds a second, where it changes evenly; None where it does not.
+        range_s: its change, without the scatter; 0 if there is only scatter.
+        drift: seconds per second, if it changes uniformly; otherwise None.
         jump_s: the largest change from one message to the next.
         jump_ns: stamp of the message before it.
     """
@@ -44,7 +44,7 @@ class Clock:
 
 
 def clocks(track: Track) -> tuple[Clock, ...]:
-    """Return the clocks of pose, twist and wrenches; nothing for a log of this package, whose stamps are log times."""
+    """Return the clocks of pose, twist and wrenches; empty for a log of this package, whose stamps are log times."""
     if track.own:
         return ()
     names = [series.topic for series in (track.pose, track.twist) if series is not None]
@@ -86,7 +86,7 @@ def clock(topic: Topic) -> Clock:
 
 
 def remarks(track: Track) -> list[str]:
-    """Return what the clocks of a recording do that a reader has to know."""
+    """Return remarks on the clocks for the reader."""
     found, told = clocks(track), []
     for each in found:
         if each.drift is not None:

@@ -1,6 +1,6 @@
-"""`outcomes_of`: what became of the commands on one channel of our own log: honoured, rejected or timed out.
+"""`outcomes_of`: outcome of the commands on one channel of our own log: applied, rejected or timed out.
 
-It is derived from the messages and the scene in the log alone, so it works offline and for a log that was cut off.
+It is derived only from the messages and the scene in the log, so it works offline and for a log that was cut off.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from rb_dynamics.loads.wrench import Wrench, WrenchFrames
 
 @dataclass(frozen=True)
 class CommandOutcomes:
-    """What became of the commands on one channel; None where the log does not say.
+    """Outcome of the commands on one channel; None if the log does not tell.
 
     Attributes:
-        applied: changes of what acted that a command stands behind.
-        timeouts: drops to zero that none stands behind; outside of missing pieces.
-        timed_out_ns: when the first of them was; None without any.
-        rejected: commands that were not honoured.
-        undeclared: every frame of theirs that the scene does not declare.
+        applied: number of commands that took effect.
+        timeouts: drops to zero without a command, outside missing pieces.
+        timed_out_ns: time of the first; None without any.
+        rejected: number of rejected commands.
+        undeclared: their frames that the scene does not declare.
     """
 
     applied: int
@@ -35,13 +35,13 @@ class CommandOutcomes:
 
 
 def outcomes_of(track: Track, steps: RecordedWrench, source: Topic, declared: WrenchFrames | None) -> CommandOutcomes:
-    """Return what became of the commands on `source`, of which `steps` acted.
+    """Return the outcome of the commands on `source`; `steps` are the applied wrenches.
 
     Args:
         track: the log.
-        steps: what acted on the channel.
-        source: what was received on it.
-        declared: the frames of the scene; None where it cannot be read: then a command counts as honoured.
+        steps: applied wrenches of the channel.
+        source: commands received on it.
+        declared: frames of the scene; None if it cannot be read: then every command counts as accepted.
     """
     came = track.bag.wrenches(source.name) if source.count else []
     refused = [(at, wrench) for at, wrench in came if declared and not _honoured(declared, wrench)]
@@ -49,7 +49,7 @@ def outcomes_of(track: Track, steps: RecordedWrench, source: Topic, declared: Wr
     acted = Counter(steps.time_ns.tolist())
     pieces = track.bag.missing
 
-    # What a command did is written behind it, at its time: where a log is cut off at that time, it is lost.
+    # The effect of a command is written after it, with the same time: if a log is cut off there, the effect is lost.
     last = (
         None
         if track.bag.complete
@@ -59,8 +59,8 @@ def outcomes_of(track: Track, steps: RecordedWrench, source: Topic, declared: Wr
     def known(times: Counter[int]) -> list[int]:
         return [at for at in sorted(times.elements()) if not any(begin <= at <= end for begin, end in pieces)]
 
-    # Every applied wrench that no command stands behind is a timeout: that is how a log is written. A command behind
-    # which none stands was too large.
+    # Every applied wrench without a command is a timeout, by the format of the log. A command without one was too
+    # large.
     alone, drops = acted - honoured, known(acted - honoured)
     too_large = [at for at in known(honoured - acted) if at != last]
     return CommandOutcomes(
@@ -75,7 +75,7 @@ def outcomes_of(track: Track, steps: RecordedWrench, source: Topic, declared: Wr
 
 
 def _known(track: Track, drops: list[int]) -> bool:
-    """Return whether `drops` are all that there were, or at least some where a piece is missing."""
+    """Return whether `drops` are all there were, or at least some if a piece is missing."""
     if track.bag.complete:
         return True
     if track.bag.missing:

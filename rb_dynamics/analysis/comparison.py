@@ -1,4 +1,4 @@
-"""`Comparison`: how far a motion is from a recorded one, at every stamp that both have."""
+"""`Comparison`: differences between a motion and a recorded one, at every stamp of both."""
 
 from __future__ import annotations
 
@@ -46,12 +46,12 @@ class Comparison:
         pose_topic: str = "/truth/pose",
         twist_topic: str = "/truth/twist",
     ) -> Comparison:
-        """Return how `poses` and `twists` (body axes), by stamp in ns, differ from the topics of a recording.
+        """Return the differences of `poses` and `twists` (body axes), by stamp in ns, from the topics of a recording.
 
-        The recording's first sample is left out: it is the initial state, which both share.
+        The first sample of the recording is left out, since it is the common initial state.
 
         Raises:
-            LogError: a stamp of the recording has no pose or no twist to compare with.
+            LogError: there is no pose or no twist at a stamp of the recording.
         """
         times, true_poses = truth.poses(pose_topic)
         twist_times, true_twists = truth.twists(twist_topic)
@@ -95,7 +95,7 @@ class Comparison:
         return all(value <= tolerance for value in self.worst().values())
 
     def as_text(self, tolerance: float) -> str:
-        """Return a table: the differences at some of the stamps, the largest of all, and the verdict."""
+        """Return a table: the differences at some stamps, the largest differences, and the verdict."""
         names = list(self.series())
         lines = [f"{'time (s)':>12}" + "".join(f"{name:>18}" for name in names)]
         last = len(self.times_ns) - 1
@@ -104,7 +104,7 @@ class Comparison:
         lines += [self._line(f"{self.times_ns[i] / 1e9:.1f}", [column[i] for column in columns]) for i in shown]
         lines.append(self._line("worst", list(self.worst().values())))
         verdict = "all within" if self.within(tolerance) else "NOT all within"
-        lines.append(f"{len(self.times_ns)} stamps compared with the recorded flight: {verdict} {tolerance:g}")
+        lines.append(f"{len(self.times_ns)} stamps compared with the recording: {verdict} {tolerance:g}")
         return "\n".join(lines)
 
     @staticmethod

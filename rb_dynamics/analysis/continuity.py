@@ -1,7 +1,7 @@
 """Jumps of a recorded pose: intervals with much more motion than their neighbours, and than the twist explains.
 
-Real motion is continuous. A pose jumps where markers are swapped, a filter is reset, or samples are lost while their
-stamps go on.
+Real motion is continuous. A pose jumps if markers are swapped, a filter is reset, or samples are lost while their
+stamps continue.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from rb_dynamics.analysis.gaps import longest_usual
 from rb_dynamics.analysis.track import Array, Times, Track, unit_rows
 from rb_dynamics.numerics.rotation_arrays import rotation_vectors
 
-# So many intervals on either side say how far the pose usually goes.
+# Number of intervals on either side that define the usual motion.
 _AROUND = 3
-# A jump goes farther than this many times that, and than so many times how much that varies.
+# A jump exceeds this multiple of the usual motion, and this multiple of its variation.
 _TIMES, _SPREADS = 3.0, 10.0
-# What is smaller is none: rad; and as part of the longest distance between two positions.
+# Smaller changes are no jumps: rad; and as a fraction of the longest distance between two positions.
 _LEAST_TURN, _LEAST_PART = 0.02, 1e-3
-# Where attitudes are farther apart, how the body turned between them is not known; rad.
+# A larger rotation between samples is ambiguous; rad.
 FARTHEST = 0.5
 
 
@@ -29,9 +29,9 @@ class Jump:
     """One jump.
 
     Attributes:
-        turns: the attitude jumps; else the position.
+        turns: whether the attitude jumps; otherwise the position.
         start_ns: stamp of the sample before.
-        end_ns: stamp of the sample behind.
+        end_ns: stamp of the sample after it.
         size: rad or m.
     """
 
@@ -43,11 +43,11 @@ class Jump:
 
 @dataclass(frozen=True)
 class Continuity:
-    """What `continuity` found.
+    """Result of `continuity`.
 
     Attributes:
-        jumps: in the order of time.
-        turn: rad, the usual turn between two samples; where it is `FARTHEST` or more, no turn is called a jump.
+        jumps: in order of time.
+        turn: usual rotation between two samples, rad; from `FARTHEST` on, no rotation is called a jump.
     """
 
     jumps: tuple[Jump, ...]
@@ -55,7 +55,7 @@ class Continuity:
 
 
 def continuity(track: Track) -> Continuity | None:
-    """Return the jumps of the pose; None for too few samples, and for a log of this package, whose run is its proof."""
+    """Return the jumps of the pose; None for too few samples, and for a log of this package."""
     pose = track.pose
     if track.own or pose is None or len(pose.time_ns) <= 2 * _AROUND + 1:
         return None
@@ -77,21 +77,21 @@ def continuity(track: Track) -> Continuity | None:
 
 def _jumps(track: Track, time_ns: Times, size: Array, least: float, *, turns: bool) -> list[Jump]:
     apart = np.diff(time_ns)
-    # A hole is named as one. A pose that is held until the next measurement goes nowhere in between.
+    # A gap is reported elsewhere. A pose that repeats the last measurement does not move in between.
     at = np.flatnonzero((size > 0.0) & (apart <= longest_usual(time_ns)))
     if not len(at):
         return []
     since = np.diff(time_ns[at + 1]).astype(np.float64)
     usual = float(np.median(since)) if len(since) else float(apart[at[0]])
     since = np.clip(np.insert(since, 0, usual), 0.2 * usual, np.maximum(5.0 * usual, apart[at]))
-    # Moves at one time take a nanosecond: their speed is a number too.
+    # Moves at equal times take a nanosecond, to keep the speed finite.
     since = np.maximum(since, 1.0) * 1e-9
     gone = size[at]
     expected = np.maximum(_around(gone / since) * since, _around(gone))
-    # Where a pose stands still but for one move, or there and back, nothing says how much moves vary.
+    # If a pose moves only once, or there and back, nothing shows the usual variation.
     spread = float(np.median(np.abs(gone - expected))) if len(gone) > 2 else 0.0
     beyond = gone > np.maximum(_TIMES * expected + _SPREADS * spread, least)
-    # What begins at the first or last samples may go on.
+    # A motion at the first or last samples may continue outside.
     beyond &= (at >= _AROUND) & (at < len(size) - _AROUND)
     if turns:
         beyond &= expected < FARTHEST
@@ -100,7 +100,7 @@ def _jumps(track: Track, time_ns: Times, size: Array, least: float, *, turns: bo
 
 
 def _around(rates: Array) -> Array:
-    """Return for each the larger of the medians of those before and behind it; 0 where there is none."""
+    """Return for each the larger of the medians of its neighbours before and after; 0 if there are none."""
     padded = np.pad(rates, _AROUND, constant_values=np.nan)
     windows = np.lib.stride_tricks.sliding_window_view(padded, _AROUND)
     middle = np.full(len(windows), 0.0)
@@ -111,7 +111,7 @@ def _around(rates: Array) -> Array:
 
 
 def _explained(track: Track, jump: Jump) -> bool:
-    """Return whether the twist goes as far, or so far that attitudes say nothing."""
+    """Return whether the twist explains the motion, or turns so far that attitudes are ambiguous."""
     if track.twist is None:
         return False
     length = jump.end_ns - jump.start_ns

@@ -1,4 +1,4 @@
-"""Holes in a stream of messages: intervals far longer than usual, in evenly and unevenly spaced streams alike."""
+"""Gaps in a topic: intervals far longer than usual, for messages at even and uneven intervals."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ import numpy as np
 
 from rb_dynamics.analysis.track import Array, Times
 
-# An interval this much longer than the usual one is a gap, where intervals are even.
+# With even intervals, an interval this much longer than usual is a gap.
 _GAP = 1.5
-# The same where they are not: a lost message or two is none.
+# With uneven intervals: one or two lost messages are no gap.
 _FAR = 5.0
-# So many are told one by one.
+# Number of gaps listed individually.
 NAMED = 5
 
 
 def gaps(time_ns: Times) -> int:
-    """Return how many intervals are longer than `longest_usual`."""
+    """Return the number of intervals longer than `longest_usual`."""
     return int((np.diff(time_ns) > longest_usual(time_ns)).sum())
 
 
 def longest_usual(time_ns: Times | Array) -> float:
     """Return the longest interval that is no gap, in the unit of the times; infinite for fewer than three.
 
-    Where nine in ten are even to 1 %, one and a half of the usual one. Else what lies far beyond the spread of the
-    intervals: times at random, of exponential intervals, go beyond it once in 20 million.
+    If nine in ten are equal to 1 %, 1.5 times the usual one. Otherwise far beyond the spread of the intervals: for
+    random times, with exponential intervals, one in 20 million is longer.
     """
     steps = np.diff(time_ns)
     if len(steps) < 3:
@@ -37,7 +37,7 @@ def longest_usual(time_ns: Times | Array) -> float:
 
 
 def told(time_ns: Times, start_ns: int) -> str:
-    """Return how many holes there are, how long together, and the longest of them in their order, from `start_ns`."""
+    """Return number and total length of the gaps, and the longest of them in order of time, from `start_ns`."""
     steps = np.diff(time_ns)
     at = np.flatnonzero(steps > longest_usual(time_ns))
     if not len(at):
@@ -49,5 +49,5 @@ def told(time_ns: Times, start_ns: int) -> str:
 
 
 def listed(each: Sequence[str], count: int) -> str:
-    """Return `each`, of `count` that there are."""
+    """Return `each` as a list, shortened if there are `count`."""
     return "; ".join(each) + (f"; and {count - len(each)} more" if count > len(each) else "")

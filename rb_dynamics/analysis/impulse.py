@@ -1,9 +1,9 @@
 """Impulse of held wrenches from sample to sample of a log.
 
-The impulse of a wrench held in world axes is exact. That of a wrench that turns with the body is an integral over the
-attitude, which is known at the samples only; quadrature gives it, with an error estimate that the caller has to
-judge. Where a wrench changes between two samples, the attitude is interpolated. Where attitude or wrench are not
-known, the impulse is not known.
+The impulse of a wrench held in world axes is exact. That of a wrench that rotates with the body is an integral over the
+attitude, which is known at the samples only; quadrature gives it, with an error estimate that the caller must judge. If
+a wrench changes between two samples, the attitude is interpolated. If attitude or wrench are unknown, so is the
+impulse.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ _INTERPOLATED = 720.0 / 384.0 + 720.0 / 2880.0
 
 @dataclass(frozen=True)
 class Impulse:
-    """What all channels together do in the interval that ends at each sample; the first row is zero.
+    """Total impulse of all channels in the interval that ends at each sample; the first row is zero.
 
     Attributes:
-        exact: impulse of what is held in world axes.
-        turning: impulse of what turns with the body, by quadrature.
-        error: estimated size of the error of `turning`; infinite where it is not known.
+        exact: impulse of wrenches held in world axes.
+        turning: impulse of wrenches that rotate with the body, by quadrature.
+        error: estimated error of `turning`; infinite if unknown.
         idle: whether nothing acts.
     """
 
@@ -52,13 +52,13 @@ class _Attitude:
 def impulses(track: Track, kind: str, time_ns: Times) -> Impulse:
     """Return the impulse of every "force" or "torque" (`kind`) of `track` between the samples at `time_ns`."""
     acting, count = track.acting, len(time_ns)
-    # In blocks: what is needed on the way is many times the result.
+    # In blocks: intermediate results need many times the memory of the result.
     blocks = [slice(first, first + _BLOCK + 1) for first in range(0, max(count - 1, 1), _BLOCK)]
     known = all(_rows(track, time_ns[block]) for block in blocks)
     whole = Impulse(np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count), np.ones(count, dtype=bool))
     for block in blocks:
         part = _between(acting, kind, time_ns[block], _attitude(track, time_ns[block]) if known else None)
-        # The first row of a block is that of no interval.
+        # The first row of a block belongs to no interval.
         for name in Impulse.__annotations__:
             getattr(whole, name)[block][1:] = getattr(part, name)[1:]
     return whole
@@ -78,7 +78,7 @@ def _between(acting: tuple[RecordedWrench, ...], kind: str, time_ns: Times, atti
 
 
 def integral(from_ns: Times, rates: Rates, time_ns: Times) -> Rates:
-    """Return the integral over ns of what is held, from the first of `time_ns` to each.
+    """Return the integral over ns of a held quantity, from the first of `time_ns` to each.
 
     Row i of `rates` is held from `from_ns[i]` until the next; before the first there is nothing.
     """
@@ -98,7 +98,7 @@ def _of_channel(steps: RecordedWrench, kind: str, time_ns: Times, attitude: _Att
     active = (vectors != 0.0).any(axis=1) | ~steps.known
     world = steps.world & steps.known
     flags = np.column_stack([active & ~world, active]).astype(np.int64)
-    # Whether a wrench acts is counted in whole nanoseconds, so that no rounding makes a free stretch look forced.
+    # Whether a wrench acts is counted in whole nanoseconds, so that rounding cannot make a free stretch look driven.
     turns, acts = np.diff(integral(steps.time_ns, flags, time_ns), axis=0, prepend=0).T != 0
     turning, error = _turning(steps, vectors, time_ns, attitude, turns)
     exact = integral(steps.time_ns, np.where(world[:, None], vectors, 0.0), time_ns) * 1e-9
@@ -113,7 +113,7 @@ def _of_channel(steps: RecordedWrench, kind: str, time_ns: Times, attitude: _Att
 def _turning(
     steps: RecordedWrench, vectors: Array, time_ns: Times, attitude: _Attitude | None, turns: NDArray[np.bool_]
 ) -> tuple[Array, Array]:
-    """Return the integral of R b over each interval in which b is held, and an estimate of its error.
+    """Return the integral of R b over each interval in which b is constant, and an estimate of its error.
 
     With f = R b and f' = R (w x b) at both ends: h/2 (f0 + f1) + h^2/12 (f0' - f1'), whose error is h^5/720 f''''
     (Stoer & Bulirsch, Introduction to Numerical Analysis, section 3.3: the first correction of the trapezoidal sum).
@@ -148,7 +148,7 @@ def _turning(
 
 
 def _pieces(first: NDArray[np.intp], last: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the steps from each `first` to its `last`, all in a row, and where those of each begin."""
+    """Return the indices from each `first` to its `last`, concatenated, and where those of each begin."""
     counts = last - first + 1
     begins = np.cumsum(counts) - counts
     return np.arange(int(counts.sum())) - np.repeat(begins - first, counts), begins
@@ -164,7 +164,7 @@ def _by_pieces(
     pieces: NDArray[np.intp],
     begins: NDArray[np.intp],
 ) -> Array:
-    """Return the integral of R b over the interval behind each of `rows`, in which b changes: by Simpson's rule.
+    """Return the integral of R b over the interval after each of `rows`, in which b changes, by Simpson's rule.
 
     The rotation since the begin is interpolated by a cubic (Hermite) in its rotation vector r, r' = w + r x w / 2 + ...
     (Iserles, Munthe-Kaas, Norsett & Zanna, Acta Numerica 9 (2000) 215, section B.2). Where r'' jumps by a, the cubic is
@@ -203,7 +203,7 @@ def _remainder(h: Array, size_of_b: Array, w: Array) -> Array:
 
 
 def _acceleration(h: Array, w: Array) -> Array:
-    """Return the mean angular acceleration of each interval, and W^2 more."""
+    """Return the mean angular acceleration of each interval, plus W^2."""
     rate = np.linalg.norm(w, axis=1)
     mean = np.linalg.norm(np.diff(w, axis=0), axis=1) / np.where(h > 0.0, h, 1.0)
     result: Array = mean + np.maximum(rate[:-1], rate[1:]) ** 2
@@ -211,7 +211,7 @@ def _acceleration(h: Array, w: Array) -> Array:
 
 
 def _rows(track: Track, time_ns: Times) -> list[NDArray[np.intp]]:
-    """Return the rows of pose and twist at `time_ns`; none where they do not both have every one of these stamps."""
+    """Return the rows of pose and twist at `time_ns`; empty unless both have all of these stamps."""
     if track.pose is None or track.twist is None:
         return []
     rows = []

@@ -1,4 +1,4 @@
-"""`inspect`: read a recording and say what happened in it, for `rb-dynamics inspect`, its page and Python alike."""
+"""`inspect`: read and analyse a recording, for `rb-dynamics inspect`, its page and Python."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from rb_dynamics.scene.read import opened
 
 @dataclass(frozen=True)
 class Inspection:
-    """A recording and what it says.
+    """A recording and its analysis.
 
     Attributes:
         track: the motion and the wrenches as arrays over time.
@@ -47,18 +47,18 @@ class Inspection:
 def inspect(
     log: str | os.PathLike[str], scene: Scene | str | os.PathLike[str] | None = None, bound: float = BOUND
 ) -> Inspection:
-    """Return what happened in a log of this package, or in any ROS 2 bag of pose, twist and wrench.
+    """Return the analysis of a log of this package, or of any ROS 2 bag of pose, twist and wrench.
 
     Args:
         log: the file, or the folder of a bag.
-        scene: body and frames of a bag that does not say them, or its file.
-        bound: largest defect accepted, relative to the largest energy or momentum seen.
+        scene: body and frames for a bag without them, or its file.
+        bound: largest defect accepted, relative to the largest energy or momentum.
 
     Raises:
-        TypeError: an argument is not of its type.
+        TypeError: an argument has the wrong type.
         ValueError: the bound is not greater than 0.
         LogError: the recording cannot be read, or has no motion.
-        SceneError: the file says no valid scene.
+        SceneError: the file has no valid scene.
     """
     number(bound, "bound", "a finite number greater than 0", above=0.0)
     if not isinstance(log, (str, os.PathLike)):

@@ -18,24 +18,24 @@ Labels = NDArray[np.int_]
 
 # Sum of the squares of 1, -3, 3, -1.
 _THIRD = 20.0
-# Of the ratio of K means of one number: 2/K (1 + 2 (0.75^2 + 0.3^2 + 0.05^2) - 1).
+# Variance of the ratio of K means: 2/K (1 + 2 (0.75^2 + 0.3^2 + 0.05^2) - 1).
 _SPREAD = 2.62
-# So many standard deviations above 1 a ratio counts as more than noise: of 10 000 recordings of noise alone next to
-# none, with fewer means than these too, whose ratio is skewed.
+# A ratio counts as more than noise if it is this many standard deviations above 1: practically none of 10 000
+# recordings of pure noise, also with fewer means than these, whose ratio is skewed.
 _BEYOND = 10.0
 _LEAST_MEANS = 16
-# Neighbouring samples may be one measurement, held or filtered: where there are enough, means are of no fewer.
+# Neighbouring samples may repeat or filter one measurement: if there are enough, blocks have at least this many.
 _NEIGHBOURS = 4
 
 
 @dataclass(frozen=True)
 class Noise:
-    """What `judge` found.
+    """Result of `judge`.
 
     Attributes:
-        level: standard deviation of one sample, all components together; infinite where there are too few to tell.
+        level: standard deviation of one sample, all components together; infinite if there are too few samples.
         beyond: whether the values change by more than noise.
-        sizes: blocks that were looked at, in samples.
+        sizes: block sizes that were tested, in samples.
     """
 
     level: float
@@ -43,15 +43,15 @@ class Noise:
     sizes: tuple[int, ...]
 
     def seen(self) -> float:
-        """Return the root of the sum of squares, over all samples, of a smooth change that is surely seen."""
+        """Return the root of the sum of squares, over all samples, of a smooth change that is surely detected."""
         return 2.0 * self.level * float(np.sqrt(_BEYOND * np.sqrt(_SPREAD * _LEAST_MEANS)))
 
 
 def judge(values: Array, stretch: Labels) -> Noise:
-    """Return the noise of `values`, (n, c), and whether they are constant but for it within each stretch.
+    """Return the noise of `values`, (n, c), and whether they are otherwise constant within each stretch.
 
     Args:
-        values: what should be constant within a stretch.
+        values: should be constant within a stretch.
         stretch: number of the stretch of each row, ascending.
     """
     size = _NEIGHBOURS if len(values) >= _NEIGHBOURS * 2 * _LEAST_MEANS else 1
@@ -75,7 +75,7 @@ def judge(values: Array, stretch: Labels) -> Noise:
 
 
 def typical(values: Array, stretch: Labels) -> float:
-    """Return about the size of the noise of a row, its median, which short changes do not move; 0 for too few."""
+    """Return the median magnitude of the noise of a row, which short changes do not affect; 0 for too few."""
     third = _thirds(values, stretch)
     return float(np.median(np.linalg.norm(third, axis=1)) / np.sqrt(_THIRD)) if len(third) else 0.0
 
@@ -88,7 +88,7 @@ def _thirds(values: Array, stretch: Labels) -> Array:
 
 
 def means(values: Array, stretch: Labels, size: int) -> tuple[Array, Labels]:
-    """Return the mean of each block of `size` rows, none across two stretches, and its stretch; a rest is left out."""
+    """Return the mean of each block of `size` rows within a stretch, and its stretch; drops incomplete blocks."""
     begins = np.flatnonzero(np.diff(stretch, prepend=stretch[:1] - 1))
     lengths = np.diff(begins, append=len(stretch)) // size
     firsts = (
@@ -100,7 +100,7 @@ def means(values: Array, stretch: Labels, size: int) -> tuple[Array, Labels]:
 
 
 def centred(values: Array, stretch: Labels) -> Array:
-    """Return `values` less the mean of their stretch."""
+    """Return `values` minus the mean of their stretch."""
     _, number, count = np.unique(stretch, return_inverse=True, return_counts=True)
     flat = values.reshape(len(values), -1)
     sums = np.stack([np.bincount(number, column, len(count)) for column in flat.T], axis=1)

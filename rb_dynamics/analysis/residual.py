@@ -1,4 +1,4 @@
-"""What a recorded motion says of its body: the wrench that nothing recorded explains, the inertia that fits best.
+"""What a recorded motion tells about its body: unexplained wrench, and best-fitting inertia and mass.
 
 With J and P the impulses of the recorded torques and forces (`impulse.py`), R I w - J and m v - P for the centre of
 mass are constant: exact, and linear in I and m. Nothing is differentiated. What changes by more than its own noise
@@ -23,33 +23,33 @@ from rb_dynamics.analysis.track import Array, Times, Track, motion_of
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.numerics.rotation_arrays import rotate_all, rotate_all_inverse
 
-# Directions of the inertia that the motion moves less than this, relative to the best seen, are left as given.
+# Directions of the inertia that the motion excites less than this, relative to the best, keep their given value.
 _SEEN = 1e-6
-# The same, relative to what noise alone would move them.
+# The same, relative to the effect of noise.
 _ABOVE_NOISE = 10.0
-# A torque whose impulse is smaller than this part of the momentum does not tell the scale of the inertia.
+# A torque whose impulse is a smaller fraction of the momentum does not determine the scale of the inertia.
 _FELT = 1e-3
 _LEAST_INTERVALS = 10
-# An interval counts where the error of its impulse is at most this part of the momentum.
+# An interval counts if the error of its impulse is at most this fraction of the momentum.
 _ROUGH = 1e-4
-# An inertia, or an error of the rates, explains what is left over where it leaves no more than this part of it.
+# An inertia, or an error of the rates, explains the residual if it leaves at most this fraction of it.
 _FITS = 0.1
-# A body keeps I1 + I2 >= I3; a fit to numbers with noise may miss that by this part of I3.
+# A body has I1 + I2 >= I3; a fit to noisy data may violate that by this fraction of I3.
 _FLAT = 0.01
-# A torque stands out where it is so many times its noise; means are taken of as many samples as that needs.
+# A torque is significant at this multiple of its noise; means are taken over as many samples as that needs.
 _STANDS_OUT = 8.0
-# A mass is told where its standard deviation is less than this part of it.
+# A mass is given if its relative standard deviation is less than this.
 _TOLD = 0.1
 TELLS = 0.5
-"""A motion says nothing of an inertia where each moment may be wrong by more than this part of it unseen."""
+"""A motion tells nothing about an inertia if each moment may have a larger undetected relative error."""
 
 
 @dataclass(frozen=True)
 class Stretch:
-    """Where a torque that nothing recorded explains is largest: above half its peak all the time.
+    """The interval with the largest unexplained torque: everywhere above half its peak.
 
     Attributes:
-        start_ns: begin of its first interval.
+        start_ns: start of its first interval.
         end_ns: end of its last.
         torque_body: mean, N m, body axes.
         torque_world: mean, N m, world axes.
@@ -65,25 +65,26 @@ class Stretch:
 
 @dataclass(frozen=True)
 class Residual:
-    """How well the body given explains the motion.
+    """How well the given body explains the motion.
 
     Attributes:
-        start_ns: begin of each interval.
+        start_ns: start of each interval.
         time_ns: end of each interval.
         force_world: mean residual force in each interval, N, world axes.
         torque_world: mean residual torque about the centre of mass, N m, world axes.
         torque_body: the same in body axes at the end of the interval.
-        relative: what no recorded torque explains over the largest angular momentum seen, root mean square.
-        best: the same with the inertia that fits best.
-        inertia: which that is, kg m^2, body axes; its scale is that of the body given where no torque tells it.
-        scaled: whether a torque told the scale.
-        mass: which fits best, kg; None where no force tells it.
-        mass_error: standard deviation of `mass`, by the noise and by forces that were not recorded, kg.
-        explained: whether the inertia given leaves no more than `bound`, or no more than noise.
-        explainable: whether an inertia that a body can have explains it.
-        noise: standard deviation of the angular momentum over the largest; 0 where it is within `bound`.
-        unseen: of each principal moment, ascending, about how large a relative error would not be seen for noise.
-        bias: the constant error of the rates that explains what is left over, rad/s, body axes; None where none does.
+        relative: unexplained angular momentum relative to the largest, root mean square.
+        best: the same with the best-fitting inertia.
+        inertia: the best-fitting inertia, kg m^2, body axes; with the scale of the given one if no torque determines
+            it.
+        scaled: whether a torque determines the scale.
+        mass: the best-fitting mass, kg; None if no force determines it.
+        mass_error: standard deviation of `mass`, from noise and from forces that were not recorded, kg.
+        explained: whether the given inertia leaves at most `bound`, or only noise.
+        explainable: whether some physical inertia explains the motion.
+        noise: standard deviation of the angular momentum relative to the largest; 0 if it is within `bound`.
+        unseen: for each principal moment, ascending, the relative error that noise may hide.
+        bias: the constant error of the rates that explains the residual, rad/s, body axes; None if none does.
     """
 
     start_ns: Times
@@ -105,12 +106,12 @@ class Residual:
 
     @property
     def told(self) -> bool:
-        """Whether the noise lets the motion say anything of the inertia."""
+        """Whether the noise allows any statement about the inertia."""
         return not self.explained or self.noise == 0.0 or min(self.unseen) < TELLS
 
     @property
     def strongest(self) -> Stretch:
-        """Where the residual torque does most."""
+        """The interval in which the residual torque has the largest effect."""
         size = np.linalg.norm(self.torque_world, axis=1)
         seconds = (self.time_ns - self.start_ns) * 1e-9
         strong = size >= 0.5 * size.max()
@@ -134,7 +135,7 @@ class Residual:
 
 
 def residual(track: Track, bound: float) -> Residual | None:
-    """Return what is left over; None for a log of this package, a particle, or too few samples with known impulses."""
+    """Return the residual; None for a log of this package, a particle, or too few samples with known impulses."""
     pose, twist, body = track.pose, track.twist, track.body
     if track.own or pose is None or twist is None or body is None or body.is_particle:
         return None
@@ -142,7 +143,7 @@ def residual(track: Track, bound: float) -> Residual | None:
     time_ns, attitude, omega = motion.time_ns, motion.orientation_xyzw, motion.angular_velocity_body
     push, turn = (impulses(track, kind, time_ns) for kind in ("force", "torque"))
     scale = float(np.linalg.norm(omega @ np.array(body.inertia), axis=1).max(initial=0.0))
-    # Over a hole the quadrature says nothing, whatever it says of its error.
+    # Over a gap the quadrature is meaningless, whatever its error estimate.
     known = (turn.error <= _ROUGH * scale) & np.isfinite(push.error)
     known[1:] &= np.diff(time_ns) > 0
     if int(known[1:].sum()) < _LEAST_INTERVALS:
@@ -156,7 +157,7 @@ def residual(track: Track, bound: float) -> Residual | None:
     basis = np.stack([rotate_all(attitude, omega @ unit) for unit in _UNITS], axis=2)
     fit = _of_inertia(body, basis, turned, stretch)
     relative, best = (_rms(left) / fit.scale if fit.scale > 0.0 else 0.0 for left in (fit.left, fit.best_left))
-    # What the quadrature may be wrong by has a cause.
+    # An error of the quadrature is an explanation.
     accepted = bound + (float(turn.error[known].sum()) / scale if scale > 0.0 else 0.0)
     explained = relative <= accepted or not fit.noise.beyond
     explainable = (best <= max(_FITS * relative, accepted) or not judge(fit.best_left, stretch).beyond) and _possible(
@@ -218,7 +219,7 @@ class _Fit:
 
 
 def _of_inertia(body: RigidBody, basis: Array, turned: Array, stretch: Labels) -> _Fit:
-    """Return what `basis` (n, 3, 6) times the inertia leaves of the impulses so far (n, 3), as given and at best."""
+    """Return the residual of `basis` (n, 3, 6) times the inertia and the impulses so far (n, 3), as given and best."""
     given = np.array([body.inertia[i][j] for i, j in _PLACES])
     momentum = basis @ given
     scale = float(np.linalg.norm(momentum, axis=1).max())
@@ -226,7 +227,7 @@ def _of_inertia(body: RigidBody, basis: Array, turned: Array, stretch: Labels) -
     noise = judge(left, stretch)
     felt = np.linalg.norm(centred(turned, stretch), axis=1).max()
     scaled = float(felt) > max(_FELT * scale, noise.level)
-    # Without a torque every multiple of an inertia fits as well: changes that keep the trace are looked for.
+    # Without a torque every multiple of an inertia fits as well, so only changes that keep the trace are fitted.
     free = np.eye(6) if scaled else _keeping_trace()
     moved = centred(basis, stretch)
     between = _between(stretch)
@@ -235,7 +236,7 @@ def _of_inertia(body: RigidBody, basis: Array, turned: Array, stretch: Labels) -
     normal = np.einsum("nri,nrj->ij", beside, here)
     pull = np.einsum("nri,nr->i", beside, left[1:-1][between])
     values, vectors = np.linalg.eigh(free.T @ (normal + normal.T) @ free / 2.0)
-    # By noise alone a sum of products differs from zero by about the root of how many there are.
+    # By noise alone a sum of n products differs from zero by about the square root of n.
     smallest = float(np.abs(values).max()) * _SEEN**2
     rates = (noise.level / max(float(np.linalg.norm(given)), 1e-300)) ** 2
     seen = values > max(smallest, _ABOVE_NOISE * rates * np.sqrt(len(here)))
@@ -247,13 +248,13 @@ def _of_inertia(body: RigidBody, basis: Array, turned: Array, stretch: Labels) -
 
 
 def _between(stretch: Labels) -> NDArray[np.bool_]:
-    """Return of each row but the first and last whether both neighbours are of its stretch."""
+    """Return for each row but the first and last whether both neighbours are in its stretch."""
     result: NDArray[np.bool_] = stretch[:-2] == stretch[2:]
     return result
 
 
 def _unseen(body: RigidBody, directions: Array, values: Array, noise: Noise) -> tuple[float, float, float]:
-    """Return about how large a relative error of each principal moment, ascending, is not seen for noise."""
+    """Return the relative error of each principal moment, ascending, that noise may hide."""
     moments, axes = np.linalg.eigh(np.array(body.inertia))
     found = []
     for moment, axis in zip(moments, axes.T, strict=True):
@@ -264,7 +265,7 @@ def _unseen(body: RigidBody, directions: Array, values: Array, noise: Noise) -> 
 
 
 def _bias(body: RigidBody, attitude: Array, left: Array, stretch: Labels) -> Array | None:
-    """Return the constant error of the rates (rad/s, body axes) that explains what is `left`; None where none does."""
+    """Return the constant error of the rates (rad/s, body axes) that explains what is `left`; None if none does."""
     matrix = np.array(body.inertia)
     effect = centred(np.stack([rotate_all(attitude, row) for row in matrix.T], axis=2), stretch)
     bias = np.linalg.lstsq(effect.reshape(-1, 3), left.ravel(), rcond=_SEEN)[0]
@@ -274,7 +275,7 @@ def _bias(body: RigidBody, attitude: Array, left: Array, stretch: Labels) -> Arr
 
 
 def _keeping_trace() -> Array:
-    """Return a basis (6, 5) of the changes of the inertia that keep its trace."""
+    """Return a basis (6, 5) of changes of the inertia that keep its trace."""
     basis = np.zeros((6, 5))
     basis[:3, 0], basis[:3, 1] = np.array([1.0, -1.0, 0.0]) / np.sqrt(2.0), np.array([1.0, 1.0, -2.0]) / np.sqrt(6.0)
     basis[3:, 2:] = np.eye(3)
@@ -282,10 +283,10 @@ def _keeping_trace() -> Array:
 
 
 def _of_mass(speed: Array, pushed: Array, stretch: Labels) -> tuple[float | None, float]:
-    """Return the mass that fits best, and its standard deviation; None where no force tells it.
+    """Return the best-fitting mass, and its standard deviation; None if no force determines it.
 
-    The impulses, which have no noise, are the instruments. What is left over and is no noise may lie along them as much
-    as across: another force, or one at another time, changes the mass by so much.
+    The impulses, which have no noise, are the instruments. A residual that is not noise may be parallel to them as well
+    as perpendicular: another force, or one at another time, could change the mass by that much.
     """
     impulse = centred(pushed, stretch)
     felt, along = float(np.sum(impulse**2)), float(np.sum(impulse * speed))
@@ -303,7 +304,7 @@ def _impulse(impulse: Impulse) -> Array:
 
 
 def _block(left: Array, stretch: Labels, noise: Noise) -> int:
-    """Return of how many samples to take means so that the largest torque stands out of its noise."""
+    """Return over how many samples to average so that the largest torque is significant."""
     size = 1
     while noise.sizes and size < noise.sizes[-1]:
         mean, of = means(left, stretch, size)

@@ -1,6 +1,6 @@
-"""`RunSummary`: what happened in a recorded run, in numbers, and the checks it has to pass. For text and HTML alike.
+"""`RunSummary`: a recorded run in numbers, and its checks; shown as text and HTML.
 
-Judges only what it can: a check that lacks its data is not there, and `missing` says what would bring it.
+Only what can be judged is: a check without data is left out, and `missing` says what would provide it.
 """
 
 from __future__ import annotations
@@ -31,22 +31,22 @@ from rb_dynamics.run.provenance import RESULT, RUN
 
 EXPLAINS = "inertia explains the motion"
 HALF = 0.5
-"""A check that is judged over less than this fraction of the run does not pass without saying so."""
+"""A check that covers less than this fraction of the run is reported with a reservation."""
 
 
 @dataclass(frozen=True)
 class TopicFacts:
-    """How the messages of one topic come, by log time.
+    """Statistics of the messages of one topic, by log time.
 
     Attributes:
         name: as recorded.
         type_name: message type.
-        use: what it is used for; in brackets why it is not.
+        use: what it is used for; in brackets why it is not used.
         count: messages.
         first_s: log time of the first message, s from the start of the motion.
         rate: mean, Hz; 0 for fewer than two messages.
         longest_s: longest time between two messages.
-        longest_at_s: when that began, s from the start of the motion.
+        longest_at_s: start of that interval, s from the start of the motion.
     """
 
     name: str
@@ -87,16 +87,16 @@ class RunSummary:
 
     Attributes:
         path: the file, as text.
-        own: written by this package.
-        complete: nothing of what was recorded is known to be missing.
-        lacks: what is missing: "" or when it was cut off, or which pieces are missing.
-        scene: file name of the scene, "" where unknown.
-        method: which ran, of several joined by "+"; which was asked for, where a log was cut off; "" where unknown.
-        asked: the method asked for, such as "auto"; "" where unknown.
-        solver: the method asked for with its settings, as the log describes it; "" where unknown.
-        body: what flew: mass, centre of mass and moments, and the effects of the scene; empty where unknown.
-        version: of the package that wrote the log; "" where unknown.
-        steps: None where unknown.
+        own: whether this package wrote it.
+        complete: whether nothing is known to be missing.
+        lacks: what is missing: when it was cut off, or which pieces; "" if nothing.
+        scene: file name of the scene, "" if unknown.
+        method: methods used, joined by "+"; the requested one if a log was cut off; "" if unknown.
+        asked: the requested method, such as "auto"; "" if unknown.
+        solver: the requested method with its settings, as the log describes it; "" if unknown.
+        body: mass, centre of mass, moments, and the effects of the scene; empty if unknown.
+        version: of the package that wrote the log; "" if unknown.
+        steps: None if unknown.
         start_ns: time of the first sample.
         duration_s: from the first to the last sample.
         samples: rows of the motion.
@@ -105,13 +105,13 @@ class RunSummary:
         ranges: extremes.
         balances: conservation laws.
         channels: wrench channels.
-        health: None where the log has no diagnostics.
+        health: None if the log has no diagnostics.
         momenta_from: see `Track`.
-        checks: what was judged.
-        residual: how well the body given explains a recording of another writer; None where that is not known.
-        warnings: what did not go as it should, without being a failure.
-        notes: what a reader has to know about the data.
-        missing: what cannot be computed, and how to give what it needs.
+        checks: results of the checks.
+        residual: how well the given body explains a recording of another program; None if unknown.
+        warnings: irregularities that are no failure.
+        notes: remarks on the data for the reader.
+        missing: what cannot be computed, and which data are needed for it.
     """
 
     path: str
@@ -143,12 +143,12 @@ class RunSummary:
 
     @property
     def passed(self) -> bool:
-        """Whether every check holds."""
+        """Whether every check passes."""
         return all(check.passed for check in self.checks)
 
     @property
     def clock(self) -> str:
-        """Which time the t of checks, warnings and tables is."""
+        """Definition of the time t in checks, warnings and tables."""
         if self.own and self.start_ns == 0:
             return "t is simulation time"
         shown = "simulation time" if self.own else "header.stamp"
@@ -156,17 +156,17 @@ class RunSummary:
 
     @property
     def reservation(self) -> str:
-        """What belongs to a "passed": the checks that were judged over less than half of the run; "" for none."""
+        """Reservation of a "passed": the checks that cover less than half of the run; "" for none."""
         checked = [check for check in self.checks if check.judged and check.share < HALF]
         return "".join(f", the {check.name} over {100.0 * check.share:.3g} % of the run" for check in checked)
 
     def balance(self, name: str) -> Balance | None:
-        """Return the balance of "energy", "angular momentum" or "linear momentum"; None where it is not known."""
+        """Return the balance of "energy", "angular momentum" or "linear momentum"; None if unknown."""
         return next((balance for balance in self.balances if balance.name == name and balance.covered > 0.0), None)
 
 
 def summarize(track: Track, bound: float = BOUND) -> RunSummary:
-    """Return what happened; `bound` is the largest defect accepted, relative to the largest energy or momentum."""
+    """Return the summary; `bound` is the largest accepted defect, relative to the largest energy or momentum."""
     bag = track.bag
     facts, result = bag.metadata.get(RUN, {}), bag.metadata.get(RESULT, {})
     start, end = track.span_ns
@@ -209,7 +209,7 @@ def summarize(track: Track, bound: float = BOUND) -> RunSummary:
 
 
 def _unsure(track: Track, steady: Continuity | None, agreed: Sequence[Agreement]) -> str:
-    """Return why what moved the body cannot be told from a recording that contradicts itself; "" where it can."""
+    """Return why a self-contradictory recording does not tell what moved the body; "" if it is consistent."""
     if track.own:
         return ""
     if track.bag.joints and not one_recording(track).passed:
@@ -220,7 +220,7 @@ def _unsure(track: Track, steady: Continuity | None, agreed: Sequence[Agreement]
 
 
 def _unknown(balance: Balance, reason: str) -> Balance:
-    """Return a balance of which nothing is known, for this reason."""
+    """Return an unknown balance with this reason."""
     defect = np.full_like(balance.defect, np.nan)
     return replace(balance, defect=defect, covered=0.0, basis=f"not known: {reason}", noise=None)
 
@@ -362,7 +362,7 @@ def _channel(
         applied=None if applied is None else became.applied,
         timeouts=became.timeouts,
         timed_out_s=None if became.timed_out_ns is None else float(track.seconds(np.array(became.timed_out_ns))),
-        # The node counts what was no command at all too, but tells it only once a second.
+        # The node also counts invalid messages, but reports them only once a second.
         rejected=max(rejected, default=None),
         undeclared=became.undeclared,
         late=_counted(name, "late", health),
@@ -377,7 +377,7 @@ def _channel(
 
 
 def _held_at_the_end(track: Track, steps: RecordedWrench, at: Array) -> float | None:
-    """Return how long after the last command, at `at` (s), what it set was still held; None where not known."""
+    """Return how long after the last command, at `at` (s), its wrench was still held; None if unknown."""
     if not len(at) or not steps.known[-1:].all():
         return None
     _, end_ns = track.span_ns
@@ -421,7 +421,9 @@ def _missing(track: Track) -> list[str]:
             "(its keys body.mass, body.center_of_mass and body.inertia are used)."
         )
     if track.momenta_from and not track.acted and not track.own:
-        lacks.append("No wrench topic: a change of momentum or energy cannot be told from a defect, and is not judged.")
+        lacks.append(
+            "No wrench topic: a change of momentum or energy cannot be distinguished from a defect, and is not judged."
+        )
     if track.momenta_from and track.work is None:
-        lacks.append("No energy/work topic: the energy is judged only where no wrench acts.")
+        lacks.append("No energy/work topic: the energy is judged only while no wrench acts.")
     return lacks

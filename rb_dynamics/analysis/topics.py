@@ -227,7 +227,7 @@ class _Finder:
             if not held.known.all():
                 self.notes.append(
                     f"{held.topic}: {int((~held.known).sum())} of {len(held.known)} wrenches are not usable numbers or "
-                    f"in a frame nobody declared (frames: {frame_names(held.frames)}); what they did is not known. "
+                    f"in an undeclared frame (frames: {frame_names(held.frames)}); their effect is unknown. "
                     "Declare frames in a scene and give it with --scene SCENE."
                 )
         return steps, own or bool(chosen)

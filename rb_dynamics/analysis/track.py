@@ -1,4 +1,4 @@
-"""`Track`: the motion of one body and its wrenches, as a log or a bag gives them, in arrays over time."""
+"""`Track`: the motion of one body and its wrenches from a log or a bag, as arrays over time."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from rb_dynamics.numerics.rotation_arrays import rotate_all_inverse
 Array: TypeAlias = NDArray[np.float64]
 Times: TypeAlias = NDArray[np.int64]
 
-# Larger numbers belong to no motion, and their squares would leave double precision.
+# Larger numbers are not plausible in a motion, and their squares would overflow.
 LARGEST = 1e100
 
 
@@ -25,12 +25,12 @@ class TimeSeries:
     """Rows of numbers over time.
 
     Attributes:
-        topic: as recorded; "" for what is computed.
-        time_ns: stamps, in order; log times where messages have no stamp.
-        values: one row, or one number, for each time; all finite and below `LARGEST`.
-        frame: the header's frame, "" where there is none.
-        backwards: how often stamps went back in the file.
-        unusable: messages left out because a number in them is not finite or too large.
+        topic: as recorded; "" if computed.
+        time_ns: stamps, ascending; log times if messages have no stamp.
+        values: one row, or one number, per time; all finite and below `LARGEST`.
+        frame: the header's frame, "" if there is none.
+        backwards: how often stamps decrease in the file.
+        unusable: number of messages left out because a number in them is not finite or too large.
     """
 
     topic: str
@@ -46,12 +46,12 @@ class RecordedWrench:
     """One wrench channel: each row is held until the next.
 
     Attributes:
-        topic: as recorded; ends in "/applied" for what acted, else it is what was commanded.
+        topic: as recorded; ends in "/applied" for an applied wrench, otherwise it is a command.
         time_ns: when each row takes effect.
         force: N, in the axes of the frame, through the centre of mass.
         torque: N m, in the axes of the frame, about the centre of mass.
-        world: whether a row is in world axes; else it turns with the body.
-        known: False for a row whose frame nobody declared or whose numbers are not usable.
+        world: whether a row is in world axes; otherwise it rotates with the body.
+        known: False for a row with an undeclared frame or unusable numbers.
         frames: every `frame_id` met.
     """
 
@@ -64,9 +64,9 @@ class RecordedWrench:
     frames: tuple[str, ...]
 
     def without(self, missing: Sequence[tuple[int, int]]) -> RecordedWrench:
-        """Return the same, not known from where a piece of the recording is `missing` (first and last ns) to the next.
+        """Return the same, marked unknown from the start of each `missing` piece (first and last ns) to the next row.
 
-        What stood in the piece may have changed the wrench.
+        The missing piece may contain a change of the wrench.
         """
         begins = np.array([begin_ns for begin_ns, _ in missing], dtype=np.int64)
         at = np.searchsorted(self.time_ns, begins)
@@ -82,11 +82,11 @@ class RecordedWrench:
 
 @dataclass(frozen=True)
 class Track:
-    """What a bag says about one body; None where it does not.
+    """What a bag tells about one body; None if it does not.
 
     Attributes:
-        bag: where it comes from.
-        own: the log was written by this package.
+        bag: the source.
+        own: whether this package wrote the log.
         pose: rows of position (m) and quaternion x, y, z, w.
         twist: rows of linear (m/s, of the body origin) and angular velocity (rad/s), in the axes of its frame.
         twist_in_world: whether those are the world's axes.
@@ -95,13 +95,13 @@ class Track:
         kinetic_energy: J.
         work: J.
         energy_defect: J.
-        momenta_from: where momenta and kinetic energy come from: "the log", or what they are computed from; "" without.
-        wrenches: what acted; commands, where a bag does not say what acted.
-        acted: whether `wrenches` are known to be all that acted.
+        momenta_from: source of momenta and kinetic energy: "the log", or what they are computed from; "" without.
+        wrenches: applied wrenches; commands, if a bag has no applied wrenches.
+        acted: whether `wrenches` are known to be complete.
         body: mass properties.
-        body_from: where they come from; "" without.
-        notes: what a reader has to know about the data.
-        uses: what each topic that is used is used for.
+        body_from: source of the mass properties; "" without.
+        notes: remarks on the data for the reader.
+        uses: purpose of each topic that is used.
     """
 
     bag: Bag
@@ -124,7 +124,7 @@ class Track:
 
     @property
     def span_ns(self) -> tuple[int, int]:
-        """First and last time of the motion, or of the wrenches where no motion is recorded."""
+        """First and last time of the motion, or of the wrenches if no motion is recorded."""
         motion = [series.time_ns for series in (self.pose, self.twist) if series is not None and len(series.time_ns)]
         times = motion or [steps.time_ns for steps in self.wrenches if len(steps.time_ns)]
         if not times:
@@ -133,23 +133,23 @@ class Track:
 
     @property
     def acting(self) -> tuple[RecordedWrench, ...]:
-        """`wrenches`, not known behind a piece of the recording that is missing."""
+        """`wrenches`, marked unknown after a missing piece of the recording."""
         missing = self.bag.missing
         return tuple(steps.without(missing) for steps in self.wrenches)
 
     def seconds(self, time_ns: Times) -> Array:
-        """Return times as s from the start of the motion; the difference is taken in integers."""
+        """Return times as s from the start of the motion; the difference is computed in integers."""
         start, _ = self.span_ns
         return (time_ns - start).astype(np.float64) * 1e-9
 
 
 @dataclass(frozen=True)
 class Motion:
-    """Pose and twist at the stamps that both have.
+    """Pose and twist at their common stamps.
 
     Attributes:
         time_ns: the stamps, (n,).
-        orientation_xyzw: (n, 4), body to world, of unit length.
+        orientation_xyzw: (n, 4), body to world, unit length.
         linear_velocity_body: (n, 3), of the body origin, m/s, body axes.
         angular_velocity_body: (n, 3), rad/s.
     """
@@ -161,12 +161,12 @@ class Motion:
 
 
 def frame_names(frames: Sequence[str]) -> str:
-    """Return names of frames for a person, the empty one in quotes."""
+    """Return names of frames as text, the empty one in quotes."""
     return ", ".join(frame or '""' for frame in frames)
 
 
 def motion_of(pose: TimeSeries, twist: TimeSeries, twist_in_world: bool) -> Motion:
-    """Return what pose and twist say together; `twist_in_world` as in `Track`."""
+    """Return pose and twist at their common stamps; `twist_in_world` as in `Track`."""
     time_ns, at_pose, at_twist = np.intersect1d(pose.time_ns, twist.time_ns, return_indices=True)
     attitude = unit_rows(pose.values[at_pose, 3:])
     velocity, omega = twist.values[at_twist, :3], twist.values[at_twist, 3:]
@@ -176,7 +176,7 @@ def motion_of(pose: TimeSeries, twist: TimeSeries, twist_in_world: bool) -> Moti
 
 
 def unit_rows(orientation_xyzw: Array) -> Array:
-    """Return each quaternion divided by its norm; one that is all zero stays so."""
+    """Return each quaternion divided by its norm; zero stays zero."""
     norms = np.linalg.norm(orientation_xyzw, axis=1, keepdims=True)
     result: Array = orientation_xyzw / np.where(norms > 0.0, norms, 1.0)
     return result

@@ -1,4 +1,4 @@
-"""Warnings about a recorded run, in whole sentences; none of them fails a check."""
+"""Warnings about a recorded run, in full sentences; they do not make a check fail."""
 
 from __future__ import annotations
 
@@ -10,31 +10,31 @@ from rb_dynamics.analysis.clocks import remarks
 from rb_dynamics.analysis.gaps import gaps
 from rb_dynamics.analysis.track import Track, frame_names
 
-# Commands that came this often came regularly; who sends fewer may mean the last one to stay.
+# At least this many commands count as regular; with fewer, the last may be meant to be held.
 _REGULAR = 5
-# The last of regular commands is held long where it is held for more than this many usual gaps, and this many seconds.
+# The last of regular commands is held too long after this many usual intervals, and this many seconds.
 _LONG_GAPS, _LONG_S = 10.0, 1.0
 
 
 @dataclass(frozen=True)
 class ChannelHistory:
-    """What came on one wrench channel and what became of it; None where the log does not say.
+    """Commands on one wrench channel and their outcome; None if the log does not tell.
 
     Attributes:
         topic: as recorded, without "/applied".
         frames: every `frame_id` met.
-        received: commands that came, honoured or not.
-        applied: changes of what acted, those at a timeout left out.
-        timeouts: drops to zero.
-        timed_out_s: when the first of them was, s from the start of the motion.
-        rejected: commands that were not honoured.
-        undeclared: every `frame_id` of theirs that the scene does not declare.
-        late: commands whose time had passed when they came.
-        lost: commands that the middleware lost.
+        received: number of commands, rejected ones included.
+        applied: changes of the applied wrench, without timeouts.
+        timeouts: number of drops to zero.
+        timed_out_s: time of the first, s from the start of the motion.
+        rejected: number of rejected commands.
+        undeclared: their frames that the scene does not declare.
+        late: number of commands that arrived after their stamp.
+        lost: number of commands lost by the middleware.
         first_s: when the first command took effect, s from the start of the motion.
-        last_s: the last one.
-        usual_s: median of the times from one command to the next, s.
-        held_s: how long what the last command set was still held at the end of the run; 0 where nothing acts then.
+        last_s: the same of the last one.
+        usual_s: median interval between commands, s.
+        held_s: how long the last command was held until the end of the run; 0 if nothing acts then.
         largest_force: N.
         largest_torque: N m.
     """
@@ -59,7 +59,7 @@ class ChannelHistory:
 
 @dataclass(frozen=True)
 class WorstStatus:
-    """The last diagnostics status, and the worst level of all: 0 OK, 1 WARN, 2 ERROR, 3 STALE."""
+    """The last diagnostics status, and the worst level: 0 OK, 1 WARN, 2 ERROR, 3 STALE."""
 
     worst_level: int
     message: str
@@ -72,10 +72,10 @@ class WorstStatus:
 
 
 def warnings(track: Track, channels: Sequence[ChannelHistory], health: WorstStatus | None) -> list[str]:
-    """Return warnings about commands, time and health; none for a run in which all went as it should."""
+    """Return warnings about commands, time and health; empty for a regular run."""
     found = []
     if when := cut(track):
-        found.append(f"The run was {when}: what came later is lost.")
+        found.append(f"The run was {when}: everything later is lost.")
     if pieces := missing(track):
         found.append(f"{pieces[0].upper()}{pieces[1:]}: what came and acted there is not known.")
     found += _commands(track, channels)
@@ -102,8 +102,8 @@ def _commands(track: Track, channels: Sequence[ChannelHistory]) -> list[str]:
             found.append(f"{channel.topic} timed out {least}{channel.timeouts}×{first}.")
         if _fell_silent(channel):
             found.append(
-                f"{channel.topic} fell silent: its last command, at t = {channel.last_s:.6g} s, was held for the "
-                f"remaining {channel.held_s:.6g} s; commands had come every {channel.usual_s:.3g} s."
+                f"{channel.topic} received no more commands: the last one, at t = {channel.last_s:.6g} s, was held for "
+                f"the remaining {channel.held_s:.6g} s; before, they came every {channel.usual_s:.3g} s."
             )
         frames = frame_names(channel.undeclared)
         unknown = f" (the scene declares no frame {frames})" if frames else ""

@@ -56,7 +56,7 @@ def verify(path: Path, written: Mapping[str, int] | None = None) -> int:
 
     Args:
         path: the file.
-        written: messages that it has to hold, by topic; None where nobody knows.
+        written: number of messages expected, by topic; None if unknown.
 
     Raises:
         LogError: something is not so; says what.

@@ -74,7 +74,7 @@ def scene_and_names(
         cut = "" if source.complete else ", which was cut off,"
         raise LogError(
             f"{source.path}{cut} is no log of this package: expected scene.yaml attached and metadata rb_dynamics, so "
-            f"it cannot be {purpose}; inspect shows a bag of pose, twist and wrench, and its commands are flown with "
+            f"it cannot be {purpose}; inspect shows a bag of pose, twist and wrench, and its commands are run with "
             "simulate SCENE --wrench BAG"
         )
     try:

@@ -179,7 +179,7 @@ blue. **Orange L**: angular momentum; only a torque turns it. **Cyan ω**: angul
 
 _ROLLING = """
 **Poinsot's construction**: while no torque acts, the ellipsoid of inertia (blue, turning with the body) rolls without
-slipping on the grey plane, which stands still at right angles to **L**. They touch at the tip of **ω**: it draws the
+slipping on the grey plane, which is fixed and perpendicular to **L**. They touch at the tip of **ω**: it draws the
 **green** polhode on the ellipsoid and the **yellow** herpolhode on the plane. {spin}The grey lines cross at the middle
 axis: a tip that starts near a crossing follows a line to the opposite one, and **the body turns over**.
 """

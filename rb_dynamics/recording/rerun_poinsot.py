@@ -1,7 +1,7 @@
 """Poinsot's construction in Rerun: the inertia ellipsoid rolls on the invariable plane and draws its two curves.
 
 Drawn in the space of `rb_dynamics.theory.rolling_ellipsoid`, each point from a sample of the run. While no torque
-acts, the plane stands still; a torque moves it.
+acts, the plane is fixed; a torque moves it.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Curves:
     """Polhode and herpolhode as they arise, and where the plane lies on which they end."""
 
     def __init__(self, body: RigidBody, rows: int | None) -> None:
-        """Start before the first sample; `rows` is how many will come, None where nobody knows."""
+        """Start before the first sample; `rows` is their number, None if unknown."""
         self._body, self._trail = body, Trail(6, MAX_PIECES, rows)
         self._time_ns, self._rate = 0, 0.0
         self.normal: Vector | None = None

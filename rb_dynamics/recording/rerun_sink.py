@@ -404,7 +404,7 @@ def _address(target: str) -> str:
 
 
 def _require_viewer(address: str) -> None:
-    """Refuse an address at which nobody listens: Rerun itself would wait, and then drop what it has.
+    """Refuse an address without a server: Rerun itself would wait, and then drop its data.
 
     Raises:
         LogError: names the remedy.
@@ -419,7 +419,7 @@ def _require_viewer(address: str) -> None:
 
 
 def _release() -> None:
-    """Free what Rerun keeps of recordings that nobody holds any more: some MB and two threads of each."""
+    """Free what Rerun keeps of recordings without references: some MB and two threads each."""
     from rerun_bindings import flush_and_cleanup_orphaned_recordings
 
     flush_and_cleanup_orphaned_recordings()  # as `rerun.init` does; nothing else of its interface frees them

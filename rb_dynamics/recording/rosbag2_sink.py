@@ -124,7 +124,7 @@ class BagSink:
         """Return the files of an earlier bag, which this one replaces.
 
         Raises:
-            LogError: the folder is a file, or holds something else, which nobody asked to mix with a bag.
+            LogError: the folder is a file, or contains files that are not part of a bag.
         """
         if not self.path.exists():
             return []

@@ -258,7 +258,7 @@ class Trail:
     """
 
     def __init__(self, width: int, max_pieces: int, rows: int | None = None) -> None:
-        """Start a curve of points with `width` numbers; `rows` is how many will come, None where nobody knows."""
+        """Start a curve of points with `width` numbers; `rows` is their number, None if unknown."""
         self._max_pieces, self._pieces = max_pieces, 0
         self.stride = max(1, math.ceil((rows or 0) / max_pieces))
         self._times: NDArray[np.int64] = np.zeros((0, 2), dtype=np.int64)

@@ -1,4 +1,4 @@
-"""Figures of a campaign as inline SVG: metrics over time, their distributions, and what drives them."""
+"""Figures of a campaign as inline SVG: metrics over time, their distributions, and their sensitivities."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _BINS = 60
 
 
 def over_time(time_s: Numbers, title: str, values: Numbers, failed: NDArray[np.bool_]) -> str:
-    """Return the values (K, N) of N runs over time: median, the middle 90 %, and those that failed."""
+    """Return the values (K, N) of N runs over time: median, the middle 90 %, and the failed runs."""
 
     def plot(axes: Any) -> None:
         log = _is_wide(values)
@@ -42,7 +42,7 @@ def over_time(time_s: Numbers, title: str, values: Numbers, failed: NDArray[np.b
 
 
 def histograms(columns: Sequence[tuple[str, Numbers, NDArray[np.bool_], float | None]]) -> str:
-    """Return for each (title, values, passed, limit) how many runs have which value."""
+    """Return a histogram for each (title, values, passed, limit)."""
 
     def panel(values: Numbers, passed: NDArray[np.bool_], limit: float | None) -> Callable[[Any], None]:
         def plot(axes: Any) -> None:
@@ -64,7 +64,7 @@ def histograms(columns: Sequence[tuple[str, Numbers, NDArray[np.bool_], float | 
 
     return _draw(
         [(title, panel(values, passed, limit)) for title, values, passed, limit in columns],
-        "How many runs have which value",
+        "Histograms of the metrics",
         2,
     )
 
@@ -92,11 +92,11 @@ def sensitivities(metrics: Sequence[tuple[str, Sequence[tuple[str, float]]]], no
 
 
 def scatters(pairs: Sequence[tuple[str, str, Numbers, Numbers, NDArray[np.bool_]]]) -> str:
-    """Return for each (input, metric, values, values, passed) one dot a run, of at most some."""
+    """Return for each (input, metric, values, values, passed) one dot per run, up to a limit."""
 
     def panel(name: str, x: Numbers, y: Numbers, passed: NDArray[np.bool_]) -> Callable[[Any], None]:
         def plot(axes: Any) -> None:
-            # The runs that failed first: they are few, and what one looks for.
+            # Failed runs first: they are few, and of interest.
             order = np.argsort(passed, kind="stable")[:_MOST_POINTS]
             order = order[np.isfinite(y[order])]
             for chosen, color, size, alpha in ((passed[order], ACCENT, 4.0, 0.55), (~passed[order], BAD, 12.0, 0.9)):
@@ -108,7 +108,7 @@ def scatters(pairs: Sequence[tuple[str, str, Numbers, Numbers, NDArray[np.bool_]
         return plot
 
     panels = [(metric, panel(name, x, y, passed)) for name, metric, x, y, passed in pairs]
-    return _draw(panels, "Each metric against the input that drives it most", 2)
+    return _draw(panels, "Each metric against its strongest input", 2)
 
 
 def _draw(panels: Sequence[tuple[str, Callable[[Any], None]]], name: str, columns: int) -> str:
@@ -142,7 +142,7 @@ def _quiet(axes: Axes) -> None:
 
 
 def _is_wide(values: Numbers) -> bool:
-    """Return whether positive values spread over orders of magnitude."""
+    """Return whether positive values span orders of magnitude."""
     finite = values[np.isfinite(values)]
     return bool(len(finite) and finite.min() > 0.0 and np.quantile(finite, 0.98) > 50.0 * np.quantile(finite, 0.02))
 
@@ -158,7 +158,7 @@ def _edges(values: Numbers) -> Numbers:
 
 
 def _short(name: str) -> str:
-    """Return the end of a dotted key, by which one knows it."""
+    """Return the last part of a dotted key, by which it is known."""
     for start in ("control.parameters.", "control.", "initial.", "body."):
         if name.startswith(start):
             return name.removeprefix(start)

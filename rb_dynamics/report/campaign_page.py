@@ -1,4 +1,4 @@
-"""The page of a campaign: how many passed, how the metrics are spread, what drives them, and which runs to look at."""
+"""The page of a campaign: pass rate, distributions of the metrics, their sensitivities, and notable runs."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ if TYPE_CHECKING:
     from rb_dynamics.run.sample_arrays import Samples
 
 _WATCHED = 200
-"""Runs that are flown again for the figure over time."""
+"""Number of runs repeated for the figure over time."""
 
 _LOOKS = 600
-"""Most points of a line over time, less the first."""
+"""Most intervals of a line over time."""
 
 _LISTED = 30
 
@@ -50,7 +50,7 @@ def write_campaign_page(
     options: Sequence[str] = (),
     summary: CampaignSummary | None = None,
 ) -> None:
-    """Write the page of `rows` to `path`; `options` as in `rerun_commands`, `summary` that of the rows if it is known.
+    """Write the page of `rows` to `path`; `options` as in `rerun_commands`, `summary` of the rows if known.
 
     Raises:
         LogError: the file cannot be written.
@@ -62,7 +62,7 @@ def write_campaign_page(
 def campaign_report(
     campaign: Campaign, rows: Columns, options: Sequence[str] = (), summary: CampaignSummary | None = None
 ) -> Report:
-    """Return the page of `rows`; where runs go side by side, the first of them are flown again to show them in time.
+    """Return the page of `rows`; if runs go side by side, the first of them are repeated for a figure over time.
 
     `options` and `summary` as in `write_campaign_page`.
     """
@@ -82,7 +82,7 @@ def campaign_report(
     sections = [
         Section("At a glance", _glance(campaign, summary), tiles=_tiles(summary)),
         *_over_time(campaign, summary, rows),
-        Section("How the metrics are spread", far_text(summary), figures=[Figure(spread, _SPREAD)], table=table),
+        Section("Distributions of the metrics", far_text(summary), figures=[Figure(spread, _SPREAD)], table=table),
     ]
     if campaign.inputs:
         drivers = campaign_figures.sensitivities([(each.name, each.drivers) for each in summary.metrics], summary.noise)
@@ -93,35 +93,33 @@ def campaign_report(
         Section("The worst runs", _worst_text(campaign, summary, options)),
         Section("Runs that failed", _failed_text(campaign, summary, options), table=_failures(campaign, summary, rows)),
         Section("The campaign", source=campaign.text, source_title="The campaign file"),
-        Section("The scene", source=campaign.scene_text, source_title="The base scene, as it is flown"),
+        Section("The scene", source=campaign.scene_text, source_title="The base scene, as simulated"),
     ]
     return Report(f"Campaign: {os.path.basename(campaign.source)}", lead, sections, made_by())
 
 
 _SPREAD = (
-    "How many runs have which value; orange ones failed. The dashed line is what is required. The table gives "
-    "the value that so many of the runs stay below, and where the one of 99.73 % lies for all possible runs, with "
-    f"{CONFIDENCE:.0%} confidence, whatever the distribution; the .json file has it for every quantile. A run "
-    "has no value where it never met the condition, or could not be flown."
+    "Number of runs per value; failed runs are orange, the dashed line is the requirement. The table gives quantiles "
+    f"of the runs, and the {CONFIDENCE:.0%} confidence interval of the 99.73 % quantile of all possible runs, "
+    "whatever the distribution; the .json file has it for every quantile. A run has no value if it never met the "
+    "condition or could not be completed."
 )
 _DRIVERS = (
-    "Spearman's rank correlation, the strongest inputs first: +1 where a metric only grows with an input, -1 where it "
-    "only falls. Either way: with the distance of the input from its median, above or below. What stays within the "
-    "grey band is no more than chance. Left out are inputs that only go with a stronger one in these runs; the .json "
-    "file has them (echoes)."
+    "Spearman's rank correlation, the strongest inputs first: +1 if a metric always increases with an input, -1 if "
+    "it always decreases. Either way: with the distance of the input from its median, above or below. Values within "
+    "the grey band may be due to chance. Inputs that are only correlated with a stronger one in these runs are left "
+    "out; the .json file has them (echoes)."
 )
-_SCATTER = (
-    "Each metric against the input that drives it most, where one does so by more than chance; orange runs failed."
-)
+_SCATTER = "Each metric against its strongest input, if that is more than chance; failed runs are orange."
 
 
 def _glance(campaign: Campaign, summary: CampaignSummary) -> str:
     parts = []
     if campaign.requirements:
         wanted = [f"{each.metric} {_range(each.below, each.above)}" for each in campaign.requirements]
-        parts.append(f"A run has passed where {' and '.join(wanted)}.")
+        parts.append(f"A run passes if {' and '.join(wanted)}.")
     else:
-        parts.append("Nothing is required of a run: every one that could be flown has passed.")
+        parts.append("There are no requirements: every completed run passes.")
     for metric in summary.metrics:
         if metric.drivers and abs(metric.drivers[0][1]) > max(summary.noise, 0.1):
             name, value = metric.drivers[0]
@@ -145,7 +143,7 @@ def _tiles(summary: CampaignSummary) -> list[Tile]:
         Tile("Failed", f"{failed}", f"of {summary.runs} runs", "bad" if failed else "good"),
     ]
     if summary.errors:
-        tiles.append(Tile("Could not be flown", f"{summary.not_flown}", summary.errors[0][1][:80], "bad"))
+        tiles.append(Tile("Not completed", f"{summary.not_flown}", summary.errors[0][1][:80], "bad"))
     for metric in summary.metrics:
         value = next((each.value for each in metric.quantiles if each.probability == 0.95), None)
         if value is not None:
@@ -160,7 +158,7 @@ def _note(metric: MetricSummary) -> str:
 
 
 def _over_time(campaign: Campaign, summary: CampaignSummary, rows: Columns) -> list[Section]:
-    """Fly some runs again, the failed ones among them, and show what is judged over time."""
+    """Repeat some runs, failed ones among them, and show the required metrics over time."""
     import numpy as np
 
     from rb_dynamics.report import campaign_figures
@@ -182,7 +180,7 @@ def _over_time(campaign: Campaign, summary: CampaignSummary, rows: Columns) -> l
         for column, function in zip(values, functions, strict=True):
             column.append(function(samples))
 
-    # No more looks than are drawn, at times at which the runs were judged too.
+    # Observe no more often than is drawn, at times at which the runs were also observed.
     looks = (Scenes(campaign).base.end_ns or 0) / campaign.observe_ns
     seldom = replace(campaign, observe_ns=campaign.observe_ns * max(1, math.ceil(looks / _LOOKS)))
     try:

@@ -1,7 +1,7 @@
 """`Report`: sections of text, figures and tables, written as one self-contained HTML file.
 
-The file loads no script, font or picture from elsewhere, follows the reader's light or dark setting, and prints. All
-text is escaped; figures are inserted as they are.
+The file loads no script, font or picture from elsewhere, follows the reader's light or dark setting, and can be
+printed. All text is escaped; figures are inserted unchanged.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from rb_dynamics.errors import LogError, MissingExtraError
 from rb_dynamics.formats.log_file import make_folder
 from rb_dynamics.run.provenance import version
 
-# All but text: what HTML does not allow, and the marks that turn the writing direction (202a.., 2066..).
+# All characters except text: those that HTML forbids, and marks that change the writing direction (202a.., 2066..).
 _UNSHOWABLE = re.compile(
     "[^\t\n\x20-\x7e\xa0-\u2029\u202f-\u2065\u206a-\ud7ff\ue000-\ufdcf\ufdf0-\ufffd\U00010000-\U0001fffd]"
 )
@@ -24,7 +24,7 @@ _UNSHOWABLE = re.compile(
 
 @dataclass(frozen=True)
 class Figure:
-    """A picture as inline SVG, with what to see in it."""
+    """A picture as inline SVG, with a caption."""
 
     svg: str
     caption: str
@@ -32,7 +32,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of text under a header; the first column is left-aligned, `numeric` aligns the others to the right."""
+    """Rows of text under a header; the first column is left-aligned, with `numeric` the others right-aligned."""
 
     header: Sequence[str]
     rows: Sequence[Sequence[str]]
@@ -41,7 +41,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Tile:
-    """One number at a glance; `verdict` is "good", "bad" or "" where nothing is judged."""
+    """One number at a glance; `verdict` is "good", "bad" or "" if nothing is judged."""
 
     label: str
     value: str
@@ -59,8 +59,8 @@ class Section:
         tiles: numbers at a glance.
         figures: below one another.
         table: one table, or None.
-        source: preformatted text, folded away; "" for none.
-        source_title: what one clicks on to see `source`.
+        source: preformatted text, collapsed; "" for none.
+        source_title: label to click on for `source`.
     """
 
     heading: str
@@ -79,7 +79,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Report:
-    """A page: title, one sentence of lead, sections; `footer` says what made it."""
+    """A page: title, lead sentence, sections; `footer` names the program."""
 
     title: str
     lead: str
@@ -88,14 +88,14 @@ class Report:
 
 
 def made_by() -> str:
-    """Return what made a page: the package, with its version where it is installed."""
+    """Return the name of the package, with its version if it is installed."""
     return f"rb_dynamics {version()}".removesuffix(" not installed")
 
 
 def printable(text: object) -> str:
-    """Return `text` with every character that is no letter, mark or line break shown as its code point.
+    """Return `text` with every character that is not a letter, mark or line break shown as its code point.
 
-    Control characters are not allowed in HTML and do harm on a terminal; marks that turn the writing direction lie.
+    Control characters are not allowed in HTML and affect a terminal; marks that change the writing direction mislead.
     """
     return _UNSHOWABLE.sub(lambda match: f"\\u{ord(match[0]):04x}", str(text))
 
@@ -123,7 +123,7 @@ def render_html(report: Report) -> str:
 
 
 def write_html(path: str | os.PathLike[str], report: Report) -> None:
-    """Write `report` to `path`; folders above it are made.
+    """Write `report` to `path`; missing folders are created.
 
     Raises:
         LogError: the file cannot be written.

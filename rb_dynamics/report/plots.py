@@ -13,7 +13,7 @@ from rb_dynamics.report.svg import Array, Line, Panel, components, draw
 
 
 def position_and_attitude(time_s: Array, position_world: Array, orientation_xyzw: Array) -> str:
-    """Return position (m) and quaternion; q and -q are one attitude, so its sign is chosen not to jump."""
+    """Return position (m) and quaternion; its sign is chosen to be continuous, since q and -q are the same attitude."""
     return draw(
         [
             Panel("Position of the body origin, world axes [m]", components(time_s, position_world)),
@@ -49,7 +49,7 @@ def momenta(time_s: Array, angular_momentum_world: Array, linear_momentum_world:
 
 
 def energy(time_s: Array, kinetic: Array, work: Array | None = None) -> str:
-    """Return kinetic energy and, where known, the initial energy plus the work done since (J)."""
+    """Return kinetic energy and, if known, the initial energy plus the work done since (J)."""
     lines = [Line("kinetic energy", time_s, kinetic)]
     if work is not None:
         lines.append(Line("initial energy + work", time_s, kinetic[:1] + work, dashed=True))
@@ -62,14 +62,14 @@ def energy_defect(time_s: Array, defect: Array) -> str:
 
 
 def momentum_defects(angular: tuple[Array, Array] | None, linear: tuple[Array, Array] | None) -> str:
-    """Return L - L0 - int N dt and p - p0 - int F dt, each as (time, rows); None where it is not known."""
+    """Return L - L0 - int N dt and p - p0 - int F dt, each as (time, rows); None if unknown."""
     titles = ("Angular momentum defect, world axes [kg m²/s]", "Linear momentum defect, world axes [kg m/s]")
     given = [(title, series) for title, series in zip(titles, (angular, linear), strict=True) if series is not None]
     return draw([Panel(title, components(*series)) for title, series in given], "Momentum defects over time")
 
 
 def wrench_history(steps: Sequence[tuple[str, Array, Array]], span_s: Array) -> str:
-    """Return what was held when, each value until the next and the last to the end.
+    """Return held wrenches over time, each value until the next and the last to the end.
 
     Args:
         steps: for each panel: title with unit, times in s, rows of x, y, z.
@@ -80,7 +80,7 @@ def wrench_history(steps: Sequence[tuple[str, Array, Array]], span_s: Array) -> 
 
 
 def residual_wrench(time_s: Array, force_world: Array, torque_world: Array, torque_body: Array) -> str:
-    """Return the force (N, world axes) and torque (N m, in both axes) that nothing recorded explains."""
+    """Return the unexplained force (N, world axes) and torque (N m, in both axes)."""
     return draw(
         [
             Panel("Residual force, world axes [N]", components(time_s, force_world)),
@@ -92,9 +92,9 @@ def residual_wrench(time_s: Array, force_world: Array, torque_world: Array, torq
 
 
 def comparison(time_s: Array, differences: Mapping[str, Array]) -> str:
-    """Return magnitudes of differences against a reference, one logarithmic panel for each title.
+    """Return magnitudes of differences from a reference, one logarithmic panel per title.
 
-    Vectors (rows) are shown by their length; exact agreement, zero, leaves a gap.
+    Vectors (rows) are shown by their norm; zero, exact agreement, leaves a gap.
     """
     panels = []
     for title, values in differences.items():
@@ -104,7 +104,7 @@ def comparison(time_s: Array, differences: Mapping[str, Array]) -> str:
 
 
 def continuous(orientation_xyzw: Array) -> Array:
-    """Return the same attitudes with each quaternion on the side of the one before."""
+    """Return the same attitudes with the sign of each quaternion chosen to be continuous."""
     if len(orientation_xyzw) == 0:
         return orientation_xyzw
     turns = np.einsum("ij,ij->i", orientation_xyzw[1:], orientation_xyzw[:-1]) < 0.0

@@ -1,6 +1,6 @@
 """Poinsot's construction of a recorded motion as inline SVG: polhode on the ellipsoid, herpolhode in the plane.
 
-Drawn from the samples. In forced motion, where the plane moves, the herpolhode is seen along the first L.
+Drawn from the samples. In driven motion, in which the plane moves, the herpolhode is viewed along the first L.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from rb_dynamics.theory.rolling_ellipsoid import LARGEST_CHORD, contact, half_ax
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Where the ellipsoid is looked at from, principal axes: no axis points at the eye.
+# Viewing direction of the ellipsoid, principal axes: no axis points at the viewer.
 _FROM = np.array([0.62, 0.36, 0.70])
 
 
 def poinsot_view(body: RigidBody, time_s: Array, orientation_xyzw: Array, angular_velocity_body: Array) -> str:
     """Return both curves of samples at `time_s` (n,): attitudes (n, 4), angular velocities (n, 3), rad/s, body axes.
 
-    "" for a particle, and for a body that never turns.
+    "" for a particle, and for a body that does not rotate.
 
     Raises:
         MissingExtraError: matplotlib is not installed.
@@ -49,7 +49,7 @@ def poinsot_view(body: RigidBody, time_s: Array, orientation_xyzw: Array, angula
 
 
 def _screen(direction: Array) -> Array:
-    """Return (3, 2): the axes of a picture seen from `direction`, a unit vector."""
+    """Return (3, 2): the axes of a picture viewed from `direction`, a unit vector."""
     up = np.eye(3)[int(np.abs(direction).argmin())]
     right = np.cross(up, direction)
     right /= np.linalg.norm(right)

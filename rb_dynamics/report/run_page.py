@@ -1,6 +1,6 @@
-"""The report of one recorded run: `RunSummary` and `Track` put into sections, figures and tables.
+"""The report of one recorded run: sections, figures and tables of a `RunSummary` and its `Track`.
 
-Every number comes from `summary`, so the page and the terminal say the same. Never reads a scene or simulates.
+Every number comes from `summary`, so the page and the terminal agree. Must not read a scene or simulate.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ def write_run_report(
 
     Args:
         log: of this package, or any bag of pose, twist and wrench.
-        html: the page to write.
-        scene: gives mass properties and frames to a bag that does not have them.
-        bound: the largest defect accepted, relative to the largest energy or momentum seen.
-        extra: sections shown right after the numbers at a glance.
+        html: the output file.
+        scene: mass properties and frames for a bag that has none.
+        bound: the largest accepted defect, relative to the largest energy or momentum.
+        extra: sections shown after the numbers at a glance.
 
     Raises:
-        LogError: `log` cannot be read or `html` not be written.
+        LogError: `log` cannot be read or `html` cannot be written.
         MissingExtraError: matplotlib or jinja2 is not installed.
     """
     found = inspect(log, scene, bound)
@@ -77,15 +77,15 @@ def run_report(track: Track, summary: RunSummary, extra: Sequence[Section] = ())
 
 
 def comparison_section(
-    time_s: Array, differences: Mapping[str, Array], heading: str = "Against the recorded truth", lead: str = ""
+    time_s: Array, differences: Mapping[str, Array], heading: str = "Comparison with the recording", lead: str = ""
 ) -> Section:
-    """Return a section on how far a run is from a reference.
+    """Return a section on the differences between a run and a reference.
 
     Args:
         time_s: s.
         differences: by title with unit; numbers, or rows of a vector.
         heading: of the section.
-        lead: what is compared with what.
+        lead: introductory sentence.
     """
     rows = []
     for title, values in differences.items():
@@ -93,8 +93,8 @@ def comparison_section(
         worst = int(sizes.argmax())
         rows.append([title, f"{sizes[worst]:.3e}", f"{time_s[worst]:.6g}", f"{sizes[-1]:.3e}"])
     caption = (
-        "Size of the difference. A good run stays near the round-off of the numbers compared; a difference that grows "
-        "steadily points to the method or its step, one that jumps to a command or a frame."
+        "Magnitude of the difference. In a good run it stays near round-off; a steadily growing difference suggests "
+        "the method or its step, a jump suggests a command or a frame."
     )
     figure = Figure(plots.comparison(time_s, differences), caption)
     return Section(heading, lead, figures=[figure], table=Table(["", "worst", "at t [s]", "at the end"], rows))
@@ -123,7 +123,7 @@ def _run_tiles(summary: RunSummary) -> list[Tile]:
 
 
 def _check_tiles(summary: RunSummary) -> list[Tile]:
-    """Return one tile for the checks of the data, those that failed each with their own, and one for each balance."""
+    """Return one tile for the data checks, one for each that failed, and one for each balance."""
     judged = (" balance", "explains the motion")
     data = [check for check in summary.checks if not check.name.endswith(judged)]
     failed = [Tile(check.name, "failed", check.detail, "bad") for check in data if not check.passed]
@@ -161,7 +161,7 @@ def _capital(sentence: str) -> str:
 
 
 def _subject(track: Track, summary: RunSummary) -> list[Section]:
-    """Return what the body is, how it was computed and what to know about the data."""
+    """Return the body, the method, and remarks on the data."""
     facts = [
         ["scene", summary.scene],
         ["method", summary.method],
@@ -199,8 +199,8 @@ def _motion(track: Track) -> list[Section]:
     if track.pose is not None:
         time_s, rows = track.seconds(track.pose.time_ns), track.pose.values
         caption = (
-            f"{track.pose.topic}: in a good run both are smooth; a jump in position or attitude is a lost stretch "
-            "or a reset. The sign of the quaternion is chosen not to jump: q and -q are one attitude."
+            f"{track.pose.topic}: in a good run both are smooth; a jump in position or attitude means lost data "
+            "or a reset. The sign of the quaternion is chosen to be continuous: q and -q are the same attitude."
         )
         figures.append(Figure(plots.position_and_attitude(time_s, rows[:, :3], rows[:, 3:]), caption))
     if track.twist is not None:
@@ -222,16 +222,16 @@ def _residual(track: Track, summary: RunSummary) -> list[Section]:
         return []
     time_s = track.seconds(left.time_ns)
     caption = (
-        "Mean force and torque that no recorded wrench explains, with the mass properties given: between two samples, "
-        "or, where they have noise, between the means of as many as it takes. In a good recording this is its noise "
-        "around zero; a wrong inertia shows as a torque all along, one that nobody commanded as a stretch; a "
-        "thruster's is constant in body axes."
+        "Mean force and torque that the recorded wrenches do not explain, with the given mass properties: between two "
+        "samples or, if they are noisy, between means of several samples. In a good recording this is noise around "
+        "zero. A wrong inertia shows as a torque throughout, an unrecorded torque as a limited stretch; that of a "
+        "thruster is constant in body axes."
     )
     figure = Figure(plots.residual_wrench(time_s, left.force_world, left.torque_world, left.torque_body), caption)
     header, *rows = text.inertia_rows(summary, track.body)
     return [
         Section(
-            "Does the body given explain the motion?",
+            "Does the given body explain the motion?",
             text.residual_sentence(left, summary.start_ns),
             figures=[figure],
             table=Table(header, rows),
@@ -246,15 +246,15 @@ def _poinsot(track: Track) -> list[Section]:
     motion = motion_of(pose, twist, track.twist_in_world)
     view = poinsot_view(body, track.seconds(motion.time_ns), motion.orientation_xyzw, motion.angular_velocity_body)
     caption = (
-        "Where the ellipsoid of inertia touches the plane at right angles to the angular momentum of the body: the tip "
-        "of the angular velocity, on the ellipsoid and in the plane, each from its dot on. While no torque acts and "
-        "nothing turns inside the body, that plane is invariable and the ellipsoid rolls on it without slipping: the "
-        "left curve is closed, the right one lies between two circles."
+        "Paths of the point in which the ellipsoid of inertia touches the plane perpendicular to the body's angular "
+        "momentum, which is the tip of the angular velocity: on the ellipsoid and in the plane, each starting at its "
+        "dot. While no torque acts and nothing rotates inside the body, the plane is invariable and the ellipsoid "
+        "rolls on it without slipping: the left curve is closed, the right one lies between two circles."
     )
     if symmetry(body) is Symmetry.TRIAXIAL:
         caption += (
-            " The grey lines on the ellipsoid cross at the middle axis; near a crossing a spin is unstable, and the "
-            "body turns over."
+            " The grey lines on the ellipsoid cross at the middle axis; rotation near a crossing is unstable, and "
+            "the body flips."
         )
     return [Section("Poinsot's construction", figures=[Figure(view, caption)])] if view else []
 
@@ -263,7 +263,7 @@ def _conservation(track: Track, summary: RunSummary) -> list[Section]:
     figures = []
     angular, linear, kinetic = track.angular_momentum, track.linear_momentum, track.kinetic_energy
     if angular is not None and linear is not None:
-        caption = "In a good run each is a horizontal line, to the last digit, for as long as nothing acts."
+        caption = "In a good run each is a horizontal line, to the last digit, while no load acts."
         figures.append(Figure(plots.momenta(*_shared(track, angular, linear)), caption))
     if kinetic is not None:
         figures.append(_energy(track, kinetic))
@@ -277,14 +277,14 @@ def _conservation(track: Track, summary: RunSummary) -> list[Section]:
 
 def _energy(track: Track, kinetic: TimeSeries) -> Figure:
     if track.work is None:
-        caption = "In a good run this is a horizontal line for as long as nothing acts."
+        caption = "In a good run this is a horizontal line while no load acts."
         return Figure(plots.energy(track.seconds(kinetic.time_ns), kinetic.values), caption)
-    caption = "In a good run the lines lie on one another: kinetic energy changes by the work done and nothing else."
+    caption = "In a good run the lines coincide: kinetic energy changes only by the work done."
     return Figure(plots.energy(*_shared(track, kinetic, track.work)), caption)
 
 
 def _shared(track: Track, first: TimeSeries, second: TimeSeries) -> tuple[Array, Array, Array]:
-    """Return the times (s) that both have, with their values: a log that was cut off may end between two topics."""
+    """Return the common times (s), with the values of both: a log that was cut off may end between two topics."""
     time_ns, at_first, at_second = np.intersect1d(first.time_ns, second.time_ns, return_indices=True)
     return track.seconds(time_ns), first.values[at_first], second.values[at_second]
 
@@ -294,15 +294,15 @@ def _defects(track: Track, summary: RunSummary) -> list[Figure]:
     energy = summary.balance("energy")
     if energy is not None:
         caption = (
-            f"The part of the energy that no work explains. In a good run it stays far below the largest energy, "
-            f"{energy.scale:.3g} J; steady growth is the error of the method adding up."
+            "The change of energy that the work does not explain. In a good run it stays far below the largest energy, "
+            f"{energy.scale:.3g} J; steady growth is the accumulated error of the method."
         )
         figures.append(Figure(plots.energy_defect(*_series(track, energy)), caption))
     angular, linear = summary.balance("angular momentum"), summary.balance("linear momentum")
     if angular is not None or linear is not None:
         caption = (
-            "The part of the momenta that no impulse explains, from the start of each stretch for which it is known. "
-            "In a good run this is noise of the last digit around zero."
+            "The change of the momenta that the impulses do not explain, from the start of each stretch for which it "
+            "is known. In a good run this is round-off noise around zero."
         )
         given = [None if balance is None else _series(track, balance) for balance in (angular, linear)]
         figures.append(Figure(plots.momentum_defects(*given), caption))
@@ -359,9 +359,9 @@ def _tables(summary: RunSummary) -> list[Section]:
 
 
 def _provenance(track: Track) -> list[Section]:
-    """Return every metadata record of the file, its name at its first fact; facts of several lines below, as they are.
+    """Return every metadata record of the file, named at its first fact; facts of several lines follow as they are.
 
-    Such is what rosbag2 keeps of a bag: its metadata.yaml.
+    For example rosbag2 stores a bag's metadata.yaml there.
     """
     facts, texts = [], []
     for name, record in sorted(track.bag.metadata.items()):

@@ -1,8 +1,8 @@
 """Time series as inline SVG: stacks of panels over one time axis, readable on light and on dark pages.
 
-`draw` thins long series so that their peaks stay, writes titles and legends as plain text (names from a log are no
-markup), and gives the same bytes for the same numbers. Never opens a window, never changes matplotlib's settings for
-the caller.
+`draw` thins long series while keeping their peaks, writes titles and legends as plain text (names from a log are not
+markup), and gives the same bytes for the same numbers. Must not open a window or change matplotlib's settings for the
+caller.
 """
 
 from __future__ import annotations
@@ -28,23 +28,23 @@ if TYPE_CHECKING:
 
 Array: TypeAlias = NDArray[np.float64]
 
-# Vermilion, green, blue, violet: told apart by colour-blind readers; red, green, blue for x, y, z as everywhere in
-# robotics. Three more for whoever has more lines. All have 3:1 and better against white and near-black.
+# Vermilion, green, blue, violet, which colour-blind readers can distinguish; red, green, blue for x, y, z as usual in
+# robotics. Three more for more lines. All have a contrast of at least 3:1 against white and near-black.
 COLORS = ("#d9591b", "#12916a", "#3b86d1", "#a86fc0", "#c7508f", "#8a7a1f", "#0e8f9e")
 
-# Per line; four points to a bucket.
+# Per line; four points per bucket.
 MAX_POINTS = 2000
 
 _WIDTH, _PANEL, _TOP, _BOTTOM, _LEFT, _RIGHT = 690.0, 112.0, 32.0, 36.0, 72.0, 14.0
 _FONT = 9.5
-# Stands for currentColor, which matplotlib has no name for.
+# Replaced by currentColor, which matplotlib does not support.
 TEXT = "#010203"
 SETTINGS = {"font.size": _FONT, "svg.fonttype": "none"}
 
 
 @dataclass(frozen=True)
 class Line:
-    """Values over time (s); `step` holds each value until the next, `dashed` lets the line below show. NaN is a gap."""
+    """Values over time (s); `step` holds each value until the next, `dashed` shows the line below. NaN is a gap."""
 
     label: str
     time_s: Array
@@ -63,14 +63,14 @@ class Panel:
 
 
 def components(time_s: Array, values: Array, labels: Sequence[str] = "xyz", *, step: bool = False) -> list[Line]:
-    """Return one line for each column of `values`."""
+    """Return one line per column of `values`."""
     return [Line(label, time_s, column, step) for label, column in zip(labels, values.T, strict=False)]
 
 
 def thin(values: Array, max_points: int = MAX_POINTS) -> NDArray[np.intp]:
-    """Return indices, in order, of at most `max_points` values that look the same.
+    """Return indices, ascending, of at most `max_points` values that look the same.
 
-    Of each bucket stay the first, the last, the smallest and the largest value, and one NaN where there is a gap.
+    Each bucket keeps its first, last, smallest and largest value, and one NaN if there is a gap.
     """
     count = len(values)
     if count <= max_points:
@@ -89,12 +89,12 @@ def thin(values: Array, max_points: int = MAX_POINTS) -> NDArray[np.intp]:
 
 
 def draw(panels: Sequence[Panel], name: str, span_s: Array | None = None) -> str:
-    """Return the panels, above one another, as an SVG element for use inside HTML.
+    """Return the panels, one above the other, as an SVG element for use inside HTML.
 
     Args:
         panels: at least one.
-        name: what the figure shows, for readers who do not see it.
-        span_s: first and last time to show; None for all there is.
+        name: description of the figure for readers who cannot see it.
+        span_s: first and last time to show; None for all.
 
     Raises:
         MissingExtraError: matplotlib is not installed.
@@ -121,9 +121,9 @@ def draw(panels: Sequence[Panel], name: str, span_s: Array | None = None) -> str
 def document_of(
     fill: Callable[[Figure], None], size: tuple[float, float], salt: str, layout: Literal["constrained"] | None = None
 ) -> bytes:
-    """Return the SVG document of a figure of `size` (pt) that `fill` draws into.
+    """Return the SVG document of a figure of `size` (pt) drawn by `fill`.
 
-    Ids depend on `salt` alone: the same in every run, different within a page where the salts are.
+    Ids depend only on `salt`: the same in every run, different within a page if the salts are.
 
     Raises:
         MissingExtraError: matplotlib is not installed.
@@ -134,7 +134,7 @@ def document_of(
     except ImportError:
         raise MissingExtraError("matplotlib", "plot", "a figure") from None
     buffer = io.BytesIO()
-    # The settings are needed while drawing, too; the context gives the caller's back.
+    # The settings are also needed while drawing; the context restores the caller's.
     with style.context(["default", {**SETTINGS, "svg.hashsalt": salt}]):
         figure = Figure(figsize=(size[0] / 72.0, size[1] / 72.0), layout=layout)
         fill(figure)
@@ -172,7 +172,7 @@ def _plot(axes: Axes, panel: Panel, end: float) -> None:
 
 
 def _looks(lines: Sequence[Line]) -> list[tuple[str, bool]]:
-    """Return colour, and whether dashed, of each line: where the colours begin again, dashes tell them apart."""
+    """Return colour and dash of each line; when colours repeat, dashes distinguish them."""
     rounds = (divmod(i, len(COLORS)) for i in range(len(lines)))
     return [(COLORS[i], line.dashed or turn % 2 == 1) for line, (turn, i) in zip(lines, rounds, strict=True)]
 
@@ -181,19 +181,19 @@ def _points(line: Line, log: bool, end: float) -> tuple[Array, Array]:
     values = np.abs(line.values) if log else line.values
     time_s = line.time_s
     if not line.step:
-        # No line leads over a hole: nobody knows what was there.
+        # No line across a gap, in which the values are unknown.
         holes = np.flatnonzero(np.diff(time_s) > longest_usual(time_s)) + 1
         time_s, values = np.insert(time_s, holes, time_s[holes - 1]), np.insert(values, holes, np.nan)
     kept = thin(values)
     time_s, values = time_s[kept], values[kept]
     if line.step and len(time_s):
-        # The last value holds to the end of the figure; before its first a channel is zero, which needs no line.
+        # The last value holds to the end of the figure; before its first value a channel is zero, without a line.
         return np.append(time_s, end), np.append(values, values[-1])
     return time_s, values
 
 
 def _widen(axes: Axes) -> None:
-    """Let what is constant but for round-off look so; how constant it is, the figures of the defects show."""
+    """Widen the axis so that a value that is constant up to round-off looks constant; figures of defects show more."""
     low, high = axes.get_ylim()
     middle, least = 0.5 * (low + high), 1e-5 * max(abs(low), abs(high))
     if high - low < least:
@@ -207,7 +207,7 @@ def _logarithmic(axes: Axes) -> None:
     values = np.concatenate([*shown, [np.nan]])
     positive = values[np.isfinite(values) & (values > 0.0)]
     low, high = (float(positive.min()), float(positive.max())) if len(positive) else (1e-16, 1e-15)
-    # A few samples that agree to the last bit would stretch the axis over decades nobody looks at.
+    # A few samples that agree to the last bit would stretch the axis over many empty decades.
     low = max(low, 1e-6 * high)
     axes.set_ylim(10.0 ** math.floor(math.log10(low)), 10.0 ** (math.floor(math.log10(high)) + 1))
     axes.set_yscale("log", nonpositive="mask")
@@ -216,7 +216,7 @@ def _logarithmic(axes: Axes) -> None:
 
 
 def tick(value: float, places: Sequence[float] | Array) -> str:
-    """Return the label of a tick with just the digits that tell it from its neighbours."""
+    """Return the label of a tick with just enough digits to distinguish it from its neighbours."""
     around = sorted(float(place) for place in places)
     steps = [b - a for a, b in itertools.pairwise(around) if b > a]
     if not steps:
@@ -235,7 +235,7 @@ def tick(value: float, places: Sequence[float] | Array) -> str:
 
 
 def inline(document: bytes, name: str, above: Sequence[ElementTree.Element] = ()) -> str:
-    """Return the svg element without namespaces, ids nobody refers to and fonts; `above` is drawn last."""
+    """Return the svg element without namespaces, unused ids and fonts; `above` is drawn last."""
     root = ElementTree.fromstring(document)
     for element in root.iter():
         element.tag = element.tag.rpartition("}")[2]
@@ -248,7 +248,7 @@ def inline(document: bytes, name: str, above: Sequence[ElementTree.Element] = ()
             element.attrib.pop("id", None)
     _drop(root, "metadata")
     for defs in root.findall("defs"):
-        # It would style the whole page.
+        # It would apply to the whole page.
         _drop(defs, "style")
     for key in ("width", "height", "version"):
         root.attrib.pop(key, None)
@@ -280,7 +280,7 @@ def _heading(panel: Panel, y: float) -> list[ElementTree.Element]:
     for line, (color, dashed) in zip(panel.lines[:count], _looks(panel.lines), strict=False):
         swatch = ElementTree.SubElement(legend, "tspan", {"fill": color, "style": "font-weight: 700"})
         swatch.text = "\N{EN DASH}\N{EN DASH}" if dashed else "\N{EM DASH}"
-        # Spaces that stay: a shift by dx would not count where the text ends.
+        # Non-breaking spaces: a shift by dx would be ignored at the end of the text.
         swatch.tail = f"\N{NO-BREAK SPACE}{printable(line.label)}" + 3 * "\N{NO-BREAK SPACE}"
     legend[-1].tail = (legend[-1].tail or "").rstrip()
     if more := len(panel.lines) - count:
@@ -289,7 +289,7 @@ def _heading(panel: Panel, y: float) -> list[ElementTree.Element]:
 
 
 def _named(panel: Panel) -> int:
-    """Return how many lines of `panel`, at least one, a legend beside the title has room for."""
+    """Return how many lines of `panel`, at least one, fit in a legend beside the title."""
     labels = [len(printable(line.label)) + 5 for line in panel.lines]
     room = (_WIDTH - _RIGHT - 0.6 * 11.0 * len(printable(panel.title))) / (0.55 * _FONT)
     ends = list(itertools.accumulate(labels))

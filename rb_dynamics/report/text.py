@@ -1,4 +1,4 @@
-"""A `RunSummary` as plain text for a terminal: aligned, at most 100 columns, nothing in it that a terminal obeys."""
+"""A `RunSummary` as plain text for a terminal: aligned, at most 100 columns, without control characters."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from rb_dynamics.report.html import printable
 WIDTH = 100
 
 DEFECT = (
-    "Defect: what is missing for the balance to hold exactly; relative: over the largest value, which for a momentum "
-    "is the larger of what it came to and what its impulses add up to."
+    "Defect: residual of the balance; relative: to the largest value, which for a momentum is the larger of its "
+    "maximum and the sum of its impulses."
 )
 TORQUE = "Torques are about the centre of mass, the lever arm of the force included."
-UNKNOWN = "-: the recording does not say."
+UNKNOWN = "-: not in the recording."
 
 _CHANNEL_WIDTHS = (25, 10, 10, 9, 10, 10, 12, 14)
 
@@ -62,14 +62,14 @@ def as_text(summary: RunSummary) -> str:
 
 
 def verdict(check: Check, passed: str, failed: str, unknown: str) -> str:
-    """Return the word for how a check came out."""
+    """Return the result of a check as a word."""
     if not check.judged:
         return unknown
     return passed if check.passed else failed
 
 
 def headline(summary: RunSummary) -> str:
-    """Return what the file is, in one or two sentences."""
+    """Return the type of the file, in one or two sentences."""
     own = f"log of rb_dynamics {summary.version}".rstrip()
     source = own if summary.own else "recording by another program"
     scene = f", scene {summary.scene}" if summary.scene else ""
@@ -82,7 +82,7 @@ def headline(summary: RunSummary) -> str:
 
 
 def topic_rows(summary: RunSummary) -> list[list[str]]:
-    """Return header and rows: how messages come."""
+    """Return header and rows: topics."""
     rows = [["", "type", "messages", "rate [Hz]", "longest gap [s]", "at t [s]", "used for"]]
     for t in summary.topics:
         kind = t.type_name.rpartition("/")[2]
@@ -102,7 +102,7 @@ def topic_rows(summary: RunSummary) -> list[list[str]]:
 
 
 def state_rows(summary: RunSummary) -> list[list[str]]:
-    """Return header and rows: first and last state; empty without motion."""
+    """Return header and rows: first and last state; empty if there is no motion."""
     rows = [["", "", "x", "y", "z", "w"]]
     for m in summary.moments:
         for when, values in (("first", m.first), ("last", m.last)):
@@ -112,7 +112,7 @@ def state_rows(summary: RunSummary) -> list[list[str]]:
 
 
 def range_rows(summary: RunSummary) -> list[list[str]]:
-    """Return header and rows: extremes; empty without motion."""
+    """Return header and rows: extremes; empty if there is no motion."""
     rows = [["", "smallest", "at t [s]", "largest", "at t [s]"]]
     rows += [
         [f"{r.name} [{r.unit}]", f"{r.low:.8g}", _short(r.low_at_s), f"{r.high:.8g}", _short(r.high_at_s)]
@@ -122,7 +122,7 @@ def range_rows(summary: RunSummary) -> list[list[str]]:
 
 
 def balance_rows(summary: RunSummary) -> list[list[str]]:
-    """Return header and rows: defects; empty where nothing is balanced."""
+    """Return header and rows: defects; empty if there are no balances."""
     rows = [["", "worst defect", "at t [s]", "largest value", "relative", "of the run"]]
     for b in summary.balances:
         worst = [f"{b.worst:.3e}", _short((b.worst_ns - summary.start_ns) * 1e-9)] if b.covered else ["", ""]
@@ -132,7 +132,7 @@ def balance_rows(summary: RunSummary) -> list[list[str]]:
 
 
 def channel_rows(summary: RunSummary) -> list[list[str]]:
-    """Return header and rows: what came on each wrench channel; empty without channels."""
+    """Return header and rows: statistics of each wrench channel; empty without channels."""
     rows = [["", "frame", "received", "applied", "timeouts", "rejected", "max |F| [N]", "max |τ| [N m]"]]
     for c in summary.channels:
         counts = ["-" if n is None else str(n) for n in (c.received, c.applied, c.timeouts, c.rejected)]
@@ -142,7 +142,7 @@ def channel_rows(summary: RunSummary) -> list[list[str]]:
 
 
 def command_rows(summary: RunSummary) -> list[list[str]]:
-    """Return header and rows: when commands came on each wrench channel, in its order; empty without commands."""
+    """Return header and rows: times of the commands on each wrench channel, in order; empty without commands."""
     rows = [["", "first at t [s]", "last at t [s]", "usual gap [s]", "then held [s]"]]
     for c in summary.channels:
         times = (c.first_s, c.last_s, c.usual_s, c.held_s)
@@ -151,7 +151,7 @@ def command_rows(summary: RunSummary) -> list[list[str]]:
 
 
 def residual_sentence(left: Residual, start_ns: int) -> str:
-    """Return how well the body given explains the motion, and what would explain it; times from `start_ns`."""
+    """Return how well the given body explains the motion, and what would explain it; times from `start_ns`."""
     force, torque = left.root_mean_square
     size = f"Residual force {force:.3g} N and torque {torque:.3g} N m (root mean square)."
     if not left.told:
@@ -176,7 +176,7 @@ def residual_sentence(left: Residual, start_ns: int) -> str:
     elif left.bias is not None:
         verdict = f"NO inertia explains the motion.{_bias(left, 'does')}"
     else:
-        verdict = f"NO inertia explains the motion: a torque acted that nobody commanded. {_strongest(left, start_ns)}"
+        verdict = f"NO inertia explains the motion: a torque acted that was not commanded. {_strongest(left, start_ns)}"
     return f"{verdict} {size}{_mass(left)}"
 
 
@@ -214,14 +214,14 @@ def _strongest(left: Residual, start_ns: int) -> str:
 
 
 def _vector(values: Sequence[float]) -> str:
-    """Return three numbers, each with the decimals that give the largest three digits."""
+    """Return three numbers, with as many decimals as give the largest three digits."""
     largest = max(map(abs, values))
     decimals = 2 - math.floor(math.log10(largest)) if largest > 0.0 else 0
     return f"({', '.join(f'{round(value, decimals) + 0.0:.3g}' for value in values)})"
 
 
 def inertia_rows(summary: RunSummary, body: RigidBody | None) -> list[list[str]]:
-    """Return header and rows: the inertia given and the one that fits best, if any; empty where it is not judged."""
+    """Return header and rows: the given inertia and the best-fitting one, if any; empty if it is not judged."""
     left = summary.residual
     if left is None or body is None:
         return []
@@ -254,13 +254,13 @@ def _table(title: str, rows: Sequence[Sequence[str]], widths: Sequence[int]) -> 
         if len(printable(name)) + 2 < widths[0]:
             lines.append(_line([f"  {name}" if name else "", *rest], widths))
         else:
-            # A long name is told in full, on a line of its own.
+            # A long name is not shortened; it gets a line of its own.
             lines += [f"  {_fit(name, WIDTH - 2)}", _line(["", *rest], widths)]
     return [*lines, ""]
 
 
 def _frames_apart(rows: list[list[str]]) -> tuple[list[list[str]], list[str]]:
-    """Return the rows of the channels, and a sentence for each whose frames do not fit: a wrong one has to be seen."""
+    """Return the rows of the channels, and a sentence for each whose frames do not fit in the table."""
     told, apart = [], []
     for name, frames, *rest in rows:
         fits = len(printable(frames)) < _CHANNEL_WIDTHS[1]
@@ -275,7 +275,7 @@ def _line(cells: Sequence[str], widths: Sequence[int]) -> str:
 
 
 def _fit(cell: str, width: int) -> str:
-    """Return `cell` with its middle left out where it is too wide; one column stays free."""
+    """Return `cell` with its middle left out if it is too wide; one column stays free."""
     text = printable(cell)
     if len(text) < width:
         return text

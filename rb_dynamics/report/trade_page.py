@@ -1,4 +1,4 @@
-"""The page of `trade`: work against precision, the measured runs, and the recommendation.
+"""The page of `trade`: error against time, the measured runs, and the recommendation.
 
 Every number comes from a `Trade`.
 """
@@ -22,13 +22,13 @@ _DASHES = ("", "6 3", "2 2.5", "8 3 2 3", "1 3")
 _WIDTH, _LEFT, _RIGHT, _TOP, _HEIGHT, _BOTTOM = 690.0, 58.0, 14.0, 24.0, 360.0, 42.0
 _LEGEND_COLUMNS, _LEGEND_ROW = 6, 17.0
 
-# What is worse than a whole turn need not be told apart.
+# Larger errors than a whole revolution are not distinguished.
 _WORST = 10.0
 
-# Height of a name beside a mark, and width of one of its letters.
+# Height of a label, and width of one of its letters.
 _NAME, _LETTER = 11.0, 5.0
 
-# So much of what they stand for is below the lines, for their names.
+# This fraction of the height is below the lines, for their labels.
 _BELOW = 0.3
 
 
@@ -46,45 +46,45 @@ def trade_report(found: Trade) -> Report:
     """Return the page of `found`."""
     reference = found.reference
     lead = (
-        f"Speed against accuracy, measured over {found.trial_s:g} s of this scene: "
+        f"Speed and accuracy, measured over {found.trial_s:g} s of this scene: "
         f"{len(found.rows)} runs of {found.measured}."
     )
     trusted = (
         f"The reference is {reference.method}; {reference.check}, a method of another family, differs from it by "
         f"{reference.attitude:.2g} rad in attitude, {reference.rate:.2g} rad/s in rate and {reference.position:.2g} m "
-        f"in position after {found.trial_s:g} s and a path of {reference.path:.4g} m, rounding included. An error "
-        "below that cannot be told; it is shown as <= that bound."
+        f"in position after {found.trial_s:g} s and a path of {reference.path:.4g} m, rounding included. Smaller "
+        "errors are shown as <= that bound."
     )
     remarks = [f"{remark[0].upper()}{remark[1:]}." for remark in found.remarks]
     ended = [[method, why] for method, why in found.ended.items()]
     sections = [
-        Section("What to take", "\n\n".join([*_taken(found), *_compiled(found), *remarks]), tiles=_tiles(found)),
-        Section("Speed against accuracy", figures=[Figure(work_precision(found), _CAPTION)] if found.rows else ()),
+        Section("Recommendation", "\n\n".join([*_taken(found), *_compiled(found), *remarks]), tiles=_tiles(found)),
+        Section("Speed and accuracy", figures=[Figure(work_precision(found), _CAPTION)] if found.rows else ()),
         Section("The front", _COLUMNS, table=_table(found, found.front)),
         Section("The reference", trusted),
         Section("All runs", table=_table(found, found.rows)),
-        Section("How far each method went", table=Table(["method", "ended by"], ended, numeric=False)),
+        Section("Why each method ended", table=Table(["method", "ended by"], ended, numeric=False)),
     ]
     return Report(f"Trade: {found.scene}", lead, sections, made_by())
 
 
 _CAPTION = (
     "Below and to the left is better. Error: of attitude in rad or of position relative to the path, whichever is "
-    "larger, at the end. Time: of the scene as it is run, with all its outputs. Rings mark the front, the runs that no "
-    "other one beats in both; the double ring is the one to take. Below the dashed line the reference cannot tell. "
-    "Times are of this machine."
+    "larger, at the end. Time: with all outputs of the scene. Rings mark the front, the runs that no other one beats "
+    "in both; the double ring is the recommendation. Errors below the dashed line are less than that of the reference. "
+    "Times were measured on this machine."
 )
 
 _COLUMNS = (
-    "From fast to accurate. Attitude, rate and position: errors at the end. As run: with all outputs of the scene, as "
-    "with a log, to which its writing comes; end alone: without them. Energy, L and p: defects of the balances of "
-    "energy, angular and linear momentum at the end. Evaluations: of torque and force in the accepted steps and in "
-    "what they were compared with; none where a method has no fixed number of them."
+    "From fast to accurate. Attitude, rate and position: errors at the end. As run: with all outputs of the scene, but "
+    "without writing a log; end alone: without outputs. Energy, L and p: defects of the balances of energy, angular "
+    "and linear momentum at the end. Evaluations: of torque and force in the accepted steps, error estimates "
+    "included; none if a method has no fixed number of them."
 )
 
 
 def _taken(found: Trade) -> list[str]:
-    """Return what to write into the scene."""
+    """Return the line to write in the scene."""
     if found.recommended is None:
         return [found.shortfall]
     whole = found.recommended.whole
@@ -95,7 +95,7 @@ def _taken(found: Trade) -> list[str]:
             f"{whole.error:.1e} if it grows with the square of time, which was not measured{_would_do(found)}."
         )
     elif found.trial_s < found.whole:
-        said.append(f"It was flown to the end for that: the error is the one after all {found.whole:g} s.")
+        said.append(f"It was run to the end for that: the error is the one after all {found.whole:g} s.")
     return said
 
 
@@ -104,7 +104,7 @@ def _would_do(found: Trade) -> str:
 
 
 def _compiled(found: Trade) -> list[str]:
-    """Return which times are those of compiled code, and what compiling took."""
+    """Return which times are those of compiled code, and the compile times."""
     compiled = sum(row.compiled for row in found.rows)
     said = []
     if compiled:
@@ -176,10 +176,10 @@ def _cells(found: Trade, row: TradeRow) -> list[str]:
 
 
 def work_precision(found: Trade) -> str:
-    """Return error against time per simulated second as an SVG element, both logarithmic, one line for each method."""
+    """Return error against time per simulated second as an SVG element, both logarithmic, one line per method."""
     styles = _styles(list(dict.fromkeys(row.method for row in found.rows)))
     height = _TOP + _HEIGHT + _BOTTOM + _LEGEND_ROW * math.ceil(len(styles) / _LEGEND_COLUMNS)
-    name = "Error against time of computing, one line for each method"
+    name = "Error against computing time, one line per method"
     root = Element("svg", {"viewBox": f"0 0 {_WIDTH:g} {height:g}", "role": "img", "aria-label": name})
     times = [row.time_per_s for row in found.rows] + ([1.0 / found.budget] if found.budget else [])
     lines = [found.reference.error] + ([found.target] if found.target else [])
@@ -209,14 +209,14 @@ def _name(row: TradeRow) -> str:
 
 
 class _Names:
-    """Writes names, each where none stands yet."""
+    """Writes labels where there is room."""
 
     def __init__(self, root: Element) -> None:
         self._root = root
         self._taken: list[tuple[float, float, float]] = []
 
     def write(self, name: str, x: float, y: float, *, to_left: bool = False) -> bool:
-        """Write `name` from x, or up to it, on the line y; whether there was room."""
+        """Write `name` starting, or ending, at x on the line y; return whether there was room."""
         width = _LETTER * len(name)
         left = x - width if to_left else x
         if left < _LEFT or any(
@@ -229,10 +229,10 @@ class _Names:
 
 
 def _mark_front(root: Element, points: Sequence[tuple[str, float, float]], names: _Names) -> None:
-    """Draw rings round the runs of the front, and their names beside them, as far as there is room."""
+    """Draw rings round the runs of the front, with labels as far as there is room."""
     for name, x, y in points:
         _ring(root, x, y, 5.5)
-        # At the left of the front there is nothing. A double ring has room, too.
+        # To the left of the front there is free space; a double ring is given room, too.
         if not names.write(name, x - 11.0, y + 3.0, to_left=True):
             names.write(name, x + 11.0, y - 7.0)
 
@@ -247,22 +247,22 @@ class _Axis:
         self._start, self._scale = start, (end - start) / (self.high - self.low)
 
     def place(self, value: float) -> float:
-        """Return where `value` stands."""
+        """Return the position of `value`."""
         return self._start + self._scale * (math.log10(value) - self.low)
 
     def ticks(self) -> list[tuple[float, str]]:
-        """Return where the labelled decades stand, and their labels."""
+        """Return positions and labels of the decades."""
         every = math.ceil((self.high - self.low) / 16)
         decades = range(self.low, self.high + 1, every)
         return [(self.place(10.0**k), f"1e{k}".replace("-", "\N{MINUS SIGN}")) for k in decades]
 
 
 class _Style:
-    """What the line and the marks of a method look like: a colour and a mark for the family, a dash for the member."""
+    """Style of a method's line and marks: a colour and a mark for the family, a dash for the member."""
 
     def __init__(self, family: int, member: int) -> None:
         self._color = _COLORS[family % len(_COLORS)]
-        # The numbers of colours and of shapes have no common factor: a colour comes again with another shape.
+        # The numbers of colours and of shapes are coprime, so a repeated colour has another shape.
         self._shape = _SHAPES[family % len(_SHAPES)]
         self._dash = _DASHES[member % len(_DASHES)]
 
@@ -281,7 +281,7 @@ class _Style:
 
 
 def _styles(methods: Sequence[str]) -> dict[str, _Style]:
-    """Return a style for each method; methods that differ only in the digits at their end are a family."""
+    """Return a style for each method; methods whose names differ only in the final digits are a family."""
     families: dict[str, int] = {}
     styles: dict[str, _Style] = {}
     for method in methods:
@@ -328,11 +328,11 @@ def _grid(root: Element, across: _Axis, up: _Axis) -> None:
 
 
 def _bounds(root: Element, found: Trade, across: _Axis, up: _Axis) -> _Names:
-    """Draw what the reference can tell and what was asked for; return the names, which those of runs are to respect."""
+    """Draw the error of the reference and the target; return their labels, which other labels must avoid."""
     right, names = _WIDTH - _RIGHT, _Names(root)
     y = up.place(found.reference.error)
     _stroke(root, [(_LEFT, y), (right, y)], "1", "0.8", "5 4")
-    # Below it no run can be, and at the right no ring of one that is fast.
+    # No run can be below it, and to its right there is no ring of a fast one.
     names.write("the reference is good to here", right - 4.0, y + _NAME, to_left=True)
     if found.target:
         y = up.place(min(found.target, _WORST))

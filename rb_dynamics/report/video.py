@@ -1,7 +1,7 @@
-"""The tumble as a video, without a screen: the body with its vectors, and its ellipsoid rolling on the plane.
+"""Video of the motion, without a display: the body with its vectors, and its ellipsoid rolling on the plane.
 
-GIF needs matplotlib; MP4 also needs ffmpeg, from the system or from the package imageio-ffmpeg. A run shorter than 5
-s is slowed down to that, one longer than 20 s is sped up, and the picture says so. Attitudes between samples are
+GIF needs matplotlib; MP4 also needs ffmpeg, from the system or from the package imageio-ffmpeg. A run shorter than 5 s
+is slowed down to that, one longer than 20 s is sped up, and the picture shows the speed. Attitudes between samples are
 interpolated.
 """
 
@@ -51,16 +51,16 @@ _L, _W, _POLHODE, _HERPOLHODE = ("#{:02x}{:02x}{:02x}".format(*color) for color 
 def write_video(
     path: str | os.PathLike[str], track: Track, rate: int = RATE, progress: Callable[[float], None] | None = None
 ) -> int:
-    """Write the motion as .mp4 or .gif and return the number of frames; folders above it are made.
+    """Write the motion as .mp4 or .gif and return the number of frames; missing folders are created.
 
     Args:
-        path: of the video; its ending says which kind.
-        track: what is seen.
+        path: the output file; its ending selects the format.
+        track: the motion.
         rate: pictures per second.
-        progress: hears of the fraction done.
+        progress: called with the fraction done.
 
     Raises:
-        LogError: the motion or the mass properties are not known, or the file cannot be written.
+        LogError: the motion or the mass properties are unknown, or the file cannot be written.
         MissingExtraError: matplotlib or ffmpeg is not installed.
     """
     target = Path(path)
@@ -68,7 +68,7 @@ def write_video(
     if target.suffix.lower() not in FORMATS:
         raise LogError(f"found {str(target)!r}, expected a file name that ends in {' or '.join(FORMATS)}; give another")
     make_folder(target)
-    # What is not finished never stands under the name of a video, nor in the place of an earlier one.
+    # An unfinished file must not have the name of a video, nor replace an earlier one.
     part = target.with_name(f".{target.stem}.part{target.suffix}")
     write = _write_gif if target.suffix.lower() == ".gif" else _write_mp4
     try:
@@ -85,7 +85,7 @@ def write_video(
 
 @dataclass(frozen=True)
 class _Seen:
-    """What is seen: attitude and rate of a body over time, with the points of contact of Poinsot's construction."""
+    """Attitude and rate of a body over time, with the points of contact of Poinsot's construction."""
 
     body: RigidBody
     time_s: Array
@@ -117,7 +117,7 @@ def _seen(track: Track) -> _Seen:
 
 
 def _frames(motion: _Seen, rate: int, progress: Callable[[float], None] | None) -> Iterator[bytes]:
-    """Give one RGBA picture after the other."""
+    """Yield the RGBA pictures."""
     try:
         from matplotlib import style
         from matplotlib.figure import Figure
@@ -150,7 +150,7 @@ def _axes(figure: Figure, place: int, reach: float, title: str) -> Axes:
 
 
 def _screen(view: Eye) -> Array:
-    """Return (3, 2): right and up of a picture as seen by the eye."""
+    """Return (3, 2): right and up direction of a picture."""
     toward = np.array(view.position) / np.linalg.norm(view.position)
     right = np.cross(view.up, toward)
     right /= np.linalg.norm(right)
@@ -164,7 +164,7 @@ def _line(axes: Axes, color: str, width: float = 1.5) -> Line2D:
 
 
 class _Body:
-    """The box with the inertia of the body, its axes, and the directions of L and of the angular velocity."""
+    """A box with the inertia of the body, its axes, and the directions of L and of the angular velocity."""
 
     def __init__(self, figure: Figure, motion: _Seen) -> None:
         from matplotlib.collections import PolyCollection
@@ -186,7 +186,7 @@ class _Body:
     def show(self, time_s: float) -> None:
         _, attitude, rate = self._motion.at(time_s)
         normals = rotate_all(attitude, self._normals)
-        # Of a convex body, what faces the eye hides all else.
+        # In a convex body, the faces towards the viewer hide all others.
         seen = np.flatnonzero(normals @ self._toward > 0.0)
         self._skin.set_verts(list(rotate_all(attitude, self._faces[seen]) @ self._screen))
         shade = 0.30 + 0.35 * (normals[seen] @ self._toward)
@@ -200,7 +200,7 @@ class _Body:
 
 
 class _Rolling:
-    """The ellipsoid of inertia on the invariable plane, with the part of both curves that has been drawn."""
+    """The ellipsoid of inertia on the invariable plane, with the parts of both curves drawn so far."""
 
     def __init__(self, figure: Figure, motion: _Seen) -> None:
         from matplotlib.patches import Polygon
@@ -245,7 +245,7 @@ def _point(line: Line2D, tip: Array) -> None:
 
 
 def _corners(axis: int, side: int) -> Array:
-    """Return the corners of one face of the cube from -1 to 1, in order round it."""
+    """Return the corners of one face of the cube from -1 to 1, in cyclic order."""
     face = np.empty((4, 3))
     face[:, axis] = side
     face[:, axis - 1], face[:, axis - 2] = (-1, -1, 1, 1), (-1, 1, 1, -1)
@@ -255,7 +255,7 @@ def _corners(axis: int, side: int) -> Array:
 def _write_gif(target: Path, frames: Iterable[bytes], rate: int) -> int:
     from PIL import Image
 
-    # The octree keeps the colours of thin lines, where the median cut gives them up for shades of large faces.
+    # The octree keeps the colours of thin lines, which the median cut replaces by shades of large faces.
     octree = Image.Quantize.FASTOCTREE
     pictures = [Image.frombytes("RGBA", _SIZE, frame).convert("RGB").quantize(128, octree) for frame in frames]
     pictures[0].save(target, save_all=True, append_images=pictures[1:], duration=1000 // rate, loop=0, optimize=False)
@@ -265,7 +265,7 @@ def _write_gif(target: Path, frames: Iterable[bytes], rate: int) -> int:
 def _write_mp4(target: Path, frames: Iterable[bytes], rate: int) -> int:
     size = f"{_SIZE[0]}x{_SIZE[1]}"
     source = ["-f", "rawvideo", "-pix_fmt", "rgba", "-s", size, "-r", str(rate), "-i", "-"]
-    # yuv420p is what every player shows; faststart lets a browser begin before the end is there.
+    # yuv420p can be shown by every player; with faststart a browser can begin before the download ends.
     coded = ["-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "20", "-movflags", "+faststart", str(target)]
     command = [_ffmpeg(), "-y", "-loglevel", "error", *source, *coded]
     count = 0

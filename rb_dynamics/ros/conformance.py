@@ -139,7 +139,7 @@ class Conformance(Node):
         """
         self._subject = subject
         for topic, publisher in self._wrenches.items():
-            self._until(partial(_is_heard, publisher), f"nobody listens on {topic}")
+            self._until(partial(_is_heard, publisher), f"no subscriber on {topic}")
         self._moments(0.0)
         world, body = self._odometry[-1].header.frame_id, self._odometry[-1].child_frame_id
         zero = (world, _NONE, _NONE)
@@ -187,7 +187,7 @@ class Conformance(Node):
         )
         try:
             if not self._within(_MATCHING, lambda: bool(unfit)):
-                self._until(partial(_is_heard, offered), f"nobody listens on {topic}")
+                self._until(partial(_is_heard, offered), f"no subscriber on {topic}")
                 return ConformanceResult(
                     name, True, 0.0, 0.0, "BEST_EFFORT is compatible, so there is nothing to report"
                 )

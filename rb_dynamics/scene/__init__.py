@@ -1,4 +1,4 @@
-"""Scene files: from YAML to a validated `Scene`, and from a scene to the least model that moves it."""
+"""Scene files: from YAML to a validated `Scene`, and from a scene to the smallest model that describes it."""
 
 from rb_dynamics.scene.read import opened, parse_scene, read_scene
 

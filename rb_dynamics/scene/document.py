@@ -1,7 +1,7 @@
-"""YAML text as a tree of plain values that knows the line of each value.
+"""YAML text as a tree of plain values with line numbers.
 
-Size, depth and number of values are bounded, so that no input takes long or much memory. Tags are refused, so that
-nothing is ever constructed from a file. Which keys a scene may have is defined in `read.py`.
+Size, depth and number of values are bounded, so that no input takes much time or memory. Tags are refused, so that no
+object is ever constructed from a file. `read.py` defines the keys of a scene.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ MAX_VALUES = 100_000
 Value: TypeAlias = "bool | float | str | list[Node] | dict[str, Node] | None"
 
 # YAML 1.1 reads 1e-9 as text, 010 as octal, 1_000 as 1000 and 1:30 as 90. Here a number is what people and other
-# languages write in decimal, and anything else stays text, which is then reported where a number is expected.
+# languages write in decimal, and anything else stays text and is reported if a number is expected.
 _OCTAL = re.compile(r"[-+]?0[0-9]")
 _NOT_FINITE = re.compile(r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)")
 
@@ -36,10 +36,10 @@ class Node:
 
     Attributes:
         value: every number is a float; mappings keep the order of the file.
-        line: where the value begins, from 1; None where it comes from an override.
-        key_line: where its key stands; the value's line for an item of a list.
-        text: a scalar as it was written, for messages.
-        quoted: a scalar that stood in quotes.
+        line: where the value begins, from 1; None if it comes from an override.
+        key_line: line of its key; the value's line for an item of a list.
+        text: a scalar as written, for messages.
+        quoted: whether a scalar was in quotes.
     """
 
     value: Value
@@ -50,12 +50,12 @@ class Node:
 
 
 def parse(text: str, problems: Problems, kind: str = "scene", needed: str = "body") -> Node:
-    """Return the mapping that `text` holds; duplicate keys go to `problems`.
+    """Return the mapping in `text`; duplicate keys are added to `problems`.
 
-    Messages call it a `kind`, with the key `needed`.
+    Messages call it a `kind` with the key `needed`.
 
     Raises:
-        SceneError: not YAML, not one mapping, or beyond the limits of this module.
+        SceneError: the text is not YAML, not one mapping, or beyond the limits of this module.
     """
     source = problems.source
     root = _loaded(text, source, kind, _Loader, _Loader.get_single_node)
@@ -77,16 +77,16 @@ def holds(document: Node, keys: Iterable[str], absent: str) -> bool:
 
 
 def load(text: str, source: str, kind: str) -> object:
-    """Return `text` of another program as PyYAML reads it, which is never more than what stands in it.
+    """Return the plain values in `text` from another program, as PyYAML reads it, without aliases.
 
     Raises:
-        SceneError: not YAML, with aliases, or beyond the limits of this module.
+        SceneError: the text is not YAML, has aliases, or is beyond the limits of this module.
     """
     return _loaded(text, source, kind, _PlainLoader, _PlainLoader.get_single_data)
 
 
 def value_of(text: str, source: str) -> object:
-    """Return what `text` would be as the value of a key of a document.
+    """Return the node for `text` as the value of a key.
 
     Raises:
         SceneError: it is not YAML.
@@ -96,14 +96,14 @@ def value_of(text: str, source: str) -> object:
 
 
 def plain(node: Node) -> object:
-    """Return `node` as numbers, texts, lists and mappings of Python."""
+    """Return `node` as numbers, strings, lists and mappings of Python."""
     if isinstance(node.value, dict):
         return {key: plain(value) for key, value in node.value.items()}
     return [plain(item) for item in node.value] if isinstance(node.value, list) else node.value
 
 
 def from_python(value: object) -> Node:
-    """Return `value` (scalar, sequence, mapping or array) as a node that came from an override."""
+    """Return `value` (scalar, sequence, mapping or array) as a node of an override."""
     tolist = getattr(value, "tolist", None)  # numpy and array.array, without importing either
     if callable(tolist):
         value = tolist()
@@ -129,7 +129,7 @@ def to_text(document: Node, comment: str) -> str:
 
 
 def show(node: Node, limit: int = 60) -> str:
-    """Return the value of `node` as it was written, on one line and cut at `limit` characters."""
+    """Return the value of `node` as written, on one line and cut at `limit` characters."""
     value = node.value
     if isinstance(value, list):
         return printable(f"[{', '.join(show(item) for item in value[:10])}{', ...' if len(value) > 10 else ''}]", limit)
@@ -142,7 +142,7 @@ def show(node: Node, limit: int = 60) -> str:
 
 
 def is_decimal(text: str) -> bool:
-    """Return whether `text` is a number in decimal notation, and in no other."""
+    """Return whether `text` is a number in decimal notation."""
     return decimals.is_decimal(text) and _OCTAL.match(text) is None
 
 
@@ -155,7 +155,7 @@ def _to_python(node: Node) -> object:
 
 
 class _Dumper(yaml.SafeDumper):
-    """PyYAML's dumper with quotes around text that `parse` would read as a number, such as '1e-9'."""
+    """PyYAML's dumper, with quotes around text that `parse` would read as a number, such as '1e-9'."""
 
 
 def _represent_text(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
@@ -166,7 +166,7 @@ _Dumper.add_representer(str, _represent_text)
 
 
 class _Loader(yaml.SafeLoader):
-    """PyYAML's composer, stopped at the limits of this module while it composes, not after."""
+    """PyYAML's composer, stopped at the limits of this module while it composes."""
 
     def __init__(self, text: str, source: str) -> None:
         super().__init__(text)
@@ -195,7 +195,7 @@ _T = TypeVar("_T")
 
 
 class _PlainLoader(_Loader):
-    """The same without aliases: merged (<<: *name) they may be very many values."""
+    """The same without aliases: merged ones (<<: *name) could expand to very many values."""
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         if self.check_event(yaml.AliasEvent):
@@ -217,7 +217,7 @@ def _check_limits(depth: int, count: int, source: str, line: int) -> None:
 
 
 def _loaded(text: str, source: str, kind: str, loads: type[_L], take: Callable[[_L], _T]) -> _T:
-    """Return what `take` makes of a loader of `text`, with its errors as ours."""
+    """Return the result of `take` with a loader of `text`; PyYAML's errors become ours."""
     if len(text) > MAX_CHARACTERS:
         raise SceneError(
             f"{source}: found {len(text)} characters, expected at most {MAX_CHARACTERS}; a {kind} is a short text, "
@@ -237,7 +237,7 @@ def _loaded(text: str, source: str, kind: str, loads: type[_L], take: Callable[[
             f"{source}:{line}: found the character {chr(error.character)!a}, expected a text file in UTF-8; "
             "check that this is the right file"
         ) from error
-    except (ValueError, OverflowError) as error:  # PyYAML's own slips, as for "\UFFFFFFFF"
+    except (ValueError, OverflowError) as error:  # bugs of PyYAML, as for "\UFFFFFFFF"
         raise SceneError(
             f"{source}: found no valid YAML ({error}), expected a text in it; check escapes such as \\U in quotes"
         ) from error
@@ -261,7 +261,7 @@ _YAML_REMEDIES = {
 
 @dataclass
 class _Converter:
-    """Turns PyYAML's nodes into ours; aliases are expanded, and counted as often as they are."""
+    """Turns PyYAML's nodes into ours; aliases are expanded, and counted at each use."""
 
     problems: Problems
     count: int = field(default=0, init=False)

@@ -1,6 +1,7 @@
-"""`Entry`: one entry of a scene's list of effects, from which `Effect.read` takes its values.
+"""`Entry`: one entry of a scene's list of effects, from which `Effect.read` reads its values.
 
-Every problem is noted with its line, so that one error reports them all; the value returned for it is a placeholder.
+Every problem is recorded with its line, so that one error reports all of them; the value returned for it is a
+placeholder.
 """
 
 from __future__ import annotations
@@ -28,8 +29,8 @@ class Entry:
 
     Attributes:
         section: the values by key.
-        body: that the effect will act on; None where the scene says none that makes sense.
-        frames: by which wrenches are meant.
+        body: the body that the effect acts on; None if the scene has no valid one.
+        frames: resolve the frames of wrenches.
     """
 
     section: Section
@@ -38,7 +39,7 @@ class Entry:
 
     @property
     def is_particle(self) -> bool:
-        """Whether the body is one."""
+        """Whether the body is a particle."""
         return self.body is not None and self.body.is_particle
 
     def has(self, name: str) -> bool:
@@ -46,12 +47,12 @@ class Entry:
         return name in self.section.values
 
     def is_list(self, name: str) -> bool:
-        """Return whether a list stands at `name`."""
+        """Return whether there is a list at `name`."""
         field = self.section.get(name)
         return field is not None and isinstance(field.node.value, list)
 
     def reject(self, expected: str, remedy: str, key: str = "") -> None:
-        """Note that the entry, or its value at `key` if it is there, is not what was `expected`."""
+        """Record that the entry, or its value at `key` if present, is not what was `expected`."""
         field = self.section.get(key) if key else self.section.field
         if field is not None:
             field.reject(expected, remedy)
@@ -64,12 +65,12 @@ class Entry:
         remedy: str = "",
         default: float | None = None,
     ) -> float:
-        """Return the finite number at `name` that `accepts` accepts; it has to be there where it has no `default`."""
+        """Return the finite number at `name` that `accepts` accepts; required if there is no `default`."""
         rule = Rule(expected, accepts, remedy)
         return self.section.number(name, rule, 1.0 if default is None else default, required=default is None)
 
     def vector(self, name: str, expected: str, default: Vector | None = None) -> Vector:
-        """Return three finite numbers, each `expected`; they have to be there where they have no `default`."""
+        """Return three finite numbers, each `expected`; required if there is no `default`."""
         field = self.section.get(name)
         if field is not None:
             return field.vector(Rule(expected))
@@ -78,7 +79,7 @@ class Entry:
         return default or ZERO
 
     def per_axis(self, name: str, expected: str, accepts: Callable[[float], bool] = _any, remedy: str = "") -> Vector:
-        """Return one number for each body axis, zero where `name` is absent; a single number is for all of them."""
+        """Return one number per body axis, zero if `name` is absent; a single number applies to all axes."""
         rule, field = Rule(expected, accepts, remedy), self.section.get(name)
         if field is None:
             return ZERO
@@ -88,17 +89,17 @@ class Entry:
         return (value, value, value)
 
     def flag(self, name: str, default: bool = False) -> bool:
-        """Return true or false."""
+        """Return a boolean."""
         field = self.section.get(name)
         return default if field is None else field.flag(default)
 
     def text(self, name: str, expected: str, default: str) -> str:
-        """Return a text."""
+        """Return a string."""
         field = self.section.get(name)
         return default if field is None else field.text(expected, lambda _: True, "write a name", default)
 
     def timeline(self, name: str, keys: Sequence[str], expected: str, remedy: str) -> list[tuple[float, Entry]]:
-        """Return the entries of a list, each with its `time` (s) and `keys`, in order of growing time; at least one."""
+        """Return the entries of a list, each with its `time` (s) and `keys`, in ascending order of time."""
         field = self.section.get(name)
         if field is None:
             self.section.missing(name, expected, remedy)

@@ -1,7 +1,7 @@
 """Read values of a document as the expected type: numbers, vectors, quaternions, names, sections.
 
-Each reader notes a problem and returns a usable placeholder, so that one pass finds all problems. What the values
-mean is defined in `read.py`.
+Each reader records a problem and returns a usable placeholder, so that one pass finds all problems. `read.py` defines
+the meaning of the values.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from rb_dynamics.scene.problems import Problems, printable
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """What a number has to be: in words, as a test for finite numbers, and how to mend one that fails it."""
+    """Condition on a number: in words, as a test for finite numbers, and the remedy."""
 
     expected: str
     accepts: Callable[[float], bool] = lambda _: True
@@ -29,21 +29,21 @@ class Rule:
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """One value, its dotted key, and where to note what is wrong with it."""
+    """One value, its dotted key, and where its problems are recorded."""
 
     node: Node
     key: str
     problems: Problems
 
     def reject(self, expected: str, remedy: str, found: str = "") -> None:
-        """Note that this value is not what was `expected`; `found` replaces the value as it was written."""
+        """Record that this value is not what was `expected`; `found` replaces the value as written."""
         text = f"found {found or show(self.node)}, expected {expected}; {remedy}"
         self.problems.add(self.node.line, self.key, text)
 
     def section(self, known: Sequence[str], nested: Sequence[str] = ()) -> Section:
-        """Return the mapping that stands here, an empty one where none does; keys that are not `known` are noted.
+        """Return the mapping here, empty if there is none; keys that are not `known` are recorded.
 
-        `nested` are dotted keys of sections in it, of which one may have been meant.
+        `nested` are dotted keys of sections in it, one of which may have been meant.
         """
         value = self.node.value
         if not isinstance(value, dict):
@@ -54,14 +54,14 @@ class Field:
         return section
 
     def mapping(self, expected: str) -> dict[str, Field]:
-        """Return the values by name of a mapping with free names to what is `expected`."""
+        """Return the values by name of a mapping with arbitrary names."""
         if isinstance(self.node.value, dict):
             return Section(self, self.node.value).fields()
         self.reject(f"a mapping from names to {expected}", f"write name: {expected}, or remove the key")
         return {}
 
     def items(self, expected: str, remedy: str) -> list[Field]:
-        """Return the items of the list that stands here."""
+        """Return the items of the list here."""
         if isinstance(self.node.value, list):
             return self._list(self.node.value)
         self.reject(expected, remedy)
@@ -79,14 +79,14 @@ class Field:
         return default
 
     def flag(self, default: bool) -> bool:
-        """Return true or false."""
+        """Return a boolean."""
         if isinstance(self.node.value, bool):
             return self.node.value
         self.reject("true or false", "write true or false, without quotes")
         return default
 
     def text(self, expected: str, accepts: Callable[[str], bool], remedy: str, default: str) -> str:
-        """Return a text that `accepts` accepts."""
+        """Return a string that `accepts` accepts."""
         value = self.node.value
         if isinstance(value, str):
             if accepts(value):
@@ -108,7 +108,7 @@ class Field:
         return (x, y, z)
 
     def matrix(self, rule: Rule) -> Matrix | None:
-        """Return three rows of three numbers; None where there is a problem with the shape."""
+        """Return three rows of three numbers; None if the shape is wrong."""
         rows = self.node.value
         if not isinstance(rows, list) or len(rows) != 3:
             count = f"{len(rows)} values: " if isinstance(rows, list) else ""
@@ -125,14 +125,14 @@ class Field:
         """Return a unit quaternion (x, y, z, w), normalised."""
         if isinstance(self.node.value, list):
             self.reject(
-                "{x:, y:, z:, w:}", "name the components, so that their order is certain: {x: 0, y: 0, z: 0, w: 1}"
+                "{x:, y:, z:, w:}", "name the components, so that their order is unambiguous: {x: 0, y: 0, z: 0, w: 1}"
             )
             return IDENTITY
         section = self.section(("x", "y", "z", "w"))
         rule = Rule("a component of a unit quaternion")
         x, y, z, w = (section.number(name, rule, math.nan, required=True) for name in ("x", "y", "z", "w"))
         norm = math.hypot(x, y, z, w)
-        if math.isnan(norm):  # a component is missing or wrong, and has been noted
+        if math.isnan(norm):  # a component is missing or wrong, which has been recorded
             return IDENTITY
         found = unit((x, y, z, w))
         if found is None:
@@ -149,14 +149,14 @@ class Field:
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A mapping whose keys are known; `misspelt` holds the known keys that unknown ones were probably meant to be."""
+    """A mapping with known keys; `misspelt` holds the known keys that were probably meant by unknown ones."""
 
     field: Field
     values: dict[str, Node]
     misspelt: set[str] = dataclasses.field(default_factory=set)
 
     def check(self, known: Sequence[str], nested: Sequence[str] = ()) -> None:
-        """Note every key that is not `known`, with the nearest that is, or the nearest name at the end of `nested`."""
+        """Record every key that is not `known`, with the nearest known one or end of a name in `nested`."""
         ends = {key.rpartition(".")[2]: key for key in nested}
         for name, node in self.values.items():
             if name in known:
@@ -170,24 +170,24 @@ class Section:
             self.field.problems.add(node.key_line, join(self.field.key, name) or "''", text)
 
     def fields(self) -> dict[str, Field]:
-        """Return every value by its name, for sections whose keys are free."""
+        """Return every value by name, for sections with arbitrary keys."""
         return {
             name: Field(node, join(self.field.key, name), self.field.problems) for name, node in self.values.items()
         }
 
     def get(self, name: str) -> Field | None:
-        """Return the value of `name`, None where it is absent."""
+        """Return the value of `name`, None if it is absent."""
         node = self.values.get(name)
         return None if node is None else Field(node, join(self.field.key, name), self.field.problems)
 
     def missing(self, name: str, expected: str, remedy: str) -> None:
-        """Note that the required key `name` is absent, unless that follows from a problem already noted."""
+        """Record that the required key `name` is absent, unless that follows from a problem already recorded."""
         if isinstance(self.field.node.value, dict) and name not in self.misspelt:
             text = f"found nothing, expected {expected}; {remedy}"
             self.field.problems.add(self.field.node.key_line, join(self.field.key, name), text)
 
     def section(self, name: str, known: Sequence[str]) -> Section:
-        """Return the section `name`, empty where it is absent."""
+        """Return the section `name`, empty if it is absent."""
         field = self.get(name)
         if field is not None:
             return field.section(known)
@@ -195,7 +195,7 @@ class Section:
         return Section(Field(empty, join(self.field.key, name), self.field.problems), {})
 
     def number(self, name: str, rule: Rule, default: float, *, required: bool = False) -> float:
-        """Return the number `name`, `default` where it is absent."""
+        """Return the number `name`, `default` if it is absent."""
         field = self.get(name)
         if field is not None:
             return field.number(rule, default)
@@ -204,18 +204,18 @@ class Section:
         return default
 
     def vector(self, name: str, rule: Rule) -> Vector:
-        """Return the vector `name`, zero where it is absent."""
+        """Return the vector `name`, zero if it is absent."""
         field = self.get(name)
         return ZERO if field is None else field.vector(rule)
 
     def quaternion(self, name: str) -> Quaternion:
-        """Return the unit quaternion `name`, the identity where it is absent."""
+        """Return the unit quaternion `name`, the identity if it is absent."""
         field = self.get(name)
         return IDENTITY if field is None else field.quaternion()
 
 
 def _number_remedy(node: Node) -> str:
-    """Return how to mend a value that is no finite number; says what YAML made of it where that may surprise."""
+    """Return the remedy for a value that is not a finite number, and how YAML reads it if that may surprise."""
     value = node.value
     if isinstance(value, bool):
         return "true and false (in YAML also yes, no, on, off) are not numbers, write digits"

@@ -16,25 +16,25 @@ from rb_dynamics.numerics.argument_checks import instance, instances, number, sh
 from rb_dynamics.numerics.nanoseconds import LONGEST, SHORTEST, nanoseconds
 
 DEFAULT_ACCURACY = 1e-9
-"""The error (rad, and relative to the path) accepted at the end of a run that says neither a step nor an accuracy."""
+"""Error (rad, and relative to the path) accepted at the end of a run with neither a step nor an accuracy."""
 
 
 @dataclass(frozen=True, slots=True)
 class Solver:
-    """How the motion is computed: a method by name with a `step` (s), or with an `accuracy` that sets the step."""
+    """How the motion is computed: the name of a method with a `step` (s), or with an `accuracy` that sets the step."""
 
     method: str = "auto"
     step: float | None = None
     accuracy: float | None = DEFAULT_ACCURACY
 
     def __post_init__(self) -> None:
-        """Refuse what no run can use; whether the method can take what acts is seen where a run is planned.
+        """Validate the fields; whether the method supports the load is checked when a run is planned.
 
         Raises:
-            TypeError: a field is not of its type.
-            SceneError: there is no such method, step or accuracy is not greater than 0, or the accuracy not below 1.
+            TypeError: a field has the wrong type.
+            SceneError: there is no such method, step or accuracy is not greater than 0, or the accuracy is not below 1.
         """
-        # The methods are not imported for a scene that leaves the choice open.
+        # Do not import the methods for a scene without a named method.
         if instance(self.method, str, "solver.method", "write its name") != "auto":
             from rb_dynamics.motion import METHODS, remedy
 
@@ -48,7 +48,7 @@ class Solver:
         if self.accuracy is not None and self.accuracy >= 1.0:
             raise SceneError(
                 f"solver.accuracy is {self.accuracy!r}, expected less than 1 (rad, and relative to the distance "
-                "travelled): more is none; write a smaller one, or a step"
+                "travelled); write a smaller one, or a step"
             )
 
 
@@ -58,19 +58,19 @@ class Scene:
 
     Attributes:
         body: mass properties.
-        frames: names of world and body, fixed frames and the wrench rule; centre of mass and whether a torque can act
-            are those of `body`, of another one after `replace(scene, body=...)` too.
+        frames: names of world and body, fixed frames and the wrench rule. Centre of mass and inertia are taken from
+            `body`, also after `replace(scene, body=...)`.
         initial: state at time 0.
         channels: wrench channels, in the order of the scene.
         solver: method and step or accuracy.
-        duration: s, or None where the run has no end of its own.
+        duration: s, or None for an open-ended run.
         output_rate: Hz of published and logged states; 0 for every step.
-        text: the scene as YAML, as read; where values were overridden, with those in it; where a file says what the
-            body is (mesh, URDF), with what it says. It alone makes this scene.
+        text: the scene as YAML, as read; with overrides applied, and with the contents of files that define the body
+            (mesh, URDF). It defines the scene completely.
         source: file name, for messages.
-        effects: what acts beside the wrenches, in the order of the scene.
-        findings: what was suspicious about the body as it was read; not part of what the scene is.
-        surface: file of the mesh that the body is, and its unit in m, for pictures; not part of what the scene is.
+        effects: loads in addition to the wrenches, in the order of the scene.
+        findings: suspicious properties of the body; not part of the scene.
+        surface: mesh file of the body and its unit in m, for pictures; not part of the scene.
     """
 
     body: RigidBody
@@ -87,14 +87,13 @@ class Scene:
     surface: tuple[str, float] | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
-        """Refuse what is no scene; whether the solver can run it is seen where a run is planned.
+        """Validate the fields; whether the solver can run the scene is checked when a run is planned.
 
         Raises:
-            TypeError: a field is not of its type.
+            TypeError: a field has the wrong type.
             ValueError: a number in `initial` is not finite, or the norm of its attitude is not 1.
-            SceneError: `initial` has a time that is not 0, a channel has a topic that it may not have, two have one,
-                duration or output rate makes no sense, or the frames were made with another centre of mass than the
-                body has.
+            SceneError: the time of `initial` is not 0, the topic of a channel is not allowed or used twice, duration
+                or output rate is out of range, or the frames were made for another centre of mass.
         """
         instance(self.body, RigidBody, "body", "make one with RigidBody.from_diagonal(mass, moments)")
         frames = instance(self.frames, WrenchFrames, "frames", "write WrenchFrames()")
@@ -128,12 +127,12 @@ class Scene:
 
     @property
     def end_ns(self) -> int | None:
-        """`duration` in whole nanoseconds: the time at which a run ends."""
+        """`duration` in whole nanoseconds, the end of a run."""
         return None if self.duration is None else nanoseconds(self.duration)
 
     @property
     def combined_effects(self) -> CombinedEffects:
-        """What the effects do to the body."""
+        """The effects combined, for this body."""
         return CombinedEffects(self.body, self.effects, self.frames)
 
 

@@ -1,4 +1,4 @@
-"""Overrides: values from the command line, ROS parameters or a campaign, put into a document before it is validated.
+"""Overrides: values from the command line, ROS parameters or a campaign, applied to a document before validation.
 
 They are validated like any value of the file.
 """
@@ -17,9 +17,9 @@ PART = re.compile(r"([^.\[\]]+)((?:\[[0-9]{1,6}\])*)")
 
 
 def apply_overrides(document: Node, overrides: Mapping[str, object], problems: Problems) -> None:
-    """Set each dotted key of `overrides` in `document`; keys that lead nowhere go to `problems`.
+    """Set each dotted key of `overrides` in `document`; keys without a place there are added to `problems`.
 
-    `solver.step` takes the place of `solver.accuracy` and the other way round, unless both are overridden.
+    `solver.step` replaces `solver.accuracy` and vice versa, unless both are overridden.
     """
     for key, value in mapping(overrides, "overrides", "write {'body.mass': 2.0}").items():
         _set(document, str(key), from_python(value), problems)
@@ -52,7 +52,7 @@ def _set(document: Node, key: str, new: Node, problems: Problems) -> None:
 
 
 def _enter(node: Node, step: str | int, new: Node | None) -> Node | None:
-    """Return what `step` leads to from `node`, after putting `new` there; None where there is no such place."""
+    """Return the child `step` of `node`, after replacing it by `new`; None if there is no such place."""
     if isinstance(step, str) and isinstance(node.value, dict):
         if new is not None:
             node.value[step] = new
@@ -65,7 +65,7 @@ def _enter(node: Node, step: str | int, new: Node | None) -> Node | None:
 
 
 def _steps(key: str) -> list[str | int]:
-    """Return the names and indices that `key` walks along; none where it is not a dotted key."""
+    """Return the names and indices in `key`; empty if it is not a dotted key."""
     steps: list[str | int] = []
     for part in key.split("."):
         match = PART.fullmatch(part)

@@ -21,22 +21,22 @@ from rb_dynamics.numerics.nanoseconds import SHORTEST_STEP
 from rb_dynamics.scene.model import DEFAULT_ACCURACY, Scene
 
 OPEN_END_HORIZON = 3600.0
-"""The time (s) over which `accuracy` is kept where a scene has no duration."""
+"""The time (s) over which `accuracy` applies if a scene has no duration."""
 
 
 class Plan:
-    """What a scene is run with; it remembers the steps it has found, so each run needs a plan of its own.
+    """Method and step control of one run; it learns step sizes, so each run needs its own plan.
 
     Attributes:
-        name: of the method; "auto" where it varies along the run.
-        description: for a person.
+        name: of the method; "auto" if it varies during the run.
+        description: as text.
     """
 
     def __init__(self, scene: Scene) -> None:
-        """Find the least that `scene.solver` asks for.
+        """Choose the smallest model that meets `scene.solver`.
 
         Raises:
-            SceneError: the method cannot take the effects of the scene.
+            SceneError: the method does not support the effects of the scene.
         """
         self._scene = scene
         self._inertia = inertia_of(scene.body)
@@ -68,16 +68,16 @@ class Plan:
             self.description = f"auto: {closed}the cheapest of {names}, {self._steps(None)}"
 
     def arc(self, held: HeldWrench, start_ns: int, phase: Phase, load_from: LoadFrom | None) -> Arc:
-        """Return the motion from `start_ns` on, under `held` (body parts in principal axes) and what `load_from` gives.
+        """Return the motion from `start_ns` on, with `held` (body parts in principal axes) and the load of `load_from`.
 
         Raises:
-            ConvergenceError: no method keeps the accuracy here.
+            ConvergenceError: no method meets the accuracy here.
         """
 
         def stepper(method: Method) -> Stepper:
             return Stepper(method, self._inertia, held, load_from, self._outlook)
 
-        # Commands of one time may come one by one, each with an arc into which no time goes.
+        # Several commands may come at the same time, each with an arc that time never enters.
         if start_ns > self._from_ns:
             self._course = self.course(phase)
             self._from_ns, self._from = start_ns, phase
@@ -86,21 +86,21 @@ class Plan:
         return Arc(method, self._inertia, held, control, start_ns, phase, load_from, again, self._outlook)
 
     def course(self, phase: Phase) -> RoundingHistory:
-        """Return what lies behind `phase`, which is on the last arc."""
+        """Return the rounding history up to `phase`, which is on the last arc."""
         return self._course.on(self._inertia, self._from, phase)
 
     def _choose(
         self, held: HeldWrench, start_ns: int, phase: Phase, steady: bool, stepper: Callable[[Method], Stepper]
     ) -> tuple[Method, StepControl]:
         if self._method is None:
-            # An arc that time has not gone into leaves no trace, so that commands of one time may come one by one.
+            # An arc that time never enters must leave no trace, so that commands of one time may come one by one.
             if start_ns > self._start_ns:
                 self._length_ns, self._start_ns = start_ns - self._start_ns, start_ns
                 self._driven_arcs += self._driven
             self._driven = not (steady and has_closed_form(held, phase.orientation, phase.angular_velocity))
             if not self._driven:
                 return EXACT, WholeArc(self._accuracy if self._ends else math.inf, self._course.turned)
-            # Chosen anew after 0, 1, 2, 4, 8 ... driven arcs: the choice follows the scene and costs little.
+            # Choose again after 0, 1, 2, 4, 8 ... driven arcs: the choice follows the scene at little cost.
             if self._driven_arcs & (self._driven_arcs - 1) == 0:
                 self._chosen = self._cheapest(phase, stepper)
         if self._chosen is None:
@@ -108,11 +108,11 @@ class Plan:
         return self._chosen
 
     def _cheapest(self, phase: Phase, stepper: Callable[[Method], Stepper]) -> tuple[Method, StepControl]:
-        # How long an arc will be is not known; the last one is the best guess, without one the whole run.
+        # The length of an arc is unknown; the last one is the best guess, and initially the whole run.
         rest = max(self._horizon - phase.time, 1e-9) if self._ends else self._horizon
         arc = self._length_ns * 1e-9 or rest
         methods = tuple(METHODS[name] for name in CANDIDATES[self.takes])
-        if self._scene.solver.step is not None:  # the most accurate, as steps are not to choose
+        if self._scene.solver.step is not None:  # the most accurate, since it does not choose its steps
             methods = methods[:1]
         return cheapest(methods, self._control, stepper, phase, arc, rest)
 
@@ -147,16 +147,16 @@ def _of_phase(part: Callable[[Point], float], body: RigidBody) -> OfPhase:
 
 
 def _turns_nothing(scene: Scene) -> bool:
-    """Return whether the effects are but forces that are constant in the world."""
+    """Return whether all effects are forces that are constant in the world."""
     held = [scene.frames.hold(wrench) for _, entries in scene.combined_effects.schedules() for _, wrench in entries]
     return scene.combined_effects.takes == Takes.HELD and all(map(is_free, held))
 
 
 def cannot_take(scene: Scene, method: Method, takes: Takes) -> str:
-    """Return the message that `method` cannot take what acts in `scene`, which needs one that takes `takes`."""
+    """Return the error message if `method` does not support the load of `scene`, which requires `takes`."""
     able = sorted(other.name for other in METHODS.usable() if other.takes >= takes)
     acting = ", ".join(scene.combined_effects.varying)
     return (
-        f"{scene.source}: solver.method: found {method.name}, expected a method that can take {acting}: auto or one of "
+        f"{scene.source}: solver.method: found {method.name}, expected a method that supports {acting}: auto or one of "
         f"{', '.join(able)}; write one of these, or remove the effect"
     )

@@ -1,6 +1,6 @@
 """Read a scene file: YAML to a validated `Scene`. Keys, defaults and limits are defined here and in `read_*.py`.
 
-Nothing is guessed: an error names file, line, key, value, what was expected and how to mend it.
+Nothing is guessed: an error names file, line, key, value, what was expected and the remedy.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from rb_dynamics.scene.text_file import read_text
 _NO_OVERRIDES: Mapping[str, object] = MappingProxyType({})
 
 ROOT_KEYS = ("world_frame", "body", "initial", "wrenches", "effects", "solver", "duration", "output_rate")
-"""The keys of a scene; dotted parameters of the node begin with one of them."""
+"""The keys of a scene, with which dotted parameters of the node begin."""
 
 _NESTED_KEYS = (
     "body.mass", "body.center_of_mass", "body.inertia", "body.frames", "initial.position_world", "initial.orientation",
@@ -65,7 +65,7 @@ _OUTPUT_RATE = Rule(
 
 
 UNSAID = "# This scene was made or changed in Python: no text says what it is.\n"
-"""The text of a scene in a log, where there is none that makes it again."""
+"""Text of a scene in a log, if no text reproduces it."""
 
 
 def opened(scene: Scene | str | os.PathLike[str]) -> Scene:
@@ -81,10 +81,9 @@ def opened(scene: Scene | str | os.PathLike[str]) -> Scene:
 
 
 def read_scene(path: str | os.PathLike[str], overrides: Mapping[str, object] = _NO_OVERRIDES) -> Scene:
-    """Return the scene in the YAML file `path`, with dotted keys replaced as `overrides` says.
+    """Return the scene in the YAML file `path`, with the dotted keys in `overrides` replaced.
 
-    A name without a folder that is no file here, such as "slew.yaml", is looked for among the scenes that ship with the
-    package.
+    A name without a folder that is no file here, such as "slew.yaml", is looked up among the scenes of the package.
 
     Raises:
         SceneError: the file cannot be read, or is not a valid scene; one line for each problem.
@@ -99,7 +98,7 @@ def read_scene(path: str | os.PathLike[str], overrides: Mapping[str, object] = _
 
 
 def parse_scene(text: str, source: str = "<scene>", overrides: Mapping[str, object] = _NO_OVERRIDES) -> Scene:
-    """Return the scene in the YAML `text`, with dotted keys replaced as `overrides` says.
+    """Return the scene in the YAML `text`, with the dotted keys in `overrides` replaced.
 
     >>> scene = parse_scene("body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}", overrides={"duration": 10.0})
     >>> scene.body.principal_moments, scene.duration
@@ -113,7 +112,7 @@ def parse_scene(text: str, source: str = "<scene>", overrides: Mapping[str, obje
     tree = document.parse(text, problems)
     if document.holds(tree, ("scene", "runs"), "body"):
         raise SceneError(
-            f"{source}: found a campaign, expected a scene; fly it with rb-dynamics campaign {source}, or give the "
+            f"{source}: found a campaign, expected a scene; run it with rb-dynamics campaign {source}, or give the "
             "scene that it names"
         )
     apply_overrides(tree, overrides, problems)
@@ -122,10 +121,9 @@ def parse_scene(text: str, source: str = "<scene>", overrides: Mapping[str, obje
 
 
 def scene_of(tree: document.Node, problems: Problems, text: str, changes: Sequence[str] = ()) -> Scene:
-    """Return the scene in `tree`, which may be changed here; `problems` are those already found in it.
+    """Return the scene in `tree`, which may be changed; `problems` are those already found in it.
 
-    `text` is what `tree` was read from; where `changes` were made since, or a file says what the body is, the text of
-    the scene is written anew.
+    `text` is the source of `tree`; after `changes`, or if a file defines the body, the scene's text is generated.
 
     Raises:
         SceneError: it is not a valid scene; one line for each problem.
@@ -161,9 +159,9 @@ def scene_of(tree: document.Node, problems: Problems, text: str, changes: Sequen
 
 
 def with_true_text(scene: Scene) -> Scene:
-    """Return `scene`; where its text says another one, as after `replace`, with a text that says so.
+    """Return `scene` with a text that describes it, if its own does not, as after `replace`.
 
-    A log that held the text of another scene would be replayed, and flown again, as that one.
+    Otherwise a log would contain, and `replay` would run, another scene.
     """
     try:
         if parse_scene(scene.text, scene.source) == scene:
@@ -177,7 +175,9 @@ def _initial(section: Section, body: RigidBody | None) -> State:
     omega = section.vector("angular_velocity_body", _ANGULAR_VELOCITY)
     turning = section.get("angular_velocity_body")
     if turning is not None and omega != ZERO and body is not None and body.is_particle:
-        turning.reject("no angular velocity, as a body without inertia is a particle", "add body.inertia or remove it")
+        turning.reject(
+            "no angular velocity, since a body without inertia is a particle", "add body.inertia or remove it"
+        )
     return State(
         time_ns=0,
         position_world=section.vector("position_world", _POSITION),

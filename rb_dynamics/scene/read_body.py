@@ -11,7 +11,7 @@ from rb_dynamics.scene.read_inertia import LENGTH, BodyReading, read_inertia
 
 
 def body_and_frames(root: Section) -> tuple[BodyReading, WrenchFrames]:
-    """Return what was read of the body, and the names of the world, body and fixed frames."""
+    """Return the body, and the names of the world, body and fixed frames."""
     if root.get("body") is None:
         root.missing("body", "a section with mass and inertia", "add body: {mass: 1.0, inertia: {diagonal: [1, 1, 1]}}")
         return BodyReading(None), WrenchFrames()

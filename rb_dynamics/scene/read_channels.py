@@ -1,4 +1,4 @@
-"""Read the `wrenches` section of a scene: the channels for commands, and which topics they may have."""
+"""Read the `wrenches` section of a scene: the command channels and their topics."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _KEYS = ("topic", "timeout", "optional", *_LIMITS, "on_excess")
 
 
 def channels(field: Field | None) -> tuple[Channel, ...]:
-    """Return the channels in the order of the scene; one named `wrench` where the section is absent."""
+    """Return the channels in the order of the scene; one named `wrench` if the section is absent."""
     if field is None:
         return (Channel(),)
     taken: dict[str, str] = {}
@@ -44,7 +44,7 @@ def _channel(section: Section, taken: dict[str, str]) -> Channel:
 
 
 def _on_excess(section: Section) -> str:
-    """Return what becomes of a command beyond a limit; notes one that is said where there is no limit."""
+    """Return what happens to a command beyond a limit; records a problem if there is no limit."""
     field = section.get("on_excess")
     if field is None:
         return ON_EXCESS[0]
@@ -55,7 +55,7 @@ def _on_excess(section: Section) -> str:
 
 
 def _topic(section: Section, taken: dict[str, str]) -> str:
-    """Return the channel's topic; notes one that is no ROS name, or would share its name with another."""
+    """Return the channel's topic; records a problem if it is no ROS name, or the same as another."""
     field = section.get("topic")
     if field is None:
         section.missing("topic", "the name of a topic", "add topic: wrench")

@@ -1,4 +1,4 @@
-"""Read the `effects` section of a scene: what acts beside commanded wrenches. Each kind reads its own values."""
+"""Read the `effects` section of a scene: loads other than commanded wrenches. Each type reads its own values."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from rb_dynamics.scene.problems import printable
 
 
 def effects(field: Field | None, body: RigidBody | None, frames: WrenchFrames) -> tuple[Effect, ...]:
-    """Return the effects in the order of the scene, none where the section is absent; notes what is wrong."""
+    """Return the effects in the order of the scene, empty if the section is absent; records problems."""
     if field is None:
         return ()
     found = []

@@ -1,7 +1,7 @@
-"""Read the `inertia` of a body in each of its forms, with the mass and the centre of mass that belong to it.
+"""Read the `inertia` of a body in each of its forms, with the mass and the centre of mass.
 
-A file that the scene names is read here and its content put in its place, so that the text of the scene alone is
-enough to make the scene again. `rb_dynamics.body` does the physics; what it refuses is reported at the key.
+If the scene names a file, its content replaces the name, so that the text of the scene is complete. `rb_dynamics.body`
+does the physics; its errors are reported at the key.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _CALCULATED = {
 
 @dataclass(frozen=True, slots=True)
 class BodyReading:
-    """What was read: the body, None where it has problems; what is suspicious; the file it came from, or "".
+    """The body, None if it has problems; suspicious properties; the source file, or "".
 
     `surface` is the path of a mesh and its unit in m.
     """
@@ -51,7 +51,7 @@ class BodyReading:
 
 
 def read_inertia(section: Section) -> BodyReading:
-    """Return the body in the section `body`; problems are noted, and a form that names a file is replaced."""
+    """Return the body of the section `body`; problems are recorded, and a form that names a file is replaced."""
     inertia = section.get("inertia")
     if inertia is None:
         return _particle(section)
@@ -62,7 +62,7 @@ def read_inertia(section: Section) -> BodyReading:
     try:
         return _READERS.get(name, _stated)(form, section)
     except BodyError as error:
-        # The text may quote a file; it stays one line.
+        # The message may quote a file; keep it on one line.
         text = printable(str(error), 2000)
         if name in _FILES:
             form.problems.add(form.node.line, form.key, text)
@@ -72,16 +72,16 @@ def read_inertia(section: Section) -> BodyReading:
 
 
 def _particle(section: Section) -> BodyReading:
-    """Read a body without inertia: a particle, unless `inertia` was meant and misspelt."""
+    """Read a body without inertia: a particle, unless `inertia` was misspelt."""
     mass = _mass(section)
     center = section.get("center_of_mass")
     if center is not None and center.vector(LENGTH) != ZERO:
-        center.reject("none, as a body without inertia is a particle: it is where its origin is", "add body.inertia")
+        center.reject("none, since a body without inertia is a particle, located at its origin", "add body.inertia")
     return BodyReading(RigidBody.particle(mass))
 
 
 def _form(field: Field) -> tuple[str, Field | None]:
-    """Return the one form of inertia that is given, by its name."""
+    """Return the given form of inertia, by name."""
     if remedy := _form_meant(field.node):
         field.reject(f"a mapping of {FORMS}", remedy)
         return "", None
@@ -95,7 +95,7 @@ def _form(field: Field) -> tuple[str, Field | None]:
 
 
 def _form_meant(node: Node) -> str:
-    """Return how to write numbers that stand where their form should; "" where they do not."""
+    """Return a remedy for numbers in place of a form; "" if there are none."""
     if isinstance(node.value, list):
         form = "matrix" if any(isinstance(item.value, list) for item in node.value) else "diagonal"
         return f"name the form: {{{form}: {show(node)}}}"
@@ -105,18 +105,18 @@ def _form_meant(node: Node) -> str:
 
 
 def _mass(section: Section) -> float:
-    # A wrong mass has been noted; with 1 kg in its place the inertia can be checked in the same pass.
+    # A wrong mass has been recorded; with 1 kg in its place the inertia can be checked in the same pass.
     return section.number("mass", MASS, 1.0, required=True)
 
 
 def _stated(form: Field, section: Section) -> BodyReading:
-    """Read a form that states the inertia about the centre of mass: matrix, diagonal or principal."""
+    """Read a form that gives the inertia about the centre of mass: matrix, diagonal or principal."""
     mass, center_of_mass = _mass(section), section.vector("center_of_mass", LENGTH)
     return BodyReading(_build(form, mass, center_of_mass))
 
 
 def _build(form: Field, mass: float, center_of_mass: Vector) -> RigidBody | None:
-    """Return the body with this inertia, None where a number of it is wrong; physics raises BodyError."""
+    """Return the body with this inertia, None if a number is wrong; impossible values raise BodyError."""
     before = form.problems.count
     if form.key.endswith(".matrix"):
         matrix = form.matrix(_INERTIA)
@@ -172,7 +172,7 @@ def _shape(form: Field, section: Section) -> BodyReading:
 
 
 def _shape_form(form: Field) -> tuple[str, Form | None]:
-    """Return the name of the shape and how it is written; None where it is not known."""
+    """Return the name of the shape and its keys; None if it is unknown."""
     value = form.node.value
     if not isinstance(value, dict) or "type" not in value:
         shape = Section(form, value if isinstance(value, dict) else {})
@@ -219,7 +219,7 @@ def _mesh(form: Field, section: Section) -> BodyReading:
     mass = mass or density * solid.volume
     findings = [examine_density(mass, solid.volume)]
     if solid.inside_out:
-        remedy = "nothing is wrong with the body; orient the mesh outwards for other programs"
+        remedy = "the result is correct; orient the mesh outwards for other programs"
         findings.append(Finding("inside-out", f"the triangles of {name} point inwards", "they were turned", remedy))
     reading = _resolved(form, section, solid.body(mass), tuple(f for f in findings if f), name)
     return replace(reading, surface=(path, scale))
@@ -244,7 +244,7 @@ def _urdf(form: Field, section: Section) -> BodyReading:
 
 
 def _file(values: Section, what: str) -> tuple[str, str]:
-    """Return the file as it is written, and its path; a relative one begins at the folder of the scene."""
+    """Return the file as written, and its path; a relative one is relative to the scene file."""
     field = values.get("file")
     if field is None:
         values.missing("file", f"the path of {what}", "add file: with a path relative to the scene file")
@@ -259,7 +259,7 @@ def _file(values: Section, what: str) -> tuple[str, str]:
 
 
 def _refuse(section: Section, names: tuple[str, ...], form: str) -> None:
-    """Note keys that may not be given beside `form`, which says the same."""
+    """Record a problem for keys that must not be given with `form`, which defines the same."""
     given = [name for name in names if name in section.values]
     if given:
         field = section.get(given[0])
@@ -270,7 +270,7 @@ def _refuse(section: Section, names: tuple[str, ...], form: str) -> None:
 
 
 def _mass_or_density(section: Section, values: Section) -> tuple[float, float]:
-    """Return (mass, density), of which exactly one is given and the other 0."""
+    """Return (mass, density); exactly one is given and the other 0."""
     mass, density = section.get("mass"), values.get("density")
     if mass is not None and density is not None:
         density.reject("one of body.mass and density", "remove one of them", "a density beside body.mass")
@@ -283,7 +283,7 @@ def _mass_or_density(section: Section, values: Section) -> tuple[float, float]:
 
 
 def _resolved(form: Field, section: Section, body: RigidBody, findings: tuple[Finding, ...], name: str) -> BodyReading:
-    """Return the body as the scene's text makes it, after that has taken the place of the file."""
+    """Return the body as defined by the scene's text after the file's content has been inserted."""
     mass, center = body.mass, body.center_of_mass
     if RigidBody.from_matrix(mass, body.inertia, center) == body:
         kind, value = "matrix", from_python(body.inertia)

@@ -1,4 +1,4 @@
-"""Find the scenes and the recording that ship with the package: source tree, pip install or colcon workspace."""
+"""Find the scenes and the recording in the package: source tree, pip install or colcon workspace."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _PACKAGE = Path(__file__).resolve().parents[1]
 
 
 def shipped(name: str) -> Path:
-    """Return the path of a shipped file such as "config/slew.yaml" or "examples/slew.mcap".
+    """Return the path of a file of the package such as "config/slew.yaml" or "examples/slew.mcap".
 
     Raises:
         SceneError: it is in none of the places where an installation puts it.

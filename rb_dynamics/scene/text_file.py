@@ -1,4 +1,4 @@
-"""Load the text of a scene or campaign file, and explain when a folder or a log was given instead."""
+"""Read the text of a scene or campaign file, with a helpful error if a folder or a log was given instead."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ _MCAP = b"\x89MCAP"
 
 
 def read_text(path: str | os.PathLike[str], kind: str) -> str:
-    """Return the text of the file `path`, which should hold a `kind`: a scene or a campaign.
+    """Return the text of the file `path`, which should contain a `kind`: a scene or a campaign.
 
     Raises:
-        SceneError: it cannot be read, is no text in UTF-8, or is too long.
+        SceneError: the file cannot be read, is not UTF-8 text, or is too long.
     """
     source = os.fspath(path)
     shown = printable(source, 200) or "''"
@@ -50,7 +50,7 @@ def read_text(path: str | os.PathLike[str], kind: str) -> str:
 
 
 def _files_of(folder: str) -> str:
-    """Return which file of `folder` could be given instead."""
+    """Return a remedy that names a file of `folder` to give instead."""
     try:
         names = sorted(name for name in os.listdir(folder) if name.endswith((".yaml", ".yml")))
     except OSError:

@@ -1,12 +1,13 @@
 """`replay`: run a log again from what is in it, and compare every topic to the last bit.
 
-Scene, initial state and the time at which each command took effect come from the log alone. Only the commands are
-held in memory.
+Scene, initial state and the time at which each command took effect come from the log alone. Only the commands are held
+in memory.
 
 Some things must agree on every platform and version: the received commands; the hashes of scene and commands; stamps,
-frames and all that is no number; what pose, odometry and transform say of one instant; and, as far as the hash of the
-states agrees with the log's, every topic except the acceleration, which that hash does not cover. Everything else may
-differ in its last digits on another version or platform. Which these were is what the log says: nothing proves it.
+frames and everything that is not a number; copies of the same instant in pose, odometry and transform; and, as far as
+the hash of the states agrees with the log's, every topic except the acceleration, which that hash does not cover.
+Everything else may differ in its last digits on another version or platform; which one wrote the log is known only from
+the log itself.
 """
 
 from __future__ import annotations
@@ -69,27 +70,27 @@ from rb_dynamics.scene.model import Scene
 
 _PARTS = 100
 
-# What bits depend on beside scene and commands.
+# Facts besides scene and commands on which bits depend.
 _SOFTWARE = ("version.rb_dynamics", "version.numpy", "version.scipy", "plugins", "platform", "machine")
-# What every version says of a scene.
+# Facts of a scene that are the same in every version.
 _BY_SCENE = ("scene_sha256", "method", "seed", "effects")
-# A pose has a position and an attitude, what has six numbers two vectors, and mass properties a mass, a centre and
+# A pose consists of position and attitude, six numbers are two vectors, and mass properties are mass, centre and
 # moments.
 _PARTS_OF_RUN = {7: (3, 4), 6: (3, 3), 10: (1, 3, 6)}
 
 
 @dataclass
 class Difference:
-    """How far one topic of the log is from the replay.
+    """Difference of one topic between log and replay.
 
     Attributes:
-        first_ns: where its bytes first differ.
-        largest: of its numbers, in their unit, where `relative` is largest.
-        largest_ns: where that is.
-        relative: the largest difference of a quantity (position, attitude, energy ...) against the largest number that
-            this quantity has had in the replay; infinite where it is not a number, or where something else differs.
-        hashed: the topic says what the hash of the states is over, or what that follows from.
-        certain: the topic is what the log alone says, or something else than a number differs.
+        first_ns: time of the first difference.
+        largest: difference of its numbers, in their unit, where `relative` is largest.
+        largest_ns: time of that difference.
+        relative: largest difference of a quantity (position, attitude, energy ...) relative to the largest value of
+            that quantity in the replay; infinite for NaN, or if anything other than a number differs.
+        hashed: whether the topic contains, or follows from, the numbers in the hash of the states.
+        certain: whether the topic depends on the log alone, or anything other than a number differs.
     """
 
     first_ns: int
@@ -102,24 +103,24 @@ class Difference:
 
 @dataclass
 class Replay:
-    """What a replay has found.
+    """Result of a replay.
 
     Attributes:
-        samples: compared.
-        commands: posted.
-        complete: the log was finished by its writer; else only its beginning is compared.
-        gap_ns: time from which on the log lacks messages although later ones are there: a damaged piece was left out.
-            Commands may be among them, so that nothing behind it is compared. None without a gap.
-        differences: by topic; empty where every number is the same.
-        missing: what one of the two has and the other has not, one line for each topic.
+        samples: number compared.
+        commands: number posted.
+        complete: whether the log was finished by its writer; otherwise only its beginning is compared.
+        gap_ns: time from which the log lacks messages although later ones exist: a damaged piece was left out. It may
+            have contained commands, so nothing after it is compared. None without a gap.
+        differences: by topic; empty if every number is the same.
+        missing: messages that only the log or only the replay has, one line for each topic.
         torn: topics that contradict the pose or the twist of the same instant in the log itself, one line for each.
-        uncompared: how many messages of the log cannot be held against a run, by topic and what they are.
-        unchecked: what else the log says that does not follow from its scene and commands, by record and name.
-        proven_ns: time up to which the hash of the states, over numbers too that the log does not show, is that of the
-            log: of all samples, or of those before the last checkpoint that agrees. None where none does.
-        facts: what the log says of the run, its hashes included, as (log, replay), by record and name.
-        certain: names of the facts that another version or platform gives too.
-        software: what is not as it was when the log was written, as the log says: (log, here), by name.
+        uncompared: number of messages of the log that cannot be compared with a run, by topic and kind.
+        unchecked: other contents of the log that do not follow from its scene and commands, by record and name.
+        proven_ns: time up to which the hash of the states, which also covers numbers that are not in the log, agrees
+            with the log: of all samples, or up to the last checkpoint that agrees. None if none does.
+        facts: metadata of the run, its hashes included, as (log, replay), by record and name.
+        certain: names of the facts that are the same on every version and platform.
+        software: software and platform that differ from those in the log: (log, here), by name.
     """
 
     samples: int = 0
@@ -138,7 +139,7 @@ class Replay:
 
     @property
     def corrupt(self) -> list[str]:
-        """Topics and facts that differ although no version and no platform changes them."""
+        """Topics and facts that differ although they do not depend on version or platform."""
         topics = [
             topic
             for topic, each in self.differences.items()
@@ -148,22 +149,22 @@ class Replay:
 
     @property
     def differing(self) -> list[str]:
-        """Names of the facts that are not what the log says."""
+        """Names of the facts that differ from the log."""
         return [name for name, (logged, found) in self.facts.items() if logged != found]
 
     def within(self, bound: float) -> bool:
-        """Return whether all that differs is what may differ on another version or platform, by at most `bound`."""
+        """Return whether all differences can be due to another version or platform, and are at most `bound`."""
         broken = self.missing or self.torn or self.corrupt or self.gap_ns is not None
         return not broken and bool(self.software) and self.relative <= bound
 
     @property
     def relative(self) -> float:
-        """Largest difference of a number, as in `Difference`; 0 where all are the same."""
+        """Largest relative difference of a number, as in `Difference`; 0 if all are the same."""
         return max((each.relative for each in self.differences.values()), default=0.0)
 
     @property
     def identical(self) -> bool:
-        """Whether every number is the same to the last bit, and what else is compared too, and none is missing."""
+        """Whether every number is the same to the last bit, everything else agrees, and nothing is missing."""
         return not (self.differing or self.differences or self.missing or self.torn) and self.gap_ns is None
 
     @property
@@ -176,16 +177,16 @@ def replay(path: str | Path, progress: Callable[[float], None] | None = None) ->
     """Run the log at `path` again and compare.
 
     Raises:
-        LogError: the log cannot be read, or is not one of this package.
-        SceneError: the scene in it is not valid any more.
-        ConvergenceError: a step could not be solved that once was.
+        LogError: the log cannot be read, or is not a log of this package.
+        SceneError: its scene is no longer valid.
+        ConvergenceError: a step could not be solved.
     """
     facts = _Facts.of(path)
     found = Replay(commands=len(facts.commands), complete=facts.complete, torn=facts.records.torn)
     comparison = _Comparison(open_source(path), facts, found)
     run = Simulation(facts.scene, [comparison])
     for topic, wrench, time_ns in facts.commands:
-        # What was rejected is rejected again.
+        # A rejected command is rejected again.
         with contextlib.suppress(WrenchError):
             run.post(topic, wrench, time_ns)
     run.start()
@@ -203,7 +204,7 @@ def replay(path: str | Path, progress: Callable[[float], None] | None = None) ->
 
 @dataclass
 class _Facts:
-    """What must be known of a log before it can be run again."""
+    """Facts of a log that are needed to run it again."""
 
     scene: Scene
     names: Mapping[str, str]
@@ -215,10 +216,10 @@ class _Facts:
 
     @classmethod
     def of(cls, path: str | Path) -> _Facts:
-        """Read a log through.
+        """Read a whole log.
 
         Raises:
-            LogError: it has no scene or no sample, is not all of a run, or its method was removed.
+            LogError: it has no scene or no sample, is not a whole run, or its method was removed.
         """
         said = _Records()
         source = open_source(path, said.add)
@@ -250,18 +251,18 @@ class _Facts:
                     f"{source.path}: found one file of a bag, expected a run from its start to its end; give the "
                     f"folder of the bag{f', with {absent} in it' if absent else ''}"
                 )
-            # A change of wrench may be behind the last sample.
+            # The wrench may change after the last sample.
             end_ns = _end(source, result["end_time_ns"])
         return cls(scene, names, commands, source.metadata, said, complete, end_ns)
 
 
 class _Records:
-    """What the records of a log say, beside the last of each name, which its source keeps.
+    """The metadata records of a log, besides the last of each name, which its source keeps.
 
     Attributes:
-        torn: names of which two records do not say the same.
-        channels: all that differ, by topic.
-        checkpoints: time (ns) and hash of the states, as they say, by number of samples.
+        torn: names with two contradictory records.
+        channels: all different declarations, by topic.
+        checkpoints: time (ns) and hash of the states, by number of samples.
     """
 
     def __init__(self) -> None:
@@ -272,7 +273,7 @@ class _Records:
         self._states = ""
 
     def add(self, name: str, said: Fact) -> None:
-        """Take one record."""
+        """Add one record."""
         if isinstance(said, McapChannel):
             declared = self.channels.setdefault(name, [])
             declared += [said] if said not in declared else []
@@ -312,7 +313,7 @@ def _end(source: Source, told: str) -> int:
 
 
 class _Comparison:
-    """A sink that holds what it is told against the log, topic by topic."""
+    """A sink that compares events with the log, topic by topic."""
 
     def __init__(self, source: Source, facts: _Facts, found: Replay) -> None:
         self._source, self._facts, self._found = source, facts, found
@@ -323,12 +324,12 @@ class _Comparison:
         self._in_order = _InOrder(facts.scene) if by_rule_1 else None
         self._largest_energy, self._scales = 0.0, dict[str, list[float]]()
         self._newest_ns = 0
-        # Times of what each file has once, at the time of its first sample, and which of them waits for that.
+        # Times of messages that each file has once, at its first sample, and which of them are still expected.
         self._begun: dict[str, list[int]] = {}
         self._at_start: dict[str, int] = {}
 
     def open(self, run: RunInfo) -> None:
-        """Say which topics are compared, and compare what the log says of the run."""
+        """Determine which topics are compared, and compare the metadata of the run."""
         names, scene = self._facts.names, run.scene
         frames, accel = scene.frames, ACCEL[0] in names
         samples = sample_topics(scene, accel)
@@ -351,7 +352,7 @@ class _Comparison:
         self._hold_run(run.metadata, [name for name, *_ in topics])
 
     def _hold_run(self, here: Mapping[str, str], topics: Sequence[str]) -> None:
-        """Compare what is said of the run when it begins."""
+        """Compare the metadata written at the start."""
         logged = self._facts.metadata[RUN]
         both = {name: (logged.get(name, ""), here.get(name, "")) for name in _SOFTWARE}
         self._found.software |= {name: (was, now) for name, (was, now) in both.items() if was != now}
@@ -366,7 +367,7 @@ class _Comparison:
         self._hold(TOPICS, "names", {"names": ", ".join(sorted(named))}, {"names": ", ".join(sorted(topics))})
 
     def write(self, event: Event) -> None:
-        """Compare what the log has of this event."""
+        """Compare the messages of this event with the log."""
         if self._found.gap_ns is not None:
             return
         if isinstance(event, Sample):
@@ -387,18 +388,16 @@ class _Comparison:
             self._compare_applied(event)
         elif isinstance(event, RejectedWrench):
             self._compare_received(event)
-            self._leave_out(
-                self._facts.names[event.topic], "commands that were rejected: nothing follows from their numbers"
-            )
+            self._leave_out(self._facts.names[event.topic], "rejected commands, whose numbers have no effect")
 
     def close(self, result: Mapping[str, str]) -> None:
-        """Compare the hashes, and look for what only the log has."""
+        """Compare the hashes, and find messages that only the log has."""
         if self._found.gap_ns is not None:
             return
         while self._read():
             pass
         for topic, waiting in self._waiting.items():
-            # A log that is still being written has grown since its end was looked for.
+            # A log that is still being written may have grown since its end was determined.
             messages = [each for each in waiting if self._facts.complete or each.log_time <= self._facts.end_ns]
             if messages:
                 self._miss(topic, messages[0].log_time, f"{len(messages)} messages that the replay has not")
@@ -421,12 +420,12 @@ class _Comparison:
             self._hold_result(result)
 
     def _hold_result(self, here: Mapping[str, str]) -> None:
-        """Compare what is said of the run when it ends."""
+        """Compare the metadata written at the end."""
         logged, rule_1 = self._facts.metadata[RESULT], self._in_order
         self._hold_states(RESULT, {**logged, "time_ns": str(self._states.time_ns)})
         solver = self._facts.scene.solver
         proven = self._found.proven_ns == self._states.time_ns
-        # How many steps of a given length there are, no version changes.
+        # The number of steps of a given length is the same in every version.
         counted = proven or (solver.step is not None and solver.method != "auto")
         for name in ("method", "steps"):
             self._hold(RESULT, name, logged, here, certain=counted)
@@ -449,7 +448,7 @@ class _Comparison:
         here: Mapping[str, str],
         certain: bool | None = None,
     ) -> None:
-        """Compare what the log says under a name; None for `certain`: no platform changes it, but a version may."""
+        """Compare one entry; `certain` is None if it does not depend on the platform, but perhaps on the version."""
         fact, both = f"{record}.{name}", (logged.get(name, ""), here.get(name, ""))
         was = self._found.facts.get(fact)
         if was is None or was[0] == was[1]:
@@ -458,7 +457,7 @@ class _Comparison:
             self._found.certain.add(fact)
 
     def _hold_states(self, record: str, logged: Mapping[str, str]) -> None:
-        """Compare the hash of all states up to now, and their time."""
+        """Compare the hash of all states so far, and their time."""
         here = {"states_sha256": self._states.hexdigest(), "time_ns": str(self._states.time_ns)}
         proven = self._found.proven_ns == self._states.time_ns
         self._hold(record, "states_sha256", logged, here, certain=proven)
@@ -466,11 +465,11 @@ class _Comparison:
             self._hold(record, "time_ns", logged, here, certain=True)
         if logged.get("states_sha256", "") == here["states_sha256"]:
             self._found.proven_ns = self._states.time_ns
-            # What comes before what is proven is proven as well.
+            # Everything before a proven time is proven as well.
             self._found.certain |= {name for name in self._found.differing if name == f"{CHECKPOINT}.states_sha256"}
 
     def _hold_channel(self, topic: str, declared: Sequence[McapChannel], here: McapChannel) -> None:
-        """Compare what a channel says of its messages: how to read them, and their QoS."""
+        """Compare what a channel declares: the message definition and QoS."""
         if not declared:
             self._miss(topic, 0, "no channel of that name")
         for each in declared:
@@ -482,7 +481,7 @@ class _Comparison:
             self._hold(topic, "schema", one, two, certain=True)
 
     def _hold_together(self, time_ns: int, logged: Sequence[Message | None]) -> None:
-        """Compare what the log says twice of one instant: of pose and twist `odom` and `/tf` are copies."""
+        """Compare copies within the log at one instant: `odom` and `/tf` repeat pose and twist."""
         said = dict(zip(self._sample_topics, logged, strict=True))
         pose, twist, odom, transform = (self._facts.names[name] for name in ("pose", "twist", "odom", "/tf"))
         for topic, start, other in ((odom, 0, pose), (odom, 43, twist), (transform, 0, pose)):
@@ -499,7 +498,7 @@ class _Comparison:
             self._compare(topic, event.time_ns, encode_received(event.received))
 
     def _compare_applied(self, event: AppliedWrench) -> None:
-        """Compare a change of what acts."""
+        """Compare a change of the applied wrench."""
         topic, expected = self._facts.names[event.topic + APPLIED], encode_applied(event)
         if self._fill(topic, 1) and self._waiting[topic][0].data != expected and event.received is not None:
             self._pass_timeout(topic, event)
@@ -508,9 +507,9 @@ class _Comparison:
         self._compare(topic, event.time_ns, expected)
 
     def _pass_timeout(self, topic: str, command: AppliedWrench) -> None:
-        """Pass over a timeout at the very time of a command on its channel: it acted for no time.
+        """Skip a timeout at the exact time of a command on its channel: it had no effect.
 
-        A node that had gone on to that time before the command came has logged both.
+        A node that had advanced to that time before the command came has logged both.
         """
         timeout = replace(command, received=None, frame_id=self._body_frame, force=ZERO, torque=ZERO)
         first = self._waiting[topic][0]
@@ -524,10 +523,10 @@ class _Comparison:
                 self._in_order.replayed(topic, timeout)
 
     def _compare(self, topic: str, time_ns: int, expected: bytes) -> Message | None:
-        """Compare the next message on a topic, and return it; None behind the last."""
+        """Compare the next message on a topic, and return it; None at the end."""
         message = self._next(topic)
         if message is None:
-            # Of a log that was cut off, the last moments may be missing.
+            # A log that was cut off may lack its last moments.
             if self._facts.complete:
                 self._miss(topic, time_ns, "not what the replay has here")
             return None
@@ -538,7 +537,7 @@ class _Comparison:
         return message
 
     def _note(self, message: Message, time_ns: int, expected: bytes) -> None:
-        """Note how far a message is from what is expected of it, if it is."""
+        """Record the difference of a message from the expected one, if there is any."""
         on_time = message.log_time == message.publish_time == time_ns
         if message.data == expected and on_time:
             return
@@ -577,11 +576,11 @@ class _Comparison:
                 difference.largest, difference.largest_ns, difference.relative = largest, time_ns, relative
 
     def _next(self, topic: str) -> Message | None:
-        """Return the log's next message on a topic; None behind the last."""
+        """Return the log's next message on a topic; None at the end."""
         return self._waiting[topic].popleft() if self._fill(topic, 1) else None
 
     def _fill(self, topic: str, count: int) -> bool:
-        """Read on until so many messages of a topic wait; False where there are no more."""
+        """Read on until `count` messages of a topic are queued; return False at the end."""
         waiting = self._waiting[topic]
         while len(waiting) < count:
             if not self._read():
@@ -589,7 +588,7 @@ class _Comparison:
         return True
 
     def _read(self) -> bool:
-        """Take the next message of the log; False behind the last."""
+        """Read the next message of the log; return False at the end."""
         message = next(self._log, None)
         if message is None:
             return False
@@ -628,7 +627,7 @@ class _Comparison:
 
 
 class _InOrder:
-    """The hash of the inputs as logs of rule 1 have it: over what acted, in the order in which the log has it."""
+    """The hash of the inputs by rule 1: over applied wrenches, in the order in which the log has them."""
 
     def __init__(self, scene: Scene) -> None:
         self._hash = AppliedHash(scene)
@@ -636,17 +635,17 @@ class _InOrder:
         self._changes: dict[str, deque[AppliedWrench]] = {}
 
     def logged(self, topic: str) -> None:
-        """Take the topic of the log's next change."""
+        """Add the topic of the log's next change."""
         self._order.append(topic)
         self._go_on()
 
     def replayed(self, topic: str, change: AppliedWrench) -> None:
-        """Take the replay's next change on a topic."""
+        """Add the replay's next change on a topic."""
         self._changes.setdefault(topic, deque()).append(change)
         self._go_on()
 
     def hexdigest(self) -> str:
-        """Return the hash of what both have."""
+        """Return the hash of the changes in both."""
         return self._hash.hexdigest()
 
     def _go_on(self) -> None:

@@ -49,7 +49,7 @@ WRONG: dict[str, tuple[Callable[[Tumble], Any], dict[str, str]]] = {
         {MOVES: "read in world axes"},
     ),
     "another spin": (lambda m: body_twist(m)[::-1], {TURNS: "contradict each other by", MOVES: "contradict"}),
-    "nobody filled it in": (lambda m: np.zeros((1000, 6)), {TURNS: "zero all the time", MOVES: "zero all the time"}),
+    "it was not filled in": (lambda m: np.zeros((1000, 6)), {TURNS: "always zero", MOVES: "always zero"}),
 }
 
 

@@ -84,7 +84,7 @@ def test_a_torque_that_nobody_commanded_is_found_above_noise(seed: int) -> None:
     assert found.start_ns * 1e-9 == pytest.approx(third, rel=0.2)
     assert found.end_ns * 1e-9 == pytest.approx(2.0 * third, rel=0.2)
     assert np.linalg.norm(found.torque_body) == pytest.approx(size, rel=0.3)
-    assert "a torque acted that nobody commanded" in residual_sentence(left, 0)
+    assert "a torque acted that was not commanded" in residual_sentence(left, 0)
 
 
 def test_noise_is_told_and_means_take_no_two_stretches() -> None:

@@ -44,7 +44,7 @@ def test_demo_flies_as_the_recorded_body_did(tmp_path: Path, scene_dir: Path, ex
     pytest.importorskip("rclpy", reason="rclpy is not installed: pip install '.[ros]'")
     demo = process("demo", "--out", tmp_path / "out")
     assert demo.returncode == 0, demo.stdout + demo.stderr
-    assert "600 stamps compared with the recorded flight: all within 1e-10" in demo.stdout
+    assert "600 stamps compared with the recording: all within 1e-10" in demo.stdout
     assert "the same bits" in demo.stdout
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"demo.mcap", "demo.rrd", "demo.html", "flip.rrd"}
     assert "Comparison with the recording" in (tmp_path / "out" / "demo.html").read_text()

@@ -370,7 +370,7 @@ class TestWhatIsNotListed:
 
     def test_a_method_that_cannot_take_an_effect_is_refused(self) -> None:
         scene = parse_scene(SKEW + "\neffects: [{type: linear_drag, rotation: 1}]\nsolver: {method: strang2}")
-        with pytest.raises(SceneError, match=r"found strang2, expected a method that can take linear_drag: auto"):
+        with pytest.raises(SceneError, match=r"found strang2, expected a method that supports linear_drag: auto"):
             Plan(scene)
 
     def test_bits_do_not_depend_on_when_it_is_looked_at(self) -> None:

@@ -37,7 +37,7 @@ def test_it_says_what_happened(flight: Any) -> None:
     assert "all 8 checks passed" in flat
     assert "body: 4 kg, centre of mass at (0.1, -0.2, 0.05) m, principal moments 0." in flat
     assert "effects: none" in flat
-    assert "for a momentum is the larger of what it came to and what its impulses add up to" in flat
+    assert "which for a momentum is the larger of its maximum and the sum of its impulses" in flat
 
 
 def test_it_says_from_which_stamp_the_t_of_a_recording_counts(bagger: Any) -> None:

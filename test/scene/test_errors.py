@@ -495,7 +495,7 @@ def test_all_problems_are_reported_in_the_order_of_the_file() -> None:
 def test_many_problems_are_cut() -> None:
     lines = error_of(BODY + "".join(f"key_{i}: 1\n" for i in range(MAX_REPORTED + 5))).splitlines()
     assert len(lines) == MAX_REPORTED + 1
-    assert lines[-1] == "s.yaml: and 5 more problems; mend these first"
+    assert lines[-1] == "s.yaml: and 5 more problems; correct these first"
 
 
 def test_two_forms_are_one_too_many() -> None:

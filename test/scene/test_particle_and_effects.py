@@ -52,7 +52,7 @@ class TestParticle:
     @pytest.mark.parametrize(
         ("text", "message"),
         [
-            ("initial: {angular_velocity_body: [0, 0, 1]}", "no angular velocity, as a body without inertia"),
+            ("initial: {angular_velocity_body: [0, 0, 1]}", "no angular velocity, since a body without inertia"),
             ("effects: [{type: rotor, axis_body: [0, 0, 1], axial_inertia: 1, spin_rate: 1}]", "no rotor, as a body"),
             ("effects: [{type: linear_drag, rotation: 1}]", "does not turn"),
             ("effects: [{type: scheduled_wrench, schedule: [{time: 0, torque: [1, 0, 0]}]}]", "it is a particle"),
@@ -63,7 +63,7 @@ class TestParticle:
             parse_scene(PARTICLE + text)
 
     def test_is_where_its_origin_is(self) -> None:
-        with pytest.raises(SceneError, match=r"it is where its origin is; add body\.inertia"):
+        with pytest.raises(SceneError, match=r"located at its origin; add body\.inertia"):
             parse_scene("body: {mass: 2, center_of_mass: [0, 0, 1]}")
 
 

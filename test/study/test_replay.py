@@ -103,7 +103,7 @@ def test_the_same_bits(log: Path) -> None:
     # How many checkpoints there are, wall time says.
     ends = {"scene_sha256", "result.states_sha256", "result.inputs_sha256"}
     assert hashes(found) - {"checkpoint.states_sha256"} == ends
-    assert found.uncompared == {("/push", "commands that were rejected: nothing follows from their numbers"): 2}
+    assert found.uncompared == {("/push", "rejected commands, whose numbers have no effect"): 2}
     assert all(logged == here for logged, here in found.facts.values())
     assert "rb_dynamics.result.steps" in found.facts
 

@@ -227,7 +227,7 @@ def test_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     report = campaign_page.campaign_report(campaign, rows)
 
     headings = [section.heading for section in report.sections]
-    assert headings[:4] == ["At a glance", "Over time", "How the metrics are spread", "What drives them"]
+    assert headings[:4] == ["At a glance", "Over time", "Distributions of the metrics", "What drives them"]
     for section in report.sections:
         for figure in section.figures:
             assert ElementTree.fromstring(figure.svg).tag == "svg"
@@ -291,5 +291,5 @@ def test_the_page_counts_every_run_that_could_not_be_flown(tmp_path: Path, monke
     rows["error"] = [*(5 * ["too fast"]), *rows["error"][5:]]
     for metric in campaign.metrics:
         rows[metric.name][:5] = math.nan
-    (tile,) = (tile for tile in campaign_report(campaign, rows).sections[0].tiles if tile.label == "Could not be flown")
+    (tile,) = (tile for tile in campaign_report(campaign, rows).sections[0].tiles if tile.label == "Not completed")
     assert tile.value == "5"

@@ -187,7 +187,7 @@ def test_only_the_methods_asked_for_are_measured_against_the_same_reference(
         (["?"], "write some of them"),
         ([3], "methods has 3"),
         ([], "methods is empty"),
-        (["taylor"], "solver.method: found taylor, expected a method that can take linear_drag"),
+        (["taylor"], "solver.method: found taylor, expected a method that supports linear_drag"),
     ],
 )
 def test_methods_that_there_are_not_or_that_cannot_take_the_scene_are_refused(methods: list[Any], says: str) -> None:
