@@ -126,6 +126,11 @@ def _verdict(found: Replay, bound: float) -> list[str]:
     if not found.within(bound):
         more = f": {found.relative:.2g}; --bound takes more, where the motion amplifies what is rounded otherwise"
         return ["NOT the same bits", f"NOT within {bound:g}{more if found.within(found.relative) else ''}"]
+    if not found.differences:
+        return [
+            f"every number is the same to the last bit, but NOT {', '.join(found.differing)}",
+            "another version may say that otherwise; not proven: which version made the log, as only the log says so",
+        ]
     return [
         f"NOT the same bits, but every number is within {found.relative:.2g} of the largest of its kind",
         f"within {bound:g}, as another version or platform may be: it may round or step otherwise (CHANGELOG.rst)",

@@ -80,7 +80,7 @@ class Simulation:
         self._inputs = InputHash(scene)
         self.taken_back: list[RejectedWrench] = []
         self.clipped = 0
-        self._steps_before = 0
+        self._steps = self._steps_before = 0
         self._used: dict[str, None] = {}
         phase = Phase.of(scene.body, scene.initial)
         _require_finite(scene.body, phase, 0)
@@ -118,7 +118,7 @@ class Simulation:
     @property
     def steps(self) -> int:
         """Steps taken so far, without the short ones to a time between two grid points."""
-        return self._steps_before + self._arc.steps_to(self.time_ns)
+        return self._steps
 
     @property
     def methods(self) -> str:
@@ -230,6 +230,8 @@ class Simulation:
             _require_finite(self.scene.body, phase, edge)
             self.time_ns, self._phase = edge, phase
             self._computed_ns = max(self._computed_ns, edge)
+            # Not later, when more may have been computed.
+            self._steps = self._steps_before + self._arc.steps_to(edge)
             self._used.update(dict.fromkeys(self._arc.methods))
             if edge == output:
                 self._outputs += 1
@@ -303,9 +305,8 @@ class Simulation:
 
     def _renew(self) -> None:
         """Begin a new arc at `time_ns`."""
-        steps = self.steps
         self._arc = self._new_arc(self.plan)
-        self._steps_before, self._stale = steps, False
+        self._steps_before, self._stale = self._steps, False
 
     def _new_arc(self, plan: Plan) -> Arc:
         self._held = held = in_principal_axes(self.scene.body, self._channels.total())

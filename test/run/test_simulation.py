@@ -24,6 +24,7 @@ from rb_dynamics.recording.memory import MemorySink
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.simulation import LOOK_AHEAD, Simulation, simulate
 from rb_dynamics.run.sink import Event, RunInfo
+from rb_dynamics.scene import parse_scene
 from rb_dynamics.scene.model import Scene, Solver
 
 SECOND = 1_000_000_000
@@ -524,3 +525,18 @@ class TestTooLarge:
     def test_where_a_step_is_too_long_for_a_wrench_that_is_possible_that_is_an_error(self) -> None:
         with pytest.raises(ConvergenceError, match=r"rkmk4: a step of 0.02 s turns the body by"):
             simulate(driven(SOLVERS["whole step"]), [("body", Wrench(torque=(1e4, 1e4, 0.0)))])
+
+
+def test_steps_are_those_to_the_last_edge_however_far_was_computed() -> None:
+    scene = parse_scene(
+        "body: {mass: 1, inertia: {diagonal: [1, 2, 3]}}\nwrenches: [{topic: wrench}]\n"
+        "solver: {method: rk4, step: 0.01}\noutput_rate: 2\n"
+    )
+    run = Simulation(scene)
+    run.post("wrench", Wrench(torque=(0.1, 0.0, 0.0)))
+    run.advance(700_000_000)
+    assert (run.time_ns, run.steps) == (500_000_000, 50)
+    # The grid of the steps begins anew at a command.
+    run.post("wrench", Wrench(torque=(0.0, 0.1, 0.0)), 805_000_000)
+    run.advance(1_000_000_000)
+    assert run.steps == 50 + 31 + 20

@@ -497,7 +497,7 @@ def test_what_a_log_says_of_the_end_is_held_against_the_run(tmp_path: Path, full
     assert not found.identical
     # Of a hash of states nobody can tell more than that it is another; of a rule that is not known, no more either.
     found = replay(edited(full, tmp_path / "e.mcap", facts=FORGED | forged))
-    assert found.within(1e-9) == (name in {"states_sha256", "inputs_rule"})
+    assert found.within(1e-9) == (name in {"states_sha256", "inputs_rule", "steps"})
 
 
 def test_what_no_run_gives_is_said_to_be_unchecked(tmp_path: Path) -> None:
