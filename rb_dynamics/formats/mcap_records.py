@@ -15,6 +15,7 @@ import enum
 import os
 import struct
 import zlib
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -65,6 +66,7 @@ _NEEDED = frozenset(
         Opcode.CHUNK,
         Opcode.ATTACHMENT,
         Opcode.METADATA,
+        Opcode.STATISTICS,
     )
 )
 # What stands for the opcode of a chunk of which the end of the file has cut off the rest; no record has it.
@@ -198,6 +200,8 @@ class McapFile:
     channels: dict[int, McapChannel] = field(default_factory=dict)
     span_ns: tuple[int, int] | None = None
     _schemas: dict[int, Schema] = field(default_factory=dict)
+    _counts: Counter[str] = field(default_factory=Counter)
+    _statistics: dict[str, int] = field(default_factory=dict)
     _records_left: int = 0
     _before: tuple[Places, Places] = (np.empty(0, np.int64), np.empty(0, np.int64))
 
@@ -237,6 +241,7 @@ class McapFile:
             raise LogError(f"{self.path} {found}; {instead}")
         size = os.fstat(file.fileno()).st_size
         self._records_left = _FREE_RECORDS + _RECORDS_PER_BYTE * size
+        self._counts.clear()
         loose: list[bytes] = []
         for opcode, content in self._records(file, size):
             if opcode == Opcode.MESSAGE:
@@ -252,6 +257,7 @@ class McapFile:
                 yield from self._chunk(content, take)
             elif opcode == Opcode.FOOTER:
                 self.complete = file.read(len(MAGIC)) == MAGIC
+                self._hold_statistics()
                 return
             elif opcode != Opcode.MESSAGE:
                 self._note(opcode, content)
@@ -267,6 +273,7 @@ class McapFile:
         if not len(ends):
             return
         yield from take(data, begins, ends)
+        self._counts["messages"] += len(ends)
         first, last = (_MESSAGE_HEAD.unpack_from(data, at)[2] for at in (begins[0], begins[-1]))
         self.span_ns = first if self.span_ns is None else self.span_ns[0], last
 
@@ -367,8 +374,9 @@ class McapFile:
                 continue
             # What other records say holds for what comes behind them.
             self._records_left = left
-            yield from self._taken(data, *_places(begins, ends, more), take)
-            begins, ends, more = begins[:0], ends[:0], []
+            if len(ends) or more:
+                yield from self._taken(data, *_places(begins, ends, more), take)
+                begins, ends, more = begins[:0], ends[:0], []
             if opcode == 0 or end > size:
                 raise self._damage("has a chunk that ends within a record")
             if left < 0:
@@ -433,11 +441,29 @@ class McapFile:
             fields.take("QQ")
             name, _ = fields.text(), fields.text()
             self.attachments[name] = content = fields.block("Q")
+            self._counts["attachments"] += 1
             self._tell(name, content)
         elif opcode == Opcode.METADATA:
             name = fields.text()
             self.metadata[name] = facts = fields.mapping()
+            self._counts["metadata records"] += 1
             self._tell(name, facts)
+        elif opcode == Opcode.STATISTICS:
+            messages, _, _, attachments, records = fields.take("QHIII")
+            self._statistics = {"messages": messages, "attachments": attachments, "metadata records": records}
+
+    def _hold_statistics(self) -> None:
+        """Hold what was read against what the file says that it holds: a piece may be gone, or be there twice.
+
+        Raises:
+            LogError: they differ.
+        """
+        for name, said in self._statistics.items():
+            if self._counts[name] != said and not self.damage:
+                damage = self._damage(f"holds {self._counts[name]} {name}, and its statistics say {said}")
+                if not self.salvage:
+                    raise damage
+                self.damage.append(str(damage))
 
     def _tell(self, name: str, said: Fact) -> None:
         if self.on_fact is not None:

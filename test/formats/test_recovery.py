@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import sqlite3
+import struct
 from pathlib import Path
 
 import pytest
 from bag_rows import STAMPED, Row, stamped, write_rows
 
+from rb_dynamics import parse_scene, simulate
 from rb_dynamics.cli import main
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.formats.recovery import recover
+from rb_dynamics.recording.mcap_sink import McapSink
 
 pytest.importorskip("mcap")
 
@@ -63,3 +66,25 @@ def test_bags_of_another_kind_are_named_with_the_command_that_helps(
     ):
         assert main([str(file) if word == "BAG" else word for word in command]) == 2
         assert says in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("how", ["gone", "twice"])
+@pytest.mark.parametrize(("opcode", "kind"), [(6, "messages"), (9, "attachments"), (12, "metadata records")])
+def test_a_piece_that_is_gone_or_there_twice_shows_in_the_statistics(
+    tmp_path: Path, how: str, opcode: int, kind: str
+) -> None:
+    """A copy that lost the last chunk whole has its end, and no hole within."""
+    log, saved = tmp_path / "run.mcap", tmp_path / "saved.mcap"
+    simulate(parse_scene("body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\nduration: 0.1\n"), [], [McapSink(log)])
+    data, places, at = log.read_bytes(), [], 8
+    while at + 9 < len(data):
+        found, length = struct.unpack_from("<BQ", data, at)
+        places += [(at, at + 9 + length)] * (found == opcode)
+        at += 9 + length
+    begin, end = places[-1]
+    log.write_bytes(data[:begin] + data[begin:end] * 2 * (how == "twice") + data[end:])
+    with pytest.raises(LogError, match=rf"is damaged: it holds \d+ {kind}, and its statistics say \d+"):
+        read_bag(log)
+    (found_back,) = recover(log, saved)
+    assert found_back.state == "damaged"
+    assert not read_bag(saved).complete
