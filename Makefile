@@ -55,8 +55,9 @@ bench: $(VENV)/installed-bench
 out/demo.rrd: | $(VENV)/installed-demo
 	$(BIN)/rb-dynamics demo
 
+# Three workers for two cores: that of ROS waits most of the time.
 test: $(VENV)/installed-test
-	$(BIN)/python -m pytest -n 2 --dist loadgroup $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -n 3 $(PYTEST_ARGS)
 
 test-slow: $(VENV)/installed-test
 	$(BIN)/python -m pytest -m slow $(PYTEST_ARGS)
@@ -64,7 +65,7 @@ test-slow: $(VENV)/installed-test
 # The property tests with new examples each time, ten times as many where a test does not say how many: what it finds
 # becomes a test of its own.
 search: $(VENV)/installed-test
-	$(BIN)/python -m pytest -n 2 --dist loadgroup --hypothesis-profile search $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -n 3 --hypothesis-profile search $(PYTEST_ARGS)
 
 lint: $(VENV)/installed-test
 	$(BIN)/ruff check .
@@ -75,7 +76,7 @@ lint: $(VENV)/installed-test
 # Python 3.14 on hardly longer than they.
 coverage: $(VENV)/installed-test
 	$(BIN)/python -m coverage erase
-	-$(BIN)/python -m coverage run -m pytest -n 2 --dist loadgroup --timeout 600 $(PYTEST_ARGS)
+	-$(BIN)/python -m coverage run -m pytest -n 3 --timeout 600 $(PYTEST_ARGS)
 	$(BIN)/python -m coverage combine --quiet
 	$(BIN)/python -m coverage report
 

@@ -1,0 +1,13 @@
+"""The tests of a file run in one process, in their order, however many workers there are."""
+
+from __future__ import annotations
+
+import pytest
+
+RUN: list[str] = []
+
+
+@pytest.mark.parametrize("number", range(6))
+def test_a_file_stays_together(number: int, request: pytest.FixtureRequest) -> None:
+    RUN.append(request.node.name)
+    assert [item.name for item in request.session.items if item.path == request.path][: len(RUN)] == RUN
