@@ -41,10 +41,7 @@ from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.vector import Vector, scale
 
 if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
-
-    Numbers = npt.NDArray[np.float64]
+    from rb_dynamics.numerics.arrays import Numbers
 
 _SIGNATURE = "UniTuple(int64, 3)(float64[::1], int64, int64)"
 

@@ -41,7 +41,8 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-    Numbers = npt.NDArray[np.float64]
+    from rb_dynamics.numerics.arrays import Numbers
+
     Counts = npt.NDArray[np.int64]
 
 LANES = 64

@@ -41,10 +41,7 @@ from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import Vector, scale
 
 if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
-
-    Numbers = npt.NDArray[np.float64]
+    from rb_dynamics.numerics.arrays import Numbers
 
 LONGEST_STRETCH = 10_000
 """Steps per call: more would save nothing, and all are repeated if one of them is refused."""

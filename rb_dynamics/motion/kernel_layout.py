@@ -14,10 +14,7 @@ from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import Vector
 
 if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
-
-    Numbers = npt.NDArray[np.float64]
+    from rb_dynamics.numerics.arrays import Numbers
 
 Constants = tuple[Inertia, HeldWrench]
 """Constant from step to step: body and held wrench."""

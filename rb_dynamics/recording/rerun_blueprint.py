@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from rb_dynamics.numerics.vector import ZERO
 from rb_dynamics.recording import rerun_poinsot as poinsot
+from rb_dynamics.recording.appearance import EYE, Eye
 from rb_dynamics.recording.rerun_layout import COMMANDS_ON_PATH
 
 if TYPE_CHECKING:
@@ -21,7 +22,7 @@ CLOSE_UP, OVERVIEW = "world/center_of_mass/view", "world/view"
 """Frames whose unit is the size of what is to be seen: the viewer cuts off what is nearer to the eye than 0.01."""
 
 
-def blueprint(poinsot_eye: poinsot.Eye | None, peaks: Mapping[str, float], duration: float | None) -> rrb.Blueprint:
+def blueprint(poinsot_eye: Eye | None, peaks: Mapping[str, float], duration: float | None) -> rrb.Blueprint:
     """Return the layout with which the file opens: 3D and text at the left, plots at the right.
 
     Args:
@@ -61,7 +62,7 @@ def _close_up() -> rrb.Spatial3DView:
         origin=f"/{CLOSE_UP}",
         contents="/world/**",
         name="Body, followed",
-        eye_controls=_eye(poinsot.EYE),
+        eye_controls=_eye(EYE),
         line_grid=False,
         overrides=_as_they_arise(COMMANDS_ON_PATH),
     )
@@ -74,12 +75,12 @@ def _overview() -> rrb.Spatial3DView:
         origin=f"/{OVERVIEW}",
         contents="/world/**",
         name="Whole path, fixed in the world",
-        eye_controls=_eye(poinsot.EYE),
+        eye_controls=_eye(EYE),
         overrides=_as_they_arise(COMMANDS_ON_PATH),
     )
 
 
-def _poinsot(eye: poinsot.Eye) -> rrb.Spatial3DView:
+def _poinsot(eye: Eye) -> rrb.Spatial3DView:
     import rerun.blueprint as rrb
 
     return rrb.Spatial3DView(
@@ -91,7 +92,7 @@ def _poinsot(eye: poinsot.Eye) -> rrb.Spatial3DView:
     )
 
 
-def _eye(eye: poinsot.Eye) -> rrb.EyeControls3D:
+def _eye(eye: Eye) -> rrb.EyeControls3D:
     import rerun.blueprint as rrb
 
     return rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, position=eye.position, look_target=ZERO, eye_up=eye.up)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rb_dynamics.numerics.vector import ZERO, Vector
+from rb_dynamics.recording.appearance import BLUE, CYAN, GREEN, GREY, MAGENTA, ORANGE, RED, YELLOW, Color
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -21,10 +22,6 @@ if TYPE_CHECKING:
     from rb_dynamics.scene.model import Scene
 
 Array = NDArray[np.float64]
-Color = tuple[int, int, int]
-
-RED, GREEN, BLUE = (236, 92, 92), (102, 194, 102), (96, 148, 245)
-ORANGE, CYAN, MAGENTA, YELLOW, GREY = (255, 170, 51), (64, 208, 220), (224, 96, 200), (240, 220, 80), (170, 175, 185)
 _AXES_COLORS: tuple[Color, ...] = (RED, GREEN, BLUE, GREY)
 
 

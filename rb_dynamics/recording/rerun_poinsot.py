@@ -7,14 +7,14 @@ acts, the plane is fixed; a torque moves it.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rb_dynamics.body.rigid_body import RigidBody
-from rb_dynamics.numerics.vector import Vector, dot, norm, scale, subtract
-from rb_dynamics.recording.rerun_layout import BLUE, CYAN, GREEN, GREY, ORANGE, YELLOW
+from rb_dynamics.numerics.vector import Vector
+from rb_dynamics.recording.appearance import BLUE, CYAN, GREEN, GREY, ORANGE, YELLOW
 from rb_dynamics.recording.thinning import Piece, Trail
 from rb_dynamics.theory.rolling_ellipsoid import DISC, LARGEST_CHORD, Contact, half_axes, separatrices
 
@@ -29,17 +29,6 @@ GROWING = (POLHODE, f"{POLHODE}/dots", HERPOLHODE, f"{HERPOLHODE}/dots")
 """What is shown as far as the time cursor."""
 
 MAX_PIECES = 1000
-
-
-class Eye(NamedTuple):
-    """Where the eye is, and what is up for it; it looks at the origin."""
-
-    position: Vector
-    up: Vector
-
-
-EYE = Eye((3.6, -4.0, 2.8), (0.0, 0.0, 1.0))
-"""Where the eye stands that sees what lies within some 3 of the origin, all axes about equally foreshortened."""
 
 
 class Curves:
@@ -127,18 +116,6 @@ def curves(pieces: list[Piece]) -> Iterator[tuple[str, rr.ComponentColumnList]]:
             yield entity, columns.partition([len(row) for row in lines])
         if points:
             yield f"{entity}/dots", rr.Points3D.columns(positions=points).partition([len(row) for row in dots])
-
-
-def eye(normal_world: Vector | None) -> Eye:
-    """Return the eye for which the ellipsoid lies on the plane as on a floor; None is a plane not known yet."""
-    if normal_world is None:
-        return EYE
-    up = scale(-1.0, normal_world)
-    along = subtract(EYE.position, scale(dot(EYE.position, up), up))
-    if norm(along) < 1.0:
-        along = subtract((5.0, 0.0, 0.0), scale(5.0 * up[0], up))
-    x, y, z = (2.9 * a / norm(along) + 1.4 * u for a, u in zip(along, up, strict=True))
-    return Eye((x, y, z), up)
 
 
 def _from_z(normal: Array) -> Array:

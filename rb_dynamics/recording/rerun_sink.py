@@ -35,6 +35,7 @@ from rb_dynamics.numerics.rotation_arrays import rotate_all
 from rb_dynamics.numerics.vector import ZERO, Vector, add, subtract
 from rb_dynamics.recording import rerun_layout as layout
 from rb_dynamics.recording import rerun_poinsot as poinsot
+from rb_dynamics.recording.appearance import eye_above
 from rb_dynamics.recording.rerun_blueprint import CLOSE_UP, OVERVIEW, blueprint
 from rb_dynamics.recording.rerun_columns import Columns, gather
 from rb_dynamics.recording.thinning import KeptSamples, Piece, Polyline, Thinner, WrenchHistory, WrenchPart
@@ -251,7 +252,7 @@ class Recorder:
             ) from error
 
     def _blueprint(self, duration: float | None) -> rrb.Blueprint:
-        eye = None if self.curves is None else poinsot.eye(self.curves.normal)
+        eye = None if self.curves is None else eye_above(self.curves.normal)
         return blueprint(eye, self.peaks, duration)
 
     # ---- events to columns

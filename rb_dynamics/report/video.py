@@ -26,8 +26,7 @@ from rb_dynamics.errors import LogError, MissingExtraError
 from rb_dynamics.formats.log_file import make_folder
 from rb_dynamics.numerics.rotation import matrix
 from rb_dynamics.numerics.rotation_arrays import rotate_all
-from rb_dynamics.recording.rerun_layout import BLUE, CYAN, GREEN, ORANGE, RED, YELLOW
-from rb_dynamics.recording.rerun_poinsot import EYE, Eye, eye
+from rb_dynamics.recording.appearance import BLUE, CYAN, EYE, GREEN, ORANGE, RED, YELLOW, Eye, eye_above
 from rb_dynamics.report.plots import continuous
 from rb_dynamics.report.poinsot_figure import outline
 from rb_dynamics.theory.rolling_ellipsoid import DISC, Contact, contact, half_axes, separatrices
@@ -208,7 +207,7 @@ class _Rolling:
         axes = _axes(figure, 1, 1.6, "Poinsot: the ellipsoid of inertia rolls on the invariable plane")
         turning = np.flatnonzero(np.isfinite(motion.touch.distance))
         x, y, z = motion.touch.normal[turning[0]].tolist() if len(turning) else (0.0, 0.0, -1.0)
-        self._motion, self._screen = motion, _screen(eye((x, y, z)))
+        self._motion, self._screen = motion, _screen(eye_above((x, y, z)))
         self._principal = np.array(matrix(motion.body.principal_orientation_xyzw))
         self._half, self._lines = np.array(half_axes(motion.body)), separatrices(motion.body)
         self._disc = Polygon(np.zeros((3, 2)), facecolor="#333d4a", edgecolor=_GREY)

@@ -32,7 +32,8 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-    Numbers = npt.NDArray[np.float64]
+    from rb_dynamics.numerics.arrays import Numbers
+
     Times = npt.NDArray[np.int64]
 
 

@@ -11,6 +11,7 @@ from rerun_runs import BODY, COMMANDS, SCENE, Rrd, logged
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.recording import rerun_poinsot as poinsot
+from rb_dynamics.recording.appearance import eye_above
 from rb_dynamics.theory import poinsot as theory
 from rb_dynamics.theory.poinsot import invariable_plane
 
@@ -98,7 +99,7 @@ def test_samples_too_far_apart_for_a_line_are_dots(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("normal", [(0, 0, 1), (0, 0, -1), (0.6, -0.8, 0), (-0.6, 0.64, -0.48), None])
 def test_the_eye_looks_down_on_the_plane_from_the_side(normal: tuple[float, float, float] | None) -> None:
-    eye = poinsot.eye(normal)
+    eye = eye_above(normal)
     up = (0.0, 0.0, 1.0) if normal is None else np.negative(normal)
     assert eye.up == pytest.approx(up)
     distance = np.linalg.norm(eye.position)

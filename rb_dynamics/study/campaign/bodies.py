@@ -25,9 +25,8 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
+    from rb_dynamics.numerics.arrays import Numbers
     from rb_dynamics.run.sink import Sink
-
-    Numbers = npt.NDArray[np.float64]
 
 CHANNEL = "control"
 """The wrench channel of the controller's commands."""

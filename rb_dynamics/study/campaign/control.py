@@ -19,12 +19,8 @@ from rb_dynamics.study.campaign.sampling import NOISE, generator
 from rb_dynamics.study.campaign.user_functions import called, find_function
 
 if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
-
+    from rb_dynamics.numerics.arrays import Numbers
     from rb_dynamics.run.sample_arrays import Samples
-
-    Numbers = npt.NDArray[np.float64]
 
 DELAY = "control.delay"
 """Key of the time from a sample to the torque computed from it."""

@@ -27,9 +27,8 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
+    from rb_dynamics.numerics.arrays import Numbers
     from rb_dynamics.run.sink import Sink
-
-    Numbers = npt.NDArray[np.float64]
 
 Columns = dict[str, Any]
 """Rows of a block, by column name: arrays (n,), and a list of texts for `error`."""

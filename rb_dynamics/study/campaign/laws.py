@@ -13,10 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
-
-    Numbers = npt.NDArray[np.float64]
+    from rb_dynamics.numerics.arrays import Numbers
 
 Parameters = Mapping[str, "Numbers"]
 """By name: (N,) for a number, (N, k) for a list of k."""

@@ -15,12 +15,8 @@ from rb_dynamics.study.campaign.model import Campaign, Metric
 from rb_dynamics.study.campaign.user_functions import called, find_function
 
 if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
-
+    from rb_dynamics.numerics.arrays import Numbers
     from rb_dynamics.run.sample_arrays import Samples
-
-    Numbers = npt.NDArray[np.float64]
 
 Quantity = Callable[["Samples"], "Numbers"]
 """Takes samples of N bodies, and returns one number per body: (N,)."""

@@ -14,9 +14,8 @@ from rb_dynamics.study.campaign.model import Campaign
 
 if TYPE_CHECKING:
     import numpy as np
-    import numpy.typing as npt
 
-    Numbers = npt.NDArray[np.float64]
+    from rb_dynamics.numerics.arrays import Numbers
 
 INPUTS, NOISE = 0, 1
 """Independent streams of random numbers per run."""

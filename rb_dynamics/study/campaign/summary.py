@@ -22,9 +22,8 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
+    from rb_dynamics.numerics.arrays import Numbers
     from rb_dynamics.study.campaign.flight import Columns
-
-    Numbers = npt.NDArray[np.float64]
 
 CONFIDENCE = 0.95
 FAR = 0.9973
