@@ -28,6 +28,7 @@ from rb_dynamics.study.campaign.summary import (
     quantile_table,
     rerun_commands,
     summarise,
+    value_text,
     worst_text,
 )
 
@@ -102,7 +103,7 @@ _SPREAD = (
     "Number of runs per value; failed runs are orange, the dashed line is the requirement. The table gives quantiles "
     f"of the runs, and the {CONFIDENCE:.0%} confidence interval of the 99.73 % quantile of all possible runs, "
     "whatever the distribution; the .json file has it for every quantile. A run has no value if it never met the "
-    "condition or could not be completed."
+    "condition (it then counts as larger than any) or could not be completed."
 )
 _DRIVERS = (
     "Spearman's rank correlation, the strongest inputs first: +1 if a metric always increases with an input, -1 if "
@@ -147,14 +148,15 @@ def _tiles(summary: CampaignSummary) -> list[Tile]:
     for metric in summary.metrics:
         value = next((each.value for each in metric.quantiles if each.probability == 0.95), None)
         if value is not None:
-            tiles.append(Tile(f"{metric.name}, 95 % of runs below", _number(value, metric.unit), _note(metric)))
+            shown = f"{value_text(value, metric)} {metric.unit if math.isfinite(value) else ''}".strip()
+            tiles.append(Tile(f"{metric.name}, 95 % of runs below", shown, _note(metric)))
     return tiles
 
 
 def _note(metric: MetricSummary) -> str:
     middle = next(each.value for each in metric.quantiles if each.probability == 0.5)
     missing = f", no value in {metric.missing} runs" if metric.missing else ""
-    return f"median {middle:.4g}, most {metric.most:.4g}{missing}"
+    return f"median {value_text(middle, metric)}, most {metric.most:.4g}{missing}"
 
 
 def _over_time(campaign: Campaign, summary: CampaignSummary, rows: Columns) -> list[Section]:
@@ -266,7 +268,3 @@ def _limit(campaign: Campaign, metric: Metric) -> float | None:
         if each.metric == metric.name:
             return each.below if math.isfinite(each.below) else each.above
     return None
-
-
-def _number(value: float, unit: str) -> str:
-    return f"{value:.4g} {unit}".strip()

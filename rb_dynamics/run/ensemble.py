@@ -399,7 +399,7 @@ def _wrenches(
     intervals: int,
     bodies: int,
     particles: npt.NDArray[np.bool_],
-    largest: tuple[float, float],
+    largest: Numbers,
     *parts: npt.ArrayLike,
 ) -> tuple[Numbers, ...]:
     """Return force_body, torque_body, force_world and torque_world, each as (intervals, bodies, 3)."""
@@ -430,8 +430,9 @@ def _wrenches(
                 f"{name} acts on body {int(np.flatnonzero(particles)[0])}, expected none: it has no inertia, it is a "
                 "particle; give it an inertia, or command a force alone"
             )
-        size = max(high, -low)
-        require_possible(*((size, 0.0) if name.startswith("force") else (0.0, size)), largest)
+        row = int(name.startswith("torque"))
+        if max(high, -low) > largest[row].min():
+            _require_possible(array, row, largest)
         found.append(array)
     return tuple(found)
 
@@ -444,10 +445,24 @@ def _nothing(intervals: int, bodies: int) -> Numbers:
     return np.broadcast_to(np.array(0.0), (intervals, bodies, 3))
 
 
-def _largest(bodies: Sequence[RigidBody]) -> tuple[float, float]:
-    """Return the largest force and torque with which each of `bodies` can be simulated."""
-    forces, torques = zip(*map(largest_wrench, bodies), strict=True)
-    return min(forces), min(torques)
+def _largest(bodies: Sequence[RigidBody]) -> Numbers:
+    """Return the largest force and torque with which each of `bodies` can be simulated, (2, N)."""
+    import numpy as np
+
+    return np.array([largest_wrench(body) for body in bodies], dtype=np.float64).T
+
+
+def _require_possible(array: Numbers, row: int, largest: Numbers) -> None:
+    """Check forces (row 0) or torques (row 1), (intervals, bodies, 3), each against what its own body can follow."""
+    import numpy as np
+
+    sizes = np.abs(array).max(axis=(0, 2), initial=0.0)
+    for k in np.flatnonzero(sizes > largest[row])[:1].tolist():
+        size, (force, torque) = float(sizes[k]), largest[:, k].tolist()
+        try:
+            require_possible(*((0.0, size) if row else (size, 0.0)), (force, torque))
+        except WrenchError as error:
+            raise WrenchError(f"body {k}: {error}" if len(sizes) > 1 else str(error)) from error
 
 
 def _particles(bodies: Sequence[RigidBody]) -> npt.NDArray[np.bool_]:

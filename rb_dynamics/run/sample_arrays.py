@@ -31,15 +31,22 @@ def _field(compute: Callable[[Any], Any]) -> cached_property[Numbers]:
         # An energy beyond the range of doubles becomes infinite, as elsewhere.
         with np.errstate(all="ignore"):
             found = compute(samples)
-        return np.stack(found, axis=-1) if isinstance(found, tuple) else np.asarray(found)
+        return _read_only(np.stack(found, axis=-1) if isinstance(found, tuple) else np.asarray(found))
 
     return cached_property(field)
+
+
+def _read_only(array: Numbers) -> Numbers:
+    """Return `array` as it is kept: what one reader writes into it, the next would take for the state."""
+    found = array.view()
+    found.flags.writeable = False
+    return found
 
 
 class Samples:
     """State and bookkeeping of many bodies, or at many times: each field of `Sample` with a leading axis.
 
-    A field is computed when it is first read.
+    A field is computed when it is first read. Arrays are read-only.
 
     Attributes:
         time_ns: of all bodies, or one for each row; integer nanoseconds.
@@ -55,7 +62,7 @@ class Samples:
         """Return samples with only these fields."""
         samples = cls.__new__(cls)
         samples.time_ns = time_ns
-        samples.__dict__.update(fields)
+        samples.__dict__.update({name: _read_only(field) for name, field in fields.items()})
         return samples
 
     def __len__(self) -> int:

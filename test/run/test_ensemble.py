@@ -378,3 +378,12 @@ def test_exact_takes_a_force_in_the_world_in_one_step(force: tuple[float, float,
         expected.append(row(alone.sample_at(time_ns)))
 
     assert rows(driven(BODY, STATE, times, method="exact", force_world=force)) == expected
+
+
+def test_each_body_has_a_largest_torque_of_its_own() -> None:
+    large, small = (RigidBody.from_principal(m, [m, m, m], (0.0, 0.0, 0.0, 1.0)) for m in (1.0, 1e-6))
+    many = Ensemble([large, small], [State(0), State(0)], "rk4", 0.01)
+    many.hold(torque_body=[[1e9, 0.0, 0.0], [0.0, 0.0, 0.0]])
+
+    with pytest.raises(WrenchError, match=r"body 1: wrench torque about the centre of mass is 1e\+09 N m"):
+        many.hold(torque_body=[[0.0, 0.0, 0.0], [1e9, 0.0, 0.0]])

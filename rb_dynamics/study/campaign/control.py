@@ -10,7 +10,9 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
+from rb_dynamics.loads.wrench import largest_wrench
 from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS
 from rb_dynamics.scene.fields import Rule
 from rb_dynamics.study.campaign.laws import LAWS, Measurement, Parameters
@@ -69,7 +71,12 @@ class Loop:
     """
 
     def __init__(
-        self, campaign: Campaign, control: Control, runs: Sequence[int], values: Mapping[str, Numbers]
+        self,
+        campaign: Campaign,
+        control: Control,
+        runs: Sequence[int],
+        values: Mapping[str, Numbers],
+        bodies: Sequence[RigidBody],
     ) -> None:
         """Make the law.
 
@@ -78,6 +85,7 @@ class Loop:
             control: its control loop.
             runs: their numbers.
             values: of each input, by its name, (N,).
+            bodies: that they turn, N.
 
         Raises:
             FunctionError: the law raised.
@@ -98,6 +106,8 @@ class Loop:
                 f"{self._name} returned {self._law!r}, expected a function of the measurement; correct the law"
             )
         self.failed: dict[int, str] = {}
+        self._largest = [largest_wrench(body) for body in bodies]
+        self._possible = np.array([[torque] for _, torque in self._largest])
         self._most = numbers["control.saturation"][:, None]
         self._bias = np.stack([numbers[f"control.bias[{i}]"] for i in range(3)], axis=-1)
         self._sizes = np.stack([numbers["control.noise.attitude"], numbers["control.noise.rate"]], axis=-1)
@@ -124,13 +134,18 @@ class Loop:
             )
         limited: Numbers = np.minimum(np.maximum(torque, -self._most), self._most)
         biased: Numbers = limited + self._bias
-        lost = ~np.all(np.isfinite(biased), axis=-1, keepdims=True)
+        # What is no number is not within it, either.
+        lost = ~np.all(np.abs(biased) <= self._possible, axis=-1, keepdims=True)
         for place in np.flatnonzero(lost).tolist():
             x, y, z = torque[place].tolist()
+            why = "no finite torque"
+            if np.isfinite(biased[place]).all():
+                with_bias = "" if (biased[place] == torque[place]).all() else ", saturated and with its bias"
+                size = f"{float(np.abs(biased[place]).max()):.3g} N m{with_bias}"
+                why = f"{size}, is more than the {self._largest[place][1]:.3g} N m that the body can be simulated under"
             self.failed.setdefault(
                 place,
-                f"{self._name} returned ({x!r}, {y!r}, {z!r}) N m at simulation time {measured.time_s!r} s, no finite "
-                "torque",
+                f"{self._name} returned ({x!r}, {y!r}, {z!r}) N m at simulation time {measured.time_s!r} s, {why}",
             )
         return np.where(lost, 0.0, biased) if lost.any() else biased
 

@@ -265,5 +265,5 @@ def _closed(campaign: Campaign, runs: Sequence[_Run]) -> _Closed | None:
     if control is None:
         return None
     values = {each.name: np.array([run.values[each.name] for run in runs]) for each in campaign.inputs}
-    loop = Loop(campaign, control, [run.number for run in runs], values)
+    loop = Loop(campaign, control, [run.number for run in runs], values, [run.scene.body for run in runs])
     return _Closed(loop, control.period_ns, [delay_ns(control, run.values) for run in runs])

@@ -79,12 +79,13 @@ class MetricSummary:
         name: of the metric.
         unit: of its values.
         count: number of runs with a value.
-        missing: number of runs without one: a condition that was never met, or a failed run.
+        missing: number of runs without one: a condition that was never met, or a run that could not be flown.
+        never: how many of these never met the condition; they count as larger than any value in quantiles.
         mean: of the values.
         deviation: standard deviation of the values.
         least: smallest value.
         most: largest value.
-        quantiles: of the values.
+        quantiles: of the values and of those that never were one; infinite where they are.
         worst: the worst run; None if no run has a value.
         sensitivity: rank correlation with each input, strongest first.
         either_way: rank correlation with the distance of each input from its median, strongest first.
@@ -97,6 +98,7 @@ class MetricSummary:
     unit: str
     count: int
     missing: int
+    never: int
     mean: float
     deviation: float
     least: float
@@ -221,9 +223,15 @@ def _metric(
     is_number = np.isfinite(column)
     values = np.sort(column[is_number])
     count = len(values)
+    flown = column[[not error for error in rows["error"]]]
+    reduction = next(each.reduction for each in campaign.metrics if each.name == name)
+    # A time to what never came is longer than any.
+    never = int(np.count_nonzero(np.isnan(flown))) if reduction == "time_to" else 0
+    ordered = np.sort(np.concatenate([flown[~np.isnan(flown)], np.full(never, math.inf)]))
+    quantiles = tuple(quantile_interval(ordered, probability) for probability in PROBABILITIES if len(ordered))
     if count == 0:
         nan, worst = math.nan, _worst(campaign, name, rows)
-        return MetricSummary(name, unit, 0, len(column), nan, nan, nan, nan, (), worst, (), (), ())
+        return MetricSummary(name, unit, 0, len(column), never, nan, nan, nan, nan, quantiles, worst, (), (), ())
     sensitivity = _sensitivity(column, is_number, ranks)
     with np.errstate(over="ignore", invalid="ignore"):
         mean, deviation = float(values.mean()), float(values.std(ddof=1)) if count > 1 else 0.0
@@ -232,11 +240,12 @@ def _metric(
         unit,
         count,
         len(column) - count,
+        never,
         mean,
         deviation,
         float(values[0]),
         float(values[-1]),
-        tuple(quantile_interval(values, probability) for probability in PROBABILITIES),
+        quantiles,
         _worst(campaign, name, rows),
         tuple(pair for pair in sensitivity if not pair[0].endswith(EITHER_WAY)),
         tuple((pair[0].removesuffix(EITHER_WAY), pair[1]) for pair in sensitivity if pair[0].endswith(EITHER_WAY)),
@@ -330,7 +339,8 @@ def as_text(
         f"passed      {summary.passed} of {summary.runs}: {_percents(summary)}",
         *(f"  {line}" for line in _aligned(quantile_table(summary))),
         f"  99 % below: 99 % of the runs have a smaller value.  {TRUE}: its interval over all possible runs, with",
-        f"  {CONFIDENCE:.0%} confidence. no value: runs that never met the condition, or could not be flown.",
+        f"  {CONFIDENCE:.0%} confidence. no value: runs that never met the condition, which count as larger than any,",
+        "  or could not be flown, which do not count.",
     ]
     if far := far_text(summary):
         lines.append(f"  {far}")
@@ -392,9 +402,9 @@ def quantile_table(summary: CampaignSummary) -> list[list[str]]:
     for metric in summary.metrics:
         at = {each.probability: each for each in metric.quantiles}
         values = [at[each].value if at else None for each in SHOWN]
-        cells = [UNKNOWN if value is None else f"{value:.4g}" for value in values]
+        cells = [value_text(value, metric) for value in values]
         missing = f"{metric.missing}" if metric.missing else ""
-        table.append([titled(metric.name, metric.unit), *cells, interval_text(at.get(FAR)), missing])
+        table.append([titled(metric.name, metric.unit), *cells, interval_text(at.get(FAR), metric), missing])
     return table
 
 
@@ -410,7 +420,7 @@ def _aligned(table: Sequence[Sequence[str]]) -> list[str]:
 
 def far_text(summary: CampaignSummary) -> str:
     """Return a note on what the runs are too few to tell about the farthest quantile; "" if they are enough."""
-    count = min((metric.count for metric in summary.metrics if metric.count), default=0)
+    count = min((metric.count + metric.never for metric in summary.metrics if metric.count), default=0)
     reached = math.ceil(0.5 / (1.0 - FAR))
     bounded = math.ceil(math.log(0.5 * (1.0 - CONFIDENCE)) / math.log(FAR))
     if count >= bounded:
@@ -430,11 +440,21 @@ def worst_text(metric: MetricSummary) -> str:
     return f"{metric.name}: {value}, the {metric.worst.which}, in run {metric.worst.run}"
 
 
-def interval_text(quantile: Quantile | None) -> str:
-    """Return the interval of the true quantile, as text."""
+def value_text(value: float | None, metric: MetricSummary) -> str:
+    """Return a quantile of `metric` as text."""
+    if value is None:
+        return UNKNOWN
+    return "never" if math.isinf(value) and metric.never else f"{value:.4g}"
+
+
+def interval_text(quantile: Quantile | None, metric: MetricSummary) -> str:
+    """Return the interval of the true quantile of `metric`, as text."""
     if quantile is None or quantile.low is None:
         return UNKNOWN
-    return f"{quantile.low:.4g} " + ("or more" if quantile.high is None else f"to {quantile.high:.4g}")
+    low = value_text(quantile.low, metric)
+    if quantile.low == math.inf:
+        return low
+    return f"{low} " + ("or more" if quantile.high is None else f"to {value_text(quantile.high, metric)}")
 
 
 def rerun_commands(campaign: Campaign, runs: Sequence[int], options: Sequence[str] = ()) -> list[str]:

@@ -56,11 +56,11 @@ def called(what: str, function: Callable[..., Any], *arguments: object) -> Any:
         raise SceneError(
             f"{what} raised {_described(error)}; what a law or a metric needs has to be there on every worker"
         ) from error
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise FunctionError(f"{what} raised {_described(error)}") from error
 
 
-def _described(error: Exception) -> str:
+def _described(error: BaseException) -> str:
     """Return the message of `error` and where in the user's file it was raised, in one line."""
     text = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(": ")
     frames = traceback.extract_tb(error.__traceback__)

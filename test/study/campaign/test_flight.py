@@ -222,17 +222,22 @@ FAST = "np.any(gain > 1.8) and measured.time_s > 0.9"
 LATE = "samples.time_ns > 10**9 and np.any(samples.angular_velocity_body > 0.3)"
 BAD = {
     "NaN": {"torque": f"np.where((gain > 1.8) & (measured.time_s > 0.9), np.nan, {GOOD['torque']})"},
+    "huge": {"torque": f"np.where((gain > 1.8) & (measured.time_s > 0.9), -1e200, {GOOD['torque']})"},
     "raise": {"first": f"raise_ = [][1] if {FAST} else 0"},
+    "exit": {"first": f"raise_ = __import__('sys').exit(3) if {FAST} else 0"},
     "quantity": {"quantity": f"[][1] if {LATE} else 0"},
+    "overwrite": {"quantity": f"if {LATE}: samples.angular_velocity_body[:] = 0.0"},
 }
 
 
-@pytest.mark.parametrize("bad", ["NaN", "raise", "quantity"])
+@pytest.mark.parametrize("bad", BAD)
 @pytest.mark.parametrize("scene", [SCENE, SCENE + EFFECT], ids=["many", "alone"])
 def test_a_function_that_fails_for_a_run_is_a_row_with_its_reason(tmp_path: Path, scene: str, bad: str) -> None:
     text = CAMPAIGN.replace("law: rate_damping", "law: own_bad.law").replace(
         "{final: rate}", "{final: own_bad.quantity}"
     )
+    if bad == "huge":
+        text = text.replace("saturation: 0.6", "saturation: 1e300")
     (tmp_path / "own_bad.py").write_text(OWN.format(**GOOD))
     good = fly_block(read_campaign(write(tmp_path, text, scene)), 0, 24)
     (tmp_path / "own_bad.py").write_text(OWN.format(**{**GOOD, **BAD[bad]}))
@@ -242,14 +247,18 @@ def test_a_function_that_fails_for_a_run_is_a_row_with_its_reason(tmp_path: Path
     failed = [run for run, error in enumerate(found["error"]) if error]
     reason = {
         "NaN": r"control.law: own_bad.law returned \(nan, nan, nan\) N m at simulation time 1.0 s, no finite torque",
+        "huge": r"control.law: own_bad.law returned \(-1e\+200, -1e\+200, -1e\+200\) N m at simulation time 1.0 s, .*"
+        r"N m, .*is more than the .* N m that the body can be simulated under",
         "raise": r"control.law: own_bad.law raised IndexError: list index out of range, own_bad.py:8",
+        "exit": r"control.law: own_bad.law raised SystemExit: 3, own_bad.py:8",
         "quantity": r"metrics: own_bad.quantity raised IndexError: list index out of range, own_bad.py:17",
+        "overwrite": r"metrics: own_bad.quantity raised ValueError: assignment destination is read-only, own_bad.py:17",
     }[bad]
     assert 0 < len(failed) < 20
     assert all(re.fullmatch(reason, found["error"][run]) for run in failed)
     assert np.isnan(found["final_rate"][failed]).all()
     assert not found["passed"][failed].any()
-    if bad != "quantity":
+    if bad not in ("quantity", "overwrite"):
         assert failed == [run for run in range(24) if good["control.parameters.gain"][run] > 1.8]
     others = [run for run in range(24) if run not in failed]
     assert [rows(found)[run] for run in others] == [rows(good)[run] for run in others]
@@ -266,7 +275,7 @@ def test_a_law_that_lacks_a_file_is_no_failed_run(tmp_path: Path) -> None:
         fly_block(campaign, 0, 2)
 
 
-@pytest.mark.parametrize(("returned", "message"), [("None", "returned None, expected a function of what is measured")])
+@pytest.mark.parametrize(("returned", "message"), [("None", "returned None, expected a function of the measurement")])
 def test_a_law_that_makes_no_function(tmp_path: Path, returned: str, message: str) -> None:
     (tmp_path / "own_none.py").write_text(f"def law(parameters):\n    return {returned}\n")
     campaign = read_campaign(write(tmp_path, CAMPAIGN.replace("law: rate_damping", "law: own_none.law")))

@@ -216,6 +216,30 @@ def test_a_condition_that_is_never_met_is_no_number(tmp_path: Path) -> None:
     assert "never [s]" in as_text(campaign, summary)
 
 
+def test_a_time_to_what_never_came_is_longer_than_any(tmp_path: Path) -> None:
+    """Of 1000 runs 100 do not settle and 50 cannot be flown: 95 % of the flown ones are not below any time."""
+    text = "scene: scene.yaml\nruns: 1000\nmetrics: {settled: {time_to: rate, below: 0.1}, last: {final: rate}}\n"
+    campaign = read_campaign(write(tmp_path, text))
+    column = np.where(np.arange(1000) < 150, math.nan, np.arange(1000.0))
+    summary = summarise(
+        campaign,
+        {
+            "run": np.arange(1000), "settled": column, "last": column, "passed": np.ones(1000, dtype=bool),
+            "error": ["no scene" if run < 50 else "" for run in range(1000)],
+        },
+    )  # fmt: skip
+    settled, last = summary.metrics
+    assert (settled.count, settled.missing, settled.never) == (850, 150, 100)
+    assert {each.probability: each.value for each in settled.quantiles} == {
+        0.01: 159.0, 0.05: 197.0, 0.5: 624.0, 0.95: math.inf, 0.99: math.inf, FAR: math.inf
+    }  # fmt: skip
+    assert [each.value for each in last.quantiles][-1] == 997.0
+    line = next(line for line in as_text(campaign, summary).splitlines() if "settled [s]" in line)
+    assert line.split() == ["settled", "[s]", "159", "624", "never", "never", "never", "never", "150"]
+    found = json.loads(json.dumps(summary.as_dict(), allow_nan=False))["metrics"][0]
+    assert (found["never"], found["quantiles"][-1]["value"]) == (100, None)
+
+
 def test_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("matplotlib")
     pytest.importorskip("jinja2")
