@@ -142,6 +142,7 @@ def test_every_page_but_the_one_on_installing_asks_for_something() -> None:
     }
 
 
+@pytest.mark.timeout(600)  # a campaign compiles, or waits for the processes that do
 @pytest.mark.parametrize(
     "step",
     [
