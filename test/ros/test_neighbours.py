@@ -31,7 +31,7 @@ def test_a_reader_whose_qos_does_not_fit_is_a_warning_until_it_goes(scene: Path,
         peer.until(lambda: diagnostics and "QoS" in diagnostics[-1].status[0].message, "a word of it")
         assert level(diagnostics[-1]) == 1
         message = diagnostics[-1].status[0].message
-        assert "/pose: the QoS of the reader /peer does not fit" in message
+        assert "/pose: the QoS of the reader /peer is incompatible" in message
         assert "let it ask VOLATILE, or start this node with" in message
         assert "-p qos_overrides./pose.publisher.durability:=transient_local" in message
         assert values(diagnostics[-1])["pose: incompatible QoS"] == "1"
@@ -43,7 +43,7 @@ def test_a_reader_whose_qos_does_not_fit_is_a_warning_until_it_goes(scene: Path,
         peer.node.destroy_subscription(reader)
         peer.until(lambda: level(diagnostics[-1]) == 0, "the all-clear")
         assert node.stop() == 0, node.err
-    assert node.err.count("does not fit") == 1
+    assert node.err.count("is incompatible") == 1
 
 
 def test_what_is_told_to_a_reader_helps(tmp_path: Path, peer: Peer) -> None:
@@ -137,7 +137,7 @@ def test_an_override_that_matches_no_topic_is_refused_before_there_is_a_log(
     log = tmp_path / "run.mcap"
     node = NodeProcess(scene, *arguments, "-p", f"qos_overrides.{name}:={value}", mcap=log)
     assert node.wait() == 2, node.err
-    assert node.err.splitlines()[-1].startswith(f"rb-dynamics: parameter qos_overrides.{name}: found nothing that")
+    assert node.err.splitlines()[-1].startswith(f"rb-dynamics: parameter qos_overrides.{name}: found no topic that")
     assert expected in node.err
     assert "Traceback" not in node.err
     assert not log.exists()
