@@ -1,8 +1,8 @@
-"""`Arc`: the motion between two changes of what acts, while the held wrench is constant, as a function of time.
+"""`Arc`: the motion between two changes of the load, with a constant held wrench, as a function of time.
 
 An arc steps on a grid that starts where the arc starts. A time between two grid points is reached by one shorter step
-that is then discarded. Outputs at any rate therefore never change the motion, and advancing in many small
-pieces gives the same bits as advancing at once.
+that is then discarded. So outputs at any rate do not change the motion, and advancing in many small pieces gives the
+same bits as advancing at once.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from rb_dynamics.numerics.rotation import Quaternion, exp, multiply, rotate
 from rb_dynamics.numerics.vector import Vector, add, add_scaled, norm, scale, subtract
 
 LoadFrom = Callable[[Phase], Load]
-"""What acts beside the held wrench during a step that starts in a phase."""
+"""Returns the load in addition to the held wrench, for a step that starts in a phase."""
 
 OfPhase = Callable[[Phase], float]
 
 
 class Outlook(NamedTuple):
-    """What effects say of what comes; each is None where they have nothing to say.
+    """What effects tell about the load ahead; a field is None if they tell nothing.
 
     Attributes:
-        slowing: the rate (1/s) at which differences of velocity die down in a phase.
-        sight: for how long (s) the load in a phase tells what comes.
+        slowing: the rate (1/s) at which differences of velocity decay in a phase.
+        sight: for how long (s) the load in a phase is a guide to the load ahead.
     """
 
     slowing: OfPhase | None = None
@@ -41,7 +41,7 @@ class Outlook(NamedTuple):
 
 
 Choose = Callable[[Phase, Callable[[Method], "Stepper"]], tuple[Method, StepControl]]
-"""Method and control for what follows a phase; both controls count time in the same units."""
+"""Return method and control for the motion after a phase; both controls use the same unit of time."""
 
 _NO_OUTLOOK = Outlook()
 
@@ -49,16 +49,16 @@ _EPSILON = 2.0**-52
 
 _CHOOSE_AGAIN = 64
 
-# Strides that tell how many are to come.
+# Number of strides from which the number of further ones is estimated.
 _ENOUGH = 16
 
 
 class Arc:
-    """The motion from `start_ns` on under one held wrench (body parts in principal axes); times may only grow.
+    """The motion from `start_ns` on with one held wrench (body parts in principal axes); times must not decrease.
 
     Attributes:
-        methods: names of the methods that have moved the body, in order.
-        expected_ns: the time that it is expected to reach: it decides whether a kernel is worth it, and nothing else.
+        methods: names of the methods used, in order.
+        expected_ns: the expected end; it decides only whether a kernel is worth it.
     """
 
     def __init__(
@@ -75,9 +75,9 @@ class Arc:
     ) -> None:
         """Start in `phase` at `start_ns`.
 
-        `load_from` gives what acts beside `held`, if anything does, and `outlook` what is known of it ahead;
-        `choose_again` another method, which is asked for after `_CHOOSE_AGAIN` strides and whenever their number has
-        doubled: a transient must not decide for ever.
+        `load_from` gives the load in addition to `held`, if there is one, and `outlook` what is known of it ahead;
+        `choose_again` selects another method, after `_CHOOSE_AGAIN` strides and whenever their number has doubled, so
+        that a transient does not decide for the whole arc.
         """
         self.methods = [method.name]
         self._what_acts = inertia, held, load_from, outlook
@@ -87,8 +87,8 @@ class Arc:
         self._choose_again = choose_again
         self._start_ns = self.expected_ns = start_ns
         self._phase = phase
-        # In units of 1/denominator ns since the start: the grid point reached and the stride that follows it. The
-        # stride is chosen when it is first asked for, so that an arc that is left at once costs nothing.
+        # In units of 1/denominator ns since the start: the grid point reached and the next stride. The stride is chosen
+        # when it is first needed, so that an arc that ends at once costs nothing.
         self._reached = 0
         self._strides = 0
         self._stride: int | None = None
@@ -103,7 +103,7 @@ class Arc:
         return Stepper(method, *self._what_acts)
 
     def at(self, time_ns: int) -> Phase:
-        """Return the phase at `time_ns`, not before the last time asked for nor the start.
+        """Return the phase at `time_ns`, not before the last time requested nor the start.
 
         Raises:
             ConvergenceError: a step could not be solved.
@@ -123,7 +123,7 @@ class Arc:
         return phase
 
     def advance(self, time_ns: int) -> None:
-        """Take the strides that end by `time_ns`, so that less is left to do when it is asked for.
+        """Take the strides that end by `time_ns`, so that a later request has less to do.
 
         Raises:
             ConvergenceError: a step could not be solved.
@@ -141,7 +141,7 @@ class Arc:
             self._take_stride()
 
     def _take_equal_strides(self, length: int, target: int) -> None:
-        """Take what strides of `length` a kernel can; what is left over is taken one by one."""
+        """Take strides of `length` as far as a kernel can; the rest is taken one by one."""
         h = length / (self._control.denominator * NANOSECONDS)
         while (left := (target - self._reached) // length) > 0:
             count, ahead = min(left, self._most_strides()), self._ahead(target) // length
@@ -153,10 +153,10 @@ class Arc:
             self._count(count)
 
     def _take_strides(self, target: int) -> bool:
-        """Take the strides that a kernel chooses by `target`, and leave the one after them chosen; say if any is."""
+        """Take strides chosen by a kernel until `target`, and keep the next one; return whether any was taken."""
         if self._stride is not None:
             return False
-        # So many strides as the time behind has had, for the time ahead.
+        # For the time ahead, assume as many strides as for the time so far.
         ahead = self._ahead(target) * self._strides // self._reached if self._strides >= _ENOUGH else 1
         progress = self._progress(target - self._reached, self._most_strides(), ahead)
         if progress is None or progress.strides == 0:
@@ -166,7 +166,7 @@ class Arc:
         return True
 
     def _ahead(self, target: int) -> int:
-        """Return how far it is expected to go from here, and to `target` at least."""
+        """Return the expected end of the advance, at least `target`."""
         return max(target, (self.expected_ns - self._start_ns) * self._control.denominator) - self._reached
 
     def _progress(self, room: int, count: int, ahead: int) -> Progress | None:
@@ -182,18 +182,18 @@ class Arc:
         return progress
 
     def _most_strides(self) -> int:
-        """Return how many may be taken at once: none across a choice."""
+        """Return how many strides may be taken at once, without passing a choice of method."""
         if self._choose_again is None:
             return LONGEST_STRETCH
         choice = max(_CHOOSE_AGAIN, 1 << self._strides.bit_length())
         return min(LONGEST_STRETCH, choice - self._strides)
 
     def steps_to(self, time_ns: int) -> int:
-        """Return the number of steps that lead to `time_ns`, the last time asked for."""
+        """Return the number of steps up to `time_ns`, the last time requested."""
         return self._strides + ((time_ns - self._start_ns) * self._control.denominator > self._reached)
 
     def next_grid_ns(self) -> int:
-        """Return the time of the next grid point, rounded to the nanosecond it is reached in."""
+        """Return the time of the next grid point, rounded up to nanoseconds."""
         if self._stride is None:
             self._progress(0, 1, 1)
         end = self._reached + self._next_stride()
@@ -222,7 +222,7 @@ class Arc:
 
 
 class Stepper:
-    """An `Advance`: a method, the body that it moves and what acts on it; and the kernel of the method."""
+    """An `Advance`: a method, its body and load, and the kernel of the method."""
 
     def __init__(
         self,
@@ -241,13 +241,13 @@ class Stepper:
         return phase.after(self._method.step(*self._arguments(phase, h)), h)
 
     def stretch(self, phase: Phase, h: float, count: int, ahead: int, missed: int) -> Phase | None:
-        """Return the phase after `count` steps of h s, by a kernel, see there; None if none can."""
+        """Return the phase after `count` steps of h s by a kernel; None if that is not possible."""
         if self._kernel is None:
             return None
         return self._kernel.after(self._inertia, self._held, h, count, phase, ahead, missed)
 
     def pair(self, phase: Phase, h: float) -> tuple[Phase, Phase]:
-        """Return the phase after a step of h s, and the same of one order less."""
+        """Return the phase after a step of h s, and the embedded result of one order less."""
         if self._method.pair is None:
             raise TypeError(f"{self._method.name} is no embedded pair")
         step, comparison = self._method.pair(*self._arguments(phase, h))
@@ -268,18 +268,18 @@ class Stepper:
         )
 
     def slowing(self, phase: Phase) -> float:
-        """Return the rate (1/s) at which drag makes differences of speed die down in `phase`; 0 without drag."""
+        """Return the rate (1/s) at which drag makes differences of speed decay in `phase`; 0 without drag."""
         return 0.0 if self._outlook.slowing is None else self._outlook.slowing(phase)
 
     def sight(self, phase: Phase) -> float:
-        """Return for how long (s) from `phase` on the load there tells what comes."""
+        """Return for how long (s) from `phase` on the load there is a guide to the load ahead."""
         return math.inf if self._outlook.sight is None else self._outlook.sight(phase)
 
     def steady(self, phase: Phase, longest: float) -> float:
-        """Return for how long (s), at most `longest`, the load stays near what it is in `phase`.
+        """Return for how long (s), at most `longest`, the load stays close to that in `phase`.
 
-        That is until it has changed by half of the strongest on the way of a body that coasts, as seen after about 1,
-        2, 4 ... ns. A first step whose stages all lie beyond a thin layer would see nothing, and be accepted.
+        Until it has changed by half of its maximum on the path of a coasting body, sampled after about 1, 2, 4 ... ns.
+        A first step whose stages are all beyond a thin layer would not see it, and be accepted.
         """
         if self._load_from is None or not 1.0 / NANOSECONDS < longest < math.inf:
             return longest
@@ -293,7 +293,7 @@ class Stepper:
                 seen.append((t, *load(t, away, velocity, multiply(phase.orientation, exp(scale(t, omega))), omega)))
             except ConvergenceError:
                 break
-        # What a rounding of the velocities makes is no change.
+        # A change within the rounding error of the velocities does not count.
         least = _EPSILON / longest
         force = max([least * mass * norm(velocity), *(0.5 * norm(sight[1]) for sight in seen)])
         torque = max([least * min(moments) * (norm(omega) + 1.0 / longest), *(0.5 * norm(sight[2]) for sight in seen)])

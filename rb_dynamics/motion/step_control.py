@@ -1,7 +1,7 @@
-"""Step control: chooses the grid of an arc, by a fixed step or by the accuracy that the user asks for.
+"""Step control: chooses the grid of an arc, by a fixed step or by the requested accuracy.
 
-It sees a method only as a function that advances a phase. The functions that choose a step work on plain floats, and
-`adaptive_kernel.py` compiles them as they are.
+A method is only a function that advances a phase. The functions that choose a step work on plain floats, and
+`adaptive_kernel.py` compiles them unchanged.
 """
 
 from __future__ import annotations
@@ -20,58 +20,59 @@ from rb_dynamics.numerics.vector import Vector, norm, subtract
 
 
 class Advance(Protocol):
-    """A method, the body that it moves and what acts on it."""
+    """A method with its body and load."""
 
     def __call__(self, phase: Phase, h: float) -> Phase:
         """Return the phase after a step of h s."""
 
     def pair(self, phase: Phase, h: float) -> tuple[Phase, Phase]:
-        """Return the phase after a step of h s, and the same of one order less."""
+        """Return the phase after a step of h s, and the embedded result of one order less."""
 
     def longest_step(self, phase: Phase, accuracy: float, horizon: float) -> float:
         """Return the longest step in s that adds at most accuracy * step / horizon to the error at the end."""
 
     def slowing(self, phase: Phase) -> float:
-        """Return the rate (1/s) at which drag makes differences of speed die down in `phase`; 0 without drag."""
+        """Return the rate (1/s) at which drag makes differences of speed decay in `phase`; 0 without drag."""
 
     def steady(self, phase: Phase, longest: float) -> float:
-        """Return for how long (s), at most `longest`, the load stays near what it is in `phase`."""
+        """Return for how long (s), at most `longest`, the load stays close to that in `phase`."""
 
     def sight(self, phase: Phase) -> float:
-        """Return for how long (s) from `phase` on the load there tells what comes."""
+        """Return for how long (s) from `phase` on the load there is a guide to the load ahead."""
 
 
 MOST_STEPS = 10**12
-"""Steps of a fixed length in one run: compiled they take days."""
+"""Largest number of fixed steps in one run: compiled, they take days."""
 
 _EPSILON = 2.0**-52
 
-# What doubling may use up of the accuracy: errors grow faster than linearly while a body turns over its middle
-# axis. A pair keeps the better one of its results, and has that in hand.
+# Share of the accuracy for step doubling: errors grow faster than linearly while a body flips. A pair keeps the better
+# of its results, and needs no such reserve.
 _SHARE = 0.2
 
-# By so many roundings of rate and attitude the results of doubling may differ, beside one, however short the stride is:
-# half of the strides by 0.6 to 2.6 with the one, of a thousand none by more than 10. Those of a pair are rounded alike.
+# The results of doubling may differ by this many roundings of rate and attitude, besides one, however short the stride:
+# half of the strides differ by 0.6 to 2.6 with that one, none of a thousand by more than 10. Those of a pair are
+# rounded alike.
 _NOISE = 9.0
 
-# ns; whole, and a float.
+# ns; an integer as a float.
 _LONGEST = 2.0**62
 
 
 class Goal(NamedTuple):
-    """What the strides of a run have to keep to, and how their errors are estimated.
+    """Requirements on the strides of a run, and how their errors are estimated.
 
     Attributes:
         accuracy: the accepted error.
-        horizon: the time (s) over which it is kept.
-        ends: whether the run ends with the horizon; where it does not, the horizon is counted from any time.
+        horizon: the time (s) for which it holds.
+        ends: whether the run ends with the horizon; otherwise the horizon is counted from any time.
         mass: of the body, kg.
         order: of the result whose error is estimated.
-        errors: how many of its errors make up the difference of two results.
-        share: what may be used up of the accuracy.
+        errors: how many of its errors add up to the difference of two results.
+        share: usable share of the accuracy.
         x, y, z: where the centre of mass starts, world axes, m.
-        slowing: at which errors of velocity die down now, 1/s; see `Advance.slowing`.
-        noise: by how many roundings of rate and attitude, beside one, the results may differ without an error.
+        slowing: present rate at which errors of velocity decay, 1/s; see `Advance.slowing`.
+        noise: by how many roundings of rate and attitude, besides one, the results may differ without an error.
     """
 
     accuracy: float
@@ -89,14 +90,14 @@ class Goal(NamedTuple):
 
 
 class Learnt(NamedTuple):
-    """What strides teach.
+    """State of step control.
 
     Attributes:
-        step: near which the next one is sought, s; 0 before the first.
-        farthest: from the start, m: so far the body has travelled at least, whether it comes to rest or returns.
-        telling: length of a stride whose results differ by more than rounding, s; 0 where none has been needed.
+        step: guess for the next stride, s; 0 before the first.
+        farthest: largest distance from the start, m: a lower bound of the path, also if the body stops or returns.
+        telling: length of a stride whose results differ by more than rounding, s; 0 if none has been needed.
         told: error of attitude that it adds.
-        until: the time that it reaches, s since the start of the run: until then it stands for the shorter ones.
+        until: its end, s since the start of the run, up to which it represents shorter ones.
     """
 
     step: float = 0.0
@@ -107,13 +108,13 @@ class Learnt(NamedTuple):
 
 
 class Stride(NamedTuple):
-    """A stride that has been chosen.
+    """A chosen stride.
 
     Attributes:
-        length: ns; 0 if not even 1 ns keeps the accuracy.
-        after: the phase at its end where choosing it meant taking it, else that at its start.
-        learnt: what it teaches.
-        error: which it adds.
+        length: ns; 0 if not even 1 ns meets the accuracy.
+        after: the phase at its end if it was taken to choose it, otherwise that at its start.
+        learnt: state of step control after it.
+        error: the error that it adds.
     """
 
     length: int
@@ -126,22 +127,22 @@ class StepControl(Protocol):
     """Chooses the grid of an arc. Lengths of strides are integers in units of 1/`denominator` ns.
 
     Attributes:
-        denominator: of the unit of time.
-        parts: equal steps that are as accurate as a stride over the same time.
+        denominator: defines the unit of time.
+        parts: number of equal steps with the accuracy of a stride over the same time.
     """
 
     denominator: int
     parts: int
 
     def stride(self, phase: Phase, advance: Advance) -> tuple[int, Phase | None]:
-        """Return the length of the next stride and, where choosing it meant taking it, the phase at its end."""
+        """Return the length of the next stride and, if it was taken to choose it, the phase at its end."""
 
     def begin(self) -> None:
-        """Learn from the stride that was chosen last: time goes into it. What is never entered must leave no trace."""
+        """Learn from the stride chosen last, when time enters it. A stride never entered must leave no trace."""
 
 
 class FixedStep:
-    """A fixed step; where it is no whole number of nanoseconds its remainder is carried exactly.
+    """A fixed step; if it is not a whole number of nanoseconds, its remainder is carried exactly.
 
     Attributes:
         length: of every stride, in units of 1/`denominator` ns.
@@ -150,16 +151,16 @@ class FixedStep:
     parts = 1
 
     def __init__(self, step: float) -> None:
-        """Take the step in s, as the decimal number that the user wrote."""
+        """Use the step in s, as the decimal number written by the user."""
         exact = Fraction(repr(float(step))) * NANOSECONDS
         self.denominator = exact.denominator
         self.length = exact.numerator
 
     def require_few(self, time_ns: int, name: str = "step", error: type[Exception] = ValueError) -> None:
-        """Let pass a run of `time_ns` that takes at most `MOST_STEPS` steps.
+        """Check that a run of `time_ns` takes at most `MOST_STEPS` steps.
 
         Raises:
-            Exception: `error`, as it would run on for days, years or ages.
+            Exception: `error`, if it takes more.
         """
         count = time_ns * self.denominator // self.length
         if count > MOST_STEPS:
@@ -178,7 +179,7 @@ class FixedStep:
 
 
 class WholeArc:
-    """One stride for the whole arc, for a method in closed form: every time is reached from the start.
+    """One stride for the whole arc, for a closed form: every time is reached from the start.
 
     Attributes:
         length: of the stride, ns: longer than any run.
@@ -188,11 +189,11 @@ class WholeArc:
     length = 2**64
 
     def __init__(self, accuracy: float = math.inf, turned: float = 0.0) -> None:
-        """Take the accepted error, and the turn (rad) that lies behind the arc."""
+        """Use the accepted error, and the rotation (rad) before the arc."""
         self._accuracy, self._turned = accuracy, turned
 
     def require_known(self, start: Phase, end: Phase, h: float) -> None:
-        """Let pass a way of h s from `start` to `end` after which rounding leaves the accuracy.
+        """Check that rounding allows the accuracy after h s of motion from `start` to `end`.
 
         Raises:
             ConvergenceError: names the accuracy that can be reached.
@@ -215,25 +216,25 @@ class WholeArc:
 
 
 class OwnControl:
-    """Steps as long as `accuracy` allows, by the method's own knowledge of its error; see `AccuracyControl`.
+    """Steps as long as `accuracy` allows, by the method's own error estimate; see `AccuracyControl`.
 
     Attributes:
-        goal: what the steps have to keep to.
+        goal: requirements on the steps.
         learnt: nothing, like `following`.
     """
 
     denominator = parts = 1
 
     def __init__(self, accuracy: float, horizon: float, *, ends: bool = True) -> None:
-        """Take the accepted error and the length of the run in s; see `AccuracyControl` for a run that has no end."""
+        """Use the accepted error and the length of the run in s; see `AccuracyControl` for an open-ended run."""
         self.goal = Goal(accuracy, horizon, ends)
         self.learnt = self.following = Learnt()
 
     def stride(self, phase: Phase, advance: Advance) -> tuple[int, Phase | None]:
-        """Return the longest step there is; it has not been taken.
+        """Return the longest acceptable step; it has not been taken.
 
         Raises:
-            ConvergenceError: not even a step of 1 ns keeps the accuracy.
+            ConvergenceError: not even a step of 1 ns meets the accuracy.
         """
         length = by_method(self.goal, self.learnt, phase, advance).length
         if length == 0:
@@ -246,36 +247,35 @@ class OwnControl:
         return length, None
 
     def begin(self) -> None:
-        """Learn nothing: every step is judged by itself."""
+        """Learn nothing: every step is judged on its own."""
 
 
 class AccuracyControl:
     """Steps as long as `accuracy` allows, by step doubling or an embedded pair (Hairer, Norsett & Wanner I, II.4).
 
-    Doubling takes each stride once whole and once in two halves; their difference, over 2^p - 1, estimates the error
-    of the halves, which are kept. An embedded pair takes it once: the difference of its two results estimates the
+    Doubling takes each stride once as a whole and once in two halves; their difference, over 2^p - 1, estimates the
+    error of the halves, which are kept. An embedded pair takes it once: the difference of its two results estimates the
     error of the lower order, and the result of the higher order is kept.
 
-    The error is what the stride adds to attitude (rad) and to position at the end of the run: errors of rate and
-    velocity count with the time they have to grow, linearly, and those of velocity less under drag. A stride h may add
-    a share of accuracy * h / horizon to the attitude and, to the position, the same of the distance to the farthest
-    place so far or, if that is more, a share of accuracy of what it travels itself: together no more than twice that of
-    the distance travelled.
+    The error is the effect of the stride on attitude (rad) and position at the end of the run: errors of rate and
+    velocity are multiplied by the remaining time, those of velocity with drag by less. A stride h may add a share of
+    accuracy * h / horizon to the attitude and, to the position, the same times the largest distance so far or, if that
+    is more, a share of accuracy times its own length: together at most twice that of the distance travelled.
 
-    Two results of doubling differ by some roundings of the rate, however short the stride. Where that is more than a
-    stride may add, no comparison over it tells its error: a longer one is taken on trial, whose results do differ, and
-    its error divided among the strides over the same time as the order says. Rounding itself is no reason to step
-    shorter; where it alone leaves the accuracy, that is refused.
+    Two results of doubling differ by some roundings of the rate, however short the stride. If that is more than a
+    stride may add, their comparison does not show the error: a longer stride is tried, whose results do differ, and its
+    error is divided among the strides over the same time according to the order. Rounding is no reason for shorter
+    steps; if rounding alone exceeds the accuracy, the accuracy is refused.
 
-    Where the motion amplifies errors faster, as near the middle axis or in a chaotic tumble,
-    more than the share comes together: the accuracy is no bound there, and `explain` and `trade` show what is reached.
+    If the motion amplifies errors faster, as near the middle axis or in a chaotic tumble, the sum exceeds the share:
+    the accuracy is then no bound, and `explain` and `trade` show the actual error.
 
     Attributes:
-        goal: what the strides have to keep to.
-        learnt: what the strides that time has gone into teach.
-        following: the same with the stride chosen last, into which time may never go: it is also chosen to see where
-            an output falls, and a new arc may begin before it does.
-        embedded: whether by a pair.
+        goal: requirements on the strides.
+        learnt: state after the strides that time has entered.
+        following: state after the stride chosen last, which time may never enter: it is also chosen to see where an
+            output falls, and a new arc may begin before it does.
+        embedded: whether the method is an embedded pair.
     """
 
     denominator = 1
@@ -291,10 +291,10 @@ class AccuracyControl:
         embedded: bool = False,
         ends: bool = True,
     ) -> None:
-        """Take the accepted error, the length of the run in s, the order of the method, and whether it is a pair.
+        """Use the accepted error, the length of the run in s, the order of the method, and whether it is a pair.
 
-        `start` is where the centre of mass is at the start of the run, world axes, m. Where the run has no end
-        (`ends`), the horizon is what the accuracy is kept over, counted from any time.
+        `start` is the initial position of the centre of mass, world axes, m. Without `ends`, the run is open-ended and
+        the horizon is counted from any time.
         """
         if embedded:
             self.goal = Goal(accuracy, horizon, ends, inertia.mass, order - 1.0, 1.0, 1.0, *start)
@@ -310,7 +310,7 @@ class AccuracyControl:
         """Return the length of an accepted stride and the phase at its end.
 
         Raises:
-            ConvergenceError: not even a stride of 1 ns keeps the accuracy.
+            ConvergenceError: not even a stride of 1 ns meets the accuracy.
         """
         trials = _Trials(advance, self.embedded)
         goal = self.goal._replace(slowing=advance.slowing(phase))
@@ -332,16 +332,16 @@ class AccuracyControl:
         return length, after
 
     def start(self) -> None:
-        """Forget what holds for the last arc alone: another wrench has errors of its own."""
+        """Forget what applies only to the last arc: another wrench has other errors."""
         self.learnt = self.learnt._replace(until=0.0)
 
     def begin(self) -> None:
-        """Let the next stride be sought near what the last one suggests."""
+        """Use the last stride as the guess for the next one."""
         self.learnt = self.following
 
 
 class _Trials:
-    """Takes strides on trial, and remembers the last that the method refused."""
+    """Takes trial strides, and keeps the last refusal of the method."""
 
     def __init__(self, advance: Advance, embedded: bool) -> None:
         self._advance, self._embedded = advance, embedded
@@ -360,9 +360,9 @@ class _Trials:
 
 
 def by_trial(goal: Goal, learnt: Learnt, phase: Phase, trials: Any) -> Stride:
-    """Return a stride from `phase` on that keeps to `goal`, found by trial; its length is 0 if there is none.
+    """Return a stride from `phase` on that meets `goal`, found by trial; its length is 0 if there is none.
 
-    `trials` is what `_attempt` takes strides by: in a kernel body and wrench.
+    `trials` is passed to `_attempt`: in a kernel, body and wrench.
     """
     h = learnt.step if learnt.step > 0.0 else _first(goal, phase)
     while True:
@@ -384,15 +384,15 @@ def by_trial(goal: Goal, learnt: Learnt, phase: Phase, trials: Any) -> Stride:
             return Stride(length, kept, Learnt(following, farthest, learnt.telling, learnt.told, learnt.until), error)
         if length == 1:
             return Stride(0, phase, learnt, error)
-        # A few nanoseconds less may be rounded to the same.
+        # A few nanoseconds less may round to the same.
         h = min(following, (length - 1) / NANOSECONDS)
 
 
 def taught(goal: Goal, learnt: Learnt, phase: Phase, trials: Any, h: float, noise: float) -> Learnt:
-    """Return what strides longer than h s teach: the one that leaves the smallest error to the shorter ones.
+    """Return the state learnt from strides longer than h s: the one that leaves the smallest error to shorter ones.
 
-    They are taken on trial up to one whose results differ by more than rounding, or to the longest that can be taken.
-    `noise` is the error of attitude that rounding hides over h s.
+    They are tried up to one whose results differ by more than rounding, or to the longest possible one. `noise` is the
+    error of attitude that rounding hides over h s.
     """
     power, now = goal.order + 1.0, elapsed(phase)
     telling, told, trial = h, noise, 2.0 * h
@@ -406,7 +406,7 @@ def taught(goal: Goal, learnt: Learnt, phase: Phase, trials: Any, h: float, nois
             trial = max(2.0 * h, 0.5 * trial)
             continue
         found = True
-        # What rounding hides comes on top.
+        # Add the error that rounding hides.
         if (attitude + hidden) * (telling / trial) ** power < told:
             telling, told = trial, attitude + hidden
         if not attitude <= hidden:
@@ -416,20 +416,20 @@ def taught(goal: Goal, learnt: Learnt, phase: Phase, trials: Any, h: float, nois
 
 
 def by_method(goal: Goal, learnt: Learnt, phase: Phase, advance: Any) -> Stride:
-    """Return the longest step from `phase` on that keeps to `goal` by what the method itself knows of its error.
+    """Return the longest step from `phase` on that meets `goal` by the method's own error estimate.
 
-    `advance` is what `_longest_step` asks: in a kernel body and wrench.
+    `advance` is passed to `_longest_step`: in a kernel, body and wrench.
     """
     rest = _rest(goal, phase)
-    # The same share of the accuracy for each second, errors grow for the rest of the run.
+    # The same share of the accuracy per second; errors grow for the rest of the run.
     longest = _longest_step(advance, phase, goal.accuracy * rest / goal.horizon, rest) * NANOSECONDS
     return Stride(int(min(longest, _LONGEST)) if longest >= 1.0 else 0, phase, learnt, 0.0)
 
 
 def rounding(goal: Goal, phase: Phase, length: float) -> float:
-    """Return the error that rounding adds by the end: each step of `length` ns rounds the rate, a random walk.
+    """Return the rounding error at the end: each step of `length` ns rounds the rate, a random walk.
 
-    0 where the run has no end: what flies is not stopped for what an hour of such steps would add.
+    0 for an open-ended run, which must not be stopped because of rounding over an assumed horizon.
     """
     if not goal.ends:
         return 0.0
@@ -438,18 +438,18 @@ def rounding(goal: Goal, phase: Phase, length: float) -> float:
 
 
 def _rounded_up(error: float) -> float:
-    """Return the next number of one digit: it can be accepted as it is said."""
+    """Return the value rounded up to one digit, which can be accepted as printed."""
     unit = float(f"1e{math.floor(math.log10(error))}")
     return math.ceil(error / unit) * unit
 
 
 def _attempt(trials: _Trials, phase: Phase, h: float) -> tuple[Phase, Phase]:
-    """Return the phase after a stride of h s, and another that tells its error. A kernel has its own."""
+    """Return the phase after a stride of h s, and another for its error. A kernel has its own version."""
     return trials.attempt(phase, h)
 
 
 def _longest_step(advance: Advance, phase: Phase, accuracy: float, horizon: float) -> float:
-    """Return what the method says. A kernel has its own."""
+    """Return the method's longest step. A kernel has its own version."""
     return advance.longest_step(phase, accuracy, horizon)
 
 
@@ -461,22 +461,22 @@ def _first(goal: Goal, phase: Phase) -> float:
 def _estimate(
     goal: Goal, farthest: float, phase: Phase, kept: Phase, other: Phase, h: float
 ) -> tuple[float, float, float, float]:
-    """Return what the stride of h s from `phase` to `kept` adds, and the farthest.
+    """Return the error that the stride of h s from `phase` to `kept` adds, and the largest distance.
 
-    That is its errors of attitude and position, infinite if it is refused, and then that of the attitude that rounding
-    may hide.
+    Its errors of attitude and position, infinite if it is refused, and the error of the attitude that rounding may
+    hide.
     """
     if not (is_finite(kept) and is_finite(other)):
         return math.inf, math.inf, farthest, 0.0
     rest, rate = _rest(goal, phase), norm(kept.angular_velocity)
     rate_error = norm(subtract(other.angular_velocity, kept.angular_velocity))
     attitude = angle_between(other.orientation, kept.orientation) + rate_error * rest
-    # What rounding alone makes of the difference is no reason to step shorter.
+    # A difference by rounding is no reason for shorter steps.
     rounded = _EPSILON * (1.0 + rate * rest)
     attitude -= rounded
     per_mass, moved = 1.0 / goal.mass, norm(gain(phase, kept, POSITION))
     gained = norm(gain(phase, kept, MOMENTUM)) * per_mass
-    # The slowing may fall like 1/t while the body comes to rest, and errors with it.
+    # The decay rate may fall like 1/t while the body comes to rest, and errors with it.
     grows = math.log1p(goal.slowing * rest) / goal.slowing if goal.slowing > 0.0 else rest
     drift = norm(gain(kept, other, POSITION)) + norm(gain(kept, other, MOMENTUM)) * per_mass * grows
     drift -= 4.0 * _EPSILON * (moved + gained * grows)
@@ -490,18 +490,18 @@ def _estimate(
 
 
 def _away(goal: Goal, phase: Phase) -> Vector:
-    """Return where the centre of mass is, seen from where it was at the start of the run, m."""
+    """Return the position of the centre of mass relative to that at the start of the run, m."""
     high, low = phase.high, phase.low
     return (high[0] - goal.x + low[0], high[1] - goal.y + low[1], high[2] - goal.z + low[2])
 
 
 def _rest(goal: Goal, phase: Phase) -> float:
-    """Return for how long (s) an error has time to grow."""
+    """Return the remaining time (s) in which an error grows."""
     return max(goal.horizon - elapsed(phase), 1.0 / NANOSECONDS) if goal.ends else goal.horizon
 
 
 def _require_reachable(goal: Goal, phase: Phase, length: float) -> None:
-    """Refuse an accuracy that rounding alone does not leave, in strides of `length` ns from `phase` on.
+    """Refuse an accuracy that rounding alone exceeds, with strides of `length` ns from `phase` on.
 
     Raises:
         ConvergenceError: names the accuracy that can be reached.
