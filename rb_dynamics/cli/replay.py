@@ -13,7 +13,6 @@ import argparse
 from typing import TYPE_CHECKING
 
 from rb_dynamics.cli.parser import require_ros, require_with
-from rb_dynamics.numerics.argument_checks import shown
 from rb_dynamics.numerics.option_types import real
 
 if TYPE_CHECKING:
@@ -105,6 +104,8 @@ def _differences(found: Replay) -> list[str]:
 
 def _facts(found: Replay) -> list[str]:
     """Return what the metadata of the log say against what the replay found; hashes in full."""
+    from rb_dynamics.numerics.argument_checks import shown
+
     lines = [
         f"{name}: {logged} agrees" if logged == here else f"{name}: {shown(logged)} in the log, {shown(here)} here"
         for name, (logged, here) in found.facts.items()
