@@ -20,7 +20,7 @@ from rclpy.utilities import remove_ros_args
 def main() -> None:
     words = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     words.parse_args(remove_ros_args()[1:])
-    # By rclpy's own handlers a signal ends the context under the next spin_once, which then fails.
+    # rclpy's own handlers would end the context on a signal, and the next spin_once would fail.
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = Node("commander")
     commands = node.create_publisher(WrenchStamped, "wrench", 10)
@@ -35,7 +35,7 @@ def main() -> None:
             patience = float("inf")
 
     command = WrenchStamped()
-    command.header.frame_id = "body"  # the header decides the axes, not the name of the topic
+    command.header.frame_id = "body"  # the axes follow from the header, not from the name of the topic
     command.wrench.torque.z = 0.01
     commands.publish(command)  # held until the next command
     begun = newest[0].header.stamp.sec + newest[0].header.stamp.nanosec * 1e-9

@@ -16,7 +16,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 from std_srvs.srv import SetBool, Trigger
 
-# What to say: the service, its type and the request.
+# Service, its type and the request, by command.
 WORDS = {
     "pause": ("pause", SetBool, SetBool.Request(data=True)),
     "go": ("pause", SetBool, SetBool.Request(data=False)),
@@ -27,11 +27,11 @@ PATIENCE = 5.0  # s
 
 
 def main() -> str | None:
-    """Say one of the words to the node; return what is wrong."""
+    """Send one of the commands to the node; return the error."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("word", choices=WORDS)
     word = parser.parse_args(remove_ros_args(sys.argv)[1:]).word
-    # By rclpy's own handlers a signal ends the context under whatever waits for it.
+    # rclpy's own handlers would end the context on a signal while something waits for it.
     rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
     try:
         return ask(rclpy.create_node("control"), *WORDS[word])
@@ -40,7 +40,7 @@ def main() -> str | None:
 
 
 def ask(node: Node, name: str, kind: type, request: object) -> str | None:
-    """Call a service of the node and print its answer; return what is wrong."""
+    """Call a service of the node and print its answer; return the error."""
     client = node.create_client(kind, f"rigid_body/{name}")
     if not client.wait_for_service(PATIENCE):
         return f"no service {client.srv_name} yet; start: rb-dynamics node config/free_flyer.yaml"

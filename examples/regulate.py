@@ -24,7 +24,7 @@ PERIOD = Duration(seconds=0.01)  # of the outputs
 
 def regulate(odom: Odometry) -> None:
     q, rate, (a, b, c, d) = odom.pose.pose.orientation, odom.twist.twist.angular, TARGET
-    # The rotation from TARGET to here, by its shorter way; body axes.
+    # The shorter rotation from TARGET to the present attitude; body axes.
     shorter = 1.0 if d * q.w + a * q.x + b * q.y + c * q.z >= 0.0 else -1.0
     x = shorter * (d * q.x - a * q.w - b * q.z + c * q.y)
     y = shorter * (d * q.y - b * q.w - c * q.x + a * q.z)
@@ -38,7 +38,7 @@ def regulate(odom: Odometry) -> None:
     commands.publish(command)
 
 
-# Not by rclpy's handlers: they wake the executor before they end the context, and one that waits again sleeps for ever.
+# Not with rclpy's handlers: they wake the executor before they end the context, and it could then wait forever.
 rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
 signal.signal(signal.SIGTERM, signal.default_int_handler)
 node = rclpy.create_node("attitude_controller")

@@ -1,4 +1,4 @@
-"""Launches N bodies of one scene, each in a namespace, with a frame and logs of its own; they do not touch each other.
+"""Launches N independent bodies of one scene, each in a namespace, with its own frame and logs.
 
 Every argument of rigid_body.launch.py holds for all of them; a namespace is put before theirs.
 """
@@ -19,20 +19,20 @@ ARGUMENTS = (
     ("prefix", "body_", "the namespaces are prefix1, prefix2, ..."),
     ("spacing", "1.0", "m between the bodies, along y of the world"),
 )
-# Given by each body in its own way.
+# Set individually for each body.
 LOGS = ("mcap", "bag", "rerun")
 RIGID_BODY = Path(__file__).with_name("rigid_body.launch.py")
 
 
 def body_arguments(index: int, prefix: str, spacing: float, given: dict[str, str]) -> dict[str, str]:
-    """Return the arguments of rigid_body.launch.py for body `index`, from 1, that are its own."""
+    """Return the individual arguments of rigid_body.launch.py for body `index`, from 1."""
     name = f"{prefix}{index}"
     overrides: dict[str, object] = {"body.frame": name, "initial.position_world": [0.0, spacing * (index - 1), 0.0]}
     overrides |= values_of("overrides", given.get("overrides", ""))
     overrides |= {log: apart(overrides[log], name) for log in (*LOGS, "sink") if overrides.get(log)}
     own = {
         "namespace": f"{given.get('namespace', '')}/{name}",
-        # JSON is YAML in which every text is quoted: it is read back as what it is.
+        # JSON is YAML with all strings quoted, so that types are kept.
         "overrides": json.dumps(overrides, ensure_ascii=False),
     }
     return own | {log: str(apart(given[log], name)) for log in LOGS if given.get(log)}
@@ -48,7 +48,7 @@ def start(context: LaunchContext) -> list[IncludeLaunchDescription]:
     return [
         IncludeLaunchDescription(
             PythonLaunchDescriptionSource(str(RIGID_BODY)),
-            # What has no default has to be handed on; the rest is inherited.
+            # Arguments without a default must be passed on; the others are inherited.
             launch_arguments=(
                 {"scene": given["scene"]} | body_arguments(index, given["prefix"], spacing, configurations)
             ).items(),

@@ -1,4 +1,4 @@
-"""Launches the rigid body node, and RViz where asked. Holds no defaults of its own but those of the node."""
+"""Launches the rigid body node, and RViz if requested. Has no defaults other than those of the node."""
 
 from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
@@ -8,7 +8,7 @@ from launch_ros.substitutions import FindPackageShare
 
 from rb_dynamics.ros.start_arguments import value_of, values_of
 
-# Name, default, type, meaning. An empty text leaves the parameter out.
+# Name, default, type, description. An empty text leaves the parameter out.
 PARAMETERS = (
     ("scene", None, str, "scene file (YAML)"),
     ("mcap", "", str, "MCAP log to write; empty: none"),
@@ -28,12 +28,12 @@ OTHERS = (
     ("overrides", "{}", "values of the scene and further parameters, as in '{body.mass: 17.0, solver.step: 0.01}'"),
     ("rviz", "false", "open RViz on the topics of the node"),
 )
-# What the layout for RViz draws.
+# Topics used by the layout for RViz.
 DRAWN = ("pose", "odom", "twist", "wrench")
 
 
 def start(context: LaunchContext) -> list[Node]:
-    """Return the nodes that the arguments ask for."""
+    """Return the nodes selected by the arguments."""
     given = {name: LaunchConfiguration(name).perform(context) for name, *_ in (*PARAMETERS, *OTHERS)}
     parameters = {name: value_of(name, given[name], kind) for name, _, kind, _ in PARAMETERS if given[name]}
     namespace = given["namespace"].strip("/")
@@ -54,7 +54,7 @@ def start(context: LaunchContext) -> list[Node]:
         arguments=["-d", layout],
         remappings=[(f"/{topic}", topic) for topic in DRAWN],
     )
-    # First, as launch would leave the body behind where RViz is not installed.
+    # Started first: if RViz is not installed, launch would leave the body running.
     return [rviz, body]
 
 

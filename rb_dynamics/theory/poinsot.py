@@ -166,7 +166,7 @@ def herpolhode(body: RigidBody, state: State, n: int = 361, times: npt.ArrayLike
     """Return the herpolhode from `state` at the times of `polhode`.
 
     Radii and advance are closed forms and do not depend on the times. The advance is that of the axis which the polhode
-    encircles; w never gets round that axis as seen along L, so that it is the same for both.
+    encircles; seen along L, w never encircles that axis, so the advance is the same for both.
 
     Raises:
         BodyError: the body is at rest or a particle, or its angular velocity is not finite.

@@ -42,7 +42,7 @@ def test_a_lever_and_a_timeout_that_are_not_there_are_found_out() -> None:
     [
         ((), True, "/rigid_body: wrench: a publisher's QoS"),
         (("-r", "/diagnostics:=/elsewhere"), False, "no diagnostics report it"),
-        (("-p", "qos_overrides./wrench.subscription.reliability:=best_effort"), True, "fits"),
+        (("-p", "qos_overrides./wrench.subscription.reliability:=best_effort"), True, "is compatible"),
     ],
 )
 def test_a_qos_that_does_not_fit_has_to_be_reported(arguments: tuple[str, ...], passed: bool, note: str) -> None:

@@ -467,7 +467,7 @@ def test_lockstep_says_what_it_waits_for_and_warns_of_commands_that_move_no_time
     body.tick()
     assert "waits for a command on push with a header.stamp later than 0.0" in message()
     body.command("push", Wrench(stamp_ns=0))
-    assert "stamp each for the output that is to come" in message()
+    assert "stamp each for the next output" in message()
 
 
 def test_a_rejected_command_leaves_no_trace_in_what_the_stamps_of_others_mean() -> None:
