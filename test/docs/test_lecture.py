@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
-import sys
 from pathlib import Path
 from types import ModuleType
 
 import pytest
+from scripts import load_script
 
 pytest.importorskip("matplotlib", reason="extra 'plot' is not installed")
 
@@ -48,13 +47,7 @@ NAMED = [
 
 @pytest.fixture(scope="module")
 def lecture(root: Path) -> ModuleType:
-    spec = importlib.util.spec_from_file_location("make_lecture", root / "tools" / "make_lecture.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["make_lecture"] = module
-    spec.loader.exec_module(module)
-    return module
+    return load_script(root / "tools" / "make_lecture.py")
 
 
 @pytest.fixture(scope="module")

@@ -3,32 +3,20 @@
 from __future__ import annotations
 
 import ast
-import importlib.util
 import re
-import sys
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 from motions import EPS, METHODS, STEPPED
+from scripts import load_script
 
 pytest.importorskip("matplotlib", reason="extra 'plot' is not installed")
 
 
 @pytest.fixture(scope="module")
 def generator(root: Path) -> ModuleType:
-    """The script as a module; the folders that it puts on the path are taken off again."""
-    path = list(sys.path)
-    spec = importlib.util.spec_from_file_location("make_verification", root / "tools" / "make_verification.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["make_verification"] = module
-    try:
-        spec.loader.exec_module(module)
-    finally:
-        sys.path[:] = path
-    return module
+    return load_script(root / "tools" / "make_verification.py")
 
 
 @pytest.fixture(scope="module")

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scripts import load_script
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr, ros2msg
@@ -207,11 +208,7 @@ def test_schema_is_that_of_rosbags(type_name: str) -> None:
 
 
 def test_definitions_are_up_to_date() -> None:
-    spec = importlib.util.spec_from_file_location("make_ros2msg", ROOT / "tools" / "make_ros2msg.py")
-    assert spec is not None
-    assert spec.loader is not None
-    tool = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(tool)
+    tool = load_script(ROOT / "tools" / "make_ros2msg.py")
     assert tool.TARGET.read_text(encoding="utf-8") == tool.generate(), "run python tools/make_ros2msg.py"
 
 

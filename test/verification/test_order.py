@@ -11,6 +11,7 @@ from functools import cache
 
 import pytest
 from motions import EPS, STEPPED, errors, forced, move, slope
+from word_series import QUANTITIES, TIME
 
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.combined_effects import CombinedEffects
@@ -18,18 +19,7 @@ from rb_dynamics.motion.phase import Phase
 from rb_dynamics.numerics.vector import norm
 from rb_dynamics.run.sample import SampleBuilder
 
-QUANTITIES = [
-    "attitude",
-    "angular_velocity_body",
-    "position_world",
-    "linear_velocity_world",
-    "work",
-    "impulse_world",
-    "torque_impulse_world",
-]
 BALANCES = ["energy_defect", "angular_momentum_defect_world", "linear_momentum_defect_world"]
-
-TIME = 2
 COUNTS = [1, 2, 3, 4, 5, 6, 8, 12, 18, 27, 40, 60, 90, 135, 200, 300, 450, 675, 1000]
 STEPS = [TIME / count for count in COUNTS]
 # Below FLOOR it is round-off: 1000 steps of a state of size 1 to 10. Above COARSE a method need not show its order.

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
-from types import ModuleType
 
 import pytest
 from motions import DATA, EPS, METHODS, STEPPED, errors, forced, free, move
 from mpmath import mp, mpf
+from scripts import load_script
 
 FREE = ["dzhanibekov", "boxes_rotation"]
 
@@ -88,7 +87,7 @@ class TestData:
 
     def test_forced_states_are_made_again_by_their_generator(self) -> None:
         """To t = 1, with another step and another order than those that made the file."""
-        generator = load_generator()
+        generator = load_script(DATA.parent / "make_reference.py")
         with mp.workdps(50):
             motion = generator.Motion(generator.CASE)
             y = motion.start
@@ -105,13 +104,4 @@ class TestData:
     def test_forced_case_is_that_of_the_generator(self) -> None:
         document = json.loads((DATA / "forced_motion.json").read_text(encoding="utf-8"))
 
-        assert document["case"] == load_generator().CASE
-
-
-def load_generator() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("make_reference", DATA.parent / "make_reference.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+        assert document["case"] == load_script(DATA.parent / "make_reference.py").CASE

@@ -6,7 +6,6 @@ off-diagonal inertia and its centre of mass off its origin. `make_reference.py` 
 
 from __future__ import annotations
 
-import importlib.util
 import json
 from collections.abc import Iterator
 from functools import cache
@@ -14,6 +13,7 @@ from types import ModuleType
 
 import pytest
 from motions import DATA, STEPPED, Recorder, attitude_error, scene, vector_error
+from scripts import load_script
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
@@ -32,12 +32,7 @@ STATES = {state["time"]: state for state in DOCUMENT["states"]}
 
 @cache
 def generator() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("make_reference", DATA.parent / "make_reference.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load_script(DATA.parent / "make_reference.py")
 
 
 def commands(count: int = COUNT) -> Iterator[tuple[str, Wrench]]:
