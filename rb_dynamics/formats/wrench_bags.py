@@ -30,13 +30,16 @@ Start: TypeAlias = Literal["auto", "bag", "first", "stamp"] | int
 
 stamp: 0 of the stamps. first: the first command. bag: the first message of any topic, or the first command where that
 is stamped up to 1 s earlier, for it takes time to be recorded. An integer: that stamp, ns. auto: as with stamp for
-each bag of which some commands lie within the run so, as with bag for the others. Several bags are of one time: the
-earliest of their starts is that of all. Except with stamp, commands of a bag without any stamp, and of a log of ours,
+each bag of which some commands lie within the run so, as with bag for the others, unless they begin less than 1e6 s
+after a run that some bag reaches: these are later in the same time. Several bags are of one time: the earliest of their
+starts is that of all. Except with stamp, commands of a bag without any stamp, and of a log of ours,
 which says when each took effect, go by their log times.
 """
 
 _NANOSECONDS = 1_000_000_000
 _LATENCY_NS = _NANOSECONDS
+# Commands that begin later than this after the end of the run are of another clock than those within it.
+_ONE_CLOCK_NS = 1_000_000 * _NANOSECONDS
 
 
 def read_wrenches(
@@ -125,10 +128,10 @@ class _Recording:
         stamps, log_times = self.stamps, self.log_times
         return stamps.first_ns == stamps.last_ns == 0 and log_times.first_ns != log_times.last_ns
 
-    def reaches(self, end_ns: float) -> bool:
-        """Whether commands lie within a run that ends at `end_ns`, if time 0 is 0 of their clock; so where none is."""
+    def reaches(self, end_ns: float, margin_ns: int = 0) -> bool:
+        """Whether commands lie from 0 to `end_ns` of their clock, or `margin_ns` later; so where there is none."""
         first_ns, last_ns = self.span.first_ns or 0, self.span.last_ns or 0
-        return first_ns <= end_ns and last_ns >= 0
+        return first_ns <= end_ns + margin_ns and last_ns >= 0
 
     def timed(self, wrench: Wrench, log_time_ns: int) -> Wrench:
         """Return a command with its time in the run as its stamp."""
@@ -280,7 +283,11 @@ class RecordedWrenches:
             bag.by_log = bag.ours or bag.unstamped
             if bag.unstamped and not bag.ours:
                 self.notes.append(f"{bag.path}: its commands have no stamps, so each acts at its log time")
-        moved = [bag for bag in self._bags if start != "auto" or not bag.reaches(self._end_ns)]
+        moved = self._bags
+        if start == "auto":
+            # A later part of a recording is not to begin at time 0, on top of an earlier one.
+            margin_ns = _ONE_CLOCK_NS if any(bag.count and bag.reaches(self._end_ns) for bag in self._bags) else 0
+            moved = [bag for bag in self._bags if not bag.reaches(self._end_ns, margin_ns)]
         if moved:
             time_0 = self._time_0(start, moved)
             for bag in moved:
@@ -319,19 +326,19 @@ class RecordedWrenches:
         )
 
     def _in_order(self, bag: _Recording) -> Iterator[tuple[str, Wrench]]:
-        waiting: list[tuple[int, int, tuple[str, Wrench]]] = []
+        waiting: list[tuple[int, int, int, tuple[str, Wrench]]] = []
         newest_ns = (bag.span.first_ns or 0) - bag.offset_ns
         for number, (message, command) in enumerate(_commands(open_source(bag.path), self._wanted)):
             if command is None:
                 continue
             topic, wrench = command[0], bag.timed(command[1], message.log_time)
             newest_ns = max(newest_ns, wrench.stamp_ns)
-            heapq.heappush(waiting, (wrench.stamp_ns, number, (topic, wrench)))
+            heapq.heappush(waiting, (wrench.stamp_ns, message.log_time, number, (topic, wrench)))
             # Nothing that is still to come is older than this.
-            while waiting and waiting[0][0] <= newest_ns - bag.span.delay_ns:
-                yield heapq.heappop(waiting)[2]
+            while waiting[0][0] < newest_ns - bag.span.delay_ns:
+                yield heapq.heappop(waiting)[3]
         while waiting:
-            yield heapq.heappop(waiting)[2]
+            yield heapq.heappop(waiting)[3]
 
 
 def _commands(source: Source, wanted: Mapping[str, str]) -> Iterator[tuple[Message, tuple[str, Wrench] | None]]:

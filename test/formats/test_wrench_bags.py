@@ -52,12 +52,19 @@ def test_a_channel_that_never_spoke_is_no_error(tmp_path: Path) -> None:
     found.require_some()
 
 
-def test_order_is_by_stamp_and_for_equal_stamps_that_of_the_file(tmp_path: Path) -> None:
+def test_order_is_by_stamp_and_for_equal_stamps_that_of_the_log(tmp_path: Path) -> None:
     stamps = [30, 10, 20, 10, 30, 20, 10]
     rows: list[Row] = [(f"/{'ab'[i % 2]}", STAMPED, 100 + i, stamped(at, i)) for i, at in enumerate(stamps)]
     found = read_wrenches(write_rows(tmp_path / "a.mcap", rows), ["a", "b"])
     assert [int(wrench.force[0]) for _, wrench in found] == [1, 3, 6, 2, 5, 0, 4]
     assert [topic for topic, _ in found] == ["b", "b", "a", "a", "b", "a", "a"]
+
+
+def test_of_equal_stamps_the_last_to_be_recorded_counts_wherever_it_stands_in_the_file(tmp_path: Path) -> None:
+    arrived = [(30, 3.0), (10, 1.0), (20, 2.0), (20, 2.5)]
+    rows: list[Row] = [("/a", STAMPED, log, stamped(5, force)) for log, force in arrived]
+    found = read_wrenches(write_rows(tmp_path / "a.mcap", [*rows, ("/a", STAMPED, 40, stamped(4, 0.0))]), ["a"])
+    assert [wrench.force[0] for _, wrench in found] == [0.0, 1.0, 2.0, 2.5, 3.0]
 
 
 @given(st.lists(st.integers(-3, 30), min_size=1, max_size=40))
@@ -152,6 +159,16 @@ def test_several_bags_are_of_one_time_and_in_one_order(tmp_path: Path) -> None:
     found = RecordedWrenches([one, three], ["wrench"], 10 * SECOND, start="auto")
     assert [wrench.stamp_ns for _, wrench in found] == [0, 5, 2 * SECOND]
     assert found.facts["wrench_start_ns"] == f"{WALL_NS}, 0"
+
+
+def test_a_later_part_of_a_recording_is_not_flown_over_the_earlier_one(tmp_path: Path) -> None:
+    one = recorded(tmp_path / "one.mcap", 0, [0, 9 * SECOND])
+    two = recorded(tmp_path / "two.mcap", 10 * SECOND, [10 * SECOND, 19 * SECOND])
+    found = RecordedWrenches([one, two], ["wrench"], 8 * SECOND, start="auto")
+    assert [wrench.stamp_ns for _, wrench in found] == [0, 9 * SECOND, 10 * SECOND, 19 * SECOND]
+    assert (found.late, found.notes, found.facts["wrench_start_ns"]) == (3, [], "0, 0")
+    with pytest.raises(LogError, match=r"two\.mcap: none of its 2 wrench commands acts: they lie at 10 to 19 s"):
+        found.require_some()
 
 
 def test_a_mapped_topic_may_be_in_any_of_the_bags(tmp_path: Path) -> None:
