@@ -26,6 +26,7 @@ from rb_dynamics.formats.mcap_records import (
     OnFact,
     Schema,
     in_blocks,
+    require_file,
 )
 from rb_dynamics.formats.rosbag2_metadata import METADATA_FILE
 from rb_dynamics.run.provenance import DAMAGED, INTERRUPTED, MISSING_FILES, RESULT, next_file
@@ -237,6 +238,7 @@ class DatabaseFile:
             from rosbags.rosbag2 import Reader
         except ImportError:
             raise MissingExtraError("rosbags", "log", f"reading {self.path}") from None
+        require_file(self.path)
         try:
             with Reader(self.path) as reader:
                 self.channels = {

@@ -13,6 +13,7 @@ from __future__ import annotations
 import contextlib
 import enum
 import os
+import stat
 import struct
 import zlib
 from collections import Counter
@@ -73,6 +74,8 @@ _NEEDED = frozenset(
 _CUT_CHUNK = -1
 _ROS_1, _SQLITE = b"#ROSBAG V", b"SQLite format 3\0"
 _RECORD = struct.Struct("<BQ")
+# Of a chunk: its record, its times, what is in it in bytes and their checksum, the length of the compression's name.
+_CHUNK_HEAD = struct.Struct("<BQQQQII")
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
 _MESSAGE = int(Opcode.MESSAGE)
 _RECORDS = np.dtype([("opcode", "u1"), ("length", "<u8")])
@@ -223,6 +226,7 @@ class McapFile:
 
     def _read(self, take: _Take[_Read], at_once: int) -> Iterator[_Read]:
         """Yield what `take` makes of the messages; of those that stand in no chunk it is given as many `at_once`."""
+        require_file(self.path)
         try:
             with self.path.open("rb") as file:
                 yield from self._messages(file, take, at_once)
@@ -260,9 +264,17 @@ class McapFile:
                 self._hold_statistics()
                 return
             elif opcode != Opcode.MESSAGE:
-                self._note(opcode, content)
+                self._note_loose(opcode, content)
         if loose:
             yield from self._loose_messages(loose, take)
+
+    def _note_loose(self, opcode: int, content: bytes) -> None:
+        try:
+            self._note(opcode, content)
+        except (LogError, UnicodeDecodeError) as error:
+            if not self.salvage:
+                raise
+            self.damage.append(str(error))
 
     def _loose_messages(self, contents: list[bytes], take: _Take[_Read]) -> Iterator[_Read]:
         ends = np.cumsum([len(content) for content in contents], dtype=np.int64)
@@ -327,9 +339,16 @@ class McapFile:
             opcode, length = _RECORD.unpack(head)
             start = file.tell()
             # No record has opcode 0: a disk that lost its power leaves zeros.
+            astray = opcode == 0 or length > size - start
+            if astray and self.salvage and (chunk := _next_chunk(file, start, size)) is not None:
+                self.damage.append(
+                    str(self._damage(f"has no record at {start - _RECORD.size}, and the next at {chunk}"))
+                )
+                file.seek(chunk)
+                continue
             if opcode == 0:
                 return
-            if length > size - start:
+            if astray:
                 if opcode == Opcode.CHUNK:
                     yield _CUT_CHUNK, file.read(MAX_RECORD_BYTES)
                 return
@@ -504,6 +523,47 @@ class McapFile:
     def _damage(self, what: str) -> LogError:
         advice = "" if self.salvage else "; save what can be read with `rb-dynamics recover` or record it again"
         return LogError(f"{self.path} is damaged: it {what}{advice}")
+
+
+def require_file(path: Path) -> None:
+    """Refuse a pipe, which would be waited for, and a device, which may have no end.
+
+    Raises:
+        LogError: it is one of them; what is not there, or cannot be looked at, is for its reader to say.
+    """
+    try:
+        regular = stat.S_ISREG(path.stat().st_mode) or path.is_dir()
+    except OSError:
+        return
+    if not regular:
+        raise LogError(f"{path} is a pipe or a device, expected a file, which can be read again; give one")
+
+
+def _next_chunk(file: BinaryIO, start: int, size: int) -> int | None:
+    """Return where the next whole chunk begins whose lengths fit each other; None where there is none.
+
+    Leaves the file where it stood.
+    """
+    found, known = None, {len(name): name.encode() for name in _DECOMPRESSORS}
+    at = start
+    while found is None and at < size:
+        file.seek(at)
+        part = file.read(2**20)
+        place = part.find(Opcode.CHUNK)
+        while place >= 0 and found is None:
+            file.seek(at + place)
+            head = file.read(_CHUNK_HEAD.size + 12)
+            if len(head) > _CHUNK_HEAD.size + 11:
+                _, length, begin_ns, end_ns, unpacked, _, name = _CHUNK_HEAD.unpack_from(head)
+                text = head[_CHUNK_HEAD.size : _CHUNK_HEAD.size + name]
+                fits = begin_ns <= end_ns < _END_OF_TIME and unpacked <= MAX_RECORD_BYTES and known.get(name) == text
+                if fits and at + place + _RECORD.size + length <= size:
+                    (packed,) = struct.unpack_from("<Q", head, _CHUNK_HEAD.size + name)
+                    found = at + place if packed + 40 + name == length else None
+            place = part.find(Opcode.CHUNK, place + 1)
+        at += len(part)
+    file.seek(start)
+    return found
 
 
 def instead_of_recover(path: Path) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sqlite3
 import struct
 from pathlib import Path
@@ -88,3 +89,26 @@ def test_a_piece_that_is_gone_or_there_twice_shows_in_the_statistics(
     (found_back,) = recover(log, saved)
     assert found_back.state == "damaged"
     assert not read_bag(saved).complete
+
+
+def test_zeros_between_chunks_cost_no_chunk_behind_them(tmp_path: Path) -> None:
+    log, saved = tmp_path / "run.mcap", tmp_path / "saved.mcap"
+    simulate(parse_scene("body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\nduration: 0.1\n"), [], [McapSink(log)])
+    data = log.read_bytes()
+    before = read_bag(log).topics["/pose"].log_times.tolist()
+    places, at = [], 8
+    while at + 9 < len(data):
+        found, length = struct.unpack_from("<BQ", data, at)
+        places += [at] * (found not in (5, 6))
+        at += 9 + length
+    for place in places:
+        log.write_bytes(data[:place] + bytes(9) + data[place + 9 :])
+        recover(log, saved)
+        assert read_bag(saved).topics["/pose"].log_times.tolist() == before
+
+
+@pytest.mark.parametrize("name", ["bag.mcap", "bag.db3"])
+def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path, name: str) -> None:
+    os.mkfifo(tmp_path / name)
+    with pytest.raises(LogError, match="is a pipe or a device"):
+        read_bag(tmp_path / name)
