@@ -73,7 +73,7 @@ def warn_outside(commands: RecordedWrenches, scene: Scene) -> None:
         first = commands.first_ns / 1e9
         print(
             f"warning: {commands.late} of {len(commands)} wrench commands lie after the end of the run at "
-            f"{scene.duration:g} s and have no effect (the first is at simulation time {first:.9g} s)",
+            f"{scene.duration:g} s and have no effect (the first of all is at simulation time {first:.9g} s)",
             file=sys.stderr,
         )
 

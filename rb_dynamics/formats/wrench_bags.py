@@ -129,9 +129,9 @@ class _Recording:
         return stamps.first_ns == stamps.last_ns == 0 and log_times.first_ns != log_times.last_ns
 
     def reaches(self, end_ns: float, margin_ns: int = 0) -> bool:
-        """Whether commands lie from 0 to `end_ns` of their clock, or `margin_ns` later; so where there is none."""
+        """Whether commands lie from 0 to before `end_ns` of their clock, or `margin_ns` later; or there are none."""
         first_ns, last_ns = self.span.first_ns or 0, self.span.last_ns or 0
-        return first_ns <= end_ns + margin_ns and last_ns >= 0
+        return first_ns < end_ns + margin_ns and last_ns >= 0
 
     def timed(self, wrench: Wrench, log_time_ns: int) -> Wrench:
         """Return a command with its time in the run as its stamp."""
@@ -255,7 +255,8 @@ class RecordedWrenches:
         try:
             if self._check is not None:
                 self._check(topic, timed)
-            bag.acting += within
+            # One at the very end has no time to act.
+            bag.acting += within and timed.stamp_ns < self._end_ns
         except WrenchError as error:
             bag.refused = bag.refused or str(error)
 
@@ -314,7 +315,7 @@ class RecordedWrenches:
 
     def _no_effect(self, bag: _Recording) -> str:
         """Say where the commands of a bag lie that are all without effect, and what to do."""
-        if bag.within:
+        if bag.within and bag.refused:
             return (
                 f"{bag.path}: of its {bag.count} wrench commands each that the run reaches is rejected: {bag.refused}"
             )

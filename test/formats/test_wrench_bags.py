@@ -223,6 +223,7 @@ def test_a_log_is_flown_by_when_its_commands_took_effect(scene: Path, tmp_path: 
     ("stamps", "force", "start", "says"),
     [
         ([WALL_NS], 1.0, "stamp", "none of its 1 wrench commands acts: they lie at 1700000000.123456789 to"),
+        ([4 * SECOND, 5 * SECOND], 1.0, "stamp", "none of its 2 wrench commands acts: they lie at 4 to 5 s, the run"),
         ([5 * SECOND], 1.0, "stamp", "the run goes from 0 to 4 s; let the run begin with the first one by"),
         ([5 * SECOND, 6 * SECOND], 1.0, "auto", "--wrench-start first"),
         ([0, SECOND], 1.0, "1.5", "with time 0 at 1.5 s of the bag"),
