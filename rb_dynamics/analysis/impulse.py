@@ -100,7 +100,8 @@ def _of_channel(steps: RecordedWrench, kind: str, time_ns: Times, attitude: _Att
     flags = np.column_stack([active & ~world, active]).astype(np.int64)
     # Whether a wrench acts is counted in whole nanoseconds, so that rounding cannot make a free stretch look driven.
     turns, acts = np.diff(integral(steps.time_ns, flags, time_ns), axis=0, prepend=0).T != 0
-    turning, error = _turning(steps, vectors, time_ns, attitude, turns)
+    # What is held in world axes adds nothing here, also where it comes within an interval.
+    turning, error = _turning(steps, np.where(world[:, None], 0.0, vectors), time_ns, attitude, turns)
     exact = integral(steps.time_ns, np.where(world[:, None], vectors, 0.0), time_ns) * 1e-9
     return Impulse(
         exact=np.diff(exact, axis=0, prepend=0.0),

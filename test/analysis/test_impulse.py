@@ -146,3 +146,16 @@ def test_a_command_between_two_samples_is_integrated_to_where_it_comes(flown: An
     assert all(error <= estimate for error, estimate in zip(errors, estimates, strict=True))
     assert errors[0] < 1e-6
     assert errors[2] < errors[0] / 300.0
+
+
+def test_a_change_of_axes_between_two_samples_counts_each_wrench_once(flown: Any) -> None:
+    commands = [
+        ("push", Wrench((1.0, 0.0, 0.0), (0.1, 0.0, 0.0), "body", 500_000_000)),
+        ("push", Wrench((0.0, 2.0, 0.0), (0.0, 0.2, 0.0), "world", 507_000_000)),
+        ("push", Wrench((0.0, 0.0, 3.0), (0.0, 0.3, 0.1), "body", 511_000_000)),
+    ]
+    flight = flown(commands, step="0.001", output_rate="100.0")
+    for name in ("angular momentum", "linear momentum"):
+        balance = named(track_of(flight), name)
+        assert balance.covered == 1.0
+        assert balance.relative < 1e-7
