@@ -19,6 +19,7 @@ from rb_dynamics.analysis.checks import BOUND, Check, checks, cut, missing, one_
 from rb_dynamics.analysis.command_outcomes import CommandOutcomes, outcomes_of
 from rb_dynamics.analysis.continuity import Continuity, continuity
 from rb_dynamics.analysis.residual import Residual, residual
+from rb_dynamics.analysis.self_consistency import self_consistency
 from rb_dynamics.analysis.track import Array, RecordedWrench, TimeSeries, Track
 from rb_dynamics.analysis.warnings import ChannelHistory, WorstStatus, warnings
 from rb_dynamics.formats.bag_reader import Bag
@@ -200,7 +201,12 @@ def summarize(track: Track, bound: float = BOUND) -> RunSummary:
         channels=channels,
         health=health,
         momenta_from=track.momenta_from,
-        checks=(*checks(track, found, bound, steady, agreed), *_explained(left), *_not_judged(track, unsure)),
+        checks=(
+            *checks(track, found, bound, steady, agreed),
+            *self_consistency(track),
+            *_explained(left),
+            *_not_judged(track, unsure),
+        ),
         residual=left,
         warnings=tuple(warnings(track, channels, health)),
         notes=track.notes,

@@ -301,16 +301,32 @@ def _files(folder: Path) -> tuple[str, list[Path]]:
         LogError: its metadata are damaged.
     """
     try:
-        return _compression(folder)
+        facts = bag_facts(folder)
     except FileNotFoundError:
         return "none", in_order(folder)
+    return facts.compression, facts.files
 
 
-def _compression(folder: Path) -> tuple[str, list[Path]]:
-    """Return how a bag is compressed ("none", "file" or "message") and which files it has.
+@dataclass(frozen=True)
+class BagFacts:
+    """What the `metadata.yaml` of a bag says.
+
+    Attributes:
+        compression: "none", "file" or "message".
+        files: in their order.
+        totals: number of messages, first log time (ns) and duration (ns); None for what it does not say.
+    """
+
+    compression: str
+    files: list[Path]
+    totals: tuple[Any, Any, Any]
+
+
+def bag_facts(folder: Path) -> BagFacts:
+    """Return what the metadata of a bag say.
 
     Raises:
-        FileNotFoundError: it has no metadata.
+        FileNotFoundError: it has none.
         LogError: they are damaged.
     """
     path = folder / METADATA_FILE
@@ -321,7 +337,10 @@ def _compression(folder: Path) -> tuple[str, list[Path]]:
         document: Any = load(data.decode("utf-8"), METADATA_FILE, "list of the files of a bag")
         facts = document["rosbag2_bagfile_information"]
         files = [folder / _file_name(path) for path in facts["relative_file_paths"]]
-        return str(facts.get("compression_mode") or "none").lower(), files
+        start, duration = facts.get("starting_time") or {}, facts.get("duration") or {}
+        times = start.get("nanoseconds_since_epoch"), duration.get("nanoseconds")
+        compression = str(facts.get("compression_mode") or "none").lower()
+        return BagFacts(compression, files, (facts.get("message_count"), *times))
     except FileNotFoundError:
         raise
     except (OSError, ValueError, KeyError, TypeError, AttributeError, SceneError) as error:

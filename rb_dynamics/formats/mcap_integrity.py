@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import contextlib
 import struct
 import zlib
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 from rb_dynamics.errors import LogError, MissingExtraError
-from rb_dynamics.formats.bag_source import SplitBag, open_source
+from rb_dynamics.formats.bag_source import SplitBag, bag_facts, open_source
 from rb_dynamics.formats.mcap_records import MAGIC, MAX_RECORD_BYTES
+from rb_dynamics.formats.rosbag2_metadata import METADATA_FILE
+from rb_dynamics.numerics.argument_checks import shown
 
 if TYPE_CHECKING:
     from mcap.records import Footer, Message
@@ -35,7 +38,7 @@ def require_library(purpose: str) -> None:
 
 
 def verify_bag(path: Path) -> int:
-    """Return how many messages a bag holds, after `verify` of each of its files.
+    """Return how many messages a bag holds, after `verify` of each of its files and of what its `metadata.yaml` says.
 
     Raises:
         LogError: as `verify`, or a file is not MCAP.
@@ -45,7 +48,29 @@ def verify_bag(path: Path) -> int:
     files = source.files if isinstance(source, SplitBag) else [source.path]
     if any(file.suffix in (".db3", ".zstd") for file in files):
         raise LogError(f"cannot verify {path}: it is no MCAP bag, expected .mcap; leave out --verify")
-    return sum(map(verify, files))
+    found = [_verified(file) for file in files]
+    if path.is_dir():
+        with contextlib.suppress(FileNotFoundError):
+            _require_told(path / METADATA_FILE, bag_facts(path).totals, found)
+    return sum(read.messages.total() for read in found)
+
+
+def _require_told(path: Path, told: Sequence[object], found: Sequence[_Read]) -> None:
+    """Check number and times of the messages against `metadata.yaml`.
+
+    Raises:
+        LogError: it says something else.
+    """
+    spoken = [read for read in found if read.messages]
+    begin_ns, end_ns = min((r.begin_ns for r in spoken), default=0), max((r.end_ns for r in spoken), default=0)
+    there = (sum(read.messages.total() for read in found), begin_ns, end_ns - begin_ns)
+    for what, number, claimed in zip(("messages", "ns at the start", "ns of duration"), there, told, strict=True):
+        # What recorded nothing has no times.
+        if claimed not in (None, number) and (spoken or what == "messages"):
+            raise LogError(
+                f"{path} says {shown(claimed)} {what}, the files beside it have {number}; make it again with "
+                "`rb-dynamics recover`"
+            )
 
 
 def verify(path: Path, written: Mapping[str, int] | None = None) -> int:
@@ -62,6 +87,10 @@ def verify(path: Path, written: Mapping[str, int] | None = None) -> int:
         LogError: something is not so; says what.
         MissingExtraError: the package mcap is not installed.
     """
+    return _verified(path, written).messages.total()
+
+
+def _verified(path: Path, written: Mapping[str, int] | None = None) -> _Read:
     require_library(f"verifying {path}")
     try:
         with path.open("rb") as file:
@@ -73,7 +102,7 @@ def verify(path: Path, written: Mapping[str, int] | None = None) -> int:
         raise _unlike(path, f"the package mcap cannot read it ({type(error).__name__}: {error})") from error
     if faults:
         raise _unlike(path, "; ".join(faults))
-    return found.messages.total()
+    return found
 
 
 def _unlike(path: Path, faults: str) -> LogError:

@@ -27,6 +27,7 @@ from rb_dynamics.formats.messages import (
 Times = NDArray[np.int64]
 Values = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
+Prints = NDArray[np.uint64]
 
 # Of each type that is kept as numbers: which of its fields they are. The covariances of an Odometry are not kept.
 KEPT = {
@@ -54,11 +55,11 @@ class Topic:
     """
 
     def __init__(self, name: str, type_name: str, keeps: bool = True) -> None:
-        """Begin with no message; of those to come only the times are kept if not `keeps`."""
+        """Begin with no message; of the numbers of those to come only the fingerprints are kept if not `keeps`."""
         self.name, self.type_name, self.qos = name, type_name, ""
         self.count = 0
         self.messages: list[bytes] = []
-        self._fields = KEPT.get(type_name, ()) if keeps else ()
+        self._fields, self._keeps = KEPT.get(type_name, ()), keeps
         self._times: list[Times] = []
         # Content of messages of which the numbers are not taken yet; rows of one array are of one length.
         self._waiting: list[Bytes] = []
@@ -114,9 +115,17 @@ class Topic:
 
     @property
     def numbers(self) -> Values:
-        """One row for each message, of its numbers in their order; without covariances."""
+        """One row for each message, of its numbers in their order; without covariances. Empty if they are not kept."""
         self._taken()
-        return _view(self._numbers, "f8").reshape(self.count, self._width)
+        return _view(self._numbers, "f8").reshape(self.count, self._width) if self._keeps else np.empty((self.count, 0))
+
+    @property
+    def fingerprints(self) -> Prints:
+        """One row for each message, one whole number for each of its fields: equal for equal bits, else hardly ever."""
+        self._taken()
+        if self._keeps:
+            return _fingerprints(self.type_name, self._fields, self.numbers)
+        return _view(self._numbers, "u8").reshape(self.count, self._width)
 
     @property
     def texts(self) -> list[tuple[int, tuple[str, ...]]]:
@@ -134,6 +143,9 @@ class Topic:
 
     @property
     def _width(self) -> int:
+        """Numbers of a message that are kept, or fingerprints."""
+        if not self._keeps:
+            return len(self._fields)
         return sum(_length(self.type_name, field) for field in self._fields)
 
     def _taken(self) -> None:
@@ -160,7 +172,8 @@ class Topic:
                 self._stamps = array("q", self.log_times[:begin].tobytes())
             if self._stamps is not None:
                 self._stamps.frombytes(stamps.tobytes())
-        self._numbers.frombytes(numbers.tobytes())
+        kept = numbers if self._keeps else _fingerprints(self.type_name, self._fields, numbers)
+        self._numbers.frombytes(kept.tobytes())
         for row, text in texts:
             if not self._texts or self._texts[-1][1] != text:
                 self._texts.append((begin + row, text))
@@ -204,6 +217,15 @@ def _alike(
     stamps = raw[:, 4:12].copy().view([("s", order + "i4"), ("ns", order + "u4")])[:, 0]
     times = stamps["s"].astype(np.int64) * 1_000_000_000 + stamps["ns"]
     return times, np.concatenate(columns, axis=1).astype(np.float64), [(0, texts)]
+
+
+def _fingerprints(type_name: str, fields: tuple[int, ...], numbers: Values) -> Prints:
+    """Return a sum of the bits of the numbers of each field, each times an odd number: a changed number changes it."""
+    bits = np.ascontiguousarray(numbers).view(np.uint64)
+    ends = list(itertools.accumulate(_length(type_name, field) for field in fields))
+    parts = [bits[:, begin:end] for begin, end in itertools.pairwise([0, *ends])]
+    factors = 0x9E3779B97F4A7C15 * np.arange(1, 2 * max(ends, default=0), 2, dtype=np.uint64)
+    return np.stack([part @ factors[: part.shape[1]] for part in parts], axis=1)
 
 
 def _length(type_name: str, field: int) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -55,6 +56,18 @@ def test_all_that_is_written_reads_back(tmp_path: Path, log: Path) -> None:
     for name in ("run.mcap", "bag", "saved.mcap", "wrenches.mcap"):
         bag = read_bag(tmp_path / name)
         assert verify_bag(tmp_path / name) == sum(topic.count for topic in bag.topics.values()) > 0
+
+
+@pytest.mark.parametrize("fact", ["message_count", "nanoseconds_since_epoch", "nanoseconds"])
+def test_metadata_that_say_other_than_the_files(tmp_path: Path, fact: str) -> None:
+    simulate(SCENE, COMMANDS, [BagSink(tmp_path / "bag", max_duration_s=1.0)])
+    told = tmp_path / "bag" / "metadata.yaml"
+    verify_bag(tmp_path / "bag")
+    told.write_text(re.sub(rf" {fact}: [0-9]+", f" {fact}: 7", told.read_text()))
+    with pytest.raises(LogError, match=r"metadata\.yaml says 7 "):
+        verify_bag(tmp_path / "bag")
+    told.unlink()
+    verify_bag(tmp_path / "bag")
 
 
 def test_a_file_that_holds_other_than_was_written(log: Path) -> None:

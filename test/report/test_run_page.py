@@ -93,7 +93,12 @@ def test_a_note_breaks_between_its_parts(flight: Any, tmp_path: Path) -> None:
         "recording is whole;",
         "/pose is whole;",
         "/twist is whole;",
-        "quaternion is unit",
+        "quaternion is unit;",
+        "energy/defect is T - T₀ - W;",
+        "/odom repeats pose and twist;",
+        "momenta fit pose, twist and inertia;",
+        "applied wrenches fit the commands;",
+        "log fits its scene",
     ] in parts
 
 

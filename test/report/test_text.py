@@ -34,7 +34,7 @@ def test_it_says_what_happened(flight: Any) -> None:
     assert "log of rb_dynamics" in flat
     assert "; t is simulation time " in flat
     assert f"{flight.result.sample.work:.7g}" in flat
-    assert "all 8 checks passed" in flat
+    assert "all 13 checks passed" in flat
     assert "body: 4 kg, centre of mass at (0.1, -0.2, 0.05) m, principal moments 0." in flat
     assert "effects: none" in flat
     assert "which for a momentum is the larger of its maximum and the sum of its impulses" in flat

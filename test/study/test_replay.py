@@ -6,11 +6,12 @@ import dataclasses
 import math
 import random
 import struct
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
+from edited_logs import edited
 
 from rb_dynamics import RigidBody, Wrench, parse_scene, simulate
 from rb_dynamics.analysis.summary import summarize
@@ -19,9 +20,7 @@ from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.formats.bag_source import Source, open_source
-from rb_dynamics.formats.log_file import LogFile
 from rb_dynamics.formats.mcap_records import McapFile, Message, OnFact
-from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.messages import WRENCH, decode_wrench
 from rb_dynamics.formats.own_log import logged_scene, scene_and_names
 from rb_dynamics.formats.recovery import recover
@@ -47,46 +46,6 @@ COMMANDS = [
     ("push", Wrench((0.0, 1.0, 0.0), (0.0, 0.0, 0.0), "nowhere", 400_000_000)),
     ("push", Wrench((0.0, 2.0, 0.0), (0.0, 0.0, 0.0), "body", 1_999_999_999)),
 ]
-
-
-def edited(
-    source: Path,
-    target: Path,
-    edit: Callable[[Message], Message | None] = lambda message: message,
-    facts: Mapping[str, str] | None = None,
-    scene: bytes | None = None,
-    rearrange: Callable[[list[Message]], object] = lambda messages: None,
-    twice: Mapping[str, Mapping[str, str]] | None = None,
-) -> Path:
-    """Copy a log through `edit`, which changes a message or leaves it out, with other `facts` and another `scene`.
-
-    A fact is named by its key, in every record, or by record and key; `rearrange` changes the list of messages, and
-    records of `twice` are written before those of their names, with other facts.
-    """
-    old = McapFile(source)
-    messages = list(old.messages())
-    rearrange(messages)
-    file = LogFile(target)
-    writer = McapWriter(file, "test")
-    writer.begin()
-    numbers = {
-        channel.topic: writer.add_channel(
-            channel.topic, channel.encoding, writer.add_schema(*channel.schema), channel.metadata
-        )
-        for channel in old.channels.values()
-    }
-    for message in filter(None, map(edit, messages)):
-        writer.add_messages((numbers[message.channel.topic],), (message.data,), message.log_time, message.publish_time)
-    for name, data in old.attachments.items():
-        writer.add_attachment(name, "", scene or data)
-    for name, said in old.metadata.items():
-        other = {key: (facts or {}).get(f"{name}.{key}", (facts or {}).get(key, value)) for key, value in said.items()}
-        if name in (twice or {}):
-            writer.add_metadata(name, {**said, **(twice or {})[name]})
-        writer.add_metadata(name, other)
-    writer.finish()
-    file.close()
-    return target
 
 
 def hashes(found: Replay) -> set[str]:

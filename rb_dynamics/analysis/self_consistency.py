@@ -1,0 +1,324 @@
+"""`self_consistency`: whether a log of this package agrees with itself, without running its scene again.
+
+A log says most things more than once: odometry repeats pose and twist, momenta and energies follow from them and the
+mass properties, applied wrenches from commands, and the scene says what the log contains. Only `replay` finds a log
+that is wrong and consistent.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+
+from rb_dynamics.analysis.balance import sizes_of
+from rb_dynamics.analysis.checks import Check
+from rb_dynamics.analysis.topics import momenta
+from rb_dynamics.analysis.track import Array, RecordedWrench, Times, TimeSeries, Track, unit_rows
+from rb_dynamics.errors import RigidBodyError
+from rb_dynamics.formats.messages import APPLIED, MASS_PROPERTIES, log_topics, sample_topics
+from rb_dynamics.formats.own_log import logged_scene
+from rb_dynamics.formats.topic import Topic
+from rb_dynamics.loads.channels import WrenchChannels
+from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.numerics.nanoseconds import nanoseconds
+from rb_dynamics.numerics.rotation_arrays import rotate_all_inverse
+from rb_dynamics.run.provenance import RESULT, RUN, SCENE, TOPICS
+from rb_dynamics.scene.model import Scene
+from rb_dynamics.scene.read import parse_scene
+
+# Of the largest number in a sum of a few terms, each rounded once.
+_SUM = 16.0 * np.finfo(float).eps
+# Of the largest product in what is rotated, multiplied and added some hundred times, on any platform.
+_PRODUCT = 1e-12
+# Hz: above, two samples are less than 10 ns apart, and whole nanoseconds do not tell which is which.
+_FASTEST = 1e8
+
+# When a command came (ns), and what it does; None if it was rejected.
+_Taken: TypeAlias = "tuple[int, HeldWrench | None]"
+
+
+def self_consistency(track: Track) -> list[Check]:
+    """Return the checks that the data of `track`, a log of this package, allow; none for other bags."""
+    if not track.own:
+        return []
+    scene = logged_scene(track.bag.attachments)
+    found = [_energy(track), _odometry(track), _momenta(track, scene)]
+    if scene is not None:
+        found += [_applied(track, scene), _FitsScene(track, scene).check()]
+    return [check for check in found if check is not None]
+
+
+def _named(track: Track, name: str) -> str:
+    """Return what the topic `name` of the scene is called in the log."""
+    return track.bag.metadata.get(TOPICS, {}).get(name, name if name.startswith("/") else f"/{name}")
+
+
+def _topic(track: Track, name: str) -> Topic | None:
+    """Return the topic `name` of the scene; None without messages."""
+    found = track.bag.topics.get(_named(track, name))
+    return found if found is not None and found.count else None
+
+
+def _seconds(track: Track, time_ns: int) -> str:
+    start, _ = track.span_ns
+    return f"t = {(time_ns - start) * 1e-9:.6g} s"
+
+
+def _first(track: Track, name: str, time_ns: Times, errors: Array, accepted: float, unit: str, what: str) -> Check:
+    """Return the check that no error (0 to infinity) exceeds `accepted`."""
+    worst = float(errors.max(initial=0.0))
+    if worst <= accepted:
+        return Check(name, True, f"{what} differ by at most {worst:.3g} {unit}, rounding explains {accepted:.3g}")
+    first = int(time_ns[int((errors > accepted).argmax())])
+    detail = f"{what} differ by {worst:.3g} {unit}, first at {_seconds(track, first)}; rounding explains {accepted:.3g}"
+    return Check(name, False, detail)
+
+
+def _energy(track: Track) -> Check | None:
+    """T - T0 - W is the defect, so that T - W - defect is constant, whether or not the start is there."""
+    parts = (track.kinetic_energy, track.work, track.energy_defect)
+    kinetic, work, defect = parts
+    if kinetic is None or work is None or defect is None or not _same_times(parts) or not len(work.time_ns):
+        return None
+    constant = kinetic.values - work.values - defect.values
+    accepted = _SUM * sum(float(np.abs(each.values).max()) for each in (kinetic, work, defect))
+    errors = np.abs(constant - constant[0])
+    return _first(track, "energy/defect is T - T₀ - W", kinetic.time_ns, errors, accepted, "J", "the topics of energy")
+
+
+def _same_times(series: Sequence[TimeSeries | None]) -> bool:
+    times = [each.time_ns for each in series if each is not None]
+    return all(np.array_equal(times[0], other) for other in times[1:])
+
+
+def _odometry(track: Track) -> Check | None:
+    """Odometry has the very bits of pose and twist."""
+    pose, twist, odom = (_topic(track, name) for name in ("pose", "twist", "odom"))
+    if pose is None or twist is None or odom is None:
+        return None
+    name, wrong = f"{odom.name} repeats pose and twist", None
+    for place, other in enumerate((pose, twist)):
+        (of_other,) = other.fingerprints.T
+        times, here, there = np.intersect1d(odom.stamps, other.stamps, return_indices=True)
+        differing = odom.fingerprints[here, place] != of_other[there]
+        whole = len(times) == other.count == odom.count or not track.bag.complete
+        if not whole:
+            return Check(name, False, f"{odom.count} messages, {len(times)} of the same time as the {other.count} on "
+                                      f"{other.name}")  # fmt: skip
+        if differing.any() and wrong is None:
+            first = _seconds(track, int(times[int(differing.argmax())]))
+            wrong = f"{int(differing.sum())} of {len(times)} say something else than {other.name}, first at {first}"
+    return Check(name, wrong is None, wrong or f"{odom.count} messages, to the last bit")
+
+
+def _momenta(track: Track, scene: Scene | None) -> Check | None:
+    """L = R I w, p = m v and T follow from pose, twist and mass properties, without parts that move inside."""
+    body, pose, twist = track.body, track.pose, track.twist
+    angular, linear, kinetic = track.angular_momentum, track.linear_momentum, track.kinetic_energy
+    if body is None or pose is None or twist is None or track.momenta_from != "the log":
+        return None
+    found = momenta(pose, twist, track.twist_in_world, body)
+    rate = float(sizes_of(twist.values[:, 3:]).max(initial=0.0))
+    speed = float(sizes_of(twist.values[:, :3]).max(initial=0.0)) + rate * float(np.linalg.norm(body.center_of_mass))
+    spin = float(np.abs(np.array(body.inertia)).max()) * rate
+    parts = [("p", "kg m/s", linear, found.linear, body.mass * speed)]
+    effects = track.bag.metadata.get(RUN, {}).get("effects", "")
+    if (scene.combined_effects.storing() is None) if scene is not None else not effects:
+        parts += [
+            ("L", "kg m²/s", angular, found.angular, spin),
+            ("T", "J", kinetic, found.kinetic, body.mass * speed**2 + spin * rate),
+        ]
+    name, worst = "momenta fit pose, twist and inertia", 0.0
+    for symbol, unit, logged, computed, scale in parts:
+        if logged is None or not np.isfinite(scale):
+            continue
+        times, here, there = np.intersect1d(logged.time_ns, found.time_ns, return_indices=True)
+        rest = logged.values[here] - computed[there]
+        errors = sizes_of(rest) if rest.ndim == 2 else np.abs(rest)
+        check = _first(track, name, times, errors, _PRODUCT * scale, unit, f"{symbol} and what it follows from")
+        if not check.passed:
+            return check
+        worst = max(worst, float(errors.max(initial=0.0)) / scale if scale > 0.0 else 0.0)
+    symbols = ", ".join(symbol for symbol, *_ in parts)
+    return Check(name, True, f"{symbols}: to {worst:.3g}, rounding explains {_PRODUCT:g}")
+
+
+def _applied(track: Track, scene: Scene) -> Check | None:
+    """Each applied wrench is that of a command of the same time, as its channel takes it, or a drop at the timeout."""
+    channels = WrenchChannels(scene.channels, scene.frames, (), scene.body)
+    logged = {steps.topic: steps for steps in track.wrenches}
+    sources: list[tuple[str, int, Sequence[_Taken]]] = []
+    for channel in scene.channels:
+        topic = _topic(track, channel.topic)
+        came = track.bag.wrenches(topic.name) if topic is not None else []
+        taken = [(at, channels.check(channel.topic, wrench).held) for at, wrench in came]
+        sources.append((channel.topic, channel.timeout_ns, taken))
+    for name, entries in scene.combined_effects.schedules():
+        sources.append((name, 0, [(nanoseconds(seconds), scene.frames.hold(wrench)) for seconds, wrench in entries]))
+    check, count = "applied wrenches fit the commands", 0
+    for name, timeout_ns, expected in sources:
+        steps = logged.get(_named(track, name + APPLIED))
+        if steps is None:
+            continue
+        count += len(steps.time_ns)
+        if (at := _unexpected(track, steps, timeout_ns, expected)) is not None:
+            wrong = f"{steps.topic} has at {_seconds(track, at)} what no command of that time gives"
+            return Check(check, False, wrong)
+    return Check(check, True, f"{count} wrenches") if sources else None
+
+
+def _unexpected(track: Track, steps: RecordedWrench, timeout_ns: int, expected: Sequence[_Taken]) -> int | None:
+    """Return the time (ns) of the first applied wrench without a cause; None if there is none."""
+    by_time: Mapping[int, list[tuple[float, ...]]] = defaultdict(list)
+    for at, held in expected:
+        if held is not None:
+            force = [a + b for a, b in zip(held.force_body, held.force_world, strict=True)]
+            torque = [a + b for a, b in zip(held.torque_body, held.torque_world, strict=True)]
+            by_time[at].append((*force, *torque))
+    before: int | None = None
+    rows = zip(steps.time_ns.tolist(), np.hstack([steps.force, steps.torque]).tolist(), strict=True)
+    for at, numbers in rows:
+        given = any(_alike(numbers, each) for each in by_time.get(at, ()))
+        dropped = timeout_ns > 0 and not any(numbers)
+        if dropped and track.bag.complete:
+            dropped = before is not None and at - before == timeout_ns
+        if not (given or dropped) and not _lacks(track, at):
+            return int(at)
+        before = at
+    return None
+
+
+def _lacks(track: Track, at: int) -> bool:
+    return any(begin <= at <= end for begin, end in track.bag.missing)
+
+
+def _alike(one: Sequence[float], other: Sequence[float]) -> bool:
+    if tuple(one) == tuple(other):
+        return True
+    return all(
+        max(abs(a - b) for a, b in zip(one[part], other[part], strict=True)) <= _PRODUCT * max(map(abs, other))
+        for part in (slice(0, 3), slice(3, 6))
+    )
+
+
+def _method(text: bytes) -> str:
+    """Return the method of a scene, "auto" if none is named or it is no longer there."""
+    try:
+        return parse_scene(text.decode("utf-8", "replace")).solver.method
+    except RigidBodyError:
+        return "auto"
+
+
+@dataclass(frozen=True)
+class _FitsScene:
+    """Whether the log contains what its scene says; each method returns what is not so, "" for nothing."""
+
+    track: Track
+    scene: Scene
+
+    def check(self) -> Check:
+        parts = (self._text, self._mass, self._start, self._topics, self._times, self._end)
+        wrong = next(filter(None, (part() for part in parts)), "")
+        checked = "hash, mass properties, first state, topics, times of samples and end"
+        return Check("log fits its scene", not wrong, wrong or checked)
+
+    def _text(self) -> str:
+        said, text = self.track.bag.metadata[RUN].get("scene_sha256", ""), self.track.bag.attachments[SCENE]
+        if said and hashlib.sha256(text).hexdigest() != said:
+            return f"the attached {SCENE} is not the one that ran: its SHA-256 differs from that in the metadata"
+        method = _method(text)
+        told = {self.track.bag.metadata.get(record, {}).get("method", "") for record in (RUN, RESULT)}
+        if method != "auto" and (others := told - {"", method}):
+            return f"the metadata say that {min(others)} moved the body, the scene asks for {method}"
+        return ""
+
+    def _mass(self) -> str:
+        topic, body = _topic(self.track, MASS_PROPERTIES[0]), self.scene.body
+        if topic is None:
+            return ""
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = body.inertia
+        expected = (
+            ("mass", [body.mass]),
+            ("centre of mass", body.center_of_mass),
+            ("inertia", (xx, xy, xz, yy, yz, zz)),
+        )
+        column = 0
+        for what, numbers in expected:
+            logged = topic.numbers[:, column : column + len(numbers)]
+            column += len(numbers)
+            # NaN must not pass.
+            if not (np.abs(logged - numbers) <= _PRODUCT * np.abs(numbers).max()).all():
+                return f"{topic.name} and the scene do not give the same {what}"
+        return ""
+
+    def _start(self) -> str:
+        pose, twist, initial, body = self.track.pose, self.track.twist, self.scene.initial, self.scene.body
+        if pose is None or twist is None or not (len(pose.time_ns) and len(twist.time_ns)):
+            return ""
+        if pose.time_ns[0] != 0 or twist.time_ns[0] != 0:
+            return ""
+        q = unit_rows(np.array([initial.orientation_xyzw]))
+        rate, arm = np.linalg.norm(initial.angular_velocity_body), np.linalg.norm(body.center_of_mass)
+        velocity = rotate_all_inverse(q, np.array([initial.linear_velocity_world]))[0]
+        here, turning = pose.values[0], twist.values[0]
+        # A quaternion and its negative are one attitude.
+        sign = 1.0 if here[3:] @ q[0] >= 0.0 else -1.0
+        parts = (
+            ("position", here[:3], initial.position_world, arm),
+            ("attitude", sign * here[3:], q[0], 0.0),
+            ("velocity", turning[:3], velocity, rate * arm),
+            ("angular velocity", turning[3:], initial.angular_velocity_body, 0.0),
+        )
+        for what, logged, expected, more in parts:
+            if not np.linalg.norm(logged - expected) <= _PRODUCT * (np.linalg.norm(expected) + more):
+                return f"the first {what} is not that of the scene"
+        return ""
+
+    def _topics(self) -> str:
+        expected = {_named(self.track, name) for name, *_ in log_topics(self.scene, False)}
+        lacking = sorted(expected - self.track.bag.topics.keys())
+        if not lacking or not self.track.bag.complete:
+            return ""
+        return f"{', '.join(lacking)} of the scene {'is' if len(lacking) == 1 else 'are'} not in the log"
+
+    def _times(self) -> str:
+        bag = self.track.bag
+        topics = [bag.topics.get(_named(self.track, name)) for name, _ in sample_topics(self.scene, False)]
+        pose, *others = topics
+        if pose is None:
+            return ""
+        times, rate = pose.log_times, self.scene.output_rate * 1e-9
+        for topic in others:
+            if bag.complete and topic is not None and not np.array_equal(topic.log_times, times):
+                return f"{topic.name} has other times than {pose.name}"
+        if not np.array_equal(pose.stamps, times):
+            return f"the stamps of {pose.name} are not its log times"
+        if not 0.0 < self.scene.output_rate <= _FASTEST or len(times) < 2:
+            return ""
+        at = times * rate
+        number = np.round(at)
+        # The last sample is at the end of the run.
+        off = (np.abs(at - number) > 0.5000001 * rate + _SUM * at)[:-1]
+        if off.any():
+            return f"{pose.name} has a sample at {_seconds(self.track, int(times[off.argmax()]))}, where none is due"
+        wide = np.diff(at) > 1.0 + 1.5 * rate + _SUM * at[1:]
+        if bag.complete and wide.any():
+            first = int(times[int(wide.argmax())])
+            return f"samples after {_seconds(self.track, first)} are missing: {self.scene.output_rate:g} Hz were due"
+        return ""
+
+    def _end(self) -> str:
+        told, pose = self.track.bag.metadata.get(RESULT, {}).get("end_time_ns", ""), _topic(self.track, "pose")
+        if not told or not told.isdecimal() or pose is None or not self.track.bag.complete:
+            return ""
+        end, last = int(told), int(pose.log_times[-1])
+        due = last + 1.5e9 / self.scene.output_rate if self.scene.output_rate else last
+        if not last <= end <= due or (self.scene.end_ns is not None and end > self.scene.end_ns):
+            told_s, last_s = end * 1e-9, last * 1e-9
+            return f"the metadata say that the run ended at {told_s:.9g} s, the last sample is at {last_s:.9g} s"
+        return ""

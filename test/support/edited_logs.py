@@ -1,0 +1,50 @@
+"""Logs that somebody changed: of every message, fact and scene."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from rb_dynamics.formats.log_file import LogFile
+from rb_dynamics.formats.mcap_records import McapFile, Message
+from rb_dynamics.formats.mcap_writer import McapWriter
+
+
+def edited(
+    source: Path,
+    target: Path,
+    edit: Callable[[Message], Message | None] = lambda message: message,
+    facts: Mapping[str, str] | None = None,
+    scene: bytes | None = None,
+    rearrange: Callable[[list[Message]], object] = lambda messages: None,
+    twice: Mapping[str, Mapping[str, str]] | None = None,
+) -> Path:
+    """Copy a log through `edit`, which changes a message or leaves it out, with other `facts` and another `scene`.
+
+    A fact is named by its key, in every record, or by record and key; `rearrange` changes the list of messages, and
+    records of `twice` are written before those of their names, with other facts.
+    """
+    old = McapFile(source)
+    messages = list(old.messages())
+    rearrange(messages)
+    file = LogFile(target)
+    writer = McapWriter(file, "test")
+    writer.begin()
+    numbers = {
+        channel.topic: writer.add_channel(
+            channel.topic, channel.encoding, writer.add_schema(*channel.schema), channel.metadata
+        )
+        for channel in old.channels.values()
+    }
+    for message in filter(None, map(edit, messages)):
+        writer.add_messages((numbers[message.channel.topic],), (message.data,), message.log_time, message.publish_time)
+    for name, data in old.attachments.items():
+        writer.add_attachment(name, "", scene or data)
+    for name, said in old.metadata.items():
+        other = {key: (facts or {}).get(f"{name}.{key}", (facts or {}).get(key, value)) for key, value in said.items()}
+        if name in (twice or {}):
+            writer.add_metadata(name, {**said, **(twice or {})[name]})
+        writer.add_metadata(name, other)
+    writer.finish()
+    file.close()
+    return target
