@@ -18,7 +18,7 @@ from rb_dynamics.scene.fields import Rule
 from rb_dynamics.study.campaign.laws import LAWS, Measurement, Parameters
 from rb_dynamics.study.campaign.model import Campaign, Control
 from rb_dynamics.study.campaign.sampling import NOISE, generator
-from rb_dynamics.study.campaign.user_functions import called, find_function
+from rb_dynamics.study.campaign.user_functions import called, called_for_numbers, find_function
 
 if TYPE_CHECKING:
     from rb_dynamics.numerics.arrays import Numbers
@@ -126,7 +126,7 @@ class Loop:
 
         measured = self._measure(samples)
         # The law gets arrays of its own, which it may overwrite.
-        torque = called(self._name, lambda: np.asarray(self._law(measured), dtype=np.float64))
+        torque = called_for_numbers(self._name, self._law, measured)
         if torque.shape != measured.angular_velocity_body.shape:
             raise SceneError(
                 f"{self._name} returned an array of shape {torque.shape}, expected "

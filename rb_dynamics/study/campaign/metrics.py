@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from rb_dynamics.errors import SceneError
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.study.campaign.model import Campaign, Metric
-from rb_dynamics.study.campaign.user_functions import called, find_function
+from rb_dynamics.study.campaign.user_functions import called_for_numbers, find_function
 
 if TYPE_CHECKING:
     from rb_dynamics.numerics.arrays import Numbers
@@ -124,11 +124,9 @@ class Judge:
             FunctionError: a user function raised.
             SceneError: it did not return one number per body.
         """
-        import numpy as np
-
         time_s, count = float(samples.time_ns / NANOSECONDS), len(samples.orientation_xyzw)
         for (name, *_), (function, reductions) in self._functions:
-            values = called(f"metrics: {name}", lambda of=function: np.asarray(of(samples), dtype=np.float64))
+            values = called_for_numbers(f"metrics: {name}", function, samples)
             if values.shape != (count,):
                 raise SceneError(
                     f"metrics: {name} returned an array of shape {values.shape}, expected ({count},): a number for "

@@ -60,6 +60,22 @@ def called(what: str, function: Callable[..., Any], *arguments: object) -> Any:
         raise FunctionError(f"{what} raised {_described(error)}") from error
 
 
+def called_for_numbers(what: str, function: Callable[..., Any], *arguments: object) -> Any:
+    """Return the result of a user function as an array of float64.
+
+    Raises:
+        FunctionError: it raised, or returned what is not made of real numbers.
+        SceneError: it raised an error of the machine, not of the run.
+    """
+    import numpy as np
+
+    values = called(what, lambda: np.asarray(function(*arguments)))
+    # Converted, a complex number would lose a part without a word, and a text would pass as a number.
+    if values.dtype.kind not in "biufO":
+        raise FunctionError(f"{what} returned values of type {values.dtype}, expected real numbers")
+    return called(what, lambda: values.astype(np.float64))
+
+
 def _described(error: BaseException) -> str:
     """Return the message of `error` and where in the user's file it was raised, in one line."""
     text = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(": ")

@@ -224,6 +224,7 @@ BAD = {
     "NaN": {"torque": f"np.where((gain > 1.8) & (measured.time_s > 0.9), np.nan, {GOOD['torque']})"},
     "huge": {"torque": f"np.where((gain > 1.8) & (measured.time_s > 0.9), -1e200, {GOOD['torque']})"},
     "raise": {"first": f"raise_ = [][1] if {FAST} else 0"},
+    "complex": {"torque": f"({GOOD['torque']}) * (1j if {FAST} else 1)"},
     "exit": {"first": f"raise_ = __import__('sys').exit(3) if {FAST} else 0"},
     "quantity": {"quantity": f"[][1] if {LATE} else 0"},
     "overwrite": {"quantity": f"if {LATE}: samples.angular_velocity_body[:] = 0.0"},
@@ -250,6 +251,7 @@ def test_a_function_that_fails_for_a_run_is_a_row_with_its_reason(tmp_path: Path
         "huge": r"control.law: own_bad.law returned \(-1e\+200, -1e\+200, -1e\+200\) N m at simulation time 1.0 s, .*"
         r"N m, .*is more than the .* N m that the body can be simulated under",
         "raise": r"control.law: own_bad.law raised IndexError: list index out of range, own_bad.py:8",
+        "complex": r"control.law: own_bad.law returned values of type complex128, expected real numbers",
         "exit": r"control.law: own_bad.law raised SystemExit: 3, own_bad.py:8",
         "quantity": r"metrics: own_bad.quantity raised IndexError: list index out of range, own_bad.py:17",
         "overwrite": r"metrics: own_bad.quantity raised ValueError: assignment destination is read-only, own_bad.py:17",
