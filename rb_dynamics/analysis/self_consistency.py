@@ -181,13 +181,14 @@ def _unexpected(track: Track, steps: RecordedWrench, timeout_ns: int, expected: 
             torque = [a + b for a, b in zip(held.torque_body, held.torque_world, strict=True)]
             by_time[at].append((*force, *torque))
     before: int | None = None
-    rows = zip(steps.time_ns.tolist(), np.hstack([steps.force, steps.torque]).tolist(), strict=True)
-    for at, numbers in rows:
+    numbered = np.hstack([steps.force, steps.torque]).tolist()
+    for at, numbers, known in zip(steps.time_ns.tolist(), numbered, steps.known.tolist(), strict=True):
         given = any(_alike(numbers, each) for each in by_time.get(at, ()))
         dropped = timeout_ns > 0 and not any(numbers)
         if dropped and track.bag.complete:
             dropped = before is not None and at - before == timeout_ns
-        if not (given or dropped) and not _lacks(track, at):
+        # What is beyond the range of a track is not in its rows.
+        if not (given or dropped) and known and not _lacks(track, at):
             return int(at)
         before = at
     return None
@@ -318,7 +319,8 @@ class _FitsScene:
             return ""
         end, last = int(told), int(pose.log_times[-1])
         due = last + 1.5e9 / self.scene.output_rate if self.scene.output_rate else last
-        if not last <= end <= due or (self.scene.end_ns is not None and end > self.scene.end_ns):
-            told_s, last_s = end * 1e-9, last * 1e-9
-            return f"the metadata say that the run ended at {told_s:.9g} s, the last sample is at {last_s:.9g} s"
+        if not last <= end <= due:
+            return f"the metadata say that the run ended at {end} ns, the last sample is at {last} ns"
+        if self.scene.end_ns is not None and end > self.scene.end_ns:
+            return f"the metadata say that the run ended at {end} ns, the scene at {self.scene.end_ns} ns"
         return ""
