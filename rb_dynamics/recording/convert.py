@@ -36,6 +36,7 @@ _logger = logging.getLogger(__name__)
 
 _NUMBERS = ("force_x", "force_y", "force_z", "torque_x", "torque_y", "torque_z")
 WRENCH_COLUMNS = ("time_ns", "topic", "frame_id", *_NUMBERS)
+_TIMES = ("time_ns", "time_s")
 _BATCH = 10_000
 _TO_CONVERT = "converted, as nothing says which of its topics are the samples of one body"
 
@@ -152,14 +153,25 @@ def _read_wrenches(table: Path) -> Iterator[tuple[str, Wrench]]:
             reader = csv.DictReader(file)
             found = reader.fieldnames or []
             missing = [name for name in _NUMBERS if name not in found]
-            if missing or not {"time_ns", "time_s"} & set(found):
+            if missing or not set(_TIMES) & set(found):
                 wanted = ", ".join(("time_ns or time_s", *_NUMBERS))
                 raise LogError(
                     f"{table}: the columns are {list(found)}, expected {wanted}, and topic, frame_id if need be; "
                     "name them so, separated by commas"
                 )
+            twice = [name for name in (*_NUMBERS, *_TIMES, "topic", "frame_id") if found.count(name) > 1]
+            if twice or set(found) >= set(_TIMES):
+                raise LogError(
+                    f"{table}: there are several columns {', '.join(twice or _TIMES)}, expected one; remove the others"
+                )
             for row in reader:
                 where = f"{table}, line {reader.line_num}"
+                # A decimal comma makes a cell too many, and shifts all that follow.
+                if None in row or None in row.values():
+                    raise LogError(
+                        f"{where}: found {'more' if None in row else 'fewer'} cells than the {len(found)} columns, "
+                        "expected as many; write numbers with a decimal point, and cells with a comma in quotes"
+                    )
                 time_ns = _time_ns(row, where)
                 six = [_number(row[name], f"{where}, {name}") for name in _NUMBERS]
                 topic = "/" + (row.get("topic") or "wrench").lstrip("/")

@@ -105,7 +105,11 @@ def test_a_table_of_others_in_seconds(tmp_path: Path) -> None:
         (HEAD + "\n1,1_0,0,0,0,0,0\n", "line 2, force_x: found '1_0', expected a number"),
         (HEAD + "\n2147483648,0,0,0,0,0,0\n", r"line 2, time_s: found '2147483648', expected a time from 0 to 2\^31 s"),
         (HEAD + "\n-1,0,0,0,0,0,0\n", "expected a time from 0 to"),
-        (HEAD + "\n1,0,0\n", "line 2, force_z: found None"),
+        (HEAD + "\n1,0,0\n", "line 2: found fewer cells than the 7 columns"),
+        (HEAD + ",topic\n1,0,0,0,0,0,0\n", "line 2: found fewer cells than the 8 columns"),
+        (HEAD + "\n1,5,0,0,0,0,0,0\n", "line 2: found more cells than the 7 columns, .* with a decimal point"),
+        (HEAD + ",force_x\n1,0,0,0,0,0,0,0\n", "there are several columns force_x, expected one"),
+        (HEAD + ",time_ns\n1,0,0,0,0,0,0,0\n", "there are several columns time_ns, time_s, expected one"),
     ],
 )
 def test_a_table_that_cannot_be_read_names_line_and_column(tmp_path: Path, text: str, says: str) -> None:
