@@ -88,7 +88,7 @@ class MetricSummary:
         quantiles: of the values and of those that never were one; infinite where they are.
         worst: the worst run; None if no run has a value.
         sensitivity: rank correlation with each input, strongest first.
-        either_way: rank correlation with the distance of each input from its median, strongest first.
+        either_way: rank correlation with the distance of each input from its median, in ranks, strongest first.
         echoes: inputs of both lists that only follow a stronger one: in these runs they correlate with it beyond
             chance, and with the metric no more than that explains; each with the name of the stronger input and that
             correlation.
