@@ -92,8 +92,11 @@ def missing(track: Track) -> str:
 
 
 def _motion(track: Track) -> list[TimeSeries]:
-    """Return pose and twist, only once if both are from one topic."""
-    found = {series.topic: series for series in (track.pose, track.twist) if series is not None}
+    """Return pose and twist; of two from one topic, whose rows are left out apart, that which lacks more."""
+    found: dict[str, TimeSeries] = {}
+    for series in (track.pose, track.twist):
+        if series is not None and (series.topic not in found or series.unusable > found[series.topic].unusable):
+            found[series.topic] = series
     return list(found.values())
 
 
@@ -151,6 +154,11 @@ def one_recording(track: Track) -> Check:
 def _continuous(track: Track, found: Continuity) -> Check:
     topic = "" if track.pose is None else track.pose.topic
     name = f"{topic} has no jumps"
+    if found.returns is not None:
+        share, size = found.returns
+        what = "two bodies on one topic, or markers that are mistaken for one another"
+        often = f"in {100.0 * share:.3g} % of the samples, by {size:.4g} m in the median"
+        return Check(name, False, f"the position goes away and comes back {often}: {what}")
     if found.jumps:
         largest = sorted(found.jumps, key=lambda jump: -jump.size)[:NAMED]
         shown = [jump for jump in found.jumps if jump in largest][:NAMED]
@@ -183,8 +191,13 @@ def _agrees(track: Track, each: Agreement) -> Check:
     return Check(name, False, f"{' and '.join(frames)} contradict each other by {measured}{reading}")
 
 
+def off_unit(orientation: Array) -> float:
+    """Return the largest |norm - 1| of quaternions, 0 for none."""
+    return float(np.abs(sizes_of(orientation) - 1.0).max(initial=0.0))
+
+
 def _unit(orientation: Array, bound: float) -> Check:
-    worst = float(np.abs(sizes_of(orientation) - 1.0).max())
+    worst = off_unit(orientation)
     return Check("quaternion is unit", worst <= bound, f"|norm - 1| is at most {worst:.3g}, accepted {bound:g}")
 
 

@@ -20,6 +20,8 @@ _AROUND = 3
 _TIMES, _SPREADS = 3.0, 10.0
 # Smaller changes are no jumps: rad; and as a fraction of the longest distance between two positions.
 _LEAST_TURN, _LEAST_PART = 0.02, 1e-3
+# Two samples of one body and one of another come back at every third.
+_RETURNS = 0.3
 # A larger rotation between samples is ambiguous; rad.
 FARTHEST = 0.5
 
@@ -48,10 +50,13 @@ class Continuity:
     Attributes:
         jumps: in order of time.
         turn: usual rotation between two samples, rad; from `FARTHEST` on, no rotation is called a jump.
+        returns: if the position is that of one of two places by turns, the fraction of the samples at which it comes
+            back, and from how far (median, m).
     """
 
     jumps: tuple[Jump, ...]
     turn: float
+    returns: tuple[float, float] | None = None
 
 
 def continuity(track: Track) -> Continuity | None:
@@ -71,8 +76,26 @@ def continuity(track: Track) -> Continuity | None:
     turning = turned[turned > 0.0]
     return Continuity(
         jumps=tuple(sorted(found, key=lambda jump: (jump.start_ns, not jump.turns))),
-        turn=float(np.median(turning)) if len(turning) else 0.0,
+        turn=(turn := float(np.median(turning)) if len(turning) else 0.0),
+        returns=_returns(track, pose.time_ns, position, moved) if turn < FARTHEST else None,
     )
+
+
+def _returns(track: Track, time_ns: Times, position: Array, moved: Array) -> tuple[float, float] | None:
+    """Return how often, and from how far, the position comes back from where it was for one sample.
+
+    None if that is seldom, or if the twist explains it. Noise about one place comes back a tenth as near at most in
+    6 % of the samples.
+    """
+    back = np.linalg.norm(position[2:] - position[:-2], axis=1)
+    least = np.zeros(len(back))
+    if track.twist is not None and len(track.twist.time_ns):
+        speed = np.linalg.norm(track.twist.values[:, :3], axis=1)
+        told = np.interp(time_ns[1:-1] - time_ns[0], track.twist.time_ns - time_ns[0], speed)
+        least = _TIMES * told * np.diff(time_ns)[1:] * 1e-9
+    home = (moved[1:] > least) & (back < 0.1 * moved[1:])
+    share = float(home.mean())
+    return (share, float(np.median(moved[1:][home]))) if share > _RETURNS else None
 
 
 def _jumps(track: Track, time_ns: Times, size: Array, least: float, *, turns: bool) -> list[Jump]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from rb_dynamics.analysis.agreement import Agreement, agreements
 from rb_dynamics.analysis.balance import Balance, balances, sizes_of
-from rb_dynamics.analysis.checks import BOUND, Check, checks, cut, missing, one_recording
+from rb_dynamics.analysis.checks import BOUND, Check, checks, cut, missing, off_unit, one_recording
 from rb_dynamics.analysis.command_outcomes import CommandOutcomes, outcomes_of
 from rb_dynamics.analysis.continuity import Continuity, continuity
 from rb_dynamics.analysis.residual import Residual, residual
@@ -31,6 +31,8 @@ from rb_dynamics.numerics.decimals import whole_number
 from rb_dynamics.run.provenance import RESULT, RUN
 
 EXPLAINS = "inertia explains the motion"
+# |norm - 1| of a quaternion beyond which it was not filled in; single precision leaves 1e-7.
+_NO_ATTITUDE = 1e-3
 HALF = 0.5
 """A check that covers less than this fraction of the run is reported with a reservation."""
 
@@ -222,7 +224,9 @@ def _unsure(track: Track, steady: Continuity | None, agreed: Sequence[Agreement]
         return "these are several recordings"
     if any(each.contradicts for each in agreed):
         return "pose and twist contradict each other"
-    return "the pose jumps" if steady is not None and steady.jumps else ""
+    if track.pose is not None and off_unit(track.pose.values[:, 3:]) > _NO_ATTITUDE:
+        return "some quaternions are no attitude"
+    return "the pose jumps" if steady is not None and (steady.jumps or steady.returns) else ""
 
 
 def _unknown(balance: Balance, reason: str) -> Balance:

@@ -56,7 +56,20 @@ def test_what_sensors_and_robots_do_is_no_jump(seed: int) -> None:
         motion = motion.taken(np.arange(1000) // 5 * 5, keep_times=True)
     if seed % 4 == 2:  # stands still, goes, stands still
         motion = motion.taken(np.clip(np.arange(1000), 300, 700), keep_times=True)
-    assert continuity(read_track(bag_of(motion, with_twist=False))).jumps == ()  # type: ignore[union-attr]
+    found = continuity(read_track(bag_of(motion, with_twist=False)))
+    assert found is not None
+    assert (found.jumps, found.returns) == ((), None)
+
+
+@pytest.mark.parametrize("every", [2, 3])
+@pytest.mark.parametrize("with_twist", [True, False])
+def test_two_bodies_on_one_topic_are_no_motion(every: int, with_twist: bool) -> None:
+    """The second body speaks every second or third time: what comes again and again is no jump."""
+    motion = spin(noise=1e-3)
+    motion.position[::every] += (5.0, 0.0, 0.0)
+    detail = failing(bag_of(motion, with_twist=with_twist))[JUMPS]
+    assert "two bodies on one topic" in detail
+    assert "by 5" in detail
 
 
 def test_attitudes_too_far_apart_to_tell_are_not_judged() -> None:

@@ -419,6 +419,31 @@ def test_unusable_numbers_are_left_out_and_fail(bagger: Any, bad: float) -> None
     assert failed(summary) == ["/b/pose is whole"]
 
 
+@pytest.mark.parametrize("part", [3, 7])
+def test_unusable_numbers_of_one_part_of_an_odometry_fail(bagger: Any, part: int) -> None:
+    """Pose and twist are of one topic; whichever lacks rows is told."""
+    rows = []
+    for k in range(12):
+        numbers = [*STILL, *(0.0,) * 6]
+        numbers[part] = float("nan") if 3 < k < 9 else numbers[part]
+        values = (k * 10_000_000, "world", "base", numbers[:7], (0.0,) * 36, numbers[7:], (0.0,) * 36)
+        rows.append(("/odom", "nav_msgs/msg/Odometry", k * 10_000_000, values))
+    check = next(check for check in summary_of(bagger(rows)).checks if check.name == "/odom is whole")
+    assert not check.passed
+    assert "5 of 12 messages have a number that is not finite" in check.detail
+
+
+def test_physics_is_not_judged_by_quaternions_that_were_not_filled_in(bagger: Any, scene_dir: Path) -> None:
+    def row(k: int) -> Any:
+        q = (0.0,) * 4 if k in (30, 31) else (0.0, 0.0, float(np.sin(0.01 * k)), float(np.cos(0.01 * k)))
+        values = (k * 10_000_000, "world", "base", (0.0, 0.0, 0.0, *q), (0.0,) * 36, (0.0,) * 5 + (2.0,), (0.0,) * 36)
+        return "/odom", "nav_msgs/msg/Odometry", k * 10_000_000, values
+
+    summary = summary_of(bagger(map(row, range(500))), scene=read_scene(scene_dir / "slew.yaml"))
+    assert "quaternion is unit" in failed(summary)
+    assert "inertia explains the motion" not in failed(summary)
+
+
 def test_quaternion_that_is_not_unit_fails(bagger: Any) -> None:
     rows = [pose(EVERY * k, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.001)) for k in range(5)]
     assert failed(summary_of(bagger(rows))) == ["quaternion is unit"]
