@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from rb_dynamics.numerics.argument_checks import quaternion, vector, whole_number
+from rb_dynamics.numerics.argument_checks import quaternion, time_count, vector
 from rb_dynamics.numerics.rotation import IDENTITY, Quaternion
 from rb_dynamics.numerics.vector import ZERO, Vector
 
@@ -35,11 +35,12 @@ class State:
 
         Raises:
             TypeError: a field is not of its type.
-            ValueError: a number is not finite, or the norm of the attitude not 1 within `NORM_TOLERANCE`.
+            ValueError: a number is not finite or no 64-bit time, or the norm of the attitude not 1 within
+                `NORM_TOLERANCE`.
         """
         return replace(
             self,
-            time_ns=whole_number(self.time_ns, f"{name}.time_ns", "give nanoseconds: round(1e9 * seconds)"),
+            time_ns=time_count(self.time_ns, f"{name}.time_ns"),
             position_world=vector(self.position_world, f"{name}.position_world", "a position (m)"),
             orientation_xyzw=quaternion(self.orientation_xyzw, f"{name}.orientation_xyzw"),
             linear_velocity_world=vector(

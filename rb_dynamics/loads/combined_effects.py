@@ -6,17 +6,22 @@ A part that no effect has is None, so that no code runs for it.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from numbers import Integral
+from typing import TYPE_CHECKING, TypeVar
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.effect import Effect, Point, Sight, Slowing, Stored, Wrenching
 from rb_dynamics.loads.load import Load, Takes
 from rb_dynamics.loads.wrench import WORLD, Wrench, WrenchFrames
+from rb_dynamics.numerics.argument_checks import shown
 from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import ZERO, Vector, add
+
+if TYPE_CHECKING:
+    from typing import TypeGuard
 
 _T = TypeVar("_T")
 
@@ -62,9 +67,14 @@ class CombinedEffects:
                 found[name] = tuple((time, self._named(wrench)) for time, wrench in schedule)
         return list(found.items())
 
-    def _parts(self, what: str, of: Callable[[Effect], Callable[[Point], _T] | None]) -> list[Callable[[Point], _T]]:
+    def _parts(
+        self,
+        what: str,
+        of: Callable[[Effect], Callable[[Point], _T] | None],
+        first: Callable[[Effect, _T], None] | None = None,
+    ) -> list[Callable[[Point], _T]]:
         found = ((effect, of(effect)) for effect in self.effects)
-        return [_refusing(effect, what, part) for effect, part in found if part is not None]
+        return [_refusing(effect, what, part, first) for effect, part in found if part is not None]
 
     def _named(self, wrench: Wrench) -> Wrench:
         return replace(wrench, frame_id=self.frames.world_frame) if wrench.frame_id == WORLD else wrench
@@ -78,8 +88,9 @@ class CombinedEffects:
 
         Raises:
             SceneError: an effect has a load inside the step and does not say so.
+            TypeError: when it is evaluated first, the load of an effect is not two vectors.
         """
-        parts = self._parts("load", lambda effect: _inside_the_step(effect, self.body, start))
+        parts = self._parts("load", lambda effect: _inside_the_step(effect, self.body, start), _require_load)
         if not parts:
             return None
 
@@ -123,7 +134,7 @@ class CombinedEffects:
 
     def sight(self) -> Sight | None:
         """Return for how long (s) the load at a point tells what comes; None where it always does."""
-        parts = self._parts("sight", lambda effect: effect.sight(self.body))
+        parts = self._parts("sight", lambda effect: _ahead(effect, effect.sight(self.body)))
         return (lambda point: min(part(point) for part in parts)) if parts else None
 
     def storing(self) -> Callable[[Point], Stored] | None:
@@ -142,18 +153,65 @@ class CombinedEffects:
         return stored
 
 
-def _refusing(effect: Effect, what: str, part: Callable[[Point], _T]) -> Callable[[Point], _T]:
-    """Return a part of `effect` that refuses the points where it fails: a step on trial may lead anywhere."""
+def _refusing(
+    effect: Effect,
+    what: str,
+    part: Callable[[Point], _T],
+    first: Callable[[Effect, _T], None] | None = None,
+) -> Callable[[Point], _T]:
+    """Return a part of `effect` that refuses the points where it fails: a step on trial may lead anywhere.
+
+    `first` looks at the first value alone, as values are many.
+    """
 
     def at(point: Point) -> _T:
+        nonlocal first
         try:
-            return part(point)
+            found = part(point)
         except (ArithmeticError, ValueError) as failed:
             raise ConvergenceError(
                 f"{effect.kind}: its {what} fails with {type(failed).__name__}: {failed}, at simulation time "
                 f"{point.time:.9g} s, position {list(point.position)} m, velocity {list(point.velocity)} m/s and rate "
                 f"{list(point.angular_velocity)} rad/s in principal axes; correct the effect, or end the run before"
             ) from failed
+        if first is not None:
+            first(effect, found)
+            first = None
+        return found
+
+    return at
+
+
+def _require_load(effect: Effect, load: object) -> None:
+    """Refuse what is not a force and a torque of double precision: with others, the sums of the motion lose digits."""
+    vectors = [list(part) if isinstance(part, Collection) else [] for part in load] if _is_pair(load) else []
+    if not vectors or any(len(vector) != 3 or not all(map(_is_double, vector)) for vector in vectors):
+        raise TypeError(
+            f"{effect.kind}: its load is {shown(load)}, expected a force (N, world axes) and a torque (N m, principal "
+            "axes), three floats each; return ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)) for none"
+        )
+
+
+def _is_pair(load: object) -> TypeGuard[Collection[object]]:
+    return isinstance(load, Collection) and len(load) == 2
+
+
+def _is_double(value: object) -> bool:
+    return isinstance(value, (float, Integral))
+
+
+def _ahead(effect: Effect, sight: Sight | None) -> Sight | None:
+    """Return a sight that is a time greater than 0 everywhere: without one, a run would never get anywhere."""
+    if sight is None:
+        return None
+
+    def at(point: Point) -> float:
+        seconds = sight(point)
+        if not _is_double(seconds):
+            raise TypeError(f"{effect.kind}: its sight is {shown(seconds)}, expected a time (s); return a float")
+        if not seconds > 0.0:
+            raise ValueError(f"{seconds!r} s, expected a time greater than 0; return math.inf where nothing is near")
+        return seconds
 
     return at
 

@@ -119,6 +119,7 @@ class Effect:
         """Return for how long the load at a point tells what comes; None where it always does.
 
         Steps by accuracy are no longer, so that none passes over a place where the load is strong without meeting it.
+        Greater than 0; infinite where nothing is near.
         """
         return None
 

@@ -86,6 +86,19 @@ def whole_number(value: Any, name: str, remedy: str) -> int:
     raise TypeError(f"{name} is {shown(value)}, expected a whole number; {remedy}")
 
 
+def time_count(value: Any, name: str) -> int:
+    """Return a time in whole nanoseconds that 64 bits hold.
+
+    Raises:
+        TypeError: it is not a whole number.
+        ValueError: it is too large.
+    """
+    found = whole_number(value, name, "give nanoseconds: round(1e9 * seconds)")
+    if not -(2**63) < found < 2**63:
+        raise ValueError(f"{name} is {shown(value)}, expected less than 2^63 ns (292 years) either way")
+    return found
+
+
 def truth(value: Any, name: str) -> bool:
     """Return a truth value of Python or numpy: not a number, nor a text such as "false", which Python takes for true.
 

@@ -24,8 +24,17 @@ from rb_dynamics.motion.kernel_layout import PHASE, phase_numbers
 from rb_dynamics.motion.method import Method
 from rb_dynamics.motion.phase import Phase, inertia_of
 from rb_dynamics.motion.step_control import FixedStep, WholeArc
-from rb_dynamics.numerics.argument_checks import as_array, instance, instances, number, shown, whole_number
-from rb_dynamics.numerics.nanoseconds import NANOSECONDS, SHORTEST_STEP
+from rb_dynamics.numerics.argument_checks import (
+    as_array,
+    instance,
+    instances,
+    number,
+    shown,
+    time_count,
+    truth,
+    whole_number,
+)
+from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS, SHORTEST_STEP
 from rb_dynamics.run.sample_arrays import Samples
 
 if TYPE_CHECKING:
@@ -135,7 +144,9 @@ class Ensemble:
 
     def advance(self, seconds: float) -> None:
         """Advance by `seconds`, rounded to whole nanoseconds; see `advance_to`."""
-        seconds = number(seconds, "seconds", "a finite number of 0 or more (s)", least=0.0)
+        seconds = number(
+            seconds, "seconds", f"a finite number of 0 or more, at most {LONGEST:.1e} (s)", least=0.0, most=LONGEST
+        )
         self.advance_to(self.time_ns + round(seconds * NANOSECONDS))
 
     def advance_to(self, time_ns: int) -> None:
@@ -146,7 +157,7 @@ class Ensemble:
             ConvergenceError: a step of a body cannot be solved; names the body. The ensemble is unchanged.
         """
         # numpy integers overflow, those of Python do not.
-        time_ns = whole_number(time_ns, "time_ns", "give nanoseconds: round(1e9 * seconds)")
+        time_ns = time_count(time_ns, "time_ns")
         if time_ns < self.time_ns:
             raise ValueError(f"time_ns is {time_ns}, expected {self.time_ns} or later: time only grows")
         self._hold, self._state = self._advanced(self._hold, time_ns)
@@ -264,7 +275,7 @@ def driven_motion(
     parts = (force_body, torque_body, force_world, torque_world)
     wrenches = _wrenches(len(times), 1, _particles([body]), _largest([body]), *parts)
     properties, start = _mass_properties([body]), np.array([phase_numbers(Phase.of(body, state))], dtype=np.float64)
-    if last_only:
+    if truth(last_only, "last_only"):
         now = start
         for schedule in steps.schedules(state.time_ns, times, wrenches):
             now, before = np.empty_like(start), now

@@ -23,7 +23,7 @@ from rb_dynamics.loads.wrench import HeldWrench, Wrench
 from rb_dynamics.motion.arc import Arc, LoadFrom
 from rb_dynamics.motion.phase import Phase, RoundingHistory, in_principal_axes
 from rb_dynamics.motion.step_control import WholeArc
-from rb_dynamics.numerics.argument_checks import instance, items, shown, whole_number
+from rb_dynamics.numerics.argument_checks import instance, items, shown, time_count, whole_number
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
 from rb_dynamics.numerics.vector import Vector
 from rb_dynamics.run.input_hash import RULE, InputHash
@@ -207,7 +207,7 @@ class Simulation:
         Raises:
             ConvergenceError: a step could not be solved; `time_ns` and `sample` remain at the last good state.
         """
-        until_ns = whole_number(until_ns, "until_ns", _REMEDY)
+        until_ns = time_count(until_ns, "until_ns")
         output = self.next_output_ns()
         while True:
             if self._stale:

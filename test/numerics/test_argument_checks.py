@@ -57,6 +57,7 @@ NO_VECTORS = [*NO_NUMBERS, 1.0, (1.0, 2.0), (1.0, 2.0, 3.0, 4.0, 5.0), (math.nan
 NO_VECTORS += [{3.0, 1.0, 2.0}, {3.0: 0.0, 1.0: 0.0, 2.0: 0.0}]  # without an order; whose keys are no components
 NO_OBJECTS = [None, "text", 1.0, [1.0], Anything(), rb.Wrench]
 NO_COUNTS = [*NO_NUMBERS, *NOT_FINITE, 0.5]
+NO_TIMES = [*NO_COUNTS, 2**63, -(10**400)]
 NO_QUATERNIONS = [*NO_VECTORS, (0.0, 0.0, 0.0, 1.4), (0.0, 0.0, 0.0, 0.0), (math.inf, 0.0, 0.0, 1.0)]
 NO_LIST_OF_THEM = [None, 1.0, "text", Anything(), [Anything()], [None]]
 POSITIVE = [*NO_NUMBERS, *NOT_FINITE, -1.0, 0.0]
@@ -82,7 +83,7 @@ WRONG: Mapping[tuple[Callable[..., object], str], list[Any]] = {
     (lambda orientation_xyzw: rb.RigidBody.from_principal(1.0, (1.0,) * 3, orientation_xyzw), "orientation_xyzw"): (
         NO_QUATERNIONS
     ),
-    (_from_state, "time_ns"): NO_COUNTS,
+    (_from_state, "time_ns"): NO_TIMES,
     (_from_state, "position_world"): NO_VECTORS,
     (_from_state, "orientation_xyzw"): NO_QUATERNIONS,
     (_from_state, "linear_velocity_world"): NO_VECTORS,
@@ -102,6 +103,7 @@ WRONG: Mapping[tuple[Callable[..., object], str], list[Any]] = {
     (_driven, "times_ns"): [*NO_NUMBERS, 1.5, [1.5], [], [-1], [2, 1]],
     (_driven, "method"): [*NO_OBJECTS, "rk5", "auto"],
     (_driven, "step"): POSITIVE,
+    (_driven, "last_only"): [None, 1, "false", math.nan],
     (_driven, "force_body"): NO_WRENCHES,
     (_driven, "torque_world"): NO_WRENCHES,
     (_ensemble, "bodies"): [*NO_LIST_OF_THEM, [BODY, BODY]],
@@ -109,8 +111,8 @@ WRONG: Mapping[tuple[Callable[..., object], str], list[Any]] = {
     (_ensemble, "method"): [*NO_OBJECTS, "rk5"],
     (_ensemble, "step"): POSITIVE,
     (_ensemble, "threads"): [*NO_COUNTS[1:], 0, -1],
-    (_ensemble().advance, "seconds"): NOT_NEGATIVE,
-    (_ensemble().advance_to, "time_ns"): [*NO_COUNTS, -1],
+    (_ensemble().advance, "seconds"): [*NOT_NEGATIVE, 1e308],
+    (_ensemble().advance_to, "time_ns"): [*NO_TIMES, -1],
     (_ensemble().hold, "torque_body"): NO_WRENCHES,
     (lambda times_ns: _ensemble().follow(times_ns), "times_ns"): [*NO_NUMBERS, [1.5], [-1]],
     (rb.LinearDrag, "translation"): [*NO_VECTORS, (-1.0, 0.0, 0.0)],
@@ -157,7 +159,7 @@ WRONG: Mapping[tuple[Callable[..., object], str], list[Any]] = {
     (lambda topic: rb.Simulation(SCENE).post(topic, rb.Wrench()), "topic"): [None, 1.0, Anything(), "text"],
     (lambda wrench: rb.Simulation(SCENE).post("wrench", wrench), "wrench"): NO_OBJECTS,
     (lambda time_ns: rb.Simulation(SCENE).post("wrench", rb.Wrench(), time_ns), "time_ns"): NO_COUNTS,
-    (rb.Simulation(SCENE).advance, "until_ns"): NO_COUNTS,
+    (rb.Simulation(SCENE).advance, "until_ns"): NO_TIMES,
     (rb.explain, "scene"): [None, 1.0, Anything(), SCENE.body],
     (lambda commands: rb.explain(SCENE, commands), "commands"): [*NO_LIST_OF_THEM, [rb.Wrench()]],
     (lambda budget: rb.explain(SCENE, budget=budget), "budget"): POSITIVE,
