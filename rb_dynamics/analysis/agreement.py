@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,8 @@ _SENSORS = 0.05
 # A window counts if it turns by at least this (rad), and by this multiple of the noise.
 _LEAST_TURN, _ABOVE_NOISE = 0.05, 10.0
 _LEAST_WINDOWS = 3
+# If more than this fraction of the windows contradict each other, one of the two stood still for a while.
+_PARTLY = 0.1
 _SECOND = 1_000_000_000
 # Larger rotations between samples do not determine how the body rotated; rad.
 _FARTHEST, _AROUND = 1.0, 2.0
@@ -61,6 +64,7 @@ class Agreement:
         remaining: `error` with it.
         nothing: whether the twist is always zero.
         reason: why `error` is unknown, "" if it is known.
+        partly: fraction of the windows that contradict each other, if that of the median does not; 0 for a few.
     """
 
     of: str
@@ -72,6 +76,7 @@ class Agreement:
     remaining: float = 0.0
     nothing: bool = False
     reason: str = ""
+    partly: float = 0.0
 
 
 def agreements(track: Track) -> tuple[Agreement, ...]:
@@ -99,6 +104,16 @@ def agreements(track: Track) -> tuple[Agreement, ...]:
     moved = np.diff(both.pose[:, :3], axis=0)
     rounding = 1e-9 * float(np.abs(both.pose[:, :3]).max())
     return attitude, _judged("position", both, moved, slice(0, 3), moves, rounding)
+
+
+class _Found(NamedTuple):
+    """Median relative error, median error per second, number and length (s) of windows, fraction that contradict."""
+
+    error: float
+    speed: float
+    windows: int
+    window_s: float
+    beyond: float
 
 
 @dataclass(frozen=True)
@@ -158,18 +173,19 @@ def _judged(of: str, both: _Both, gone: Array, part: slice, readings: list[Readi
     floor = max(least, _ABOVE_NOISE * typical(path, np.zeros(len(path), dtype=np.int_)))
     given, *others = readings
 
-    def compared(reading: Reading) -> tuple[float, float, int, float] | None:
+    def compared(reading: Reading) -> _Found | None:
         return _windows(both, gone, both.said(part, reading), floor)
 
     found = compared(given)
     if found is None:
         moves = "turns" if of == "attitude" else "moves"
         return Agreement(of, None, reason=f"the body {moves} too little above the noise of the pose")
-    error, speed, count, window_s = found
+    error, speed, count, window_s, beyond = found
     if not both.twist[:, part].any():
         return Agreement(of, error, window_s, count, True, nothing=True)
     if error <= _CONTRADICTS:
-        return Agreement(of, error, window_s, count)
+        partly = beyond if beyond > _PARTLY and beyond * count > 1.5 else 0.0
+        return Agreement(of, error, window_s, count, partly > 0.0, partly=partly)
     remedy, remaining = _remedy(given, others, compared)
     contradicts = bool(remedy) or speed > _SENSORS
     if not contradicts:
@@ -178,16 +194,14 @@ def _judged(of: str, both: _Both, gone: Array, part: slice, readings: list[Readi
     return Agreement(of, error, window_s, count, contradicts, remedy, remaining)
 
 
-def _remedy(
-    given: Reading, others: list[Reading], compared: Callable[[Reading], tuple[float, float, int, float] | None]
-) -> tuple[str, float]:
+def _remedy(given: Reading, others: list[Reading], compared: Callable[[Reading], _Found | None]) -> tuple[str, float]:
     tried = [(found[0], reading) for reading in others if (found := compared(reading))]
     least, best = min(tried, key=lambda pair: pair[0], default=(np.inf, given))
     return (best.words(given), least) if least <= _RECONCILED else ("", 0.0)
 
 
-def _windows(both: _Both, gone: Array, said: Array, floor: float) -> tuple[float, float, int, float] | None:
-    """Return median relative error, median error per second, number and length (s) of the windows; None if too few.
+def _windows(both: _Both, gone: Array, said: Array, floor: float) -> _Found | None:
+    """Return how they differ; None for too few windows.
 
     The shortest of 1 s, 10 s, ... in which the body moves far enough.
     """
@@ -208,7 +222,8 @@ def _windows(both: _Both, gone: Array, said: Array, floor: float) -> tuple[float
         error = np.linalg.norm(did - told, axis=1)
         kept = (size > floor) & (seconds >= 0.5e-9 * length)
         if int(kept.sum()) >= _LEAST_WINDOWS:
-            ratio = float(np.median(error[kept] / size[kept]))
-            return ratio, float(np.median(error[kept] / seconds[kept])), int(kept.sum()), length * 1e-9
+            ratio, speed = error[kept] / size[kept], error[kept] / seconds[kept]
+            beyond = float(((ratio > _CONTRADICTS) & (speed > _SENSORS)).mean())
+            return _Found(float(np.median(ratio)), float(np.median(speed)), int(kept.sum()), length * 1e-9, beyond)
         length *= 10
     return None

@@ -186,6 +186,9 @@ def _agrees(track: Track, each: Agreement) -> Check:
     measured = f"{100.0 * each.error:.3g} % (median of {each.windows} windows of {each.window_s:g} s)"
     if not each.contradicts:
         return Check(name, True, f"they differ by {measured}")
+    if each.partly:
+        part = f"in {100.0 * each.partly:.3g} % of them they contradict each other, as if one stood still for a while"
+        return Check(name, False, f"they differ by {measured}, but {part}")
     reading = f"; read {each.remedy} it fits to {100.0 * each.remaining:.2g} %" if each.remedy else ""
     frames = [f"{s.topic} (frame {frame_names([s.frame])})" for s in (track.pose, track.twist) if s is not None]
     return Check(name, False, f"{' and '.join(frames)} contradict each other by {measured}{reading}")
