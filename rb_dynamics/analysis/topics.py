@@ -101,7 +101,11 @@ class _Finder:
             raise LogError(
                 f"{self.bag.path}: found {found}, expected at least one topic of PoseStamped, TwistStamped, Odometry, "
                 "WrenchStamped or Wrench with messages; "
-                + ("record the topics of the body" if self.bag.complete else "the file was cut off: record it again")
+                + (
+                    "record the topics of the body"
+                    if self.bag.complete
+                    else "the file was cut off or damaged: record it again"
+                )
             )
         body, body_from = self._body()
         logged = [self._vector("angular_momentum"), self._vector("linear_momentum"), self._scalar("energy/kinetic")]

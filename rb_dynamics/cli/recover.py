@@ -29,7 +29,9 @@ def run(args: argparse.Namespace) -> int:
     from rb_dynamics.formats.recovery import recover
 
     saved = recover(Path(args.source), Path(args.target))
-    start_ns = min((each.file.start_ns for each in saved if each.file.counts.total()), default=0)
+    lost = (begin_ns for each in saved for begin_ns, _ in each.missing)
+    starts = (each.file.start_ns for each in saved if each.file.counts.total())
+    start_ns = min(starts, default=min(lost, default=0))
     within = False
     for number, each in enumerate(saved, 1):
         file = each.file
@@ -45,6 +47,7 @@ def run(args: argparse.Namespace) -> int:
         if each.next_file not in ("", following):
             print(f"  the next file, {each.next_file}, is missing")
             within = within or bool(following)
-    since = f"; t counts from the first message, log time {start_ns * 1e-9:.9f} s" if start_ns else ""
+    told = "first message" if any(each.file.counts.total() for each in saved) else "first that is missing"
+    since = f"; t counts from the {told}, log time {start_ns * 1e-9:.9f} s" if start_ns else ""
     print(f"wrote {args.target}{since}")
     return 1 if within or any(each.damage for each in saved) else 0

@@ -170,6 +170,14 @@ def test_recover_counts_from_the_first_message(tmp_path: Path) -> None:
     assert "saved.mcap: 5 messages from t = 0 to 2 s; the file was whole" in result.stdout
     assert "saved.mcap; t counts from the first message, log time 1700000000.000000000 s" in result.stdout
 
+    data = bytearray((tmp_path / "commands.mcap").read_bytes())
+    begin = data.index(b"\x28\xb5\x2f\xfd")  # of what is compressed: the only chunk
+    data[begin + 4 : begin + 24] = bytes(20)
+    (tmp_path / "commands.mcap").write_bytes(data)
+    result = command("recover", tmp_path / "commands.mcap", tmp_path / "saved.mcap")
+    assert "missing: t = 0 to 2 s" in result.stdout
+    assert "t counts from the first that is missing, log time 1700000000.000000000 s" in result.stdout
+
 
 def test_replay_is_the_same_to_the_last_bit_or_fails(scene: Path, tmp_path: Path) -> None:
     log = tmp_path / "run.mcap"
