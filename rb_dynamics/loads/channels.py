@@ -13,8 +13,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+import numpy as np
+
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError, WrenchError
+from rb_dynamics.loads.command_table import CommandTable, Holding, Timeline, timeline
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, WrenchFrames, largest_wrench, require_possible
 from rb_dynamics.numerics.argument_checks import instance, number, shown, truth
 from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS
@@ -241,6 +244,9 @@ class WrenchChannels:
         self._number = 0
         self._body = body
         self._largest = largest_wrench(body) if body is not None else (math.inf, math.inf)
+        # Commands that came as arrays, and the first of them that is still to take effect.
+        self._table: CommandTable | None = None
+        self._row = 0
         # The commands that the last `apply` looked at, and what was held before.
         self._done: list[_Pending] = []
         self._before = self._holds
@@ -271,6 +277,53 @@ class WrenchChannels:
         """Let a command from `check` take effect at `time_ns`, or be reported as rejected then."""
         self._number += 1
         heapq.heappush(self._queue, _Pending(time_ns, command.channel, self._number, command))
+
+    def extend(self, table: CommandTable) -> None:
+        """Let the commands of `table` take effect, each at its time; none comes before one of an earlier table."""
+        if self._table is not None:
+            table = self._table.behind(self._row).followed_by(table)
+        self._table, self._row = table, 0
+
+    def timeline(self, until_ns: int, most: int) -> tuple[Timeline, int]:
+        """Return the changes to come up to `until_ns`, and the time (ns) until which these are all; changes nothing.
+
+        That is before `until_ns` where it takes `apply` to tell, or where there are more than `most` commands.
+        """
+        if self._queue:
+            until_ns = min(until_ns, self._queue[0].time_ns - 1)
+        if self._table is not None and self._row + most < len(self._table.time_ns):
+            until_ns = min(until_ns, int(self._table.time_ns[self._row + most]) - 1)
+        holding = [Holding([n for part in hold.held for n in part], hold.expires_ns) for hold in self._holds]
+        table = self._table or CommandTable.empty()
+        return timeline(table, self._due(until_ns), holding, self._timeout_ns, until_ns), until_ns
+
+    def skip(self, until_ns: int) -> None:
+        """Make every change that is due until then, of which nobody is told."""
+        table, rows = self._table, self._due(until_ns)
+        for i, timeout in enumerate(self._timeout_ns):
+            if table is not None and (mine := np.flatnonzero(table.channel[rows] == i)).size:
+                row = rows.start + int(mine[-1])
+                expires_ns = int(table.time_ns[row]) + timeout if timeout else None
+                self._holds[i] = _Hold(table.held_wrench(row), table.received(row), expires_ns)
+            if (expires_ns := self._holds[i].expires_ns) is not None and expires_ns <= until_ns:
+                self._holds[i] = _Hold()
+        self._row = rows.stop
+
+    def _due(self, until_ns: int) -> slice:
+        """Return the rows of the table that take effect by `until_ns` and have not yet."""
+        if self._table is None:
+            return slice(0, 0)
+        return slice(self._row, int(np.searchsorted(self._table.time_ns, until_ns, side="right")))
+
+    def _from_table(self, now_ns: int) -> None:
+        """Queue the commands of the table that are due."""
+        if self._table is None or self._row == len(self._table.time_ns) or self._table.time_ns[self._row] > now_ns:
+            return
+        table, rows = self._table, self._due(now_ns)
+        for row in range(rows.start, rows.stop):
+            command = CheckedWrench(int(table.channel[row]), table.received(row), table.held_wrench(row))
+            self.take(command, int(table.time_ns[row]))
+        self._row = rows.stop
 
     def outstanding(self) -> list[tuple[str, Wrench, int]]:
         """Return topic, command and time (ns) of each that is held (0) or waits, in the order in which they act."""
@@ -322,6 +375,8 @@ class WrenchChannels:
         times = [hold.expires_ns for hold in self._holds if hold.expires_ns is not None]
         if self._queue:
             times.append(self._queue[0].time_ns)
+        if self._table is not None and self._row < len(self._table.time_ns):
+            times.append(int(self._table.time_ns[self._row]))
         return min(times, default=None)
 
     def apply(self, now_ns: int) -> list[AppliedWrench | RejectedWrench]:
@@ -329,6 +384,7 @@ class WrenchChannels:
 
         A command that comes at the very time of its channel's timeout wins over it.
         """
+        self._from_table(now_ns)
         due: list[_Pending] = []
         while self._queue and self._queue[0].time_ns <= now_ns:
             due.append(heapq.heappop(self._queue))

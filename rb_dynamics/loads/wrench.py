@@ -6,7 +6,7 @@ Where a command comes from (topic, bag or script) and when it takes effect is th
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -110,6 +110,12 @@ class HeldWrench(NamedTuple):
             add(self.force_world, other.force_world),
             add(self.torque_world, other.torque_world),
         )
+
+
+def held_of(numbers: Sequence[float]) -> HeldWrench:
+    """Return the held wrench of its twelve numbers."""
+    n = numbers
+    return HeldWrench((n[0], n[1], n[2]), (n[3], n[4], n[5]), (n[6], n[7], n[8]), (n[9], n[10], n[11]))
 
 
 @dataclass(frozen=True)

@@ -54,7 +54,7 @@ _AFTER_AT = _PHASE_AT + _KNOWN
 _HANDED, _PUT_BACK = Struct(f"{_AFTER_AT}d"), Struct(f"{2 * _KNOWN}d")
 
 # Longer than any run, but so far below 2^63 that sums of two do not overflow.
-_FOREVER = 2**62
+FOREVER = 2**62
 
 
 class Progress(NamedTuple):
@@ -220,7 +220,7 @@ class Strides(OnDemand):
         numbers = np.empty(_AFTER_AT + _KNOWN)
         goal, learnt = control.goal, control.learnt
         _HANDED.pack_into(numbers.data, 0, *constant_numbers(*constants), *goal, *phase_numbers(phase), *learnt)
-        strides, reached, next_stride = compiled(numbers, min(room, _FOREVER), count)
+        strides, reached, next_stride = compiled(numbers, min(room, FOREVER), count)
         s = _PUT_BACK.unpack_from(numbers.data, 8 * _PHASE_AT)
         (end, learnt), (after, following) = _known(s[:_KNOWN]), _known(s[_KNOWN:])
         return Progress(strides, reached, end, learnt, next_stride, after, following)

@@ -15,6 +15,7 @@ from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.adaptive_kernel import Progress, strides_by
 from rb_dynamics.motion.fixed_step_kernel import LONGEST_STRETCH, kernel
+from rb_dynamics.motion.flight import Standing
 from rb_dynamics.motion.method import Inertia, Load, Method
 from rb_dynamics.motion.phase import Phase
 from rb_dynamics.motion.step_control import AccuracyControl, FixedStep, OwnControl, StepControl, WholeArc
@@ -95,12 +96,40 @@ class Arc:
         self._after: Phase | None = None
 
     def _use(self, method: Method, control: StepControl) -> None:
-        self._control = control
+        self._method, self._control = method, control
         self._advance = self._stepper(method)
         self._kernel = strides_by(method, control) if self._what_acts[2] is None else None
 
     def _stepper(self, method: Method) -> Stepper:
         return Stepper(method, *self._what_acts)
+
+    @property
+    def standing(self) -> Standing:
+        """Where it stands."""
+        # A stride that has been chosen and not taken is chosen again.
+        stride = self._stride or 0 if self._after is not None else 0
+        return Standing(
+            self._method,
+            self._control,
+            self._what_acts[1],
+            self._start_ns,
+            self._phase,
+            self._reached,
+            self._strides,
+            stride,
+            self._after or self._phase,
+            _CHOOSE_AGAIN if self._choose_again else 0,
+        )
+
+    def resume(self, standing: Standing) -> None:
+        """Stand so, with a method that is chosen again if it is time."""
+        more = standing.strides > self._strides
+        self._phase, self._reached, self._strides = standing.phase, standing.reached, standing.strides
+        self._stride, self._after = (standing.stride, standing.after) if standing.stride else (None, None)
+        if isinstance(self._control, (AccuracyControl, OwnControl)):
+            self._control.learnt, self._control.following = standing.learnt, standing.following
+        if more:
+            self._count(0)
 
     def at(self, time_ns: int) -> Phase:
         """Return the phase at `time_ns`, not before the last time requested nor the start.

@@ -23,7 +23,7 @@ def is_free(held: HeldWrench) -> bool:
 
 def has_closed_form(held: HeldWrench, orientation: Quaternion, angular_velocity: Vector) -> bool:
     """Return whether the motion under `held` is free, or a rotation about one fixed axis."""
-    return is_free(held) or fixed_axis(held, orientation, angular_velocity) is not None
+    return is_free(held) or fixed_axis(held, orientation, angular_velocity) >= 0
 
 
 def free_step(
@@ -67,7 +67,7 @@ def step(
         )
     if not is_free(held):
         axis = fixed_axis(held, orientation, angular_velocity)
-        if axis is None:
+        if axis < 0:
             raise ConvergenceError(
                 "exact: a torque or a force in body axes acts that tilts the axis of rotation, expected free motion, a "
                 "force in world axes, or a torque along the principal axis about which the body turns; use method "

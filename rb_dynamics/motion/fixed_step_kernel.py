@@ -185,13 +185,15 @@ def counted_by(tally: Tally) -> Iterator[None]:
 class OnDemand:
     """A function that is compiled when that pays."""
 
-    def __init__(self, method: str, function: Callable[..., Any], signature: str, price: float = 1.0) -> None:
+    def __init__(
+        self, method: str, function: Callable[..., Any], signature: str | Callable[[], Any], price: float = 1.0
+    ) -> None:
         """Compile nothing yet.
 
         Args:
             method: the method that it belongs to.
             function: to be compiled; cached by its name.
-            signature: its types.
+            signature: its types, or a function that returns them: what needs numba to say.
             price: cost of one call per step in plain Python, in steps of the method.
         """
         self._method, self._function, self._signature = method, function, signature

@@ -125,17 +125,21 @@ class RoundingHistory(NamedTuple):
     speeds: float = 0.0
 
     def on(self, inertia: Inertia, start: Phase, end: Phase) -> RoundingHistory:
-        """Return the same with one more arc from `start` to `end`; motion is assumed fastest at one of its ends."""
-        time = end.time - start.time
-        rates = norm(start.angular_velocity), norm(end.angular_velocity)
-        speeds = norm(start.linear_momentum_world) / inertia.mass, norm(end.linear_momentum_world) / inertia.mass
-        return RoundingHistory(
-            self.arcs + 1,
-            self.turned + max(rates) * time,
-            self.travelled + max(speeds) * time,
-            self.rates + (rates[0] if self.arcs else 0.0),
-            self.speeds + (speeds[0] if self.arcs else 0.0),
-        )
+        """Return the same with an arc from `start` to `end`, see `with_arc`."""
+        return with_arc(self, inertia, start, end)
+
+
+def with_arc(before: RoundingHistory, inertia: Inertia, start: Phase, end: Phase) -> RoundingHistory:
+    """Return `before` with an arc from `start` to `end`; between them nothing is faster than at one of them."""
+    time = elapsed(end) - elapsed(start)
+    rate, speed = norm(start.angular_velocity), norm(total(start, MOMENTUM)) / inertia.mass
+    return RoundingHistory(
+        before.arcs + 1,
+        before.turned + max(rate, norm(end.angular_velocity)) * time,
+        before.travelled + max(speed, norm(total(end, MOMENTUM)) / inertia.mass) * time,
+        before.rates + (rate if before.arcs > 0 else 0.0),
+        before.speeds + (speed if before.arcs > 0 else 0.0),
+    )
 
 
 def of_origin(

@@ -14,20 +14,25 @@ from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, dot, scal
 _AXES: tuple[Vector, Vector, Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
-def fixed_axis(held: HeldWrench, orientation: Quaternion, angular_velocity: Vector) -> int | None:
-    """Return the principal axis (0, 1 or 2) about which alone the body rotates under `held`; None if there is none.
+def fixed_axis(held: HeldWrench, orientation: Quaternion, angular_velocity: Vector) -> int:
+    """Return the principal axis (0, 1 or 2) about which alone the body turns under `held`; -1 where there is none.
 
-    To the bit: angular velocity and torque have only that component, and so has a force in body axes, which would
-    otherwise rotate with the body. If nothing rotates, any axis will do.
+    To the bit: angular velocity and torque have that component alone, and so has a force in body axes, which would
+    otherwise turn with the body. Where nothing turns at all any axis will do.
     """
-    torque = _torque(held, orientation)
-    turning = [k for k in range(3) if angular_velocity[k] != 0.0 or torque[k] != 0.0]
-    if not turning:
+    torque, force = _torque(held, orientation), held.force_body
+    x = angular_velocity[0] != 0.0 or torque[0] != 0.0
+    y = angular_velocity[1] != 0.0 or torque[1] != 0.0
+    z = angular_velocity[2] != 0.0 or torque[2] != 0.0
+    if not (x or y or z):
         return 2
-    if len(turning) > 1:
-        return None
-    across = [k for k in range(3) if k != turning[0]]
-    return turning[0] if all(held.force_body[k] == 0.0 for k in across) else None
+    if x and not (y or z) and force[1] == force[2] == 0.0:
+        return 0
+    if y and not (x or z) and force[0] == force[2] == 0.0:
+        return 1
+    if z and not (x or y) and force[0] == force[1] == 0.0:
+        return 2
+    return -1
 
 
 def advance(

@@ -26,8 +26,9 @@ LARGEST_FREE_TURN = 1e15
 """Rotation (rad) beyond which doubles resolve no digit of the attitude, however exact the motion."""
 
 
+@compiled_as()
 def require_known_attitude(name: str, h: float, rate: float) -> None:
-    """Check that a closed-form motion of h s at `rate` (rad/s) leaves digits of the attitude.
+    """Check that a closed-form motion of h s at `rate` (rad/s) leaves digits of the attitude; not in a kernel.
 
     Raises:
         ConvergenceError: it rotates further than `LARGEST_FREE_TURN`.

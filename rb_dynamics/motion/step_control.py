@@ -198,9 +198,9 @@ class WholeArc:
         Raises:
             ConvergenceError: names the accuracy that can be reached.
         """
-        turned = self._turned + max(norm(start.angular_velocity), norm(end.angular_velocity)) * h
-        error = _EPSILON * (1.0 + turned)
+        error = closed_form_rounding(self._turned, start, end, h)
         if error > self._accuracy:
+            turned = error / _EPSILON - 1.0
             raise ConvergenceError(
                 f"accuracy {self._accuracy:g} cannot be kept: in closed form too, rounding alone adds about "
                 f"{_rounded_up(error):g} rad in a turn of {turned:.3g} rad; accept that much as solver.accuracy, or "
@@ -435,6 +435,11 @@ def rounding(goal: Goal, phase: Phase, length: float) -> float:
         return 0.0
     rest, rate = _rest(goal, phase), norm(phase.angular_velocity)
     return _EPSILON * (1.0 + rate * rest) * math.sqrt(max(1.0, rest / (length / NANOSECONDS)))
+
+
+def closed_form_rounding(turned: float, start: Phase, end: Phase, h: float) -> float:
+    """Return the error that rounding adds to a turn of `turned` rad and then one of h s from `start` to `end`, rad."""
+    return _EPSILON * (1.0 + (turned + max(norm(start.angular_velocity), norm(end.angular_velocity)) * h))
 
 
 def _rounded_up(error: float) -> float:

@@ -92,8 +92,8 @@ def is_cached(name: str) -> bool:
     return folder.is_dir() and any(folder.rglob(f"*.{name}-*.nbi"))
 
 
-def compile_kernel(function: Callable[..., Any], signature: str) -> Callable[..., Any]:
-    """Return `function` compiled for `signature`, cached on disk under a hash of all sources of the package.
+def compile_kernel(function: Callable[..., Any], signature: str | Callable[[], Any]) -> Callable[..., Any]:
+    """Return `function` compiled for `signature`, or for what that returns; see `cache_folder` for where it is kept.
 
     Without a writable or readable cache it is compiled anew.
 
@@ -107,6 +107,8 @@ def compile_kernel(function: Callable[..., Any], signature: str) -> Callable[...
             raise RuntimeError("NUMBA_DISABLE_JIT is set; unset it")
         for callee in _reach(function):
             _register(callee)
+        if not isinstance(signature, str):
+            signature = signature()
         before = numba.config.CACHE_DIR
         numba.config.CACHE_DIR = str(cache_folder())
         try:
@@ -130,7 +132,7 @@ _BROKEN_CACHE = (OSError, UnpicklingError, EOFError, ImportError, LookupError, A
 _one_at_a_time = threading.Lock()
 
 
-def _compile(numba: Any, function: Callable[..., Any], signature: str, *, cache: bool) -> Callable[..., Any]:
+def _compile(numba: Any, function: Callable[..., Any], signature: Any, *, cache: bool) -> Callable[..., Any]:
     found: Callable[..., Any] = numba.njit(signature, cache=cache, nogil=True, error_model="numpy")(function)
     return found
 

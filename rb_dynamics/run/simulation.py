@@ -19,13 +19,18 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import ConvergenceError, SceneError, WrenchError
 from rb_dynamics.loads.channels import AppliedWrench, CheckedWrench, RejectedWrench, WrenchChannels
 from rb_dynamics.loads.combined_effects import CombinedEffects
-from rb_dynamics.loads.wrench import HeldWrench, Wrench
+from rb_dynamics.loads.command_table import CommandTable
+from rb_dynamics.loads.wrench import HeldWrench, Wrench, held_of
 from rb_dynamics.motion.arc import Arc, LoadFrom
+from rb_dynamics.motion.flight import Edges, Flown
+from rb_dynamics.motion.flight_kernel import CHANGE, LOOK
+from rb_dynamics.motion.kernel_layout import phase_of
 from rb_dynamics.motion.phase import Phase, RoundingHistory, in_principal_axes
 from rb_dynamics.motion.step_control import WholeArc
 from rb_dynamics.numerics.argument_checks import instance, items, shown, time_count, whole_number
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
 from rb_dynamics.numerics.vector import Vector
+from rb_dynamics.run.edges_ahead import EdgesAhead
 from rb_dynamics.run.input_hash import RULE, InputHash
 from rb_dynamics.run.provenance import INPUTS_RULE, run_metadata
 from rb_dynamics.run.sample import Sample, SampleBuilder, acceleration, kinetic_energy
@@ -90,9 +95,12 @@ class Simulation:
         self._arc = self._new_arc(self.plan)
         # Whether the load from `time_ns` on differs from that in `_arc`.
         self._stale = False
+        # Up to then edges are taken one by one.
+        self._one_by_one_ns = 0
         rate = Fraction(repr(float(scene.output_rate)))
         self._period_ns = (NANOSECONDS / rate).as_integer_ratio() if rate else None
         self._outputs = 0
+        self._ahead = EdgesAhead(self._channels, scene.body, self._period_ns or (1, 1))
 
     @property
     def sample(self) -> Sample:
@@ -188,7 +196,19 @@ class Simulation:
         time_ns = max(self._computed_ns, whole_number(time_ns, "time_ns", _REMEDY))
         if self.end_ns is None or time_ns <= self.end_ns:
             self._channels.take(command, time_ns)
+            self._ahead.forget()
             self.clipped += command.clipped
+
+    def post_table(self, table: CommandTable) -> None:
+        """Let the commands of `table` take effect, each at its time; none is earlier than what came before.
+
+        Those after the end are not kept.
+        """
+        last = len(table.time_ns)
+        if self.end_ns is not None:
+            last = int(table.time_ns.searchsorted(self.end_ns, side="right"))
+        self._channels.extend(table.until(last))
+        self._ahead.forget()
 
     def outstanding(self) -> list[tuple[str, Wrench, int]]:
         """Return topic, command and time (ns from now, 0 if held) of each command that a run from here would need."""
@@ -226,6 +246,9 @@ class Simulation:
                     self._arc.advance(until_ns)
                     self._computed_ns = max(self._computed_ns, until_ns)
                 return
+            if edge > self._one_by_one_ns and self._fly(until_ns):
+                output = self.next_output_ns()
+                continue
             phase = self._arc.at(edge)
             _require_finite(self.scene.body, phase, edge)
             self.time_ns, self._phase = edge, phase
@@ -239,6 +262,58 @@ class Simulation:
                 self.write(self.sample)
             elif edge == self.end_ns or self._period_ns is None:
                 self.write(self.sample)
+
+    def _fly(self, until_ns: int) -> bool:
+        """Go from edge to edge up to `until_ns` by a kernel; return whether there is more to do."""
+        # The last edge has more to it; and where this does not work, all are taken one by one.
+        self._one_by_one_ns = until_ns
+        if self._period_ns is None or self._knots or self._load_from is not None:
+            return False
+        horizon_ns = until_ns if self.end_ns is None else self.end_ns - 1
+        edges = self._ahead.after(self.time_ns, self._outputs, min(until_ns, horizon_ns), horizon_ns)
+        found = None if edges is None else self.plan.fly(self._arc, edges)
+        if edges is None or found is None:
+            return False
+        self._used.update(dict.fromkeys(self._arc.methods))
+        self._arc, flown = found
+        self._arc.expected_ns = horizon_ns
+        if flown.edges < len(edges.at):
+            self._one_by_one_ns = int(edges.at[flown.edges])
+        if flown.edges == 0:
+            return False
+        if flown.changes:
+            self._steps_before += flown.steps
+            self._used.update(dict.fromkeys(self._arc.methods))
+        self._report(edges, flown)
+        self._channels.skip(self.time_ns)
+        self._phase, self._held = flown.here, flown.standing.held
+        self._computed_ns = max(self._computed_ns, self.time_ns)
+        return True
+
+    def _report(self, edges: Edges, flown: Flown) -> None:
+        """Tell the sinks what a flight came to, edge by edge."""
+        at, kinds = edges.at[: flown.edges].tolist(), edges.kinds[: flown.edges].tolist()
+        self.time_ns = at[-1]
+        if not self._sinks:
+            self._outputs += sum(kind & LOOK for kind in kinds)
+            return
+        looks, changes = iter(flown.looks.tolist()), iter(edges.held.tolist())
+        for edge, kind in zip(at, kinds, strict=True):
+            self.time_ns = edge
+            if kind & LOOK:
+                self._outputs += 1
+                self._phase = phase_of(tuple(next(looks)))
+                self.write(self.sample)
+            if kind & CHANGE:
+                self._held = held_of(next(changes))
+                self._write_changes(self._channels.apply(edge))
+
+    def _write_changes(self, changes: Sequence[AppliedWrench | RejectedWrench]) -> None:
+        for change in changes:
+            # Only sinks receive the hash of the inputs, at the end.
+            if self._sinks and isinstance(change, AppliedWrench):
+                self._inputs.update(change)
+            self.write(change)
 
     def write(self, event: Event) -> None:
         """Pass an event to every sink, unless the run is finished."""
@@ -276,11 +351,7 @@ class Simulation:
         changes = self._channels.apply(self.time_ns)
         while self._channels.huge and not self._goes_on():
             changes = self._channels.apply(self.time_ns)
-        for change in changes:
-            # Only sinks receive the hash of the inputs, at the end.
-            if self._sinks and isinstance(change, AppliedWrench):
-                self._inputs.update(change)
-            self.write(change)
+        self._write_changes(changes)
         # A rejected command leaves no trace in the motion, not even an edge.
         if kink or any(isinstance(change, AppliedWrench) for change in changes):
             self._stale = True

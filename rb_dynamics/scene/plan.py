@@ -14,6 +14,8 @@ from rb_dynamics.motion import METHODS, Method
 from rb_dynamics.motion.arc import Arc, LoadFrom, OfPhase, Outlook, Stepper
 from rb_dynamics.motion.auto_method import CANDIDATES, cheapest
 from rb_dynamics.motion.exact import EXACT, has_closed_form, is_free
+from rb_dynamics.motion.flight import Arcs, Edges, Flown, fly
+from rb_dynamics.motion.flight_kernel import CHANGE
 from rb_dynamics.motion.phase import Phase, RoundingHistory, inertia_of
 from rb_dynamics.motion.step_control import AccuracyControl, FixedStep, OwnControl, StepControl, WholeArc
 from rb_dynamics.numerics.argument_checks import number
@@ -84,6 +86,41 @@ class Plan:
         method, control = self._choose(held, start_ns, phase, load_from is None, stepper)
         again = None if self._method is not None or method is EXACT else self._cheapest
         return Arc(method, self._inertia, held, control, start_ns, phase, load_from, again, self._outlook)
+
+    def fly(self, arc: Arc, edges: Edges) -> tuple[Arc, Flown] | None:
+        """Go from edge to edge by the flight kernel; None if it does not take that, or is not worth compiling.
+
+        Returns the arc that has been reached, and how far it has come.
+        """
+        standing, auto = arc.standing, self._method is None
+        closed, driven_by = isinstance(standing.control, WholeArc), self._chosen
+        if closed and not auto:
+            driven_by = None
+        elif not closed and (driven_by is None or standing.control is not driven_by[1]):
+            # The arc has chosen for itself alone.
+            changes = (edges.kinds & CHANGE).nonzero()[0]
+            driven_by = standing.method, standing.control
+            if len(changes):
+                edges = edges.before(int(changes[0]))
+        if not len(edges.at):
+            return None
+        accuracy = self._accuracy if auto and self._ends else math.inf
+        behind = Arcs(self._course, self._from, self._driven_arcs, driven_by, auto or closed, accuracy)
+        flown = fly(self._inertia, standing, behind, edges)
+        if flown is None:
+            return None
+        if flown.changes:
+            new, behind = flown.standing, flown.arcs
+            self._from_ns, self._from, self._course = new.start_ns, behind.origin, behind.history
+            self._start_ns, self._length_ns = new.start_ns, flown.length_ns
+            self._driven_arcs, self._driven = behind.driven, not flown.closed
+            method, control = new.method, new.control
+            if flown.closed:
+                method, control = EXACT, WholeArc(accuracy, self._course.turned)
+            again = self._cheapest if auto and method is not EXACT else None
+            arc = Arc(method, self._inertia, new.held, control, new.start_ns, behind.origin, None, again)
+        arc.resume(flown.standing)
+        return arc, flown
 
     def course(self, phase: Phase) -> RoundingHistory:
         """Return the rounding history up to `phase`, which is on the last arc."""

@@ -1,0 +1,76 @@
+"""`EdgesAhead`: the edges of a run that are known ahead: outputs, and the changes that a table of commands makes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.loads.channels import WrenchChannels
+from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.motion.flight import Edges
+from rb_dynamics.motion.flight_kernel import CHANGE, LOOK
+from rb_dynamics.motion.phase import in_principal_axes
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    Whole = npt.NDArray[np.int64]
+
+# As many as are looked up at once, and as few as are worth a call of the kernel.
+_MANY, _FEW = 20_000, 8
+
+
+class EdgesAhead:
+    """The next edges of one run, looked up in blocks."""
+
+    def __init__(self, channels: WrenchChannels, body: RigidBody, period_ns: tuple[int, int]) -> None:
+        """Look up outputs every `period_ns` (a ratio) and changes of `channels`."""
+        self._channels, self._body, self._period_ns = channels, body, period_ns
+        self._edges: Edges | None = None
+        self._known_ns = -1
+
+    def forget(self) -> None:
+        """Look everything up again: commands have come."""
+        self._edges, self._known_ns = None, -1
+
+    def after(self, time_ns: int, outputs: int, until_ns: int, horizon_ns: int) -> Edges | None:
+        """Return the edges after `time_ns` and up to `until_ns`; None where they are few.
+
+        `outputs` counts those that lie behind; there is nothing to know beyond `horizon_ns`.
+        """
+        if self._edges is None or self._known_ns < min(until_ns, horizon_ns):
+            self._edges, self._known_ns = self._look_up(outputs, horizon_ns)
+        at = self._edges.at
+        first, last = at.searchsorted((time_ns, until_ns), side="right").tolist()
+        if first:
+            self._edges = self._edges.behind(first)
+        return self._edges.before(last - first) if last - first >= _FEW else None
+
+    def _look_up(self, outputs: int, horizon_ns: int) -> tuple[Edges, int]:
+        """Return the next edges, and the time (ns) until which there are no others."""
+        import numpy as np
+
+        changes, known_ns = self._channels.timeline(horizon_ns, _MANY)
+        looks = self._outputs(outputs, known_ns)
+        if len(looks) == _MANY:
+            known_ns = int(looks[-1])
+        changes = changes.until(known_ns)
+        at = np.union1d(looks, changes.time_ns)
+        kinds = LOOK * np.isin(at, looks) + CHANGE * np.isin(at, changes.time_ns)
+        columns = tuple(changes.held.T)
+        held = HeldWrench(columns[:3], columns[3:6], columns[6:9], columns[9:])
+        parts = in_principal_axes(self._body, held)
+        rows = np.column_stack([column for part in parts for column in part])
+        return Edges(at, kinds.astype(np.int64), rows), known_ns
+
+    def _outputs(self, first: int, until_ns: int) -> Whole:
+        """Return the times of outputs from that of number `first` on, up to `until_ns`."""
+        import numpy as np
+
+        period, parts = self._period_ns
+        # Whole numbers of any size, by Python, where 64 bits do not hold them.
+        kind = np.int64 if (first + _MANY) * 2 * period < 2**62 else object
+        numbers = np.arange(first, first + _MANY, dtype=np.int64).astype(kind)
+        times = (2 * numbers * period + parts) // (2 * parts)
+        return times[times <= until_ns].astype(np.int64)
