@@ -96,14 +96,14 @@ def read_with_commands(args: argparse.Namespace) -> tuple[Scene, RecordedWrenche
 
     end_ns = math.inf if scene.end_ns is None else scene.end_ns
     topics, start = [channel.topic for channel in scene.channels], args.wrench_start
-    channels = WrenchChannels(scene.channels, scene.frames)
+    channels = WrenchChannels(scene.channels, scene.frames, body=scene.body)
     commands = RecordedWrenches(
         args.wrench,
         topics,
         end_ns,
         _mapping(args),
         "auto" if start is None else start,
-        lambda topic, wrench: channels.check(topic, wrench).require(),
+        channels,
     )
     output.note_start(commands)
     commands.require_some()

@@ -5,21 +5,25 @@ Commands are read as the run needs them and not kept. `Start` says which time of
 
 from __future__ import annotations
 
-import heapq
 import logging
 import math
 import os
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, TypeAlias
+from typing import Literal, NamedTuple, TypeAlias
+
+import numpy as np
 
 from rb_dynamics.errors import LogError, WrenchError
 from rb_dynamics.formats.bag_reader import WRENCHES, named_type
 from rb_dynamics.formats.bag_source import Source, open_source
-from rb_dynamics.formats.mcap_records import Message
-from rb_dynamics.formats.messages import decode_wrench
+from rb_dynamics.formats.mcap_records import Block
+from rb_dynamics.formats.messages import WRENCH
+from rb_dynamics.formats.topic import Times, Topic
+from rb_dynamics.loads.channels import WrenchChannels
+from rb_dynamics.loads.command_table import CommandBatch
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.run.provenance import INTERRUPTED, MISSING_FILES, RUN, next_file
 
@@ -71,10 +75,15 @@ class _Span:
         """Return from when to when they go."""
         return f"at {_seconds(self.first_ns or 0)} to {_seconds(self.last_ns or 0)} s"
 
-    def add(self, time_ns: int) -> None:
-        self.first_ns = time_ns if self.first_ns is None else min(self.first_ns, time_ns)
-        self.last_ns = time_ns if self.last_ns is None else max(self.last_ns, time_ns)
-        self.delay_ns = max(self.delay_ns, self.last_ns - time_ns)
+    def add(self, times_ns: Times) -> None:
+        """Count times, in the order in which they were recorded on one topic."""
+        first_ns, last_ns = int(times_ns.min()), int(times_ns.max())
+        newest = np.maximum.accumulate(times_ns)
+        if self.last_ns is not None:
+            newest = np.maximum(newest, self.last_ns)
+        self.first_ns = first_ns if self.first_ns is None else min(self.first_ns, first_ns)
+        self.last_ns = last_ns if self.last_ns is None else max(self.last_ns, last_ns)
+        self.delay_ns = max(self.delay_ns, int((newest - times_ns).max()))
 
 
 @dataclass
@@ -133,11 +142,6 @@ class _Recording:
         first_ns, last_ns = self.span.first_ns or 0, self.span.last_ns or 0
         return first_ns < end_ns + margin_ns and last_ns >= 0
 
-    def timed(self, wrench: Wrench, log_time_ns: int) -> Wrench:
-        """Return a command with its time in the run as its stamp."""
-        time_ns = (log_time_ns if self.by_log else wrench.stamp_ns) - self.offset_ns
-        return wrench if time_ns == wrench.stamp_ns else replace(wrench, stamp_ns=time_ns)
-
 
 class RecordedWrenches:
     """The commands in bags for the wrench channels of a scene, by time; equal times in the order of the bags.
@@ -160,7 +164,7 @@ class RecordedWrenches:
         end_ns: float = math.inf,
         mapping: Mapping[str, str] | None = None,
         start: Start = "stamp",
-        check: Callable[[str, Wrench], object] | None = None,
+        channels: WrenchChannels | None = None,
     ) -> None:
         """Look through the bags for the commands on `topics`; a leading slash makes no difference between names.
 
@@ -172,14 +176,14 @@ class RecordedWrenches:
             end_ns: of the run.
             mapping: the channel that each topic of the bags drives, where their names differ.
             start: which time of the bags is time 0 of the run.
-            check: raises a `WrenchError` for a command that cannot be honoured.
+            channels: say which commands cannot be honoured.
 
         Raises:
             LogError: a bag cannot be read or is damaged, `mapping` names what is not there, or none of a bag's wrench
                 topics is one of `topics`.
         """
         self._topics, self._mapping = topics, mapping or {}
-        self._wanted, self._end_ns, self._check = _wanted(topics, self._mapping), end_ns, check
+        self._wanted, self._end_ns, self._channels = _wanted(topics, self._mapping), end_ns, channels
         self._bags = [self._looked_through(_Recording(Path(path))) for path in paths]
         self._require_topics()
         self.notes: list[str] = []
@@ -219,7 +223,33 @@ class RecordedWrenches:
 
     def __iter__(self) -> Iterator[tuple[str, Wrench]]:
         """Yield topic, as the scene writes it, and command."""
-        return heapq.merge(*map(self._in_order, self._bags), key=lambda command: command[1].stamp_ns)
+        for batch, _ in self.batches():
+            for row, channel in enumerate(batch.channel.tolist()):
+                yield self._topics[channel], batch.received(row)
+
+    def batches(self) -> Iterator[tuple[CommandBatch, int | None]]:
+        """Yield commands in the order in which they take effect, and the time (ns) before which all have come.
+
+        The last time is None: no more come.
+        """
+        waiting: list[CommandBatch] = []
+        sources = [self._in_blocks(number, bag) for number, bag in enumerate(self._bags)]
+        reached = dict.fromkeys(range(len(sources)), -math.inf)
+        while reached:
+            # Of the bag that is farthest behind.
+            number = min(reached, key=lambda k: reached[k])
+            found = next(sources[number], None)
+            if found is None:
+                del reached[number]
+            else:
+                waiting.append(found[0])
+                reached[number] = found[1]
+            until_ns = min(reached.values(), default=None)
+            if waiting and (until_ns is None or until_ns > -math.inf):
+                batch = CommandBatch.of(waiting)
+                last = len(batch.time_ns) if until_ns is None else int(batch.time_ns.searchsorted(until_ns))
+                waiting = [batch.part(last, len(batch.time_ns))] if last < len(batch.time_ns) else []
+                yield batch.part(0, last), None if until_ns is None else int(until_ns)
 
     def _looked_through(self, bag: _Recording) -> _Recording:
         """Fill in what is to be known of a bag, its commands timed as it says by now.
@@ -229,13 +259,14 @@ class RecordedWrenches:
         """
         bag = _Recording(bag.path, bag.by_log, bag.offset_ns)
         source = open_source(bag.path)
-        for message, command in _commands(source, self._wanted):
-            log_time = message.log_time
-            bag.begin_ns = log_time if bag.begin_ns is None else min(bag.begin_ns, log_time)
-            if named_type(message.channel) in WRENCHES:
-                bag.found[message.channel.topic] += 1
-            if command is not None:
-                self._count(bag, *command, log_time)
+        for block in source.blocks():
+            earliest_ns = int(block.log_times.min())
+            bag.begin_ns = earliest_ns if bag.begin_ns is None else min(bag.begin_ns, earliest_ns)
+            kind, name = named_type(block.channel), block.channel.topic
+            if kind in WRENCHES:
+                bag.found[name] += len(block.log_times)
+                if (topic := self._wanted.get(name.removeprefix("/"))) is not None:
+                    self._count(bag, _batch(source, bag, block, kind, self._topics.index(topic)))
         for channel in source.channels.values():
             if named_type(channel) in WRENCHES:
                 bag.found[channel.topic] += 0
@@ -244,21 +275,28 @@ class RecordedWrenches:
         bag.ours = RUN in source.metadata
         return bag
 
-    def _count(self, bag: _Recording, topic: str, wrench: Wrench, log_time: int) -> None:
-        bag.count += 1
-        bag.stamps.add(wrench.stamp_ns)
-        bag.log_times.add(log_time)
-        timed = bag.timed(wrench, log_time)
-        within = 0 <= timed.stamp_ns <= self._end_ns
-        bag.within += within
-        bag.early += timed.stamp_ns < 0
-        try:
-            if self._check is not None:
-                self._check(topic, timed)
-            # One at the very end has no time to act.
-            bag.acting += within and timed.stamp_ns < self._end_ns
-        except WrenchError as error:
-            bag.refused = bag.refused or str(error)
+    def _count(self, bag: _Recording, batch: _Batch) -> None:
+        bag.count += len(batch.stamps)
+        bag.stamps.add(batch.stamps)
+        bag.log_times.add(batch.log_times)
+        commands = batch.commands
+        times = commands.time_ns
+        within = (times >= 0) & (times <= self._end_ns)
+        bag.within += int(within.sum())
+        bag.early += int((times < 0).sum())
+        # One at the very end has no time to act.
+        bag.acting += int((within & (times < self._end_ns)).sum())
+        if self._channels is None:
+            return
+        batch_in_order = CommandBatch.of([commands])
+        _, doubtful = self._channels.regular(batch_in_order)
+        for row in doubtful.tolist():
+            wrench = batch_in_order.received(row)
+            try:
+                self._channels.check(self._topics[int(batch_in_order.channel[row])], wrench).require()
+            except WrenchError as error:
+                bag.acting -= 0 <= wrench.stamp_ns < self._end_ns
+                bag.refused = bag.refused or str(error)
 
     def _require_topics(self) -> None:
         """Refuse bags that have not what they are given for.
@@ -326,28 +364,56 @@ class RecordedWrenches:
             "--wrench-start SECONDS, or make it longer with --duration"
         )
 
-    def _in_order(self, bag: _Recording) -> Iterator[tuple[str, Wrench]]:
-        waiting: list[tuple[int, int, int, tuple[str, Wrench]]] = []
-        newest_ns = (bag.span.first_ns or 0) - bag.offset_ns
-        for number, (message, command) in enumerate(_commands(open_source(bag.path), self._wanted)):
-            if command is None:
-                continue
-            topic, wrench = command[0], bag.timed(command[1], message.log_time)
-            newest_ns = max(newest_ns, wrench.stamp_ns)
-            heapq.heappush(waiting, (wrench.stamp_ns, message.log_time, number, (topic, wrench)))
-            # Nothing that is still to come is older than this.
-            while waiting[0][0] < newest_ns - bag.span.delay_ns:
-                yield heapq.heappop(waiting)[3]
-        while waiting:
-            yield heapq.heappop(waiting)[3]
+    def _in_blocks(self, number: int, bag: _Recording) -> Iterator[tuple[CommandBatch, int]]:
+        """Yield the commands of a bag as they were recorded, and the time (ns) before which none is still to come."""
+        source, chunk, data, newest_ns = open_source(bag.path), 0, None, -(2**63)
+        for block in source.blocks():
+            if block.data is not data:
+                # Blocks of one channel come in order; two channels of one topic by their places in a chunk.
+                chunk, data = chunk + (1 << 32), block.data
+            kind, topic = named_type(block.channel), self._wanted.get(block.channel.topic.removeprefix("/"))
+            if kind in WRENCHES and topic is not None:
+                commands = _batch(source, bag, block, kind, self._topics.index(topic), (number, chunk)).commands
+                newest_ns = max(newest_ns, int(commands.time_ns.max()))
+                yield commands, newest_ns - bag.span.delay_ns
 
 
-def _commands(source: Source, wanted: Mapping[str, str]) -> Iterator[tuple[Message, tuple[str, Wrench] | None]]:
-    """Yield the messages in the order of the bag, each with the channel and the command that it is, if it is one."""
-    for message in source.messages():
-        kind = named_type(message.channel)
-        topic = wanted.get(message.channel.topic.removeprefix("/")) if kind in WRENCHES else None
-        yield message, None if topic is None else (topic, _command(source, kind, message))
+class _Batch(NamedTuple):
+    """Commands of one block, with the times by both clocks."""
+
+    stamps: Times
+    log_times: Times
+    commands: CommandBatch
+
+
+def _batch(
+    source: Source, bag: _Recording, block: Block, kind: str, channel: int, place: tuple[int, int] = (0, 0)
+) -> _Batch:
+    """Return the commands in a block of messages.
+
+    Raises:
+        LogError: a message is cut short or not CDR.
+    """
+    topic = Topic(block.channel.topic, kind)
+    topic.take(block)
+    try:
+        stamps, wrench, texts = topic.stamps, topic.numbers, topic.texts
+    except LogError as error:
+        raise LogError(f"{source.path}: topic {topic.name}: {error}") from error
+    frame_ids = [text[0] if text else "" for _, text in texts]
+    frame = np.searchsorted([row for row, _ in texts], np.arange(topic.count), side="right") - 1
+    time_ns = (topic.log_times if bag.by_log else stamps) - bag.offset_ns
+
+    def received(row: int) -> Wrench:
+        fx, fy, fz, tx, ty, tz = wrench[row].tolist()
+        command = Wrench((fx, fy, fz), (tx, ty, tz), frame_ids[int(frame[row])], int(time_ns[row]))
+        if kind == WRENCH and time_ns[row] == stamps[row]:
+            data = block.data[block.begins[row] : block.ends[row]].tobytes()
+            object.__setattr__(command, "message", data)
+        return command
+
+    columns = time_ns, np.full(topic.count, channel), chunk + block.begins, wrench
+    return _Batch(stamps, topic.log_times, CommandBatch(*columns, frame, frame_ids, received))
 
 
 def _seconds(time_ns: int) -> str:
@@ -393,12 +459,3 @@ def _no_commands(bag: _Recording, topics: Sequence[str]) -> str:
 
 def _listed(found: Counter[str]) -> str:
     return ", ".join(f"{name} ({count} messages)" for name, count in sorted(found.items())) or "none"
-
-
-def _command(file: Source, type_name: str, message: Message) -> Wrench:
-    try:
-        return decode_wrench(type_name, message.log_time, message.data)
-    except LogError as error:
-        raise LogError(
-            f"{file.path}: topic {message.channel.topic}, log time {message.log_time} ns: {error}"
-        ) from error

@@ -11,17 +11,24 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError, WrenchError
-from rb_dynamics.loads.command_table import CommandTable, Holding, Timeline, timeline
+from rb_dynamics.loads.command_table import HELD, CommandBatch, CommandTable, Holding, Timeline, timeline
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, WrenchFrames, largest_wrench, require_possible
 from rb_dynamics.numerics.argument_checks import instance, number, shown, truth
 from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS
 from rb_dynamics.numerics.vector import ZERO, Vector, norm, scale
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    Numbers = npt.NDArray[np.float64]
+    Whole = npt.NDArray[np.int64]
 
 ON_EXCESS = ("reject", "clip")
 """What may become of a command beyond the limits of its channel."""
@@ -277,6 +284,56 @@ class WrenchChannels:
         """Let a command from `check` take effect at `time_ns`, or be reported as rejected then."""
         self._number += 1
         heapq.heappush(self._queue, _Pending(time_ns, command.channel, self._number, command))
+
+    def regular(self, batch: CommandBatch) -> tuple[CommandTable, Whole]:
+        """Return the commands of a sorted `batch` that act as they are, and the rows of those to be checked one by one.
+
+        These are what `check` may refuse or clip, what `huge` may mean, and what shares channel and time with such a
+        command.
+        """
+        import numpy as np
+
+        held, good = self._held(batch)
+        for k, channel in enumerate(self._channels[: self._commanded]):
+            mine = batch.channel == k
+            # Close to a limit, `check` decides.
+            for limit, part in ((channel.max_force, batch.wrench[:, :3]), (channel.max_torque, batch.wrench[:, 3:])):
+                if limit != math.inf:
+                    good[mine] &= np.sqrt((part[mine] ** 2).sum(axis=1)) < 0.999 * limit
+        same = (np.diff(batch.time_ns, prepend=-1) == 0) & (np.diff(batch.channel, prepend=-1) == 0)
+        group = np.cumsum(~same)
+        good &= ~np.isin(group, group[~good])
+        rows, received = np.flatnonzero(good), batch.received
+        table = CommandTable(batch.time_ns[rows], batch.channel[rows], held[rows], lambda i: received(int(rows[i])))
+        return table, np.flatnonzero(~good)
+
+    def _held(self, batch: CommandBatch) -> tuple[Numbers, npt.NDArray[np.bool_]]:
+        """Return what each command does, and whether that is beyond doubt."""
+        import numpy as np
+
+        count = len(batch.time_ns)
+        held, good = np.zeros((count, HELD)), np.isfinite(batch.wrench).all(axis=1)
+        for k, name in enumerate(batch.frame_ids):
+            mine = good & (batch.frame == k)
+            columns = tuple(batch.wrench[mine].T)
+            try:
+                parts = self._frames.about_center_of_mass(columns[:3], columns[3:], name)
+            except WrenchError:
+                good &= ~mine
+                continue
+            held[mine] = np.column_stack([np.broadcast_to(n, columns[0].shape) for part in parts for n in part])
+        force, torque = (np.abs(held.reshape(count, 2, 2, 3)[:, :, k]).max(axis=(1, 2), initial=0.0) for k in (0, 1))
+        largest_force, largest_torque = self._largest
+        if self._body is not None:
+            largest_force = min(largest_force, 0.999 * _HUGE * self._body.mass)
+            largest_torque = (
+                0.0
+                if self._body.is_particle
+                else min(largest_torque, 0.999 * _HUGE * min(self._body.principal_moments))
+            )
+        elif self._frames.turns is False:
+            largest_torque = 0.0
+        return held, good & (force <= largest_force) & (torque <= largest_torque)
 
     def extend(self, table: CommandTable) -> None:
         """Let the commands of `table` take effect, each at its time; none comes before one of an earlier table."""

@@ -18,6 +18,63 @@ HELD = 12
 """Numbers of a held wrench: force and torque in body axes, force and torque in world axes."""
 
 
+class CommandBatch(NamedTuple):
+    """Commands as they came, in any order.
+
+    Attributes:
+        time_ns: (n,), when each is to take effect.
+        channel: (n,), its number in the order of the scene.
+        arrival: (n, 3), growing in the order in which those of one channel came, the first number first.
+        wrench: (n, 6), force (N) and torque (N m), in the axes of the frame.
+        frame: (n,), number of the frame in `frame_ids`.
+        frame_ids: names.
+        received: returns the command of a row.
+    """
+
+    time_ns: Whole
+    channel: Whole
+    arrival: Whole
+    wrench: Numbers
+    frame: Whole
+    frame_ids: Sequence[str]
+    received: Callable[[int], Wrench]
+
+    @classmethod
+    def of(cls, batches: Sequence[CommandBatch]) -> CommandBatch:
+        """Return all commands of `batches`, by time, then channel, then arrival."""
+        import numpy as np
+
+        frame_ids = sorted({name for batch in batches for name in batch.frame_ids})
+        frames = [np.array([frame_ids.index(name) for name in b.frame_ids], dtype=np.int64)[b.frame] for b in batches]
+        time_ns = np.concatenate([batch.time_ns for batch in batches])
+        channel = np.concatenate([batch.channel for batch in batches])
+        arrival = np.concatenate([batch.arrival for batch in batches])
+        wrench = np.concatenate([batch.wrench for batch in batches])
+        order = np.lexsort((arrival, channel, time_ns))
+        first = np.cumsum([0, *(len(batch.time_ns) for batch in batches)])
+
+        def received(row: int) -> Wrench:
+            at = int(order[row])
+            k = int(first.searchsorted(at, side="right")) - 1
+            return batches[k].received(at - int(first[k]))
+
+        columns = time_ns[order], channel[order], arrival[order], wrench[order], np.concatenate(frames)[order]
+        return cls(*columns, frame_ids, received)
+
+    def part(self, first: int, last: int) -> CommandBatch:
+        """Return the commands in the rows from `first` to `last`."""
+        received = self.received
+        return CommandBatch(
+            self.time_ns[first:last],
+            self.channel[first:last],
+            self.arrival[first:last],
+            self.wrench[first:last],
+            self.frame[first:last],
+            self.frame_ids,
+            lambda row: received(first + row),
+        )
+
+
 class CommandTable(NamedTuple):
     """Commands that can be honoured as they are, by time, then channel, then as they came.
 

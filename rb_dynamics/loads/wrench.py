@@ -207,19 +207,27 @@ class WrenchFrames:
 
     def _hold(self, wrench: Wrench) -> HeldWrench:
         wrench = _plain(wrench)
-        if wrench.frame_id in ("", self.body_frame):
-            return HeldWrench(force_body=wrench.force, torque_body=wrench.torque)
-        if wrench.frame_id == self.world_frame:
-            return HeldWrench(force_world=wrench.force, torque_world=wrench.torque)
-        frame = (self.fixed or {}).get(wrench.frame_id)
+        return self.about_center_of_mass(wrench.force, wrench.torque, wrench.frame_id)
+
+    def about_center_of_mass(self, force: Vector, torque: Vector, frame_id: str) -> HeldWrench:
+        """Return what force and torque in the axes of a frame do, unchecked; components may be arrays.
+
+        Raises:
+            WrenchError: there is no such frame.
+        """
+        if frame_id in ("", self.body_frame):
+            return HeldWrench(force_body=force, torque_body=torque)
+        if frame_id == self.world_frame:
+            return HeldWrench(force_world=force, torque_world=torque)
+        frame = (self.fixed or {}).get(frame_id)
         if frame is None:
             known = ["", self.body_frame, self.world_frame, *(self.fixed or {})]
             raise WrenchError(
-                f"wrench frame_id is {shown(wrench.frame_id)}, expected one of {known}; "
+                f"wrench frame_id is {shown(frame_id)}, expected one of {known}; "
                 "declare the frame under body.frames in the scene or transform the wrench before sending it"
             )
-        force = rotate(frame.orientation_xyzw, wrench.force)
-        torque = rotate(frame.orientation_xyzw, wrench.torque)
+        force = rotate(frame.orientation_xyzw, force)
+        torque = rotate(frame.orientation_xyzw, torque)
         moment = moment_of_force(force, frame.position, self.center_of_mass or ZERO)
         return HeldWrench(force_body=force, torque_body=add(torque, moment))
 

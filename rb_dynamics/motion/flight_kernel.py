@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     Whole = npt.NDArray[np.int64]
 
 LOOK, CHANGE = 1, 2
-"""What is done at an edge, added up: the state is kept, and what is held changes. 0: the strides up to it are taken."""
+"""What is done at an edge, added up: the state is kept, and what is held changes."""
 
 DONE, CHOOSE, STOPPED = 0, 1, 2
 """Why the kernel returns: no edge is left, a method may be to choose, or it cannot get to the next edge."""
@@ -62,7 +62,7 @@ NUMBERS = ROOM + CONSTANTS + PHASE
 # strides that may still be taken; edges, changes and steps that lie behind; whether a method led there, and whether a
 # closed form did.
 START, REACHED, STRIDES, STRIDE, DENOMINATOR, LENGTH, PARTS, CHOOSE_AFTER, CLOSED, MAY_CLOSE = range(10)
-DRIVEN_ARCS, BEFORE, BUDGET, EDGES, CHANGES, STEPS, BY_METHOD, BY_CLOSED_FORM, WHOLE = range(10, 19)
+DRIVEN_ARCS, BEFORE, BUDGET, EDGES, CHANGES, STEPS, BY_METHOD, BY_CLOSED_FORM, _AT, WHOLE = range(10, 20)
 
 
 def fly(
@@ -91,30 +91,15 @@ def fly(
     """
     room, looks = f[ROOM:], 0
     while w[EDGES] < len(at):
-        kind, target = kinds[w[EDGES]], (at[w[EDGES]] - w[START]) * w[DENOMINATOR]
+        w[_AT] = at[w[EDGES]]
+        kind, target = kinds[w[EDGES]], (w[_AT] - w[START]) * w[DENOMINATOR]
         if w[CLOSED] == 0:
             reason = _advance(f, w, target, room, steps, strides)
             if reason != DONE:
                 return reason
-        if kind == 0:
-            w[EDGES] += 1
-            continue
-        rest = (target - w[REACHED]) / (w[DENOMINATOR] * NANOSECONDS)
-        _copy(f, 0, room, 0, CONSTANTS)
-        _copy(f, GRID_POINT, room, CONSTANTS, PHASE)
-        if rest > 0.0:
-            if w[CLOSED] == 0:
-                steps(room, rest / w[PARTS], w[PARTS])
-            else:
-                closed_form(room, rest, 1)
-        here = phase_at(room, CONSTANTS)
-        if not (is_finite(here) and math.isfinite(_energy(f, here))):
+        if not _reach(f, w, target, room, steps, closed_form):
             return STOPPED
-        course = RoundingHistory(f[HISTORY], f[HISTORY + 1], f[HISTORY + 2], f[HISTORY + 3], f[HISTORY + 4])
-        if w[CLOSED] != 0 and rest > 0.0:
-            rounded = closed_form_rounding(course.turned, phase_at(f, GRID_POINT), here, rest)
-            if rounded > f[MOST_ROUNDING]:
-                return STOPPED
+        here = phase_at(room, CONSTANTS)
         if kind & CHANGE:
             k, driven = w[CHANGES], w[DRIVEN_ARCS] + 1 - w[CLOSED]
             following = _held(held, k)
@@ -127,20 +112,52 @@ def fly(
             looks += 1
         _copy(room, CONSTANTS, f, HERE, PHASE)
         if kind & CHANGE:
-            inertia = Inertia(f[0], (f[1], f[2], f[3]))
-            course = with_arc(course, inertia, phase_at(f, ORIGIN), here)
-            f[HISTORY], f[HISTORY + 1], f[HISTORY + 2], f[HISTORY + 3], f[HISTORY + 4] = course
-            _copy(held[k], 0, f, 4, CONSTANTS - 4)
-            _copy(room, CONSTANTS, f, ORIGIN, PHASE)
-            _copy(room, CONSTANTS, f, GRID_POINT, PHASE)
-            # As `AccuracyControl.start` does.
-            f[GRID_POINT + PHASE + _LEARNT - 1] = 0.0
-            w[STEPS] += w[STRIDES] + (1 if rest > 0.0 else 0)
-            w[BEFORE], w[START], w[DRIVEN_ARCS], w[CLOSED] = w[START], at[w[EDGES]], driven, 1 if closed else 0
-            w[REACHED] = w[STRIDES] = w[STRIDE] = 0
-            w[CHANGES] += 1
+            _begin_arc(f, w, here, held[k], driven, closed)
         w[EDGES] += 1
     return DONE
+
+
+def _begin_arc(f: Numbers, w: Whole, here: Phase, held: Numbers, driven: int, closed: bool) -> None:
+    """Begin an arc at the edge, in the phase that has been reached."""
+    partial = 1 if (w[_AT] - w[START]) * w[DENOMINATOR] > w[REACHED] else 0
+    inertia = Inertia(f[0], (f[1], f[2], f[3]))
+    course = RoundingHistory(f[HISTORY], f[HISTORY + 1], f[HISTORY + 2], f[HISTORY + 3], f[HISTORY + 4])
+    course = with_arc(course, inertia, phase_at(f, ORIGIN), here)
+    f[HISTORY], f[HISTORY + 1], f[HISTORY + 2], f[HISTORY + 3], f[HISTORY + 4] = course
+    _copy(held, 0, f, 4, CONSTANTS - 4)
+    _copy(f, HERE, f, ORIGIN, PHASE)
+    _copy(f, HERE, f, GRID_POINT, PHASE)
+    # As `AccuracyControl.start` does.
+    f[GRID_POINT + PHASE + _LEARNT - 1] = 0.0
+    w[STEPS] += w[STRIDES] + partial
+    w[BEFORE], w[START], w[DRIVEN_ARCS], w[CLOSED] = w[START], w[_AT], driven, 1 if closed else 0
+    w[REACHED] = w[STRIDES] = w[STRIDE] = 0
+    w[CHANGES] += 1
+
+
+def _reach(
+    f: Numbers,
+    w: Whole,
+    target: int,
+    room: Numbers,
+    steps: Callable[[Numbers, float, int], None],
+    closed_form: Callable[[Numbers, float, int], None],
+) -> bool:
+    """Leave the phase at `target` in `room`, from the last grid point; return whether it is one that can be kept."""
+    rest = (target - w[REACHED]) / (w[DENOMINATOR] * NANOSECONDS)
+    _copy(f, 0, room, 0, CONSTANTS)
+    _copy(f, GRID_POINT, room, CONSTANTS, PHASE)
+    if rest > 0.0:
+        if w[CLOSED] == 0:
+            steps(room, rest / w[PARTS], w[PARTS])
+        else:
+            closed_form(room, rest, 1)
+    here = phase_at(room, CONSTANTS)
+    if w[CLOSED] != 0 and rest > 0.0:
+        rounded = closed_form_rounding(f[HISTORY + 1], phase_at(f, GRID_POINT), here, rest)
+        if rounded > f[MOST_ROUNDING]:
+            return False
+    return is_finite(here) and math.isfinite(_energy(f, here))
 
 
 def _advance(

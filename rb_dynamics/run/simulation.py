@@ -13,13 +13,13 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import cast
+from typing import Protocol, cast, runtime_checkable
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import ConvergenceError, SceneError, WrenchError
 from rb_dynamics.loads.channels import AppliedWrench, CheckedWrench, RejectedWrench, WrenchChannels
 from rb_dynamics.loads.combined_effects import CombinedEffects
-from rb_dynamics.loads.command_table import CommandTable
+from rb_dynamics.loads.command_table import CommandBatch
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, held_of
 from rb_dynamics.motion.arc import Arc, LoadFrom
 from rb_dynamics.motion.flight import Edges, Flown
@@ -44,6 +44,14 @@ _REMEDY = "give nanoseconds: round(1e9 * seconds)"
 
 # Hz: at a lower rate the first output after the start would be beyond the range of time.
 _NEVER = 2.0**-31
+
+
+@runtime_checkable
+class Batches(Protocol):
+    """Commands that come as arrays, such as those of a recording."""
+
+    def batches(self) -> Iterator[tuple[CommandBatch, int | None]]:
+        """Yield them in the order in which they take effect, and the time (ns) before which all have come."""
 
 
 class Simulation:
@@ -199,16 +207,24 @@ class Simulation:
             self._ahead.forget()
             self.clipped += command.clipped
 
-    def post_table(self, table: CommandTable) -> None:
-        """Let the commands of `table` take effect, each at its time; none is earlier than what came before.
+    def post_batch(self, batch: CommandBatch) -> list[str]:
+        """Let commands take effect as `post` does, in the order of `batch`, each at its time; return why some do not.
 
-        Those after the end are not kept.
+        None is earlier than one of an earlier batch.
         """
-        last = len(table.time_ns)
-        if self.end_ns is not None:
-            last = int(table.time_ns.searchsorted(self.end_ns, side="right"))
-        self._channels.extend(table.until(last))
+        end_ns = math.inf if self.end_ns is None else self.end_ns
+        first, last = batch.time_ns.searchsorted((self._computed_ns, end_ns), side="right").tolist()
+        table, others = self._channels.regular(batch.part(first, last))
+        rejected = []
+        for row in (*range(first), *(others + first).tolist()):
+            wrench, topic = batch.received(row), self.scene.channels[int(batch.channel[row])].topic
+            try:
+                self.post(topic, wrench, wrench.stamp_ns)
+            except WrenchError as error:
+                rejected.append(_rejection(topic, wrench.stamp_ns, error))
+        self._channels.extend(table)
         self._ahead.forget()
+        return rejected
 
     def outstanding(self) -> list[tuple[str, Wrench, int]]:
         """Return topic, command and time (ns from now, 0 if held) of each command that a run from here would need."""
@@ -499,6 +515,16 @@ def simulate(
     return Run(run.sample, run.methods, run.steps, wall_time_s, tuple(rejected), run.clipped)
 
 
+def _post_batches(run: Simulation, commands: Batches, rejected: list[str]) -> Iterator[int]:
+    """Do what `_post_ahead` does for commands that come as arrays."""
+    for batch, until_ns in commands.batches():
+        rejected += run.post_batch(batch)
+        if until_ns is not None and not run.ended:
+            yield until_ns - 1
+    if run.end_ns is not None:
+        yield run.end_ns
+
+
 def as_command(command: object) -> tuple[str, Wrench]:
     """Return `command`.
 
@@ -527,12 +553,19 @@ def post_all(run: Simulation, commands: Sequence[tuple[str, Wrench]]) -> list[st
     return rejected
 
 
+def _rejection(topic: str, time_ns: int, error: WrenchError) -> str:
+    return f"{topic} at simulation time {time_ns / NANOSECONDS:.9f} s: {error}"
+
+
 LOOK_AHEAD = 1000
 """Commands that `simulate` reads ahead: within this number they may be in any order, and memory stays bounded."""
 
 
 def _post_ahead(run: Simulation, commands: Iterable[tuple[str, Wrench]], rejected: list[str]) -> Iterator[int]:
     """Post commands, yielding repeatedly the time (ns) until which all have been posted; at last the end."""
+    if isinstance(commands, Batches):
+        yield from _post_batches(run, commands, rejected)
+        return
     if isinstance(commands, Sequence):
         commands = sorted(map(as_command, commands), key=lambda command: command[1].stamp_ns)
     elif not isinstance(commands, Iterable):
@@ -555,7 +588,7 @@ def _post_ahead(run: Simulation, commands: Iterable[tuple[str, Wrench]], rejecte
         try:
             run.post(topic, wrench, stamp_ns)
         except WrenchError as error:
-            rejected.append(f"{topic} at simulation time {stamp_ns / NANOSECONDS:.9f} s: {error}")
+            rejected.append(_rejection(topic, stamp_ns, error))
         waiting += 1
     if run.end_ns is not None:
         yield run.end_ns
