@@ -17,13 +17,14 @@ from typing import Literal, NamedTuple, TypeAlias
 import numpy as np
 
 from rb_dynamics.errors import LogError, WrenchError
+from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_reader import WRENCHES, named_type
 from rb_dynamics.formats.bag_source import Source, open_source
 from rb_dynamics.formats.mcap_records import Block
 from rb_dynamics.formats.messages import WRENCH
 from rb_dynamics.formats.topic import Times, Topic
 from rb_dynamics.loads.channels import WrenchChannels
-from rb_dynamics.loads.command_table import CommandBatch
+from rb_dynamics.loads.command_table import CommandBatch, Received
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.run.provenance import INTERRUPTED, MISSING_FILES, RUN, next_file
 
@@ -248,8 +249,8 @@ class RecordedWrenches:
             if waiting and (until_ns is None or until_ns > -math.inf):
                 batch = CommandBatch.of(waiting)
                 last = len(batch.time_ns) if until_ns is None else int(batch.time_ns.searchsorted(until_ns))
-                waiting = [batch.part(last, len(batch.time_ns))] if last < len(batch.time_ns) else []
-                yield batch.part(0, last), None if until_ns is None else int(until_ns)
+                waiting = [batch.some(slice(last, None))] if last < len(batch.time_ns) else []
+                yield batch.some(slice(last)), None if until_ns is None else int(until_ns)
 
     def _looked_through(self, bag: _Recording) -> _Recording:
         """Fill in what is to be known of a bag, its commands timed as it says by now.
@@ -398,8 +399,9 @@ def _batch(
     topic.take(block)
     try:
         stamps, wrench, texts = topic.stamps, topic.numbers, topic.texts
-    except LogError as error:
-        raise LogError(f"{source.path}: topic {topic.name}: {error}") from error
+    except LogError:
+        _require_whole(source, block, kind)
+        raise
     frame_ids = [text[0] if text else "" for _, text in texts]
     frame = np.searchsorted([row for row, _ in texts], np.arange(topic.count), side="right") - 1
     time_ns = (topic.log_times if bag.by_log else stamps) - bag.offset_ns
@@ -412,8 +414,22 @@ def _batch(
             object.__setattr__(command, "message", data)
         return command
 
-    columns = time_ns, np.full(topic.count, channel), chunk + block.begins, wrench
-    return _Batch(stamps, topic.log_times, CommandBatch(*columns, frame, frame_ids, received))
+    columns, rows = (time_ns, np.full(topic.count, channel), chunk + block.begins, wrench), np.arange(topic.count)
+    commands = CommandBatch(*columns, frame, frame_ids, Received((received,), np.zeros_like(rows), rows))
+    return _Batch(stamps, topic.log_times, commands)
+
+
+def _require_whole(source: Source, block: Block, kind: str) -> None:
+    """Name the first message of a block that is damaged.
+
+    Raises:
+        LogError: there is one.
+    """
+    for log_time, begin, end in zip(block.log_times.tolist(), block.begins, block.ends, strict=True):
+        try:
+            cdr.decode(kind, block.data[begin:end].tobytes())
+        except LogError as error:
+            raise LogError(f"{source.path}: topic {block.channel.topic}, log time {log_time} ns: {error}") from error
 
 
 def _seconds(time_ns: int) -> str:

@@ -299,12 +299,12 @@ class WrenchChannels:
             # Close to a limit, `check` decides.
             for limit, part in ((channel.max_force, batch.wrench[:, :3]), (channel.max_torque, batch.wrench[:, 3:])):
                 if limit != math.inf:
-                    good[mine] &= np.sqrt((part[mine] ** 2).sum(axis=1)) < 0.999 * limit
-        same = (np.diff(batch.time_ns, prepend=-1) == 0) & (np.diff(batch.channel, prepend=-1) == 0)
-        group = np.cumsum(~same)
-        good &= ~np.isin(group, group[~good])
-        rows, received = np.flatnonzero(good), batch.received
-        table = CommandTable(batch.time_ns[rows], batch.channel[rows], held[rows], lambda i: received(int(rows[i])))
+                    with np.errstate(over="ignore"):  # what overflows is beyond every limit
+                        good[mine] &= np.sqrt((part[mine] ** 2).sum(axis=1)) < 0.999 * limit
+            good[mine] &= ~np.isin(batch.time_ns[mine], batch.time_ns[mine & ~good])
+        table = CommandTable(
+            batch.time_ns[good], batch.channel[good], held[good], batch.received.some(good.nonzero()[0])
+        )
         return table, np.flatnonzero(~good)
 
     def _held(self, batch: CommandBatch) -> tuple[Numbers, npt.NDArray[np.bool_]]:
@@ -313,14 +313,14 @@ class WrenchChannels:
 
         count = len(batch.time_ns)
         held, good = np.zeros((count, HELD)), np.isfinite(batch.wrench).all(axis=1)
+        good &= np.isin(batch.frame, [k for k, name in enumerate(batch.frame_ids) if name in self._frames.names])
         for k, name in enumerate(batch.frame_ids):
+            if name not in self._frames.names:
+                continue
             mine = good & (batch.frame == k)
             columns = tuple(batch.wrench[mine].T)
-            try:
+            with np.errstate(over="ignore", invalid="ignore"):
                 parts = self._frames.about_center_of_mass(columns[:3], columns[3:], name)
-            except WrenchError:
-                good &= ~mine
-                continue
             held[mine] = np.column_stack([np.broadcast_to(n, columns[0].shape) for part in parts for n in part])
         force, torque = (np.abs(held.reshape(count, 2, 2, 3)[:, :, k]).max(axis=(1, 2), initial=0.0) for k in (0, 1))
         largest_force, largest_torque = self._largest
@@ -337,9 +337,7 @@ class WrenchChannels:
 
     def extend(self, table: CommandTable) -> None:
         """Let the commands of `table` take effect, each at its time; none comes before one of an earlier table."""
-        if self._table is not None:
-            table = self._table.behind(self._row).followed_by(table)
-        self._table, self._row = table, 0
+        self._table, self._row = table if self._table is None else self._table.followed_by(table, self._row), 0
 
     def timeline(self, until_ns: int, most: int) -> tuple[Timeline, int]:
         """Return the changes to come up to `until_ns`, and the time (ns) until which these are all; changes nothing.

@@ -18,6 +18,41 @@ HELD = 12
 """Numbers of a held wrench: force and torque in body axes, force and torque in world axes."""
 
 
+class Received(NamedTuple):
+    """Where the commands of rows are found.
+
+    Attributes:
+        blocks: each returns the command of one of its own rows.
+        block: (n,), which of them has it.
+        row: (n,), where.
+    """
+
+    blocks: tuple[Callable[[int], Wrench], ...]
+    block: Whole
+    row: Whole
+
+    def __call__(self, i: int) -> Wrench:
+        """Return the command of row i."""
+        return self.blocks[int(self.block[i])](int(self.row[i]))
+
+    def some(self, rows: Whole | slice) -> Received:
+        """Return the same for some rows."""
+        return Received(self.blocks, self.block[rows], self.row[rows])
+
+    @classmethod
+    def joined(cls, parts: Sequence[Received]) -> Received:
+        """Return one for all rows, without blocks that none of them needs."""
+        import numpy as np
+
+        blocks: list[Callable[[int], Wrench]] = []
+        numbers = []
+        for part in parts:
+            used, where = np.unique(part.block, return_inverse=True)
+            numbers.append(where + len(blocks))
+            blocks += (part.blocks[k] for k in used.tolist())
+        return cls(tuple(blocks), np.concatenate(numbers), np.concatenate([part.row for part in parts]))
+
+
 class CommandBatch(NamedTuple):
     """Commands as they came, in any order.
 
@@ -28,7 +63,7 @@ class CommandBatch(NamedTuple):
         wrench: (n, 6), force (N) and torque (N m), in the axes of the frame.
         frame: (n,), number of the frame in `frame_ids`.
         frame_ids: names.
-        received: returns the command of a row.
+        received: the commands themselves.
     """
 
     time_ns: Whole
@@ -37,58 +72,50 @@ class CommandBatch(NamedTuple):
     wrench: Numbers
     frame: Whole
     frame_ids: Sequence[str]
-    received: Callable[[int], Wrench]
+    received: Received
 
     @classmethod
     def of(cls, batches: Sequence[CommandBatch]) -> CommandBatch:
-        """Return all commands of `batches`, by time, then channel, then arrival."""
+        """Return all commands of `batches`, by time, then arrival."""
         import numpy as np
 
-        frame_ids = sorted({name for batch in batches for name in batch.frame_ids})
-        frames = [np.array([frame_ids.index(name) for name in b.frame_ids], dtype=np.int64)[b.frame] for b in batches]
+        number = {name: k for k, name in enumerate(sorted({name for batch in batches for name in batch.frame_ids}))}
+        frames = [np.array([number[name] for name in b.frame_ids], dtype=np.int64)[b.frame] for b in batches]
         time_ns = np.concatenate([batch.time_ns for batch in batches])
         channel = np.concatenate([batch.channel for batch in batches])
         arrival = np.concatenate([batch.arrival for batch in batches])
         wrench = np.concatenate([batch.wrench for batch in batches])
-        order = np.lexsort((arrival, channel, time_ns))
-        first = np.cumsum([0, *(len(batch.time_ns) for batch in batches)])
+        received = Received.joined([batch.received for batch in batches])
+        together = cls(time_ns, channel, arrival, wrench, np.concatenate(frames), list(number), received)
+        return together.some(np.lexsort((arrival, time_ns)))
 
-        def received(row: int) -> Wrench:
-            at = int(order[row])
-            k = int(first.searchsorted(at, side="right")) - 1
-            return batches[k].received(at - int(first[k]))
-
-        columns = time_ns[order], channel[order], arrival[order], wrench[order], np.concatenate(frames)[order]
-        return cls(*columns, frame_ids, received)
-
-    def part(self, first: int, last: int) -> CommandBatch:
-        """Return the commands in the rows from `first` to `last`."""
-        received = self.received
+    def some(self, rows: Whole | slice) -> CommandBatch:
+        """Return the commands in some rows."""
         return CommandBatch(
-            self.time_ns[first:last],
-            self.channel[first:last],
-            self.arrival[first:last],
-            self.wrench[first:last],
-            self.frame[first:last],
+            self.time_ns[rows],
+            self.channel[rows],
+            self.arrival[rows],
+            self.wrench[rows],
+            self.frame[rows],
             self.frame_ids,
-            lambda row: received(first + row),
+            self.received.some(rows),
         )
 
 
 class CommandTable(NamedTuple):
-    """Commands that can be honoured as they are, by time, then channel, then as they came.
+    """Commands that act as they are, by time, then as they came.
 
     Attributes:
         time_ns: (n,), when each takes effect.
         channel: (n,), its number in the order of the scene.
         held: (n, `HELD`), what it does while it is held, body axes.
-        received: returns the command of a row.
+        received: the commands themselves.
     """
 
     time_ns: Whole
     channel: Whole
     held: Numbers
-    received: Callable[[int], Wrench]
+    received: Received
 
     @classmethod
     def empty(cls) -> CommandTable:
@@ -96,29 +123,17 @@ class CommandTable(NamedTuple):
         import numpy as np
 
         none = np.empty(0, dtype=np.int64)
-        return cls(none, none, np.empty((0, HELD)), lambda _: Wrench())
+        return cls(none, none, np.empty((0, HELD)), Received((), none, none))
 
-    def behind(self, row: int) -> CommandTable:
-        """Return the commands from `row` on."""
-        received = self.received
-        return CommandTable(self.time_ns[row:], self.channel[row:], self.held[row:], lambda i: received(row + i))
-
-    def until(self, row: int) -> CommandTable:
-        """Return the commands before `row`."""
-        return CommandTable(self.time_ns[:row], self.channel[:row], self.held[:row], self.received)
-
-    def followed_by(self, other: CommandTable) -> CommandTable:
-        """Return these and then those of `other`."""
+    def followed_by(self, other: CommandTable, row: int) -> CommandTable:
+        """Return the commands from `row` on, and then those of `other`."""
         import numpy as np
 
-        if not len(self.time_ns):
-            return other
-        count, first, second = len(self.time_ns), self.received, other.received
         return CommandTable(
-            np.concatenate([self.time_ns, other.time_ns]),
-            np.concatenate([self.channel, other.channel]),
-            np.concatenate([self.held, other.held]),
-            lambda i: first(i) if i < count else second(i - count),
+            np.concatenate([self.time_ns[row:], other.time_ns]),
+            np.concatenate([self.channel[row:], other.channel]),
+            np.concatenate([self.held[row:], other.held]),
+            Received.joined([self.received.some(slice(row, None)), other.received]),
         )
 
     def held_wrench(self, row: int) -> HeldWrench:

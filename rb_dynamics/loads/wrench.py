@@ -187,6 +187,11 @@ class WrenchFrames:
         object.__setattr__(frames, "_of_body", True)
         return frames
 
+    @property
+    def names(self) -> list[str]:
+        """Every `frame_id` that a wrench may have."""
+        return ["", self.body_frame, self.world_frame, *(self.fixed or {})]
+
     def hold(self, wrench: Wrench) -> HeldWrench:
         """Return what `wrench` does about the centre of mass: tau_com = R tau + (p - c) x (R f) for a fixed frame.
 
@@ -221,9 +226,8 @@ class WrenchFrames:
             return HeldWrench(force_world=force, torque_world=torque)
         frame = (self.fixed or {}).get(frame_id)
         if frame is None:
-            known = ["", self.body_frame, self.world_frame, *(self.fixed or {})]
             raise WrenchError(
-                f"wrench frame_id is {shown(frame_id)}, expected one of {known}; "
+                f"wrench frame_id is {shown(frame_id)}, expected one of {self.names}; "
                 "declare the frame under body.frames in the scene or transform the wrench before sending it"
             )
         force = rotate(frame.orientation_xyzw, force)

@@ -214,7 +214,7 @@ class Simulation:
         """
         end_ns = math.inf if self.end_ns is None else self.end_ns
         first, last = batch.time_ns.searchsorted((self._computed_ns, end_ns), side="right").tolist()
-        table, others = self._channels.regular(batch.part(first, last))
+        table, others = self._channels.regular(batch.some(slice(first, last)))
         rejected = []
         for row in (*range(first), *(others + first).tolist()):
             wrench, topic = batch.received(row), self.scene.channels[int(batch.channel[row])].topic
@@ -519,7 +519,7 @@ def _post_batches(run: Simulation, commands: Batches, rejected: list[str]) -> It
     """Do what `_post_ahead` does for commands that come as arrays."""
     for batch, until_ns in commands.batches():
         rejected += run.post_batch(batch)
-        if until_ns is not None and not run.ended:
+        if until_ns is not None and until_ns > 0 and not run.ended:
             yield until_ns - 1
     if run.end_ns is not None:
         yield run.end_ns

@@ -1,0 +1,166 @@
+"""A run whose edges are known ahead, by one call of a kernel for many: the same bits and events as edge by edge."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from bag_rows import STAMPED, write_rows
+
+from rb_dynamics import Solver, Wrench, parse_scene, simulate
+from rb_dynamics.errors import ConvergenceError
+from rb_dynamics.formats import cdr
+from rb_dynamics.formats.wrench_bags import RecordedWrenches
+from rb_dynamics.motion import flight
+from rb_dynamics.run.sample import Sample
+from rb_dynamics.run.sink import RunInfo
+from rb_dynamics.scene.model import Scene
+
+pytest.importorskip("numba")
+pytest.importorskip("mcap")
+
+SCENE = parse_scene("""
+body:
+  mass: 2.5
+  center_of_mass: [0.1, -0.2, 0.05]
+  inertia: {matrix: [[1.0, 0.1, 0], [0.1, 1.7, -0.2], [0, -0.2, 2.0]]}
+  frames: {nozzle: {position: [0.3, 0, 0], orientation: {x: 0.5, y: -0.5, z: 0.5, w: 0.5}}}
+initial: {angular_velocity_body: [0.3, 0.8, -0.2], linear_velocity_world: [0.1, 0, 0.2]}
+wrenches: [{topic: a, timeout: 0.03}, {topic: b, max_force: 3.0, on_excess: clip}]
+duration: 3.0
+output_rate: 70
+""")
+
+
+class _Everything:
+    """Keeps what happens, with the acceleration at each sample."""
+
+    def open(self, run: RunInfo) -> None:
+        self.events: list[Any] = []
+        self.result: Any = None
+        assert run.acceleration is not None
+        self._acceleration = run.acceleration
+
+    def write(self, event: Any) -> None:
+        self.events.append((event, self._acceleration() if isinstance(event, Sample) else None))
+
+    def close(self, result: Any) -> None:
+        self.result = dict(result)
+
+
+@pytest.fixture(autouse=True)
+def _compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always")
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Commands in and out of order, early and late, at equal times, too large, unknown, and zero for a while."""
+    r = random.Random(5)
+    rows: list[Any] = []
+    for k in range(500):
+        at = r.choice([k * 6_000_000, r.randrange(-10_000_000, 3_100_000_000), (k // 7) * 40_000_000])
+        size = r.choice([0.5, 0.5, 0.5, 4.0, 1e200 if k % 50 == 0 else 1.0, float("nan") if k % 70 == 0 else 0.1])
+        force = [size * r.uniform(-1.0, 1.0) for _ in range(6)] if k % 9 else [0.0] * 6
+        frame = r.choice(["", "body", "world", "nozzle", "nowhere" if k % 40 == 0 else "world"])
+        rows.append((r.choice(["/a", "/b"]), STAMPED, max(0, at) + 5, _command(at, force, frame)))
+    return write_rows(tmp_path_factory.mktemp("bag") / "commands.mcap", rows)
+
+
+def _command(stamp_ns: int, numbers: list[float], frame: str = "body") -> bytes:
+    return cdr.encode(STAMPED, stamp_ns, frame, numbers)
+
+
+def _run(scene: Scene, commands: Any, *sinks: Any) -> Any:
+    return simulate(scene, commands, sinks)
+
+
+@pytest.mark.parametrize(
+    "solver",
+    [
+        Solver(method="auto", accuracy=1e-7),
+        Solver(method="auto", step=0.01),
+        Solver(method="rk4", step=1 / 300),
+        Solver(method="rk4", accuracy=1e-5),
+        Solver(method="dop853", accuracy=1e-9),
+        Solver(method="taylor", accuracy=1e-9),
+    ],
+    ids=str,
+)
+def test_a_bag_flies_as_its_commands_one_by_one(bag: Path, solver: Solver, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = replace(SCENE, solver=solver)
+    recorded = RecordedWrenches([bag], ["a", "b"], scene.end_ns or 0)
+    flown: list[int] = []
+    whole = flight.fly
+
+    def counted(*arguments: Any) -> Any:
+        found = whole(*arguments)
+        flown.append(0 if found is None else found.edges)
+        return found
+
+    monkeypatch.setattr("rb_dynamics.scene.plan.fly", counted)
+    singly, together = _Everything(), _Everything()
+    one = _run(scene, list(recorded), singly)
+    alone = sum(flown)
+    all_at_once = _run(scene, recorded, together)
+    assert repr(singly.events) == repr(together.events)
+    assert singly.result == together.result
+    assert (one.steps, one.method, one.clipped) == (all_at_once.steps, all_at_once.method, all_at_once.clipped)
+    assert sorted(one.rejected) == sorted(all_at_once.rejected)
+    unseen = _run(scene, recorded)
+    assert (unseen.sample, unseen.steps, unseen.method) == (one.sample, one.steps, one.method)
+    # Of some 600 edges most are flown, but for those by what has to be checked one by one.
+    assert sum(flown) - alone > 300
+
+
+def test_a_flight_that_cannot_go_on_ends_at_the_last_good_state_with_all_of_its_events(tmp_path: Path) -> None:
+    rows: list[Any] = [
+        ("/a", STAMPED, k * 10**7, _command(k * 10**7, [0.1, 0, 0, 0, 2e4 if k > 60 else 0.1, 0])) for k in range(200)
+    ]
+    scene = replace(SCENE, solver=Solver(method="rk4", step=0.01))
+    recorded = RecordedWrenches([write_rows(tmp_path / "a.mcap", rows)], ["a", "b"], scene.end_ns or 0)
+    kept = []
+    for commands in (list(recorded), recorded):
+        sink = _Everything()
+        with pytest.raises(ConvergenceError) as error:
+            _run(scene, commands, sink)
+        kept.append((sink.events, sink.result, str(error.value)))
+    assert kept[0] == kept[1]
+    assert len(kept[0][0]) > 60
+
+
+def test_a_coast_with_outputs_is_flown_in_closed_form(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = replace(SCENE, channels=(), duration=20.0)
+    flown, edge_by_edge = _Everything(), _Everything()
+    first = _run(scene, (), flown)
+    monkeypatch.setattr("rb_dynamics.scene.plan.fly", lambda *_: None)
+    second = _run(scene, (), edge_by_edge)
+    assert flown.events == edge_by_edge.events
+    assert (first.sample, first.steps, first.method) == (second.sample, second.steps, second.method)
+
+
+def test_commands_that_come_meanwhile_are_heeded() -> None:
+    """A run that is advanced piece by piece, with commands in between, as in the node."""
+    from rb_dynamics.run.simulation import Simulation
+
+    runs = []
+    for piece in (3_000_000_000, 500_000_000, 70_000_001):
+        sink = _Everything()
+        run = Simulation(replace(SCENE, solver=Solver(method="dop853", accuracy=1e-8)), [sink])
+        run.start()
+        for at in _times(piece):
+            run.advance(at)
+            if at == 2_100_000_030:
+                run.post("b", Wrench((1.0, 0.0, 0.2), (0.0, 0.1, 0.0)), at)
+        run.finish()
+        runs.append((sink.events, sink.result))
+    assert runs[0] == runs[1] == runs[2]
+
+
+def _times(piece: int) -> Iterator[int]:
+    times = {*range(piece, 3_000_000_000, piece), 2_100_000_030, 3_000_000_000}
+    yield from sorted(times)
