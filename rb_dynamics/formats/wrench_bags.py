@@ -414,7 +414,9 @@ def _batch(
             object.__setattr__(command, "message", data)
         return command
 
-    columns, rows = (time_ns, np.full(topic.count, channel), chunk + block.begins, wrench), np.arange(topic.count)
+    number, chunk = place
+    arrival = np.column_stack([np.full(topic.count, number), topic.log_times, chunk + block.begins])
+    columns, rows = (time_ns, np.full(topic.count, channel), arrival, wrench), np.arange(topic.count)
     commands = CommandBatch(*columns, frame, frame_ids, Received((received,), np.zeros_like(rows), rows))
     return _Batch(stamps, topic.log_times, commands)
 

@@ -59,7 +59,7 @@ class CommandBatch(NamedTuple):
     Attributes:
         time_ns: (n,), when each is to take effect.
         channel: (n,), its number in the order of the scene.
-        arrival: (n, 3), growing in the order in which those of one channel came, the first number first.
+        arrival: (n, 3), growing in the order in which those of one channel came: the first column counts most.
         wrench: (n, 6), force (N) and torque (N m), in the axes of the frame.
         frame: (n,), number of the frame in `frame_ids`.
         frame_ids: names.
@@ -87,7 +87,7 @@ class CommandBatch(NamedTuple):
         wrench = np.concatenate([batch.wrench for batch in batches])
         received = Received.joined([batch.received for batch in batches])
         together = cls(time_ns, channel, arrival, wrench, np.concatenate(frames), list(number), received)
-        return together.some(np.lexsort((arrival, time_ns)))
+        return together.some(np.lexsort((*arrival.T[::-1], time_ns)))
 
     def some(self, rows: Whole | slice) -> CommandBatch:
         """Return the commands in some rows."""

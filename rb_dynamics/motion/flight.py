@@ -110,6 +110,7 @@ class Flown(NamedTuple):
         edges: that lie behind.
         changes: of them.
         steps: of the arcs that have ended.
+        steps_here: to the last edge.
         looks: (n, `PHASE`), the phases at the looks.
         here: the phase at the last edge.
         closed: whether the arc is in closed form.
@@ -124,6 +125,7 @@ class Flown(NamedTuple):
     edges: int
     changes: int
     steps: int
+    steps_here: int
     looks: Numbers
     here: Phase
     closed: bool
@@ -230,6 +232,7 @@ def _flown(reason: int, f: list[float], w: list[int], rows: Numbers, standing: S
         w[layout.EDGES],
         w[layout.CHANGES],
         w[layout.STEPS],
+        w[layout.STEPS_HERE],
         rows,
         phase(layout.HERE),
         closed,

@@ -59,10 +59,10 @@ NUMBERS = ROOM + CONSTANTS + PHASE
 # length of the next one (0 if it has not been chosen), all in units of 1/denominator ns, length of all strides (0 if
 # each is chosen), steps that are as accurate as a stride; the number of strides after which a method is chosen (0 for
 # never), whether the arc is in closed form, whether arcs may be, arcs behind that were not, start of the arc before;
-# strides that may still be taken; edges, changes and steps that lie behind; whether a method led there, and whether a
-# closed form did.
+# strides that may still be taken; edges and changes that lie behind, steps of the arcs that have ended, all steps to the
+# last edge; whether a method led there, and whether a closed form did; time of the next edge.
 START, REACHED, STRIDES, STRIDE, DENOMINATOR, LENGTH, PARTS, CHOOSE_AFTER, CLOSED, MAY_CLOSE = range(10)
-DRIVEN_ARCS, BEFORE, BUDGET, EDGES, CHANGES, STEPS, BY_METHOD, BY_CLOSED_FORM, _AT, WHOLE = range(10, 20)
+DRIVEN_ARCS, BEFORE, BUDGET, EDGES, CHANGES, STEPS, STEPS_HERE, BY_METHOD, BY_CLOSED_FORM, _AT, WHOLE = range(10, 21)
 
 
 def fly(
@@ -111,6 +111,7 @@ def fly(
             _copy(room, CONSTANTS, rows[looks], 0, PHASE)
             looks += 1
         _copy(room, CONSTANTS, f, HERE, PHASE)
+        w[STEPS_HERE] = w[STEPS] + w[STRIDES] + (1 if target > w[REACHED] else 0)
         if kind & CHANGE:
             _begin_arc(f, w, here, held[k], driven, closed)
         w[EDGES] += 1
@@ -119,7 +120,6 @@ def fly(
 
 def _begin_arc(f: Numbers, w: Whole, here: Phase, held: Numbers, driven: int, closed: bool) -> None:
     """Begin an arc at the edge, in the phase that has been reached."""
-    partial = 1 if (w[_AT] - w[START]) * w[DENOMINATOR] > w[REACHED] else 0
     inertia = Inertia(f[0], (f[1], f[2], f[3]))
     course = RoundingHistory(f[HISTORY], f[HISTORY + 1], f[HISTORY + 2], f[HISTORY + 3], f[HISTORY + 4])
     course = with_arc(course, inertia, phase_at(f, ORIGIN), here)
@@ -129,7 +129,7 @@ def _begin_arc(f: Numbers, w: Whole, here: Phase, held: Numbers, driven: int, cl
     _copy(f, HERE, f, GRID_POINT, PHASE)
     # As `AccuracyControl.start` does.
     f[GRID_POINT + PHASE + _LEARNT - 1] = 0.0
-    w[STEPS] += w[STRIDES] + partial
+    w[STEPS] = w[STEPS_HERE]
     w[BEFORE], w[START], w[DRIVEN_ARCS], w[CLOSED] = w[START], w[_AT], driven, 1 if closed else 0
     w[REACHED] = w[STRIDES] = w[STRIDE] = 0
     w[CHANGES] += 1

@@ -18,29 +18,33 @@ if TYPE_CHECKING:
     Whole = npt.NDArray[np.int64]
 
 # As many as are looked up at once, and as few as are worth a call of the kernel.
-_MANY, _FEW = 20_000, 8
+_MANY, _FEW = 5_000, 8
 
 
 class EdgesAhead:
-    """The next edges of one run, looked up in blocks."""
+    """The next edges of one run, looked up in blocks.
+
+    Attributes:
+        known_ns: the time until which no edge has been left out.
+    """
 
     def __init__(self, channels: WrenchChannels, body: RigidBody, period_ns: tuple[int, int]) -> None:
         """Look up outputs every `period_ns` (a ratio) and changes of `channels`."""
         self._channels, self._body, self._period_ns = channels, body, period_ns
         self._edges: Edges | None = None
-        self._known_ns = -1
+        self.known_ns = -1
 
     def forget(self) -> None:
         """Look everything up again: commands have come."""
-        self._edges, self._known_ns = None, -1
+        self._edges, self.known_ns = None, -1
 
     def after(self, time_ns: int, outputs: int, until_ns: int, horizon_ns: int) -> Edges | None:
         """Return the edges after `time_ns` and up to `until_ns`; None where they are few.
 
         `outputs` counts those that lie behind; there is nothing to know beyond `horizon_ns`.
         """
-        if self._edges is None or self._known_ns < min(until_ns, horizon_ns):
-            self._edges, self._known_ns = self._look_up(outputs, horizon_ns)
+        if self._edges is None or self.known_ns <= time_ns:
+            self._edges, self.known_ns = self._look_up(outputs, horizon_ns)
         at = self._edges.at
         first, last = at.searchsorted((time_ns, until_ns), side="right").tolist()
         if first:

@@ -289,14 +289,16 @@ class Simulation:
         edges = self._ahead.after(self.time_ns, self._outputs, min(until_ns, horizon_ns), horizon_ns)
         found = None if edges is None else self.plan.fly(self._arc, edges)
         if edges is None or found is None:
+            if edges is None:
+                self._one_by_one_ns = min(until_ns, self._ahead.known_ns)
             return False
         self._used.update(dict.fromkeys(self._arc.methods))
         self._arc, flown = found
         self._arc.expected_ns = horizon_ns
-        if flown.edges < len(edges.at):
-            self._one_by_one_ns = int(edges.at[flown.edges])
+        self._one_by_one_ns = int(edges.at[min(flown.edges, len(edges.at) - 1)])
         if flown.edges == 0:
             return False
+        self._steps = self._steps_before + flown.steps_here
         if flown.changes:
             self._steps_before += flown.steps
             self._used.update(dict.fromkeys(self._arc.methods))
@@ -313,15 +315,15 @@ class Simulation:
         if not self._sinks:
             self._outputs += sum(kind & LOOK for kind in kinds)
             return
-        looks, changes = iter(flown.looks.tolist()), iter(edges.held.tolist())
+        looks, changes = iter(flown.looks), iter(edges.held)
         for edge, kind in zip(at, kinds, strict=True):
             self.time_ns = edge
             if kind & LOOK:
                 self._outputs += 1
-                self._phase = phase_of(tuple(next(looks)))
+                self._phase = phase_of(tuple(next(looks).tolist()))
                 self.write(self.sample)
             if kind & CHANGE:
-                self._held = held_of(next(changes))
+                self._held = held_of(next(changes).tolist())
                 self._write_changes(self._channels.apply(edge))
 
     def _write_changes(self, changes: Sequence[AppliedWrench | RejectedWrench]) -> None:
@@ -500,11 +502,10 @@ def simulate(
         part = 0
         # Advancing in pieces changes no bits, see `Arc`.
         for known_ns in _post_ahead(run, commands, rejected):
-            while part < 100 and run.end_ns * (part + 1) // 100 <= known_ns:
+            while progress is not None and part < 100 and run.end_ns * (part + 1) // 100 <= known_ns:
                 part += 1
                 run.advance(run.end_ns * part // 100)
-                if progress is not None:
-                    progress(part / 100.0)
+                progress(part / 100.0)
             run.advance(known_ns)
     finally:
         run.finish()

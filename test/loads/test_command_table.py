@@ -38,7 +38,7 @@ def _batch(commands: Sequence[tuple[int, int, tuple[float, ...], str]]) -> Comma
     return CommandBatch(
         np.array([time for time, *_ in commands], dtype=np.int64),
         np.array([channel for _, channel, *_ in commands], dtype=np.int64),
-        rows,
+        np.column_stack([0 * rows, 0 * rows, rows]),
         np.array([numbers for _, _, numbers, _ in commands]).reshape(-1, 6),
         np.array([names.index(frame) for *_, frame in commands], dtype=np.int64),
         names,

@@ -64,9 +64,9 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     rows: list[Any] = []
     for k in range(500):
         at = r.choice([k * 6_000_000, r.randrange(-10_000_000, 3_100_000_000), (k // 7) * 40_000_000])
-        size = r.choice([0.5, 0.5, 0.5, 4.0, 1e200 if k % 50 == 0 else 1.0, float("nan") if k % 70 == 0 else 0.1])
+        size = {0: 4.0, 13: 1e200, 26: float("nan")}.get(k % 40, 0.5)
         force = [size * r.uniform(-1.0, 1.0) for _ in range(6)] if k % 9 else [0.0] * 6
-        frame = r.choice(["", "body", "world", "nozzle", "nowhere" if k % 40 == 0 else "world"])
+        frame = r.choice(["", "body", "world", "nozzle", "nowhere" if k % 100 == 0 else "world"])
         rows.append((r.choice(["/a", "/b"]), STAMPED, max(0, at) + 5, _command(at, force, frame)))
     return write_rows(tmp_path_factory.mktemp("bag") / "commands.mcap", rows)
 
@@ -84,7 +84,7 @@ def _run(scene: Scene, commands: Any, *sinks: Any) -> Any:
     [
         Solver(method="auto", accuracy=1e-7),
         Solver(method="auto", step=0.01),
-        Solver(method="rk4", step=1 / 300),
+        Solver(method="rk4", step=1 / 256),
         Solver(method="rk4", accuracy=1e-5),
         Solver(method="dop853", accuracy=1e-9),
         Solver(method="taylor", accuracy=1e-9),
@@ -113,7 +113,7 @@ def test_a_bag_flies_as_its_commands_one_by_one(bag: Path, solver: Solver, monke
     assert sorted(one.rejected) == sorted(all_at_once.rejected)
     unseen = _run(scene, recorded)
     assert (unseen.sample, unseen.steps, unseen.method) == (one.sample, one.steps, one.method)
-    # Of some 600 edges most are flown, but for those by what has to be checked one by one.
+    # Of some 600 edges, all but those beside a command that has to be checked by itself.
     assert sum(flown) - alone > 300
 
 

@@ -5,8 +5,10 @@ Each run in a process of its own: Rerun keeps some memory of every recording tha
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -74,6 +76,10 @@ def test_ten_times_as_long_takes_no_more_memory(what: str, tmp_path: Path) -> No
 def _peak_kb(what: str, duration: int, folder: Path) -> int:
     """Return the peak of the resident size (kB) of a run in a process of its own."""
     code = f"{PRELUDE}\nSCENE = {SCENE!r}\n{RUN[what]}\nrun('run', {duration})\nprint('PEAK', peak_kb())"
-    result = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=False)
+    # All compiled, or the longer run alone would load a compiler.
+    environment = {**os.environ, "RB_DYNAMICS_COMPILE": "always" if find_spec("numba") else "auto"}
+    result = subprocess.run(
+        [sys.executable, "-c", code], env=environment, cwd=folder, capture_output=True, text=True, check=False
+    )
     assert result.returncode == 0, result.stderr
     return int(result.stdout.rpartition("PEAK")[2])
