@@ -59,8 +59,8 @@ NUMBERS = ROOM + CONSTANTS + PHASE
 # length of the next one (0 if it has not been chosen), all in units of 1/denominator ns, length of all strides (0 if
 # each is chosen), steps that are as accurate as a stride; the number of strides after which a method is chosen (0 for
 # never), whether the arc is in closed form, whether arcs may be, arcs behind that were not, start of the arc before;
-# strides that may still be taken; edges and changes that lie behind, steps of the arcs that have ended, all steps to the
-# last edge; whether a method led there, and whether a closed form did; time of the next edge.
+# strides that may still be taken; edges and changes that lie behind, steps of the arcs that have ended, all steps to
+# the last edge; whether a method led there, and whether a closed form did; time of the next edge.
 START, REACHED, STRIDES, STRIDE, DENOMINATOR, LENGTH, PARTS, CHOOSE_AFTER, CLOSED, MAY_CLOSE = range(10)
 DRIVEN_ARCS, BEFORE, BUDGET, EDGES, CHANGES, STEPS, STEPS_HERE, BY_METHOD, BY_CLOSED_FORM, _AT, WHOLE = range(10, 21)
 
