@@ -27,13 +27,13 @@ from rb_dynamics.formats.log_file import LogFile
 from rb_dynamics.formats.mcap_writer import CHUNK_BYTES, McapWriter
 from rb_dynamics.formats.messages import SAMPLE_TOPICS, sample_encoder
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.recording import rerun_layout as layout
-from rb_dynamics.recording.mcap_sink import McapSink
-from rb_dynamics.recording.rerun_columns import gather
-from rb_dynamics.recording.rerun_sink import BATCH_ROWS, Recorder, RerunSink
-from rb_dynamics.recording.thinning import KeptSample
 from rb_dynamics.run.sink import RunInfo, Sample, Sink
 from rb_dynamics.scene.shipped import shipped
+from rb_dynamics.sinks import rerun_layout as layout
+from rb_dynamics.sinks.mcap_sink import McapSink
+from rb_dynamics.sinks.rerun_columns import gather
+from rb_dynamics.sinks.rerun_sink import BATCH_ROWS, Recorder, RerunSink
+from rb_dynamics.sinks.thinning import KeptSample
 
 SAMPLES = 20 * BATCH_ROWS
 WRITTEN = 10_000

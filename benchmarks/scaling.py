@@ -31,12 +31,12 @@ from written import processor, svg, table
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import METHODS
 from rb_dynamics.numerics.compilation import available
-from rb_dynamics.recording.mcap_sink import McapSink
-from rb_dynamics.recording.rerun_sink import RerunSink
-from rb_dynamics.recording.state_hash import HashSink
 from rb_dynamics.run.simulation import simulate
 from rb_dynamics.run.sink import Sink
 from rb_dynamics.scene import parse_scene
+from rb_dynamics.sinks.mcap_sink import McapSink
+from rb_dynamics.sinks.rerun_sink import RerunSink
+from rb_dynamics.sinks.state_hash import HashSink
 
 ROOT = Path(__file__).resolve().parent.parent
 SCENE = """

@@ -35,8 +35,6 @@ from rb_dynamics.loads.wrench import WrenchFrames as WrenchFrames
 from rb_dynamics.motion import METHODS as METHODS
 from rb_dynamics.motion.free_motion import FreeMotion as FreeMotion
 from rb_dynamics.motion.free_motion import free_motion as free_motion
-from rb_dynamics.recording.memory import MemorySink as MemorySink
-from rb_dynamics.recording.state_hash import HashSink as HashSink
 from rb_dynamics.run.ensemble import Ensemble as Ensemble
 from rb_dynamics.run.ensemble import driven_motion as driven_motion
 from rb_dynamics.run.sample import Sample as Sample
@@ -49,6 +47,8 @@ from rb_dynamics.scene import parse_scene as parse_scene
 from rb_dynamics.scene import read_scene as read_scene
 from rb_dynamics.scene.model import Scene as Scene
 from rb_dynamics.scene.model import Solver as Solver
+from rb_dynamics.sinks.memory_sink import MemorySink as MemorySink
+from rb_dynamics.sinks.state_hash import HashSink as HashSink
 from rb_dynamics.study.explain import Explanation as Explanation
 from rb_dynamics.study.explain import explain as explain
 from rb_dynamics.study.trade import Trade as Trade

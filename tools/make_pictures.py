@@ -27,10 +27,10 @@ from rerun.experimental import ViewerClient
 import rb_dynamics as rb
 from rb_dynamics.analysis.topics import read_track
 from rb_dynamics.formats.bag_reader import read_bag
-from rb_dynamics.recording.mcap_sink import McapSink
-from rb_dynamics.recording.rerun_sink import RerunSink
 from rb_dynamics.report.run_page import write_run_report
 from rb_dynamics.report.video import write_video
+from rb_dynamics.sinks.mcap_sink import McapSink
+from rb_dynamics.sinks.rerun_sink import RerunSink
 
 ROOT = Path(__file__).resolve().parent.parent
 IMAGES = ROOT / "docs" / "images"

@@ -35,9 +35,9 @@ from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.formats.wrench_bags import read_wrenches
 from rb_dynamics.loads.effect_types import EFFECTS
 from rb_dynamics.motion import METHODS
-from rb_dynamics.recording.mcap_sink import LogSettings, McapSink
-from rb_dynamics.recording.state_hash import StateHash
 from rb_dynamics.run.input_hash import InputHash
+from rb_dynamics.sinks.mcap_sink import LogSettings, McapSink
+from rb_dynamics.sinks.state_hash import StateHash
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "docs" / "reference"

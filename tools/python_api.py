@@ -40,7 +40,7 @@ PARTS = {
     "run.sample_arrays": "Many bodies at once",
     "analysis": "What a recording says",
     "run.sink": "Sinks",
-    "recording": "Sinks",
+    "sinks": "Sinks",
     "errors": "Errors",
 }
 MODULES = {"poinsot": "Poinsot's construction", "euler_equations": "Euler's equations"}

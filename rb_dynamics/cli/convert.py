@@ -24,7 +24,7 @@ def run(args: argparse.Namespace) -> int:
     from pathlib import Path
 
     from rb_dynamics.errors import LogError
-    from rb_dynamics.recording import convert
+    from rb_dynamics.sinks import convert
 
     source, target = Path(args.source), Path(args.target)
     way = ("table" if source.suffix == ".csv" else "log", target.suffix)

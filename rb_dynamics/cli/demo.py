@@ -44,11 +44,11 @@ def run(args: argparse.Namespace) -> int:
     from rb_dynamics.formats.bag_reader import read_bag
     from rb_dynamics.formats.log_file import make_folder
     from rb_dynamics.formats.wrench_bags import read_wrenches
-    from rb_dynamics.recording.rerun_sink import RerunSink
     from rb_dynamics.report.run_page import write_run_report
     from rb_dynamics.run.simulation import simulate
     from rb_dynamics.scene import read_scene
     from rb_dynamics.scene.shipped import shipped
+    from rb_dynamics.sinks.rerun_sink import RerunSink
 
     require_ros("the demo")
     scene_file, bag_file = shipped("config/slew.yaml"), shipped("examples/slew.mcap")
@@ -138,8 +138,8 @@ def _section(comparison: Comparison) -> Section:
 def _same_bits_offline(scene: Scene, commands: list[tuple[str, Wrench]], mcap: Path) -> bool:
     """Return whether `simulate` with the same commands gives the states that the node logged, to the bit."""
     from rb_dynamics.formats.bag_reader import read_bag
-    from rb_dynamics.recording.state_hash import HashSink
     from rb_dynamics.run.simulation import simulate
+    from rb_dynamics.sinks.state_hash import HashSink
 
     states = HashSink()
     simulate(scene, commands, [states])

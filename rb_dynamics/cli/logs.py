@@ -13,7 +13,7 @@ from rb_dynamics.cli.parser import require_with
 from rb_dynamics.numerics.option_types import real, whole
 
 if TYPE_CHECKING:
-    from rb_dynamics.recording.failure_guard import GuardedSink
+    from rb_dynamics.sinks.failure_guard import GuardedSink
 
 _SECONDS = real("a number of seconds, 0 or more", lambda v: v >= 0.0)
 
@@ -78,9 +78,9 @@ def log_sinks(args: argparse.Namespace) -> list[GuardedSink]:
         require_with(args, option, is_given > 0, "--bag", args.bag)
     if not logged:
         return []
-    from rb_dynamics.recording.failure_guard import GuardedSink
-    from rb_dynamics.recording.log_outputs import Logs
-    from rb_dynamics.recording.mcap_sink import FLUSH_S, LogSettings
+    from rb_dynamics.sinks.failure_guard import GuardedSink
+    from rb_dynamics.sinks.log_outputs import Logs
+    from rb_dynamics.sinks.mcap_sink import FLUSH_S, LogSettings
 
     settings = LogSettings(FLUSH_S if args.flush is None else args.flush, args.verify, args.accel)
     logs = Logs(args.mcap, args.bag, args.rerun, args.max_bag_size, args.max_bag_duration, settings, args.sink)

@@ -41,7 +41,6 @@ from rb_dynamics.errors import LogError, RigidBodyError, SceneError
 from rb_dynamics.formats.log_file import move_aside
 from rb_dynamics.formats.messages import ACCEL, COMMAND_DEPTH, SAMPLE_TOPICS, WRENCH, decode_wrench
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, split_stamp
-from rb_dynamics.recording.failure_guard import GuardedSink
 from rb_dynamics.ros import conversions
 from rb_dynamics.ros.arrivals import Losses
 from rb_dynamics.ros.health import ERROR, Health, Throttle
@@ -60,6 +59,7 @@ from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.run.sink import Sink
 from rb_dynamics.run.stop_signals import stop_signals
 from rb_dynamics.scene.model import Scene
+from rb_dynamics.sinks.failure_guard import GuardedSink
 
 # s: output periods up to this are slept through; number of those after which services are checked; time for that.
 _LONGEST_SLEEP, _BETWEEN_TURNS, _LONGEST_TURN = 0.006, 0.1, 0.005

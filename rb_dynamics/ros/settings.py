@@ -16,14 +16,14 @@ from rclpy.parameter import Parameter
 
 from rb_dynamics.errors import SceneError
 from rb_dynamics.formats.messages import sample_depth
-from rb_dynamics.recording.log_outputs import Logs
-from rb_dynamics.recording.mcap_sink import FLUSH_S, LogSettings
 from rb_dynamics.ros.publishers import Topics
 from rb_dynamics.ros.runner import Mode
 from rb_dynamics.scene import document, read_scene
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.scene.problems import Problems
 from rb_dynamics.scene.read import ROOT_KEYS
+from rb_dynamics.sinks.log_outputs import Logs
+from rb_dynamics.sinks.mcap_sink import FLUSH_S, LogSettings
 
 # name: (default, what it does)
 _PARAMETERS: dict[str, tuple[object, str]] = {

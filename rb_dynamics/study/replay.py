@@ -51,7 +51,6 @@ from rb_dynamics.motion import METHODS, REMOVED
 from rb_dynamics.numerics.argument_checks import shown
 from rb_dynamics.numerics.decimals import whole_number
 from rb_dynamics.numerics.vector import ZERO
-from rb_dynamics.recording.state_hash import StateHash
 from rb_dynamics.run.input_hash import RULE, AppliedHash
 from rb_dynamics.run.provenance import (
     CHECKPOINT,
@@ -67,6 +66,7 @@ from rb_dynamics.run.provenance import (
 from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.run.sink import Event, RunInfo, Sample
 from rb_dynamics.scene.model import Scene
+from rb_dynamics.sinks.state_hash import StateHash
 
 _PARTS = 100
 

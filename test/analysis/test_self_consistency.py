@@ -15,8 +15,8 @@ from rb_dynamics.formats import cdr
 from rb_dynamics.formats.mcap_records import Message
 from rb_dynamics.formats.recovery import recover
 from rb_dynamics.formats.topic import Topic
-from rb_dynamics.recording.mcap_sink import McapSink
-from rb_dynamics.recording.rosbag2_sink import BagSink
+from rb_dynamics.sinks.mcap_sink import McapSink
+from rb_dynamics.sinks.rosbag2_sink import BagSink
 
 TEXT = """
 body: {mass: 2, center_of_mass: [0.1, 0, 0.2], inertia: {matrix: [[1, 0.1, 0], [0.1, 2, -0.2], [0, -0.2, 2.5]]},

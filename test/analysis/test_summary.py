@@ -21,11 +21,11 @@ from rb_dynamics.formats.log_file import LogFile
 from rb_dynamics.formats.mcap_records import McapFile, Message
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.loads.wrench import Wrench
-from rb_dynamics.recording.mcap_sink import McapSink
 from rb_dynamics.report.text import as_text
 from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.run.sink import Status
 from rb_dynamics.scene import parse_scene, read_scene
+from rb_dynamics.sinks.mcap_sink import McapSink
 
 COMMANDS = (
     ("thrust", Wrench(torque=(0.2, -0.1, 0.3), stamp_ns=700_000_000)),

@@ -25,9 +25,9 @@ from rb_dynamics.errors import BodyError
 from rb_dynamics.loads.wrench import WrenchFrames
 from rb_dynamics.numerics import rotation
 from rb_dynamics.numerics.vector import Vector
-from rb_dynamics.recording.memory import MemorySink
 from rb_dynamics.run.simulation import simulate
 from rb_dynamics.scene.model import Scene, Solver
+from rb_dynamics.sinks.memory_sink import MemorySink
 
 SLANT: Vector = (0.3, -0.7, 0.5)
 MASSES = np.array([1.0, 2.0, 0.5, 1.5, 3.0])

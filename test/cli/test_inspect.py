@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from rb_dynamics.cli import main
-from rb_dynamics.recording.mcap_sink import McapSink
 from rb_dynamics.run.simulation import simulate
 from rb_dynamics.scene import parse_scene
+from rb_dynamics.sinks.mcap_sink import McapSink
 
 SCENE = """
 body: {mass: 1.0, inertia: {diagonal: [1, 2, 3]}}

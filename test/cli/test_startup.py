@@ -41,7 +41,7 @@ def test_help_imports_neither_libraries_nor_the_simulation(root: Path) -> None:
 def test_simulate_imports_what_it_runs(root: Path) -> None:
     found = loaded(root, "simulate", "config/slew.yaml", "--duration", "1")
     assert {"rb_dynamics.run.simulation", "yaml"} <= found
-    unused = {"rb_dynamics.study", "rb_dynamics.recording.mcap_sink", "rb_dynamics.report"}
+    unused = {"rb_dynamics.study", "rb_dynamics.sinks.mcap_sink", "rb_dynamics.report"}
     assert not found & {*SLOW, *unused}
 
 

@@ -29,10 +29,10 @@ from rb_dynamics.formats.mcap_records import MAX_RECORD_BYTES, McapFile
 from rb_dynamics.formats.recovery import recover
 from rb_dynamics.formats.wrench_bags import read_wrenches
 from rb_dynamics.loads.wrench import Wrench, WrenchFrames
-from rb_dynamics.recording.mcap_sink import McapSink
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.sink import AppliedWrench, RunInfo
 from rb_dynamics.scene.model import Scene
+from rb_dynamics.sinks.mcap_sink import McapSink
 
 pytest.importorskip("mcap")
 

@@ -19,7 +19,7 @@ from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.formats.mcap_records import MAGIC, Block, McapFile, Message
 from rb_dynamics.formats.recovery import recover
 from rb_dynamics.formats.topic import KEPT
-from rb_dynamics.recording.mcap_sink import LogSettings, McapSink
+from rb_dynamics.sinks.mcap_sink import LogSettings, McapSink
 
 MANY = settings(max_examples=300, suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture])
 SCENE = parse_scene("body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\nduration: 0.05\noutput_rate: 50\n")

@@ -17,10 +17,10 @@ from rb_dynamics.formats.mcap_integrity import verify, verify_bag
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.recovery import recover
 from rb_dynamics.loads.wrench import Wrench
-from rb_dynamics.recording.mcap_sink import LogSettings, McapSink
-from rb_dynamics.recording.rosbag2_sink import BagSink
 from rb_dynamics.run.simulation import simulate
 from rb_dynamics.scene import parse_scene
+from rb_dynamics.sinks.mcap_sink import LogSettings, McapSink
+from rb_dynamics.sinks.rosbag2_sink import BagSink
 
 pytest.importorskip("mcap")
 

@@ -13,8 +13,8 @@ from rb_dynamics.formats.log_file import LogFile
 from rb_dynamics.formats.mcap_records import McapFile
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.loads.wrench import Wrench
-from rb_dynamics.recording.convert import log_to_rerun, log_to_table
-from rb_dynamics.recording.mcap_sink import McapSink
+from rb_dynamics.sinks.convert import log_to_rerun, log_to_table
+from rb_dynamics.sinks.mcap_sink import McapSink
 from rb_dynamics.study.replay import replay
 
 SCENE = "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\nwrenches: [{topic: push}]\nduration: 0.1\noutput_rate: 50\n"

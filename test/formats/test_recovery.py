@@ -15,7 +15,7 @@ from rb_dynamics.cli import main
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.formats.recovery import recover
-from rb_dynamics.recording.mcap_sink import McapSink
+from rb_dynamics.sinks.mcap_sink import McapSink
 
 pytest.importorskip("mcap")
 

@@ -17,7 +17,7 @@ from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.formats.wrench_bags import RecordedWrenches, Start, read_wrenches
 from rb_dynamics.loads.wrench import Wrench
-from rb_dynamics.recording.mcap_sink import McapSink
+from rb_dynamics.sinks.mcap_sink import McapSink
 
 pytest.importorskip("mcap")
 

@@ -13,12 +13,12 @@ from rb_dynamics.analysis.summary import summarize
 from rb_dynamics.analysis.topics import read_track
 from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.loads.wrench import Wrench
-from rb_dynamics.recording.mcap_sink import McapSink
 from rb_dynamics.report.html import Section, write_html
 from rb_dynamics.report.run_page import comparison_section, run_report, write_run_report
 from rb_dynamics.report.text import as_text
 from rb_dynamics.run.simulation import simulate
 from rb_dynamics.scene import parse_scene, read_scene
+from rb_dynamics.sinks.mcap_sink import McapSink
 
 SPIN = """
 body: {mass: 1.0, inertia: {diagonal: [1, 2, 2.5]}}

@@ -20,7 +20,7 @@ from rosgraph_msgs.msg import Clock
 
 from rb_dynamics import Wrench, parse_scene, simulate
 from rb_dynamics.formats.bag_reader import read_bag
-from rb_dynamics.recording.mcap_sink import McapSink
+from rb_dynamics.sinks.mcap_sink import McapSink
 
 pytestmark = pytest.mark.ros
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rb_dynamics import Wrench, parse_scene, simulate
 from rb_dynamics.formats.bag_reader import read_bag
-from rb_dynamics.recording.mcap_sink import McapSink
+from rb_dynamics.sinks.mcap_sink import McapSink
 
 SCENE = parse_scene(
     "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\nwrenches: [{topic: push, timeout: 0.1}, {topic: /turn}]\n"

@@ -28,8 +28,8 @@ solver: {method: euler, step: 0.01}
 PRELUDE = """
 from rb_dynamics import Wrench, parse_scene, simulate
 from rb_dynamics.formats.wrench_bags import RecordedWrenches
-from rb_dynamics.recording.mcap_sink import McapSink
-from rb_dynamics.recording.rerun_sink import RerunSink
+from rb_dynamics.sinks.mcap_sink import McapSink
+from rb_dynamics.sinks.rerun_sink import RerunSink
 
 def peak_kb():
     # Not ru_maxrss, which begins with that of the parent.

@@ -20,12 +20,12 @@ from rb_dynamics.errors import ConvergenceError, SceneError, WrenchError
 from rb_dynamics.loads.channels import AppliedWrench, Channel
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.numerics.vector import ZERO
-from rb_dynamics.recording.memory import MemorySink
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.simulation import LOOK_AHEAD, Simulation, simulate
 from rb_dynamics.run.sink import Event, RunInfo
 from rb_dynamics.scene import parse_scene
 from rb_dynamics.scene.model import Scene, Solver
+from rb_dynamics.sinks.memory_sink import MemorySink
 
 SECOND = 1_000_000_000
 END = 2 * SECOND

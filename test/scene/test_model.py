@@ -18,11 +18,11 @@ from rb_dynamics.loads.channels import Channel
 from rb_dynamics.loads.scheduled_wrench import ScheduledWrench
 from rb_dynamics.loads.uniform_gravity import UniformGravity
 from rb_dynamics.loads.wrench import FixedFrame, Wrench, WrenchFrames
-from rb_dynamics.recording.memory import MemorySink
 from rb_dynamics.run.simulation import simulate
 from rb_dynamics.scene.model import Scene, Solver
 from rb_dynamics.scene.plan import Plan
 from rb_dynamics.scene.read import parse_scene
+from rb_dynamics.sinks.memory_sink import MemorySink
 
 OTHER = RigidBody.from_diagonal(1.0, (1.0, 1.0, 1.0), (0.0, 0.5, 0.0))
 READ = parse_scene(

@@ -24,11 +24,11 @@ from rb_dynamics.formats.mcap_records import McapFile, Message, OnFact
 from rb_dynamics.formats.messages import WRENCH, decode_wrench
 from rb_dynamics.formats.own_log import logged_scene, scene_and_names
 from rb_dynamics.formats.recovery import recover
-from rb_dynamics.recording.convert import log_to_table
-from rb_dynamics.recording.mcap_sink import LogSettings, McapSink
-from rb_dynamics.recording.rosbag2_sink import BagSink
 from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.run.sink import Status
+from rb_dynamics.sinks.convert import log_to_table
+from rb_dynamics.sinks.mcap_sink import LogSettings, McapSink
+from rb_dynamics.sinks.rosbag2_sink import BagSink
 from rb_dynamics.study.replay import Replay, replay
 
 SCENE = parse_scene(

@@ -18,8 +18,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from rb_dynamics import Sample, parse_scene
-from rb_dynamics.recording.mcap_sink import LogSettings, McapSink
 from rb_dynamics.run.sink import RunInfo
+from rb_dynamics.sinks.mcap_sink import LogSettings, McapSink
 
 SCENE = parse_scene("body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\n")
 MOST = 200_000

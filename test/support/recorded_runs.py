@@ -13,10 +13,10 @@ import pytest
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.ros2msg import schema_text
 from rb_dynamics.loads.wrench import Wrench
-from rb_dynamics.recording.mcap_sink import McapSink
-from rb_dynamics.recording.memory import MemorySink
 from rb_dynamics.run.simulation import Run, simulate
 from rb_dynamics.scene import parse_scene
+from rb_dynamics.sinks.mcap_sink import McapSink
+from rb_dynamics.sinks.memory_sink import MemorySink
 
 SCENE = """
 body:

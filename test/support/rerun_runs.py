@@ -13,11 +13,11 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import IDENTITY, State
 from rb_dynamics.loads.wrench import Wrench, WrenchFrames
 from rb_dynamics.numerics import rotation
-from rb_dynamics.recording.rerun_sink import RerunSink
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.simulation import simulate
 from rb_dynamics.run.sink import Event, RunInfo
 from rb_dynamics.scene.model import Channel, Scene, Solver
+from rb_dynamics.sinks.rerun_sink import RerunSink
 
 INDEXES = ("rerun.controls.RowId", "sim_time", "sample")
 BODY = RigidBody.from_principal(2.0, (1.0, 2.0, 2.5), rotation.exp((0.3, 0.2, 0.1)), (0.1, -0.2, 0.05))

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from rb_dynamics.errors import ConvergenceError, SceneError
-from rb_dynamics.recording.mcap_sink import McapSink
+from rb_dynamics.sinks.mcap_sink import McapSink
 from rb_dynamics.study.campaign.flight import fly_alone
 from rb_dynamics.study.campaign.identity import check_same
 from rb_dynamics.study.campaign.model import Campaign

@@ -13,7 +13,7 @@ from campaigns import CAMPAIGN, SCENE, write
 
 from rb_dynamics import Simulation, Wrench
 from rb_dynamics.errors import SceneError
-from rb_dynamics.recording.memory import MemorySink
+from rb_dynamics.sinks.memory_sink import MemorySink
 from rb_dynamics.study.campaign.bodies import CHANNEL
 from rb_dynamics.study.campaign.engine import flies_side_by_side
 from rb_dynamics.study.campaign.flight import fly_alone, fly_block

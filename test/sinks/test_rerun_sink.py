@@ -16,13 +16,13 @@ from rb_dynamics.errors import LogError, MissingExtraError
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.numerics import rotation
 from rb_dynamics.numerics.vector import ZERO
-from rb_dynamics.recording.rerun_sink import RerunSink
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.simulation import simulate
 from rb_dynamics.run.sink import AppliedWrench, Event, RunInfo, Status
 from rb_dynamics.scene import parse_scene, read_scene
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.scene.read import UNSAID
+from rb_dynamics.sinks.rerun_sink import RerunSink
 
 
 def still(index: int, period_ns: int = 1_000_000) -> Sample:

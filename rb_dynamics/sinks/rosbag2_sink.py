@@ -14,10 +14,10 @@ from pathlib import Path
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.rosbag2_metadata import METADATA_FILE, BagFile, write_metadata
-from rb_dynamics.recording.mcap_sink import LogSettings, McapSink
-from rb_dynamics.recording.state_hash import StateHash
 from rb_dynamics.run.provenance import CONTINUES_IN
 from rb_dynamics.run.sink import Event, RunInfo, Sample
+from rb_dynamics.sinks.mcap_sink import LogSettings, McapSink
+from rb_dynamics.sinks.state_hash import StateHash
 
 
 class BagSink:

@@ -40,10 +40,10 @@ from rb_dynamics.formats.messages import (
     sample_encoder,
     sample_topics,
 )
-from rb_dynamics.recording.state_hash import StateHash
 from rb_dynamics.run.provenance import CHECKPOINT, INTERRUPTED, RESULT, RUN, SCENE, TOPICS, version
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.sink import AppliedWrench, Event, RejectedWrench, RunInfo, Status
+from rb_dynamics.sinks.state_hash import StateHash
 
 if TYPE_CHECKING:
     from rb_dynamics.scene.model import Scene

@@ -27,14 +27,14 @@ from rb_dynamics.formats.mcap_writer import CHUNK_BYTES
 from rb_dynamics.formats.messages import COMMAND_DEPTH, sample_depth
 from rb_dynamics.formats.ros2msg import TYPE_HASHES
 from rb_dynamics.loads.wrench import Wrench, WrenchFrames
-from rb_dynamics.recording.mcap_sink import LogSettings, McapSink
-from rb_dynamics.recording.memory import MemorySink
-from rb_dynamics.recording.state_hash import StateHash
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.simulation import simulate
 from rb_dynamics.run.sink import AppliedWrench, Event, RejectedWrench, RunInfo, Status
 from rb_dynamics.scene.model import Channel, Scene, Solver
 from rb_dynamics.scene.read import parse_scene
+from rb_dynamics.sinks.mcap_sink import LogSettings, McapSink
+from rb_dynamics.sinks.memory_sink import MemorySink
+from rb_dynamics.sinks.state_hash import StateHash
 from rb_dynamics.study.replay import replay
 
 pytest.importorskip("mcap")

@@ -9,9 +9,9 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
 from rb_dynamics.numerics.vector import ZERO
-from rb_dynamics.recording import rerun_poinsot as poinsot
-from rb_dynamics.recording.appearance import EYE, Eye
-from rb_dynamics.recording.rerun_layout import COMMANDS_ON_PATH
+from rb_dynamics.sinks import rerun_poinsot as poinsot
+from rb_dynamics.sinks.appearance import EYE, Eye
+from rb_dynamics.sinks.rerun_layout import COMMANDS_ON_PATH
 
 if TYPE_CHECKING:
     import rerun.blueprint as rrb

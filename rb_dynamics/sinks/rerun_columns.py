@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rb_dynamics.numerics.rotation_arrays import rotate_all
-from rb_dynamics.recording.rerun_layout import PlotLines
-from rb_dynamics.recording.thinning import KeptSample
 from rb_dynamics.run.sample import Sample
+from rb_dynamics.sinks.rerun_layout import PlotLines
+from rb_dynamics.sinks.thinning import KeptSample
 
 Array = NDArray[np.float64]
 

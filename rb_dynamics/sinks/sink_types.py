@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.plugins import Registry
-from rb_dynamics.recording.mcap_sink import LogSettings, McapSink
-from rb_dynamics.recording.rosbag2_sink import BagSink
 from rb_dynamics.run.sink import Sink
+from rb_dynamics.sinks.mcap_sink import LogSettings, McapSink
+from rb_dynamics.sinks.rosbag2_sink import BagSink
 
 MakeSink = Callable[[str], Sink]
 
@@ -62,7 +62,7 @@ def _known(keeping: Keeping) -> Registry[MakeSink]:
 
 def _rerun(target: str) -> Sink:
     # It needs more to be imported than the others.
-    from rb_dynamics.recording.rerun_sink import RerunSink
+    from rb_dynamics.sinks.rerun_sink import RerunSink
 
     return RerunSink(target)
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.log_file import require_apart
-from rb_dynamics.recording.mcap_sink import LogSettings
-from rb_dynamics.recording.sink_types import Keeping, sinks
+from rb_dynamics.sinks.mcap_sink import LogSettings
+from rb_dynamics.sinks.sink_types import Keeping, sinks
 
 if TYPE_CHECKING:
     from rb_dynamics.run.sink import Sink

@@ -11,10 +11,10 @@ from rb_dynamics import Wrench, parse_scene, simulate
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.formats.wrench_bags import read_wrenches
-from rb_dynamics.recording.convert import log_to_rerun, log_to_scene, log_to_table, table_to_bag
-from rb_dynamics.recording.mcap_sink import McapSink
-from rb_dynamics.recording.memory import MemorySink
-from rb_dynamics.recording.state_hash import HashSink
+from rb_dynamics.sinks.convert import log_to_rerun, log_to_scene, log_to_table, table_to_bag
+from rb_dynamics.sinks.mcap_sink import McapSink
+from rb_dynamics.sinks.memory_sink import MemorySink
+from rb_dynamics.sinks.state_hash import HashSink
 from rb_dynamics.study.replay import replay
 
 SCENE = parse_scene(

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rb_dynamics.numerics.vector import ZERO, Vector
-from rb_dynamics.recording.appearance import BLUE, CYAN, GREEN, GREY, MAGENTA, ORANGE, RED, YELLOW, Color
+from rb_dynamics.sinks.appearance import BLUE, CYAN, GREEN, GREY, MAGENTA, ORANGE, RED, YELLOW, Color
 
 if TYPE_CHECKING:
     import rerun as rr

@@ -2,7 +2,7 @@
 
 A picture of the run, not its archive: rows are thinned beyond a limit and 3D poses are float32 (the scalars are
 float64). The MCAP log keeps everything. Never changes a value of the run and never imports `rerun` before `open`.
-Here are entities and when they are sent; `recording/rerun_layout.py` says what they look like, `rerun_poinsot.py` how
+Here are entities and when they are sent; `rerun_layout.py` says what they look like, `rerun_poinsot.py` how
 the ellipsoid rolls, `rerun_blueprint.py` what the viewer opens with, and `thinning.py` which rows are kept, which
 `rerun_columns.py` puts into columns.
 
@@ -33,14 +33,14 @@ from rb_dynamics.formats.log_file import make_folder
 from rb_dynamics.numerics.rotation import rotate
 from rb_dynamics.numerics.rotation_arrays import rotate_all
 from rb_dynamics.numerics.vector import ZERO, Vector, add, subtract
-from rb_dynamics.recording import rerun_layout as layout
-from rb_dynamics.recording import rerun_poinsot as poinsot
-from rb_dynamics.recording.appearance import eye_above
-from rb_dynamics.recording.rerun_blueprint import CLOSE_UP, OVERVIEW, blueprint
-from rb_dynamics.recording.rerun_columns import Columns, gather
-from rb_dynamics.recording.thinning import KeptSamples, Piece, Polyline, Thinner, WrenchHistory, WrenchPart
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.sink import AppliedWrench, Event, RejectedWrench, RunInfo, Status
+from rb_dynamics.sinks import rerun_layout as layout
+from rb_dynamics.sinks import rerun_poinsot as poinsot
+from rb_dynamics.sinks.appearance import eye_above
+from rb_dynamics.sinks.rerun_blueprint import CLOSE_UP, OVERVIEW, blueprint
+from rb_dynamics.sinks.rerun_columns import Columns, gather
+from rb_dynamics.sinks.thinning import KeptSamples, Piece, Polyline, Thinner, WrenchHistory, WrenchPart
 from rb_dynamics.theory.rolling_ellipsoid import contact
 
 if TYPE_CHECKING:

@@ -15,10 +15,10 @@ from rb_dynamics.formats.bag_source import open_source
 from rb_dynamics.formats.recovery import recover
 from rb_dynamics.formats.wrench_bags import RecordedWrenches
 from rb_dynamics.loads.wrench import Wrench
-from rb_dynamics.recording.mcap_sink import LogSettings, McapSink
-from rb_dynamics.recording.rosbag2_sink import BagSink
 from rb_dynamics.run.simulation import simulate
 from rb_dynamics.scene.read import parse_scene
+from rb_dynamics.sinks.mcap_sink import LogSettings, McapSink
+from rb_dynamics.sinks.rosbag2_sink import BagSink
 
 pytest.importorskip("rosbags")
 

@@ -77,7 +77,7 @@ def log_to_rerun(log: str | Path, target: Path) -> int:
         LogError: `log` is no log of this package, or `target` is `log` itself or cannot be written.
         MissingExtraError: rerun-sdk is not installed.
     """
-    from rb_dynamics.recording.rerun_sink import RerunSink
+    from rb_dynamics.sinks.rerun_sink import RerunSink
 
     require_other(target, log)
     source = open_source(log)

@@ -10,10 +10,10 @@ import pytest
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.formats.bag_source import open_source
-from rb_dynamics.recording.log_outputs import Logs
-from rb_dynamics.recording.mcap_sink import LogSettings
 from rb_dynamics.run.simulation import simulate
 from rb_dynamics.scene import parse_scene
+from rb_dynamics.sinks.log_outputs import Logs
+from rb_dynamics.sinks.mcap_sink import LogSettings
 
 SCENE = parse_scene(
     "body: {mass: 1, inertia: {diagonal: [1, 2, 2.5]}}\nwrenches: [{topic: push}]\nduration: 2.0\noutput_rate: 10\n",
