@@ -137,6 +137,11 @@ class Simulation:
         return self._steps
 
     @property
+    def steps_computed(self) -> int:
+        """Steps taken up to the last time given to `advance`, edge or not; one that goes beyond it counts."""
+        return self._steps_before + self._arc.steps_to(self._computed_ns)
+
+    @property
     def methods(self) -> str:
         """Names of the methods that have moved the body, in order of first use, joined by "+"."""
         return "+".join(self._used) or self.plan.name

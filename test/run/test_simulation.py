@@ -535,8 +535,10 @@ def test_steps_are_those_to_the_last_edge_however_far_was_computed() -> None:
     run = Simulation(scene)
     run.post("wrench", Wrench(torque=(0.1, 0.0, 0.0)))
     run.advance(700_000_000)
-    assert (run.time_ns, run.steps) == (500_000_000, 50)
+    assert (run.time_ns, run.steps, run.steps_computed) == (500_000_000, 50, 70)
+    run.advance(705_000_000)
+    assert (run.time_ns, run.steps, run.steps_computed) == (500_000_000, 50, 71)
     # The grid of the steps begins anew at a command.
     run.post("wrench", Wrench(torque=(0.0, 0.1, 0.0)), 805_000_000)
     run.advance(1_000_000_000)
-    assert run.steps == 50 + 31 + 20
+    assert run.steps == run.steps_computed == 50 + 31 + 20

@@ -277,10 +277,10 @@ def test_no_cost_holds_what_happens_once_or_a_while_in_which_the_machine_was_bus
 
     class Timed(Simulation):
         def advance(self, time_ns: int) -> None:
-            before = self.steps
+            before = self.steps_computed
             super().advance(time_ns)
             calls.append(time_ns)
-            spent[0] += 1e-3 * (self.steps - before) + (60.0 if len(calls) in (1, 3) else 0.0)
+            spent[0] += 1e-3 * (self.steps_computed - before) + (60.0 if len(calls) in (1, 3) else 0.0)
 
     monkeypatch.setattr(module, "Simulation", Timed)
     monkeypatch.setattr(module, "Stopwatch", lambda: Stopwatch(lambda: spent[0]))
@@ -291,6 +291,31 @@ def test_no_cost_holds_what_happens_once_or_a_while_in_which_the_machine_was_bus
     assert found.bare_cost_per_s < 0.1
     assert found.cost_per_s < 0.1
     assert found.trial_s < 600.0
+
+
+def test_a_run_without_outputs_ends_when_half_of_its_budget_is_spent(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By a clock on which a step takes a millisecond; the steps are counted though no edge is reached."""
+    module = importlib.import_module("rb_dynamics.study.explain")
+    spent, steps, timed = [0.0], [0], []
+
+    class Timed(Simulation):
+        def advance(self, time_ns: int) -> None:
+            before = self.steps_computed
+            super().advance(time_ns)
+            spent[0] += 1e-3 * (self.steps_computed - before)
+            steps[0] = self.steps_computed if self.plan.name == "rk4" and self.steps == 0 else 0
+
+    def clock() -> float:
+        timed.append(steps[0])
+        return spent[0]
+
+    monkeypatch.setattr(module, "Simulation", Timed)
+    monkeypatch.setattr(module, "Stopwatch", lambda: Stopwatch(clock))
+    drag = "effects: [{type: linear_drag, rotation: 1.0e-3}]\nwrenches: []\nduration: 100\n"
+    found = explain(parse_scene(RIGID + drag + "solver: {method: rk4, step: 0.01}\noutput_rate: 1"), budget=1.0)
+
+    assert 250 < max(timed) <= 500
+    assert found.steps_per_s == 100.0
 
 
 @needs_numba
