@@ -276,7 +276,7 @@ def test_what_no_body_can_follow_is_no_wrench(wrench: dict[str, tuple[float, flo
     [
         ((BODY, [], "rk4", 0.1), "0 bodies and 0 states, expected at least one state"),
         (([BODY], [STATE, STATE], "rk4", 0.1), "1 bodies and 2 states"),
-        ((BODY, [STATE, State(5)], "rk4", 0.1), "between 0 and 5 ns, expected one time"),
+        ((BODY, [STATE, State(5)], "rk4", 0.1), "between 0 and 5 ns, expected the same time for all"),
         ((BODY, [STATE], "auto", 0.1), "method is 'auto', expected one of exact, taylor"),
         ((BODY, [STATE], "strang4", 0.1), "; strang4 was removed; take dmv104, or strang6 for a slender body"),
         ((BODY, [STATE], "rk4"), "step is None, expected a number of 1e-15 or more"),
