@@ -13,8 +13,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
-
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError, WrenchError
 from rb_dynamics.loads.command_table import HELD, CommandBatch, CommandTable, Holding, Timeline, timeline
@@ -339,6 +337,11 @@ class WrenchChannels:
         """Let the commands of `table` take effect, each at its time; none comes before one of an earlier table."""
         self._table, self._row = table if self._table is None else self._table.followed_by(table, self._row), 0
 
+    @property
+    def tabled(self) -> int:
+        """How many commands that came as arrays are still to take effect."""
+        return 0 if self._table is None else len(self._table.time_ns) - self._row
+
     def timeline(self, until_ns: int, most: int) -> tuple[Timeline, int]:
         """Return the changes to come up to `until_ns`, and the time (ns) until which these are all; changes nothing.
 
@@ -356,7 +359,7 @@ class WrenchChannels:
         """Make every change that is due until then, of which nobody is told."""
         table, rows = self._table, self._due(until_ns)
         for i, timeout in enumerate(self._timeout_ns):
-            if table is not None and (mine := np.flatnonzero(table.channel[rows] == i)).size:
+            if table is not None and (mine := (table.channel[rows] == i).nonzero()[0]).size:
                 row = rows.start + int(mine[-1])
                 expires_ns = int(table.time_ns[row]) + timeout if timeout else None
                 self._holds[i] = _Hold(table.held_wrench(row), table.received(row), expires_ns)
@@ -368,7 +371,7 @@ class WrenchChannels:
         """Return the rows of the table that take effect by `until_ns` and have not yet."""
         if self._table is None:
             return slice(0, 0)
-        return slice(self._row, int(np.searchsorted(self._table.time_ns, until_ns, side="right")))
+        return slice(self._row, int(self._table.time_ns.searchsorted(until_ns, side="right")))
 
     def _from_table(self, now_ns: int) -> None:
         """Queue the commands of the table that are due."""

@@ -136,6 +136,11 @@ class Flown(NamedTuple):
     arcs: Arcs
 
 
+def pays(edges: int) -> bool:
+    """Return whether the kernel is there for so many edges, or worth loading or compiling."""
+    return layout.FLY.get(edges * _PRICE_OF_AN_EDGE, 0) is not None
+
+
 def fly(inertia: Inertia, standing: Standing, arcs: Arcs, edges: Edges) -> Flown | None:
     """Go from edge to edge as far as the kernel gets; None if it is not worth compiling or cannot count so far."""
     import numpy as np

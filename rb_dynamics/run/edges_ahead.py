@@ -17,8 +17,11 @@ if TYPE_CHECKING:
 
     Whole = npt.NDArray[np.int64]
 
-# As many as are looked up at once, and as few as are worth a call of the kernel.
-_MANY, _FEW = 5_000, 8
+FEWEST = 8
+"""Edges that are worth a call of the kernel."""
+
+# As many as are looked up at once.
+_MANY = 5_000
 
 
 class EdgesAhead:
@@ -38,6 +41,11 @@ class EdgesAhead:
         """Look everything up again: commands have come."""
         self._edges, self.known_ns = None, -1
 
+    def count(self, time_ns: int, until_ns: int) -> int:
+        """Return about how many there are after `time_ns` and up to `until_ns`: quick, and without numpy."""
+        period, parts = self._period_ns
+        return (until_ns - time_ns) * parts // period + self._channels.tabled
+
     def after(self, time_ns: int, outputs: int, until_ns: int, horizon_ns: int) -> Edges | None:
         """Return the edges after `time_ns` and up to `until_ns`; None where they are few.
 
@@ -49,7 +57,7 @@ class EdgesAhead:
         first, last = at.searchsorted((time_ns, until_ns), side="right").tolist()
         if first:
             self._edges = self._edges.behind(first)
-        return self._edges.before(last - first) if last - first >= _FEW else None
+        return self._edges.before(last - first) if last - first >= FEWEST else None
 
     def _look_up(self, outputs: int, horizon_ns: int) -> tuple[Edges, int]:
         """Return the next edges, and the time (ns) until which there are no others."""

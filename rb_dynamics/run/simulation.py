@@ -22,7 +22,7 @@ from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.command_table import CommandBatch
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, held_of
 from rb_dynamics.motion.arc import Arc, LoadFrom
-from rb_dynamics.motion.flight import Edges, Flown
+from rb_dynamics.motion.flight import Edges, Flown, pays
 from rb_dynamics.motion.flight_kernel import CHANGE, LOOK
 from rb_dynamics.motion.kernel_layout import phase_of
 from rb_dynamics.motion.phase import Phase, RoundingHistory, in_principal_axes
@@ -30,7 +30,7 @@ from rb_dynamics.motion.step_control import WholeArc
 from rb_dynamics.numerics.argument_checks import instance, items, shown, time_count, whole_number
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
 from rb_dynamics.numerics.vector import Vector
-from rb_dynamics.run.edges_ahead import EdgesAhead
+from rb_dynamics.run.edges_ahead import FEWEST, EdgesAhead
 from rb_dynamics.run.input_hash import RULE, InputHash
 from rb_dynamics.run.provenance import INPUTS_RULE, run_metadata
 from rb_dynamics.run.sample import Sample, SampleBuilder, acceleration, kinetic_energy
@@ -291,6 +291,9 @@ class Simulation:
         if self._period_ns is None or self._knots or self._load_from is not None:
             return False
         horizon_ns = until_ns if self.end_ns is None else self.end_ns - 1
+        count = self._ahead.count(self.time_ns, min(until_ns, horizon_ns))
+        if count < FEWEST or not pays(count):
+            return False
         edges = self._ahead.after(self.time_ns, self._outputs, min(until_ns, horizon_ns), horizon_ns)
         found = None if edges is None else self.plan.fly(self._arc, edges)
         if edges is None or found is None:
