@@ -1,4 +1,4 @@
-"""What a run of a campaign costs: by number of runs, by workers, to who commands, and beside a Monte Carlo of Basilisk.
+"""What a run of a campaign costs, by number of runs and of workers, and to the client; beside Basilisk's Monte Carlo.
 
 Usage: python benchmarks/campaign.py WHAT [COUNT] [--basilisk PYTHON]
 

@@ -1,6 +1,6 @@
 """Checks of a recorded run: completeness, time, unit quaternions, balances.
 
-Only what can be judged is: a check without data says so, or is left out if nothing of it is recorded.
+A check that lacks data says so; one about a quantity that was not recorded at all is left out.
 """
 
 from __future__ import annotations

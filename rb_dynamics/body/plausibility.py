@@ -1,7 +1,7 @@
 """What is suspicious about mass properties, why, and what to do about it.
 
-A body that cannot exist is an error of `RigidBody`, for which this module names the likely mistake; for a valid body
-it reports what is unlikely. The constants below are its criteria. It only reports and must not change a number.
+For an inertia that no body can have it names the likely mistake; for a valid body it reports what is unlikely. The
+constants below are its criteria. It only reports and must not change a number.
 """
 
 from __future__ import annotations

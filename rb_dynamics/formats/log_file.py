@@ -1,4 +1,4 @@
-"""`LogFile`: a file that takes each write whole or says why not, and can give back its end when the disk is full.
+"""`LogFile`: a file in which each write succeeds as a whole or fails with a reason, and that can be cut on a full disk.
 
 Writes are not buffered, so what `write` has taken survives a kill of the process. An existing file of the same name
 is replaced once the new one can be opened. `require_other` and `require_apart` stop a command from overwriting its

@@ -1,9 +1,8 @@
 """The MCAP container: schemas, channels, messages, metadata and attachments of a file, in the order of the file.
 
-Ours, and not that of the package mcap, which refuses a file without its end, or with one damaged chunk, and lets a
-length in the file decide how much memory it takes. Reads front to back without the index, so a file that was never
-finished gives all it has. Every length is checked against what is there before memory is asked for. Never looks inside
-a message.
+A reader of our own, because that of the package mcap refuses a file without an end or with one damaged chunk, and
+allocates whatever a length in the file says. This one reads front to back without the index, so that it gets all there
+is in a file that was never finished, and checks every length before it allocates. It never looks inside a message.
 
 Format: the MCAP specification, version 0. A record is one byte of opcode, the length of its content, the content.
 """

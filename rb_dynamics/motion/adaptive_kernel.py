@@ -1,7 +1,7 @@
 """Kernels for steps by accuracy: many steps, with their lengths chosen by step control, in one compiled call.
 
-The code of `step_control.py` decides, in plain Python and compiled, with the same bits. A kernel stops before a step
-that plain Python would refuse; plain Python then takes that step and raises the error.
+The lengths are chosen by the code of `step_control.py`, with the same bits compiled and in plain Python. A kernel stops
+before a step that plain Python would refuse; plain Python then takes that step and raises the error.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Kernels for many bodies, each under a sequence of held wrenches: one call for all bodies and all intervals.
 
 `lanes` takes a block of bodies through each step side by side, so that the compiler vectorises over bodies. It copies
-the block onto the stack, where the compiler knows that rows do not overlap and the data fit the first-level cache. This
-works for steps without loops and without calls that only some bodies make; `one_by_one` works for any step. Both give
+the block onto the stack, where the compiler knows that rows do not overlap and the data fit the first-level cache. That
+takes a step without loops and branches; `one_by_one` takes any step. Both give
 the same bits. A body whose step is refused becomes NaN, as in `fixed_step_kernel.py`. `run/ensemble.py` converts axes
 and times.
 """

@@ -1,8 +1,8 @@
 """Kernels for fixed steps: many steps of one length under a held wrench in one compiled call.
 
 The same function runs in plain Python and, if numba is installed (extra `fast`) and it pays, compiled, with the same
-bits. It pays when the steps taken so far and known to come cost in plain Python about as much as compilation, a few
-seconds, or as loading the kernel from the cache, half a second. The environment variable `RB_DYNAMICS_COMPILE`
+bits. It pays once the steps taken and known to come would take plain Python as long as compilation (a few seconds) or
+loading the kernel from the cache (half a second). The environment variable `RB_DYNAMICS_COMPILE`
 overrides that: `never`, `always` (at the first step) or `auto` (the default).
 
 A kernel does not support a load that varies in the step, and does not raise: non-finite numbers propagate to its end,

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,7 +22,9 @@ from rb_dynamics.report import plots, text
 from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, write_html
 from rb_dynamics.report.poinsot_figure import poinsot_view
 from rb_dynamics.run.provenance import RUN
-from rb_dynamics.scene.model import Scene
+
+if TYPE_CHECKING:
+    from rb_dynamics.scene.model import Scene
 
 
 def write_run_report(

@@ -1,6 +1,6 @@
 """What simulation time should be now, by the steady clock (`Pacer`) or by a ROS clock (`ClockFollower`).
 
-Both also tell by how much stamps are ahead of simulation time.
+Both also give the offset from simulation time to the stamps.
 """
 
 from __future__ import annotations

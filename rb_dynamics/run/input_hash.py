@@ -1,6 +1,7 @@
 """`InputHash`: a SHA-256 that is equal exactly if scene and commands agree, in whatever order commands arrived.
 
-Logs without `inputs_rule` have the older `AppliedHash`, over the loads in the order in which they were applied.
+`AppliedHash` is its predecessor, over the loads in the order in which they were applied: that of logs without
+`inputs_rule`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""`Sink`: receives the events of a run. Memory, MCAP, Rerun and the node's publishers implement its three calls.
+"""`Sink`: receives the events of a run by three calls, which the logs in memory, MCAP and Rerun and the node implement.
 
 Events are values in the units and frames of the log. A sink must not change the run.
 """

@@ -1,11 +1,11 @@
 """`McapSink`: a run as one MCAP file that ROS 2, Foxglove, PlotJuggler and Rerun open unchanged.
 
-Profile `ros2`, CDR, one channel for each topic of the node with the node's QoS, and for each wrench channel what was
-received (`<topic>`), honoured or not, and what acted (`<topic>/applied`). Times are simulation nanoseconds: those at
-which a command took effect, whatever clock its stamp is of. The scene is attached as `scene.yaml`; metadata
-`rb_dynamics` says what was run, `rb_dynamics.topics` what each topic is called in the file, `rb_dynamics.result` how it
-ended, with `states_sha256` over all samples. Behind each chunk `rb_dynamics.checkpoint` has that hash so far, so that a
-log that was cut off can be held against a replay.
+Profile `ros2`, CDR, one channel for each topic of the node with the node's QoS. Each wrench channel has two: every
+command received, rejected ones too (`<topic>`), and the wrench applied (`<topic>/applied`). Log times are simulation
+time in nanoseconds: for a command, when it took effect, whatever the clock of its stamp. The scene is attached as
+`scene.yaml`. Metadata: `rb_dynamics` describes the run, `rb_dynamics.topics` names each topic in the file, and
+`rb_dynamics.result` has the end of the run, with `states_sha256` over all samples. After each chunk
+`rb_dynamics.checkpoint` has that hash so far, so that a log that was cut off can be compared with a replay.
 
 Never imports ROS, never changes or drops a value, and holds nothing back from the file for longer than `flush_s` of
 wall time. An earlier file of the name is replaced.

@@ -2,9 +2,9 @@
 
 A picture of the run, not its archive: rows are thinned beyond a limit and 3D poses are float32 (the scalars are
 float64). The MCAP log keeps everything. Never changes a value of the run and never imports `rerun` before `open`.
-Here are entities and when they are sent; `rerun_layout.py` says what they look like, `rerun_poinsot.py` how
-the ellipsoid rolls, `rerun_blueprint.py` what the viewer opens with, and `thinning.py` which rows are kept, which
-`rerun_columns.py` puts into columns.
+This file decides which entities are sent and when. Their looks are in `rerun_layout.py`, the rolling ellipsoid in
+`rerun_poinsot.py`, the opening view in `rerun_blueprint.py`, the choice of rows in `thinning.py` and their columns in
+`rerun_columns.py`.
 
 Entities: `world/body` (pose and mesh or equivalent box), `world/center_of_mass` (arrows of angular momentum, angular
 velocity, force, torque), `world/path`, `poinsot` (ellipsoid, plane and curves), one scalar entity for each field of
