@@ -300,8 +300,7 @@ A run keeps neither its outputs nor past commands, except for the reasons why co
 holds a chunk (128 KiB) and, for each chunk written, some 300 bytes for the index at the end. The Rerun writer holds a
 batch of 4096 samples, paths of at most 16 384 points and an index entry for each chunk: 200 000 outputs took 138 MB,
 and 2 million, thinned as they come, 136 MB. `MemorySink` is meant to keep everything. `test/run/test_memory_growth.py`
-checks
-these statements.
+checks these statements.
 """
 
 
