@@ -159,3 +159,27 @@ def test_a_change_of_axes_between_two_samples_counts_each_wrench_once(flown: Any
         balance = named(track_of(flight), name)
         assert balance.covered == 1.0
         assert balance.relative < 1e-7
+
+
+# In quarters of an interval of 0.1 s this leaves neither rate nor angle at its ends.
+CANCELLING = ((500, 0.3), (525, -0.3), (575, 0.3), (600, 0.0))
+
+
+@pytest.mark.parametrize("topics", [("push", "push"), ("thrust", "push")])
+def test_torques_that_cancel_between_two_samples_still_turn_the_force(flown: Any, topics: tuple[str, str]) -> None:
+    """Also where the force itself comes on a channel of its own and does not change."""
+    force, torque = topics
+    at_once = force == torque
+    commands = [] if at_once else [(force, Wrench((1.0, 1.0, 0.0), (0.0, 0.0, 0.0), "body", 0))]
+    push = (1.0, 1.0, 0.0) if at_once else (0.0, 0.0, 0.0)
+    commands += [(torque, Wrench(push, (0.0, 0.0, size), "body", at * 1_000_000)) for at, size in CANCELLING]
+    flight = flown(commands, step="0.001", output_rate="10.0", timeout="9.0")
+    track = track_of(flight)
+    momentum = track.linear_momentum
+    assert momentum is not None
+    force_impulse = impulses(track, "force", momentum.time_ns)
+    gained = np.diff(momentum.values, axis=0)
+    wrong = np.linalg.norm(gained - (force_impulse.turning + force_impulse.exact)[1:], axis=1)
+    assert wrong.max() > 1e-6
+    assert (wrong <= force_impulse.error[1:] + 1e-12).all()
+    assert named(track, "linear momentum").relative < BOUND

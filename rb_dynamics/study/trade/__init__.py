@@ -114,6 +114,7 @@ def trade(
         refinements = [refinement for refinement in refinements if refinement.method in names]
     refine(refinements, table.measure, begin + time_s, stopwatch, report_progress, table.foresee)
     rows = with_front([row for refinement in refinements for row in table.rows.get(refinement.method, ())])
+    needed = enough(rows, target, trial, _WHOLE) if trial.seconds < trial.whole and target is not None else None
     whole = FullRuns(trial, accepted_commands, rows, _WHOLE * time_s) if rows and trial.seconds < trial.whole else None
     if progress is not None:
         progress(1.0)
@@ -122,7 +123,7 @@ def trade(
         trial.seconds,
         reference,
         rows,
-        recommend(rows, target, budget, whole.judge if whole else as_measured),
+        recommend(rows, target, budget, whole.judge if whole else as_measured, trial.seconds),
         target,
         budget,
         {refinement.method: refinement.ended for refinement in refinements},
@@ -130,7 +131,8 @@ def trade(
         tuple(remarks),
         trial.whole,
         whole.checked_by if whole else None,
-        enough(rows, target, trial, _WHOLE) if trial.seconds < trial.whole and target is not None else None,
+        # What has been spent in vain is not enough.
+        needed if needed is not None and needed > time_s else None,
     )
 
 

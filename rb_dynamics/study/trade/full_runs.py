@@ -7,16 +7,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.scene.model import Solver
 from rb_dynamics.study.trade.excerpt import Excerpt
 from rb_dynamics.study.trade.result import TradeRow, Verdict, grown
 
 # Shares of the time available for the run that others are compared with: its limit, and its expected time without the
 # outputs that describe the motion.
 _FINEST, _EXPECTED = 0.5, 0.25
+
+# Accuracy of the run that checks the most accurate row, relative to that row's.
+_TIGHTER = 0.01
 
 
 class FullRuns:
@@ -31,40 +36,65 @@ class FullRuns:
     ) -> None:
         """Run the most accurate of `rows` that the time allows, with `commands`; all judging takes about `seconds`."""
         self.checked_by: TradeRow | None = None
+        self._foretold = True
         begin = trial.clock()
         self._end, self._longer = begin + seconds, trial.whole / trial.seconds
         whole = replace(trial, commands=commands, seconds=trial.whole, horizon=trial.scene.duration)
         able = [row for row in rows if row.bare_time_per_s * whole.seconds <= _EXPECTED * seconds]
-        finest = min(able, key=lambda row: (row.error, row.time_per_s), default=None)
-        if finest is None:
-            return
-        try:
-            self._whole = replace(whole, pilot=finest.as_solver).look(whole.as_the_whole(), _FINEST * seconds)
-        except ConvergenceError:
-            return
-        self.checked_by = finest
+        for finest in sorted(able, key=lambda row: (row.error, row.time_per_s)):
+            limit = begin + _FINEST * seconds - trial.clock()
+            if finest.bare_time_per_s * whole.seconds > limit:
+                continue
+            # A setting that does for the excerpt may be too coarse for what follows: then the next takes its place.
+            with suppress(ConvergenceError):
+                self._whole = replace(whole, pilot=finest.as_solver).look(whole.as_the_whole(), limit)
+                self.checked_by = finest
+                return
 
     def judge(self, row: TradeRow) -> Verdict:
         """Return the error of `row` over the whole scene: measured if there is time, else extrapolated.
 
+        Once a run to the end was worse than extrapolated, the excerpt does not tell what follows it: infinite then.
+        """
+        extrapolated = grown(row.error, self._longer)
+        measured = self._measured(row)
+        if measured is None:
+            return Verdict(extrapolated if self._foretold else math.inf, measured=False)
+        self._foretold = self._foretold and measured <= extrapolated
+        return Verdict(measured, measured=True)
+
+    def _measured(self, row: TradeRow) -> float | None:
+        """Return the error of `row` at the end of the scene, infinite if it is refused there; None if unknown.
+
         The run it is compared with has an error too: its share of the row's error is taken from the excerpt, at most 1.
         """
-        guess = Verdict(grown(row.error, self._longer), measured=False)
-        if self.checked_by is None or self.checked_by.solver == row.solver:
-            return guess
+        if self.checked_by is None:
+            return None
         whole = self._whole
         limit = self._end - whole.clock()
         if row.bare_time_per_s * whole.seconds > limit:
-            return guess
+            return None
+        # The row that others are compared with is itself compared with a finer run of its method.
+        own = self.checked_by.solver == row.solver
+        solver = _finer(row) if own else row.as_solver
+        if solver is None:
+            return None
         try:
-            flight = whole.fly(row.as_solver, whole.as_the_whole(), limit)
+            flight = whole.fly(solver, whole.as_the_whole(), limit)
         except ConvergenceError:
-            return Verdict(math.inf, measured=True)
+            return None if own else math.inf
         if flight is None or whole.end is None:
-            return guess
+            return None
         attitude, _, position = whole.differences(flight.sample, whole.end)
         share = min(1.0, self.checked_by.error / row.error) if row.error > 0.0 else 1.0
-        return Verdict(max(row.error, (1.0 + share) * whole.error(attitude, position)), measured=True)
+        return max(row.error, (1.0 + share) * whole.error(attitude, position))
+
+
+def _finer(row: TradeRow) -> Solver | None:
+    """Return the method of `row` with a finer setting; None for a closed form, which has none."""
+    if row.step is not None:
+        return Solver(row.method, step=0.5 * row.step, accuracy=None)
+    return Solver(row.method, accuracy=_TIGHTER * row.accuracy) if row.accuracy is not None else None
 
 
 def enough(rows: Sequence[TradeRow], target: float, trial: Excerpt, share: float) -> float | None:

@@ -153,7 +153,7 @@ class Recommendation:
 
     Attributes:
         solver: the line to paste.
-        reason: why this row.
+        reason: why this row, and whether its error was only extrapolated.
         row: its measurement on the excerpt.
         whole: its error at the end of the scene, which is the one compared with the target.
     """
@@ -183,7 +183,7 @@ class Trade:
         checked_by: the row that recommended rows were compared with at the end of the scene; None if the excerpt is the
             whole scene or there was no time for it.
         enough_s: measuring time (s) that would probably be enough; None if the excerpt is the whole scene, or no
-            measurement tells.
+            measurement tells, or no more than was given.
     """
 
     scene: str
@@ -231,6 +231,11 @@ class Trade:
             return f"{self.scene}: nothing could be measured ({why}); take other methods or give more time (--time)"
         if self.budget is not None:
             best = max((row.real_time_factor for row in self.rows if row.error <= HOPELESS), default=0.0)
+            if best >= self.budget:
+                return (
+                    f"{self.scene}: nothing measured at {self.budget:g} times real time or faster is known to follow "
+                    f"the motion for all {self.whole:g} s; ask for less (--budget) or give more time (--time)"
+                )
             return (
                 f"{self.scene}: nothing measured follows the motion at {self.budget:g} times real time, the fastest "
                 f"that does at {best:.3g}; ask for less (--budget)"
@@ -310,11 +315,13 @@ def recommend(
     target: float | None,
     budget: float | None,
     judge: Callable[[TradeRow], Verdict] = as_measured,
+    trial_s: float = 0.0,
 ) -> Recommendation | None:
     """Return the fastest row that meets `target`, or the most accurate that meets `budget`; None if there is none.
 
-    `judge` tells the error over the whole scene. A row that is `HOPELESS` meets no budget. If "auto" made the same run
-    as a named method, the named one is recommended.
+    `judge` tells the error over the whole scene; if it only extrapolates from the first `trial_s`, the reason says so.
+    A row that is `HOPELESS` meets no budget. If "auto" made the same run as a named method, the named one is
+    recommended.
     """
     rows = _apart(rows)
     if budget is not None:
@@ -332,6 +339,8 @@ def recommend(
     for row in able:
         verdict = judge(row)
         if verdict.error <= most:
+            if not verdict.measured:
+                reason += f" over the first {trial_s:g} s; extrapolated from there, not checked to the end"
             return Recommendation(row.solver, reason, row, verdict)
     return None
 

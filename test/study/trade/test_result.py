@@ -95,6 +95,13 @@ def test_auto_is_not_counted_as_a_method(methods: tuple[str, ...], said: str) ->
     assert ("nothing could be measured (rk4: refused)" in found.shortfall) is (not methods)
 
 
+def test_a_run_that_is_fast_enough_but_not_known_to_the_end_is_not_called_too_slow() -> None:
+    reference = Reference("taylor", "dop853", 0.0, 0.0, 0.0, 0.0, 1.0)
+    found = Trade("scene.yaml", 1.0, reference, (row(1e-6, 1e-12),), None, None, 10.0, {}, {}, (), 9.0, None)
+    assert "at 10 times real time or faster is known to follow the motion for all 9 s" in found.shortfall
+    assert "the fastest that does at 1e+06" in replace(found, budget=1e7).shortfall
+
+
 @pytest.mark.parametrize(
     ("method", "step", "accuracy", "line"),
     [
