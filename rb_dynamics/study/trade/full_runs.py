@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import replace
 
 from rb_dynamics.errors import ConvergenceError
@@ -46,15 +45,20 @@ class FullRuns:
             if finest.bare_time_per_s * whole.seconds > limit:
                 continue
             # A setting that does for the excerpt may be too coarse for what follows: then the next takes its place.
-            with suppress(ConvergenceError):
+            try:
                 self._whole = replace(whole, pilot=finest.as_solver).look(whole.as_the_whole(), limit)
+            except ConvergenceError:
+                # Refused, not out of time: the excerpt does not tell what follows.
+                self._foretold = self._foretold and trial.clock() >= begin + _FINEST * seconds
+            else:
                 self.checked_by = finest
                 return
 
     def judge(self, row: TradeRow) -> Verdict:
         """Return the error of `row` over the whole scene: measured if there is time, else extrapolated.
 
-        Once a run to the end was worse than extrapolated, the excerpt does not tell what follows it: infinite then.
+        Once a run to the end was refused or worse than extrapolated, the excerpt does not tell what follows it: then
+        an extrapolated error is infinite.
         """
         extrapolated = grown(row.error, self._longer)
         measured = self._measured(row)

@@ -64,6 +64,9 @@ def test_where_the_most_accurate_cannot_go_on_the_next_is_compared_with() -> Non
     _, whole = runs([exact, ROW])
     assert whole.checked_by is ROW
     assert whole.judge(exact).error == math.inf
+    _, none = runs([exact])
+    assert none.checked_by is None
+    assert none.judge(ROW).error == math.inf
 
 
 @pytest.mark.parametrize("budget", [None, 1.0])
