@@ -298,7 +298,7 @@ class WrenchChannels:
             for limit, part in ((channel.max_force, batch.wrench[:, :3]), (channel.max_torque, batch.wrench[:, 3:])):
                 if limit != math.inf:
                     with np.errstate(over="ignore"):  # what overflows is beyond every limit
-                        good[mine] &= np.sqrt((part[mine] ** 2).sum(axis=1)) < 0.999 * limit
+                        good[mine] &= np.linalg.norm(part[mine], axis=1) < 0.999 * limit
             good[mine] &= ~np.isin(batch.time_ns[mine], batch.time_ns[mine & ~good])
         table = CommandTable(
             batch.time_ns[good], batch.channel[good], held[good], batch.received.some(good.nonzero()[0])

@@ -42,7 +42,7 @@ class Edges(NamedTuple):
 
     def behind(self, index: int) -> Edges:
         """Return the edges from that of this index on."""
-        changes = int((self.kinds[:index] >= layout.CHANGE).sum())
+        changes = len((self.kinds[:index] & layout.CHANGE).nonzero()[0])
         return Edges(self.at[index:], self.kinds[index:], self.held[changes:])
 
     def before(self, index: int) -> Edges:
