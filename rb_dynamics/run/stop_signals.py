@@ -29,7 +29,7 @@ def stop_signals(handle: Callable[[int], None], *others: signal.Signals) -> Iter
 
 
 class Stopped(KeyboardInterrupt):
-    """SIGTERM or SIGHUP; handled wherever Ctrl-C is."""
+    """SIGTERM, SIGHUP or Ctrl-C; handled wherever Ctrl-C is."""
 
     def __init__(self, number: int) -> None:
         """Keep the `number` of the signal."""
@@ -41,11 +41,37 @@ class Stopped(KeyboardInterrupt):
 def interrupted_by_signals() -> Iterator[None]:
     """Treat SIGTERM and SIGHUP like Ctrl-C, once: further signals do not interrupt the closing of logs."""
     came: list[int] = []
+    _waiting.clear()
 
     def handle(number: int) -> None:
         came.append(number)
-        if len(came) == 1:
+        if len(came) > 1 and number != signal.SIGINT:
+            return
+        if _depth[0]:
+            _waiting.append(number)
+        else:
             raise Stopped(number)
 
-    with stop_signals(handle):
+    # Where Ctrl-C is ignored, as in the background of a script, it stays so.
+    interrupt = [signal.SIGINT] if signal.getsignal(signal.SIGINT) is signal.default_int_handler else []
+    with stop_signals(handle, *interrupt):
         yield
+
+
+# How many blocks of `uninterrupted` the main thread is in, and the signals that wait for their end.
+_depth, _waiting = [0], list[int]()
+
+
+@contextlib.contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Let signals of `interrupted_by_signals` wait until the block ends: a write half done would damage a log."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    _depth[0] += 1
+    try:
+        yield
+    finally:
+        _depth[0] -= 1
+        if _waiting and not _depth[0]:
+            raise Stopped(_waiting.pop(0))

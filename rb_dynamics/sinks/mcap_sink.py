@@ -43,6 +43,7 @@ from rb_dynamics.formats.messages import (
 from rb_dynamics.run.provenance import CHECKPOINT, INTERRUPTED, RESULT, RUN, SCENE, TOPICS, version
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.sink import AppliedWrench, Event, RejectedWrench, RunInfo, Status
+from rb_dynamics.run.stop_signals import uninterrupted
 from rb_dynamics.sinks.state_hash import StateHash
 
 if TYPE_CHECKING:
@@ -176,7 +177,7 @@ class McapSink:
 
     def _guarded(self, action: Callable[..., None], *arguments: object) -> None:
         """Run what writes; where the disk fails, finish the file with what has room before the error goes on."""
-        with self._lock:
+        with uninterrupted(), self._lock:
             if self._failure is not None:
                 raise self._failure
             try:

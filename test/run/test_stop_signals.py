@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from rb_dynamics.formats.bag_reader import read_bag
-from rb_dynamics.run.stop_signals import Stopped, interrupted_by_signals
+from rb_dynamics.run.stop_signals import Stopped, interrupted_by_signals, uninterrupted
 
 pytestmark = pytest.mark.usefixtures("signals_of_a_terminal")
 
@@ -80,3 +80,18 @@ def test_nohup_is_obeyed() -> None:
             signal.raise_signal(signal.SIGHUP)
     finally:
         signal.signal(signal.SIGHUP, before)
+
+
+def test_a_signal_waits_for_the_end_of_a_write() -> None:
+    written = []
+
+    def write() -> None:
+        with uninterrupted():
+            with uninterrupted():
+                os.kill(os.getpid(), signal.SIGTERM)
+            written.append("all")
+        written.append("more")
+
+    with pytest.raises(Stopped), interrupted_by_signals():
+        write()
+    assert written == ["all"]
