@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from rb_dynamics.loads.wrench import HeldWrench, held_of
 from rb_dynamics.motion import flight_kernel as layout
 from rb_dynamics.motion.adaptive_kernel import strides_by
+from rb_dynamics.motion.exact import EXACT
 from rb_dynamics.motion.fixed_step_kernel import LONGEST_STRETCH, OnDemand, kernel
 from rb_dynamics.motion.kernel_layout import CONSTANTS, PHASE, constant_numbers, phase_numbers, phase_of
 from rb_dynamics.motion.method import Inertia, Method
@@ -114,8 +115,7 @@ class Flown(NamedTuple):
         looks: (n, `PHASE`), the phases at the looks.
         here: the phase at the last edge.
         closed: whether the arc is in closed form.
-        by_method: whether a method with steps has led here.
-        by_closed_form: whether a closed form has.
+        methods: names of those that have moved the body.
         standing: of the arc.
         length_ns: of the arc before it, where it began on the way.
         arcs: what lies behind it.
@@ -129,8 +129,7 @@ class Flown(NamedTuple):
     looks: Numbers
     here: Phase
     closed: bool
-    by_method: bool
-    by_closed_form: bool
+    methods: tuple[str, ...]
     standing: Standing
     length_ns: int
     arcs: Arcs
@@ -231,6 +230,9 @@ def _flown(reason: int, f: list[float], w: list[int], rows: Numbers, standing: S
             arcs.driven_by[1].learnt, arcs.driven_by[1].following = learnt, following
         if not closed:
             method, control = arcs.driven_by
+    methods = (EXACT.name,) if w[layout.BY_CLOSED_FORM] else ()
+    if w[layout.BY_METHOD] and arcs.driven_by is not None:
+        methods = (*methods, arcs.driven_by[0].name)
     held = held_of(f[4:CONSTANTS])
     return Flown(
         reason,
@@ -241,8 +243,7 @@ def _flown(reason: int, f: list[float], w: list[int], rows: Numbers, standing: S
         rows,
         phase(layout.HERE),
         closed,
-        bool(w[layout.BY_METHOD]),
-        bool(w[layout.BY_CLOSED_FORM]),
+        methods,
         Standing(
             method,
             control,

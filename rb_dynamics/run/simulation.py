@@ -300,16 +300,16 @@ class Simulation:
             if edges is None:
                 self._one_by_one_ns = min(until_ns, self._ahead.known_ns)
             return False
-        self._used.update(dict.fromkeys(self._arc.methods))
+        before = self._arc.methods
         self._arc, flown = found
         self._arc.expected_ns = horizon_ns
         self._one_by_one_ns = int(edges.at[min(flown.edges, len(edges.at) - 1)])
         if flown.edges == 0:
             return False
         self._steps = self._steps_before + flown.steps_here
+        self._used.update(dict.fromkeys((*before, *flown.methods)))
         if flown.changes:
             self._steps_before += flown.steps
-            self._used.update(dict.fromkeys(self._arc.methods))
         self._report(edges, flown)
         self._channels.skip(self.time_ns)
         self._phase, self._held = flown.here, flown.standing.held

@@ -74,4 +74,6 @@ def uninterrupted() -> Iterator[None]:
     finally:
         _depth[0] -= 1
         if _waiting and not _depth[0]:
-            raise Stopped(_waiting.pop(0))
+            number = _waiting[0]
+            _waiting.clear()
+            raise Stopped(number)

@@ -133,6 +133,19 @@ def test_a_flight_that_cannot_go_on_ends_at_the_last_good_state_with_all_of_its_
     assert len(kept[0][0]) > 60
 
 
+def test_a_closed_form_between_two_driven_arcs_is_named(tmp_path: Path) -> None:
+    """What moves the body in the midst of a flight is in the log, whatever moves it before and after."""
+    rows: list[Any] = [
+        ("/b", STAMPED, k * 10**7, _command(k * 10**7, [0.0] * 6 if 100 <= k < 200 else [0.1, 0, 0, 0.02, 0.01, 0.03]))
+        for k in range(300)
+    ]
+    recorded = RecordedWrenches([write_rows(tmp_path / "a.mcap", rows)], ["a", "b"], SCENE.end_ns or 0)
+    one, together = _run(SCENE, list(recorded)), _run(SCENE, recorded)
+    assert one.method == together.method
+    assert "exact" in one.method
+    assert (one.sample, one.steps) == (together.sample, together.steps)
+
+
 def test_a_coast_with_outputs_is_flown_in_closed_form(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = replace(SCENE, channels=(), duration=20.0)
     flown, edge_by_edge = _Everything(), _Everything()
