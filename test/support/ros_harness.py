@@ -145,8 +145,14 @@ class Peer:
         give_up = time.monotonic() + TIMEOUT
         while not condition():
             if time.monotonic() > give_up:
-                raise AssertionError(f"waited {TIMEOUT:g} s for {what}")
+                raise AssertionError(f"waited {TIMEOUT:g} s for {what}; {self._last_report()}")
             self.executor.spin_once(timeout_sec=0.02)
+
+    def _last_report(self) -> str:
+        reports = self.heard.get("/diagnostics", [])
+        if not reports:
+            return "no diagnostics were heard"
+        return f"{len(reports)} diagnostics were heard, the last: {reports[-1].status[0].message}: {values(reports[-1])}"
 
     def spin(self, seconds: float) -> None:
         """Keep listening for a while."""
