@@ -82,6 +82,14 @@ class RigidBodyNode(Node):
         """
         # Accept undeclared parameters here; our own check names the valid ones.
         super().__init__("rigid_body", allow_undeclared_parameters=True, **kwargs)
+        try:
+            self._start(elsewhere)
+        except BaseException:
+            # A node that cannot start must not stay in the graph, where others would send it commands.
+            self.destroy_node()
+            raise
+
+    def _start(self, elsewhere: Sequence[str]) -> None:
         self._settings = settings = read_settings(self)
         scene = settings.scene
         self._topics = [channel.topic for channel in scene.channels]

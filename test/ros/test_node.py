@@ -241,6 +241,12 @@ def test_a_node_that_cannot_start_leaves_no_log_half_written(
     assert not log.exists() or read_bag(log).complete
 
 
+def test_a_node_that_cannot_start_leaves_the_graph(scene: Path, peer: Peer) -> None:
+    assert command(*node_arguments(scene, **{"qos_overrides./wrench.subscription.reliability": "perhaps"})).returncode
+    peer.spin(0.3)
+    assert "rigid_body" not in peer.node.get_node_names()
+
+
 def test_apply_at_stamp_waits_for_the_stamp_and_counts_late_ones(scene: Path, peer: Peer) -> None:
     with running(scene, start_paused=True, apply_at="stamp") as node:
         diagnostics = peer.diagnostics()

@@ -120,7 +120,7 @@ class Peer:
             publisher = self._publishers[topic] = self.node.create_publisher(WrenchStamped, topic, KEEP_ALL)
             self.until(lambda: publisher.get_subscription_count() > 0, f"a reader of {topic}")
             # The reader may find the writer a little later, and miss what is sent before.
-            self.spin(0.3)
+            self.spin(0.1)
         message = WrenchStamped()
         message.header.frame_id = frame_id
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, 1_000_000_000)
