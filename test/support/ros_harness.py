@@ -152,7 +152,8 @@ class Peer:
         reports = self.heard.get("/diagnostics", [])
         if not reports:
             return "no diagnostics were heard"
-        return f"{len(reports)} diagnostics were heard, the last: {reports[-1].status[0].message}: {values(reports[-1])}"
+        last = reports[-1]
+        return f"{len(reports)} diagnostics were heard, the last: {last.status[0].message}: {values(last)}"
 
     def spin(self, seconds: float) -> None:
         """Keep listening for a while."""
