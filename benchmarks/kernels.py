@@ -22,7 +22,7 @@ from itertools import pairwise
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Inertia, Method
 from rb_dynamics.motion.arc import Arc
-from rb_dynamics.motion.phase import Phase
+from rb_dynamics.motion.phase_state import PhaseState
 from rb_dynamics.motion.step_control import AccuracyControl, FixedStep, OwnControl, StepControl
 from rb_dynamics.numerics.compilation import available
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
@@ -33,7 +33,7 @@ INERTIA = Inertia(3.7, (1.6, 2.1, 2.9))
 HELD = HeldWrench((0.009, -0.004, 0.006), (0.003, -0.002, 0.0025), (0.001, 0.002, -0.003), (0.002, 0.0035, -0.003))
 # In motion: errors of the position are relative to the distance travelled.
 SUMS = (0.0, 0.0, 0.0, 1.1, -0.7, 0.4, *(0.0,) * 8)
-START = Phase(normalize((0.5, -0.1, 0.7, 0.5)), (0.7, -1.1, 0.9), SUMS, (0.0,) * 14)
+START = PhaseState(normalize((0.5, -0.1, 0.7, 0.5)), (0.7, -1.1, 0.9), SUMS, (0.0,) * 14)
 STEP = 0.001
 # For a horizon of 1 s; where the order is lower, what its steps can reach.
 ACCURACY, COARSER = 1e-7, {1: 1e-3, 2: 1e-5}

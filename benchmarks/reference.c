@@ -1,5 +1,5 @@
 /* The rk4 step of rb_dynamics in plain C, for the comparison alone: the arithmetic of rb_dynamics/motion/rk4.py and of
- * `grown` in rb_dynamics/motion/phase.py, operation by operation, so that -ffp-contract=off leaves the same bits
+ * `grown` in rb_dynamics/motion/phase_state.py, operation by operation, so that -ffp-contract=off leaves the same bits
  * (benchmarks/peers/c.py checks it). With books = 0 it is what one writes by hand who wants the state alone.
  *
  * Numbers as in rb_dynamics/motion/kernel_layout.py:

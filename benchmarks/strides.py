@@ -19,7 +19,7 @@ from rb_dynamics.loads.load import Takes
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.auto_method import COST_OF_A_STEP
-from rb_dynamics.motion.phase import Phase, in_principal_axes
+from rb_dynamics.motion.phase_state import PhaseState, in_principal_axes
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.scene.plan import Plan
 from rb_dynamics.scene.read import parse_scene
@@ -54,7 +54,7 @@ def measure(name: str, takes: Takes, accuracy: float, turn: int) -> tuple[float,
     scene = parse_scene(SCENE + EFFECTS[takes], overrides=solver)
     load_from = scene.combined_effects.load_from(0.0)
     load = None if load_from is None else (lambda phase: load_from(phase.point(scene.body)))
-    arc = Plan(scene).arc(in_principal_axes(scene.body, HELD), 0, Phase.of(scene.body, scene.initial), load)
+    arc = Plan(scene).arc(in_principal_axes(scene.body, HELD), 0, PhaseState.of(scene.body, scene.initial), load)
     begin = time.process_time()
     arc.advance(SECONDS * NANOSECONDS)
     return time.process_time() - begin, arc.steps_to(SECONDS * NANOSECONDS)

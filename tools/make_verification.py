@@ -34,7 +34,7 @@ from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import Inertia
 from rb_dynamics.motion.arc import Arc
 from rb_dynamics.motion.free_rotation import free_rotation
-from rb_dynamics.motion.phase import Phase
+from rb_dynamics.motion.phase_state import PhaseState
 from rb_dynamics.motion.step_control import FixedStep
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import IDENTITY, rotate
@@ -161,7 +161,7 @@ def walk(method: str, count: int, start: int) -> Walk:
     omega = scale(2.0 / norm(spin), spin)
     # In free motion `exact` takes the same steps as strang2, which numba compiles if it is installed.
     stepping = METHODS["strang2" if method == "exact" else method]
-    phase = Phase(IDENTITY, omega, (0.0,) * 14, (0.0,) * 14)
+    phase = PhaseState(IDENTITY, omega, (0.0,) * 14, (0.0,) * 14)
     arc = Arc(stepping, inertia, HeldWrench(), FixedStep(STEP), 0, phase)
 
     def energy(w: Vector) -> float:

@@ -9,7 +9,7 @@ from peers.problem import Answer, Problem, attitude_error, steps
 from peers.translate import answer, body_of, held_of, numbers_of, states_of
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.arc import Arc
-from rb_dynamics.motion.phase import Phase, inertia_of
+from rb_dynamics.motion.phase_state import PhaseState, inertia_of
 from rb_dynamics.motion.step_control import FixedStep
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 
@@ -49,7 +49,7 @@ def _stepped(problem: Problem, name: str, least: int) -> Answer:
     step = FixedStep(problem.hold / max(least, steps(problem, 0.03)))
     rows = []
     for numbers in numbers_of(problem).tolist():
-        phase = Phase(tuple(numbers[:4]), tuple(numbers[4:7]), tuple(numbers[7:21]), tuple(numbers[21:]))
+        phase = PhaseState(tuple(numbers[:4]), tuple(numbers[4:7]), tuple(numbers[7:21]), tuple(numbers[21:]))
         for k, held in enumerate(held_of(problem)):
             arc = Arc(METHODS[name], inertia_of(body), held, step, k * hold, phase)
             phase = arc.at((k + 1) * hold)

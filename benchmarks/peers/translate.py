@@ -8,7 +8,7 @@ import rb_dynamics as rb
 from peers.problem import Answer, Problem
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.kernel_layout import constant_numbers, phase_numbers, phase_of
-from rb_dynamics.motion.phase import Phase, in_principal_axes, inertia_of
+from rb_dynamics.motion.phase_state import PhaseState, in_principal_axes, inertia_of
 
 
 def body_of(problem: Problem) -> rb.RigidBody:
@@ -39,7 +39,7 @@ def held_of(problem: Problem) -> list[HeldWrench]:
 def numbers_of(problem: Problem) -> np.ndarray:
     """Return the initial states as the kernels have them: (n, 35)."""
     body = body_of(problem)
-    return np.array([phase_numbers(Phase.of(body, state)) for state in states_of(problem)])
+    return np.array([phase_numbers(PhaseState.of(body, state)) for state in states_of(problem)])
 
 
 def answer(problem: Problem, numbers: np.ndarray) -> Answer:

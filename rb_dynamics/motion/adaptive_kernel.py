@@ -23,7 +23,7 @@ from rb_dynamics.motion.kernel_layout import (
     write_phase,
 )
 from rb_dynamics.motion.method import Increment, Inertia, Method
-from rb_dynamics.motion.phase import MOMENTUM, Phase, grown, is_finite, total
+from rb_dynamics.motion.phase_state import MOMENTUM, PhaseState, grown, is_finite, total
 from rb_dynamics.motion.step_control import (
     AccuracyControl,
     Goal,
@@ -72,14 +72,14 @@ class Progress(NamedTuple):
 
     strides: int
     reached: int
-    phase: Phase
+    phase: PhaseState
     learnt: Learnt
     next_stride: int
-    after: Phase
+    after: PhaseState
     following: Learnt
 
 
-def run(constants: Constants, goal: Goal, learnt: Learnt, phase: Phase, room: int, count: int) -> Progress:
+def run(constants: Constants, goal: Goal, learnt: Learnt, phase: PhaseState, room: int, count: int) -> Progress:
     """Take at most `count` strides from `phase` on, as far as they end within `room` ns.
 
     Stops, with `next_stride` 0, before a stride that cannot be taken or whose accuracy cannot be reached.
@@ -97,18 +97,18 @@ def run(constants: Constants, goal: Goal, learnt: Learnt, phase: Phase, room: in
     return Progress(strides, reached, phase, learnt, 0, phase, learnt)
 
 
-def _choose(goal: Goal, learnt: Learnt, phase: Phase, constants: Constants) -> Stride:
+def _choose(goal: Goal, learnt: Learnt, phase: PhaseState, constants: Constants) -> Stride:
     """Placeholder for `by_trial` or the next function."""
     raise NotImplementedError
 
 
-def _by_method(goal: Goal, learnt: Learnt, phase: Phase, constants: Constants) -> Stride:
+def _by_method(goal: Goal, learnt: Learnt, phase: PhaseState, constants: Constants) -> Stride:
     """Return a stride chosen by the method itself, and take it."""
     chosen = by_method(goal, learnt, phase, constants)
     return Stride(chosen.length, _stepped(constants, phase, chosen.length / NANOSECONDS), learnt, 0.0)
 
 
-def _halves_and_whole(constants: Constants, phase: Phase, h: float) -> tuple[Phase, Phase]:
+def _halves_and_whole(constants: Constants, phase: PhaseState, h: float) -> tuple[PhaseState, PhaseState]:
     """Return the phase after two steps of h/2 s and after one of h s."""
     kept = other = phase
     # A loop, so that only one step is compiled.
@@ -119,7 +119,7 @@ def _halves_and_whole(constants: Constants, phase: Phase, h: float) -> tuple[Pha
     return kept, other
 
 
-def _pair_of_steps(constants: Constants, phase: Phase, h: float) -> tuple[Phase, Phase]:
+def _pair_of_steps(constants: Constants, phase: PhaseState, h: float) -> tuple[PhaseState, PhaseState]:
     """Return the phase after a step of h s, and the embedded result of one order less."""
     inertia, held = constants
     velocity = _velocity(inertia, phase)
@@ -127,25 +127,25 @@ def _pair_of_steps(constants: Constants, phase: Phase, h: float) -> tuple[Phase,
     return _grown(phase, step, h), _grown(phase, comparison, h)
 
 
-def _longest(constants: Constants, phase: Phase, accuracy: float, horizon: float) -> float:
+def _longest(constants: Constants, phase: PhaseState, accuracy: float, horizon: float) -> float:
     inertia, held = constants
     velocity = _velocity(inertia, phase)
     return _longest_step(inertia, held, velocity, phase.orientation, phase.angular_velocity, accuracy, horizon)
 
 
-def _stepped(constants: Constants, phase: Phase, h: float) -> Phase:
+def _stepped(constants: Constants, phase: PhaseState, h: float) -> PhaseState:
     inertia, held = constants
     velocity = _velocity(inertia, phase)
     return _grown(phase, _step(inertia, held, h, velocity, phase.orientation, phase.angular_velocity, None), h)
 
 
-def _velocity(inertia: Inertia, phase: Phase) -> Vector:
+def _velocity(inertia: Inertia, phase: PhaseState) -> Vector:
     return scale(1.0 / inertia.mass, total(phase, MOMENTUM))
 
 
-def _grown(phase: Phase, step: Increment, h: float) -> Phase:
+def _grown(phase: PhaseState, step: Increment, h: float) -> PhaseState:
     high, low = grown(phase.high, phase.low, step, h)
-    return Phase(step.orientation, step.angular_velocity, high, low)
+    return PhaseState(step.orientation, step.angular_velocity, high, low)
 
 
 def _step(*arguments: Any) -> Increment:
@@ -206,7 +206,7 @@ class Strides(OnDemand):
         self,
         constants: Constants,
         control: OwnControl | AccuracyControl,
-        phase: Phase,
+        phase: PhaseState,
         room: int,
         count: int,
         ahead: int,
@@ -226,7 +226,7 @@ class Strides(OnDemand):
         return Progress(strides, reached, end, learnt, next_stride, after, following)
 
 
-def _known(numbers: tuple[float, ...]) -> tuple[Phase, Learnt]:
+def _known(numbers: tuple[float, ...]) -> tuple[PhaseState, Learnt]:
     return phase_of(numbers[:PHASE]), Learnt(*numbers[PHASE:])
 
 

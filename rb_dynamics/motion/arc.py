@@ -17,16 +17,16 @@ from rb_dynamics.motion.adaptive_kernel import Progress, strides_by
 from rb_dynamics.motion.fixed_step_kernel import LONGEST_STRETCH, kernel
 from rb_dynamics.motion.flight import Standing
 from rb_dynamics.motion.method import Inertia, Load, Method
-from rb_dynamics.motion.phase import Phase
+from rb_dynamics.motion.phase_state import PhaseState
 from rb_dynamics.motion.step_control import AccuracyControl, FixedStep, OwnControl, StepControl, WholeArc
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import Quaternion, exp, multiply, rotate
 from rb_dynamics.numerics.vector import Vector, add, add_scaled, norm, scale, subtract
 
-LoadFrom = Callable[[Phase], Load]
+LoadFrom = Callable[[PhaseState], Load]
 """Returns the load in addition to the held wrench, for a step that starts in a phase."""
 
-OfPhase = Callable[[Phase], float]
+OfPhase = Callable[[PhaseState], float]
 
 
 class Outlook(NamedTuple):
@@ -41,7 +41,7 @@ class Outlook(NamedTuple):
     sight: OfPhase | None = None
 
 
-Choose = Callable[[Phase, Callable[[Method], "Stepper"]], tuple[Method, StepControl]]
+Choose = Callable[[PhaseState, Callable[[Method], "Stepper"]], tuple[Method, StepControl]]
 """Return method and control for the motion after a phase; both controls use the same unit of time."""
 
 _NO_OUTLOOK = Outlook()
@@ -69,7 +69,7 @@ class Arc:
         held: HeldWrench,
         control: StepControl,
         start_ns: int,
-        phase: Phase,
+        phase: PhaseState,
         load_from: LoadFrom | None = None,
         choose_again: Choose | None = None,
         outlook: Outlook = _NO_OUTLOOK,
@@ -93,7 +93,7 @@ class Arc:
         self._reached = 0
         self._strides = 0
         self._stride: int | None = None
-        self._after: Phase | None = None
+        self._after: PhaseState | None = None
 
     def _use(self, method: Method, control: StepControl) -> None:
         self._method, self._control = method, control
@@ -131,7 +131,7 @@ class Arc:
         if more:
             self._count(0)
 
-    def at(self, time_ns: int) -> Phase:
+    def at(self, time_ns: int) -> PhaseState:
         """Return the phase at `time_ns`, not before the last time requested nor the start.
 
         Raises:
@@ -265,24 +265,24 @@ class Stepper:
         self._method, self._inertia, self._held, self._load_from = method, inertia, held, load_from
         self._kernel = kernel(method) if load_from is None else None
 
-    def __call__(self, phase: Phase, h: float) -> Phase:
+    def __call__(self, phase: PhaseState, h: float) -> PhaseState:
         """Return the phase after a step of h s."""
         return phase.after(self._method.step(*self._arguments(phase, h)), h)
 
-    def stretch(self, phase: Phase, h: float, count: int, ahead: int, missed: int) -> Phase | None:
+    def stretch(self, phase: PhaseState, h: float, count: int, ahead: int, missed: int) -> PhaseState | None:
         """Return the phase after `count` steps of h s by a kernel; None if that is not possible."""
         if self._kernel is None:
             return None
         return self._kernel.after(self._inertia, self._held, h, count, phase, ahead, missed)
 
-    def pair(self, phase: Phase, h: float) -> tuple[Phase, Phase]:
+    def pair(self, phase: PhaseState, h: float) -> tuple[PhaseState, PhaseState]:
         """Return the phase after a step of h s, and the embedded result of one order less."""
         if self._method.pair is None:
             raise TypeError(f"{self._method.name} is no embedded pair")
         step, comparison = self._method.pair(*self._arguments(phase, h))
         return phase.after(step, h), phase.after(comparison, h)
 
-    def longest_step(self, phase: Phase, accuracy: float, horizon: float) -> float:
+    def longest_step(self, phase: PhaseState, accuracy: float, horizon: float) -> float:
         """Return the longest step (s) that adds at most accuracy * step / horizon to the error at the end."""
         if self._method.longest_step is None:
             raise TypeError(f"{self._method.name} does not know its own error")
@@ -296,15 +296,15 @@ class Stepper:
             horizon,
         )
 
-    def slowing(self, phase: Phase) -> float:
+    def slowing(self, phase: PhaseState) -> float:
         """Return the rate (1/s) at which drag makes differences of speed decay in `phase`; 0 without drag."""
         return 0.0 if self._outlook.slowing is None else self._outlook.slowing(phase)
 
-    def sight(self, phase: Phase) -> float:
+    def sight(self, phase: PhaseState) -> float:
         """Return for how long (s) from `phase` on the load there is a guide to the load ahead."""
         return math.inf if self._outlook.sight is None else self._outlook.sight(phase)
 
-    def steady(self, phase: Phase, longest: float) -> float:
+    def steady(self, phase: PhaseState, longest: float) -> float:
         """Return for how long (s), at most `longest`, the load stays close to that in `phase`.
 
         Until it has changed by half of its maximum on the path of a coasting body, sampled after about 1, 2, 4 ... ns.
@@ -332,11 +332,11 @@ class Stepper:
         return longest
 
     def _arguments(
-        self, phase: Phase, h: float
+        self, phase: PhaseState, h: float
     ) -> tuple[Inertia, HeldWrench, float, Vector, Quaternion, Vector, Load | None]:
         load = None if self._load_from is None else self._load_from(phase)
         velocity, omega = self._velocity(phase), phase.angular_velocity
         return self._inertia, self._held, h, velocity, phase.orientation, omega, load
 
-    def _velocity(self, phase: Phase) -> Vector:
+    def _velocity(self, phase: PhaseState) -> Vector:
         return scale(1.0 / self._inertia.mass, phase.linear_momentum_world)

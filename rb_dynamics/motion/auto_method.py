@@ -13,7 +13,7 @@ from types import MappingProxyType
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.load import Takes
 from rb_dynamics.motion.method import Method
-from rb_dynamics.motion.phase import Phase
+from rb_dynamics.motion.phase_state import PhaseState
 from rb_dynamics.motion.step_control import Advance, StepControl
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 
@@ -39,7 +39,7 @@ def cheapest(
     candidates: tuple[Method, ...],
     control_for: Callable[[Method], StepControl],
     advance_with: Callable[[Method], Advance],
-    phase: Phase,
+    phase: PhaseState,
     arc: float,
     rest: float,
 ) -> tuple[Method, StepControl]:
@@ -70,7 +70,7 @@ def cheapest(
     return best[1], best[2]
 
 
-def longest_stride(control: StepControl, advance: Advance, phase: Phase) -> float:
+def longest_stride(control: StepControl, advance: Advance, phase: PhaseState) -> float:
     """Return the longest stride (s) from `phase` on; the control has then learnt it.
 
     Raises:

@@ -31,7 +31,7 @@ from rb_dynamics.motion.kernel_layout import (
     write_phase_in,
 )
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Step
-from rb_dynamics.motion.phase import Phase, Sums
+from rb_dynamics.motion.phase_state import PhaseState, Sums
 from rb_dynamics.motion.step_checks import LARGEST_FREE_TURN, NO_INCREMENT
 from rb_dynamics.numerics.compilation import block, compiled_as, lane, specialise
 from rb_dynamics.numerics.rotation import Quaternion, rotate_inverse
@@ -306,7 +306,7 @@ class Mover:
                     q, w, high, low = self._plain(inertia, held, rest, 1, q, w, high, low)
             except ArithmeticError as error:
                 raise _out_of_range() from error
-            numbers = phase_numbers(Phase(q, w, high, low))
+            numbers = phase_numbers(PhaseState(q, w, high, low))
             if not all(map(math.isfinite, numbers)):
                 raise _out_of_range()
             yield numbers

@@ -35,7 +35,7 @@ from rb_dynamics.motion.kernel_layout import (
     write_phase,
 )
 from rb_dynamics.motion.method import Increment, Inertia, Method
-from rb_dynamics.motion.phase import Phase, Sums, grown
+from rb_dynamics.motion.phase_state import PhaseState, Sums, grown
 from rb_dynamics.numerics.compilation import available, compile_kernel, is_cached, specialise
 from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import Vector, scale
@@ -84,7 +84,7 @@ def run(
     high: Sums,
     low: Sums,
 ) -> tuple[Quaternion, Vector, Sums, Sums]:
-    """Return attitude, angular velocity and books (see `Phase`) after n steps of h s under `held`, in principal axes.
+    """Return attitude, angular velocity, books (see `PhaseState`) after n steps of h s under `held`; principal axes.
 
     Raises:
         ConvergenceError: a step cannot be solved; a compiled kernel returns NaN instead.
@@ -108,7 +108,7 @@ def _run_on_numbers(numbers: Numbers, h: float, n: int) -> None:
     inertia, held = constants_at(numbers)
     start = phase_at(numbers, CONSTANTS)
     q, w, high, low = run(inertia, held, h, n, start.orientation, start.angular_velocity, start.high, start.low)
-    write_phase(numbers, CONSTANTS, Phase(q, w, high, low))
+    write_phase(numbers, CONSTANTS, PhaseState(q, w, high, low))
 
 
 def plain(method: Method) -> Callable[..., tuple[Quaternion, Vector, Sums, Sums]]:
@@ -252,8 +252,8 @@ class Kernel(OnDemand):
         super().__init__(method.name, specialise(_run_on_numbers, name, run=plain(method)), _SIGNATURE)
 
     def after(
-        self, inertia: Inertia, held: HeldWrench, h: float, n: int, phase: Phase, ahead: int, missed: int
-    ) -> Phase | None:
+        self, inertia: Inertia, held: HeldWrench, h: float, n: int, phase: PhaseState, ahead: int, missed: int
+    ) -> PhaseState | None:
         """Return the phase after n steps of h s; None if they must be taken in plain Python.
 
         That is so if a step is refused, or if compiling is not worth it for `ahead` more steps; then `missed` of them

@@ -13,7 +13,7 @@ from rb_dynamics.motion.exact import EXACT
 from rb_dynamics.motion.fixed_step_kernel import LONGEST_STRETCH, OnDemand, kernel
 from rb_dynamics.motion.kernel_layout import CONSTANTS, PHASE, constant_numbers, phase_numbers, phase_of
 from rb_dynamics.motion.method import Inertia, Method
-from rb_dynamics.motion.phase import Phase, RoundingHistory
+from rb_dynamics.motion.phase_state import PhaseState, RoundingHistory
 from rb_dynamics.motion.step_control import AccuracyControl, FixedStep, Goal, Learnt, OwnControl, StepControl, WholeArc
 
 if TYPE_CHECKING:
@@ -73,11 +73,11 @@ class Standing(NamedTuple):
     control: StepControl
     held: HeldWrench
     start_ns: int
-    phase: Phase
+    phase: PhaseState
     reached: int
     strides: int
     stride: int
-    after: Phase
+    after: PhaseState
     choose_after: int
     learnt: Learnt = Learnt()
     following: Learnt = Learnt()
@@ -96,7 +96,7 @@ class Arcs(NamedTuple):
     """
 
     history: RoundingHistory
-    origin: Phase
+    origin: PhaseState
     driven: int
     driven_by: tuple[Method, StepControl] | None
     may_close: bool
@@ -127,7 +127,7 @@ class Flown(NamedTuple):
     steps: int
     steps_here: int
     looks: Numbers
-    here: Phase
+    here: PhaseState
     closed: bool
     methods: tuple[str, ...]
     standing: Standing
@@ -219,7 +219,7 @@ def _whole_numbers(standing: Standing, arcs: Arcs, grid: StepControl, closed: bo
 
 
 def _flown(reason: int, f: list[float], w: list[int], rows: Numbers, standing: Standing, arcs: Arcs) -> Flown:
-    def phase(first: int) -> Phase:
+    def phase(first: int) -> PhaseState:
         return phase_of(tuple(f[first : first + PHASE]))
 
     closed, (method, control) = bool(w[layout.CLOSED]), (standing.method, standing.control)

@@ -18,7 +18,7 @@ from rb_dynamics.motion.adaptive_kernel import FOREVER
 from rb_dynamics.motion.fixed_step_kernel import OnDemand
 from rb_dynamics.motion.kernel_layout import CONSTANTS, PHASE, constants_at, phase_at, write_phase
 from rb_dynamics.motion.method import Inertia
-from rb_dynamics.motion.phase import MOMENTUM, Phase, RoundingHistory, grown, is_finite, total, with_arc
+from rb_dynamics.motion.phase_state import MOMENTUM, PhaseState, RoundingHistory, grown, is_finite, total, with_arc
 from rb_dynamics.motion.step_checks import LARGEST_FREE_TURN, NO_INCREMENT
 from rb_dynamics.motion.step_control import Goal, Learnt, closed_form_rounding
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
@@ -118,7 +118,7 @@ def fly(
     return DONE
 
 
-def _begin_arc(f: Numbers, w: Whole, here: Phase, held: Numbers, driven: int, closed: bool) -> None:
+def _begin_arc(f: Numbers, w: Whole, here: PhaseState, held: Numbers, driven: int, closed: bool) -> None:
     """Begin an arc at the edge, in the phase that has been reached."""
     inertia = Inertia(f[0], (f[1], f[2], f[3]))
     course = RoundingHistory(f[HISTORY], f[HISTORY + 1], f[HISTORY + 2], f[HISTORY + 3], f[HISTORY + 4])
@@ -220,7 +220,7 @@ def _copy(source: Numbers, i: int, target: Numbers, j: int, count: int) -> None:
         target[j + k] = source[i + k]
 
 
-def _energy(f: Numbers, phase: Phase) -> float:
+def _energy(f: Numbers, phase: PhaseState) -> float:
     momentum, omega = total(phase, MOMENTUM), phase.angular_velocity
     return 0.5 * (dot(momentum, scale(1.0 / f[0], momentum)) + dot(omega, times((f[1], f[2], f[3]), omega)))
 
@@ -245,7 +245,7 @@ def _in_closed_form(numbers: Numbers, h: float, _: int) -> None:
     if not max(norm(omega), norm(step.angular_velocity)) * h < LARGEST_FREE_TURN:
         step = NO_INCREMENT
     high, low = grown(phase.high, phase.low, step, h)
-    write_phase(numbers, CONSTANTS, Phase(step.orientation, step.angular_velocity, high, low))
+    write_phase(numbers, CONSTANTS, PhaseState(step.orientation, step.angular_velocity, high, low))
 
 
 def _no_strides(numbers: Numbers, room: int, count: int) -> tuple[int, int, int]:  # noqa: ARG001

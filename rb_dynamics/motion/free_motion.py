@@ -10,7 +10,7 @@ from rb_dynamics.body.state import State
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.motion.fixed_step_kernel import OnDemand
 from rb_dynamics.motion.free_rotation import free_rotation
-from rb_dynamics.motion.phase import Phase, inertia_of, of_origin
+from rb_dynamics.motion.phase_state import PhaseState, inertia_of, of_origin
 from rb_dynamics.motion.step_checks import LARGEST_FREE_TURN
 from rb_dynamics.numerics.argument_checks import as_array, instance
 from rb_dynamics.numerics.rotation import multiply, renormalize
@@ -67,7 +67,7 @@ def free_motion(body: RigidBody, state: State, t: npt.ArrayLike) -> FreeMotion:
             f"t reaches {longest:g} s at {rate:g} rad/s, expected finite times and less than "
             f"{LARGEST_FREE_TURN:g} rad of turn; beyond that no digit of the attitude is known"
         )
-    start = Phase.of(body, state)
+    start = PhaseState.of(body, state)
     numbers = (
         *inertia_of(body).moments,
         *start.angular_velocity,

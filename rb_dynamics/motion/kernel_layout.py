@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Inertia
-from rb_dynamics.motion.phase import Phase, Sums
+from rb_dynamics.motion.phase_state import PhaseState, Sums
 from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import Vector
 
@@ -23,7 +23,7 @@ CONSTANTS = 16
 """Numbers of them: mass, principal moments, force and torque in principal axes, force and torque in world axes."""
 
 PHASE = 35
-"""Numbers of a phase: attitude, angular velocity, high sums, low sums; see `Phase`."""
+"""Numbers of a phase: attitude, angular velocity, high sums, low sums; see `PhaseState`."""
 
 
 def constant_numbers(inertia: Inertia, held: HeldWrench) -> tuple[float, ...]:
@@ -59,18 +59,18 @@ def write_held(rows: Numbers, i: int, held: HeldWrench) -> None:
     c[13, i], c[14, i], c[15, i] = held.torque_world
 
 
-def phase_numbers(phase: Phase) -> tuple[float, ...]:
+def phase_numbers(phase: PhaseState) -> tuple[float, ...]:
     """Return the `PHASE` numbers of `phase`."""
     return (*phase.orientation, *phase.angular_velocity, *phase.high, *phase.low)
 
 
-def phase_of(numbers: tuple[float, ...]) -> Phase:
+def phase_of(numbers: tuple[float, ...]) -> PhaseState:
     """Return the phase for these `PHASE` numbers."""
     s = numbers
-    return Phase((s[0], s[1], s[2], s[3]), (s[4], s[5], s[6]), s[7:21], s[21:])
+    return PhaseState((s[0], s[1], s[2], s[3]), (s[4], s[5], s[6]), s[7:21], s[21:])
 
 
-def phase_at(numbers: Numbers, i: int) -> Phase:
+def phase_at(numbers: Numbers, i: int) -> PhaseState:
     """Return the phase that begins at number i."""
     s = numbers
     high = (
@@ -81,10 +81,10 @@ def phase_at(numbers: Numbers, i: int) -> Phase:
         *(s[i + 21], s[i + 22], s[i + 23], s[i + 24], s[i + 25], s[i + 26], s[i + 27]),
         *(s[i + 28], s[i + 29], s[i + 30], s[i + 31], s[i + 32], s[i + 33], s[i + 34]),
     )
-    return Phase((s[i], s[i + 1], s[i + 2], s[i + 3]), (s[i + 4], s[i + 5], s[i + 6]), high, low)
+    return PhaseState((s[i], s[i + 1], s[i + 2], s[i + 3]), (s[i + 4], s[i + 5], s[i + 6]), high, low)
 
 
-def write_phase(numbers: Numbers, i: int, phase: Phase) -> None:
+def write_phase(numbers: Numbers, i: int, phase: PhaseState) -> None:
     """Write `phase` from number i on."""
     numbers[i], numbers[i + 1], numbers[i + 2], numbers[i + 3] = phase.orientation
     numbers[i + 4], numbers[i + 5], numbers[i + 6] = phase.angular_velocity

@@ -1,7 +1,7 @@
 """`Method`: advances a body by h under a held wrench. A method is data plus one pure function, its `step`.
 
 A step works in the principal axes of inertia and about the centre of mass, on plain floats. It returns increments,
-which one place (`Phase.after`) adds up with compensated summation. It depends on neither time nor files nor channels.
+which `PhaseState.after` adds up with compensated summation. It depends on neither time nor files nor channels.
 """
 
 from __future__ import annotations

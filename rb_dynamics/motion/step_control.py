@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, Protocol
 
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.motion.method import Inertia
-from rb_dynamics.motion.phase import MOMENTUM, POSITION, Phase, elapsed, gain, is_finite
+from rb_dynamics.motion.phase_state import MOMENTUM, POSITION, PhaseState, elapsed, gain, is_finite
 from rb_dynamics.motion.step_checks import NO_ATTITUDE
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import angle_between
@@ -22,22 +22,22 @@ from rb_dynamics.numerics.vector import Vector, norm, subtract
 class Advance(Protocol):
     """A method with its body and load."""
 
-    def __call__(self, phase: Phase, h: float) -> Phase:
+    def __call__(self, phase: PhaseState, h: float) -> PhaseState:
         """Return the phase after a step of h s."""
 
-    def pair(self, phase: Phase, h: float) -> tuple[Phase, Phase]:
+    def pair(self, phase: PhaseState, h: float) -> tuple[PhaseState, PhaseState]:
         """Return the phase after a step of h s, and the embedded result of one order less."""
 
-    def longest_step(self, phase: Phase, accuracy: float, horizon: float) -> float:
+    def longest_step(self, phase: PhaseState, accuracy: float, horizon: float) -> float:
         """Return the longest step in s that adds at most accuracy * step / horizon to the error at the end."""
 
-    def slowing(self, phase: Phase) -> float:
+    def slowing(self, phase: PhaseState) -> float:
         """Return the rate (1/s) at which drag makes differences of speed decay in `phase`; 0 without drag."""
 
-    def steady(self, phase: Phase, longest: float) -> float:
+    def steady(self, phase: PhaseState, longest: float) -> float:
         """Return for how long (s), at most `longest`, the load stays close to that in `phase`."""
 
-    def sight(self, phase: Phase) -> float:
+    def sight(self, phase: PhaseState) -> float:
         """Return for how long (s) from `phase` on the load there is a guide to the load ahead."""
 
 
@@ -118,7 +118,7 @@ class Stride(NamedTuple):
     """
 
     length: int
-    after: Phase
+    after: PhaseState
     learnt: Learnt
     error: float
 
@@ -134,7 +134,7 @@ class StepControl(Protocol):
     denominator: int
     parts: int
 
-    def stride(self, phase: Phase, advance: Advance) -> tuple[int, Phase | None]:
+    def stride(self, phase: PhaseState, advance: Advance) -> tuple[int, PhaseState | None]:
         """Return the length of the next stride and, if it was taken to choose it, the phase at its end."""
 
     def begin(self) -> None:
@@ -170,7 +170,7 @@ class FixedStep:
                 f"that many take days; take a step of {time / MOST_STEPS:.2g} s or more"
             )
 
-    def stride(self, phase: Phase, advance: Advance) -> tuple[int, Phase | None]:
+    def stride(self, phase: PhaseState, advance: Advance) -> tuple[int, PhaseState | None]:
         """Return the step; it has not been taken."""
         return self.length, None
 
@@ -192,7 +192,7 @@ class WholeArc:
         """Use the accepted error, and the rotation (rad) before the arc."""
         self._accuracy, self._turned = accuracy, turned
 
-    def require_known(self, start: Phase, end: Phase, h: float) -> None:
+    def require_known(self, start: PhaseState, end: PhaseState, h: float) -> None:
         """Check that rounding allows the accuracy after h s of motion from `start` to `end`.
 
         Raises:
@@ -207,7 +207,7 @@ class WholeArc:
                 "shorten the run"
             )
 
-    def stride(self, phase: Phase, advance: Advance) -> tuple[int, Phase | None]:
+    def stride(self, phase: PhaseState, advance: Advance) -> tuple[int, PhaseState | None]:
         """Return the whole arc; it has not been taken."""
         return self.length, None
 
@@ -230,7 +230,7 @@ class OwnControl:
         self.goal = Goal(accuracy, horizon, ends)
         self.learnt = self.following = Learnt()
 
-    def stride(self, phase: Phase, advance: Advance) -> tuple[int, Phase | None]:
+    def stride(self, phase: PhaseState, advance: Advance) -> tuple[int, PhaseState | None]:
         """Return the longest acceptable step; it has not been taken.
 
         Raises:
@@ -306,7 +306,7 @@ class AccuracyControl:
         self.embedded = embedded
         self.parts = 1 if embedded else 2
 
-    def stride(self, phase: Phase, advance: Advance) -> tuple[int, Phase | None]:
+    def stride(self, phase: PhaseState, advance: Advance) -> tuple[int, PhaseState | None]:
         """Return the length of an accepted stride and the phase at its end.
 
         Raises:
@@ -347,7 +347,7 @@ class _Trials:
         self._advance, self._embedded = advance, embedded
         self.refused: ConvergenceError | None = None
 
-    def attempt(self, phase: Phase, h: float) -> tuple[Phase, Phase]:
+    def attempt(self, phase: PhaseState, h: float) -> tuple[PhaseState, PhaseState]:
         advance = self._advance
         try:
             if self._embedded:
@@ -359,7 +359,7 @@ class _Trials:
             return nowhere, nowhere
 
 
-def by_trial(goal: Goal, learnt: Learnt, phase: Phase, trials: Any) -> Stride:
+def by_trial(goal: Goal, learnt: Learnt, phase: PhaseState, trials: Any) -> Stride:
     """Return a stride from `phase` on that meets `goal`, found by trial; its length is 0 if there is none.
 
     `trials` is passed to `_attempt`: in a kernel, body and wrench.
@@ -388,7 +388,7 @@ def by_trial(goal: Goal, learnt: Learnt, phase: Phase, trials: Any) -> Stride:
         h = min(following, (length - 1) / NANOSECONDS)
 
 
-def taught(goal: Goal, learnt: Learnt, phase: Phase, trials: Any, h: float, noise: float) -> Learnt:
+def taught(goal: Goal, learnt: Learnt, phase: PhaseState, trials: Any, h: float, noise: float) -> Learnt:
     """Return the state learnt from strides longer than h s: the one that leaves the smallest error to shorter ones.
 
     They are tried up to one whose results differ by more than rounding, or to the longest possible one. `noise` is the
@@ -415,7 +415,7 @@ def taught(goal: Goal, learnt: Learnt, phase: Phase, trials: Any, h: float, nois
     return Learnt(learnt.step, learnt.farthest, telling, told, now + telling)
 
 
-def by_method(goal: Goal, learnt: Learnt, phase: Phase, advance: Any) -> Stride:
+def by_method(goal: Goal, learnt: Learnt, phase: PhaseState, advance: Any) -> Stride:
     """Return the longest step from `phase` on that meets `goal` by the method's own error estimate.
 
     `advance` is passed to `_longest_step`: in a kernel, body and wrench.
@@ -426,7 +426,7 @@ def by_method(goal: Goal, learnt: Learnt, phase: Phase, advance: Any) -> Stride:
     return Stride(int(min(longest, _LONGEST)) if longest >= 1.0 else 0, phase, learnt, 0.0)
 
 
-def rounding(goal: Goal, phase: Phase, length: float) -> float:
+def rounding(goal: Goal, phase: PhaseState, length: float) -> float:
     """Return the rounding error at the end: each step of `length` ns rounds the rate, a random walk.
 
     0 for an open-ended run, which must not be stopped because of rounding over an assumed horizon.
@@ -437,7 +437,7 @@ def rounding(goal: Goal, phase: Phase, length: float) -> float:
     return _EPSILON * (1.0 + rate * rest) * math.sqrt(max(1.0, rest / (length / NANOSECONDS)))
 
 
-def closed_form_rounding(turned: float, start: Phase, end: Phase, h: float) -> float:
+def closed_form_rounding(turned: float, start: PhaseState, end: PhaseState, h: float) -> float:
     """Return the error that rounding adds to a turn of `turned` rad and then one of h s from `start` to `end`, rad."""
     return _EPSILON * (1.0 + (turned + max(norm(start.angular_velocity), norm(end.angular_velocity)) * h))
 
@@ -448,23 +448,23 @@ def _rounded_up(error: float) -> float:
     return math.ceil(error / unit) * unit
 
 
-def _attempt(trials: _Trials, phase: Phase, h: float) -> tuple[Phase, Phase]:
+def _attempt(trials: _Trials, phase: PhaseState, h: float) -> tuple[PhaseState, PhaseState]:
     """Return the phase after a stride of h s, and another for its error. A kernel has its own version."""
     return trials.attempt(phase, h)
 
 
-def _longest_step(advance: Advance, phase: Phase, accuracy: float, horizon: float) -> float:
+def _longest_step(advance: Advance, phase: PhaseState, accuracy: float, horizon: float) -> float:
     """Return the method's longest step. A kernel has its own version."""
     return advance.longest_step(phase, accuracy, horizon)
 
 
-def _first(goal: Goal, phase: Phase) -> float:
+def _first(goal: Goal, phase: PhaseState) -> float:
     rate = norm(phase.angular_velocity)
     return min(0.01 * goal.horizon, 0.1 / rate if rate > 0.0 else math.inf)
 
 
 def _estimate(
-    goal: Goal, farthest: float, phase: Phase, kept: Phase, other: Phase, h: float
+    goal: Goal, farthest: float, phase: PhaseState, kept: PhaseState, other: PhaseState, h: float
 ) -> tuple[float, float, float, float]:
     """Return the error that the stride of h s from `phase` to `kept` adds, and the largest distance.
 
@@ -494,18 +494,18 @@ def _estimate(
     return max(0.0, attitude) / parts, max(0.0, position) / parts, farthest, goal.noise * rounded / parts
 
 
-def _away(goal: Goal, phase: Phase) -> Vector:
+def _away(goal: Goal, phase: PhaseState) -> Vector:
     """Return the position of the centre of mass relative to that at the start of the run, m."""
     high, low = phase.high, phase.low
     return (high[0] - goal.x + low[0], high[1] - goal.y + low[1], high[2] - goal.z + low[2])
 
 
-def _rest(goal: Goal, phase: Phase) -> float:
+def _rest(goal: Goal, phase: PhaseState) -> float:
     """Return the remaining time (s) in which an error grows."""
     return max(goal.horizon - elapsed(phase), 1.0 / NANOSECONDS) if goal.ends else goal.horizon
 
 
-def _require_reachable(goal: Goal, phase: Phase, length: float) -> None:
+def _require_reachable(goal: Goal, phase: PhaseState, length: float) -> None:
     """Refuse an accuracy that rounding alone exceeds, with strides of `length` ns from `phase` on.
 
     Raises:

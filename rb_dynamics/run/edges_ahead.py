@@ -9,7 +9,7 @@ from rb_dynamics.loads.channels import WrenchChannels
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.flight import Edges
 from rb_dynamics.motion.flight_kernel import CHANGE, LOOK
-from rb_dynamics.motion.phase import in_principal_axes
+from rb_dynamics.motion.phase_state import in_principal_axes
 
 if TYPE_CHECKING:
     import numpy as np

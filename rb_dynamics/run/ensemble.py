@@ -22,7 +22,7 @@ from rb_dynamics.motion.batch_kernel import Schedule, mover
 from rb_dynamics.motion.fixed_step_kernel import LONGEST_STRETCH
 from rb_dynamics.motion.kernel_layout import PHASE, phase_numbers
 from rb_dynamics.motion.method import Method
-from rb_dynamics.motion.phase import Phase, inertia_of
+from rb_dynamics.motion.phase_state import PhaseState, inertia_of
 from rb_dynamics.motion.step_control import FixedStep, WholeArc
 from rb_dynamics.numerics.argument_checks import (
     as_array,
@@ -274,7 +274,8 @@ def driven_motion(
     steps, times = _Steps(method, step), _times(times_ns, state.time_ns)
     parts = (force_body, torque_body, force_world, torque_world)
     wrenches = _wrenches(len(times), 1, _particles([body]), _largest([body]), *parts)
-    properties, start = _mass_properties([body]), np.array([phase_numbers(Phase.of(body, state))], dtype=np.float64)
+    properties = _mass_properties([body])
+    start = np.array([phase_numbers(PhaseState.of(body, state))], dtype=np.float64)
     if truth(last_only, "last_only"):
         now = start
         for schedule in steps.schedules(state.time_ns, times, wrenches):
@@ -523,5 +524,5 @@ def _initial(body: RigidBody, states: Sequence[State]) -> Numbers:
 
     fields = State.__slots__[1:]
     columns: Any = [tuple(np.array([getattr(s, field) for s in states], dtype=np.float64).T) for field in fields]
-    phase = Phase.of(body, State(0, *columns))
+    phase = PhaseState.of(body, State(0, *columns))
     return np.stack([np.broadcast_to(row, (len(states),)) for row in phase_numbers(phase)], axis=-1)

@@ -9,7 +9,7 @@ from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.load import Load
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.equations_of_motion import differences_of, gyroscopic
-from rb_dynamics.motion.phase import Phase, inertia_of
+from rb_dynamics.motion.phase_state import PhaseState, inertia_of
 from rb_dynamics.numerics.rotation import Quaternion, rotate, rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector, add, cross, divide, dot, scale, subtract
 from rb_dynamics.numerics.vector import multiply as times
@@ -50,7 +50,7 @@ class Sample:
     potential_energy: float | None = None
 
 
-def kinetic_energy(body: RigidBody, phase: Phase) -> float:
+def kinetic_energy(body: RigidBody, phase: PhaseState) -> float:
     """Return T = p . p / 2m + w . I w / 2, J: translation (lecture 24, page 6) and rotation (eq. 26)."""
     momentum, omega = phase.linear_momentum_world, phase.angular_velocity
     return 0.5 * (dot(momentum, scale(1.0 / body.mass, momentum)) + dot(omega, times(body.principal_moments, omega)))
@@ -59,7 +59,7 @@ def kinetic_energy(body: RigidBody, phase: Phase) -> float:
 class SampleBuilder:
     """Computes samples: state, momenta, energies and the defects of their balances."""
 
-    def __init__(self, effects: CombinedEffects, phase: Phase) -> None:
+    def __init__(self, effects: CombinedEffects, phase: PhaseState) -> None:
         """Measure the defects from `phase` on; `effects` act on their body in addition to the wrenches."""
         self._body = body = effects.body
         self._potential, self._storing = effects.potential(), effects.storing()
@@ -67,7 +67,7 @@ class SampleBuilder:
         self._spin, self._momentum = phase.angular_momentum_world(body), phase.linear_momentum_world
         self._stored = self._storing(phase.point(body)).energy if self._storing else 0.0
 
-    def sample(self, phase: Phase, time_ns: int) -> Sample:
+    def sample(self, phase: PhaseState, time_ns: int) -> Sample:
         """Return the sample of the body in `phase`.
 
         The defects are the raw residuals of the balances T - T0 = W (lecture 24, page 8), L - L0 = int N dt (page 18)
@@ -103,7 +103,9 @@ class SampleBuilder:
         )
 
 
-def acceleration(body: RigidBody, phase: Phase, held: HeldWrench, load: Load | None = None) -> tuple[Vector, Vector]:
+def acceleration(
+    body: RigidBody, phase: PhaseState, held: HeldWrench, load: Load | None = None
+) -> tuple[Vector, Vector]:
     """Return the linear acceleration of the body origin (m/s^2) and the angular one (rad/s^2), both in body axes.
 
     Euler's equations (lecture 24, eqs. 18 and 19) and F = m dv/dt under `held` (body parts in principal axes) and

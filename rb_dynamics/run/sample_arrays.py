@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.motion.kernel_layout import phase_of
-from rb_dynamics.motion.phase import Phase
+from rb_dynamics.motion.phase_state import PhaseState
 from rb_dynamics.run.sample import kinetic_energy
 
 if TYPE_CHECKING:
@@ -125,7 +125,7 @@ class Samples:
         return self._phase.torque_impulse_world
 
     @cached_property
-    def _phase(self) -> Phase:
+    def _phase(self) -> PhaseState:
         return _phase(self._state)
 
     @cached_property
@@ -133,7 +133,7 @@ class Samples:
         return self._phase.state(self._body, 0)
 
 
-def _phase(state: Numbers) -> Phase:
+def _phase(state: Numbers) -> PhaseState:
     import numpy as np
 
     # Each number contiguous over all rows, which numpy processes fastest.

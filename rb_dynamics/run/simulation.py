@@ -25,7 +25,7 @@ from rb_dynamics.motion.arc import Arc, LoadFrom
 from rb_dynamics.motion.flight import Edges, Flown, pays
 from rb_dynamics.motion.flight_kernel import CHANGE, LOOK
 from rb_dynamics.motion.kernel_layout import phase_of
-from rb_dynamics.motion.phase import Phase, RoundingHistory, in_principal_axes
+from rb_dynamics.motion.phase_state import PhaseState, RoundingHistory, in_principal_axes
 from rb_dynamics.motion.step_control import WholeArc
 from rb_dynamics.numerics.argument_checks import instance, items, shown, time_count, whole_number
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
@@ -95,7 +95,7 @@ class Simulation:
         self.clipped = 0
         self._steps = self._steps_before = 0
         self._used: dict[str, None] = {}
-        phase = Phase.of(scene.body, scene.initial)
+        phase = PhaseState.of(scene.body, scene.initial)
         _require_finite(scene.body, phase, 0)
         self._observer = SampleBuilder(self._effects, phase)
         self._phase = phase
@@ -438,7 +438,7 @@ def _channels(scene: Scene, effects: CombinedEffects) -> WrenchChannels:
     return channels
 
 
-def _require_finite(body: RigidBody, phase: Phase, time_ns: int) -> None:
+def _require_finite(body: RigidBody, phase: PhaseState, time_ns: int) -> None:
     numbers = (*phase.high, *phase.low, *phase.orientation, *phase.angular_velocity, kinetic_energy(body, phase))
     if not all(map(math.isfinite, numbers)):
         raise ConvergenceError(

@@ -16,7 +16,7 @@ from rb_dynamics.motion.auto_method import CANDIDATES, cheapest
 from rb_dynamics.motion.exact import EXACT, has_closed_form, is_free
 from rb_dynamics.motion.flight import Arcs, Edges, Flown, fly
 from rb_dynamics.motion.flight_kernel import CHANGE
-from rb_dynamics.motion.phase import Phase, RoundingHistory, inertia_of
+from rb_dynamics.motion.phase_state import PhaseState, RoundingHistory, inertia_of
 from rb_dynamics.motion.step_control import AccuracyControl, FixedStep, OwnControl, StepControl, WholeArc
 from rb_dynamics.numerics.argument_checks import number
 from rb_dynamics.numerics.nanoseconds import SHORTEST_STEP
@@ -43,7 +43,7 @@ class Plan:
         self._scene = scene
         self._inertia = inertia_of(scene.body)
         self._accuracy = scene.solver.accuracy or DEFAULT_ACCURACY
-        self._from_ns, self._from, self._course = 0, Phase.of(scene.body, scene.initial), RoundingHistory()
+        self._from_ns, self._from, self._course = 0, PhaseState.of(scene.body, scene.initial), RoundingHistory()
         self._start = self._from.center_of_mass_world
         self._ends = bool(scene.duration)
         self._horizon = scene.duration or OPEN_END_HORIZON
@@ -69,7 +69,7 @@ class Plan:
             closed = "exact where the motion has a closed form; elsewhere " if self.takes == Takes.HELD else ""
             self.description = f"auto: {closed}the cheapest of {names}, {self._steps(None)}"
 
-    def arc(self, held: HeldWrench, start_ns: int, phase: Phase, load_from: LoadFrom | None) -> Arc:
+    def arc(self, held: HeldWrench, start_ns: int, phase: PhaseState, load_from: LoadFrom | None) -> Arc:
         """Return the motion from `start_ns` on, with `held` (body parts in principal axes) and the load of `load_from`.
 
         Raises:
@@ -122,12 +122,12 @@ class Plan:
         arc.resume(flown.standing)
         return arc, flown
 
-    def course(self, phase: Phase) -> RoundingHistory:
+    def course(self, phase: PhaseState) -> RoundingHistory:
         """Return the rounding history up to `phase`, which is on the last arc."""
         return self._course.on(self._inertia, self._from, phase)
 
     def _choose(
-        self, held: HeldWrench, start_ns: int, phase: Phase, steady: bool, stepper: Callable[[Method], Stepper]
+        self, held: HeldWrench, start_ns: int, phase: PhaseState, steady: bool, stepper: Callable[[Method], Stepper]
     ) -> tuple[Method, StepControl]:
         if self._method is None:
             # An arc that time never enters must leave no trace, so that commands of one time may come one by one.
@@ -144,7 +144,7 @@ class Plan:
             raise TypeError("a method with a name has been chosen at the start")
         return self._chosen
 
-    def _cheapest(self, phase: Phase, stepper: Callable[[Method], Stepper]) -> tuple[Method, StepControl]:
+    def _cheapest(self, phase: PhaseState, stepper: Callable[[Method], Stepper]) -> tuple[Method, StepControl]:
         # The length of an arc is unknown; the last one is the best guess, and initially the whole run.
         rest = max(self._horizon - phase.time, 1e-9) if self._ends else self._horizon
         arc = self._length_ns * 1e-9 or rest

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import BodyError
-from rb_dynamics.motion.phase import Phase
+from rb_dynamics.motion.phase_state import PhaseState
 from rb_dynamics.numerics import rotation
 from rb_dynamics.numerics.rotation import IDENTITY
 
@@ -194,7 +194,7 @@ class TestFromPrincipal:
 
         assert math.hypot(*body.principal_orientation_xyzw) == pytest.approx(1.0, abs=EPS)
         state = State(orientation_xyzw=(0.5, -0.1, 0.7, 0.5), angular_velocity_body=(1.0, 2.0, 3.0))
-        assert math.hypot(*Phase.of(body, state).orientation) == pytest.approx(1.0, abs=4.0 * EPS)
+        assert math.hypot(*PhaseState.of(body, state).orientation) == pytest.approx(1.0, abs=4.0 * EPS)
 
     def test_from_diagonal_leaves_every_bit(self) -> None:
         body = RigidBody.from_diagonal(1.0, (0.1, 0.2, 0.25))

@@ -23,7 +23,7 @@ from rb_dynamics.loads.rotor import Rotor
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.method import Increment
-from rb_dynamics.motion.phase import Phase
+from rb_dynamics.motion.phase_state import PhaseState
 from rb_dynamics.numerics.rotation import angle_between, exp, multiply, normalize
 from rb_dynamics.numerics.vector import Vector, add, add_scaled, cross, dot, norm, scale, subtract
 from rb_dynamics.run.simulation import Run, simulate
@@ -389,7 +389,7 @@ class TestWhatIsNotListed:
 def test_time_of_an_effect_is_that_of_the_run() -> None:
     """1e5 steps of 0.1 ms: the time that a load sees is the sum of all steps, rounded once."""
     zero = (0.0, 0.0, 0.0)
-    phase = Phase((0.0, 0.0, 0.0, 1.0), zero, (0.0,) * 14, (0.0,) * 14)
+    phase = PhaseState((0.0, 0.0, 0.0, 1.0), zero, (0.0,) * 14, (0.0,) * 14)
     for _ in range(100_000):
         phase = phase.after(Increment(zero, phase.orientation, zero, zero, zero, 0.0), 1e-4)
     assert phase.time == float(100_000 * Fraction(1e-4))

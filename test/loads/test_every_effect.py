@@ -19,7 +19,7 @@ from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.effect import Effect, Point
 from rb_dynamics.loads.effect_types import EFFECTS
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion.phase import in_principal_axes
+from rb_dynamics.motion.phase_state import in_principal_axes
 from rb_dynamics.numerics.rotation import exp, multiply, normalize, rotate, rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector, add, dot, norm, scale, subtract
 

@@ -11,7 +11,7 @@ from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Increment, Inertia, Method, adaptive_kernel
 from rb_dynamics.motion.arc import Arc, Choose
-from rb_dynamics.motion.phase import Phase
+from rb_dynamics.motion.phase_state import PhaseState
 from rb_dynamics.motion.step_control import AccuracyControl, OwnControl, StepControl
 from rb_dynamics.numerics import compilation
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
@@ -71,7 +71,7 @@ def case(method: Method, seed: int, choose_again: Choose | None = None) -> tuple
     held = HeldWrench(vector(1.0), vector(max(hard, 1.0)), vector(1.0), vector(1.0))
     spin = ZERO if r.random() < 0.1 else vector(10.0 ** r.uniform(-2.0, 1.0))
     attitude = normalize((r.gauss(0.0, 1.0), r.gauss(0.0, 1.0), r.gauss(0.0, 1.0), r.gauss(0.0, 1.0)))
-    phase = Phase(attitude, spin, (*vector(10.0), *vector(1.0), *ZERO, *ZERO, 0.0, 0.0), (0.0,) * 14)
+    phase = PhaseState(attitude, spin, (*vector(10.0), *vector(1.0), *ZERO, *ZERO, 0.0, 0.0), (0.0,) * 14)
     # The first trial is a hundredth of the horizon; it is to fail, but not many strides are to follow.
     time, part, loose = (500.0 * hard**-0.5, 0.015, 1e6) if hard else (10.0 ** r.uniform(-1.0, 0.5), 1.0, 1.0)
     accuracy, start = loose * 10.0 ** r.uniform(-6.0, -2.0), phase.center_of_mass_world
@@ -116,7 +116,7 @@ def test_what_cannot_be_kept_is_refused_in_the_same_words(monkeypatch: pytest.Mo
         for when in ("never", "always"):
             monkeypatch.setenv("RB_DYNAMICS_COMPILE", when)
             control = control_of(KINDS[kind], inertia, accuracy, 1.0, ends=True)
-            start = Phase((0.0, 0.0, 0.0, 1.0), (0.7 * spin, -spin, 0.9 * spin), (0.0,) * 14, (0.0,) * 14)
+            start = PhaseState((0.0, 0.0, 0.0, 1.0), (0.7 * spin, -spin, 0.9 * spin), (0.0,) * 14, (0.0,) * 14)
             ends.append(end(Arc(KINDS[kind], inertia, HeldWrench(), control, 0, start), NANOSECONDS))
         assert ends[0] == ends[1]
         assert ends[0][0] is ConvergenceError
@@ -140,9 +140,9 @@ def test_a_choice_is_made_after_the_same_strides(monkeypatch: pytest.MonkeyPatch
     ends = []
     for when, looks in (("never", ()), ("always", ()), ("always", tuple(k / 100.0 for k in range(1, 100)))):
         monkeypatch.setenv("RB_DYNAMICS_COMPILE", when)
-        asked: list[Phase] = []
+        asked: list[PhaseState] = []
 
-        def other(phase: Phase, stepper: object, asked: list[Phase] = asked) -> tuple[Method, StepControl]:
+        def other(phase: PhaseState, stepper: object, asked: list[PhaseState] = asked) -> tuple[Method, StepControl]:
             asked.append(phase)
             method = KINDS["doubling" if len(asked) == 2 else "low"]
             accuracy = 1e-6 if method.order == 2 else 1e-12

@@ -16,7 +16,7 @@ from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Increment, Inertia, Method
 from rb_dynamics.motion.arc import Arc
 from rb_dynamics.motion.method import Load
-from rb_dynamics.motion.phase import Phase, in_principal_axes, inertia_of
+from rb_dynamics.motion.phase_state import PhaseState, in_principal_axes, inertia_of
 from rb_dynamics.motion.step_control import AccuracyControl, FixedStep, StepControl
 from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import ZERO, Vector, scale
@@ -42,14 +42,14 @@ DRIFT = Method("drift", order=9, invariants=frozenset(), step=drift)
 
 def drifting(step: float, start_ns: int = 0) -> Arc:
     body = RigidBody.from_diagonal(1.0, (1.0, 1.0, 1.0))
-    phase = Phase.of(body, State(linear_velocity_world=(1.0, 0.0, 0.0)))
+    phase = PhaseState.of(body, State(linear_velocity_world=(1.0, 0.0, 0.0)))
     return Arc(DRIFT, inertia_of(body), HeldWrench(), FixedStep(step), start_ns, phase)
 
 
 def tumbling(control: StepControl, method: str = "rkmk4", start_ns: int = 0) -> Arc:
     case = forced()
     held = in_principal_axes(case.body, case.held)
-    return Arc(METHODS[method], inertia_of(case.body), held, control, start_ns, Phase.of(case.body, case.initial))
+    return Arc(METHODS[method], inertia_of(case.body), held, control, start_ns, PhaseState.of(case.body, case.initial))
 
 
 def controls(kind: str) -> StepControl:
@@ -162,14 +162,14 @@ class TestLooking:
     def test_the_start_is_the_phase_given(self) -> None:
         arc = tumbling(FixedStep(0.03))
 
-        assert arc.at(0) == Phase.of(forced().body, forced().initial)
+        assert arc.at(0) == PhaseState.of(forced().body, forced().initial)
         assert arc.steps_to(0) == 0
 
 
 class TestSums:
     def test_small_increments_to_a_large_sum_lose_nothing(self) -> None:
         """At 1e12 m one unit in the last place is 1.2e-4 m; each step moves by a tenth of it."""
-        phase = Phase((0.0, 0.0, 0.0, 1.0), ZERO, (1e12,) + (0.0,) * 13, (0.0,) * 14)
+        phase = PhaseState((0.0, 0.0, 0.0, 1.0), ZERO, (1e12,) + (0.0,) * 13, (0.0,) * 14)
         step = Increment((1e-5, 0.0, 0.0), phase.orientation, ZERO, ZERO, ZERO, 0.1)
         n = 100_000
         for _ in range(n):
@@ -180,7 +180,7 @@ class TestSums:
 
     @given(st.lists(st.floats(-1e16, 1e16), min_size=1, max_size=60))
     def test_a_sum_is_rounded_once(self, terms: list[float]) -> None:
-        phase = Phase((0.0, 0.0, 0.0, 1.0), ZERO, (0.0,) * 14, (0.0,) * 14)
+        phase = PhaseState((0.0, 0.0, 0.0, 1.0), ZERO, (0.0,) * 14, (0.0,) * 14)
         for term in terms:
             phase = phase.after(Increment(ZERO, phase.orientation, ZERO, (0.0, term, 0.0), ZERO, term), 0.0)
 

@@ -15,7 +15,7 @@ from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import METHODS, auto_method
 from rb_dynamics.motion.arc import Stepper
 from rb_dynamics.motion.auto_method import CANDIDATES, COST_OF_A_STEP, cheapest, longest_stride
-from rb_dynamics.motion.phase import Phase, in_principal_axes, inertia_of
+from rb_dynamics.motion.phase_state import PhaseState, in_principal_axes, inertia_of
 from rb_dynamics.motion.step_control import AccuracyControl, StepControl
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import angle_between
@@ -45,7 +45,7 @@ def test_keeps_the_accuracy_against_thirty_digits(accuracy: float) -> None:
     for time in case.states:
         if time > 0.0:
             plan = Plan(case.scene(Solver("auto", accuracy=accuracy), time))
-            start = Phase.of(case.body, case.initial)
+            start = PhaseState.of(case.body, case.initial)
             arc = plan.arc(in_principal_axes(case.body, case.held), 0, start, None)
             phase = arc.at(round(time * NANOSECONDS))
             found = errors(case, time, phase)
@@ -80,7 +80,7 @@ class TestChoice:
         monkeypatch.setattr(auto_method, "COST_OF_A_STEP", costs)
         plan = Plan(case.scene(Solver("auto", accuracy=1e-8), 10.0))
         held = in_principal_axes(case.body, case.held)
-        (found,) = plan.arc(held, 0, Phase.of(case.body, case.initial), None).methods
+        (found,) = plan.arc(held, 0, PhaseState.of(case.body, case.initial), None).methods
         return found
 
     def test_follows_the_cost(self, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -91,7 +91,7 @@ class TestChoice:
 
     def test_on_short_arcs_the_cost_of_a_step_decides(self) -> None:
         case = forced()
-        start, held = Phase.of(case.body, case.initial), in_principal_axes(case.body, case.held)
+        start, held = PhaseState.of(case.body, case.initial), in_principal_axes(case.body, case.held)
         inertia = inertia_of(case.body)
         methods = (METHODS["taylor"], METHODS["rk4"])
 
@@ -139,7 +139,7 @@ def test_commands_of_one_time_may_come_one_by_one() -> None:
 
 def test_a_control_it_returns_knows_its_stride() -> None:
     case = forced()
-    start, held = Phase.of(case.body, case.initial), in_principal_axes(case.body, case.held)
+    start, held = PhaseState.of(case.body, case.initial), in_principal_axes(case.body, case.held)
     control = AccuracyControl(1e-9, 10.0, 4, inertia_of(case.body), start=start.center_of_mass_world)
     stepper = Stepper(METHODS["rk4"], inertia_of(case.body), held, None)
     found = longest_stride(control, stepper, start)

@@ -11,7 +11,7 @@ from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Inertia, batch_kernel
 from rb_dynamics.motion.arc import Arc
-from rb_dynamics.motion.phase import Phase
+from rb_dynamics.motion.phase_state import PhaseState
 from rb_dynamics.motion.step_control import FixedStep
 from rb_dynamics.numerics import compilation
 from rb_dynamics.numerics.rotation import normalize
@@ -22,7 +22,7 @@ LANE_METHODS = [name for name in METHODS if name in batch_kernel._LANE_STEPS]
 needs_numba = pytest.mark.skipif(not compilation.available(), reason="nothing to compare with: numba is not installed")
 
 
-def case(r: random.Random, fastest: float) -> tuple[Inertia, HeldWrench, Phase]:
+def case(r: random.Random, fastest: float) -> tuple[Inertia, HeldWrench, PhaseState]:
     def vector(size: float) -> Vector:
         return (r.uniform(-size, size), r.uniform(-size, size), r.uniform(-size, size))
 
@@ -34,7 +34,7 @@ def case(r: random.Random, fastest: float) -> tuple[Inertia, HeldWrench, Phase]:
     high = (*vector(10.0), *vector(10.0), *([0.0] * 8))
     spin = scale(fastest * 10.0 ** r.uniform(-3.0, 0.0), vector(1.0))
     inertia = Inertia(10.0 ** r.uniform(-3.0, 3.0), (moments[0], moments[1], moments[2]))
-    return inertia, held, Phase(start, spin, high, (0.0,) * 14)
+    return inertia, held, PhaseState(start, spin, high, (0.0,) * 14)
 
 
 class Case:

@@ -10,7 +10,7 @@ from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Inertia, commutator_free
-from rb_dynamics.motion.phase import Phase
+from rb_dynamics.motion.phase_state import PhaseState
 from rb_dynamics.numerics.rotation import IDENTITY
 from rb_dynamics.numerics.vector import norm
 from rb_dynamics.run.sample import SampleBuilder
@@ -44,7 +44,7 @@ def test_order_drops_without(part: str) -> None:
 
 def test_momentum_balances_close_to_round_off() -> None:
     case = forced()
-    start = SampleBuilder(CombinedEffects(case.body), Phase.of(case.body, case.initial))
+    start = SampleBuilder(CombinedEffects(case.body), PhaseState.of(case.body, case.initial))
     sample = start.sample(move(case, METHODS["cf4"], 0.1, 5.0), 0)
 
     assert norm(sample.angular_momentum_defect_world) <= 300.0 * EPS

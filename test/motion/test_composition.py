@@ -14,7 +14,7 @@ from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Inertia
 from rb_dynamics.motion.composition import KAHAN_LI6, SUZUKI4, compose
 from rb_dynamics.motion.midpoint import MIDPOINT
-from rb_dynamics.motion.phase import Phase
+from rb_dynamics.motion.phase_state import PhaseState
 from rb_dynamics.motion.splitting import kick_free_kick
 from rb_dynamics.numerics.vector import norm
 from rb_dynamics.run.sample import SampleBuilder
@@ -61,7 +61,7 @@ class TestComposedMidpoint:
     @pytest.mark.parametrize("name", ["midpoint4", "midpoint6"])
     def test_closes_every_balance_under_every_wrench(self, name: str) -> None:
         case = forced()
-        start = SampleBuilder(CombinedEffects(case.body), Phase.of(case.body, case.initial))
+        start = SampleBuilder(CombinedEffects(case.body), PhaseState.of(case.body, case.initial))
         sample = start.sample(move(case, METHODS[name], 0.05, 5.0), 0)
 
         assert abs(sample.energy_defect) <= 300.0 * EPS

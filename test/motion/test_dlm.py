@@ -14,7 +14,7 @@ from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Inertia, dlm
 from rb_dynamics.motion.composition import SUZUKI4
 from rb_dynamics.motion.free_rotation import free_rotation
-from rb_dynamics.motion.phase import Phase
+from rb_dynamics.motion.phase_state import PhaseState
 from rb_dynamics.motion.splitting import kick_free_kick
 from rb_dynamics.numerics.rotation import IDENTITY, angle_between, rotate
 from rb_dynamics.numerics.vector import Vector, multiply, norm, subtract
@@ -75,7 +75,7 @@ def test_order_drops_with_a_changed_coefficient() -> None:
 @each
 def test_momentum_balances_close_to_round_off(name: str) -> None:
     case = forced()
-    start = SampleBuilder(CombinedEffects(case.body), Phase.of(case.body, case.initial))
+    start = SampleBuilder(CombinedEffects(case.body), PhaseState.of(case.body, case.initial))
     sample = start.sample(move(case, METHODS[name], 0.25, 5.0), 0)
 
     assert norm(sample.angular_momentum_defect_world) <= 300.0 * EPS

@@ -21,7 +21,7 @@ from rb_dynamics.errors import ConvergenceError, MissingExtraError, RigidBodyErr
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Inertia, Method, fixed_step_kernel
 from rb_dynamics.motion.arc import Arc, Stepper
-from rb_dynamics.motion.phase import Phase
+from rb_dynamics.motion.phase_state import PhaseState
 from rb_dynamics.motion.step_control import FixedStep
 from rb_dynamics.numerics import compilation
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
@@ -34,7 +34,7 @@ COMPILED = [name for name, method in METHODS.items() if method.compiles]
 needs_numba = pytest.mark.skipif(not compilation.available(), reason="nothing to compare with: numba is not installed")
 
 
-def case(r: random.Random, longest: float = 0.1) -> tuple[Inertia, HeldWrench, float, Phase]:
+def case(r: random.Random, longest: float = 0.1) -> tuple[Inertia, HeldWrench, float, PhaseState]:
     """Return a body, what acts on it, a step and a start; one in ten is symmetric, one in twenty at rest."""
 
     def vector(size: float) -> Vector:
@@ -51,10 +51,10 @@ def case(r: random.Random, longest: float = 0.1) -> tuple[Inertia, HeldWrench, f
     start = normalize((r.gauss(0.0, 1.0), r.gauss(0.0, 1.0), r.gauss(0.0, 1.0), r.gauss(0.0, 1.0)))
     high = (*vector(10.0), *vector(10.0), *ZERO, *ZERO, 0.0, 0.0)
     inertia = Inertia(10.0 ** r.uniform(-3.0, 3.0), (moments[0], moments[1], moments[2]))
-    return inertia, held, 10.0 ** r.uniform(-3.0, 0.0) * longest, Phase(start, spin, high, (0.0,) * 14)
+    return inertia, held, 10.0 ** r.uniform(-3.0, 0.0) * longest, PhaseState(start, spin, high, (0.0,) * 14)
 
 
-def end(method: Method, what: tuple[Inertia, HeldWrench, float, Phase], steps: float = 20.5) -> tuple[object, int]:
+def end(method: Method, what: tuple[Inertia, HeldWrench, float, PhaseState], steps: float = 20.5) -> tuple[object, int]:
     """Return where an arc ends, or why it does not, and the steps taken."""
     inertia, held, step, phase = what
     arc, time_ns = Arc(method, inertia, held, FixedStep(step), 0, phase), int(steps * step * NANOSECONDS)
@@ -306,7 +306,7 @@ def test_the_loop_of_a_kernel_is_the_loop_of_an_arc(monkeypatch: pytest.MonkeyPa
 
     found = run(inertia, held, 0.001, 20, phase.orientation, phase.angular_velocity, phase.high, phase.low)
 
-    assert repr(Phase(*found)) == repr(arc.at(20_000_000))
+    assert repr(PhaseState(*found)) == repr(arc.at(20_000_000))
 
 
 def test_a_load_that_varies_is_for_plain_python(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,12 +6,12 @@ import numpy as np
 
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import Inertia, kernel_layout
-from rb_dynamics.motion.phase import Phase
+from rb_dynamics.motion.phase_state import PhaseState
 
 INERTIA = Inertia(1.0, (2.0, 3.0, 4.0))
 HELD = HeldWrench((5.0, 6.0, 7.0), (8.0, 9.0, 10.0), (11.0, 12.0, 13.0), (14.0, 15.0, 16.0))
 HIGH, LOW = tuple(map(float, range(8, 22))), tuple(map(float, range(22, 36)))
-PHASE = Phase((1.0, 2.0, 3.0, 4.0), (5.0, 6.0, 7.0), HIGH, LOW)
+PHASE = PhaseState((1.0, 2.0, 3.0, 4.0), (5.0, 6.0, 7.0), HIGH, LOW)
 
 
 def test_a_line_of_numbers() -> None:

@@ -25,7 +25,7 @@ from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Increment, Inertia
 from rb_dynamics.motion.arc import Arc, LoadFrom
 from rb_dynamics.motion.method import Load, Takes
-from rb_dynamics.motion.phase import Phase, in_principal_axes, inertia_of
+from rb_dynamics.motion.phase_state import PhaseState, in_principal_axes, inertia_of
 from rb_dynamics.motion.step_control import FixedStep
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import Quaternion, angle_between, conjugate, multiply, rotate, rotate_inverse
@@ -73,7 +73,7 @@ def field(body: RigidBody, drag: float = 0.0) -> LoadFrom:
     """Return a load that depends on place, time and attitude and, with `drag`, on the velocities too."""
     mass, moments = inertia_of(body)
 
-    def load_from(phase: Phase) -> Load:
+    def load_from(phase: PhaseState) -> Load:
         start, begin = subtract(phase.center_of_mass_world, CENTER), phase.time
 
         def load(
@@ -92,15 +92,15 @@ def field(body: RigidBody, drag: float = 0.0) -> LoadFrom:
     return load_from
 
 
-def move(name: str, load_from: LoadFrom, steps: int, held: HeldWrench | None = None) -> Phase:
+def move(name: str, load_from: LoadFrom, steps: int, held: HeldWrench | None = None) -> PhaseState:
     case = forced()
     held = in_principal_axes(case.body, case.held if held is None else held)
-    start = Phase.of(case.body, case.initial)
+    start = PhaseState.of(case.body, case.initial)
     arc = Arc(METHODS[name], inertia_of(case.body), held, FixedStep(TIME / steps), 0, start, load_from)
     return arc.at(round(TIME * NANOSECONDS))
 
 
-def flat(phase: Phase) -> dict[str, NDArray[np.float64]]:
+def flat(phase: PhaseState) -> dict[str, NDArray[np.float64]]:
     return {
         "place": np.array(phase.center_of_mass_world),
         "momentum": np.array(phase.linear_momentum_world),
@@ -112,7 +112,7 @@ def flat(phase: Phase) -> dict[str, NDArray[np.float64]]:
     }
 
 
-def errors(phase: Phase, reference: dict[str, NDArray[np.float64]]) -> dict[str, float]:
+def errors(phase: PhaseState, reference: dict[str, NDArray[np.float64]]) -> dict[str, float]:
     found = flat(phase)
     if found["attitude"] @ reference["attitude"] < 0.0:
         found["attitude"] = -found["attitude"]
@@ -124,7 +124,7 @@ def by_scipy(drag: float) -> dict[str, NDArray[np.float64]]:
     """Return the end by DOP853 on (x, p, L, R as a matrix, W, J, K): everything in world axes, about the center."""
     case = forced()
     held = in_principal_axes(case.body, case.held)
-    start = Phase.of(case.body, case.initial)
+    start = PhaseState.of(case.body, case.initial)
     mass, diagonal = case.body.mass, np.diag(case.body.principal_moments)
     frame = Rotation.from_quat(start.orientation).as_matrix()
     z = np.array([0.0, 0.0, 1.0])
@@ -205,7 +205,7 @@ class TestOrder:
     def test_is_lost_where_the_load_forgets_the_time_inside_the_step(self, name: str) -> None:
         true = field(forced().body)
 
-        def frozen_from(phase: Phase) -> Load:
+        def frozen_from(phase: PhaseState) -> Load:
             load = true(phase)
             return lambda t, displacement, v, q, omega: load(0.0, displacement, v, q, omega)
 
@@ -222,8 +222,8 @@ ORIENTATION: Quaternion = (0.5, -0.1, 0.7, 0.5)
 OMEGA: Vector = (0.7, -1.1, 0.9)
 
 
-def phase_at(place: Vector) -> Phase:
-    return Phase(ORIENTATION, OMEGA, (*place, *scale(INERTIA.mass, VELOCITY), *(0.0,) * 8), (0.0,) * 14)
+def phase_at(place: Vector) -> PhaseState:
+    return PhaseState(ORIENTATION, OMEGA, (*place, *scale(INERTIA.mass, VELOCITY), *(0.0,) * 8), (0.0,) * 14)
 
 
 def one_step(name: str, load: LoadLike | None, h: float = 0.1, held: HeldWrench = HELD) -> Increment:

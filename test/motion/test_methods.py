@@ -14,7 +14,7 @@ from rb_dynamics.body.state import State
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, REMOVED, Increment, Inertia, Method, midpoint, rkmk
-from rb_dynamics.motion.phase import Phase
+from rb_dynamics.motion.phase_state import PhaseState
 from rb_dynamics.numerics import rotation
 from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import ZERO, Vector, add, cross, divide, dot, multiply, norm, scale, subtract
@@ -331,9 +331,9 @@ class TestMutations:
 
 
 def test_momentum_and_velocity_are_those_of_the_principal_axes() -> None:
-    """`Phase.of`: L = I w, and the center of mass moves with v + w x c; against body axes."""
+    """`PhaseState.of`: L = I w, and the center of mass moves with v + w x c; against body axes."""
     case = forced()
-    phase = Phase.of(case.body, case.initial)
+    phase = PhaseState.of(case.body, case.initial)
     w, c = case.initial.angular_velocity_body, case.body.center_of_mass
 
     in_body = tuple(math.fsum(row[i] * w[i] for i in range(3)) for row in case.body.inertia)

@@ -18,7 +18,7 @@ from rb_dynamics.motion.exact import EXACT
 from rb_dynamics.motion.free_rotation import free_rotation
 from rb_dynamics.motion.method import Method
 from rb_dynamics.motion.moser_veselov import _DENOMINATORS, DMV82, DMV104, DMV864, _preprocessing, flow
-from rb_dynamics.motion.phase import Phase
+from rb_dynamics.motion.phase_state import PhaseState
 from rb_dynamics.motion.splitting import ABA82_STAGES, ABA104_STAGES, ABA864_STAGES, Stages
 from rb_dynamics.numerics.rotation import IDENTITY, angle_between, matrix, rotate
 from rb_dynamics.numerics.vector import Vector, dot, multiply, norm, scale, subtract
@@ -178,9 +178,9 @@ class TestSplitting:
     @pytest.mark.parametrize("step", [0.05, 0.25])
     def test_closes_every_balance(self, method: Method, step: float) -> None:
         case = forced()
-        start, end = Phase.of(case.body, case.initial), move(case, method, step, 5.0)
+        start, end = PhaseState.of(case.body, case.initial), move(case, method, step, 5.0)
 
-        def kinetic(phase: Phase) -> float:
+        def kinetic(phase: PhaseState) -> float:
             w, p = phase.angular_velocity, phase.linear_momentum_world
             return 0.5 * (dot(w, multiply(case.body.principal_moments, w)) + dot(p, p) / case.body.mass)
 

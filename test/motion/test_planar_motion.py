@@ -16,7 +16,7 @@ from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.arc import Arc
 from rb_dynamics.motion.exact import EXACT, has_closed_form
-from rb_dynamics.motion.phase import Phase, inertia_of
+from rb_dynamics.motion.phase_state import PhaseState, inertia_of
 from rb_dynamics.motion.planar_motion import fixed_axis
 from rb_dynamics.motion.step_control import OwnControl, WholeArc
 from rb_dynamics.numerics.rotation import IDENTITY, angle_between, exp
@@ -42,7 +42,7 @@ def test_the_closed_form_is_what_the_full_equations_give(axis: int, rate: float,
     initial = State(
         orientation_xyzw=TILTED, linear_velocity_world=(1.0, 0.0, -1.0), angular_velocity_body=along(axis, rate)
     )
-    start = Phase.of(BODY, initial)
+    start = PhaseState.of(BODY, initial)
     reduced = Arc(EXACT, inertia_of(BODY), held, WholeArc(), 0, start).at(5_000_000_000)
     full = Arc(METHODS["taylor"], inertia_of(BODY), held, OwnControl(1e-13, 5.0), 0, start).at(5_000_000_000)
 

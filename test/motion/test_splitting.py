@@ -16,7 +16,7 @@ from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Inertia, splitting
 from rb_dynamics.motion.exact import EXACT
 from rb_dynamics.motion.method import Method
-from rb_dynamics.motion.phase import Phase
+from rb_dynamics.motion.phase_state import PhaseState
 from rb_dynamics.motion.splitting import ABA82_STAGES, ABA104_STAGES, ABA864_STAGES
 from rb_dynamics.numerics.rotation import angle_between
 from rb_dynamics.numerics.vector import norm, scale
@@ -123,7 +123,7 @@ class TestBalances:
     @pytest.mark.parametrize("step", [0.05, 0.5])
     def test_close_to_round_off_at_any_step(self, name: str, step: float) -> None:
         case = forced()
-        start = SampleBuilder(CombinedEffects(case.body), Phase.of(case.body, case.initial))
+        start = SampleBuilder(CombinedEffects(case.body), PhaseState.of(case.body, case.initial))
         sample = start.sample(move(case, METHODS[name], step, 5.0), 0)
 
         assert abs(sample.energy_defect) <= 1000.0 * EPS
@@ -173,7 +173,7 @@ def test_equal_kicks_are_not_all_rounded_the_same_way(name: str, part: float) ->
     """A sphere spins up by so many units in the last place a step: rounding is a random walk and no drift."""
     rate, h, steps = 1.3, 0.25, 200
     inertia, held = Inertia(1.0, (1.0, 1.0, 1.0)), HeldWrench(torque_body=(0.0, 0.0, part * EPS / h))
-    phase = Phase((0.1, 0.5, -0.5, 0.7), (0.0, 0.0, rate), (0.0,) * 14, (0.0,) * 14)
+    phase = PhaseState((0.1, 0.5, -0.5, 0.7), (0.0, 0.0, rate), (0.0,) * 14, (0.0,) * 14)
 
     for _ in range(steps):
         step = METHODS[name].step(inertia, held, h, (0.0,) * 3, phase.orientation, phase.angular_velocity)

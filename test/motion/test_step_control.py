@@ -24,7 +24,7 @@ from rb_dynamics.loads.load import Load, Takes
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import Increment, Inertia
 from rb_dynamics.motion.arc import Arc, Stepper
-from rb_dynamics.motion.phase import Phase, in_principal_axes, inertia_of
+from rb_dynamics.motion.phase_state import PhaseState, in_principal_axes, inertia_of
 from rb_dynamics.motion.step_control import AccuracyControl, FixedStep
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.vector import ZERO, Vector, norm, scale, subtract
@@ -39,7 +39,7 @@ from rb_dynamics.study.explain import explain
 def driven(case: Case, method: str, accuracy: float, horizon: float) -> Arc:
     held = in_principal_axes(case.body, case.held)
     plan = Plan(case.scene(Solver(method, accuracy=accuracy), horizon))
-    return plan.arc(held, 0, Phase.of(case.body, case.initial), None)
+    return plan.arc(held, 0, PhaseState.of(case.body, case.initial), None)
 
 
 def achieved(case: Case, method: str, accuracy: float, time: float) -> tuple[float, int]:
@@ -130,7 +130,7 @@ class TestPair:
 
         case, chosen = forced(), STEPPED[method]
         inertia, held = inertia_of(case.body), in_principal_axes(case.body, case.held)
-        start = Phase.of(case.body, case.initial)
+        start = PhaseState.of(case.body, case.initial)
         control = AccuracyControl(
             accuracy, time, chosen.order, inertia, start=start.center_of_mass_world, embedded=embedded
         )
@@ -168,7 +168,7 @@ class TestPair:
             case = forced()
             inertia, held = inertia_of(case.body), in_principal_axes(case.body, case.held)
             control = AccuracyControl(1e-8, 1.0, 5, inertia, start=ZERO, embedded=True)
-            arc = Arc(STEPPED["rkmk54"], inertia, held, control, 0, Phase.of(case.body, case.initial))
+            arc = Arc(STEPPED["rkmk54"], inertia, held, control, 0, PhaseState.of(case.body, case.initial))
             for look in looks:
                 arc.at(look)
             ends.append(arc.at(NANOSECONDS))
@@ -180,7 +180,7 @@ class TestPair:
         inertia, held = inertia_of(case.body), in_principal_axes(case.body, case.held)
         control = AccuracyControl(1e-5, 0.001, 5, inertia, start=ZERO, embedded=True)
 
-        phase = Arc(STEPPED["rkmk54"], inertia, held, control, 0, Phase.of(case.body, case.initial)).at(1_000_000)
+        phase = Arc(STEPPED["rkmk54"], inertia, held, control, 0, PhaseState.of(case.body, case.initial)).at(1_000_000)
 
         assert 100.0 < norm(phase.angular_velocity) < 1e4
 
@@ -199,7 +199,7 @@ class TestStride:
         phase = arc.at(1000 * NANOSECONDS)
 
         assert arc.steps_to(1000 * NANOSECONDS) <= 5
-        assert phase.state(case.body, 0) == Phase.of(case.body, case.initial).state(case.body, 0)
+        assert phase.state(case.body, 0) == PhaseState.of(case.body, case.initial).state(case.body, 0)
 
     def test_what_costs_no_error_costs_no_steps(self) -> None:
         """A force alone: every method gives the parabola exactly, however slow, fast or far away the body is."""
@@ -258,24 +258,24 @@ class Noisy:
     def __init__(self, error: float) -> None:
         self.error, self._random = error, random.Random(1)
 
-    def __call__(self, phase: Phase, h: float) -> Phase:
+    def __call__(self, phase: PhaseState, h: float) -> PhaseState:
         rate = 1.0 + self.error * h**3 + self._random.gauss(0.0, 1.0) * 2.0**-52
         still = phase.angular_velocity[0] - 1.0
         return phase.after(Increment(ZERO, phase.orientation, (rate + still, 0.0, 0.0), ZERO, ZERO, 0.0), h)
 
-    def pair(self, phase: Phase, h: float) -> tuple[Phase, Phase]:
+    def pair(self, phase: PhaseState, h: float) -> tuple[PhaseState, PhaseState]:
         raise NotImplementedError
 
-    def longest_step(self, phase: Phase, accuracy: float, horizon: float) -> float:
+    def longest_step(self, phase: PhaseState, accuracy: float, horizon: float) -> float:
         raise NotImplementedError
 
-    def slowing(self, phase: Phase) -> float:
+    def slowing(self, phase: PhaseState) -> float:
         return 0.0
 
-    def steady(self, phase: Phase, longest: float) -> float:
+    def steady(self, phase: PhaseState, longest: float) -> float:
         return longest
 
-    def sight(self, phase: Phase) -> float:
+    def sight(self, phase: PhaseState) -> float:
         return math.inf
 
 
@@ -354,7 +354,7 @@ class TestNoStepPassesOverAPlace:
     )
     def test_what_is_alike_for_long_costs_no_short_steps(self, load: Load, steady: float) -> None:
         stepper = Stepper(STEPPED["rk4"], Inertia(1.0, (1.0, 1.0, 1.0)), HeldWrench(), lambda phase: load)
-        moving = Phase((0.0, 0.0, 0.0, 1.0), (0.1, 0.0, 0.0), (*ZERO, 3.0, *(0.0,) * 10), (0.0,) * 14)
+        moving = PhaseState((0.0, 0.0, 0.0, 1.0), (0.1, 0.0, 0.0), (*ZERO, 3.0, *(0.0,) * 10), (0.0,) * 14)
 
         assert stepper.steady(moving, 36.0) == steady
 
@@ -419,7 +419,7 @@ class TestWhereRoundingHidesTheError:
     """Two results differ by roundings whatever the step: they are no error, and no error hides in them."""
 
     INERTIA = Inertia(1.0, (1.0, 1.0, 1.0))
-    START = Phase((0.0, 0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0,) * 14, (0.0,) * 14)
+    START = PhaseState((0.0, 0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0,) * 14, (0.0,) * 14)
     HORIZON, ACCURACY = 1e4, 1e-6
 
     def density(self, error: float, h: float) -> float:
@@ -477,7 +477,7 @@ class TestFixedStep:
     @pytest.mark.parametrize("step", [0.001, 1.0 / 3e3, 0.1, 1e-12, 123456.789, 5e-324, 3])
     def test_is_the_decimal_number_that_was_written(self, step: float) -> None:
         control = FixedStep(step)
-        phase = Phase.of(forced().body, forced().initial)
+        phase = PhaseState.of(forced().body, forced().initial)
 
         stride, after = control.stride(phase, lambda p, _: p)
 

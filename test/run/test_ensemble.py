@@ -20,7 +20,7 @@ from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.arc import Arc
 from rb_dynamics.motion.batch_kernel import Mover
-from rb_dynamics.motion.phase import Phase, in_principal_axes, inertia_of
+from rb_dynamics.motion.phase_state import PhaseState, in_principal_axes, inertia_of
 from rb_dynamics.motion.step_control import FixedStep, WholeArc
 from rb_dynamics.numerics import compilation
 from rb_dynamics.numerics.rotation import normalize
@@ -57,7 +57,7 @@ class Alone:
         self._body, self._method, self._control = body, METHODS[method], FixedStep(step)
         if self._method.order is None:
             self._control = WholeArc()
-        self._phase, self._time_ns = Phase.of(body, state), state.time_ns
+        self._phase, self._time_ns = PhaseState.of(body, state), state.time_ns
         self._observer = SampleBuilder(CombinedEffects(body), self._phase)
         self.hold(HeldWrench())
 

@@ -12,7 +12,7 @@ from motions import EPS, forced
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.loads.combined_effects import CombinedEffects
-from rb_dynamics.motion.phase import Phase
+from rb_dynamics.motion.phase_state import PhaseState
 from rb_dynamics.numerics import rotation
 from rb_dynamics.numerics.vector import ZERO, scale, subtract
 from rb_dynamics.run.sample import Sample, SampleBuilder, kinetic_energy
@@ -84,7 +84,7 @@ def particle_motion() -> list[tuple[Fraction, Point, Point]]:
 
 
 def sample(body: RigidBody) -> Sample:
-    phase = Phase.of(body, STATE)
+    phase = PhaseState.of(body, STATE)
     return SampleBuilder(CombinedEffects(body), phase).sample(phase, 42)
 
 
@@ -111,7 +111,9 @@ class TestParticles:
     def test_center_of_mass(self, body: RigidBody) -> None:
         center = times(1 / sum(MASSES), total([times(m, x) for m, x, _ in particle_motion()]))
 
-        assert Phase.of(body, STATE).center_of_mass_world == pytest.approx([float(c) for c in center], rel=8.0 * EPS)
+        assert PhaseState.of(body, STATE).center_of_mass_world == pytest.approx(
+            [float(c) for c in center], rel=8.0 * EPS
+        )
 
 
 class TestSample:
@@ -153,7 +155,7 @@ class TestDefects:
 
     def test_energy_that_nobody_put_in_shows_whole(self) -> None:
         case = forced()
-        phase = Phase.of(case.body, case.initial)
+        phase = PhaseState.of(case.body, case.initial)
         wrong = phase._replace(angular_velocity=tuple(1.001 * w for w in phase.angular_velocity))
 
         found = SampleBuilder(CombinedEffects(case.body), phase).sample(wrong, 0)
@@ -167,7 +169,7 @@ class TestDefects:
 
     def test_books_without_motion_show_with_the_opposite_sign(self) -> None:
         case = forced()
-        phase = Phase.of(case.body, case.initial)
+        phase = PhaseState.of(case.body, case.initial)
         high = list(phase.high)
         high[6:13] = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]  # impulse, torque impulse, work
 
@@ -180,7 +182,7 @@ class TestDefects:
 
     def test_baseline_is_the_start_not_zero(self) -> None:
         case = forced()
-        phase = Phase.of(case.body, case.initial)
+        phase = PhaseState.of(case.body, case.initial)
         later = phase._replace(angular_velocity=scale(2.0, phase.angular_velocity))
         first = SampleBuilder(CombinedEffects(case.body), phase).sample(phase, 0)
 

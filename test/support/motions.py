@@ -19,7 +19,7 @@ from rb_dynamics.loads.channels import Channel
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, WrenchFrames
 from rb_dynamics.motion.arc import Arc
 from rb_dynamics.motion.method import Method
-from rb_dynamics.motion.phase import Phase, in_principal_axes, inertia_of
+from rb_dynamics.motion.phase_state import PhaseState, in_principal_axes, inertia_of
 from rb_dynamics.motion.step_control import FixedStep
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import angle_between
@@ -128,14 +128,14 @@ def free(name: str) -> Case:
     return Case(body, initial, HeldWrench(), states)
 
 
-def move(case: Case, method: Method, step: float, duration: float) -> Phase:
+def move(case: Case, method: Method, step: float, duration: float) -> PhaseState:
     """Return where `method` brings the body of `case` with a fixed step."""
     held = in_principal_axes(case.body, case.held)
-    arc = Arc(method, inertia_of(case.body), held, FixedStep(step), 0, Phase.of(case.body, case.initial))
+    arc = Arc(method, inertia_of(case.body), held, FixedStep(step), 0, PhaseState.of(case.body, case.initial))
     return arc.at(round(duration * NANOSECONDS))
 
 
-def errors(case: Case, time: float, phase: Phase) -> dict[str, float]:
+def errors(case: Case, time: float, phase: PhaseState) -> dict[str, float]:
     """Return the error of each quantity of `phase` at `time`, with the reference subtracted at 50 digits."""
     reference, state = case.states[time], phase.state(case.body, 0)
     found = {

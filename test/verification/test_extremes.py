@@ -18,7 +18,7 @@ from rb_dynamics.errors import BodyError, ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench, Wrench
 from rb_dynamics.motion import Inertia
 from rb_dynamics.motion import free_rotation as closed_form
-from rb_dynamics.motion.phase import Phase
+from rb_dynamics.motion.phase_state import PhaseState
 from rb_dynamics.numerics import rotation
 from rb_dynamics.numerics.vector import ZERO, Vector, norm, scale
 from rb_dynamics.run.sample import Sample
@@ -100,7 +100,7 @@ class TestUnits:
         At the ends the torques are 1e-200 and 1e200 and the rates 1e-100 and 1e100: their third powers are no numbers.
         """
         case, s = forced(), 2.0**exponent
-        phase = Phase.of(case.body, case.initial)
+        phase = PhaseState.of(case.body, case.initial)
         velocity = scale(1.0 / case.body.mass, phase.linear_momentum_world)
         inertia = (case.body.mass, case.body.principal_moments)
         quick = HeldWrench(*(scale(s * s, part) for part in case.held))
@@ -160,11 +160,15 @@ class TestFarAway:
         assert b.linear_momentum_world == a.linear_momentum_world
         moved = [
             p - q
-            for p, q in zip(b.center_of_mass_world, Phase.of(far.body, far.initial).center_of_mass_world, strict=True)
+            for p, q in zip(
+                b.center_of_mass_world, PhaseState.of(far.body, far.initial).center_of_mass_world, strict=True
+            )
         ]
         also = [
             p - q
-            for p, q in zip(a.center_of_mass_world, Phase.of(here.body, here.initial).center_of_mass_world, strict=True)
+            for p, q in zip(
+                a.center_of_mass_world, PhaseState.of(here.body, here.initial).center_of_mass_world, strict=True
+            )
         ]
         assert math.dist(moved, also) <= 2.0 * math.ulp(1e12)
 

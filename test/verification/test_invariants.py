@@ -17,7 +17,7 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.arc import Arc
-from rb_dynamics.motion.phase import Phase, inertia_of
+from rb_dynamics.motion.phase_state import PhaseState, inertia_of
 from rb_dynamics.motion.step_control import FixedStep
 from rb_dynamics.numerics import rotation
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
@@ -58,7 +58,7 @@ class Drift:
 @cache
 def drift(method: str, step: float, count: int) -> Drift:
     case = tumbler()
-    start = Phase.of(case.body, case.initial)
+    start = PhaseState.of(case.body, case.initial)
     arc = Arc(METHODS[method], inertia_of(case.body), HeldWrench(), FixedStep(step), 0, start)
     t0, l0 = kinetic_energy(case.body, start), start.angular_momentum_world(case.body)
     energy = spin = unit = push = 0.0
@@ -139,7 +139,7 @@ def test_declared_invariants_are_kept_over_200000_steps(method: str, invariant: 
 def test_midpoint_closes_the_energy_balance_of_a_long_driven_run() -> None:
     """Its design: T changes by w . lambda exactly, in each step and under every held wrench."""
     case = forced()
-    start = Phase.of(case.body, case.initial)
+    start = PhaseState.of(case.body, case.initial)
 
     phase = move(case, METHODS["midpoint"], 0.01, 40.0)
 

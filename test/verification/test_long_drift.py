@@ -14,7 +14,7 @@ from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.arc import Arc
 from rb_dynamics.motion.method import Inertia
-from rb_dynamics.motion.phase import Phase
+from rb_dynamics.motion.phase_state import PhaseState
 from rb_dynamics.motion.step_control import FixedStep
 from rb_dynamics.numerics import compilation
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
@@ -50,7 +50,7 @@ def test_invariants_drift_like_roundings(name: str, count: int) -> None:
         HeldWrench(),
         FixedStep(STEP),
         0,
-        Phase(IDENTITY, SPIN, (0.0,) * 14, (0.0,) * 14),
+        PhaseState(IDENTITY, SPIN, (0.0,) * 14, (0.0,) * 14),
     )
 
     phase = arc.at(count * round(STEP * NANOSECONDS))

@@ -15,7 +15,7 @@ from word_series import QUANTITIES, TIME
 
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.combined_effects import CombinedEffects
-from rb_dynamics.motion.phase import Phase
+from rb_dynamics.motion.phase_state import PhaseState
 from rb_dynamics.numerics.vector import norm
 from rb_dynamics.run.sample import SampleBuilder
 
@@ -37,7 +37,7 @@ each_method = pytest.mark.parametrize("method", STEPPED)
 def measured(method: str) -> dict[str, list[float]]:
     """Return the error of each quantity and the defect of each balance at STEPS, down to round-off; inf if refused."""
     case = forced()
-    start = SampleBuilder(CombinedEffects(case.body), Phase.of(case.body, case.initial))
+    start = SampleBuilder(CombinedEffects(case.body), PhaseState.of(case.body, case.initial))
     found: dict[str, list[float]] = {name: [] for name in (*QUANTITIES, *BALANCES)}
     for h in STEPS:
         try:

@@ -1,4 +1,4 @@
-"""`Phase`: the state inside a run, about the centre of mass and in principal axes, with work and impulses.
+"""`PhaseState`: the state inside a run, about the centre of mass and in principal axes, with work and impulses.
 
 It is converted from and to `State` only at the ends of a run and at outputs, so that conversions add no rounding.
 """
@@ -25,7 +25,7 @@ POSITION, MOMENTUM, IMPULSE, TORQUE_IMPULSE = 0, 3, 6, 9
 """Offset of each of these vectors among the sums."""
 
 
-class Phase(NamedTuple):
+class PhaseState(NamedTuple):
     """A point of phase space, with the accumulated work and impulses.
 
     Attributes:
@@ -42,7 +42,7 @@ class Phase(NamedTuple):
     low: Sums
 
     @classmethod
-    def of(cls, body: RigidBody, state: State) -> Phase:
+    def of(cls, body: RigidBody, state: State) -> PhaseState:
         """Return the phase of `body` in `state`, with work and impulses 0."""
         arm = rotate(state.orientation_xyzw, body.center_of_mass)
         omega = rotate_inverse(body.principal_orientation_xyzw, state.angular_velocity_body)
@@ -56,10 +56,10 @@ class Phase(NamedTuple):
             (0.0,) * _SUMS,
         )
 
-    def after(self, step: Increment, h: float) -> Phase:
+    def after(self, step: Increment, h: float) -> PhaseState:
         """Return the phase after a step of h s; the sums are compensated, see `grown`."""
         high, low = grown(self.high, self.low, step, h)
-        return Phase(step.orientation, step.angular_velocity, high, low)
+        return PhaseState(step.orientation, step.angular_velocity, high, low)
 
     @property
     def center_of_mass_world(self) -> Vector:
@@ -124,12 +124,12 @@ class RoundingHistory(NamedTuple):
     rates: float = 0.0
     speeds: float = 0.0
 
-    def on(self, inertia: Inertia, start: Phase, end: Phase) -> RoundingHistory:
+    def on(self, inertia: Inertia, start: PhaseState, end: PhaseState) -> RoundingHistory:
         """Return the same with an arc from `start` to `end`, see `with_arc`."""
         return with_arc(self, inertia, start, end)
 
 
-def with_arc(before: RoundingHistory, inertia: Inertia, start: Phase, end: Phase) -> RoundingHistory:
+def with_arc(before: RoundingHistory, inertia: Inertia, start: PhaseState, end: PhaseState) -> RoundingHistory:
     """Return `before` with an arc from `start` to `end`; between them nothing is faster than at one of them."""
     time = elapsed(end) - elapsed(start)
     rate, speed = norm(start.angular_velocity), norm(total(start, MOMENTUM)) / inertia.mass
@@ -170,13 +170,13 @@ def of_origin(
     )
 
 
-def total(phase: Phase, first: int) -> Vector:
+def total(phase: PhaseState, first: int) -> Vector:
     """Return the vector at offset `first` of the sums of `phase`."""
     h, low, i = phase.high, phase.low, first
     return (h[i] + low[i], h[i + 1] + low[i + 1], h[i + 2] + low[i + 2])
 
 
-def gain(before: Phase, after: Phase, first: int) -> Vector:
+def gain(before: PhaseState, after: PhaseState, first: int) -> Vector:
     """Return the change of the vector at offset `first` of the sums, however large its value."""
     a, b, c, d, i = after.high, after.low, before.high, before.low, first
     return (
@@ -186,12 +186,12 @@ def gain(before: Phase, after: Phase, first: int) -> Vector:
     )
 
 
-def elapsed(phase: Phase) -> float:
+def elapsed(phase: PhaseState) -> float:
     """Return the time since the start of the run, s."""
     return phase.high[13] + phase.low[13]
 
 
-def is_finite(phase: Phase) -> bool:
+def is_finite(phase: PhaseState) -> bool:
     """Return whether attitude, rate and sums are finite, and so is their total.
 
     The rounding error of a finite sum is finite.
