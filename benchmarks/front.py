@@ -20,7 +20,7 @@ from pathlib import Path
 
 import rb_dynamics as rb
 from rb_dynamics.formats.wrench_bags import read_wrenches
-from rb_dynamics.loads.load import Takes
+from rb_dynamics.loads.load import LoadDependence
 from rb_dynamics.motion import METHODS, splitting
 from rb_dynamics.motion.composition import SUZUKI4
 from rb_dynamics.scene.shipped import shipped
@@ -49,7 +49,7 @@ def measured(name: str, seconds: float) -> Runs:
     commands = read_wrenches(shipped(RECORDED[name]), topics) if name in RECORDED else ()
     found: Runs = {}
     # No kernel takes a load that varies.
-    for regime in REGIMES if scene.combined_effects.takes == Takes.HELD else ("plain",):
+    for regime in REGIMES if scene.combined_effects.takes == LoadDependence.HELD else ("plain",):
         os.environ["RB_DYNAMICS_COMPILE"] = REGIMES[regime]
         # Nothing is asked of the error, so that no setting is passed over on the way to it.
         result = rb.trade(scene, commands, budget=1e-9, time_s=seconds, clock=time.process_time)

@@ -15,7 +15,7 @@ import statistics
 import time
 
 from rb_dynamics.errors import ConvergenceError
-from rb_dynamics.loads.load import Takes
+from rb_dynamics.loads.load import LoadDependence
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.auto_method import COST_OF_A_STEP
@@ -36,9 +36,9 @@ initial:
 duration: 20
 """
 EFFECTS = {
-    Takes.HELD: "",
-    Takes.FIELD: "effects: [{type: central_gravity, gravitational_parameter: 2, gravity_gradient: true}]",
-    Takes.ANY: "effects: [{type: linear_drag, translation: 0.2, rotation: 0.03}, "
+    LoadDependence.HELD: "",
+    LoadDependence.FIELD: "effects: [{type: central_gravity, gravitational_parameter: 2, gravity_gradient: true}]",
+    LoadDependence.ANY: "effects: [{type: linear_drag, translation: 0.2, rotation: 0.03}, "
     "{type: rotor, axis_body: [0, 1, 1], axial_inertia: 0.1, spin_rate: 10}]",
 }
 HELD = HeldWrench((0.9, -0.4, 0.6), (0.3, -0.2, 0.25))
@@ -48,7 +48,7 @@ SECONDS = 2
 FINEST = {1: 1e-3, 2: 1e-5}
 
 
-def measure(name: str, takes: Takes, accuracy: float, turn: int) -> tuple[float, int]:
+def measure(name: str, takes: LoadDependence, accuracy: float, turn: int) -> tuple[float, int]:
     """Return the time (s) for two seconds of motion, and the strides taken; each turn from a start of its own."""
     solver = {"solver.method": name, "solver.accuracy": accuracy, "initial.angular_velocity_body[0]": 0.4 + 1e-3 * turn}
     scene = parse_scene(SCENE + EFFECTS[takes], overrides=solver)
@@ -62,7 +62,7 @@ def measure(name: str, takes: Takes, accuracy: float, turn: int) -> tuple[float,
 
 def main() -> None:
     prices: dict[str, list[float]] = {name: [] for name in COST_OF_A_STEP}
-    for takes in Takes:
+    for takes in LoadDependence:
         for accuracy in ACCURACIES:
             rows: list[tuple[float, int, str]] = []
             for name, method in METHODS.items():

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.effect import Effect, Point, Potential, Sight, Wrenching
-from rb_dynamics.loads.load import Takes
+from rb_dynamics.loads.load import LoadDependence
 from rb_dynamics.numerics.argument_checks import number, truth, vector
 from rb_dynamics.numerics.rotation import rotate, rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, cross, dot, norm, scale, subtract
@@ -30,7 +30,7 @@ class CentralGravity(Effect):
     """
 
     kind: ClassVar[str] = "central_gravity"
-    takes: ClassVar[Takes] = Takes.FIELD
+    takes: ClassVar[LoadDependence] = LoadDependence.FIELD
     keys: ClassVar[tuple[str, ...]] = ("gravitational_parameter", "center_world", "gravity_gradient")
 
     gravitational_parameter: float

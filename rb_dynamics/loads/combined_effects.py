@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, TypeVar
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.effect import Effect, Point, Sight, Slowing, Stored, Wrenching
-from rb_dynamics.loads.load import Load, Takes
+from rb_dynamics.loads.load import Load, LoadDependence
 from rb_dynamics.loads.wrench import WORLD, Wrench, WrenchFrames
 from rb_dynamics.numerics.argument_checks import shown
 from rb_dynamics.numerics.rotation import Quaternion
@@ -45,14 +45,14 @@ class CombinedEffects:
             _inside_the_step(effect, self.body, 0.0)
 
     @property
-    def takes(self) -> Takes:
+    def takes(self) -> LoadDependence:
         """What a method has to take."""
-        return max((effect.takes for effect in self.effects), default=Takes.HELD)
+        return max((effect.takes for effect in self.effects), default=LoadDependence.HELD)
 
     @property
     def varying(self) -> tuple[str, ...]:
         """Kinds of the effects whose load changes inside a step."""
-        return tuple(effect.kind for effect in self.effects if effect.takes > Takes.HELD)
+        return tuple(effect.kind for effect in self.effects if effect.takes > LoadDependence.HELD)
 
     def schedules(self) -> list[tuple[str, tuple[tuple[float, Wrench], ...]]]:
         """Return a channel name and the wrenches of each effect that holds some."""
@@ -219,9 +219,9 @@ def _ahead(effect: Effect, sight: Sight | None) -> Sight | None:
 def _inside_the_step(effect: Effect, body: RigidBody, start: float) -> Wrenching | None:
     """Return the load of an effect; no method is asked whether it can take one that is not declared."""
     part = effect.wrenching(body, start)
-    if part is not None and effect.takes == Takes.HELD:
+    if part is not None and effect.takes == LoadDependence.HELD:
         raise SceneError(
             f"{effect.kind}: has a load inside the step but takes is HELD, expected what the load depends on; declare "
-            "takes = Takes.FIELD (time, place, attitude) or Takes.ANY (velocities too) in the effect"
+            "takes = LoadDependence.FIELD (time, place, attitude) or LoadDependence.ANY (velocities too) in the effect"
         )
     return part

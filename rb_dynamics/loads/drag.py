@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.effect import Effect, Point, Slowing, Wrenching
-from rb_dynamics.loads.load import Takes
+from rb_dynamics.loads.load import LoadDependence
 from rb_dynamics.numerics.argument_checks import vector
 from rb_dynamics.numerics.rotation import conjugate, multiply, rotate, rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector, norm, scale, subtract
@@ -29,7 +29,7 @@ class _Drag(Effect):
         medium_velocity_world: u, m/s.
     """
 
-    takes: ClassVar[Takes] = Takes.ANY
+    takes: ClassVar[LoadDependence] = LoadDependence.ANY
     keys: ClassVar[tuple[str, ...]] = ("translation", "rotation", "medium_velocity_world")
     power: ClassVar[int]
 

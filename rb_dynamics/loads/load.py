@@ -29,8 +29,11 @@ class Load(Protocol):
         """
 
 
-class Takes(IntEnum):
-    """What a load depends on, and so what a method has to take; each kind includes the ones before it."""
+class LoadDependence(IntEnum):
+    """What a load depends on: an effect declares it, and a method declares the most it takes.
+
+    Each value includes the ones before it.
+    """
 
     HELD = 0
     """Nothing: held wrenches only."""
@@ -38,3 +41,7 @@ class Takes(IntEnum):
     """Time, place and attitude."""
     ANY = 2
     """The velocities too."""
+
+
+Takes = LoadDependence
+"""Former name, for plug-ins."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.effect import Effect, Point, Stored, Storing, Wrenching
-from rb_dynamics.loads.load import Takes
+from rb_dynamics.loads.load import LoadDependence
 from rb_dynamics.numerics.argument_checks import items, number, shown, vector
 from rb_dynamics.numerics.nanoseconds import on_nanosecond
 from rb_dynamics.numerics.rotation import rotate_inverse
@@ -47,7 +47,7 @@ class Rotor(Effect):
     """
 
     kind: ClassVar[str] = "rotor"
-    takes: ClassVar[Takes] = Takes.ANY
+    takes: ClassVar[LoadDependence] = LoadDependence.ANY
     keys: ClassVar[tuple[str, ...]] = ("axis_body", "axial_inertia", "spin_rate")
 
     axis_body: Vector

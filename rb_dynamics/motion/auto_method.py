@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 from rb_dynamics.errors import ConvergenceError
-from rb_dynamics.loads.load import Takes
+from rb_dynamics.loads.load import LoadDependence
 from rb_dynamics.motion.method import Method
 from rb_dynamics.motion.phase_state import PhaseState
 from rb_dynamics.motion.step_control import Advance, StepControl
@@ -22,11 +22,11 @@ COST_OF_A_STEP: Mapping[str, float] = MappingProxyType(
 )
 """Run time of an accepted stride, relative to one of `rk4`; measured by `benchmarks/strides.py`."""
 
-CANDIDATES: Mapping[Takes, tuple[str, ...]] = MappingProxyType(
+CANDIDATES: Mapping[LoadDependence, tuple[str, ...]] = MappingProxyType(
     {
-        Takes.HELD: ("taylor", "dop853", "dmv104", "dlm6", "rk4"),
-        Takes.FIELD: ("dop853", "dlm6", "dmv864", "rk4"),
-        Takes.ANY: ("dop853", "rk4", "radau"),
+        LoadDependence.HELD: ("taylor", "dop853", "dmv104", "dlm6", "rk4"),
+        LoadDependence.FIELD: ("dop853", "dlm6", "dmv864", "rk4"),
+        LoadDependence.ANY: ("dop853", "rk4", "radau"),
     }
 )
 """The methods on the front of speed and accuracy for each kind of load, in the order in which they are tried."""

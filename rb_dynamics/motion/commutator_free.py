@@ -9,7 +9,7 @@ import math
 from typing import NamedTuple
 
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
+from rb_dynamics.motion.method import Increment, Inertia, Load, LoadDependence, Method
 from rb_dynamics.motion.rkmk import StageContext, frame_of
 from rb_dynamics.motion.step_checks import LARGEST_TURN, require_finite, turns_too_far
 from rb_dynamics.numerics.rotation import IDENTITY, Quaternion, exp, multiply, renormalize, rotate, rotate_inverse
@@ -153,7 +153,9 @@ def method(name: str, order: int, table: StageProducts, source: str) -> Method:
     Raises:
         ConvergenceError: the step turns the body too far, or diverges.
     """
-    return Method(name, order, frozenset({"angular_momentum", "unit_quaternion"}), step, takes=Takes.ANY, compiles=True)
+    return Method(
+        name, order, frozenset({"angular_momentum", "unit_quaternion"}), step, takes=LoadDependence.ANY, compiles=True
+    )
 
 
 CF4 = method(

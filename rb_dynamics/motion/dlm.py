@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.composition import KAHAN_LI6, SUZUKI4
-from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Step, Takes
+from rb_dynamics.motion.method import Increment, Inertia, Load, LoadDependence, Method, Step
 from rb_dynamics.motion.splitting import Stages, Start, Way, advance, arrived, begin, kick_and_free, kick_free_kick
 from rb_dynamics.numerics.rotation import Quaternion, multiply
 from rb_dynamics.numerics.sincos import sincos
@@ -103,7 +103,7 @@ def _method(name: str, order: int, stages: Stages, scheme: str) -> Method:
         ConvergenceError: the body turns too far between two kicks.
     """
     return Method(
-        name, order, frozenset({"angular_momentum", "unit_quaternion"}), step, takes=Takes.FIELD, compiles=True
+        name, order, frozenset({"angular_momentum", "unit_quaternion"}), step, takes=LoadDependence.FIELD, compiles=True
     )
 
 

@@ -14,7 +14,7 @@ from rb_dynamics.motion.explicit_runge_kutta import (
     stage,
     total,
 )
-from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
+from rb_dynamics.motion.method import Increment, Inertia, Load, LoadDependence, Method
 from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import Vector, add_scaled, norm
 
@@ -200,7 +200,7 @@ DOP853 = Method(
     order=8,
     invariants=frozenset({"unit_quaternion"}),
     step=step,
-    takes=Takes.ANY,
+    takes=LoadDependence.ANY,
     pair=pair,
     compiles=True,
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.explicit_runge_kutta import Slopes, StepConstants, end, first, frame, stage
-from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
+from rb_dynamics.motion.method import Increment, Inertia, Load, LoadDependence, Method
 from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import Vector
 
@@ -89,7 +89,7 @@ DVERK = Method(
     order=6,
     invariants=frozenset({"unit_quaternion"}),
     step=step,
-    takes=Takes.ANY,
+    takes=LoadDependence.ANY,
     pair=pair,
     compiles=True,
 )

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
-from rb_dynamics.loads.load import Load, Takes
+from rb_dynamics.loads.load import Load, LoadDependence, Takes
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import Vector
@@ -115,9 +115,9 @@ class Method:
     invariants: frozenset[str]
     step: Step
     longest_step: LongestStep | None = None
-    takes: Takes = Takes.HELD
+    takes: LoadDependence = LoadDependence.HELD
     pair: Pair | None = None
     compiles: bool = False
 
 
-__all__ = ["Increment", "Inertia", "Load", "LongestStep", "Method", "Pair", "Step", "Takes"]
+__all__ = ["Increment", "Inertia", "Load", "LoadDependence", "LongestStep", "Method", "Pair", "Step", "Takes"]

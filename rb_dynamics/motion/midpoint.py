@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
+from rb_dynamics.motion.method import Increment, Inertia, Load, LoadDependence, Method
 from rb_dynamics.motion.step_checks import LARGEST_TURN, NO_INCREMENT, NOWHERE, turns_too_far
 from rb_dynamics.numerics.compilation import compiled_as
 from rb_dynamics.numerics.rotation import Quaternion, cayley, multiply, normalize, renormalize, rotate, rotate_inverse
@@ -254,6 +254,6 @@ MIDPOINT = Method(
     order=2,
     invariants=frozenset({"energy", "angular_momentum", "unit_quaternion"}),
     step=step,
-    takes=Takes.ANY,
+    takes=LoadDependence.ANY,
     compiles=True,
 )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
+from rb_dynamics.motion.method import Increment, Inertia, Load, LoadDependence, Method
 from rb_dynamics.motion.step_checks import require_finite, require_small_turn
 from rb_dynamics.numerics.rotation import Quaternion, dexpinv, exp, multiply, renormalize, rotate, rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, divide, dot, norm, scale
@@ -204,5 +204,5 @@ def _relative(correction: Array, z: Array, sizes: list[float]) -> float:
 
 
 RADAU = Method(
-    "radau", order=5, invariants=frozenset({"angular_momentum", "unit_quaternion"}), step=step, takes=Takes.ANY
+    "radau", order=5, invariants=frozenset({"angular_momentum", "unit_quaternion"}), step=step, takes=LoadDependence.ANY
 )

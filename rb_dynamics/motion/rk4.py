@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.equations_of_motion import differences_of, gyroscopic, half_product, turned
-from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
+from rb_dynamics.motion.method import Increment, Inertia, Load, LoadDependence, Method
 from rb_dynamics.motion.step_checks import no_rotation, require_finite
 from rb_dynamics.numerics.rotation import Quaternion, normalize, renormalize
 from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, dot, norm, scale
@@ -133,4 +133,6 @@ def _sum(a: Vector, b: Vector, c: Vector, d: Vector) -> Vector:
     )
 
 
-RK4 = Method("rk4", order=4, invariants=frozenset({"unit_quaternion"}), step=step, takes=Takes.ANY, compiles=True)
+RK4 = Method(
+    "rk4", order=4, invariants=frozenset({"unit_quaternion"}), step=step, takes=LoadDependence.ANY, compiles=True
+)

@@ -9,7 +9,7 @@ import math
 from typing import NamedTuple
 
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
+from rb_dynamics.motion.method import Increment, Inertia, Load, LoadDependence, Method
 from rb_dynamics.motion.step_checks import LARGEST_TURN, require_finite, turns_too_far
 from rb_dynamics.numerics.rotation import Quaternion, dexpinv, exp, multiply, renormalize, rotate, rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, divide, dot, norm, scale
@@ -280,5 +280,5 @@ def _slopes(f: StageContext, load: Load | None) -> tuple[_Slope, _Slope, _Slope,
 
 _INVARIANTS = frozenset({"angular_momentum", "unit_quaternion"})
 
-RKMK4 = Method("rkmk4", 4, _INVARIANTS, _rkmk4, takes=Takes.ANY, compiles=True)
-RKMK54 = Method("rkmk54", 5, _INVARIANTS, _rkmk54, takes=Takes.ANY, pair=_pair, compiles=True)
+RKMK4 = Method("rkmk4", 4, _INVARIANTS, _rkmk4, takes=LoadDependence.ANY, compiles=True)
+RKMK54 = Method("rkmk54", 5, _INVARIANTS, _rkmk54, takes=LoadDependence.ANY, pair=_pair, compiles=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.equations_of_motion import differences_of, gyroscopic
-from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
+from rb_dynamics.motion.method import Increment, Inertia, Load, LoadDependence, Method
 from rb_dynamics.motion.step_checks import LARGEST_TURN, require_finite, turns_too_far
 from rb_dynamics.numerics.rotation import Quaternion, exp, multiply, renormalize, rotate, rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, divide, dot, norm, scale
@@ -51,4 +51,6 @@ def step(
     return require_finite("euler", h, end)
 
 
-EULER = Method("euler", order=1, invariants=frozenset({"unit_quaternion"}), step=step, takes=Takes.ANY, compiles=True)
+EULER = Method(
+    "euler", order=1, invariants=frozenset({"unit_quaternion"}), step=step, takes=LoadDependence.ANY, compiles=True
+)

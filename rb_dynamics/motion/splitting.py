@@ -17,7 +17,7 @@ from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import exact
 from rb_dynamics.motion.composition import KAHAN_LI6
 from rb_dynamics.motion.free_rotation import free_rotation
-from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
+from rb_dynamics.motion.method import Increment, Inertia, Load, LoadDependence, Method
 from rb_dynamics.motion.step_checks import NO_INCREMENT, NOWHERE, require_finite
 from rb_dynamics.numerics.compilation import compiled_as
 from rb_dynamics.numerics.rotation import IDENTITY, Quaternion, multiply, renormalize, rotate, rotate_inverse
@@ -289,7 +289,7 @@ def method(
     Raises:
         ConvergenceError: the body turns so far between two kicks that they miss what the wrench does.
     """
-    return Method(name, order, exact.EXACT.invariants, step, takes=Takes.FIELD, compiles=True)
+    return Method(name, order, exact.EXACT.invariants, step, takes=LoadDependence.FIELD, compiles=True)
 
 
 _GAUSS = (math.sqrt(525.0 - 70.0 * math.sqrt(30.0)) / 70.0, math.sqrt(525.0 + 70.0 * math.sqrt(30.0)) / 70.0)

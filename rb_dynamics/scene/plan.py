@@ -8,7 +8,7 @@ from collections.abc import Callable
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.effect import Point
-from rb_dynamics.loads.load import Takes
+from rb_dynamics.loads.load import LoadDependence
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Method
 from rb_dynamics.motion.arc import Arc, LoadFrom, OfPhase, Outlook, Stepper
@@ -66,7 +66,7 @@ class Plan:
             self.description = "auto: exact, as nothing turns the body"
         else:
             names = ", ".join(CANDIDATES[self.takes])
-            closed = "exact where the motion has a closed form; elsewhere " if self.takes == Takes.HELD else ""
+            closed = "exact where the motion has a closed form; elsewhere " if self.takes == LoadDependence.HELD else ""
             self.description = f"auto: {closed}the cheapest of {names}, {self._steps(None)}"
 
     def arc(self, held: HeldWrench, start_ns: int, phase: PhaseState, load_from: LoadFrom | None) -> Arc:
@@ -186,10 +186,10 @@ def _of_phase(part: Callable[[Point], float], body: RigidBody) -> OfPhase:
 def _turns_nothing(scene: Scene) -> bool:
     """Return whether all effects are forces that are constant in the world."""
     held = [scene.frames.hold(wrench) for _, entries in scene.combined_effects.schedules() for _, wrench in entries]
-    return scene.combined_effects.takes == Takes.HELD and all(map(is_free, held))
+    return scene.combined_effects.takes == LoadDependence.HELD and all(map(is_free, held))
 
 
-def cannot_take(scene: Scene, method: Method, takes: Takes) -> str:
+def cannot_take(scene: Scene, method: Method, takes: LoadDependence) -> str:
     """Return the error message if `method` does not support the load of `scene`, which requires `takes`."""
     able = sorted(other.name for other in METHODS.usable() if other.takes >= takes)
     acting = ", ".join(scene.combined_effects.varying)

@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass, replace
 from rb_dynamics.body.plausibility import Symmetry, symmetry
 from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.effect_types import EFFECTS
-from rb_dynamics.loads.load import Takes
+from rb_dynamics.loads.load import LoadDependence
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.caching import clear_caches
@@ -234,11 +234,11 @@ def _modelled(scene: Scene) -> tuple[str, ...]:
         items = ["body: a particle, three degrees of freedom"]
     else:
         items = [f"body: rigid ({kind.value}), six degrees of freedom"]
-        if scene.combined_effects.takes == Takes.HELD and scene.solver.method in ("auto", EXACT.name):
+        if scene.combined_effects.takes == LoadDependence.HELD and scene.solver.method in ("auto", EXACT.name):
             items.append(f"rotation without torque: in closed form, {_FREE_ROTATION[kind]}")
             items.append("rotation about one principal axis: one angle, in closed form")
     items += [f"wrench channel {channel.topic}: held until its next command" for channel in scene.channels]
-    held = {effect.kind for effect in scene.effects if effect.takes == Takes.HELD}
+    held = {effect.kind for effect in scene.effects if effect.takes == LoadDependence.HELD}
     items += [
         f"effect {effect.kind}: "
         + ("held like a wrench" if effect.kind in held else "evaluated inside every step")

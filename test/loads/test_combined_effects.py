@@ -13,7 +13,7 @@ from rb_dynamics import Effect, Run, Solver, parse_scene, simulate
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.effect import Sight, Wrenching
-from rb_dynamics.loads.load import Takes
+from rb_dynamics.loads.load import LoadDependence
 from rb_dynamics.numerics.vector import ZERO
 
 SCENE = parse_scene("body: {mass: 1, inertia: {diagonal: [1, 1.5, 2]}}\nduration: 0.5\noutput_rate: 0")
@@ -23,7 +23,7 @@ PUSH = ((1.0, 0.0, 0.0), ZERO)
 class Own(Effect):
     """An effect that returns what it is told."""
 
-    kind, takes = "own", Takes.FIELD
+    kind, takes = "own", LoadDependence.FIELD
 
     def __init__(self, load: Any, sight: Any = math.inf) -> None:
         self.load, self.ahead = load, sight

@@ -18,7 +18,7 @@ from rb_dynamics.loads.central_gravity import CentralGravity
 from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.drag import LinearDrag, QuadraticDrag
 from rb_dynamics.loads.effect import Effect, Point, Wrenching
-from rb_dynamics.loads.load import Takes
+from rb_dynamics.loads.load import LoadDependence
 from rb_dynamics.loads.rotor import Rotor
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import METHODS
@@ -273,7 +273,7 @@ class TestRotor:
         expected = (0.4 * math.cos(angle), 0.4 * math.sin(angle), 0.7)
         assert sample.angular_velocity_body == pytest.approx(expected, abs=1e-10)
 
-    @pytest.mark.parametrize("name", sorted(name for name, m in METHODS.items() if m.takes == Takes.ANY))
+    @pytest.mark.parametrize("name", sorted(name for name, m in METHODS.items() if m.takes == LoadDependence.ANY))
     def test_keeps_the_momentum_of_the_whole(self, name: str) -> None:
         text = (
             SKEW + "\ninitial: {angular_velocity_body: [0.4, -0.2, 0.7]}\n"
@@ -432,7 +432,7 @@ class TestALoadInsideTheStepThatIsNotDeclared:
 
     class Undeclared(CentralGravity):
         kind = "undeclared"
-        takes = Takes.HELD
+        takes = LoadDependence.HELD
 
     class Late(Undeclared):
         def knots(self) -> tuple[float, ...]:
@@ -441,7 +441,7 @@ class TestALoadInsideTheStepThatIsNotDeclared:
         def wrenching(self, body: RigidBody, start: float) -> Wrenching | None:
             return super().wrenching(body, start) if start >= 0.5 else None
 
-    MESSAGE = r"undeclared: has a load inside the step but takes is HELD, .*; declare takes = Takes.FIELD"
+    MESSAGE = r"undeclared: has a load inside the step but takes is HELD, .*; declare takes = LoadDependence.FIELD"
 
     @pytest.mark.parametrize("method", ["auto", "taylor", "rk4", "strang2"])
     def test_is_refused_by_name(self, method: str) -> None:

@@ -10,7 +10,7 @@ from motions import errors, forced
 
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import ConvergenceError
-from rb_dynamics.loads.load import Takes
+from rb_dynamics.loads.load import LoadDependence
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import METHODS, auto_method
 from rb_dynamics.motion.arc import Stepper
@@ -32,9 +32,10 @@ DRIVEN = (
     "duration: 5\noutput_rate: 10\nwrenches: [{topic: a}, {topic: b}]\n"
 )
 EFFECTS = {
-    Takes.HELD: "effects: [{type: scheduled_wrench, schedule: [{time: 0, force: [1, 2, 0], torque: [0.3, 0, 0.2]}]}]",
-    Takes.FIELD: "effects: [{type: central_gravity, gravitational_parameter: 2, gravity_gradient: true}]",
-    Takes.ANY: "effects: [{type: linear_drag, translation: 0.2, rotation: 0.3}, "
+    LoadDependence.HELD: "effects: [{type: scheduled_wrench, "
+    "schedule: [{time: 0, force: [1, 2, 0], torque: [0.3, 0, 0.2]}]}]",
+    LoadDependence.FIELD: "effects: [{type: central_gravity, gravitational_parameter: 2, gravity_gradient: true}]",
+    LoadDependence.ANY: "effects: [{type: linear_drag, translation: 0.2, rotation: 0.3}, "
     "{type: rotor, axis_body: [0, 1, 1], axial_inertia: 0.1, spin_rate: 10}]",
 }
 
@@ -55,8 +56,8 @@ def test_keeps_the_accuracy_against_thirty_digits(accuracy: float) -> None:
 
 
 @pytest.mark.parametrize("accuracy", [1e-4, 1e-7, 1e-10])
-@pytest.mark.parametrize("takes", Takes)
-def test_keeps_the_accuracy_under_every_kind_of_load(takes: Takes, accuracy: float) -> None:
+@pytest.mark.parametrize("takes", LoadDependence)
+def test_keeps_the_accuracy_under_every_kind_of_load(takes: LoadDependence, accuracy: float) -> None:
     """The reference is another method, a hundred times finer than the finest; mild scenes, where errors do not grow."""
     reference = simulate(parse_scene(f"{DRIVEN}{EFFECTS[takes]}\nsolver: {{method: rkmk54, accuracy: 1.0e-12}}")).sample
     sample = simulate(parse_scene(f"{DRIVEN}{EFFECTS[takes]}\nsolver: {{method: auto, accuracy: {accuracy!r}}}")).sample
@@ -84,7 +85,7 @@ class TestChoice:
         return found
 
     def test_follows_the_cost(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        names = CANDIDATES[Takes.HELD]
+        names = CANDIDATES[LoadDependence.HELD]
         for wanted in names:
             costs = {name: 1e-9 if name == wanted else 1e9 for name in names}
             assert self.choose(costs, monkeypatch) == wanted
@@ -109,12 +110,16 @@ class TestChoice:
 
     def test_a_candidate_that_cannot_keep_the_accuracy_is_left_out(self) -> None:
         """1e-12 is beyond what rkmk4 can do in any number of steps; taylor can."""
-        run = simulate(parse_scene(f"{DRIVEN}{EFFECTS[Takes.HELD]}\nsolver: {{method: auto, accuracy: 1.0e-12}}"))
+        run = simulate(
+            parse_scene(f"{DRIVEN}{EFFECTS[LoadDependence.HELD]}\nsolver: {{method: auto, accuracy: 1.0e-12}}")
+        )
         assert set(run.method.split("+")) <= {"exact", "taylor", "dop853", "dlm6"}
 
     def test_none_that_can_is_an_error_that_says_what_can_be_had(self) -> None:
         with pytest.raises(ConvergenceError, match="cannot be kept"):
-            simulate(parse_scene(f"{DRIVEN}{EFFECTS[Takes.HELD]}\nsolver: {{method: auto, accuracy: 1.0e-17}}"))
+            simulate(
+                parse_scene(f"{DRIVEN}{EFFECTS[LoadDependence.HELD]}\nsolver: {{method: auto, accuracy: 1.0e-17}}")
+            )
 
 
 def test_commands_of_one_time_may_come_one_by_one() -> None:

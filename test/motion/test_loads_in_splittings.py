@@ -24,7 +24,7 @@ from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Increment, Inertia
 from rb_dynamics.motion.arc import Arc, LoadFrom
-from rb_dynamics.motion.method import Load, Takes
+from rb_dynamics.motion.method import Load, LoadDependence
 from rb_dynamics.motion.phase_state import PhaseState, in_principal_axes, inertia_of
 from rb_dynamics.motion.step_control import FixedStep
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
@@ -427,9 +427,10 @@ class TestEnergyOfALongOrbit:
 
 class TestWhatIsTaken:
     @pytest.mark.parametrize(
-        ("names", "kind"), [(FIELD, Takes.FIELD), (ANY, Takes.ANY), (["exact", "taylor"], Takes.HELD)]
+        ("names", "kind"),
+        [(FIELD, LoadDependence.FIELD), (ANY, LoadDependence.ANY), (["exact", "taylor"], LoadDependence.HELD)],
     )
-    def test_is_declared(self, names: list[str], kind: Takes) -> None:
+    def test_is_declared(self, names: list[str], kind: LoadDependence) -> None:
         assert {METHODS[name].takes for name in names} == {kind}
 
     @pytest.mark.parametrize("name", ["exact", "taylor"])

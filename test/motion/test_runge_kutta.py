@@ -16,7 +16,7 @@ from scipy.integrate import DOP853, solve_ivp
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Increment, Inertia, Method, dop853, radau, rkmk
-from rb_dynamics.motion.method import Load, Takes
+from rb_dynamics.motion.method import Load, LoadDependence
 from rb_dynamics.numerics import rotation
 from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, cross, dot, multiply, norm, scale, subtract
@@ -209,7 +209,7 @@ class TestUnderALoad:
 
     @each_method
     def test_is_declared(self, method: Method) -> None:
-        assert method.takes is Takes.ANY
+        assert method.takes is LoadDependence.ANY
         assert (method.pair is None) == (method.name not in ("rkmk54", "dverk", "dop853"))
 
 

@@ -20,7 +20,7 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.effect import Effect, Point
-from rb_dynamics.loads.load import Load, Takes
+from rb_dynamics.loads.load import Load, LoadDependence
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import Increment, Inertia
 from rb_dynamics.motion.arc import Arc, Stepper
@@ -282,7 +282,7 @@ class Noisy:
 class Layer(Effect):
     """Drag at 10/s where x is `center`, which falls by e in 10 m; `seen` where steps are told of it."""
 
-    kind, takes = "layer", Takes.ANY
+    kind, takes = "layer", LoadDependence.ANY
 
     def __init__(self, center: float = 0.0, *, seen: bool = False) -> None:
         self.center, self.seen = center, seen
@@ -362,7 +362,7 @@ class TestNoStepPassesOverAPlace:
 class Failing(Effect):
     """A force that has no value where `load` has none."""
 
-    kind, takes = "failing", Takes.FIELD
+    kind, takes = "failing", LoadDependence.FIELD
 
     def __init__(self, load: Callable[[Point], float]) -> None:
         self.load = load
@@ -565,7 +565,7 @@ class Atmosphere(Effect):
     """Linear drag of 10/s that falls by e in each 10 m of height."""
 
     kind = "atmosphere"
-    takes = Takes.ANY
+    takes = LoadDependence.ANY
 
     def wrenching(self, body: RigidBody, start: float) -> Callable[[Point], tuple[Vector, Vector]]:
         def drag(point: Point) -> tuple[Vector, Vector]:

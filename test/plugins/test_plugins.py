@@ -133,8 +133,7 @@ def test_registries_of_the_package_have_ours_under_their_names() -> None:
 
 def test_a_method_that_fails_harms_no_trade_of_others(tmp_path: Path) -> None:
     source = """
-from rb_dynamics.loads.load import Takes
-from rb_dynamics.motion.method import Method
+from rb_dynamics.motion.method import Method, Takes  # the former name of LoadDependence
 def step(*_):
     return 1 / 0
 bad = Method("bad", 2, frozenset(), step, takes=Takes.ANY)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Takes
+from rb_dynamics.motion.method import Increment, Inertia, Load, LoadDependence, Method
 from rb_dynamics.motion.step_checks import require_finite, require_small_turn
 from rb_dynamics.numerics.rotation import Quaternion, exp, multiply, normalize, rotate, rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, cross, divide, dot, norm, scale, subtract
@@ -61,4 +61,4 @@ def step(
     return require_finite("heun", h, end)
 
 
-HEUN = Method("heun", order=2, invariants=frozenset({"unit_quaternion"}), step=step, takes=Takes.ANY)
+HEUN = Method("heun", order=2, invariants=frozenset({"unit_quaternion"}), step=step, takes=LoadDependence.ANY)

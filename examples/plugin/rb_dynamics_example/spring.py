@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.effect import Effect, Point, Potential, Wrenching
-from rb_dynamics.loads.load import Takes
+from rb_dynamics.loads.load import LoadDependence
 from rb_dynamics.numerics.argument_checks import number, vector
 from rb_dynamics.numerics.vector import ZERO, Vector, dot, scale, subtract
 
@@ -21,7 +21,7 @@ class Spring(Effect):
     """Force -k (x - a), k in N/m, a in m; energy k |x - a|^2 / 2."""
 
     kind: ClassVar[str] = "spring"
-    takes: ClassVar[Takes] = Takes.FIELD
+    takes: ClassVar[LoadDependence] = LoadDependence.FIELD
     keys: ClassVar[tuple[str, ...]] = ("stiffness", "anchor_world")
 
     stiffness: float

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 
-from rb_dynamics.loads.load import Takes
+from rb_dynamics.loads.load import LoadDependence
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Inertia, Method
 from rb_dynamics.numerics.rotation import IDENTITY, Quaternion
@@ -30,7 +30,7 @@ def _in_a_step(method: Method) -> int | None:
     """Return the evaluations in one step, including its embedded error estimate if it has one."""
     if method.order is None:
         return 0
-    if method.takes == Takes.HELD:
+    if method.takes == LoadDependence.HELD:
         return None
     few, many = (_counted(method, h) for h in (1e-3, 0.1))
     return few if few == many else None

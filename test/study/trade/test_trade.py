@@ -19,7 +19,7 @@ import pytest
 from rb_dynamics.cli import main
 from rb_dynamics.cli.trade import as_text
 from rb_dynamics.errors import ConvergenceError, SceneError
-from rb_dynamics.loads.load import Takes
+from rb_dynamics.loads.load import LoadDependence
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import METHODS, fixed_step_kernel
 from rb_dynamics.numerics import compilation
@@ -221,7 +221,7 @@ def test_under_drag_only_the_methods_that_take_it_are_measured() -> None:
 
     found = trade(scene, budget=1e-3, time_s=1.5, clock=CLOCK)
 
-    able = {name for name, method in METHODS.items() if method.takes >= Takes.ANY}
+    able = {name for name, method in METHODS.items() if method.takes >= LoadDependence.ANY}
     assert {one.method for one in found.rows} <= {*able, "auto"}
     assert found.ended.keys() == {*able, "auto"}
     assert found.target is None
