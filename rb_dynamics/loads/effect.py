@@ -17,7 +17,7 @@ from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import Vector
 
 if TYPE_CHECKING:
-    from rb_dynamics.scene.entry import Entry
+    from rb_dynamics.scene.effect_entry import EffectEntry
 
 
 class Point(NamedTuple):
@@ -77,7 +77,7 @@ class Effect:
     keys: ClassVar[tuple[str, ...]] = ()
 
     @classmethod
-    def read(cls, entry: Entry) -> Effect:
+    def read(cls, entry: EffectEntry) -> Effect:
         """Return the effect that an entry of a scene asks for; what is wrong with its values is noted there.
 
         Raises:

@@ -1,4 +1,4 @@
-"""`Entry`: one entry of a scene's list of effects, from which `Effect.read` reads its values.
+"""`EffectEntry`: one entry of a scene's list of effects, from which `Effect.read` reads its values.
 
 Every problem is recorded with its line, so that one error reports all of them; the value returned for it is a
 placeholder.
@@ -24,7 +24,7 @@ def _any(_: float) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class EffectEntry:
     """The values of one entry, and what they are checked against.
 
     Attributes:
@@ -98,7 +98,7 @@ class Entry:
         field = self.section.get(name)
         return default if field is None else field.text(expected, lambda _: True, "write a name", default)
 
-    def timeline(self, name: str, keys: Sequence[str], expected: str, remedy: str) -> list[tuple[float, Entry]]:
+    def timeline(self, name: str, keys: Sequence[str], expected: str, remedy: str) -> list[tuple[float, EffectEntry]]:
         """Return the entries of a list, each with its `time` (s) and `keys`, in ascending order of time."""
         field = self.section.get(name)
         if field is None:
@@ -108,7 +108,7 @@ class Entry:
         for item in field.items(expected, remedy):
             values = item.section(("time", *keys))
             time = values.number("time", _TIME, 0.0, required=True)
-            entries.append((time, Entry(values, self.body, self.frames)))
+            entries.append((time, EffectEntry(values, self.body, self.frames)))
         times = [time for time, _ in entries]
         if not times:
             field.reject("at least one entry", "add one, or remove the effect")
