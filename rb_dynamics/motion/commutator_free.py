@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Load, LoadDependence, Method
-from rb_dynamics.motion.rkmk import StageContext, frame_of
+from rb_dynamics.motion.rkmk import StageContext, stage_context
 from rb_dynamics.motion.step_checks import LARGEST_TURN, require_finite, turns_too_far
 from rb_dynamics.numerics.rotation import IDENTITY, Quaternion, exp, multiply, renormalize, rotate, rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, divide, dot, norm, scale
@@ -73,22 +73,22 @@ def _reached(h: float, product: Product, row: tuple[float, ...], slopes: tuple[_
     return _Reached(ahead, turn, pushed, twisted, moved)
 
 
-def _slope(frame: StageContext, at: _Reached, load: Load | None) -> _Slope:
-    (mass, moments), held, axes = frame.inertia, frame.held, frame.orientation
-    gain = scale(1.0 / mass, add_scaled(at.pushed, at.ahead, frame.force_0))
-    momentum = add(frame.momentum, add_scaled(at.twisted, at.ahead, frame.torque_0))
+def _slope(context: StageContext, at: _Reached, load: Load | None) -> _Slope:
+    (mass, moments), held, axes = context.inertia, context.held, context.orientation
+    gain = scale(1.0 / mass, add_scaled(at.pushed, at.ahead, context.force_0))
+    momentum = add(context.momentum, add_scaled(at.twisted, at.ahead, context.torque_0))
     omega = divide(rotate_inverse(at.turn, momentum), moments)
     rate = norm(omega)
-    if not rate * abs(frame.h) < LARGEST_TURN:
-        omega = turns_too_far(frame.name, frame.h, rate).angular_velocity
+    if not rate * abs(context.h) < LARGEST_TURN:
+        omega = turns_too_far(context.name, context.h, rate).angular_velocity
     push, torque = rotate(at.turn, held.force_body), held.torque_body
     if load is not None:
-        place = add_scaled(rotate(axes, at.moved), at.ahead, frame.velocity)
-        v = add(frame.velocity, rotate(axes, gain))
+        place = add_scaled(rotate(axes, at.moved), at.ahead, context.velocity)
+        v = add(context.velocity, rotate(axes, gain))
         force, more = load(at.ahead, place, v, multiply(axes, at.turn), omega)
         push, torque = add(push, rotate_inverse(axes, force)), add(torque, more)
-    power = dot(add(push, frame.force_0), add(frame.velocity_0, gain)) + dot(torque, omega)
-    power += dot(frame.torque_0, rotate(at.turn, omega))
+    power = dot(add(push, context.force_0), add(context.velocity_0, gain)) + dot(torque, omega)
+    power += dot(context.torque_0, rotate(at.turn, omega))
     return _Slope(omega, push, rotate(at.turn, torque), gain, power)
 
 
@@ -113,17 +113,17 @@ def _advance(
         ConvergenceError: the step rotates the body too far, or diverges.
     """
     moments = inertia.moments
-    frame = frame_of(name, inertia, held, h, velocity, orientation, angular_velocity)
-    k1 = _slope(frame, _Reached(0.0, IDENTITY, ZERO, ZERO, ZERO), load)
-    k2 = _slope(frame, _reached(h, table.stages[0], rows[0], (k1,)), load)
-    k3 = _slope(frame, _reached(h, table.stages[1], rows[1], (k1, k2)), load)
-    k4 = _slope(frame, _reached(h, table.stages[2], rows[2], (k1, k2, k3)), load)
+    context = stage_context(name, inertia, held, h, velocity, orientation, angular_velocity)
+    k1 = _slope(context, _Reached(0.0, IDENTITY, ZERO, ZERO, ZERO), load)
+    k2 = _slope(context, _reached(h, table.stages[0], rows[0], (k1,)), load)
+    k3 = _slope(context, _reached(h, table.stages[1], rows[1], (k1, k2)), load)
+    k4 = _slope(context, _reached(h, table.stages[2], rows[2], (k1, k2, k3)), load)
     at = _reached(h, table.end, rows[3], (k1, k2, k3, k4))
     a, b, c, d = rows[3]
     end = Increment(
         add_scaled(rotate(orientation, at.moved), h, velocity),
         renormalize(multiply(orientation, at.turn)),
-        divide(rotate_inverse(at.turn, add(frame.momentum, add_scaled(at.twisted, h, frame.torque_0))), moments),
+        divide(rotate_inverse(at.turn, add(context.momentum, add_scaled(at.twisted, h, context.torque_0))), moments),
         add_scaled(rotate(orientation, at.pushed), h, held.force_world),
         add_scaled(rotate(orientation, at.twisted), h, held.torque_world),
         h * (a * k1.power + b * k2.power + c * k3.power + d * k4.power),

@@ -8,10 +8,10 @@ from rb_dynamics.motion.explicit_runge_kutta import (
     StepConstants,
     end,
     first,
-    frame,
     increment,
     moved,
     stage,
+    step_constants,
     total,
 )
 from rb_dynamics.motion.method import Increment, Inertia, Load, LoadDependence, Method
@@ -128,7 +128,7 @@ def step(
     Raises:
         ConvergenceError: the step rotates the body so far that the result is no rotation, or diverges.
     """
-    f = frame(inertia, held, h, velocity, orientation, angular_velocity)
+    f = step_constants(inertia, held, h, velocity, orientation, angular_velocity)
     return end("dop853", f, _WEIGHTED_NODES, _WEIGHTS, _weighted(f, load), load)
 
 
@@ -149,7 +149,7 @@ def pair(
     Raises:
         ConvergenceError: as for `step`.
     """
-    f = frame(inertia, held, h, velocity, orientation, angular_velocity)
+    f = step_constants(inertia, held, h, velocity, orientation, angular_velocity)
     slopes = _weighted(f, load)
     turn, fifth, third = total(h, _WEIGHTS, slopes), total(h, _FIFTH, slopes), total(h, _THIRD, slopes)
     carried = moved(f, _WEIGHTED_NODES, _WEIGHTS, slopes, load)

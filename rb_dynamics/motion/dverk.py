@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion.explicit_runge_kutta import Slopes, StepConstants, end, first, frame, stage
+from rb_dynamics.motion.explicit_runge_kutta import Slopes, StepConstants, end, first, stage, step_constants
 from rb_dynamics.motion.method import Increment, Inertia, Load, LoadDependence, Method
 from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import Vector
@@ -40,7 +40,7 @@ def step(
     Raises:
         ConvergenceError: the step rotates the body so far that the result is no rotation, or diverges.
     """
-    f = frame(inertia, held, h, velocity, orientation, angular_velocity)
+    f = step_constants(inertia, held, h, velocity, orientation, angular_velocity)
     return _sixth(f, _common(f, load), load)
 
 
@@ -58,7 +58,7 @@ def pair(
     Raises:
         ConvergenceError: as for `step`.
     """
-    f = frame(inertia, held, h, velocity, orientation, angular_velocity)
+    f = step_constants(inertia, held, h, velocity, orientation, angular_velocity)
     slopes = _common(f, load)
     k1, _, k3, k4, k5 = slopes
     fifth = (k1, k3, k4, k5, stage(f, _NODES[5], _ROW_6, slopes, load))

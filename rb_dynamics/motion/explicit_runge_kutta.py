@@ -68,7 +68,7 @@ Slopes = tuple[Slope, ...]
 _START: Turn = ((0.0, 0.0, 0.0, 0.0), ZERO)
 
 
-def frame(
+def step_constants(
     inertia: Inertia, held: HeldWrench, h: float, velocity: Vector, orientation: Quaternion, angular_velocity: Vector
 ) -> StepConstants:
     """Return the constants of a step."""

@@ -113,7 +113,7 @@ class _Slope(NamedTuple):
     power: float
 
 
-def frame_of(
+def stage_context(
     name: str,
     inertia: Inertia,
     held: HeldWrench,
@@ -137,45 +137,45 @@ def frame_of(
     )
 
 
-def _slope(frame: StageContext, at: _Reached, load: Load | None) -> _Slope:
+def _slope(context: StageContext, at: _Reached, load: Load | None) -> _Slope:
     turn, v = exp(at.theta), at.velocity
-    impulse = add_scaled(at.gained, at.ahead, frame.torque_0)
-    omega = divide(rotate_inverse(turn, add(frame.momentum, impulse)), frame.inertia.moments)
+    impulse = add_scaled(at.gained, at.ahead, context.torque_0)
+    omega = divide(rotate_inverse(turn, add(context.momentum, impulse)), context.inertia.moments)
 
-    push, torque, axes = rotate(turn, frame.held.force_body), frame.held.torque_body, frame.orientation
+    push, torque, axes = rotate(turn, context.held.force_body), context.held.torque_body, context.orientation
     if load is not None:
         force, more = load(at.ahead, rotate(axes, at.place), rotate(axes, v), multiply(axes, turn), omega)
         push, torque = add(push, rotate_inverse(axes, force)), add(torque, more)
     theta_dot = dexpinv(scale(-1.0, at.theta), omega)
     rate = norm(theta_dot)
-    if not rate * abs(frame.h) < LARGEST_TURN:
-        theta_dot = turns_too_far(frame.name, frame.h, rate).angular_velocity
-    power = dot(add(push, frame.force_0), v) + dot(torque, omega) + dot(frame.torque_0, rotate(turn, omega))
+    if not rate * abs(context.h) < LARGEST_TURN:
+        theta_dot = turns_too_far(context.name, context.h, rate).angular_velocity
+    power = dot(add(push, context.force_0), v) + dot(torque, omega) + dot(context.torque_0, rotate(turn, omega))
     return _Slope(theta_dot, push, rotate(turn, torque), v, power)
 
 
-def _reached(frame: StageContext, node: float, row: tuple[float, ...], slopes: tuple[_Slope, ...]) -> _Reached:
+def _reached(context: StageContext, node: float, row: tuple[float, ...], slopes: tuple[_Slope, ...]) -> _Reached:
     a = b = c = d = e = f = g = i = j = k = m = n = 0.0
     for stage, weight in enumerate(row):
-        s = weight * frame.h
+        s = weight * context.h
         (a1, b1, c1), (d1, e1, f1), (g1, i1, j1), (k1, m1, n1), _ = slopes[stage]
         a, b, c = a + s * a1, b + s * b1, c + s * c1
         d, e, f = d + s * d1, e + s * e1, f + s * f1
         g, i, j = g + s * g1, i + s * i1, j + s * j1
         k, m, n = k + s * k1, m + s * m1, n + s * n1
-    ahead = node * frame.h
-    v = add_scaled(frame.velocity_0, 1.0 / frame.inertia.mass, add_scaled((d, e, f), ahead, frame.force_0))
+    ahead = node * context.h
+    v = add_scaled(context.velocity_0, 1.0 / context.inertia.mass, add_scaled((d, e, f), ahead, context.force_0))
     return _Reached(ahead, (a, b, c), (g, i, j), (k, m, n), v)
 
 
 def _end(
-    frame: StageContext,
+    context: StageContext,
     weights: tuple[float, ...],
     second: tuple[float, ...],
     slopes: tuple[_Slope, ...],
 ) -> Increment:
     """Return the increment for the weighted slopes; `second` are the weights of the second integral."""
-    (mass, moments), held, h, orientation = frame.inertia, frame.held, frame.h, frame.orientation
+    (mass, moments), held, h, orientation = context.inertia, context.held, context.h, context.orientation
     theta, pushed, moved, twisted, work = ZERO, ZERO, ZERO, ZERO, 0.0
     for stage, weight in enumerate(weights):
         k = slopes[stage]
@@ -186,14 +186,14 @@ def _end(
     turn, torque_impulse = exp(scale(h, theta)), scale(h, twisted)
     displacement = rotate(orientation, scale(h * h / mass, moved))
     end = Increment(
-        add(scale(h, frame.velocity), add_scaled(displacement, 0.5 * h * h / mass, held.force_world)),
+        add(scale(h, context.velocity), add_scaled(displacement, 0.5 * h * h / mass, held.force_world)),
         renormalize(multiply(orientation, turn)),
-        divide(rotate_inverse(turn, add(frame.momentum, add_scaled(torque_impulse, h, frame.torque_0))), moments),
+        divide(rotate_inverse(turn, add(context.momentum, add_scaled(torque_impulse, h, context.torque_0))), moments),
         add_scaled(rotate(orientation, scale(h, pushed)), h, held.force_world),
         add_scaled(rotate(orientation, torque_impulse), h, held.torque_world),
         work,
     )
-    return require_finite(frame.name, h, end)
+    return require_finite(context.name, h, end)
 
 
 def _rkmk4(
@@ -215,7 +215,7 @@ def _rkmk4(
     Raises:
         ConvergenceError: the step rotates the body further than exp can be inverted, or diverges.
     """
-    f = frame_of("rkmk4", inertia, held, h, velocity, orientation, angular_velocity)
+    f = stage_context("rkmk4", inertia, held, h, velocity, orientation, angular_velocity)
     k1 = _slope(f, _Reached(0.0, ZERO, ZERO, ZERO, f.velocity_0), load)
     k2 = _slope(f, _reached(f, CLASSICAL.nodes[1], CLASSICAL.stages[1], (k1,)), load)
     k3 = _slope(f, _reached(f, CLASSICAL.nodes[2], CLASSICAL.stages[2], (k1, k2)), load)
@@ -239,8 +239,8 @@ def _rkmk54(
     Raises:
         ConvergenceError: the step rotates the body further than exp can be inverted, or diverges.
     """
-    frame = frame_of("rkmk54", inertia, held, h, velocity, orientation, angular_velocity)
-    return _end(frame, DORMAND_PRINCE.weights, _SECOND, _slopes(frame, load))
+    context = stage_context("rkmk54", inertia, held, h, velocity, orientation, angular_velocity)
+    return _end(context, DORMAND_PRINCE.weights, _SECOND, _slopes(context, load))
 
 
 def _pair(
@@ -257,13 +257,13 @@ def _pair(
     Raises:
         ConvergenceError: as for the step.
     """
-    frame = frame_of("rkmk54", inertia, held, h, velocity, orientation, angular_velocity)
-    k1, k2, k3, k4, k5, k6 = _slopes(frame, load)
+    context = stage_context("rkmk54", inertia, held, h, velocity, orientation, angular_velocity)
+    k1, k2, k3, k4, k5, k6 = _slopes(context, load)
     end = DORMAND_PRINCE.nodes[6], DORMAND_PRINCE.stages[6], (k1, k2, k3, k4, k5, k6)
-    k7 = _slope(frame, _reached(frame, *end), load)
+    k7 = _slope(context, _reached(context, *end), load)
     return (
-        _end(frame, DORMAND_PRINCE.weights, _SECOND, (k1, k2, k3, k4, k5, k6)),
-        _end(frame, DORMAND_PRINCE.comparison, _COMPARISON_SECOND, (k1, k2, k3, k4, k5, k6, k7)),
+        _end(context, DORMAND_PRINCE.weights, _SECOND, (k1, k2, k3, k4, k5, k6)),
+        _end(context, DORMAND_PRINCE.comparison, _COMPARISON_SECOND, (k1, k2, k3, k4, k5, k6, k7)),
     )
 
 
