@@ -454,7 +454,7 @@ class Runner:
             whole_slice = until - self._reached_ns == self._slice_ns
             self._reached_ns = max(self._reached_ns, until)
             before, now = now, time.monotonic_ns()
-            # Judge the cost by whole slices only: an empty one says nothing.
+            # MetricAccumulator the cost by whole slices only: an empty one says nothing.
             if whole_slice and now - before < _LONGEST_BURST_NS // 8:
                 self._slice_ns = min(2 * self._slice_ns, NANOSECONDS)
             elif now - before > _LONGEST_BURST_NS // 2:

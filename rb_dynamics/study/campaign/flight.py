@@ -17,7 +17,7 @@ from rb_dynamics.run.sample_arrays import Samples
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.study.campaign.bodies import Alone, Bodies, SideBySide, go_side_by_side, step_ns
 from rb_dynamics.study.campaign.control import Loop, check_values, delay_ns
-from rb_dynamics.study.campaign.metrics import Judge
+from rb_dynamics.study.campaign.metrics import MetricAccumulator
 from rb_dynamics.study.campaign.model import Campaign
 from rb_dynamics.study.campaign.sampling import inputs
 from rb_dynamics.study.campaign.scenes import scenes_of
@@ -93,14 +93,14 @@ def fly_alone(
     # A log, and the page made from it, names the scene by its source.
     name = f"{campaign.source}, run {number}, seed {campaign.seed}"
     run = _Run(number, values, replace(scenes_of(campaign).whole(values), source=name))
-    bodies, judge = Alone(run.scene, sinks), Judge(campaign, 1)
+    bodies, metrics = Alone(run.scene, sinks), MetricAccumulator(campaign, 1)
     try:
-        failed = _advance(campaign, bodies, [run], judge, watch)
+        failed = _advance(campaign, bodies, [run], metrics, watch)
     finally:
         bodies.finish()
     if failed:
         raise FunctionError(failed[0])
-    return {name: float(column[0]) for name, column in judge.results().items()}
+    return {name: float(column[0]) for name, column in metrics.results().items()}
 
 
 def watch_runs(campaign: Campaign, numbers: Sequence[int], watch: Callable[[Samples], None]) -> None:
@@ -119,7 +119,7 @@ def watch_runs(campaign: Campaign, numbers: Sequence[int], watch: Callable[[Samp
     if not _together(campaign, runs):
         raise ValueError("these runs cannot go side by side; execute each of them alone")
     bodies = SideBySide([run.scene for run in runs], None)
-    _advance(campaign, bodies, runs, Judge(campaign, len(runs)), watch)
+    _advance(campaign, bodies, runs, MetricAccumulator(campaign, len(runs)), watch)
 
 
 def _values(campaign: Campaign, number: int) -> dict[str, float]:
@@ -167,23 +167,23 @@ _Part = tuple[list[_Run], Mapping[str, "Numbers"], Mapping[int, str]]
 
 def _fly(campaign: Campaign, runs: list[_Run], threads: int | None) -> list[_Part]:
     """Execute `runs`; if one of them stops all, split them."""
-    judge, scenes = Judge(campaign, len(runs)), [run.scene for run in runs]
+    metrics, scenes = MetricAccumulator(campaign, len(runs)), [run.scene for run in runs]
     try:
         bodies = SideBySide(scenes, threads) if _together(campaign, runs) else Alone(scenes[0])
-        failed = _advance(campaign, bodies, runs, judge)
+        failed = _advance(campaign, bodies, runs, metrics)
     except (ConvergenceError, FunctionError) as error:
         if len(runs) == 1:
             return [(runs, {}, {0: str(error).removeprefix("body 0: ")})]
         half = len(runs) // 2
         return _fly(campaign, runs[:half], threads) + _fly(campaign, runs[half:], threads)
-    return [(runs, judge.results(), failed)]
+    return [(runs, metrics.results(), failed)]
 
 
 def _advance(
     campaign: Campaign,
     bodies: Bodies,
     runs: Sequence[_Run],
-    judge: Judge,
+    metrics: MetricAccumulator,
     watch: Callable[[Samples], None] | None = None,
 ) -> Mapping[int, str]:
     """Advance the bodies from edge to edge (controller sample, command, observation) to the end of their scene.
@@ -204,7 +204,7 @@ def _advance(
         if looking or sampling:
             samples = bodies.samples()
             if looking:
-                judge.look(samples)
+                metrics.add(samples)
                 if watch is not None:
                     watch(samples)
                 next_look_ns = time_ns + campaign.observe_ns

@@ -103,7 +103,7 @@ def quantity(campaign: Campaign, metric: Metric) -> Quantity:
         raise SceneError(f"{campaign.source}: metrics.{metric.name}.{metric.reduction}: {error}") from error
 
 
-class Judge:
+class MetricAccumulator:
     """The metrics of N runs, accumulated over time in constant memory."""
 
     def __init__(self, campaign: Campaign, count: int) -> None:
@@ -117,7 +117,7 @@ class Judge:
             functions.setdefault(key, (quantity(campaign, metric), []))[1].append(reduction)
         self._functions = list(functions.items())
 
-    def look(self, samples: Samples) -> None:
+    def add(self, samples: Samples) -> None:
         """Add N bodies at a later time than before.
 
         Raises:

@@ -25,7 +25,7 @@ from rb_dynamics.scene.text_file import read_text
 from rb_dynamics.study.campaign import laws
 from rb_dynamics.study.campaign.bodies import CHANNEL, step_ns
 from rb_dynamics.study.campaign.control import DELAY, NOT_NEGATIVE, NUMBER, POSITIVE, RULES
-from rb_dynamics.study.campaign.metrics import QUANTITIES, REDUCTIONS, Judge
+from rb_dynamics.study.campaign.metrics import QUANTITIES, REDUCTIONS, MetricAccumulator
 from rb_dynamics.study.campaign.model import SAMPLINGS, Campaign, Control, Metric, Requirement
 from rb_dynamics.study.campaign.read_dispersions import correlations, inputs
 from rb_dynamics.study.campaign.user_functions import find_function
@@ -108,7 +108,7 @@ def parse_campaign(text: str, source: str = "<campaign>", overrides: Mapping[str
         text, source, modules, base.text, runs, seed, sampling, found, mixing, control, period_ns, metrics, requirements
     )  # fmt: skip
     # Look user functions up now: an error should not come after hours of computing.
-    Judge(campaign, 1)
+    MetricAccumulator(campaign, 1)
     if control is not None:
         try:
             find_function(control.law, laws.LAWS, modules)
