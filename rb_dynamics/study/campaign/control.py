@@ -63,7 +63,7 @@ def delay_ns(control: Control, values: Mapping[str, float]) -> int:
     return round(values.get(DELAY, dict(control.numbers)[DELAY]) * NANOSECONDS)
 
 
-class Loop:
+class ControlLoop:
     """The controllers of N runs.
 
     Attributes:

@@ -16,7 +16,7 @@ from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.run.sample_arrays import Samples
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.study.campaign.bodies import Alone, Bodies, SideBySide, go_side_by_side, step_ns
-from rb_dynamics.study.campaign.control import Loop, check_values, delay_ns
+from rb_dynamics.study.campaign.control import ControlLoop, check_values, delay_ns
 from rb_dynamics.study.campaign.metrics import MetricAccumulator
 from rb_dynamics.study.campaign.model import Campaign
 from rb_dynamics.study.campaign.sampling import inputs
@@ -220,7 +220,7 @@ def _advance(
 class _Closed:
     """Controllers, and the torques that wait for their delay."""
 
-    def __init__(self, loop: Loop, period_ns: int, delays_ns: Sequence[int]) -> None:
+    def __init__(self, loop: ControlLoop, period_ns: int, delays_ns: Sequence[int]) -> None:
         import numpy as np
 
         self.period_ns, self.failed = period_ns, loop.failed
@@ -265,5 +265,5 @@ def _closed(campaign: Campaign, runs: Sequence[_Run]) -> _Closed | None:
     if control is None:
         return None
     values = {each.name: np.array([run.values[each.name] for run in runs]) for each in campaign.inputs}
-    loop = Loop(campaign, control, [run.number for run in runs], values, [run.scene.body for run in runs])
+    loop = ControlLoop(campaign, control, [run.number for run in runs], values, [run.scene.body for run in runs])
     return _Closed(loop, control.period_ns, [delay_ns(control, run.values) for run in runs])
