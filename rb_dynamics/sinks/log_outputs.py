@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.log_file import require_apart
 from rb_dynamics.sinks.mcap_sink import LogSettings
-from rb_dynamics.sinks.sink_types import Keeping, sinks
+from rb_dynamics.sinks.sink_types import SinkOptions, sinks
 
 if TYPE_CHECKING:
     from rb_dynamics.run.sink import Sink
@@ -69,7 +69,8 @@ class Logs:
             LogError: there is no sink of a name.
             PluginError: a sink is of a plug-in that cannot be loaded.
         """
-        return sinks(self._asked, Keeping(namespace, remap, self.max_bag_size, self.max_bag_duration, self.settings))
+        options = SinkOptions(namespace, remap, self.max_bag_size, self.max_bag_duration, self.settings)
+        return sinks(self._asked, options)
 
     @property
     def _asked(self) -> list[str]:

@@ -18,15 +18,15 @@ MakeSink = Callable[[str], Sink]
 
 
 @dataclass(frozen=True)
-class Keeping:
-    """How our own logs are kept, whichever way they are asked for.
+class SinkOptions:
+    """Options of our own logs, the same for each way to ask for one.
 
     Attributes:
         namespace: put before relative topic names.
         remap: absolute names of single topics, by relative name; they win over `namespace`.
         max_bag_size: bytes at which a bag begins its next file; 0: no bound.
         max_bag_duration: s of simulation time in one file of a bag; 0: no bound.
-        settings: how MCAP is kept.
+        settings: of MCAP files.
     """
 
     namespace: str = ""
@@ -36,24 +36,24 @@ class Keeping:
     settings: LogSettings = field(default_factory=LogSettings)
 
 
-def sinks(texts: Iterable[str], keeping: Keeping) -> list[Sink]:
+def sinks(texts: Iterable[str], options: SinkOptions) -> list[Sink]:
     """Return a new sink for each NAME=TARGET.
 
     Raises:
         LogError: one is not that, or there is no sink of the name.
         PluginError: one is of a plug-in that cannot be loaded.
     """
-    known = _known(keeping)
+    known = _known(options)
     return [_sink(text, known) for text in texts]
 
 
-def _known(keeping: Keeping) -> Registry[MakeSink]:
-    k = keeping
+def _known(options: SinkOptions) -> Registry[MakeSink]:
+    o = options
     return Registry(
         "sink",
         {
-            "mcap": lambda target: McapSink(target, k.namespace, k.remap, k.settings),
-            "bag": lambda target: BagSink(target, k.max_bag_size, k.max_bag_duration, k.namespace, k.remap, k.settings),
+            "mcap": lambda target: McapSink(target, o.namespace, o.remap, o.settings),
+            "bag": lambda target: BagSink(target, o.max_bag_size, o.max_bag_duration, o.namespace, o.remap, o.settings),
             "rerun": _rerun,
         },
         _fault,
