@@ -78,7 +78,7 @@ class RerunSink:
 
     At most about `max_rows` samples are kept: every k-th, with k chosen at the start where duration and output rate of
     the scene are known; k doubles each time another `max_rows` rows have been written, so that a run without end
-    grows with its logarithm only. The last sample is always kept. Wrench edges are exact until `max_rows` of them;
+    grows with its logarithm only. The last sample is always kept. Changes of wrenches are exact up to `max_rows`;
     from then on only the last one before each kept sample. Memory is bounded by `batch_rows` and `PATH_POINTS`.
     """
 
@@ -266,9 +266,9 @@ class Recorder:
         marks, self.commands = self.commands, []
         if marks:
             self._send_marks(marks)
-        for part, edges in self.rows.wrenches.fetch():
-            times = _times([edge.time_ns for edge in edges], [edge.sample for edge in edges])
-            self._send_scalars(_wrench_entity(part), times, np.array([edge.value for edge in edges]))
+        for part, changes in self.rows.wrenches.fetch():
+            times = _times([change.time_ns for change in changes], [change.sample for change in changes])
+            self._send_scalars(_wrench_entity(part), times, np.array([change.value for change in changes]))
         self.stream.flush()
 
     def send_columns(self, columns: Columns) -> None:

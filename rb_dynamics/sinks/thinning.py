@@ -86,7 +86,7 @@ class WrenchPart(NamedTuple):
     frame_id: str
 
 
-class Edge(NamedTuple):
+class StepChange(NamedTuple):
     """A new value: when, and the index of the newest sample then."""
 
     time_ns: int
@@ -98,27 +98,27 @@ class Edge(NamedTuple):
 class StepFunction:
     """One part of a wrench as a step function.
 
-    The next `exact` edges are kept; later ones wait, each in place of the one before, until a kept sample comes.
+    The next `exact` changes are kept; later ones wait, each in place of the one before, until a kept sample comes.
     """
 
-    edges: list[Edge]
+    changes: list[StepChange]
     exact: int
     value: Vector = ZERO
-    waiting: Edge | None = None
+    waiting: StepChange | None = None
 
-    def add(self, edge: Edge) -> None:
-        """Take the next edge."""
-        self.value = edge.value
+    def add(self, change: StepChange) -> None:
+        """Take the next change."""
+        self.value = change.value
         if self.exact > 0:
             self.exact -= 1
-            self.edges.append(edge)
+            self.changes.append(change)
         else:
-            self.waiting = edge
+            self.waiting = change
 
     def settle(self) -> None:
-        """Keep the edge that waited."""
+        """Keep the change that waited."""
         if self.waiting is not None:
-            self.edges.append(self.waiting)
+            self.changes.append(self.waiting)
             self.waiting = None
 
 
@@ -126,7 +126,7 @@ class WrenchHistory:
     """The wrenches of all channels, one step function for each part that ever acts; each begins with zero."""
 
     def __init__(self, world_frame: str, start_ns: int, exact: int) -> None:
-        """Start with nothing acting at `start_ns`; `exact` edges of each part are kept whatever comes."""
+        """Start with nothing acting at `start_ns`; `exact` changes of each part are kept whatever comes."""
         self.parts: dict[WrenchPart, StepFunction] = {}
         self.held = HeldWrench()  # the sum of the channels
         self._world_frame, self._start_ns, self._exact = world_frame, start_ns, exact
@@ -139,21 +139,21 @@ class WrenchHistory:
             # A channel holds one wrench: what it held in another frame has ended.
             for other, steps in self.parts.items():
                 if other[:2] == part[:2] and other != part and any(steps.value):
-                    steps.add(Edge(event.time_ns, sample, ZERO))
+                    steps.add(StepChange(event.time_ns, sample, ZERO))
             # What never acts has no line: three at zero for each silent part would hide the others.
             if part not in self.parts and any(value):
-                self.parts[part] = StepFunction([Edge(self._start_ns, 0, ZERO)], self._exact)
+                self.parts[part] = StepFunction([StepChange(self._start_ns, 0, ZERO)], self._exact)
                 new.append(part)
             if part in self.parts:
-                self.parts[part].add(Edge(event.time_ns, sample, value))
+                self.parts[part].add(StepChange(event.time_ns, sample, value))
         self.held = self._total()
         return new
 
-    def fetch(self) -> list[tuple[WrenchPart, list[Edge]]]:
-        """Return the edges kept since it was last called, for each part that has any."""
-        fetched = [(part, steps.edges) for part, steps in self.parts.items() if steps.edges]
+    def fetch(self) -> list[tuple[WrenchPart, list[StepChange]]]:
+        """Return the changes kept since it was last called, for each part that has any."""
+        fetched = [(part, steps.changes) for part, steps in self.parts.items() if steps.changes]
         for part, _ in fetched:
-            self.parts[part].edges = []
+            self.parts[part].changes = []
         return fetched
 
     def settle(self) -> None:
@@ -165,11 +165,11 @@ class WrenchHistory:
         """Let the line of a held command reach the end of the run."""
         for steps in self.parts.values():
             steps.settle()
-            steps.edges.append(Edge(time_ns, sample, steps.value))
+            steps.changes.append(StepChange(time_ns, sample, steps.value))
 
     def unsent(self) -> int:
-        """Return how many edges wait to be fetched."""
-        return sum(len(steps.edges) for steps in self.parts.values())
+        """Return how many changes wait to be fetched."""
+        return sum(len(steps.changes) for steps in self.parts.values())
 
     def _total(self) -> HeldWrench:
         total = HeldWrench()
@@ -234,7 +234,7 @@ class KeptSamples:
         return ready
 
     def unsent(self) -> int:
-        """Return how many samples and edges wait to be fetched."""
+        """Return how many samples and changes wait to be fetched."""
         return len(self._ready) + self.wrenches.unsent()
 
     def _settle(self) -> None:
