@@ -39,7 +39,7 @@ SHORTEST = 1e-6
 
 
 @dataclass(frozen=True)
-class Flight:
+class TimedRun:
     """Result of one run: last sample, names of the methods, steps, run time (s), and whether kernels took some steps.
 
     The time excludes what happens once, however long the run is.
@@ -82,7 +82,7 @@ class Excerpt:
     rate: float = 0.0
     end: Sample | None = None
 
-    def fly(self, solver: Solver, tally: Tally, limit: float = math.inf, parts: int = _PARTS) -> Flight | None:
+    def run(self, solver: Solver, tally: Tally, limit: float = math.inf, parts: int = _PARTS) -> TimedRun | None:
         """Run with `solver` and the kernels that `tally` allows; return None if that takes longer than `limit` s.
 
         Raises:
@@ -101,7 +101,7 @@ class Excerpt:
                 took = self.clock() - begin
                 if part < parts and took > limit:
                     return None
-        return Flight(run.sample, run.methods, run.steps, max(took, _TICK), bool(tally.used))
+        return TimedRun(run.sample, run.methods, run.steps, max(took, _TICK), bool(tally.used))
 
     def time_with_outputs(self, solver: Solver, used: Iterable[OnDemand], bare: float) -> float:
         """Return the computing time per simulated second with the outputs of the scene.
@@ -161,7 +161,7 @@ class Excerpt:
         """Run a moment of the scene, so that the method's imports and tables are not part of a measurement."""
         moment = replace(self, seconds=SHORTEST, horizon=SHORTEST, commands=self.commands[:1])
         with suppress(ConvergenceError):
-            moment.fly(solver, self.clock.tally(worth=math.inf), parts=1)
+            moment.run(solver, self.clock.tally(worth=math.inf), parts=1)
 
     def look(self, tally: Tally | None = None, limit: float = math.inf) -> Excerpt:
         """Return the excerpt with path, distance, rate and end filled in by a run, in plain Python without `tally`.
@@ -268,9 +268,9 @@ def _longest(trial: Excerpt, limit: float) -> Excerpt:
     whole = trial.seconds
     part = shorter = trial.part(min(whole, max(SHORTEST, whole * 2.0**-40)))
     part.warm_up(trial.pilot)
-    while (flight := part.fly(trial.pilot, trial.clock.tally(worth=math.inf), limit)) is not None:
-        longer = min(16.0, 0.7 * limit / flight.time) * part.seconds
+    while (run := part.run(trial.pilot, trial.clock.tally(worth=math.inf), limit)) is not None:
+        longer = min(16.0, 0.7 * limit / run.time) * part.seconds
         if part.seconds == whole or longer < 1.2 * part.seconds:
             break
         shorter, part = part, trial.part(min(whole, float(f"{longer:.3g}")))
-    return (part if flight else shorter).look()
+    return (part if run else shorter).look()

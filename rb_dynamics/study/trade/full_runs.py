@@ -84,12 +84,12 @@ class FullRuns:
         if solver is None:
             return None
         try:
-            flight = whole.fly(solver, whole.as_the_whole(), limit)
+            run = whole.run(solver, whole.as_the_whole(), limit)
         except ConvergenceError:
             return None if own else math.inf
-        if flight is None or whole.end is None:
+        if run is None or whole.end is None:
             return None
-        attitude, _, position = whole.differences(flight.sample, whole.end)
+        attitude, _, position = whole.differences(run.sample, whole.end)
         share = min(1.0, self.checked_by.error / row.error) if row.error > 0.0 else 1.0
         return max(row.error, (1.0 + share) * whole.error(attitude, position))
 

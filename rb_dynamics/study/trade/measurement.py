@@ -13,7 +13,7 @@ from rb_dynamics.numerics.nanoseconds import NANOSECONDS, SHORTEST
 from rb_dynamics.numerics.vector import norm
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.scene.model import Solver
-from rb_dynamics.study.trade.excerpt import Excerpt, Flight
+from rb_dynamics.study.trade.excerpt import Excerpt, TimedRun
 from rb_dynamics.study.trade.load_evaluations import evaluations_in
 from rb_dynamics.study.trade.reference import settings_of
 from rb_dynamics.study.trade.refinement import TIME_IS_UP, Refinement
@@ -44,15 +44,15 @@ class RunMeasurement:
         if not rows:
             self._trial.warm_up(solver)
         tally = self._trial.as_the_whole()
-        flight = self._trial.fly(solver, tally, limit)
-        if flight is None:
+        run = self._trial.run(solver, tally, limit)
+        if run is None:
             return math.inf, TIME_IS_UP
-        best, is_short = flight.time, flight.time < min(_SHORT, limit / _REPEATS)
-        for _ in range(_REPEATS - 1 if is_short else int(flight.compiled)):
-            again = self._trial.fly(solver, self._trial.as_the_whole(tally.used), parts=1)
+        best, is_short = run.time, run.time < min(_SHORT, limit / _REPEATS)
+        for _ in range(_REPEATS - 1 if is_short else int(run.compiled)):
+            again = self._trial.run(solver, self._trial.as_the_whole(tally.used), parts=1)
             best = min(best, again.time if again else math.inf)
         bare = best / self._trial.seconds
-        row = self._row(solver, flight, bare, self._trial.time_with_outputs(solver, tally.used, bare))
+        row = self._row(solver, run, bare, self._trial.time_with_outputs(solver, tally.used, bare))
         # A setting that gives the same steps as the one before gets no row.
         if not rows or _run(rows[-1]) != _run(row):
             rows.append(row)
@@ -78,14 +78,14 @@ class RunMeasurement:
         # If an earlier run took more steps in plain Python than that, nothing is compiled.
         return far, last.bare_time_per_s * self._trial.seconds * most / last.steps if last.steps <= most else math.inf
 
-    def _row(self, solver: Solver, flight: Flight, bare: float, time_per_s: float) -> TradeRow:
-        trial, reference, end = self._trial, self._reference, flight.sample
+    def _row(self, solver: Solver, run: TimedRun, bare: float, time_per_s: float) -> TradeRow:
+        trial, reference, end = self._trial, self._reference, run.sample
         attitude, rate, position = trial.differences(end, self._truth)
         return TradeRow(
             method=solver.method,
             step=solver.step,
             # If the whole motion has a closed form, accuracy has no effect.
-            accuracy=None if flight.methods == EXACT.name else solver.accuracy,
+            accuracy=None if run.methods == EXACT.name else solver.accuracy,
             attitude_error=attitude,
             rate_error=rate,
             position_error=position,
@@ -97,9 +97,9 @@ class RunMeasurement:
             time_per_s=time_per_s,
             real_time_factor=1.0 / time_per_s,
             bare_time_per_s=bare,
-            steps=flight.steps,
-            evaluations=evaluations_in(flight.methods, flight.steps, by_accuracy=solver.step is None),
-            compiled=flight.compiled,
+            steps=run.steps,
+            evaluations=evaluations_in(run.methods, run.steps, by_accuracy=solver.step is None),
+            compiled=run.compiled,
         )
 
 

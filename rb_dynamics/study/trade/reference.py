@@ -55,11 +55,11 @@ def _reference(trial: Excerpt, end: float, after: Callable[[], None]) -> tuple[R
     tally = trial.clock.tally()
 
     def measure(solver: Solver, limit: float) -> tuple[float, str]:
-        flight = trial.fly(solver, tally, limit)
-        if flight is None:
+        run = trial.run(solver, tally, limit)
+        if run is None:
             return math.inf, TIME_IS_UP
-        found[solver.method] = solver, flight.sample
-        return flight.time, ""
+        found[solver.method] = solver, run.sample
+        return run.time, ""
 
     for name in _FAMILIES:
         if METHODS[name].takes >= trial.scene.combined_effects.takes and len(found) < 2:

@@ -44,7 +44,7 @@ def test_a_run_finds_nothing_that_another_one_has_computed() -> None:
     one = trial("[0.1, 2, 0.1]", "0.01", 1.0)
     looked_up = []
     for _ in range(2):
-        assert one.fly(Solver("taylor", accuracy=1e-6), one.as_the_whole(), parts=1) is not None
+        assert one.run(Solver("taylor", accuracy=1e-6), one.as_the_whole(), parts=1) is not None
         looked_up.append(_expand.cache_info())
     assert looked_up[0] == looked_up[1]
     assert looked_up[0].misses > 0
@@ -59,7 +59,7 @@ def test_an_accuracy_that_rounding_does_not_leave_is_loosened_until_it_can_be_ke
     assert 1e-14 < float(accuracy) < 1e-9
     assert reference.is_useful
     with pytest.raises(ConvergenceError, match="rounding alone"):
-        one.fly(Solver(method, accuracy=0.1 * float(accuracy)), one.as_the_whole())
+        one.run(Solver(method, accuracy=0.1 * float(accuracy)), one.as_the_whole())
 
 
 def test_commands_act_in_the_order_in_which_simulate_takes_them() -> None:
@@ -69,9 +69,9 @@ def test_commands_act_in_the_order_in_which_simulate_takes_them() -> None:
     )
     commands = [("wrench", Wrench(torque=(0.1 * k, 0.2, 0.0), stamp_ns=-k)) for k in (1, 3, 2)]
     one = trial_of(scene, accepted(scene, commands), 1.0, Stopwatch(CLOCK))
-    flight = one.fly(scene.solver, one.as_the_whole())
-    assert flight is not None
-    assert flight.sample == simulate(scene, commands).sample
+    run = one.run(scene.solver, one.as_the_whole())
+    assert run is not None
+    assert run.sample == simulate(scene, commands).sample
 
 
 @needs_numba
@@ -100,12 +100,12 @@ class TestCompiled:
             hours.clear()
             one = trial("[0.1, 2, 0.1]", duration, 0.02, clock=lambda: CLOCK() + sum(hours)).part(10.0)
             for _ in range(2):
-                flight = one.fly(rk4, one.as_the_whole())
-                assert flight is not None
+                run = one.run(rk4, one.as_the_whole())
+                assert run is not None
                 # 1000 steps, or 100 000.
-                assert flight.compiled is (duration == "1000")
-                assert flight.time < 3600.0
-                ends[duration] = flight.sample
+                assert run.compiled is (duration == "1000")
+                assert run.time < 3600.0
+                ends[duration] = run.sample
             assert [*one.clock.kernels] == (["_run_on_numbers_rk4"] if duration == "1000" else [])
             assert all(3600.0 <= took < 7200.0 for took in one.clock.kernels.values())
         assert ends["10"] == ends["1000"]
@@ -115,8 +115,8 @@ class TestCompiled:
         one = trial("[0.1, 2, 0.1]", "1", 1.0)
         used = []
         for tally in (one.clock.tally(1e3), one.clock.tally(), one.clock.tally(1e3, math.inf)):
-            flight = one.fly(rk4, tally)
-            assert flight is not None
-            used.append(flight.compiled)
+            run = one.run(rk4, tally)
+            assert run is not None
+            used.append(run.compiled)
         assert used == [True, False, False]
         assert len(hours) == 1
