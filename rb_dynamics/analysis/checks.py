@@ -53,7 +53,7 @@ def checks(
     whole = track.bag.whole
     detail = "it is complete" if whole else "cut off: it contains what was written until then"
     done = [Check("file is whole", whole, detail), _recorded(track)]
-    done += [one_recording(track)] if track.bag.joints else []
+    done += [one_recording(track)] if track.bag.boundaries else []
     done += [_whole(series, track) for series in _motion(track)]
     done += [_continuous(track, steady)] if steady is not None else []
     done += [_agrees(track, each) for each in agreed]
@@ -133,20 +133,20 @@ def _late(series: TimeSeries, track: Track) -> str:
 
 def one_recording(track: Track) -> Check:
     """Return the check whether the files of a folder follow each other, as those of one recording do."""
-    joints = track.bag.joints
+    boundaries = track.bag.boundaries
     times = np.sort(np.concatenate([t.log_times for t in track.bag.topics.values()]))
-    ends = np.searchsorted(times, [joint.end_ns for joint in joints], side="right") - 1
+    ends = np.searchsorted(times, [boundary.end_ns for boundary in boundaries], side="right") - 1
     within = np.delete(np.diff(times), ends[ends < len(times) - 1])
     far = max(_FOLLOWS * 1e9, 10.0 * float(within.max(initial=0)))
     apart = []
-    for joint in joints:
-        seconds = (joint.begin_ns - joint.end_ns) * 1e-9
-        if joint.begin_ns - joint.end_ns > far:
-            apart.append(f"{seconds:.6g} s lie between {joint.before} and {joint.after}")
-        elif joint.end_ns - joint.begin_ns > _FOLLOWS * 1e9:
-            apart.append(f"{joint.after} begins {-seconds:.6g} s before {joint.before} ends")
+    for boundary in boundaries:
+        seconds = (boundary.begin_ns - boundary.end_ns) * 1e-9
+        if boundary.begin_ns - boundary.end_ns > far:
+            apart.append(f"{seconds:.6g} s lie between {boundary.before} and {boundary.after}")
+        elif boundary.end_ns - boundary.begin_ns > _FOLLOWS * 1e9:
+            apart.append(f"{boundary.after} begins {-seconds:.6g} s before {boundary.before} ends")
     if not apart:
-        return Check("files are one recording", True, f"{len(joints) + 1} files that follow one another")
+        return Check("files are one recording", True, f"{len(boundaries) + 1} files that follow one another")
     named = listed(apart[:NAMED], len(apart))
     return Check("files are one recording", False, f"{len(apart) + 1} recordings in one folder: {named}; inspect each")
 

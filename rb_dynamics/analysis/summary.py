@@ -220,7 +220,7 @@ def _unsure(track: Track, steady: Continuity | None, agreed: Sequence[Agreement]
     """Return why a self-contradictory recording does not tell what moved the body; "" if it is consistent."""
     if track.own:
         return ""
-    if track.bag.joints and not one_recording(track).passed:
+    if track.bag.boundaries and not one_recording(track).passed:
         return "these are several recordings"
     if any(each.contradicts for each in agreed):
         return "pose and twist contradict each other"

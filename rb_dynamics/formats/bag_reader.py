@@ -16,7 +16,7 @@ import numpy as np
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
-from rb_dynamics.formats.bag_source import Joint, SplitBag, open_source
+from rb_dynamics.formats.bag_source import FileBoundary, SplitBag, open_source
 from rb_dynamics.formats.mcap_records import McapChannel
 from rb_dynamics.formats.messages import (
     ODOMETRY,
@@ -52,7 +52,7 @@ class Bag:
         metadata: key and value of each metadata record, by its name.
         attachments: content by name.
         whole: the file itself has its end, which a recovered one has too.
-        joints: where one file ends and the next begins, of several in which nothing is missing between the two.
+        boundaries: where one file ends and the next begins, of several in which nothing is missing between the two.
     """
 
     path: Path
@@ -61,7 +61,7 @@ class Bag:
     metadata: dict[str, dict[str, str]]
     attachments: dict[str, bytes]
     whole: bool = True
-    joints: tuple[Joint, ...] = ()
+    boundaries: tuple[FileBoundary, ...] = ()
 
     @property
     def ended(self) -> bool:
@@ -162,7 +162,7 @@ def read_bag(path: str | os.PathLike[str], repeated: bool = True) -> Bag:
     if RUN in file.metadata:
         require_types(file, logged_scene(file.attachments))
     bag.whole = file.complete
-    bag.joints = tuple(file.joints) if isinstance(file, SplitBag) else ()
+    bag.boundaries = tuple(file.boundaries) if isinstance(file, SplitBag) else ()
     bag.complete = file.complete and INTERRUPTED not in file.metadata and not bag.next_file
     return bag
 

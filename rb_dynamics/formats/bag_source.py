@@ -37,7 +37,7 @@ _PACKED_BYTES = 4096
 
 
 @dataclass(frozen=True)
-class Joint:
+class FileBoundary:
     """Where one file of a bag ends and the next begins: their names, and the log times (ns) there."""
 
     before: str
@@ -101,7 +101,7 @@ class SplitBag:
         files: in their order.
         compression: "none", "file" (each as a whole) or "message" (each message).
         on_fact: as in `McapFile`.
-        joints: where one file ends and the next begins, where nothing is known to be missing between them.
+        boundaries: where one file ends and the next begins, where nothing is known to be missing between them.
     """
 
     path: Path
@@ -112,7 +112,7 @@ class SplitBag:
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     attachments: dict[str, bytes] = field(default_factory=dict)
     channels: dict[str, McapChannel] = field(default_factory=dict)
-    joints: list[Joint] = field(default_factory=list)
+    boundaries: list[FileBoundary] = field(default_factory=list)
 
     def messages(self) -> Iterator[Message]:
         """Yield every message of every file.
@@ -145,7 +145,7 @@ class SplitBag:
             lost = self.metadata.get(INTERRUPTED, {})
             if before is not None:
                 lost = _between(before, file, lost)
-                self.joints += _joint(before, file)
+                self.boundaries += _boundary(before, file)
             lost = _joined(lost, file.metadata.get(INTERRUPTED, {}))
             self.metadata.pop(RESULT, None)
             self.metadata.update(file.metadata | ({INTERRUPTED: lost} if lost else {}))
@@ -190,12 +190,12 @@ def _cut(file: _File) -> bool:
     return not file.complete or reason != DAMAGED
 
 
-def _joint(before: _File, after: _File) -> list[Joint]:
+def _boundary(before: _File, after: _File) -> list[FileBoundary]:
     """Return how `after` follows `before`, where nothing is known to be missing between them."""
     absent = next_file(before.metadata) not in ("", after.path.name)
     if before.span_ns is None or after.span_ns is None or absent or _cut(before):
         return []
-    return [Joint(before.path.name, after.path.name, before.span_ns[1], after.span_ns[0])]
+    return [FileBoundary(before.path.name, after.path.name, before.span_ns[1], after.span_ns[0])]
 
 
 def _between(before: _File, after: _File, lost: dict[str, str]) -> dict[str, str]:

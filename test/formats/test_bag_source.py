@@ -265,6 +265,6 @@ def test_two_recordings_in_one_folder_are_told_apart(
     (folder / "metadata.yaml").write_text(text.replace(f"  - {names[1]}\n", f"  - {names[0]}\n  - {names[1]}\n", 1))
     bag = read_bag(folder)
     assert bag.topics["/wrench"].count == 40
-    (joint,) = bag.joints
-    assert (joint.begin_ns - joint.end_ns) // 10**12 == 99
+    (boundary,) = bag.boundaries
+    assert (boundary.begin_ns - boundary.end_ns) // 10**12 == 99
     assert not one_recording(read_track(bag)).passed
