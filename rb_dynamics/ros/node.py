@@ -62,7 +62,7 @@ from rb_dynamics.scene.model import Scene
 from rb_dynamics.sinks.failure_guard import GuardedSink
 
 # s: output periods up to this are slept through; number of those after which services are checked; time for that.
-_LONGEST_SLEEP, _BETWEEN_TURNS, _LONGEST_TURN = 0.006, 0.1, 0.005
+_LONGEST_SLEEP, _BETWEEN_SPINS, _LONGEST_SPIN = 0.006, 0.1, 0.005
 # s before an output: commands that arrived until then are computed before the output is due, and do not delay it.
 _LAST_LOOK = 0.0004
 # prctl(2): by how many ns Linux may delay the end of a sleep to merge wake-ups; the default is 50 000.
@@ -424,15 +424,15 @@ def _end_sleeps_in_time() -> None:
 def _run(nodes: Sequence[RigidBodyNode], executor: SingleThreadedExecutor, stop: Sequence[int]) -> None:
     for node in nodes:
         node.runner.go()
-    next_turn = 0.0
+    next_spin = 0.0
     while not stop and (running := [node for node in nodes if not node.runner.done]):
         seconds = _seconds_until_due(running)
         if seconds > _LONGEST_SLEEP:
             _serve(executor, seconds)
         else:
-            if time.monotonic() >= next_turn:
-                turn(executor)
-                next_turn = time.monotonic() + _BETWEEN_TURNS
+            if time.monotonic() >= next_spin:
+                spin_some(executor)
+                next_spin = time.monotonic() + _BETWEEN_SPINS
                 seconds = _seconds_until_due(running)
             if seconds > _LAST_LOOK:
                 time.sleep(seconds - _LAST_LOOK)
@@ -445,9 +445,9 @@ def _run(nodes: Sequence[RigidBodyNode], executor: SingleThreadedExecutor, stop:
             node.tick()
 
 
-def turn(executor: SingleThreadedExecutor) -> None:
+def spin_some(executor: SingleThreadedExecutor) -> None:
     """Let everything that is ready do one thing each, for at most some milliseconds, without waiting."""
-    until = time.monotonic() + _LONGEST_TURN
+    until = time.monotonic() + _LONGEST_SPIN
     while _serve(executor, 0.0) and time.monotonic() < until:
         pass
 

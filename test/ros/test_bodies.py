@@ -20,7 +20,7 @@ from ros_harness import Peer
 
 from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.ros.bodies import main
-from rb_dynamics.ros.node import turn
+from rb_dynamics.ros.node import spin_some
 from rb_dynamics.ros.start_arguments import apart
 
 pytestmark = pytest.mark.ros
@@ -106,11 +106,11 @@ def test_a_turn_answers_more_than_one_of_many_that_wait() -> None:
             node.create_guard_condition(partial(called.append, k)).trigger()
         turns = 0
         while len(called) < len(nodes):
-            turn(executor)
+            spin_some(executor)
             turns += 1
         assert turns < len(nodes)
         assert sorted(called) == list(range(8))
-        turn(executor)
+        spin_some(executor)
         assert len(called) == 8
     finally:
         executor.shutdown()
