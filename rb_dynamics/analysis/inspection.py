@@ -11,9 +11,9 @@ import numpy as np
 
 from rb_dynamics.analysis.balance import Balance
 from rb_dynamics.analysis.checks import BOUND
+from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.residual import Residual
 from rb_dynamics.analysis.summary import RunSummary, summarize
-from rb_dynamics.analysis.topics import read_track
 from rb_dynamics.analysis.track import Track
 from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.numerics.argument_checks import number, shown

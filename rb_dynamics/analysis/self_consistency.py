@@ -17,7 +17,7 @@ import numpy as np
 
 from rb_dynamics.analysis.balance import sizes_of
 from rb_dynamics.analysis.checks import Check
-from rb_dynamics.analysis.topics import momenta
+from rb_dynamics.analysis.read_track import momenta
 from rb_dynamics.analysis.track import Array, RecordedWrench, Times, TimeSeries, Track, unit_rows
 from rb_dynamics.errors import RigidBodyError
 from rb_dynamics.formats.messages import APPLIED, MASS_PROPERTIES, log_topics, sample_topics

@@ -11,8 +11,8 @@ from noisy_recordings import recording, scene_of
 from tumbling import Tumble, bag_of, checks_of, failing, in_world, spin
 
 from rb_dynamics.analysis.agreement import agreements
+from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.summary import summarize
-from rb_dynamics.analysis.topics import read_track
 from rb_dynamics.numerics.rotation_arrays import rotate_all_inverse
 
 TURNS, MOVES = "angular velocity fits the attitude", "linear velocity fits the position"

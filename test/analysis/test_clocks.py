@@ -10,7 +10,7 @@ from bag_rows import add
 from tumbling import TWIST, bag_of, fill, in_world, spin, summary_of
 
 from rb_dynamics.analysis.clocks import remarks
-from rb_dynamics.analysis.topics import read_track
+from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.topic import Topic
 

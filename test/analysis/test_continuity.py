@@ -8,8 +8,8 @@ from noisy_recordings import scene_of
 from tumbling import bag_of, checks_of, failing, spin
 
 from rb_dynamics.analysis.continuity import continuity
+from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.summary import summarize
-from rb_dynamics.analysis.topics import read_track
 
 JUMPS = "/b/pose has no jumps"
 

@@ -10,7 +10,7 @@ import pytest
 
 from rb_dynamics.analysis.balance import Balance, balances
 from rb_dynamics.analysis.impulse import impulses, integral
-from rb_dynamics.analysis.topics import read_track
+from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.track import Track
 from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.loads.wrench import Wrench

@@ -7,9 +7,9 @@ import pytest
 from noisy_recordings import recording
 
 from rb_dynamics.analysis.noise import centred, judge, means
+from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.residual import Residual
 from rb_dynamics.analysis.summary import RunSummary, summarize
-from rb_dynamics.analysis.topics import read_track
 from rb_dynamics.report.text import residual_sentence
 from rb_dynamics.scene.model import Scene
 

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from rb_dynamics.analysis.gaps import gaps
+from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.summary import RunSummary, summarize
-from rb_dynamics.analysis.topics import read_track
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.formats.log_file import LogFile

@@ -18,8 +18,8 @@ import pytest
 from bag_rows import STAMPED, Row, stamped, write_rows
 
 from rb_dynamics import parse_scene, simulate
+from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.summary import summarize
-from rb_dynamics.analysis.topics import read_track
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import LogError, MissingExtraError

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import pytest
 
 from rb_dynamics.analysis.checks import one_recording
-from rb_dynamics.analysis.topics import read_track
+from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.formats.log_file import LogFile

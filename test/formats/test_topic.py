@@ -79,7 +79,7 @@ def test_a_large_bag_takes_little_more_memory_than_its_numbers(tmp_path: Path) -
     file.close()
     code = f"""
 from rb_dynamics.formats.bag_reader import read_bag
-from rb_dynamics.analysis.topics import read_track
+from rb_dynamics.analysis.read_track import read_track
 def peak_mb():
     return next(int(line.split()[1]) for line in open("/proc/self/status") if line.startswith("VmHWM")) / 1024
 before = peak_mb()

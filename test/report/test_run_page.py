@@ -9,8 +9,8 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.summary import summarize
-from rb_dynamics.analysis.topics import read_track
 from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.report.html import Section, write_html

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.summary import summarize
-from rb_dynamics.analysis.topics import read_track
 from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.report.text import WIDTH, as_text

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rb_dynamics.analysis.topics import read_track
+from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.track import Track
 from rb_dynamics.errors import LogError, MissingExtraError
 from rb_dynamics.formats.bag_reader import read_bag

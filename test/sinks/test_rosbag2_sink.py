@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 import yaml
 
+from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.summary import summarize
-from rb_dynamics.analysis.topics import read_track
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.formats.bag_source import open_source

@@ -14,8 +14,8 @@ import pytest
 from edited_logs import edited
 
 from rb_dynamics import RigidBody, Wrench, parse_scene, simulate
+from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.summary import summarize
-from rb_dynamics.analysis.topics import read_track
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_reader import read_bag

@@ -10,8 +10,8 @@ import numpy as np
 from bag_rows import add
 
 from rb_dynamics.analysis.checks import Check
+from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.summary import RunSummary, summarize
-from rb_dynamics.analysis.topics import read_track
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_reader import Bag
 from rb_dynamics.formats.topic import Topic

@@ -41,7 +41,7 @@ def read_track(bag: Bag, scene: Scene | None = None) -> Track:
     Raises:
         LogError: nothing in the bag is a pose, a twist or a wrench, or a message is damaged.
     """
-    return _Finder(bag, scene).track()
+    return _TrackReader(bag, scene).track()
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def momenta(pose: TimeSeries, twist: TimeSeries, twist_in_world: bool, body: Rig
     return Momenta(motion.time_ns, rotate_all(attitude, spin), linear, kinetic)
 
 
-class _Finder:
+class _TrackReader:
     """Looks up topics by type; among several, those next to the ones found, then those named as this package does."""
 
     def __init__(self, bag: Bag, scene: Scene | None) -> None:
