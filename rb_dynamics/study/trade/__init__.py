@@ -23,7 +23,6 @@ from rb_dynamics.study.explain import measured_length, probed
 from rb_dynamics.study.stopwatch import Clock, Stopwatch
 from rb_dynamics.study.trade.excerpt import accepted, trial_of
 from rb_dynamics.study.trade.full_runs import FullRuns, enough
-from rb_dynamics.study.trade.measurement import RunMeasurement, refinements_for
 from rb_dynamics.study.trade.reference import find_reference
 from rb_dynamics.study.trade.refinement import refine
 from rb_dynamics.study.trade.result import (
@@ -35,6 +34,7 @@ from rb_dynamics.study.trade.result import (
     recommend,
     with_front,
 )
+from rb_dynamics.study.trade.work_precision import WorkPrecision, refinements_for
 
 # Shares of `time_s`: the longest run of the excerpt, and the deadlines of the attempts to find a reference.
 _PILOT, _REFERENCE = 1.0 / 60.0, (0.4, 0.5, 0.6)
@@ -107,7 +107,7 @@ def trade(
             f"measured over the first {trial.seconds:.6g} s of {trial.whole:g} s, for which the errors "
             "in the table hold; more time (--time) measures a longer part"
         )
-    table = RunMeasurement(replace(trial, horizon=scene.duration), reference, truth, target)
+    table = WorkPrecision(replace(trial, horizon=scene.duration), reference, truth, target)
     refinements = refinements_for(trial) if reference.is_useful else []
     if names is not None:
         remarks.append(f"measured only {', '.join(names)}, as requested")

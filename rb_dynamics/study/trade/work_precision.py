@@ -31,7 +31,7 @@ _NO_BETTER = 3
 _BEFORE = 2
 
 
-class RunMeasurement:
+class WorkPrecision:
     """Measures rows of the excerpt `trial` against `truth`; `target` is the error aimed at, if there is one."""
 
     def __init__(self, trial: Excerpt, reference: Reference, truth: Sample, target: float | None = None) -> None:
