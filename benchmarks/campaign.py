@@ -1,16 +1,16 @@
-"""What a run of a campaign costs, by number of runs and of workers, and to the client; beside Basilisk's Monte Carlo.
+"""Measure the time and memory of campaign runs by number of runs and workers, and compare with Basilisk's Monte Carlo.
 
 Usage: python benchmarks/campaign.py WHAT [COUNT] [--basilisk PYTHON]
 
-`runs`: 10 s of closed loop, 1 to COUNT runs (default 100000) in blocks on one worker.
-`workers`: COUNT runs (default 10000) of config/campaigns/detumble.yaml on one worker and on two, twice, and beside them
-    two processes without dask; says how much of the machine others took.
-`limits`: what a block costs the process that commands, with workers that make rows up; COUNT blocks (default 200).
-`peer`: COUNT runs (default 20) of 300 s of rate damping with steps of 0.05 s and samples of 0.5 s, no delay, no noise;
-    Basilisk by its own RK4 and its compiled modules, one simulation after the other, in the interpreter that
-    --basilisk names.
-`memory`: what a worker holds.
-Times are of one core of this machine, best of some repeats, and of the clock for `workers`.
+`runs`: 1 to COUNT runs (default 100000) of 10 s in closed loop, in blocks on one worker.
+`workers`: COUNT runs (default 10000) of config/campaigns/detumble.yaml on one worker and on two, twice, and in two
+    processes without dask; prints the share of the machine that other processes used.
+`limits`: time of the client per block, with workers that return made-up rows; COUNT blocks (default 200).
+`peer`: COUNT runs (default 20) of 300 s of rate damping, steps of 0.05 s and samples of 0.5 s, without delay or noise;
+    Basilisk uses its own RK4 and compiled modules, one simulation after the other, in the interpreter given by
+    --basilisk.
+`memory`: memory of a worker.
+Times are for one core of this machine, the best of several repeats; `workers` measures wall-clock time.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
-"""Compare with what users would pick instead: the same problems, the same error, one run; writes docs/benchmarks.md.
+"""Compare with other simulators on the same problems at the same error and write docs/benchmarks.md.
 
-    python benchmarks/compare.py                  # a quarter of an hour; `make bench` installs what it can first
-    python benchmarks/compare.py --quick          # seconds: scipy alone, small problems, and nothing is written
-    python benchmarks/compare.py heyoka driven    # only these peers beside ours and these problems; nothing is written
+    python benchmarks/compare.py                  # a quarter of an hour; `make bench` first installs the peers
+    python benchmarks/compare.py --quick          # seconds: scipy alone, small problems; writes nothing
+    python benchmarks/compare.py heyoka driven    # only these peers (and ours) and these problems; writes nothing
 
-For each problem each peer goes from coarse to fine settings, until its attitude is as right as wanted. Those settings
-are then run in turn, A B C A B C, and the medians of times and ratios are shown. Times are those of the run alone;
-set-up, compilation and the first run are shown apart. What is not installed is left out, and said to be.
+For each problem, each peer is refined from coarse to fine settings until its attitude error meets the target. The
+settings found are then run in turn, A B C A B C, and the medians of times and ratios are shown. Times exclude set-up,
+compilation and the first run, which have columns of their own. The page lists the peers that are not installed.
 """
 
 from __future__ import annotations

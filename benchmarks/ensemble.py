@@ -1,12 +1,12 @@
-"""What a step of one body costs among many: by the number of bodies, the method and the threads.
+"""Measure the time per step and body in an ensemble, by number of bodies, method and threads.
 
 Usage: python benchmarks/ensemble.py [name ...]
 
-Forced bodies, compiled; best of some repeats. `alone` is the same method for one body through `driven_motion`, held for
-steps enough that the call does not count; `edge` is what a held wrench costs there beside its one step; `short` is what
-a body of the largest ensemble costs where it is advanced by one step at a time. Times are of this machine: of the
-processor for one thread, by the clock for more, which need as many idle cores. Without names: the methods that take
-bodies side by side, and one that does not.
+Forced bodies, compiled; best of several repeats. `alone` is the same method for one body through `driven_motion`, with
+wrenches held for so many steps that the call itself does not count; `edge` is the extra cost of a new held wrench;
+`short` is the time per body of the largest ensemble if it is advanced one step at a time. Times are for this machine:
+processor time with one thread, wall-clock time with several, which needs as many idle cores. Without names: the methods
+that support ensembles, and one that does not.
 """
 
 from __future__ import annotations

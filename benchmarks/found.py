@@ -1,4 +1,4 @@
-"""What `compare.py` finds, as values for `page.py`. Never measures and never draws."""
+"""Results of `compare.py`, as values for `page.py`."""
 
 from __future__ import annotations
 

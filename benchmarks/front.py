@@ -1,10 +1,10 @@
-"""Which methods stay: those whose cost for an error comes near the least on a scene that ships.
+"""Find the methods worth keeping: those near the lowest cost for some error on one of the shipped scenes.
 
 Usage: python benchmarks/front.py [--time S] [--rows FILE] [scene ...]
 
-Runs `trade` on each scene, once in plain Python and once compiled, by processor time, and prints the table of
-docs/methods.md. `--rows` keeps what was measured and measures only the scenes that are missing there. `REMOVED` are
-methods that were in the package; they are measured with the rest.
+Runs `trade` on each scene, in plain Python and compiled, by processor time, and prints the table of docs/methods.md.
+`--rows` stores the measurements in FILE and measures only scenes that are missing there. `REMOVED` are methods that
+were once in the package; they are measured too.
 """
 
 from __future__ import annotations

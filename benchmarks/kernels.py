@@ -1,11 +1,11 @@
-"""What compilation buys: the time of a step in plain Python and compiled, of every method that can be compiled.
+"""Measure the speed-up by compilation: time of a step in plain Python and compiled, for every method that compiles.
 
 Usage: python benchmarks/kernels.py [name ...]
 
-A forced body, through `Arc`, as in a run, by equal steps of 1 ms and by strides as long as `ACCURACY` allows (a stride
-is up to three steps, and what chooses it); best of some repeats. Apart from that, what is paid once: the import of
-numba, the first compilation ever (into an empty folder), and loading the result in a process that finds it there. Times
-are of this machine.
+A forced body, advanced through `Arc` as in a run, with fixed steps of 1 ms and with strides chosen for `ACCURACY` (a
+stride is up to three steps and its step control); best of several repeats. One-time costs are shown apart: import of
+numba, first compilation (into an empty folder), and loading the cached result in a new process. Times are for this
+machine.
 """
 
 from __future__ import annotations

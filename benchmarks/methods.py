@@ -1,11 +1,11 @@
-"""Speed against accuracy of every method that steps, on three workloads.
+"""Measure error against run time of every stepping method on three workloads.
 
 Usage: python benchmarks/methods.py [--page FILE] [name ...]
 
-Prints the attitude error at the end and the time of each method and step, and marks the front: the points that no other
-point beats in both. The reference is a much finer run, checked by a run of another family. Times are in plain Python
-and depend on the machine; errors do not. `LEFT_OUT` are families that are not in the package because they never reach
-the front here; `--page` writes docs/methods.md.
+Prints the attitude error at the end and the time for each method and step, and marks the front: the points that no
+other point beats in both. The reference is a much finer run, checked by a method of another family. Times are in plain
+Python and depend on the machine; errors do not. `LEFT_OUT` are families that are not in the package because they never
+reach the front; `--page` writes docs/methods.md.
 """
 
 from __future__ import annotations

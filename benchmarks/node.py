@@ -1,28 +1,28 @@
-"""How well the node keeps its rate, what that costs, and how fast it answers; beside a node that does nothing else.
+"""Measure how punctual the node is, what it costs and how fast it answers, beside a plain rclpy node.
 
 Usage: python benchmarks/node.py [--seconds 60] [--rounds 1] [--bodies 4] [--rate 1000] [--priority 10]
 
-Two runs: steps of 1 ms with every one published (pose, twist, odom, momenta, energies: eight topics, all of them read),
-and steps of 0.25 ms published at 200 Hz. The reader is this process; it takes the bytes and commands a force now and
-then. "Late" is a message published more than a period after its time, by the middleware's time of publishing, or left
-out because the next one was due; "lost" is one that was published and never came. Latency is from the publishing of a
-wrench to the arrival of the first pose that shows it, by the middleware's time of receiving.
+There are two runs: steps of 1 ms, each published (pose, twist, odom, momenta, energies: eight topics, all of them
+read), and steps of 0.25 ms published at 200 Hz. This process is the reader; it receives serialized messages and
+commands a force now and then. A message is "late" if it was published more than a period after its time, by the
+middleware's source timestamp, or skipped because the next one was due; it is "lost" if it was published but never
+arrived. Latency is from the publishing of a wrench to the arrival of the first pose that shows it, by the middleware's
+reception timestamp.
 
-The node to compare with is plain rclpy: a timer, the same messages made once, stamped and published at each tick. It
-simulates nothing and hears nothing. Both take turns, so that what else the machine does disturbs both; CPU is user and
-system time of the whole process.
+The reference node is plain rclpy: a timer and the same messages, made once, stamped and published at each tick. It
+neither simulates nor subscribes. The two nodes take turns, so that other load on the machine affects both. CPU is user
+and system time of the whole process.
 
-What the machine itself is late is seen by bare processes, without ROS, that run beside each node, one to a processor:
-they only sleep from one time to the next. With `--priority` they run above the node, so that nothing but the machine
-keeps them: where one of them oversleeps by 0.3 of a period, the machine stalled, at most since the time before. It is
-then told how many of the late ticks came in a stall or within as long again after it, and, as some would by chance, how
-much of the time that is: what is left is the node's own.
+Lateness of the machine itself is measured by a process without ROS on each processor, which only sleeps from one time
+to the next. If one of them oversleeps by 0.3 of a period, the machine stalled, at most since the previous time. The
+result says how many late ticks fell into a stall or within the same time after it, and what share of the time that is,
+since some would by chance. The other late ticks are due to the node.
 
-`--priority` runs all of them, and the reader below them, at a real-time priority (SCHED_FIFO, as `chrt -f` does), which
-takes a right that root has.
+`--priority` gives all of these processes, and the reader below them, a real-time priority (SCHED_FIFO, as `chrt -f`
+does), which root may do. The sleeping processes run above the node.
 
-At last several bodies at 100 Hz, pose and odometry of each read: a process for each, and one for all. Memory is the
-proportional set size: what processes share is counted once.
+Finally, several bodies at 100 Hz, pose and odometry of each read: one process each, and one process for all. Memory is
+the proportional set size, which counts shared memory once.
 """
 
 from __future__ import annotations

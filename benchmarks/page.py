@@ -1,4 +1,4 @@
-"""Write docs/benchmarks.md and its pictures from what `compare.py` measured. Never measures anything itself."""
+"""Write docs/benchmarks.md and its pictures from the results of `compare.py`."""
 
 from __future__ import annotations
 

@@ -1,12 +1,12 @@
-"""How fast a run goes into its logs: messages into MCAP, samples and rows of columns into a Rerun recording.
+"""Measure how fast a run is logged: messages to MCAP, samples and rows of columns to a Rerun recording.
 
 Usage: python benchmarks/recording.py
 
-A tumbling body, thinning off. "Writer" begins where the messages of the node's topics are packed, and goes through our
-writer and through that of the package mcap, with chunks of one size, compressed and not. "Mcap" and "sink" are all of
-it, from an event to the closed file; "columns" begins where a batch lies in arrays, and a row is one time of one
-entity. "Scalars" is a single entity in one call: what Rerun itself takes. Best of some repeats, in processor time
-where nothing else is said; of this machine.
+A tumbling body, without thinning. "Writer" begins with the node's messages before they are packed, and compares our
+writer with that of the package mcap, with equal chunk sizes, compressed and not. "Mcap" and "sink" are the whole path
+from an event to the closed file. "Columns" begins with a batch in arrays; a row is one time of one entity. "Scalars" is
+a single entity in one call, which is the cost of Rerun itself. Best of several repeats, in processor time unless
+stated otherwise, on this machine.
 """
 
 from __future__ import annotations

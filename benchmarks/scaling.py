@@ -1,9 +1,9 @@
-"""Write docs/scaling.md and its figure: what a run costs in time, memory and bytes, and how that grows.
+"""Write docs/scaling.md and its figure: time, memory and bytes of a run, and how they grow.
 
 Usage: python benchmarks/scaling.py     # two minutes of computing
 
-Processor time, so that other work on the machine counts little; best of some repeats. Starting alone is measured by the
-clock, as a median. Times are of this machine. Never decides whether a figure is good enough.
+Processor time, which other load hardly affects; best of several repeats. Only start-up is measured in wall-clock time,
+as a median. Times are for this machine. The script does not judge the figures.
 """
 
 from __future__ import annotations

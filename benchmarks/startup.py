@@ -1,9 +1,9 @@
-"""How long the command line takes to start, in units of `python -c "import numpy"`.
+"""Measure the start-up time of the command line in units of `python -c "import numpy"`.
 
 Usage: python benchmarks/startup.py [turns]
 
-The commands take turns, each in a process of its own with its byte code cached, and the median of each is printed with
-its ratio. What the project promises: `--help` below 3, `simulate config/slew.yaml` (6000 steps of rkmk4) below 5.
+The commands take turns, each in its own process with cached byte code. Prints the median of each and its ratio. The
+project promises less than 3 for `--help` and less than 5 for `simulate config/slew.yaml` (6000 steps of rkmk4).
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
-"""What an accepted stride costs with its control, for every method that steps: the prices that `auto` reckons with.
+"""Measure the cost of an accepted stride with its step control for every stepping method; `auto` uses these costs.
 
-Processor time, in plain Python unless RB_DYNAMICS_COMPILE says otherwise; compiled they are alike within a third.
+Processor time, in plain Python unless RB_DYNAMICS_COMPILE says otherwise; compiled, the ratios agree within a third.
 
 Usage: python benchmarks/strides.py
 
-Prints for each kind of load and each accuracy the methods in the order of the time they take for two seconds of motion,
-with strides and time for each; and at the end the price of a stride in units of one of rk4, as it stands in
+For each kind of load and each accuracy, prints the methods in order of the time for two seconds of motion, with the
+number of strides and the time per stride; finally the cost of a stride in units of one of rk4, as listed in
 `rb_dynamics/motion/auto_method.py`.
 """
 

@@ -1,4 +1,4 @@
-"""What the pages that benchmarks write have in common: the machine's name, tables in Markdown, figures as SVG."""
+"""Shared by the scripts that write pages: name of the machine, tables in Markdown, figures as SVG."""
 
 from __future__ import annotations
 

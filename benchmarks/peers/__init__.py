@@ -1,1 +1,1 @@
-"""One file for each simulator that users would pick instead; `problem.py` says what all of them are asked."""
+"""The other simulators, one file each; `problem.py` defines the problems and the interface of a peer."""

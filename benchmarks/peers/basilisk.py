@@ -1,7 +1,7 @@
-"""Basilisk: a spacecraft with an external force and torque, by its fixed RK4 and its adaptive RKF78; no recorders.
+"""Basilisk: a spacecraft with an external force and torque, with fixed-step RK4 or adaptive RKF78, without recorders.
 
-Basilisk switches its attitude parameters between two steps of the simulation, never inside one, so that a step may not
-turn the body by more than a radian or so; RKF78 divides it as its tolerance asks for.
+Basilisk switches its attitude parameters (MRP) only between steps of the simulation, so a step must not turn the body
+by more than about a radian; RKF78 subdivides it to meet its tolerance.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The rk4 step in plain C (`benchmarks/reference.c`), compiled here by gcc: what a patient programmer gets."""
+"""The rk4 step in hand-written C (`benchmarks/reference.c`), compiled here by gcc."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""heyoka: Taylor's method, compiled for these very equations; called once a command, with the wrench as parameters."""
+"""heyoka: Taylor's method, compiled for these equations; one call per command, with the wrench as parameters."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""rb_dynamics itself: the closed form, many bodies or held wrenches in one call, and `simulate`, where users start."""
+"""rb_dynamics: the closed form, ensembles and `driven_motion` in one call, and `simulate`."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Pinocchio: the articulated-body algorithm on a free flyer, with Munthe-Kaas RK4, as it has no integrator.
+"""Pinocchio: the articulated-body algorithm on a free flyer, with a Munthe-Kaas RK4 of ours; it has no integrator.
 
-Its velocities are those of the body in body axes, which is also where its wrenches act; the loop is Python's.
+Its velocities and wrenches are in body axes; the loop is in Python.
 """
 
 from __future__ import annotations

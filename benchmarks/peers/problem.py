@@ -1,6 +1,6 @@
-"""The problems that all peers are given, and what a peer is.
+"""The problems that all peers solve, and the interface of a peer.
 
-SI units, quaternions (x, y, z, w) from body to world axes; the body origin is the centre of mass. Never times anything.
+SI units, quaternions (x, y, z, w) from body to world axes; the body origin is the centre of mass.
 """
 
 from __future__ import annotations

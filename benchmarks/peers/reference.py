@@ -1,4 +1,4 @@
-"""Where the bodies of a problem really are at the end: the closed form, or two methods of ours that agree."""
+"""Reference end states of a problem: the closed form, or two methods of this package that agree."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A problem in the types of rb_dynamics and in the numbers of its kernels; shared by `ours.py` and `c.py`."""
+"""Convert a problem to the types of rb_dynamics and the arrays of its kernels; shared by `ours.py` and `c.py`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A process for each peer: what one loads, threads, floating-point modes and crashes, does not reach the others."""
+"""Run each peer in its own process: libraries, threads, floating-point modes and crashes affect no other."""
 
 from __future__ import annotations
 
