@@ -1,8 +1,8 @@
-"""Draw the figures of docs/campaigns.md: the worked studies, each flown if its rows are not in out/, and the cost.
+"""Draw the figures of docs/campaigns.md: the worked studies, which are run if their rows are not in out/, and the cost.
 
     python tools/make_campaigns.py            # a few minutes; needs the extras scale and plot
 
-What the studies teach stands in the page; nothing is judged here.
+The page itself, written by hand, says what the studies show.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Draw docs/images/data-flow.svg: the way of the data from scene to log, as in the tree.
+"""Draw docs/images/data-flow.svg: the path of the data from scene to log.
 
-    python tools/make_diagram.py            # --check: says whether the figure is this one, exit code 1 if not
+    python tools/make_diagram.py            # --check: exit code 1 if the figure on disk is out of date
 
-Colours follow the reader's system, light or dark. A file that a box names and that is not there is an error.
+Colours follow the reader's system, light or dark. Fails if a file named in a box does not exist.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
-"""Write docs/lecture.md and its figures: both lecture texts, equation by equation, what computes each and how well.
+"""Write docs/lecture.md and its figures: the equations of both texts, the functions that compute them, residuals.
 
-The page is tools/lecture.template.md with its code run, block by block, and the results put in their places:
-<<expression :: bound>> is a residual, <<expression :: .3f>> a number. Residuals are rounded up to a power of ten with
-a margin, so that the page is the same wherever it is made.
+The page is tools/lecture.template.md with its code blocks run and the results inserted: <<expression :: bound>> is a
+residual, <<expression :: .3f>> a number. Residuals are rounded up to a power of ten with a margin, so that every
+machine makes the same page.
 
     python tools/make_lecture.py           # write the page and the figures
-    python tools/make_lecture.py --check   # exit 1 where the page on disk is not what its code finds
+    python tools/make_lecture.py --check   # exit code 1 if the page on disk is out of date
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""Make the pictures of the README and of docs/logs.md in docs/images: Rerun scenes, a report, a video.
-
-The real Rerun viewer draws without a window, by software where there is no graphics card; the report is opened in
-Chromium. The recorded flight comes from `make demo`, the flip of a free body is run here. Look at what comes out.
+"""Make the pictures of the README and docs/logs.md in docs/images: Rerun scenes, a report, a video.
 
     python tools/make_pictures.py
+
+Uses the Rerun viewer without a window (software rendering if there is no graphics card), and Chromium for the report.
+The recording is that of `make demo`; the flip of a free body is run here. Look at the pictures before committing them.
 """
 
 from __future__ import annotations

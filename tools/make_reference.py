@@ -3,9 +3,9 @@
     python tools/make_reference.py            # the page of the node needs rclpy
     python tools/make_reference.py --check    # prints what is out of date, exit code 1
 
-Keys, expected values and defaults come from the scene reader, which is given a wrong value for each key; options from
-the parsers; topics and services from a running node; channels and metadata from a log that is written for it. The
-purpose of each thing is a line in one of the tables below; a missing line is an error.
+Sources: keys, expected values and defaults come from the scene reader, which gets a wrong value for each key; options
+from the parsers; topics and services from a running node; channels and metadata from a log written for this. The
+purpose of each item is a line in the tables below; a missing line is an error.
 """
 
 from __future__ import annotations

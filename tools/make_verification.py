@@ -1,10 +1,10 @@
-"""Write docs/verification.md and its figures: the measured accuracy, and the test that checks each claim.
+"""Write docs/verification.md and its figures: measured accuracy, and the test that checks each claim.
 
-    python tools/make_verification.py          # two to three minutes; keeps the old drift over 1e9 steps
+    python tools/make_verification.py          # two to three minutes; keeps the previous drift over 1e9 steps
     python tools/make_verification.py --long   # measures that too: a quarter of an hour with numba
 
-Uses the functions of the tests, on the same motions, for every method of METHODS. The last digits depend on platform
-and libraries, so one digit is written. The tests, not this script, decide whether a figure is good enough.
+Calls the functions of the tests on the same motions, for every method of METHODS. Figures have one digit, since the
+last ones depend on platform and libraries. The limits are in the tests, not here.
 """
 
 from __future__ import annotations

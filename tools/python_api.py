@@ -1,6 +1,6 @@
-"""The page docs/reference/python.md: every public name with its signature, types and docstring, as Markdown.
+"""Generate docs/reference/python.md: every public name with its signature, types and docstring, as Markdown.
 
-`tools/make_reference.py` writes it. Nothing is said here that the code does not say, but for the order of the parts.
+Used by `tools/make_reference.py`. All text except the order of the sections comes from the code.
 """
 
 from __future__ import annotations

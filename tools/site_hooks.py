@@ -1,7 +1,7 @@
-"""Hooks of mkdocs: what pages link to outside of docs/ is on the site too, links to it lead there; formulas are MathML.
+"""Hooks of mkdocs: add files that pages link to outside docs/ to the site, adapt the links, set formulas in MathML.
 
-Pages are written for the source tree, where `../config/slew.yaml` is beside docs/, and for GitHub, which sets $`...`$.
-Browsers set MathML by themselves: no script is fetched. Never changes a page on disk.
+The pages are written for the source tree, where `../config/slew.yaml` is beside docs/, and for GitHub, which sets
+$`...`$. Browsers set MathML without scripts. Pages on disk are not changed.
 """
 
 from __future__ import annotations

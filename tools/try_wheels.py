@@ -1,11 +1,11 @@
-"""Build sdist and wheel, install them into fresh environments, and compare what the same scenes give there.
+"""Build sdist and wheel, install them into fresh environments, and compare results of the same scenes.
 
-    python tools/try_wheels.py                        # every python3.10 to 3.14 that works on PATH
-    python tools/try_wheels.py /path/to/python3.13    # these
+    python tools/try_wheels.py                        # every working python3.10 to 3.14 on PATH
+    python tools/try_wheels.py /path/to/python3.13    # only these
 
-The wheel is tried in each with the newest dependencies, and with the oldest that setup.py allows and that have wheels
-for it; the sdist in the first.
-Exit code 1 where one cannot be installed, or gives other bits. What is built stays in dist/. Needs build and twine.
+The wheel is installed in each with the newest dependencies, and with the oldest that setup.py allows and that have
+wheels for it; the sdist in the first.
+Exit code 1 if an installation fails or any bit differs. Results stay in dist/. Needs build and twine.
 """
 
 from __future__ import annotations
