@@ -27,7 +27,7 @@ from rb_dynamics.report.trade_page import write_trade_page
 from rb_dynamics.run.simulation import Simulation, simulate
 from rb_dynamics.scene.model import Scene, Solver
 from rb_dynamics.scene.read import parse_scene, read_scene
-from rb_dynamics.study.trade import Recommendation, Trade, TradeRow, measurement, reference, trade
+from rb_dynamics.study.trade import Recommendation, Trade, TradeRow, reference, trade, work_precision
 
 # The package: rb_dynamics.study.trade is the function in the namespace of its parent.
 TRADE = importlib.import_module("rb_dynamics.study.trade")
@@ -206,12 +206,12 @@ def test_how_many_settings_are_far_from_the_target_follows_from_the_order_seen(f
     steps = [one.step for one in rows if one.step is not None]
     assert len(steps) > 6
     coming = [Solver("rk4", step=step, accuracy=None) for step in steps[2:]]
-    far = measurement.far_from(1e-7, rows[:2], coming)
+    far = work_precision.far_from(1e-7, rows[:2], coming)
     kept = [one for one in rows[2 + far :] if one.error > 1e-7]
     assert far > 0
     assert 1 <= len(kept) <= 5
-    assert measurement.far_from(rows[1].error, rows[:2], coming) == 0
-    assert measurement.far_from(1e-7, rows[:1], coming) == 0
+    assert work_precision.far_from(rows[1].error, rows[:2], coming) == 0
+    assert work_precision.far_from(1e-7, rows[:1], coming) == 0
 
 
 def test_under_drag_only_the_methods_that_take_it_are_measured() -> None:
@@ -319,7 +319,7 @@ def test_a_long_scene_is_measured_as_it_would_run_and_no_time_holds_what_compili
     monkeypatch.setattr(
         TRADE,
         "refinements_for",
-        lambda trial: [one for one in measurement.refinements_for(trial) if one.method in ("euler", "rk4")],
+        lambda trial: [one for one in work_precision.refinements_for(trial) if one.method in ("euler", "rk4")],
     )
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "auto")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
