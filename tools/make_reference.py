@@ -81,13 +81,14 @@ message and no traceback). A progress bar appears only on a terminal.
 
 LOG = """\
 A log is one MCAP file of profile `ros2`, with CDR messages, and `ros2msg` schemas, QoS and type hashes on every
-channel. All times are simulation time in nanoseconds, counted from 0. [Logs](../logs.md) explains how to write, check
-and view it.
+channel. All times are simulation time in nanoseconds, counted from 0; `rb_dynamics.epoch` has the ROS time of time 0 if
+a node stamped its messages with that. [Logs](../logs.md) explains how to write, check and view it.
 """
 
 NODE = """\
-Names are relative and can be remapped. Every topic is RELIABLE. All stamps are simulation time, and none is zero. A
-topic without subscribers is not computed. [The node in a ROS 2 graph](../ros.md) explains the node's behaviour.
+Names are relative and can be remapped. Every topic is RELIABLE. Stamps are ROS time or simulation time, see `stamps`
+below; none is zero. A topic without subscribers is not computed. [The node in a ROS 2 graph](../ros.md) explains the
+node's behaviour.
 """
 
 PARAMETERS = """\
@@ -197,6 +198,7 @@ SERVICES = {
 
 METADATA = {
     "rb_dynamics": "method, versions, platform, hash of the scene",
+    "rb_dynamics.epoch": "ROS time of simulation time 0, if messages were stamped with ROS time; the last one holds",
     "rb_dynamics.topics": "names of the topics after remapping",
     "rb_dynamics.checkpoint": "after each chunk: the number of samples so far, and the SHA-256 of all of them",
     "rb_dynamics.result": "the end of the run: steps, hashes of inputs and of all states (below). In a split bag, "

@@ -29,6 +29,12 @@ def on_nanosecond(seconds: float) -> float:
     return nanoseconds(seconds) / NANOSECONDS
 
 
+def seconds_text(time_ns: int) -> str:
+    """Return a time (ns) in seconds, with every digit: a double holds no nanoseconds of the seconds since 1970."""
+    seconds, rest = divmod(abs(time_ns), NANOSECONDS)
+    return f"{'-' if time_ns < 0 else ''}{seconds}.{rest:09d}"
+
+
 def split_stamp(time_ns: int) -> tuple[int, int]:
     """Return a time (ns) as (sec, nanosec) of `builtin_interfaces/Time`.
 

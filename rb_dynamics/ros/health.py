@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 
-from rb_dynamics.numerics.nanoseconds import NANOSECONDS
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS, seconds_text
 from rb_dynamics.ros.arrivals import Arrival
 from rb_dynamics.ros.pacing import ClockFollower, Pacer
 from rb_dynamics.run.simulation import Simulation
@@ -164,7 +164,7 @@ class Health:
         """Return the status of the node in `state`, and what it waits for."""
         sample = simulation.sample
         offset_ns = pacer.offset_ns
-        stamp = "none yet" if offset_ns is None else f"{max(1, sample.time_ns + offset_ns) / 1e9:.9f} s"
+        stamp = "none yet" if offset_ns is None else f"{seconds_text(max(1, sample.time_ns + offset_ns))} s"
         values = {
             "state": state,
             "simulation time": f"{sample.time_ns / 1e9:.9f} s",

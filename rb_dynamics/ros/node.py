@@ -95,10 +95,11 @@ class RigidBodyNode(Node):
         self._topics = [channel.topic for channel in scene.channels]
         # Logs that were deleted, and have been reported.
         self._missing: set[Path] = set()
+        # Under use_sim_time this clock is /clock, else that of the system.
         pacer = (
-            ClockFollower(lambda: self.get_clock().now().nanoseconds)
+            ClockFollower(self._ros_now)
             if settings.use_sim_time
-            else Pacer(settings.mode.real_time_factor or 1.0)
+            else Pacer(settings.mode.real_time_factor or 1.0, self._ros_now if settings.ros_stamps else None)
         )
         self._throttle = Throttle()
         self._health = Health(self.get_fully_qualified_name(), self._topics, self._say)
@@ -128,11 +129,15 @@ class RigidBodyNode(Node):
         self.add_post_set_parameters_callback(self._after_set_parameters)
         self.get_logger().info(self._introduction())
 
+    def _ros_now(self) -> int:
+        return int(self.get_clock().now().nanoseconds)
+
     def tick(self) -> None:
         """Take commands, advance as far as time allows, and publish diagnostics once a second."""
         self.runner.tick()
         self._neighbours.look()
         if self._health.due():
+            self.runner.correct()
             self._miss_logs()
             if self._settings.logs.names or self._topic_sink.status_is_read:
                 self.runner.report()
@@ -162,11 +167,12 @@ class RigidBodyNode(Node):
             mode = "in lockstep"
         if settings.use_sim_time:
             mode = "following /clock"
+        stamps = "" if settings.use_sim_time else f", stamps in {'ROS' if settings.ros_stamps else 'simulation'} time"
         heard = ", ".join(self.resolve_topic_name(topic) for topic in self._topics) or "no wrench"
         end = "until stopped" if scene.duration is None else f"for {scene.duration:g} s"
         logs = ", ".join(settings.logs.names)
         return (
-            f"{scene.source} by {self.runner.simulation.plan.name}, {mode}, {end}; listening on {heard}"
+            f"{scene.source} by {self.runner.simulation.plan.name}, {mode}{stamps}, {end}; listening on {heard}"
             f"{f'; logging to {logs}' if logs else ''}{'; paused' if self.runner.paused else ''}"
         )
 

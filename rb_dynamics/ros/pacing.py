@@ -20,26 +20,43 @@ _PAUSE = 1.0
 
 
 class Pacer:
-    """Maps the steady clock to simulation time by a factor, from the moment it was last restarted."""
+    """Maps the steady clock to simulation time by a factor, from the moment it was last restarted.
 
-    def __init__(self, factor: float) -> None:
-        """Use a real-time factor greater than 0."""
+    Stamps are simulation time, or ROS time: then they are set by the ROS clock at each restart, after a pause or a lag
+    too, and follow the steady clock in between.
+    """
+
+    def __init__(self, factor: float, ros_now: Callable[[], int] | None = None) -> None:
+        """Use a real-time factor greater than 0, and a ROS clock (ns) if stamps are to be ROS time."""
         self.factor = factor
+        self._ros_now = ros_now
         self.clear()
         self.begin(0)
 
     def clear(self) -> None:
         """Clear the counts."""
-        self._overruns = self._dropped_ns = self._largest_ns = 0
+        self._overruns = self._dropped_ns = self._largest_ns = self._corrections = 0
 
     def begin(self, offset_ns: int) -> None:
-        """Begin a run at simulation time 0, with stamps `offset_ns` ahead of it."""
+        """Begin a run at simulation time 0, with stamps `offset_ns` ahead of it if they are simulation time."""
         self.offset_ns: int | None = offset_ns
         self.restart(0)
 
     def restart(self, time_ns: int) -> None:
         """Let the present simulation time be `time_ns`."""
         self._clock_ns, self._time_ns = time.monotonic_ns(), time_ns
+        if self._ros_now is not None:
+            self.offset_ns = self._ros_now() - time_ns
+
+    def correct(self) -> None:
+        """Follow a ROS clock that was set to another time; the body does not move by that."""
+        if self._ros_now is None or self.factor != 1.0:
+            return
+        time_ns = self._time_ns + time.monotonic_ns() - self._clock_ns
+        offset_ns = self._ros_now() - time_ns
+        if self.offset_ns is None or abs(offset_ns - self.offset_ns) > LARGEST_LAG_NS:
+            self.offset_ns = offset_ns
+            self._corrections += 1
 
     def due_ns(self, next_ns: int) -> int:
         """Return the simulation time due now, if `next_ns` is to be reached next; gives up a lag that is too large."""
@@ -66,6 +83,7 @@ class Pacer:
         """Return the values for diagnostics."""
         return {
             "real-time factor": f"{self.factor:g}",
+            "stamps": "simulation time" if self._ros_now is None else "ROS time",
             "overruns": str(self._overruns),
             "time dropped": f"{self._dropped_ns / 1e9:.3f} s",
             "largest lag": f"{self._largest_ns / 1e6:.1f} ms",
@@ -73,6 +91,13 @@ class Pacer:
 
     def warning(self) -> str:
         """Return a warning, or ""."""
+        if self._ros_now is not None and self.factor != 1.0:
+            return (
+                f"stamps are ROS time and go {self.factor:g} times as fast: they hold again at real_time_factor 1; "
+                "start with stamps:=simulation and publish_clock:=true for another factor"
+            )
+        if self._corrections:
+            return f"ROS time was set anew ({self._corrections}): stamps jumped with it, the body did not"
         if not self._overruns:
             return ""
         times = "once" if self._overruns == 1 else f"{self._overruns} times"

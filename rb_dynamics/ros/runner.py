@@ -15,12 +15,12 @@ from rb_dynamics.body.state import State
 from rb_dynamics.errors import ConvergenceError, LogError, RigidBodyError, SceneError
 from rb_dynamics.loads.channels import CheckedWrench
 from rb_dynamics.loads.wrench import Wrench
-from rb_dynamics.numerics.nanoseconds import NANOSECONDS
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS, seconds_text
 from rb_dynamics.ros.arrivals import Arrival, Arrivals
 from rb_dynamics.ros.health import Health
 from rb_dynamics.ros.pacing import ClockFollower, Pacer
 from rb_dynamics.run.simulation import Simulation
-from rb_dynamics.run.sink import Sink
+from rb_dynamics.run.sink import Epoch, Sink
 from rb_dynamics.scene import parse_scene
 from rb_dynamics.scene.model import Scene
 
@@ -104,6 +104,11 @@ class Runner:
         """The scene, with the state that `reset` restores."""
         return self._scene
 
+    def correct(self) -> None:
+        """Let stamps follow ROS time if that was set anew; once a second is enough."""
+        if isinstance(self.pacer, Pacer) and not (self.stands_still or self._free_running):
+            self.pacer.correct()
+
     def go(self) -> None:
         """Start pacing now: time spent on preparation is not a lag."""
         self.pacer.restart(self._reached_ns)
@@ -123,6 +128,7 @@ class Runner:
         next burst and still acts from its arrival.
         """
         due_ns = self._due_ns()
+        self._tell_epoch()
         self._host.take_commands()
         if not self.paused:
             # The pacer may have given up a lag meanwhile.
@@ -219,7 +225,7 @@ class Runner:
     @property
     def shown_time(self) -> str:
         """Simulation time and the corresponding stamp, as text."""
-        return f"simulation time {self.simulation.time_ns / 1e9:.9g} s (header.stamp {self.stamp_ns / 1e9:.9g} s)"
+        return f"simulation time {self.simulation.time_ns / 1e9:.9g} s (header.stamp {seconds_text(self.stamp_ns)} s)"
 
     def set_state(self, state: State) -> None:
         """Begin a new run from `state`; stamps and commands continue.
@@ -306,8 +312,9 @@ class Runner:
             )
         if time_ns - computed_ns > _FAR_AHEAD_NS:
             self.health.warn(
-                f"{topic}: a command has the header.stamp {wrench.stamp_ns / 1e9:.9g} s, far ahead of ours, "
-                f"{(computed_ns + (offset_ns or 0)) / 1e9:.9g} s, expected the time that our stamps show"
+                f"{topic}: a command has the header.stamp {seconds_text(wrench.stamp_ns)} s, far ahead of ours, "
+                f"{seconds_text(computed_ns + (offset_ns or 0))} s, expected the time that our stamps show"
+                f"{'' if self.lockstep else '; ROS time is that of -p stamps:=ros'}"
             )
 
     def fail(self, message: str) -> None:
@@ -350,6 +357,8 @@ class Runner:
         self.steps_left = 0
         self._slice_ns = 1_000_000
         self._before_ns = before_ns
+        # Stamps that are simulation time count from the last reset: nothing to tell.
+        self._told_ns: int | None = before_ns
         self.pacer.begin(before_ns)
         self.simulation.start()
 
@@ -435,8 +444,14 @@ class Runner:
         newest_ns = self._newest.get(oldest)
         if newest_ns is None:
             return f", waits for the first command on {oldest}" if oldest else ""
-        seconds = (newest_ns + (self.pacer.offset_ns or 0)) / NANOSECONDS
-        return f", waits for a command on {oldest} with a header.stamp later than {seconds:.9f} s"
+        seconds = seconds_text(newest_ns + (self.pacer.offset_ns or 0))
+        return f", waits for a command on {oldest} with a header.stamp later than {seconds} s"
+
+    def _tell_epoch(self) -> None:
+        """Tell the sinks how far stamps are ahead of simulation time, if that has changed."""
+        if self.pacer.offset_ns != self._told_ns and self.pacer.offset_ns is not None:
+            self._told_ns = self.pacer.offset_ns
+            self.simulation.write(Epoch(self.simulation.time_ns, self._told_ns))
 
     def _burst(self) -> None:
         """Advance towards the goal for a few milliseconds; how time is divided does not change the motion."""

@@ -34,6 +34,10 @@ _PARAMETERS: dict[str, tuple[object, str]] = {
     "publish_clock": (False, "publish simulation time on /clock"),
     "publish_tf": (False, "publish the pose on /tf and the scene's fixed frames on /tf_static"),
     "publish_accel": (False, "publish the acceleration of the body origin on accel"),
+    "stamps": (
+        "auto",
+        "time of header.stamp: ros, simulation, or auto (ros if time runs at factor 1 from the start, without /clock)",
+    ),
     "apply_at": ("arrival", "when a command takes effect: at its arrival, or at its header.stamp"),
     "mcap": ("", "write an MCAP log to this file; an earlier file is renamed, as for bag and rerun"),
     "bag": ("", "write the log as a rosbag2 folder instead"),
@@ -61,6 +65,7 @@ class Settings:
     mode: Mode
     topics: Topics
     use_sim_time: bool
+    ros_stamps: bool
     logs: Logs
 
 
@@ -88,13 +93,14 @@ def read_settings(node: Node) -> Settings:
     scene = read_scene(path, overrides)
     require_paceable(scene)
     factor = real_time_factor(values["real_time_factor"])
-    apply_at = _text("apply_at", values["apply_at"])
-    if apply_at not in ("arrival", "stamp"):
-        raise SceneError(f"parameter apply_at: found {apply_at!r}, expected 'arrival' or 'stamp'; write one of them")
+    apply_at = _choice("apply_at", values["apply_at"], "arrival", "stamp")
     flags = {name: _flag(name, values[name]) for name, (default, _) in _PARAMETERS.items() if default is False}
     use_sim_time = bool(node.get_parameter("use_sim_time").value)
     if use_sim_time:
         _require_one_master(flags, factor)
+    ros_stamps = _ros_stamps(
+        _choice("stamps", values["stamps"], "auto", "ros", "simulation"), flags, factor, use_sim_time
+    )
     if flags["publish_tf"] and importlib.util.find_spec("tf2_msgs") is None:
         raise SceneError(
             "parameter publish_tf: needs the package tf2_msgs, which is not installed; install ros-jazzy-tf2-msgs "
@@ -108,6 +114,7 @@ def read_settings(node: Node) -> Settings:
         Mode(factor, flags["lockstep"], flags["start_paused"], apply_at),
         Topics(sample_depth(scene), flags["publish_clock"], flags["publish_tf"], flags["publish_accel"]),
         use_sim_time,
+        ros_stamps,
         Logs(
             _text("mcap", values["mcap"]),
             _text("bag", values["bag"]),
@@ -247,6 +254,29 @@ def _require_one_master(flags: dict[str, bool], factor: float) -> None:
             )
 
 
+def _ros_stamps(stamps: str, flags: dict[str, bool], factor: float, use_sim_time: bool) -> bool:
+    """Return whether messages are stamped with ROS time by this node's own clock."""
+    why_not = {
+        "lockstep:=true": flags["lockstep"],
+        f"real_time_factor:={factor:g}": factor != 1.0,
+        "publish_clock:=true": flags["publish_clock"],
+    }
+    others = [name for name, given in why_not.items() if given]
+    if stamps == "ros" and others:
+        raise SceneError(
+            f"parameter stamps: found 'ros' together with {others[0]}, with which time is not that of other clocks, "
+            "expected 'simulation' or 'auto'; leave out one of them"
+        )
+    if stamps == "simulation" and use_sim_time:
+        raise SceneError(
+            "parameter stamps: found 'simulation' together with use_sim_time, with which stamps are those of /clock, "
+            "expected 'ros' or 'auto'; leave out one of them"
+        )
+    if use_sim_time or stamps == "simulation":
+        return False
+    return stamps == "ros" or not (others or flags["start_paused"])
+
+
 def _leaves(node: document.Node, key: str) -> Iterator[tuple[str, object]]:
     if isinstance(node.value, dict):
         for name, child in node.value.items():
@@ -279,6 +309,13 @@ def _text(name: str, value: object) -> str:
     if not isinstance(value, str):
         raise SceneError(f"parameter {name}: found {value!r}, expected text; quote it: -p '{name}:=\"{value}\"'")
     return value
+
+
+def _choice(name: str, value: object, *choices: str) -> str:
+    if value not in choices:
+        expected = f"{', '.join(map(repr, choices[:-1]))} or {choices[-1]!r}"
+        raise SceneError(f"parameter {name}: found {value!r}, expected {expected}; write one of them")
+    return str(value)
 
 
 def _texts(name: str, value: object) -> list[str]:

@@ -40,6 +40,9 @@ INPUTS_RULE = "inputs_rule"
 CHECKPOINT = "rb_dynamics.checkpoint"
 """Name of the metadata written between samples: their number and the hash of all of them so far."""
 
+EPOCH = "rb_dynamics.epoch"
+"""Name of the metadata with the ROS time of simulation time 0, where messages are stamped with ROS time."""
+
 _PACKAGES = ("rb_dynamics", "numpy", "scipy", "PyYAML", "zstandard", "rerun-sdk")
 
 

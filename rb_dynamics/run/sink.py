@@ -54,7 +54,20 @@ class Status:
     name: str = "rb_dynamics"
 
 
-Event = Sample | AppliedWrench | RejectedWrench | Status
+@dataclass(frozen=True, slots=True)
+class Epoch:
+    """From `time_ns` on, messages are stamped with simulation time + `epoch_ns`; logs keep simulation time.
+
+    Attributes:
+        time_ns: simulation time.
+        epoch_ns: ROS time of simulation time 0.
+    """
+
+    time_ns: int
+    epoch_ns: int
+
+
+Event = Sample | AppliedWrench | RejectedWrench | Status | Epoch
 
 
 class Sink(Protocol):
@@ -70,4 +83,4 @@ class Sink(Protocol):
         """Receive the facts known only at the end (steps, hash of the states) and release all resources."""
 
 
-__all__ = ["AppliedWrench", "Event", "RejectedWrench", "RunInfo", "Sample", "Sink", "Status"]
+__all__ = ["AppliedWrench", "Epoch", "Event", "RejectedWrench", "RunInfo", "Sample", "Sink", "Status"]

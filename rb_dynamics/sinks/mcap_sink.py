@@ -5,7 +5,8 @@ command received, rejected ones too (`<topic>`), and the wrench applied (`<topic
 time in nanoseconds: for a command, when it took effect, whatever the clock of its stamp. The scene is attached as
 `scene.yaml`. Metadata: `rb_dynamics` describes the run, `rb_dynamics.topics` names each topic in the file, and
 `rb_dynamics.result` has the end of the run, with `states_sha256` over all samples. After each chunk
-`rb_dynamics.checkpoint` has that hash so far, so that a log that was cut off can be compared with a replay.
+`rb_dynamics.checkpoint` has that hash so far, so that a log that was cut off can be compared with a replay. Where
+messages are stamped with ROS time, `rb_dynamics.epoch` has the ROS time of simulation time 0.
 
 Never imports ROS, never changes or drops a value, and holds nothing back from the file for longer than `flush_s` of
 wall time. An earlier file of the name is replaced.
@@ -40,7 +41,7 @@ from rb_dynamics.formats.messages import (
     sample_encoder,
     sample_topics,
 )
-from rb_dynamics.run.provenance import CHECKPOINT, INTERRUPTED, RESULT, RUN, SCENE, TOPICS, version
+from rb_dynamics.run.provenance import CHECKPOINT, EPOCH, INTERRUPTED, RESULT, RUN, SCENE, TOPICS, version
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.sink import AppliedWrench, Event, RejectedWrench, RunInfo, Status
 from rb_dynamics.run.stop_signals import uninterrupted
@@ -219,8 +220,12 @@ class McapSink:
             self._write_applied(event)
         elif isinstance(event, RejectedWrench):
             self._write_received(event)
-        else:
+        elif isinstance(event, Status):
             self._write_status(event)
+        else:
+            self._end_chunk()
+            facts = {"epoch_ns": event.epoch_ns, "from_time_ns": event.time_ns}
+            self._writer.add_metadata(EPOCH, {name: str(value) for name, value in facts.items()})
 
     def _end_chunk(self) -> None:
         """Write the chunk in progress, and the hash of the states up to here where there are new ones."""

@@ -204,7 +204,7 @@ class Recorder:
             self._note("INFO", _told(event))
         elif isinstance(event, RejectedWrench):
             self._note("WARN", f"{event.topic}: rejected: {event.reason}")
-        elif event.level > 0:
+        elif isinstance(event, Status) and event.level > 0:
             self._note("WARN" if event.level == 1 else "ERROR", _sentence(event))
         if self.rows.unsent() + len(self.notes) >= self.batch_rows:
             self._flush()

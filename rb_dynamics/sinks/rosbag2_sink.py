@@ -15,7 +15,7 @@ from pathlib import Path
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.rosbag2_metadata import METADATA_FILE, BagFile, write_metadata
 from rb_dynamics.run.provenance import CONTINUES_IN
-from rb_dynamics.run.sink import Event, RunInfo, Sample
+from rb_dynamics.run.sink import Epoch, Event, RunInfo, Sample
 from rb_dynamics.sinks.mcap_sink import LogSettings, McapSink
 from rb_dynamics.sinks.state_hash import StateHash
 
@@ -48,6 +48,7 @@ class BagSink:
         self._sink: McapSink | None = None
         self._files: list[BagFile] = []
         self._end_ns: int | None = None
+        self._epoch: Epoch | None = None
 
     def open(self, run: RunInfo) -> None:
         """Begin the first file.
@@ -57,7 +58,7 @@ class BagSink:
         """
         earlier = self._earlier()
         self._run, self._states = run, StateHash()
-        self._files = []
+        self._files, self._epoch = [], None
         self._end_ns = run.scene.end_ns
         self._begin_file(0)
         for file in earlier:
@@ -76,6 +77,8 @@ class BagSink:
             self._sink.flush()
             self._end_file({CONTINUES_IN: self._name(len(self._files))})
             self._begin_file(event.time_ns)
+        if isinstance(event, Epoch):
+            self._epoch = event
         self._sink.write(event)
         self._files[-1].end_ns = event.time_ns
 
@@ -100,6 +103,8 @@ class BagSink:
         name = self._name(len(self._files))
         sink = McapSink(self.path / name, self._namespace, self._remap, self._settings, self._states, time_ns)
         sink.open(self._run)
+        if self._epoch is not None:
+            sink.write(self._epoch)
         self._sink = sink
         self._files.append(BagFile(name, time_ns, time_ns))
 

@@ -55,6 +55,7 @@ from rb_dynamics.run.input_hash import RULE, AppliedHash
 from rb_dynamics.run.provenance import (
     CHECKPOINT,
     CONTINUES_IN,
+    EPOCH,
     INPUTS_RULE,
     INTERRUPTED,
     RESULT,
@@ -290,7 +291,7 @@ class _Records:
                 number = 0
             if self.checkpoints.setdefault(number, facts) != facts:
                 self._tear(name)
-        elif self._before.setdefault(name, said) != said and name != INTERRUPTED:
+        elif self._before.setdefault(name, said) != said and name not in (INTERRUPTED, EPOCH):
             self._tear(name)
 
     def _tear(self, name: str, what: str = "the log has two of that name that do not say the same") -> None:

@@ -143,7 +143,7 @@ def test_bad_wrenches_are_rejected_counted_and_shown(scene: Path, peer: Peer) ->
 
 def test_pause_step_and_reset(scene: Path, peer: Peer, tmp_path: Path) -> None:
     log = tmp_path / "run.mcap"
-    with running(scene, mcap=log) as node:
+    with running(scene, mcap=log, stamps="simulation") as node:
         poses = peer.listen(PoseStamped, "pose")
         peer.until(lambda: len(poses) > 2, "motion")
         assert not peer.call("rigid_body/step", Trigger.Request()).success
@@ -169,7 +169,7 @@ def test_pause_step_and_reset(scene: Path, peer: Peer, tmp_path: Path) -> None:
 def test_a_signal_closes_the_logs_and_exits_with_0(scene: Path, peer: Peer, tmp_path: Path, number: int) -> None:
     pytest.importorskip("rerun")
     mcap, rrd = tmp_path / "deep" / "run.mcap", tmp_path / "run.rrd"
-    with running(scene, mcap=mcap, rerun=rrd) as node:
+    with running(scene, mcap=mcap, rerun=rrd, stamps="simulation") as node:
         poses = peer.listen(PoseStamped, "pose")
         peer.until(lambda: len(poses) > 5, "motion")
         assert node.stop(number) == 0, node.err

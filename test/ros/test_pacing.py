@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 
 import pytest
 
@@ -95,3 +96,22 @@ def test_a_pacer_gives_up_a_lag_and_counts_it() -> None:
     slow.restart(10 * SECOND)
     slow.due_ns(9 * SECOND)
     assert slow.warning().startswith("fell behind 2 times, by ")
+
+
+def test_stamps_in_ros_time_follow_its_clock_when_that_is_set_and_hold_at_factor_1() -> None:
+    ahead = 1_700_000_000 * SECOND
+    pacer = Pacer(1.0, lambda: time.monotonic_ns() + ahead)
+    pacer.begin(5)
+    begun = pacer.offset_ns
+    pacer.correct()
+    assert pacer.offset_ns == begun
+    assert not pacer.warning()
+    ahead += 3600 * SECOND
+    pacer.correct()
+    assert pacer.offset_ns is not None
+    assert begun is not None
+    assert pacer.offset_ns - begun == pytest.approx(3600 * SECOND, abs=SECOND)
+    assert "set anew (1)" in pacer.warning()
+    assert pacer.due_ns(0) < SECOND
+    pacer.factor = 2.0
+    assert "2 times as fast" in pacer.warning()

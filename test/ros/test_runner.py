@@ -502,7 +502,9 @@ def test_what_is_told_of_a_pause_holds_as_long_as_the_pause() -> None:
     status = lambda: body.health.status(body.simulation, body.pacer, "")  # noqa: E731
     body.fail("a command was lost")
     assert status().level == 2
-    assert status().message.startswith("paused at simulation time 0 s (header.stamp 1e-09 s), because a command was")
+    assert status().message.startswith(
+        "paused at simulation time 0 s (header.stamp 0.000000001 s), because a command was"
+    )
     assert body.health.failure == status().message
     body.pause(False)
     assert (status().level, body.health.failure) == (1, "")

@@ -8,9 +8,15 @@ import pytest
 from command_line import command
 from geometry_msgs.msg import InertiaStamped, PoseStamped
 from nav_msgs.msg import Odometry
+from rclpy.parameter import Parameter
 from ros_harness import TRANSIENT, Peer, node_arguments, running, stamp, values
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
+
+from rb_dynamics.errors import SceneError
+from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.ros.node import RigidBodyNode
+from rb_dynamics.study.replay import replay
 
 pytestmark = pytest.mark.ros
 
@@ -153,6 +159,57 @@ def test_there_is_one_master_of_time(scene: Path, parameters: dict[str, object],
     refused = command(*node_arguments(scene, use_sim_time=True, **parameters))
     assert refused.returncode == 2
     assert expected in refused.stderr
+
+
+def test_in_real_time_stamps_are_ros_time_and_commands_stamped_in_it_act_at_their_stamps(
+    moving: Path, peer: Peer, tmp_path: Path
+) -> None:
+    log, now = tmp_path / "run.mcap", peer.node.get_clock().now
+    begun = now().nanoseconds
+    with running(moving, apply_at="stamp", mcap=log) as node:
+        poses, inertia = peer.listen(PoseStamped, "pose"), peer.listen(InertiaStamped, "inertia", TRANSIENT)
+        diagnostics = peer.diagnostics()
+        peer.until(lambda: bool(poses and inertia and diagnostics), "motion")
+        assert begun < stamp(poses[-1]) < now().nanoseconds
+        assert begun < stamp(inertia[0]) < now().nanoseconds
+        assert values(diagnostics[0])["stamps"] == "ROS time"
+        begin = now().nanoseconds + 6 * SECOND // 10
+        acts = [begin, begin + SECOND // 4]
+        peer.wrench(force=(2.0, 0.0, 0.0), frame_id="world", stamp_ns=acts[0])
+        peer.wrench(stamp_ns=acts[1])
+        peer.until(lambda: stamp(poses[-1]) > acts[1], "the end of the push")
+        assert peer.call("rigid_body/pause", SetBool.Request(data=True)).success
+        peer.spin(0.3)
+        resumed = now().nanoseconds
+        assert stamp(poses[-1]) < resumed
+        assert peer.call("rigid_body/pause", SetBool.Request(data=False)).success
+        peer.until(lambda: stamp(poses[-1]) > resumed, "stamps that are ROS time again")
+        assert node.stop() == 0
+    bag = read_bag(log)
+    times, rows = bag.poses("/pose")
+    assert times[0] == 0
+    # That of the time after the pause.
+    assert stamp(poses[-1]) - int(bag.metadata["rb_dynamics.epoch"]["epoch_ns"]) in times
+    (first, _), (last, _) = bag.wrenches("/wrench")
+    assert last - first == SECOND // 4
+    assert [wrench.stamp_ns for _, wrench in bag.wrenches("/wrench")] == acts
+    # 1 m/s^2 from one stamp to the other, beside 1 m/s from the start.
+    moved = rows[-1, 0] - times[-1] / SECOND
+    assert moved == pytest.approx(0.25 * (0.125 + (times[-1] - last) / SECOND), rel=1e-9)
+    assert replay(log).identical
+
+
+@pytest.mark.parametrize(
+    ("stamps", "beside"),
+    [
+        *(("ros", {name: value}) for name, value in (("lockstep", True), ("publish_clock", True))),
+        *(("ros", {"real_time_factor": 0.0}), ("simulation", {"use_sim_time": True}), ("wall", {})),
+    ],
+)
+def test_stamps_that_cannot_be_are_refused(moving: Path, peer: Peer, stamps: str, beside: dict[str, object]) -> None:
+    given = {"scene": str(moving), "stamps": stamps, **beside}
+    with pytest.raises(SceneError, match=f"parameter stamps: found '{stamps}'"):
+        RigidBodyNode(context=peer.context, parameter_overrides=[Parameter(k, value=v) for k, v in given.items()])
 
 
 def test_a_factor_makes_time_pass_faster(scene: Path, peer: Peer) -> None:
