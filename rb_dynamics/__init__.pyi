@@ -2,6 +2,7 @@
 
 from rb_dynamics.analysis.inspection import Inspection as Inspection
 from rb_dynamics.analysis.inspection import inspect as inspect
+from rb_dynamics.analysis.read_track import TopicChoice as TopicChoice
 from rb_dynamics.body.mass_properties import inertia_ellipsoid as inertia_ellipsoid
 from rb_dynamics.body.mass_properties import radius_of_gyration as radius_of_gyration
 from rb_dynamics.body.mass_properties import scalar_inertia as scalar_inertia

@@ -44,7 +44,9 @@ def generate() -> str:
         definitions[name] = first
         definitions.update({inner.replace("/", "/msg/"): text for inner, text in named})
     lines = ["# Of each type in a log: its RIHS01 hash.", "TYPE_HASHES: dict[str, str] = {"]
-    lines += [f'    "{name}": "{store.hash_rihs01(name)}",' for name in LAYOUTS]
+    for name in LAYOUTS:
+        line = f'    "{name}": "{store.hash_rihs01(name)}",'
+        lines += [line] if len(line) <= 120 else [line.replace(": ", ": (\n        ", 1)[:-1], "    ),"]
     lines += ["}", "", "# Of each type in a log: the types inside it, in the order of its schema."]
     lines += ["INNER_TYPES: dict[str, tuple[str, ...]] = {"]
     for name, inner in inner_types.items():

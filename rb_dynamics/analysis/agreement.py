@@ -101,6 +101,9 @@ def agreements(track: Track) -> tuple[Agreement, ...]:
     attitude = _judged("attitude", both, both.turned, slice(3, 6), turns, _LEAST_TURN)
     if far and attitude.error is not None and not attitude.remedy:
         attitude = Agreement("attitude", None, reason=f"between two poses the twist turns by more than {_AROUND:g} rad")
+    if np.isnan(both.pose[:, :3]).any() or np.isnan(both.twist[:, :3]).any():
+        lacks = pose.topic if np.isnan(both.pose[:, :3]).any() else twist.topic
+        return attitude, Agreement("position", None, reason=f"{lacks} does not measure it")
     moved = np.diff(both.pose[:, :3], axis=0)
     rounding = 1e-9 * float(np.abs(both.pose[:, :3]).max())
     return attitude, _judged("position", both, moved, slice(0, 3), moves, rounding)

@@ -69,15 +69,15 @@ def continuity(track: Track) -> Continuity | None:
     moved = np.linalg.norm(np.diff(position, axis=0), axis=1)
     extent = float(np.linalg.norm(np.ptp(position, axis=0)))
     rounding = 100.0 * np.finfo(float).eps * float(np.abs(position).max())
-    found = [
-        *_jumps(track, pose.time_ns, turned, _LEAST_TURN, turns=True),
-        *_jumps(track, pose.time_ns, moved, max(_LEAST_PART * extent, rounding), turns=False),
-    ]
+    found = _jumps(track, pose.time_ns, turned, _LEAST_TURN, turns=True)
+    placed = not np.isnan(extent)
+    if placed:
+        found += _jumps(track, pose.time_ns, moved, max(_LEAST_PART * extent, rounding), turns=False)
     turning = turned[turned > 0.0]
     return Continuity(
         jumps=tuple(sorted(found, key=lambda jump: (jump.start_ns, not jump.turns))),
         turn=(turn := float(np.median(turning)) if len(turning) else 0.0),
-        returns=_returns(track, pose.time_ns, position, moved) if turn < FARTHEST else None,
+        returns=_returns(track, pose.time_ns, position, moved) if placed and turn < FARTHEST else None,
     )
 
 
@@ -90,7 +90,7 @@ def _returns(track: Track, time_ns: Times, position: Array, moved: Array) -> tup
     back = np.linalg.norm(position[2:] - position[:-2], axis=1)
     least = np.zeros(len(back))
     if track.twist is not None and len(track.twist.time_ns):
-        speed = np.linalg.norm(track.twist.values[:, :3], axis=1)
+        speed = np.nan_to_num(np.linalg.norm(track.twist.values[:, :3], axis=1))
         told = np.interp(time_ns[1:-1] - time_ns[0], track.twist.time_ns - time_ns[0], speed)
         least = _TIMES * told * np.diff(time_ns)[1:] * 1e-9
     home = (moved[1:] > least) & (back < 0.1 * moved[1:])

@@ -11,7 +11,7 @@ import numpy as np
 
 from rb_dynamics.analysis.balance import Balance
 from rb_dynamics.analysis.checks import BOUND
-from rb_dynamics.analysis.read_track import read_track
+from rb_dynamics.analysis.read_track import TopicChoice, read_track
 from rb_dynamics.analysis.residual import Residual
 from rb_dynamics.analysis.summary import RunSummary, summarize
 from rb_dynamics.analysis.track import Track
@@ -45,7 +45,10 @@ class Inspection:
 
 
 def inspect(
-    log: str | os.PathLike[str], scene: Scene | str | os.PathLike[str] | None = None, bound: float = BOUND
+    log: str | os.PathLike[str],
+    scene: Scene | str | os.PathLike[str] | None = None,
+    bound: float = BOUND,
+    topics: TopicChoice | None = None,
 ) -> Inspection:
     """Return the analysis of a log of this package, or of any ROS 2 bag of pose, twist and wrench.
 
@@ -53,18 +56,19 @@ def inspect(
         log: the file, or the folder of a bag.
         scene: body and frames for a bag without them, or its file.
         bound: largest defect accepted, relative to the largest energy or momentum.
+        topics: which topics tell of the body; found by type and name where it does not say.
 
     Raises:
         TypeError: an argument has the wrong type.
         ValueError: the bound is not greater than 0.
-        LogError: the recording cannot be read, or has no motion.
+        LogError: the recording cannot be read, has nothing to inspect, or not the topics asked for.
         SceneError: the file has no valid scene.
     """
     number(bound, "bound", "a finite number greater than 0", above=0.0)
     if not isinstance(log, (str, os.PathLike)):
         raise TypeError(f"log is {shown(log)}, expected the path of a log; write its name")
     known = None if scene is None else opened(scene)
-    track = read_track(read_bag(log, repeated=False), known)
+    track = read_track(read_bag(log, repeated=False), known, topics)
     return Inspection(track, summarize(track, bound))
 
 

@@ -1,47 +1,57 @@
 """`read_track`: find the topics of one body in a bag, by message type, and put them into a `Track`.
 
-Works on our own logs and on any bag of pose, twist and wrench. Numbers are taken as they are: unusable ones are left
-out and counted, stamps out of order are sorted and counted. Mass properties are not guessed.
+Works on our own logs and on any bag of pose, twist and wrench; `TopicChoice` says otherwise which topics. Numbers are
+taken as they are: unusable ones are left out and counted, stamps out of order are sorted and counted. Mass properties
+are not guessed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rb_dynamics.analysis.clocks import APART, clock
+from rb_dynamics.analysis.frames import is_fixed, pairs, pose_between
+from rb_dynamics.analysis.rates import rates_of
 from rb_dynamics.analysis.track import LARGEST, Array, RecordedWrench, Times, TimeSeries, Track, frame_names, motion_of
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import BodyError, LogError, WrenchError
-from rb_dynamics.formats.bag_reader import Bag
-from rb_dynamics.formats.messages import (
-    APPLIED,
-    INERTIA,
-    ODOMETRY,
-    PLAIN_WRENCH,
-    POSE,
-    SCALAR,
-    TWIST,
-    VECTOR,
-    WRENCH,
-)
+from rb_dynamics.formats.bag_reader import IMUS, POSES, TWISTS, WRENCHES, Bag
+from rb_dynamics.formats.messages import APPLIED, INERTIA, ODOMETRY, SCALAR, VECTOR
 from rb_dynamics.loads.wrench import WORLD, HeldWrench, Wrench, WrenchFrames
 from rb_dynamics.numerics.rotation_arrays import rotate_all
 from rb_dynamics.run.provenance import RUN
 from rb_dynamics.scene.model import Scene
 
-WRENCHES = (WRENCH, PLAIN_WRENCH)
+
+@dataclass(frozen=True)
+class TopicChoice:
+    """Which topics tell of the body; what is empty is found by type and name.
+
+    Attributes:
+        pose: topic of the pose.
+        twist: topic of the twist.
+        wrenches: topics of the wrenches.
+        frames: the pose is that of the second frame in the first, from /tf and /tf_static.
+    """
+
+    pose: str = ""
+    twist: str = ""
+    wrenches: tuple[str, ...] = ()
+    frames: tuple[str, str] | None = None
 
 
-def read_track(bag: Bag, scene: Scene | None = None) -> Track:
+def read_track(bag: Bag, scene: Scene | None = None, choice: TopicChoice | None = None) -> Track:
     """Return what `bag` says about one body; `scene` gives mass properties and frames that a bag does not have.
 
     Raises:
-        LogError: nothing in the bag is a pose, a twist or a wrench, or a message is damaged.
+        LogError: nothing in the bag is a pose, a twist or a wrench, a topic of `choice` is not there, or a message is
+            damaged.
     """
-    return _TrackReader(bag, scene).track()
+    return _TrackReader(bag, scene, choice or TopicChoice()).track()
 
 
 @dataclass(frozen=True)
@@ -68,7 +78,7 @@ def momenta(pose: TimeSeries, twist: TimeSeries, twist_in_world: bool, body: Rig
 class _TrackReader:
     """Looks up topics by type; among several, those next to the ones found, then those named as this package does."""
 
-    def __init__(self, bag: Bag, scene: Scene | None) -> None:
+    def __init__(self, bag: Bag, scene: Scene | None, choice: TopicChoice) -> None:
         self.notes: list[str] = []
         if scene is not None and RUN in bag.metadata:
             self.notes.append(
@@ -76,17 +86,19 @@ class _TrackReader:
                 "the momenta with which it ran."
             )
             scene = None
-        self.bag, self.scene = bag, scene
+        self.bag, self.scene, self.choice = bag, scene, choice
         self.uses: dict[str, str] = {}
         self.parent = ""
+        self.specific_force: TimeSeries | None = None
 
     def track(self) -> Track:
-        pose = self._series(("pose", "odom"), (POSE, ODOMETRY), self.bag.poses)
-        twist = self._series(("twist", "odom"), (TWIST, ODOMETRY), self.bag.twists, child=True)
-        pose, twist = self._on_one_clock(pose), self._on_one_clock(twist)
+        found = self._pose(), self._twist()
+        pose, twist = map(self._on_one_clock, found)
         own = RUN in self.bag.metadata
+        rates = self._rates(pose) if twist is None else None
         world = self.scene.frames.world_frame if self.scene else pose.frame if pose else "world"
-        twist_in_world = twist is not None and twist.frame == world
+        # Without a name it is that of the body, as for a wrench.
+        twist_in_world = twist is not None and twist.frame == world != ""
         frames = self._frames(world, "" if twist is None or twist_in_world else twist.frame)
         wrenches, acted = self._wrenches(frames, own)
         facts = self.bag.metadata.get(RUN, {})
@@ -97,16 +109,7 @@ class _TrackReader:
                 "is, as the run booked their work."
             )
         if pose is None and twist is None and not wrenches:
-            found = ", ".join(f"{t.name} ({t.type_name})" for t in self.bag.topics.values()) or "no topics"
-            raise LogError(
-                f"{self.bag.path}: found {found}, expected at least one topic of PoseStamped, TwistStamped, Odometry, "
-                "WrenchStamped or Wrench with messages; "
-                + (
-                    "record the topics of the body"
-                    if self.bag.complete
-                    else "the file was cut off or damaged: record it again"
-                )
-            )
+            raise self._nothing()
         body, body_from = self._body()
         logged = [self._vector("angular_momentum"), self._vector("linear_momentum"), self._scalar("energy/kinetic")]
         angular, linear, kinetic = logged
@@ -133,26 +136,136 @@ class _TrackReader:
             body_from=body_from,
             notes=tuple(self.notes),
             uses=self.uses,
+            rates=rates,
+            specific_force=self.specific_force,
         )
 
-    def _series(
-        self,
-        names: Sequence[str],
-        types: Sequence[str],
-        read: Callable[[str], tuple[Times, Array]],
-        *,
-        child: bool = False,
-    ) -> TimeSeries | None:
-        """Return the best topic of the first of `types` that is there; `child` means Odometry's child frame."""
+    def _nothing(self) -> LogError:
+        """Return the error of a bag without anything to inspect, with the table of its topics."""
+        remedy = (
+            " ".join([*self.notes, "record the topics of the body"])
+            if self.bag.complete
+            else "the file was cut off or damaged: record it again"
+        )
+        return LogError(
+            f"{self.bag.path}: found nothing to inspect, expected at least one topic of a pose, a twist, an IMU or a "
+            f"wrench with messages; {remedy}\n{topic_table(self.bag)}"
+        )
+
+    def _pose(self) -> TimeSeries | None:
+        frames, topic = self.choice.frames, self.choice.pose
+        if frames is None and not topic:
+            topic = self._best(("pose", "odom"), POSES)
+            if not topic:
+                moving = [pair for pair, each in pairs(self.bag).items() if not is_fixed(each)]
+                if len(moving) == 1:
+                    (frames,) = moving
+                elif moving:
+                    listed = ", ".join(f"{parent}:{child}" for parent, child in sorted(moving))
+                    self.notes.append(
+                        f"There is no topic of a pose, and several frames move ({listed}): choose the body's with "
+                        "--frames WORLD:BODY."
+                    )
+        if frames is not None:
+            return self._of_frames(*frames)
+        topic = self._given(topic, (*POSES, *IMUS), "--pose-topic") if topic else self._best(("imu",), IMUS)
+        if not topic:
+            return None
+        if self.bag.topics[topic].type_name in IMUS:
+            return self._of_imu("pose", topic, slice(0, 4), slice(3, 7), 7)
+        return self._read("pose", topic, self.bag.poses)
+
+    def _twist(self) -> TimeSeries | None:
+        topic = self.choice.twist or self._best(("twist", "odom"), TWISTS) or self._best(("imu",), IMUS)
+        if not topic:
+            return None
+        topic = self._given(topic, (*TWISTS, *IMUS), "--twist-topic")
+        if self.bag.topics[topic].type_name in IMUS:
+            self.specific_force = self._of_imu("specific force", topic, slice(7, 10), slice(0, 3), 3)
+            return self._of_imu("twist", topic, slice(4, 7), slice(3, 6), 6)
+        return self._read("twist", topic, self.bag.twists)
+
+    def _best(self, names: Sequence[str], types: Iterable[str]) -> str:
+        """Return the best topic of the first of `types` that is there; "" for none.
+
+        A topic that is named like a command is never taken for a measurement, nor a pair of frames for the body.
+        """
         for type_name in types:
-            topics = [t.name for t in self.bag.topics.values() if t.type_name == type_name and t.count]
-            if not topics:
-                continue
-            topic = min(topics, key=lambda name: (self._distance(name), not name.endswith(tuple(names)), name))
-            self.parent = self.parent or topic.rpartition("/")[0] + "/"
-            frame = self._one_frame(topic, self.bag.frame_ids(topic, child and type_name == ODOMETRY))
-            return self._cleaned("twist" if child else "pose", topic, *read(topic), frame)
-        return None
+            topics = [
+                t.name
+                for t in self.bag.topics.values()
+                if t.type_name == type_name and t.count and t.name not in self.bag.pairs and not _commanded(t.name)
+            ]
+            if topics:
+                return min(topics, key=lambda name: (self._distance(name), not name.endswith(tuple(names)), name))
+        return ""
+
+    def _given(self, name: str, types: Sequence[str], option: str) -> str:
+        """Return the topic called `name`, with or without its first slash.
+
+        Raises:
+            LogError: there is none with messages of one of `types`.
+        """
+        usable = {t.name: t for t in self.bag.topics.values() if t.type_name in types and t.count}
+        for each in (name, f"/{name}"):
+            if each in usable:
+                return each
+        there = next((t for t in self.bag.topics.values() if t.name.lstrip("/") == name.lstrip("/")), None)
+        found = "no such topic" if there is None else f"{there.type_name}, {there.count} messages"
+        listed = ", ".join(f"{t.name} ({t.type_name}, {t.count} messages)" for t in usable.values()) or "none"
+        raise LogError(f"{self.bag.path}: {option} {name}: found {found}, expected one of: {listed}; name one of these")
+
+    def _read(self, use: str, topic: str, read: Callable[[str], tuple[Times, Array]]) -> TimeSeries:
+        """Return the series of a topic; of an Odometry as twist with its child frame."""
+        self.parent = self.parent or topic.rpartition("/")[0] + "/"
+        child = use == "twist" and self.bag.topics[topic].type_name == ODOMETRY
+        return self._cleaned(use, topic, *read(topic), self._one_frame(topic, self.bag.frame_ids(topic, child)))
+
+    def _of_imu(self, use: str, topic: str, part: slice, places: slice, width: int) -> TimeSeries | None:
+        """Return what an IMU measures, in the `places` of rows of `width`, the others NaN; None if it does not."""
+        times, rows = self.bag.imus(topic)
+        measured = rows[:, part]
+        # A driver that does not say so leaves the quaternion zero.
+        if np.isnan(measured).all() or (use == "pose" and not measured.any()):
+            return None
+        found = self._read(use, topic, lambda _: (times, measured))
+        values = np.full((len(found.time_ns), width), np.nan)
+        values[:, places] = found.values
+        if use != "specific force" and found.frame not in ("", self._body_frame()):
+            note = (
+                f"The axes of {topic} ({found.frame}) are taken for those of the body: nothing here says how the "
+                "sensor is mounted."
+            )
+            self.notes += [note] if note not in self.notes else []
+        # The frame is that of the sensor, not the one in which its attitude is.
+        return replace(found, values=values, frame="" if use == "pose" else found.frame)
+
+    def _body_frame(self) -> str:
+        return self.scene.frames.body_frame if self.scene else ""
+
+    def _of_frames(self, world: str, body: str) -> TimeSeries:
+        direct = pairs(self.bag).get((world.lstrip("/"), body.lstrip("/")))
+        if direct is not None:
+            return self._read("pose", direct.name, self.bag.poses)
+        found = pose_between(self.bag, world, body)
+        self.uses |= dict.fromkeys(found.topics, "pose")
+        self.parent = self.parent or "/"
+        self.notes.append(f"The pose is that of {body} in {world}, from {', '.join(found.topics)}.")
+        fastest = max(found.topics, key=lambda name: self.bag.topics[name].count)
+        return TimeSeries(fastest, found.time_ns, found.values, world)
+
+    def _rates(self, pose: TimeSeries | None) -> TimeSeries | None:
+        """Return the rates that the pose gives; None without, and with a position that is not known."""
+        found = rates_of(pose) if pose is not None and not np.isnan(pose.values).any() else None
+        if pose is None or found is None:
+            return None
+        linear, angular = found.noise
+        self.notes.append(
+            f"No topic of a twist: velocities are computed from {pose.topic}, as differences over "
+            f"{found.interval_s:.3g} s, with a noise of about {angular:.2g} rad/s and {linear:.2g} m/s; they are "
+            "shown, and nothing is judged by them."
+        )
+        return replace(found.twist, frame=self._body_frame())
 
     def _distance(self, topic: str) -> bool:
         return bool(self.parent) and not topic.startswith(self.parent)
@@ -203,7 +316,8 @@ class _TrackReader:
             self.notes.append(f"{pose.topic} and {twist.topic} share no stamp, so momenta are not computed.")
             return None, None, None
         angular, linear, kinetic = (
-            TimeSeries("", found.time_ns, values) for values in (found.angular, found.linear, found.kinetic)
+            None if np.isnan(values).any() else TimeSeries("", found.time_ns, values)
+            for values in (found.angular, found.linear, found.kinetic)
         )
         return angular, linear, kinetic
 
@@ -216,6 +330,8 @@ class _TrackReader:
     def _wrenches(self, frames: WrenchFrames, own: bool) -> tuple[tuple[RecordedWrench, ...], bool]:
         """Return what acted: the applied topics, else every command held until the next of its topic."""
         topics = [t.name for t in self.bag.topics.values() if t.type_name in WRENCHES]
+        if asked := self.choice.wrenches:
+            topics = [self._given(name, (*WRENCHES,), "--wrench-topic") for name in asked]
         applied = [topic for topic in topics if topic.endswith(APPLIED)]
         if not own and not applied:
             topics = [topic for topic in topics if self.bag.topics[topic].count]
@@ -224,7 +340,7 @@ class _TrackReader:
                 "The bag says what was commanded, not what acted: each wrench is taken to act from its stamp until the "
                 "next of its topic, and nothing else to act."
             )
-        chosen = applied if own or applied else topics
+        chosen = applied if (own or applied) and not asked else topics
         self.uses |= {topic: "wrench" if topic in chosen else "commands" for topic in topics}
         steps = tuple(_steps(self.bag, topic, frames, self._later(topic)) for topic in sorted(chosen))
         for held in steps:
@@ -278,10 +394,52 @@ class _TrackReader:
         return body, topic.name
 
     def _note_unused(self) -> None:
-        kinds = (POSE, TWIST, *WRENCHES, *(() if RUN in self.bag.metadata else (ODOMETRY,)))
-        named = {topic.name for topic in self.bag.topics.values() if topic.type_name in kinds and topic.count}
+        kinds = {*POSES, *TWISTS, *WRENCHES} - ({ODOMETRY} if RUN in self.bag.metadata else set())
+        named = {
+            topic.name
+            for topic in self.bag.topics.values()
+            if topic.type_name in kinds and topic.count and topic.name not in self.bag.pairs
+        }
+        commands = sorted(
+            name
+            for name in named - {*self.uses}
+            if _commanded(name) and self.bag.topics[name].type_name not in WRENCHES
+        )
+        if commands:
+            self.notes.append(
+                f"{', '.join(commands)}: named like a command, and so not taken for a measurement; --pose-topic and "
+                "--twist-topic choose it all the same."
+            )
+        named -= {*commands}
         if others := sorted(named - {*self.uses}):
             self.notes.append(f"One body is inspected; these topics are left out: {', '.join(others)}.")
+
+
+def _commanded(topic: str) -> bool:
+    """Return whether a topic is named like a command rather than a measurement."""
+    return (
+        re.search(r"(?:^|[/_])(?:cmd|commands?|goal|set_?point|desired|reference|initialpose)(?:[/_]|$)", topic)
+        is not None
+    )
+
+
+def topic_table(bag: Bag) -> str:
+    """Return the topics of a bag as lines: name, type, messages and mean rate by log time."""
+    rows = [
+        (topic.name, topic.type_name, f"{topic.count} messages", f"{rate:.4g} Hz" if rate else "")
+        for _, topic in sorted(bag.topics.items())
+        for rate in [mean_rate(topic.log_times)]
+    ]
+    if not rows:
+        return "  no topics"
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return "\n".join("  " + "  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
+
+
+def mean_rate(time_ns: Times) -> float:
+    """Return the mean rate of messages, Hz; 0 for fewer than two, and for those of one time."""
+    span = int(time_ns[-1] - time_ns[0]) if len(time_ns) else 0
+    return (len(time_ns) - 1) / (span * 1e-9) if span > 0 else 0.0
 
 
 def _steps(bag: Bag, topic: str, frames: WrenchFrames, later_ns: int) -> RecordedWrench:

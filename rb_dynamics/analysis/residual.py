@@ -135,11 +135,16 @@ class Residual:
 
 
 def residual(track: Track, bound: float) -> Residual | None:
-    """Return the residual; None for a log of this package, a particle, or too few samples with known impulses."""
+    """Return the residual.
+
+    None for a log of this package, a particle, rates without a velocity, or too few samples with known impulses.
+    """
     pose, twist, body = track.pose, track.twist, track.body
     if track.own or pose is None or twist is None or body is None or body.is_particle:
         return None
     motion = motion_of(pose, twist, track.twist_in_world)
+    if np.isnan(motion.linear_velocity_body).any():
+        return None
     time_ns, attitude, omega = motion.time_ns, motion.orientation_xyzw, motion.angular_velocity_body
     push, turn = (impulses(track, kind, time_ns) for kind in ("force", "torque"))
     scale = float(np.linalg.norm(omega @ np.array(body.inertia), axis=1).max(initial=0.0))

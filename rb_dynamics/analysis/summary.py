@@ -18,6 +18,7 @@ from rb_dynamics.analysis.balance import Balance, balances, sizes_of
 from rb_dynamics.analysis.checks import BOUND, Check, checks, cut, missing, off_unit, one_recording
 from rb_dynamics.analysis.command_outcomes import CommandOutcomes, outcomes_of
 from rb_dynamics.analysis.continuity import Continuity, continuity
+from rb_dynamics.analysis.read_track import mean_rate
 from rb_dynamics.analysis.residual import Residual, residual
 from rb_dynamics.analysis.self_consistency import self_consistency
 from rb_dynamics.analysis.track import Array, RecordedWrench, TimeSeries, Track
@@ -173,7 +174,7 @@ def summarize(track: Track, bound: float = BOUND) -> RunSummary:
     bag = track.bag
     facts, result = bag.metadata.get(RUN, {}), bag.metadata.get(RESULT, {})
     start, end = track.span_ns
-    motion = track.pose or track.twist
+    motion = track.pose or track.moving
     topics = tuple(_topic(topic, start, _use(track, topic)) for _, topic in sorted(bag.topics.items()))
     health = _health(bag)
     steady, agreed = continuity(track), agreements(track)
@@ -281,7 +282,6 @@ def _topic(topic: Topic, start_ns: int, use: str) -> TopicFacts:
     if not len(times):
         return TopicFacts(topic.name, topic.type_name, use, 0, 0.0, 0.0, 0.0, 0.0)
     steps = np.diff(times)
-    span = int(times[-1] - times[0])
     longest = int(steps.argmax()) if len(steps) else 0
     return TopicFacts(
         name=topic.name,
@@ -289,14 +289,14 @@ def _topic(topic: Topic, start_ns: int, use: str) -> TopicFacts:
         use=use,
         count=len(times),
         first_s=int(times[0] - start_ns) * 1e-9,
-        rate=len(steps) / (span * 1e-9) if span > 0 else 0.0,
+        rate=mean_rate(times),
         longest_s=float(steps[longest]) * 1e-9 if len(steps) else 0.0,
         longest_at_s=int(times[longest] - start_ns) * 1e-9,
     )
 
 
 def _moments(track: Track) -> list[FirstAndLast]:
-    pose, twist = track.pose, track.twist
+    pose, twist = track.pose, track.moving
     axes = "world" if track.twist_in_world else "body"
     all_of_it = slice(None)
     parts = [
@@ -308,11 +308,12 @@ def _moments(track: Track) -> list[FirstAndLast]:
         ("linear momentum, world", "kg m/s", track.linear_momentum, all_of_it),
         ("kinetic energy", "J", track.kinetic_energy, all_of_it),
         ("work", "J", track.work, all_of_it),
+        ("specific force, sensor", "m/s²", track.specific_force, all_of_it),
     ]
     return [
         FirstAndLast(name, unit, _row(series, 0, columns), _row(series, -1, columns))
         for name, unit, series, columns in parts
-        if series is not None and len(series.time_ns)
+        if series is not None and len(series.time_ns) and not np.isnan(_row(series, 0, columns)).any()
     ]
 
 
@@ -321,7 +322,7 @@ def _row(series: TimeSeries, index: int, columns: slice) -> tuple[float, ...]:
 
 
 def _ranges(track: Track) -> list[Range]:
-    twist = track.twist
+    twist = track.moving
     speed = twist and TimeSeries(twist.topic, twist.time_ns, twist.values[:, :3])
     rate = twist and TimeSeries(twist.topic, twist.time_ns, twist.values[:, 3:])
     parts = [
@@ -331,8 +332,13 @@ def _ranges(track: Track) -> list[Range]:
         ("linear momentum |p|", "kg m/s", track.linear_momentum),
         ("kinetic energy T", "J", track.kinetic_energy),
         ("work W", "J", track.work),
+        ("specific force", "m/s²", track.specific_force),
     ]
-    return [_range(track, name, unit, series) for name, unit, series in parts if series and len(series.time_ns)]
+    return [
+        _range(track, name, unit, series)
+        for name, unit, series in parts
+        if series and len(series.time_ns) and not np.isnan(series.values[0]).any()
+    ]
 
 
 def _range(track: Track, name: str, unit: str, series: TimeSeries) -> Range:
@@ -422,9 +428,17 @@ def _health(bag: Bag) -> WorstStatus | None:
 def _missing(track: Track) -> list[str]:
     lacks = []
     if track.pose is None:
-        lacks.append("No PoseStamped or Odometry: position, attitude and everything in world axes are not known.")
+        lacks.append("No topic of a pose: position, attitude and everything in world axes are not known.")
+    elif np.isnan(track.pose.values).any():
+        lacks.append(f"{track.pose.topic} tells the attitude alone: the position is not known.")
     if track.twist is None:
-        lacks.append("No TwistStamped or Odometry: velocities, momenta and energy are not known.")
+        rest = "momenta and energy" if track.rates else "velocities, momenta and energy"
+        lacks.append(f"No topic of a twist: {rest} are not known.")
+    elif np.isnan(track.twist.values).any():
+        lacks.append(
+            f"{track.twist.topic} tells the angular velocity alone: velocity, linear momentum and energy are not "
+            "known, and no inertia is judged."
+        )
     if track.pose and track.twist and track.body is None and not track.momenta_from:
         lacks.append(
             "No mass properties: momenta and energy are not computed. Give them as a scene file with --scene SCENE "

@@ -27,7 +27,8 @@ class TimeSeries:
     Attributes:
         topic: as recorded; "" if computed.
         time_ns: stamps, ascending; log times if messages have no stamp.
-        values: one row, or one number, per time; all finite and below `LARGEST`.
+        values: one row, or one number, per time; all finite and below `LARGEST`, but for columns that nothing measures,
+            such as the velocity beside the rates of a gyro: these are NaN throughout.
         frame: the header's frame, "" if there is none.
         backwards: how often stamps decrease in the file.
         unusable: number of messages left out because a number in them is not finite or too large.
@@ -89,6 +90,8 @@ class Track:
         own: whether this package wrote the log.
         pose: rows of position (m) and quaternion x, y, z, w.
         twist: rows of linear (m/s, of the body origin) and angular velocity (rad/s), in the axes of its frame.
+        rates: a twist in body axes that is computed from the pose where none is recorded; to look at, not to judge by.
+        specific_force: of an accelerometer, m/s^2, in its axes: acceleration minus gravity.
         twist_in_world: whether those are the world's axes.
         angular_momentum: kg m^2/s, about the centre of mass, world axes.
         linear_momentum: kg m/s, world axes.
@@ -121,6 +124,8 @@ class Track:
     body_from: str
     notes: tuple[str, ...]
     uses: Mapping[str, str] = field(default_factory=dict)
+    rates: TimeSeries | None = None
+    specific_force: TimeSeries | None = None
 
     @property
     def span_ns(self) -> tuple[int, int]:
@@ -130,6 +135,11 @@ class Track:
         if not times:
             return 0, 0
         return int(min(time[0] for time in times)), int(max(time[-1] for time in times))
+
+    @property
+    def moving(self) -> TimeSeries | None:
+        """The twist as recorded, else as computed from the pose."""
+        return self.twist or self.rates
 
     @property
     def acting(self) -> tuple[RecordedWrench, ...]:

@@ -1,7 +1,8 @@
 """Analyse a recorded run: states, momenta, energy, defects, wrenches, rates and gaps.
 
-Works on logs of this package and on any ROS 2 MCAP bag of pose, twist and wrench; topics are found by type. A bag
-without mass properties gives motion and rates; with --scene also momenta and energy, from the twist.
+Works on logs of this package and on any ROS 2 bag of pose, twist, IMU, wrench or /tf; topics are found by type, or
+named with --pose-topic and the like. A bag without mass properties gives motion and rates; with --scene also momenta
+and energy, from the twist.
 
 Exit codes: 0 every check passed; 1 the log is incomplete, a defect is beyond --bound or --verify found a fault (the
 last lines say which); 2 the file cannot be read.
@@ -12,6 +13,7 @@ from __future__ import annotations
 import argparse
 import sys
 
+from rb_dynamics.cli.topics import add_topics, chosen_topics
 from rb_dynamics.numerics.option_types import real
 
 HELP = "analyse a recorded run"
@@ -26,6 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print the summary as one JSON object, floats in full")
     parser.add_argument("--video", metavar="F", help="write a video of the motion as .mp4 or .gif (extra: video)")
     parser.add_argument("--scene", metavar="SCENE", help="scene file whose body and frames belong to the bag")
+    add_topics(parser)
     parser.add_argument(
         "--bound",
         type=real("a number greater than 0 such as 1e-6", lambda v: v > 0.0),
@@ -58,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
     for written in filter(None, (args.html, args.video)):
         require_other(written, *filter(None, (args.log, args.scene)))
         make_folder(Path(written))
-    found = inspect(args.log, args.scene, BOUND if args.bound is None else args.bound)
+    found = inspect(args.log, args.scene, BOUND if args.bound is None else args.bound, chosen_topics(args))
     encoding = sys.stdout.encoding or "utf-8"
     text = json.dumps(found.as_dict(), allow_nan=False) if args.json else as_text(found.summary)
     print(text.encode(encoding, "backslashreplace").decode(encoding), flush=True)

@@ -9,32 +9,41 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from rb_dynamics.errors import LogError
-from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_source import FileBoundary, SplitBag, open_source
 from rb_dynamics.formats.mcap_records import McapChannel
 from rb_dynamics.formats.messages import (
+    IMU,
     ODOMETRY,
+    PLAIN_POSE,
+    PLAIN_TWIST,
     PLAIN_WRENCH,
     POSE,
+    POSE_WITH_COVARIANCE,
     SCALAR,
+    TRANSFORM,
+    TRANSFORMS,
     TWIST,
+    TWIST_WITH_COVARIANCE,
     VECTOR,
     WRENCH,
 )
 from rb_dynamics.formats.own_log import logged_scene, require_types
-from rb_dynamics.formats.topic import KEPT, Times, Topic, Values
+from rb_dynamics.formats.topic import Times, Topic, Values
+from rb_dynamics.formats.transforms import transforms
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.run.provenance import DAMAGED, INTERRUPTED, MISSING_FILES, RESULT, RUN, next_file
 
 # Of each kind of quantity: the types that carry it, and where it stands in the numbers of a `Topic`.
-_POSES = {POSE: slice(0, 7), ODOMETRY: slice(0, 7)}
-_TWISTS = {TWIST: slice(0, 6), ODOMETRY: slice(7, 13)}
+# In the order in which they are preferred.
+POSES = dict.fromkeys((POSE, ODOMETRY, POSE_WITH_COVARIANCE, TRANSFORM, PLAIN_POSE), slice(0, 7))
+TWISTS = dict.fromkeys((TWIST, ODOMETRY, TWIST_WITH_COVARIANCE, PLAIN_TWIST), slice(0, 6)) | {ODOMETRY: slice(7, 13)}
+IMUS = {IMU: slice(0, 13)}
 _VECTORS = {VECTOR: slice(0, 3)}
 _SCALARS = {SCALAR: slice(0, 1)}
 WRENCHES = {PLAIN_WRENCH: slice(0, 6), WRENCH: slice(0, 6)}
@@ -53,6 +62,11 @@ class Bag:
         attachments: content by name.
         whole: the file itself has its end, which a recovered one has too.
         boundaries: where one file ends and the next begins, of several in which nothing is missing between the two.
+        pairs: names of the topics that are a pair of frames.
+        faults: why the transforms of a topic cannot be read, by its name.
+
+    Each pair of frames on a topic of TFMessage is a topic of its own too, named "/tf PARENT:CHILD", of
+    TransformStamped; but not in a log of this package, where /tf says what the pose says.
     """
 
     path: Path
@@ -62,6 +76,8 @@ class Bag:
     attachments: dict[str, bytes]
     whole: bool = True
     boundaries: tuple[FileBoundary, ...] = ()
+    pairs: set[str] = field(default_factory=set)
+    faults: dict[str, LogError] = field(default_factory=dict)
 
     @property
     def ended(self) -> bool:
@@ -89,16 +105,25 @@ class Bag:
         return sorted((begin, end) for begin, end in pieces if begin <= end < 2**63)
 
     def poses(self, topic: str) -> tuple[Times, Values]:
-        """Return stamps (ns) and rows of position (m) and quaternion x, y, z, w; of PoseStamped or Odometry.
+        """Return stamps (ns) and rows of position (m) and quaternion x, y, z, w; of a type in `POSES`.
 
         Raises:
             LogError: no such topic, another type, or a damaged message; so for the functions below.
         """
-        return self._series(topic, _POSES)
+        return self._series(topic, POSES)
 
     def twists(self, topic: str) -> tuple[Times, Values]:
-        """Return stamps (ns) and rows of linear (m/s) and angular (rad/s) velocity; of TwistStamped or Odometry."""
-        return self._series(topic, _TWISTS)
+        """Return stamps (ns) and rows of linear (m/s) and angular (rad/s) velocity; of a type in `TWISTS`."""
+        return self._series(topic, TWISTS)
+
+    def imus(self, topic: str) -> tuple[Times, Values]:
+        """Return stamps (ns) and rows of quaternion, angular velocity (rad/s) and specific force (m/s^2); of Imu.
+
+        A part that the sensor does not measure, as element 0 of its covariance says, is NaN.
+        """
+        times, rows = self._series(topic, IMUS)
+        parts = ((slice(0, 4), 4), (slice(5, 8), 8), (slice(9, 12), 12))
+        return times, np.hstack([np.where(rows[:, [said]] == -1.0, np.nan, rows[:, part]) for part, said in parts])
 
     def vectors(self, topic: str) -> tuple[Times, Values]:
         """Return stamps (ns) and rows of x, y, z; of Vector3Stamped."""
@@ -122,9 +147,9 @@ class Bag:
         ]
 
     def frame_ids(self, topic: str, child: bool = False) -> set[str]:
-        """Return every `header.frame_id`, or every `child_frame_id`, on a topic of a stamped type with numbers."""
-        stamped = {name: slice(0) for name in KEPT if cdr.LAYOUTS[name][:2] == (cdr.STAMP, cdr.STRING)}
-        return {texts[child] for _, texts in self._topic(topic, stamped).texts}
+        """Return every `header.frame_id`, or every `child_frame_id`, on a topic of a type below; "" without header."""
+        types = POSES | TWISTS | IMUS | WRENCHES | _VECTORS
+        return {texts[child] if texts else "" for _, texts in self._topic(topic, types).texts}
 
     def _series(self, topic: str, columns: Mapping[str, slice]) -> tuple[Times, Values]:
         source = self._topic(topic, columns)
@@ -153,7 +178,15 @@ def read_bag(path: str | os.PathLike[str], repeated: bool = True) -> Bag:
     file = open_source(Path(path))
     bag = Bag(file.path, False, {}, file.metadata, file.attachments)
     for block in file.blocks():
-        _topic_of(bag, block.channel, repeated).take(block)
+        topic = _topic_of(bag, block.channel, repeated)
+        topic.take(block)
+        if topic.type_name == TRANSFORMS and RUN not in bag.metadata and topic.name not in bag.faults:
+            try:
+                for part in transforms(block):
+                    _topic_of(bag, part.channel, repeated).take(part)
+                    bag.pairs.add(part.channel.topic)
+            except LogError as error:
+                bag.faults[topic.name] = error
     for channel in file.channels.values():
         _topic_of(bag, channel, repeated)
     alike: dict[tuple[int, ...], Times] = {}

@@ -39,6 +39,13 @@ LAYOUTS: dict[str, tuple[Field, ...]] = {
     "diagnostic_msgs/msg/DiagnosticArray": (*_HEADER, [BYTE, STRING, STRING, STRING, [STRING, STRING]]),
     "rosgraph_msgs/msg/Clock": (STAMP,),
     "tf2_msgs/msg/TFMessage": ([*_HEADER, STRING, 7],),
+    "geometry_msgs/msg/Pose": (7,),
+    "geometry_msgs/msg/Twist": (6,),
+    "geometry_msgs/msg/PoseWithCovarianceStamped": (*_HEADER, 7, 36),
+    "geometry_msgs/msg/TwistWithCovarianceStamped": (*_HEADER, 6, 36),
+    "geometry_msgs/msg/TransformStamped": (*_HEADER, STRING, 7),
+    # Element 0 of a covariance stands apart: -1 there means that nothing was measured.
+    "sensor_msgs/msg/Imu": (*_HEADER, 4, 1, 8, 3, 1, 8, 3, 1, 8),
 }
 
 _ENCAPSULATION = b"\x00\x01\x00\x00"
@@ -117,6 +124,26 @@ def first_number(type_name: str, data: bytes) -> int:
     return decoder.aligned(8)
 
 
+def transform_places(data: bytes) -> list[tuple[int, str, str, int]]:
+    """Return of each transform in a TFMessage: where its stamp begins, its two frames, and where its numbers begin.
+
+    Raises:
+        LogError: as `decode`.
+    """
+    type_name = "tf2_msgs/msg/TFMessage"
+    count = len(decode(type_name, data)[0])
+    decoder = _Decoder(data, "<" if data[1] else ">")
+    # The length of the sequence and a stamp are aligned alike.
+    decoder.structure((BYTE, BYTE, BYTE, BYTE))
+    found = []
+    for _ in range(count):
+        stamp_at = decoder.aligned(4)
+        _, frame, child = decoder.structure((*_HEADER, STRING))
+        found.append((stamp_at, frame, child, decoder.aligned(8)))
+        decoder.structure((7,))
+    return found
+
+
 @functools.lru_cache(maxsize=256)
 def stamped_packer(type_name: str, *strings: str) -> Packer:
     """Return `pack(sec, nanosec, *numbers)` for a type of stamp, strings and one run of float64, the strings fixed.
@@ -124,7 +151,7 @@ def stamped_packer(type_name: str, *strings: str) -> Packer:
     The bytes are those of `encode`, in one call of `struct`.
     """
     count = LAYOUTS[type_name][-1]
-    text = _aligned_strings(strings)
+    text = strings_after_stamp(strings)
     pack_all = struct.Struct(f"<4siI{len(text)}s{count}d").pack
 
     def pack(seconds: int, nanoseconds: int, *numbers: float) -> bytes:
@@ -135,7 +162,7 @@ def stamped_packer(type_name: str, *strings: str) -> Packer:
 
 def odometry_packer(frame_id: str, child_frame_id: str) -> Packer:
     """Return `pack(sec, nanosec, pose, twist)` for nav_msgs/Odometry with both frames fixed and covariances zero."""
-    text = _aligned_strings((frame_id, child_frame_id))
+    text = strings_after_stamp((frame_id, child_frame_id))
     pack_all = struct.Struct(f"<4siI{len(text)}s7d288s6d288s").pack
 
     def pack(seconds: int, nanoseconds: int, pose: Sequence[float], twist: Sequence[float]) -> bytes:
@@ -170,8 +197,8 @@ def clock_packer() -> Packer:
     return functools.partial(struct.Struct("<4siI").pack, _ENCAPSULATION)
 
 
-def _aligned_strings(strings: Sequence[str]) -> bytes:
-    """Return strings as they stand after a stamp, padded to where float64 may follow."""
+def strings_after_stamp(strings: Sequence[str]) -> bytes:
+    """Return strings as they stand after a stamp, little endian, padded to where float64 may follow."""
     after_stamp = _ORIGIN + 8
     out = bytearray(after_stamp)
     for text in strings:

@@ -35,6 +35,12 @@ DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 ACCELERATION = "geometry_msgs/msg/AccelStamped"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 CLOCK = "rosgraph_msgs/msg/Clock"
+PLAIN_POSE = "geometry_msgs/msg/Pose"
+PLAIN_TWIST = "geometry_msgs/msg/Twist"
+POSE_WITH_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+TWIST_WITH_COVARIANCE = "geometry_msgs/msg/TwistWithCovarianceStamped"
+TRANSFORM = "geometry_msgs/msg/TransformStamped"
+IMU = "sensor_msgs/msg/Imu"
 
 SAMPLE_TOPICS = (
     ("pose", POSE),

@@ -26,6 +26,16 @@ TYPE_HASHES: dict[str, str] = {
     "diagnostic_msgs/msg/DiagnosticArray": "RIHS01_5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e",
     "rosgraph_msgs/msg/Clock": "RIHS01_692f7a66e93a3c83e71765d033b60349ba68023a8c689a79e48078bcb5c58564",
     "tf2_msgs/msg/TFMessage": "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087",
+    "geometry_msgs/msg/Pose": "RIHS01_d501954e9476cea2996984e812054b68026ae0bfae789d9a10b23daf35cc90fa",
+    "geometry_msgs/msg/Twist": "RIHS01_9c45bf16fe0983d80e3cfe750d6835843d265a9a6c46bd2e609fcddde6fb8d2a",
+    "geometry_msgs/msg/PoseWithCovarianceStamped": (
+        "RIHS01_26432f9803e43727d3c8f668d1fdb3c630f548af631e2f4e31382371bfea3b6e"
+    ),
+    "geometry_msgs/msg/TwistWithCovarianceStamped": (
+        "RIHS01_77b67434531e6529b7a0091357b186b6ebdb17fd9ffd3e0c7ce9d3fb11a44563"
+    ),
+    "geometry_msgs/msg/TransformStamped": "RIHS01_0a241f87d04668d94099cbb5ba11691d5ad32c2f29682e4eb5653424bd275206",
+    "sensor_msgs/msg/Imu": "RIHS01_7d9a00ff131080897a5ec7e26e315954b8eae3353c3f995c55faf71574000b5b",
 }
 
 # Of each type in a log: the types inside it, in the order of its schema.
@@ -94,6 +104,39 @@ INNER_TYPES: dict[str, tuple[str, ...]] = {
         "geometry_msgs/msg/Vector3",
         "geometry_msgs/msg/Quaternion",
     ),
+    "geometry_msgs/msg/Pose": (
+        "geometry_msgs/msg/Point",
+        "geometry_msgs/msg/Quaternion",
+    ),
+    "geometry_msgs/msg/Twist": ("geometry_msgs/msg/Vector3",),
+    "geometry_msgs/msg/PoseWithCovarianceStamped": (
+        "std_msgs/msg/Header",
+        "builtin_interfaces/msg/Time",
+        "geometry_msgs/msg/PoseWithCovariance",
+        "geometry_msgs/msg/Pose",
+        "geometry_msgs/msg/Point",
+        "geometry_msgs/msg/Quaternion",
+    ),
+    "geometry_msgs/msg/TwistWithCovarianceStamped": (
+        "std_msgs/msg/Header",
+        "builtin_interfaces/msg/Time",
+        "geometry_msgs/msg/TwistWithCovariance",
+        "geometry_msgs/msg/Twist",
+        "geometry_msgs/msg/Vector3",
+    ),
+    "geometry_msgs/msg/TransformStamped": (
+        "std_msgs/msg/Header",
+        "builtin_interfaces/msg/Time",
+        "geometry_msgs/msg/Transform",
+        "geometry_msgs/msg/Vector3",
+        "geometry_msgs/msg/Quaternion",
+    ),
+    "sensor_msgs/msg/Imu": (
+        "std_msgs/msg/Header",
+        "builtin_interfaces/msg/Time",
+        "geometry_msgs/msg/Quaternion",
+        "geometry_msgs/msg/Vector3",
+    ),
 }
 
 DEFINITIONS: dict[str, str] = {
@@ -159,6 +202,10 @@ geometry_msgs/Pose pose
 geometry_msgs/Pose pose
 float64[36] covariance
 """,
+    "geometry_msgs/msg/PoseWithCovarianceStamped": """\
+std_msgs/Header header
+geometry_msgs/PoseWithCovariance pose
+""",
     "geometry_msgs/msg/Quaternion": """\
 float64 x
 float64 y
@@ -186,6 +233,10 @@ geometry_msgs/Twist twist
 geometry_msgs/Twist twist
 float64[36] covariance
 """,
+    "geometry_msgs/msg/TwistWithCovarianceStamped": """\
+std_msgs/Header header
+geometry_msgs/TwistWithCovariance twist
+""",
     "geometry_msgs/msg/Vector3": """\
 float64 x
 float64 y
@@ -211,6 +262,15 @@ geometry_msgs/TwistWithCovariance twist
 """,
     "rosgraph_msgs/msg/Clock": """\
 builtin_interfaces/Time clock
+""",
+    "sensor_msgs/msg/Imu": """\
+std_msgs/Header header
+geometry_msgs/Quaternion orientation
+float64[9] orientation_covariance
+geometry_msgs/Vector3 angular_velocity
+float64[9] angular_velocity_covariance
+geometry_msgs/Vector3 linear_acceleration
+float64[9] linear_acceleration_covariance
 """,
     "std_msgs/msg/Float64": """\
 float64 data

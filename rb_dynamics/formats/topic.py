@@ -14,12 +14,18 @@ from rb_dynamics.formats import cdr
 from rb_dynamics.formats.mcap_records import Block
 from rb_dynamics.formats.messages import (
     DIAGNOSTICS,
+    IMU,
     INERTIA,
     ODOMETRY,
+    PLAIN_POSE,
+    PLAIN_TWIST,
     PLAIN_WRENCH,
     POSE,
+    POSE_WITH_COVARIANCE,
     SCALAR,
+    TRANSFORM,
     TWIST,
+    TWIST_WITH_COVARIANCE,
     VECTOR,
     WRENCH,
 )
@@ -29,7 +35,8 @@ Values = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
 Prints = NDArray[np.uint64]
 
-# Of each type that is kept as numbers: which of its fields they are. The covariances of an Odometry are not kept.
+# Of each type that is kept as numbers: which of its fields they are. Covariances are not kept, but for those elements
+# of an Imu that say whether a quantity was measured.
 KEPT = {
     POSE: (2,),
     TWIST: (2,),
@@ -39,6 +46,12 @@ KEPT = {
     WRENCH: (2,),
     PLAIN_WRENCH: (0,),
     ODOMETRY: (3, 5),
+    PLAIN_POSE: (0,),
+    PLAIN_TWIST: (0,),
+    POSE_WITH_COVARIANCE: (2,),
+    TWIST_WITH_COVARIANCE: (2,),
+    TRANSFORM: (3,),
+    IMU: (2, 3, 5, 6, 8, 9),
 }
 _BATCH = 1024
 

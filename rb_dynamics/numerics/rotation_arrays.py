@@ -32,3 +32,31 @@ def rotation_vectors(orientation_xyzw: Array) -> Array:
     ratio = np.divide(half, size, out=np.ones_like(size), where=size > 0.0)
     vectors: Array = 2.0 * np.where(along < 0.0, -1.0, 1.0) * ratio * part
     return vectors
+
+
+def product(left_xyzw: Array, right_xyzw: Array) -> Array:
+    """Return the quaternions of R(left) R(right), (..., 4), broadcast."""
+    (u, a), (v, b) = ((q[..., :3], q[..., 3:]) for q in (left_xyzw, right_xyzw))
+    result: Array = np.concatenate(
+        [a * v + b * u + np.cross(u, v), a * b - np.sum(u * v, axis=-1, keepdims=True)], axis=-1
+    )
+    return result
+
+
+def interpolated(time_ns: NDArray[np.int64], poses: Array, wanted_ns: NDArray[np.int64]) -> Array:
+    """Return poses at `wanted_ns`, none outside of `time_ns`: positions linearly, attitudes along the shorter rotation.
+
+    Args:
+        time_ns: (n,) ascending, each once.
+        poses: (n, 7) position and unit quaternion xyzw.
+        wanted_ns: (m,).
+    """
+    if len(time_ns) == 1:
+        return np.repeat(poses, len(wanted_ns), axis=0)
+    row = np.clip(np.searchsorted(time_ns, wanted_ns, side="right") - 1, 0, len(time_ns) - 2)
+    part = ((wanted_ns - time_ns[row]) / (time_ns[row + 1] - time_ns[row]))[:, None]
+    half = 0.5 * part * rotation_vectors(poses[:, 3:])[row]
+    angle = np.linalg.norm(half, axis=1, keepdims=True)
+    turn = np.hstack([half * np.sinc(angle / np.pi), np.cos(angle)])
+    moved = (1.0 - part) * poses[row, :3] + part * poses[row + 1, :3]
+    return np.hstack([moved, product(poses[row, 3:], turn)])

@@ -206,10 +206,11 @@ def _motion(track: Track) -> list[Section]:
             "or a reset. The sign of the quaternion is chosen to be continuous: q and -q are the same attitude."
         )
         figures.append(Figure(plots.position_and_attitude(time_s, rows[:, :3], rows[:, 3:]), caption))
-    if track.twist is not None:
-        time_s, rows = track.seconds(track.twist.time_ns), track.twist.values
+    if track.moving is not None:
+        time_s, rows = track.seconds(track.moving.time_ns), track.moving.values
         axes = "world" if track.twist_in_world else "body"
-        caption = f"{track.twist.topic}: in a good run these are continuous, with kinks only where a wrench changes."
+        source = track.moving.topic or "Computed from the pose"
+        caption = f"{source}: in a good run these are continuous, with kinks only where a wrench changes."
         figures.append(Figure(plots.rates_and_velocity(time_s, rows[:, 3:], rows[:, :3], axes), caption))
     return [Section("Motion", figures=figures)] if figures else []
 

@@ -1,0 +1,115 @@
+"""`pose_between`: the pose of one frame in another, through the tree of frames that /tf and /tf_static span."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from rb_dynamics.analysis.track import LARGEST, Array, Times, unit_rows
+from rb_dynamics.errors import LogError
+from rb_dynamics.formats.bag_reader import Bag
+from rb_dynamics.formats.messages import TRANSFORM
+from rb_dynamics.formats.topic import Topic
+from rb_dynamics.numerics.rotation_arrays import interpolated, product, rotate_all, rotate_all_inverse
+
+
+@dataclass(frozen=True)
+class FramePose:
+    """A pose composed of transforms.
+
+    Attributes:
+        topics: of the transforms, from the outer frame inwards.
+        time_ns: stamps of the transform that comes most often.
+        values: rows of position (m) and quaternion x, y, z, w.
+    """
+
+    topics: tuple[str, ...]
+    time_ns: Times
+    values: Array
+
+
+def pairs(bag: Bag) -> dict[tuple[str, str], Topic]:
+    """Return the topic of each pair of frames, parent and child, of which a bag has transforms."""
+    found: dict[tuple[str, str], Topic] = {}
+    for topic in bag.topics.values():
+        if topic.type_name == TRANSFORM and topic.count:
+            _, texts = topic.texts[0]
+            found.setdefault((texts[0].lstrip("/"), texts[1].lstrip("/")), topic)
+    return found
+
+
+def is_fixed(topic: Topic) -> bool:
+    """Return whether the transforms of a topic hold for all time: those of /tf_static."""
+    return "tf_static" in topic.name or "transient_local" in topic.qos or topic.count == 1
+
+
+def pose_between(bag: Bag, world: str, body: str) -> FramePose:
+    """Return the pose of the frame `body` in the frame `world`.
+
+    Transforms that come at other times are interpolated, as tf2 does, and never extrapolated.
+
+    Raises:
+        LogError: the transforms do not connect the frames, or not at one time.
+    """
+    known = pairs(bag)
+    steps = _path(bag, known, world.lstrip("/"), body.lstrip("/"))
+    moving = [topic for topic, _ in steps if not is_fixed(topic)]
+    parts = {topic.name: _rows(topic) for topic, _ in steps}
+    if moving:
+        time_ns, _ = max((parts[topic.name] for topic in moving), key=lambda part: len(part[0]))
+        begin, end = max(parts[t.name][0][0] for t in moving), min(parts[t.name][0][-1] for t in moving)
+        time_ns = time_ns[(time_ns >= begin) & (time_ns <= end)]
+    else:
+        time_ns = next(iter(parts.values()))[0][-1:]
+    if not len(time_ns):
+        raise LogError(
+            f"{bag.path}: the transforms from {world!r} to {body!r} ({', '.join(t.name for t in moving)}) are not of "
+            "one time, expected some that are; record them together"
+        )
+    position, attitude = np.zeros((len(time_ns), 3)), np.tile([0.0, 0.0, 0.0, 1.0], (len(time_ns), 1))
+    for topic, inwards in steps:
+        at, rows = parts[topic.name]
+        rows = np.tile(rows[-1], (len(time_ns), 1)) if is_fixed(topic) else interpolated(at, rows, time_ns)
+        moved, turned = rows[:, :3], rows[:, 3:]
+        if not inwards:
+            moved = -rotate_all_inverse(turned, moved)
+            turned = turned * np.array([-1.0, -1.0, -1.0, 1.0])
+        position = position + rotate_all(attitude, moved)
+        attitude = product(attitude, turned)
+    return FramePose(tuple(topic.name for topic, _ in steps), time_ns, np.hstack([position, attitude]))
+
+
+def _path(bag: Bag, known: dict[tuple[str, str], Topic], world: str, body: str) -> list[tuple[Topic, bool]]:
+    """Return the transforms from `world` to `body`, and whether each is taken from parent to child."""
+    reached: dict[str, list[tuple[Topic, bool]]] = {world: []}
+    waiting = deque([world])
+    while waiting:
+        here = waiting.popleft()
+        for (parent, child), topic in known.items():
+            for start, end, inwards in ((parent, child, True), (child, parent, False)):
+                if start == here and end not in reached:
+                    reached[end] = [*reached[here], (topic, inwards)]
+                    waiting.append(end)
+    if found := reached.get(body):
+        return found
+    if bag.faults:
+        raise next(iter(bag.faults.values()))
+    listed = ", ".join(f"{parent}:{child}" for parent, child in sorted(known)) or "none"
+    raise LogError(
+        f"{bag.path}: found no transforms from {world!r} to {body!r}, expected two frames that transforms connect; "
+        f"there are {listed}: name two of these frames"
+    )
+
+
+def _rows(topic: Topic) -> tuple[Times, Array]:
+    """Return stamps, ascending and each once, and rows with unit quaternions, without those that are no numbers."""
+    rows, stamps = topic.numbers, topic.stamps if topic.stamps_given else topic.log_times
+    kept = (np.abs(rows) < LARGEST).all(axis=1) & (rows[:, 3:] != 0.0).any(axis=1)
+    if not kept.any():
+        raise LogError(f"topic {topic.name}: found no transform of usable numbers, expected some; record it again")
+    # Of the same stamp the later counts, as in tf2.
+    times, first = np.unique(stamps[kept][::-1], return_index=True)
+    rows = rows[kept][::-1][first]
+    return times, np.hstack([rows[:, :3], unit_rows(rows[:, 3:])])

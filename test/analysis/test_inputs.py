@@ -1,0 +1,238 @@
+"""What bags of other programs bring: an IMU, plain poses and twists, covariances, /tf, and the choice among topics."""
+
+from __future__ import annotations
+
+import itertools
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rosbags")
+
+from bag_rows import write_rows
+from command_line import command
+from foreign_bags import IMU, TF, header, imu, of, pose, poses_of, transform, transforms, twist, twists_of, write_bag
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+from tumbling import spin
+
+from rb_dynamics import LogError, TopicChoice, inspect
+from rb_dynamics.analysis.track import Track
+from rb_dynamics.formats import cdr
+
+COUNT = 400
+MOTION = spin(count=COUNT)
+POSES, TWISTS = poses_of(MOTION), twists_of(MOTION)
+TIMES = MOTION.time_ns.tolist()
+SCENE = "body: {frame: base, mass: 2.0, inertia: {diagonal: [1, 1, 1]}}\n"
+
+
+def stamped(kind: str, rows: Any, wrap: Any, frame: str) -> list[Any]:
+    return [of(kind, header(t, frame), wrap(row)) for t, row in zip(TIMES, rows, strict=True)]
+
+
+def rows_of(topic: str, type_name: str, messages: list[Any], later: int = 0) -> list[Any]:
+    return [(topic, type_name, t + later, message) for t, message in zip(TIMES, messages, strict=True)]
+
+
+def with_covariance(kind: str, row: Any) -> Any:
+    return of(f"{kind}WithCovariance", (pose if kind == "Pose" else twist)(row), np.ones(36))
+
+
+def recorded(*parts: list[Any], sqlite: bool = False, **options: Any) -> Track:
+    with tempfile.TemporaryDirectory() as folder:
+        rows = sorted(itertools.chain(*parts), key=lambda row: row[2])
+        return inspect(write_bag(Path(folder, "bag"), rows, sqlite), **options).track
+
+
+PLAIN = (
+    rows_of("/here", "geometry_msgs/msg/Pose", [pose(row) for row in POSES]),
+    rows_of("/speed", "geometry_msgs/msg/Twist", [twist(row) for row in TWISTS]),
+)
+COVARIANCE = tuple(
+    rows_of(
+        f"/{kind.lower()}",
+        f"geometry_msgs/msg/{kind}WithCovarianceStamped",
+        stamped(f"{kind}WithCovarianceStamped", rows, lambda row, kind=kind: with_covariance(kind, row), frame),
+    )
+    for kind, rows, frame in (("Pose", POSES, "map"), ("Twist", TWISTS, "base"))
+)
+VICON = rows_of(
+    "/vicon/brick",
+    "geometry_msgs/msg/TransformStamped",
+    [transform(t, "vicon", "brick", row) for t, row in zip(TIMES, POSES, strict=True)],
+)
+
+
+@pytest.mark.parametrize("sqlite", [False, True], ids=["mcap", "sqlite"])
+@pytest.mark.parametrize("parts", [PLAIN, COVARIANCE], ids=["plain", "covariance"])
+def test_pose_and_twist_of_every_kind(parts: Any, sqlite: bool) -> None:
+    track = recorded(*parts, sqlite=sqlite)
+    assert track.pose is not None
+    assert track.twist is not None
+    assert not track.twist_in_world
+    np.testing.assert_array_equal(track.pose.values, POSES)
+    np.testing.assert_array_equal(track.twist.values, TWISTS)
+
+
+def test_rates_from_poses_with_their_noise() -> None:
+    exact = recorded(VICON)
+    assert exact.twist is None
+    assert exact.rates is not None
+    np.testing.assert_allclose(exact.rates.values[:, 3:], MOTION.rate[1:-1], rtol=1e-9)
+    np.testing.assert_allclose(exact.rates.values[:, :3], TWISTS[1:-1, :3], atol=3e-5)
+    noisy = spin(count=2000, noise=1e-3, rate=0.5)
+    rows = [transform(t, "vicon", "brick", row) for t, row in zip(noisy.time_ns.tolist(), poses_of(noisy), strict=True)]
+    stamps = [
+        ("/v", "geometry_msgs/msg/TransformStamped", *each) for each in zip(noisy.time_ns.tolist(), rows, strict=True)
+    ]
+    track = recorded(stamps)
+    assert track.rates is not None
+    left = track.rates.values[:, 3:] - noisy.rate[1:-1]
+    told = next(note for note in track.notes if "computed from /v" in note)
+    said = float(told.split("noise of about ")[1].split(" rad/s")[0])
+    # The square root of the sum over three axes; the median of sizes is a little less.
+    assert said == pytest.approx(np.sqrt(np.mean(np.sum(left**2, axis=1))), rel=0.15)
+
+
+def test_nothing_is_judged_by_computed_rates() -> None:
+    found = inspect_of([VICON], scene=True)
+    assert {check.name for check in found.summary.checks} >= {"/vicon/brick has no jumps"}
+    assert not [check for check in found.summary.checks if "balance" in check.name or "fits" in check.name]
+    assert any(moment.name == "angular velocity, body" for moment in found.summary.moments)
+
+
+def inspect_of(parts: Any, scene: bool = False, **options: Any) -> Any:
+    with tempfile.TemporaryDirectory() as folder:
+        text = Path(folder, "scene.yaml")
+        text.write_text(SCENE)
+        rows = sorted(itertools.chain(*parts), key=lambda row: row[2])
+        return inspect(write_bag(Path(folder, "bag"), rows), text if scene else None, **options)
+
+
+def imu_rows(measured: tuple[bool, bool, bool]) -> list[Any]:
+    force = np.tile([0.1, -0.2, 9.8], (COUNT, 1))
+    parts = zip(TIMES, MOTION.orientation_xyzw, MOTION.rate, force, strict=True)
+    return rows_of("/imu/data", IMU, [imu(*part, measured) for part in parts])
+
+
+@pytest.mark.parametrize("oriented", [True, False])
+def test_an_imu_gives_what_it_measures(oriented: bool) -> None:
+    found = inspect_of([imu_rows((oriented, True, True))], scene=True)
+    track, summary = found.track, found.summary
+    assert track.twist is not None
+    np.testing.assert_array_equal(track.twist.values[:, 3:], MOTION.rate)
+    assert np.isnan(track.twist.values[:, :3]).all()
+    np.testing.assert_array_equal(track.specific_force.values, np.tile([0.1, -0.2, 9.8], (COUNT, 1)))
+    assert (track.pose is not None) == oriented
+    assert {m.name for m in summary.moments} >= {"angular velocity, body", "specific force, sensor"}
+    assert "linear velocity, body" not in {m.name for m in summary.moments}
+    assert any("tells the angular velocity alone" in each for each in summary.missing)
+    assert any("(imu_link) are taken for those of the body" in each for each in summary.notes)
+    if oriented:
+        np.testing.assert_array_equal(track.pose.values[:, 3:], MOTION.orientation_xyzw)
+        agrees = next(c for c in summary.checks if c.name == "angular velocity fits the attitude")
+        assert agrees.judged
+        assert agrees.passed
+        assert track.angular_momentum is not None
+        assert track.linear_momentum is None
+        assert found.as_dict()["moments"]
+
+
+def test_an_imu_without_gyro_is_no_twist() -> None:
+    track = recorded(VICON, imu_rows((True, False, True)))
+    assert track.twist is None
+    assert track.rates is not None
+    assert track.uses["/vicon/brick"] == "pose"
+
+
+@settings(max_examples=8)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    fixed=st.booleans(),
+    sqlite=st.booleans(),
+    extra=st.lists(st.sampled_from(["arm", "wheel_left", "ψ"]), max_size=3, unique=True),
+)
+def test_frames_compose_as_scipy_does(seed: int, fixed: bool, sqlite: bool, extra: list[str]) -> None:
+    random = np.random.default_rng(seed)
+    outer = np.hstack([random.standard_normal(3), Rotation.random(rng=random).as_quat()])
+    inner = np.hstack([random.standard_normal(3), Rotation.random(rng=random).as_quat()])
+    rows: list[Any] = []
+    for t, row in zip(TIMES, POSES, strict=True):
+        others = [transform(t, "base", name, inner) for name in extra]
+        # Messages of several lengths, and two publishers of one topic.
+        rows.append(("/tf", TF, t, transforms([transform(t, "odom", "base", row), *others])))
+        if not fixed:
+            rows.append(("/tf", TF, t + 1, transforms([transform(t, "map", "odom", outer)])))
+    static = [transform(0, "base", "camera", inner)]
+    if fixed:
+        static.append(transform(0, "map", "odom", outer))
+    rows.append(("/tf_static", TF, 0, transforms(static)))
+    track = recorded(rows, sqlite=sqlite, topics=TopicChoice(frames=("map", "camera")))
+    assert track.pose is not None
+    turns = Rotation.from_quat(outer[3:]) * Rotation.from_quat(POSES[:, 3:])
+    places = outer[:3] + Rotation.from_quat(outer[3:]).apply(POSES[:, :3]) + turns.apply(inner[:3])
+    np.testing.assert_allclose(track.pose.values[:, :3], places, atol=1e-12)
+    apart = (turns * Rotation.from_quat(inner[3:])).inv() * Rotation.from_quat(track.pose.values[:, 3:])
+    assert apart.magnitude().max() < 1e-7
+    assert track.pose.frame == "map"
+    assert {"/tf odom:base", *(f"/tf base:{name}" for name in extra)} <= track.bag.topics.keys()
+    # The other way round.
+    back = recorded(rows, topics=TopicChoice(frames=("base", "odom"))).pose
+    assert back is not None
+    np.testing.assert_allclose(
+        back.values[:, :3], -Rotation.from_quat(POSES[:, 3:]).inv().apply(POSES[:, :3]), atol=1e-12
+    )
+
+
+def test_one_moving_frame_is_the_pose_and_of_several_none_is_guessed() -> None:
+    one = [("/tf", TF, t, transforms([transform(t, "map", "base", row)])) for t, row in zip(TIMES, POSES, strict=True)]
+    np.testing.assert_array_equal(recorded(one).pose.values, POSES)
+    two = [("/tf", TF, t, transforms([transform(t, "base", "arm", row)])) for t, row in zip(TIMES, POSES, strict=True)]
+    with pytest.raises(LogError, match=r"several frames move \(base:arm, map:base\).*--frames WORLD:BODY"):
+        recorded(one, two)
+
+
+def test_what_is_named_like_a_command_is_no_measurement() -> None:
+    cmd = rows_of("/cmd_vel", "geometry_msgs/msg/Twist", [twist(row) for row in TWISTS])
+    track = recorded(VICON, cmd)
+    assert track.twist is None
+    assert any("/cmd_vel: named like a command" in note for note in track.notes)
+    assert recorded(VICON, cmd, topics=TopicChoice(twist="cmd_vel")).twist is not None
+
+
+def test_an_unknown_topic_lists_those_there_are(tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "bag", sorted([*VICON, *imu_rows((False, True, True))], key=lambda row: row[2]))
+    found = command("inspect", bag, "--pose-topic", "/nowhere")
+    assert found.returncode == 2
+    assert "expected one of: /vicon/brick (geometry_msgs/msg/TransformStamped, 400 messages)" in found.stderr
+    found = command("inspect", bag, "--twist-topic", "/vicon/brick")
+    assert "found geometry_msgs/msg/TransformStamped, 400 messages, expected one of: /imu/data" in found.stderr
+    assert command("inspect", bag, "--wrench-topic", "w").returncode == 2
+    assert "there are vicon:brick" in command("inspect", bag, "--frames", "a:b").stderr
+    assert command("inspect", bag, "--frames", "a").returncode == 2
+    assert command("inspect", bag, "--frames", "a:b", "--pose-topic", "c").returncode == 2
+    assert command("inspect", bag, "--frames", "vicon:brick", "--twist-topic", "imu/data").returncode == 0
+
+
+def test_a_bag_without_anything_to_inspect_shows_its_topics(tmp_path: Path) -> None:
+    message = of("std_msgs/msg/String", "hello")
+    bag = write_bag(tmp_path / "bag", [("/chatter", "std_msgs/msg/String", t, message) for t in TIMES])
+    found = command("inspect", bag)
+    assert found.returncode == 2
+    assert "\n  /chatter  std_msgs/msg/String  400 messages  100 Hz" in found.stderr
+
+
+def test_damaged_transforms_spoil_nothing_else(tmp_path: Path) -> None:
+    rows = [
+        ("/pose", "geometry_msgs/msg/PoseStamped", t, cdr.encode("geometry_msgs/msg/PoseStamped", t, "map", row))
+        for t, row in zip(TIMES, POSES.tolist(), strict=True)
+    ]
+    bag = write_rows(tmp_path / "bag.mcap", [*rows, ("/tf", TF, 0, b"\0\1\0\0\5\0\0\0")])
+    assert inspect(bag).track.pose is not None
+    with pytest.raises(LogError, match="TFMessage: message ends after 8 bytes"):
+        inspect(bag, topics=TopicChoice(frames=("a", "b")))
