@@ -191,10 +191,12 @@ class Conformance(Node):
                 return ConformanceResult(
                     name, True, 0.0, 0.0, "BEST_EFFORT is compatible, so there is nothing to report"
                 )
-            if not self._within(_REPORTING, lambda: self._complaints > before):
+            if not self._within(_REPORTING, lambda: self._complaints > before or _is_heard(offered)):
                 return ConformanceResult(
                     name, False, math.inf, 0.0, "BEST_EFFORT is incompatible, and no diagnostics report it"
                 )
+            if not self._complaints > before:
+                return ConformanceResult(name, True, 0.0, 0.0, "BEST_EFFORT was incompatible until the node met it")
             node, text = min(self._complaints - before)
             return ConformanceResult(name, True, 0.0, 0.0, f"{node}: {text}")
         finally:

@@ -16,6 +16,7 @@ import os
 import signal
 import sys
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
@@ -30,7 +31,7 @@ from rclpy.exceptions import InvalidParameterTypeException, NameValidationExcept
 from rclpy.executors import SingleThreadedExecutor, TimeoutException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import HistoryPolicy, QoSProfile
+from rclpy.qos import HistoryPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
@@ -51,6 +52,7 @@ from rb_dynamics.ros.runner import Runner
 from rb_dynamics.ros.settings import (
     read_settings,
     real_time_factor,
+    remap_overrides,
     require_overridable,
     require_paceable,
     scene_overrides,
@@ -101,6 +103,7 @@ class RigidBodyNode(Node):
             if settings.use_sim_time
             else Pacer(settings.mode.real_time_factor or 1.0, self._ros_now if settings.ros_stamps else None)
         )
+        remap_overrides(self)
         self._throttle = Throttle()
         self._health = Health(self.get_fully_qualified_name(), self._topics, self._say)
         self.runner = Runner(scene, settings.mode, pacer, self._health, self)
@@ -109,6 +112,11 @@ class RigidBodyNode(Node):
         # Find invalid names and QoS before there is a log.
         self._losses = {topic: Losses() for topic in self._topics}
         self._wrench_subscriptions = {topic: self._subscribe(topic) for topic in self._topics}
+        # Channels on which a publisher offers BEST_EFFORT and is not heard yet; readers that are being replaced for
+        # that; and what was taken meanwhile, as both readers may get it.
+        self._unheard: set[str] = set()
+        self._replaced: dict[str, Subscription] = {}
+        self._taken: deque[tuple[object, ...]] = deque(maxlen=COMMAND_DEPTH)
         require_overridable(self, elsewhere)
         self._neighbours = Neighbours(self, self._topic_sink.publishers, self._health)
         self._states = self.create_subscription(Odometry, "~/set_state", self._on_set_state, COMMAND_DEPTH)
@@ -135,6 +143,8 @@ class RigidBodyNode(Node):
     def tick(self) -> None:
         """Take commands, advance as far as time allows, and publish diagnostics once a second."""
         self.runner.tick()
+        if self._unheard or self._replaced:
+            self._hear_best_effort()
         self._neighbours.look()
         if self._health.due():
             self.runner.correct()
@@ -201,22 +211,26 @@ class RigidBodyNode(Node):
         if kept is not None:
             self.get_logger().info(f"an earlier log {path} is kept as {kept.name}")
 
-    def _subscribe(self, topic: str) -> Subscription:
+    def _subscribe(self, topic: str, replaced: Subscription | None = None) -> Subscription:
         # In lockstep no command may be lost, however far ahead the sender is: the reader keeps all.
         lockstep = self._settings.mode.lockstep
         qos = QoSProfile(history=HistoryPolicy.KEEP_ALL) if lockstep else QoSProfile(depth=COMMAND_DEPTH)
-        remedy = (
-            "as in lockstep no command may be lost"
-            if lockstep
-            else f"or start this node with -p qos_overrides.{self.resolve_topic_name(topic)}.subscription."
-            "reliability:=best_effort"
-        )
+        if replaced is not None:
+            qos = replaced.qos_profile
+            qos.reliability = ReliabilityPolicy.BEST_EFFORT
+        override = f"qos_overrides.{self.resolve_topic_name(topic)}.subscription.reliability"
 
         def mismatched(event: Any) -> None:
+            # As in `read_settings`.
+            asked = lockstep or override in self._parameter_overrides
+            if event.last_policy_kind == QoSPolicyKind.RELIABILITY and not asked:
+                self._unheard.add(topic)
+                return
             self._health.mismatched(topic, event.total_count_change)
+            remedy = "as in lockstep no command may be lost" if lockstep else f"or leave out {override}"
             self._health.failed(
-                f"{topic}: a publisher's QoS is incompatible, expected RELIABLE; its commands have no "
-                f"effect: publish RELIABLE, {remedy}"
+                f"{topic}: a publisher's QoS is incompatible, expected RELIABLE; its commands have no effect: publish "
+                f"RELIABLE (in rclpy QoSProfile(depth=10), in a shell --qos-reliability reliable), {remedy}"
             )
 
         events = SubscriptionEventCallbacks(
@@ -231,8 +245,31 @@ class RigidBodyNode(Node):
             qos,
             event_callbacks=events,
             raw=True,
-            qos_overriding_options=None if lockstep else QoSOverridingOptions.with_default_policies(),
+            qos_overriding_options=None if lockstep or replaced else QoSOverridingOptions.with_default_policies(),
         )
+
+    def _hear_best_effort(self) -> None:
+        """Replace the reader of a channel with a BEST_EFFORT publisher by one that hears that too.
+
+        Readers ask for RELIABLE while they can, as a lost wrench is lost momentum. The earlier reader goes when the new
+        one has found every publisher, so that nothing is lost in between.
+        """
+        for topic in self._unheard - self._replaced.keys():
+            before = self._wrench_subscriptions[topic]
+            if before.qos_profile.reliability == ReliabilityPolicy.RELIABLE:
+                self._wrench_subscriptions[topic] = self._subscribe(topic, before)
+                self._replaced[topic] = before
+                self.get_logger().info(
+                    f"{topic}: a publisher offers BEST_EFFORT: it is heard, but on this channel nothing that the "
+                    "network loses is sent again; for that, let every publisher offer RELIABLE"
+                )
+        self._unheard.clear()
+        for topic, before in list(self._replaced.items()):
+            if self._wrench_subscriptions[topic].get_publisher_count() >= self.count_publishers(topic):
+                self.take_commands()
+                del self._replaced[topic]
+                self.destroy_subscription(before)
+                self._losses[topic].forget()
 
     def _on_wrenches(self, topic: str, message: bytes, facts: dict[str, Any]) -> None:
         self._take(topic, message, facts)
@@ -244,13 +281,19 @@ class RigidBodyNode(Node):
         Waiting for each one separately would cost more than simulating it; and time must not advance on the commands of
         one channel while earlier ones of another are unread.
         """
-        for topic, subscription in self._wrench_subscriptions.items():
+        for topic, subscription in [*self._replaced.items(), *self._wrench_subscriptions.items()]:
             for message, facts in _waiting(subscription):
                 self._take(topic, message, facts)
 
     def _take(self, topic: str, message: bytes, facts: dict[str, Any]) -> None:
-        alone = self._wrench_subscriptions[topic].get_publisher_count
-        self._on_lost(topic, self._losses[topic].take(facts.get("publication_sequence_number"), lambda: alone() == 1))
+        number = facts.get("publication_sequence_number")
+        if topic in self._replaced:
+            if (key := (topic, facts["source_timestamp"], number)) in self._taken:
+                return
+            self._taken.append(key)
+        else:
+            alone = self._wrench_subscriptions[topic].get_publisher_count
+            self._on_lost(topic, self._losses[topic].take(number, lambda: alone() == 1))
         try:
             # As raw bytes: the middleware takes several times as long to make a message object.
             wrench = decode_wrench(WRENCH, 0, message)

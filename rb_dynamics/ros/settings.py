@@ -163,6 +163,19 @@ def require_paceable(scene: Scene) -> None:
         )
 
 
+def remap_overrides(node: Node) -> None:
+    """Let QoS overrides that name a topic as it is before remapping apply to it; before the topics exist."""
+    # As in `read_settings`.
+    given = node._parameter_overrides  # noqa: SLF001
+    for name in [name for name in given if name.startswith(_QOS)]:
+        topic, *policy = name.removeprefix(_QOS).split(".", maxsplit=1)
+        with contextlib.suppress(NameValidationException):
+            remapped = _QOS + ".".join([node.resolve_topic_name(topic), *policy])
+            if remapped != name:
+                value = given.pop(name).value
+                given.setdefault(remapped, Parameter(remapped, value=value))
+
+
 def require_overridable(node: Node, elsewhere: Sequence[str] = ()) -> None:
     """Check that each QoS override applies to a topic of `node`, once its topics exist.
 
@@ -179,9 +192,6 @@ def require_overridable(node: Node, elsewhere: Sequence[str] = ()) -> None:
         if not name.startswith(_QOS) or name in known or topic.startswith(others):
             continue
         topics = list(dict.fromkeys(each.split(".")[1] for each in known))
-        with contextlib.suppress(NameValidationException):
-            # It may be the name before remapping.
-            topic = node.resolve_topic_name(topic)
         likely = difflib.get_close_matches(topic, topics, n=1)
         there = [each for each in known if each.split(".")[1] in likely]
         near = [each for each in there if each.endswith(f".{policy}")] or there
@@ -189,8 +199,8 @@ def require_overridable(node: Node, elsewhere: Sequence[str] = ()) -> None:
         if node.get_parameter("lockstep").value and policy.startswith("subscription"):
             remedy = "in lockstep no command may be lost, and none can be overridden: leave it out"
         raise SceneError(
-            f"parameter {name}: found no topic that it applies to, expected a topic of this node, by its name after "
-            f"remapping, and a policy that can be overridden; {remedy}"
+            f"parameter {name}: found no topic that it applies to, expected a topic of this node, by its name before "
+            f"or after remapping, and a policy that can be overridden; {remedy}"
         )
 
 

@@ -37,11 +37,15 @@ def test_a_lever_and_a_timeout_that_are_not_there_are_found_out() -> None:
     assert ["lever arm" in failed[0], "timeout" in failed[1], len(failed)] == [True, True, 2]
 
 
+RELIABLE = ("-p", "qos_overrides./wrench.subscription.reliability:=reliable")
+
+
 @pytest.mark.parametrize(
     ("arguments", "passed", "note"),
     [
-        ((), True, "/rigid_body: wrench: a publisher's QoS"),
-        (("-r", "/diagnostics:=/elsewhere"), False, "no diagnostics report it"),
+        ((), True, "until the node met it"),
+        (RELIABLE, True, "/rigid_body: wrench: a publisher's QoS"),
+        ((*RELIABLE, "-r", "/diagnostics:=/elsewhere"), False, "no diagnostics report it"),
         (("-p", "qos_overrides./wrench.subscription.reliability:=best_effort"), True, "is compatible"),
     ],
 )

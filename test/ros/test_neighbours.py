@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from geometry_msgs.msg import PoseStamped
+from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from ros_harness import TRANSIENT, NodeProcess, Peer, running, values
@@ -120,7 +121,7 @@ def test_each_topic_is_looked_at_once_a_second_and_each_other_node_named(peer: P
     [
         ("/wrnch.subscription.reliability", (), "did you mean qos_overrides./wrench.subscription.reliability"),
         (
-            "/wrench.subscription.depth",
+            "/tug/thurst.subscription.depth",
             ("-r", "wrench:=/tug/thrust"),
             "did you mean qos_overrides./tug/thrust.subscription.depth?",
         ),
@@ -151,6 +152,10 @@ def test_overrides_of_topics_that_are_not_always_there_are_taken(tmp_path: Path,
     )
     names = ("/accel", "/energy/potential", "/clock")
     parameters = {f"qos_overrides.{name}.publisher.depth": 3 for name in names}
-    with running(scene, publish_accel=True, publish_clock=True, **parameters) as node:
+    # By the name before remapping.
+    remapped = ("-r", "pose:=/tug/pose", "-p", "qos_overrides./pose.publisher.depth:=7")
+    with running(scene, *remapped, publish_accel=True, publish_clock=True, **parameters) as node:
+        asked = GetParameters.Request(names=["qos_overrides./tug/pose.publisher.depth"])
+        assert peer.call("rigid_body/get_parameters", asked, GetParameters).values[0].integer_value == 7
         peer.listen(Float64, "energy/potential")
         assert node.stop() == 0, node.err

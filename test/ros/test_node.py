@@ -12,8 +12,16 @@ from pathlib import Path
 
 import pytest
 from command_line import command
-from geometry_msgs.msg import AccelStamped, InertiaStamped, PoseStamped, TwistStamped, Vector3Stamped
+from geometry_msgs.msg import (
+    AccelStamped,
+    InertiaStamped,
+    PoseStamped,
+    TwistStamped,
+    Vector3Stamped,
+    WrenchStamped,
+)
 from nav_msgs.msg import Odometry
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from ros_harness import ROOT, TRANSIENT, NodeProcess, Peer, node_arguments, running, stamp, values
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64
@@ -105,6 +113,10 @@ def test_lockstep_waits_for_a_channel_that_has_not_spoken(tmp_path: Path, peer: 
         peer.wrench("a", stamp_ns=100_000_000)
         peer.spin(0.5)
         assert {stamp(m) for m in poses} == {1}, "a reader is greeted with the state, never with a zero stamp"
+        best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+        diagnostics, _ = peer.diagnostics(), peer.node.create_publisher(WrenchStamped, "b", best_effort)
+        peer.until(lambda: bool(diagnostics) and "no command may be lost" in diagnostics[-1].status[0].message, "QoS")
+        assert "--qos-reliability reliable" in diagnostics[-1].status[0].message
         peer.wrench("b", stamp_ns=20_000_000)
         peer.until(lambda: stamp(poses[-1]) == 20_000_000, "motion")
         peer.spin(0.3)
