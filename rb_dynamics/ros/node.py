@@ -57,6 +57,7 @@ from rb_dynamics.ros.settings import (
     require_paceable,
     scene_overrides,
 )
+from rb_dynamics.ros.start_arguments import shared_parameters
 from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.run.sink import Sink
 from rb_dynamics.run.stop_signals import stop_signals
@@ -92,7 +93,8 @@ class RigidBodyNode(Node):
             raise
 
     def _start(self, elsewhere: Sequence[str]) -> None:
-        self._settings = settings = read_settings(self)
+        shared = shared_parameters(sys.argv, self.get_name())
+        self._settings = settings = read_settings(self, shared)
         scene = settings.scene
         self._topics = [channel.topic for channel in scene.channels]
         # Logs that were deleted, and have been reported.
@@ -117,7 +119,7 @@ class RigidBodyNode(Node):
         self._unheard: set[str] = set()
         self._replaced: dict[str, Subscription] = {}
         self._taken: deque[tuple[object, ...]] = deque(maxlen=COMMAND_DEPTH)
-        require_overridable(self, elsewhere)
+        require_overridable(self, elsewhere, shared)
         self._neighbours = Neighbours(self, self._topic_sink.publishers, self._health)
         self._states = self.create_subscription(Odometry, "~/set_state", self._on_set_state, COMMAND_DEPTH)
         self.create_service(SetBool, "~/pause", self._on_pause)

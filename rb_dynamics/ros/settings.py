@@ -6,7 +6,7 @@ import contextlib
 import difflib
 import importlib.util
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from rcl_interfaces.msg import ParameterDescriptor
@@ -74,8 +74,10 @@ def documented() -> list[tuple[str, object, str]]:
     return [(name, default, text) for name, (default, text) in _PARAMETERS.items()]
 
 
-def read_settings(node: Node) -> Settings:
+def read_settings(node: Node, shared: Collection[str] = ()) -> Settings:
     """Declare the parameters of `node`, read the scene they name, and apply the others to it as overrides.
+
+    Unknown ones that are in `shared`, given to all nodes of a graph, are only warned of.
 
     Raises:
         SceneError: a parameter or the scene is not valid.
@@ -84,8 +86,14 @@ def read_settings(node: Node) -> Settings:
     # rclpy has no public way to see an override before it is declared.
     given = node._parameter_overrides  # noqa: SLF001
     overrides = {name: given[name].value for name in given if name not in _PARAMETERS and not name.startswith(_RCLPY)}
-    for name in overrides:
-        require_known(name)
+    for name in list(overrides):
+        try:
+            require_known(name)
+        except SceneError as error:
+            if name not in shared:
+                raise
+            del overrides[name]
+            node.get_logger().warning(f"{error}; ignored, as it is given to all nodes (/**)")
     values = {name: _declare(node, name, default, text) for name, (default, text) in _PARAMETERS.items()}
     path = _text("scene", values["scene"])
     if not path:
@@ -176,10 +184,10 @@ def remap_overrides(node: Node) -> None:
                 given.setdefault(remapped, Parameter(remapped, value=value))
 
 
-def require_overridable(node: Node, elsewhere: Sequence[str] = ()) -> None:
+def require_overridable(node: Node, elsewhere: Sequence[str] = (), shared: Collection[str] = ()) -> None:
     """Check that each QoS override applies to a topic of `node`, once its topics exist.
 
-    Overrides for topics in the namespaces `elsewhere` are not for this node.
+    Overrides for topics in the namespaces `elsewhere`, and those that are `shared` by all nodes, need not.
 
     Raises:
         SceneError: there is no such topic or policy; the message names the nearest.
@@ -189,7 +197,7 @@ def require_overridable(node: Node, elsewhere: Sequence[str] = ()) -> None:
     for name in node._parameter_overrides:  # noqa: SLF001
         topic, _, policy = name.removeprefix(_QOS).partition(".")
         others = tuple(f"/{other.strip('/')}/" for other in elsewhere)
-        if not name.startswith(_QOS) or name in known or topic.startswith(others):
+        if not name.startswith(_QOS) or name in known or topic.startswith(others) or name in shared:
             continue
         topics = list(dict.fromkeys(each.split(".")[1] for each in known))
         likely = difflib.get_close_matches(topic, topics, n=1)

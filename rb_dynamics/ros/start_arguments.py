@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise
+from pathlib import Path
+
+import yaml
 
 from rb_dynamics.errors import SceneError
 from rb_dynamics.numerics.decimals import real_number, whole_number
@@ -63,6 +67,44 @@ def values_of(name: str, text: str) -> dict[str, object]:
         raise ValueError(f"{expected} ({problems.error()})")
     assert isinstance(found, dict)
     return found
+
+
+def shared_parameters(arguments: Sequence[str], node: str) -> set[str]:
+    """Return the parameters that a parameter file in `arguments` gives to all nodes, as under `/**`, and not to `node`.
+
+    Files that cannot be read are left to rcl.
+    """
+    shared, own = set[str](), set[str]()
+    for option, text in pairwise(arguments):
+        if option in ("-p", "--param"):
+            own.add(text.partition(":=")[0].rpartition(":")[2])
+        elif option == "--params-file":
+            with contextlib.suppress(OSError, yaml.YAMLError, UnicodeDecodeError):
+                content = yaml.safe_load(Path(text).read_text())
+                for names, parameters in _sections(content, ()):
+                    found = set(_dotted(parameters, ""))
+                    if names[-1].rpartition("/")[2] in ("*", "**"):
+                        shared |= found
+                    elif names[-1].rpartition("/")[2] == node:
+                        own |= found
+    return shared - own
+
+
+def _sections(content: object, names: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], object]]:
+    if isinstance(content, dict):
+        for name, inner in content.items():
+            if name == "ros__parameters" and names:
+                yield names, inner
+            else:
+                yield from _sections(inner, (*names, str(name)))
+
+
+def _dotted(parameters: object, key: str) -> Iterator[str]:
+    if not isinstance(parameters, dict):
+        yield key
+        return
+    for name, inner in parameters.items():
+        yield from _dotted(inner, f"{key}.{name}" if key else str(name))
 
 
 def _truth(text: str) -> bool:

@@ -7,16 +7,20 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import rclpy
 from command_line import command
 from geometry_msgs.msg import InertiaStamped, PoseStamped, WrenchStamped
 from nav_msgs.msg import Odometry
 from rcl_interfaces.srv import GetParameters, SetParametersAtomically
+from rclpy.context import Context
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from ros_harness import TRANSIENT, Peer, node_arguments, running, stamp, values
 from std_srvs.srv import SetBool, Trigger
 
+from rb_dynamics.errors import SceneError
 from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.ros.node import RigidBodyNode
 
 pytestmark = pytest.mark.ros
 
@@ -121,6 +125,35 @@ def test_a_misspelt_parameter_at_the_start_is_answered_with_what_is_known(
     assert refused.returncode == 2
     assert expected in refused.stderr
     assert "use_sim_time" in refused.stderr
+
+
+def test_parameters_for_all_nodes_of_a_bringup_are_warned_of_and_our_own_are_checked(
+    scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "bringup.yaml"
+    foreign = "{gains: {p: 1.0, d: 2.0}, qos_overrides: {/scan: {subscription: {depth: 3}}}, body.mass: 4.0}"
+    shared = f"/**: {{ros__parameters: {foreign}}}\nother: {{ros__parameters: {{lockstp: true}}}}\n"
+    arguments = ["--ros-args", "--params-file", str(file), "-p", f"scene:={scene}"]
+
+    def started(text: str, *more: str) -> RigidBodyNode:
+        file.write_text(text)
+        monkeypatch.setattr("sys.argv", ["rigid_body", *arguments, *more])
+        rclpy.init(context=(context := Context()), args=[*arguments, *more])
+        try:
+            node = RigidBodyNode(context=context)
+            node.destroy_node()
+            return node
+        finally:
+            context.try_shutdown()
+
+    assert started(shared).runner.scene.body.mass == 4.0
+    said = capfd.readouterr().err
+    assert "parameter gains.p: found an unknown name" in said
+    assert "gains.d" in said
+    assert "scan" not in said
+    for own, more in (("{rigid_body: {ros__parameters: {lockstp: true}}}", ()), (shared, ("-p", "gains.p:=2.0"))):
+        with pytest.raises(SceneError, match=r"lockstp: found|gains.p: found"):
+            started(own, *more)
 
 
 def test_a_state_from_outside(scene: Path, peer: Peer) -> None:
