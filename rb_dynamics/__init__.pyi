@@ -1,5 +1,6 @@
 """The public names of rb_dynamics and where each is defined; type checkers and `__init__.py` read them here."""
 
+from rb_dynamics.analysis.comparison import Comparison as Comparison
 from rb_dynamics.analysis.inspection import Inspection as Inspection
 from rb_dynamics.analysis.inspection import inspect as inspect
 from rb_dynamics.analysis.read_track import TopicChoice as TopicChoice
@@ -50,6 +51,7 @@ from rb_dynamics.scene.model import Scene as Scene
 from rb_dynamics.scene.model import Solver as Solver
 from rb_dynamics.sinks.memory_sink import MemorySink as MemorySink
 from rb_dynamics.sinks.state_hash import HashSink as HashSink
+from rb_dynamics.study.compare import compare as compare
 from rb_dynamics.study.explain import Explanation as Explanation
 from rb_dynamics.study.explain import explain as explain
 from rb_dynamics.study.trade import Trade as Trade

@@ -1,112 +1,535 @@
-"""`Comparison`: differences between a motion and a recorded one, at every stamp of both."""
+"""`Comparison`: how two flights differ: motion, momenta, commands and mass properties.
+
+Values are compared at stamps of both; where these are few, at the samples of the coarser of the two, with the other
+interpolated between two samples, never across a gap. Nothing is fitted or removed: a constant rotation or shift between
+the two is named, not corrected.
+"""
 
 from __future__ import annotations
 
+import itertools
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
+import numpy as np
+
+from rb_dynamics.analysis.alignment import Alignment
+from rb_dynamics.analysis.command_differences import CommandDifference, command_differences
+from rb_dynamics.analysis.streams import MotionStreams, Stream, differences
+from rb_dynamics.analysis.track import Array, Times, Track
+from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import LogError
-from rb_dynamics.numerics.rotation import angle_between
-from rb_dynamics.numerics.vector import norm, subtract
+from rb_dynamics.numerics.rotation_arrays import product, rotations_between
+from rb_dynamics.run.provenance import RUN
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+UNITS = {
+    "attitude": "rad",
+    "position": "m",
+    "angular_velocity": "rad/s",
+    "linear_velocity": "m/s",
+    "angular_momentum": "kg m^2/s",
+    "linear_momentum": "kg m/s",
+    "kinetic_energy": "J",
+}
+"""Of each quantity that is compared."""
 
-    from rb_dynamics.formats.bag_reader import Bag
-    from rb_dynamics.numerics.rotation import Quaternion
-    from rb_dynamics.numerics.vector import Vector
+MOTION = ("attitude", "position", "angular_velocity", "linear_velocity")
+"""Those that `--bound` judges."""
 
-_ROWS = 7
+# If this part of the samples of the coarser recording are stamps of both, only these are compared.
+_COMMON = 0.1
+# A constant difference is named if what remains without it is this many times smaller.
+_CONSTANT = 10.0
+PARTS = 6
+_FACTS = ("method", "solver", "effects", "seed", "version.rb_dynamics", "platform", "machine")
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Differences of one quantity over time.
+
+    Attributes:
+        name: key in `UNITS`.
+        axes: "world" or "body", "" if the quantity has none.
+        time_ns: where the two are compared, by the clock of A; ascending.
+        first: values of A, a row for each time.
+        second: values of B.
+        size: magnitude of the differences; of attitudes the angle (rad).
+        first_ns: earliest time at which they differ by as much as a bit; None if they do not.
+        interpolated: at how many of the times one of the two is interpolated.
+        interpolation: about the largest error that this makes; 0 if nothing is interpolated.
+    """
+
+    name: str
+    axes: str
+    time_ns: Times
+    first: Array
+    second: Array
+    size: Array
+    first_ns: int | None
+    interpolated: int
+    interpolation: float
+
+    @property
+    def max(self) -> float:
+        """The largest difference."""
+        return float(self.size.max())
+
+    @property
+    def rms(self) -> float:
+        """Root of the mean square over the samples."""
+        largest = self.max
+        return largest and largest * float(np.sqrt(np.mean((self.size / largest) ** 2)))
+
+    def growth(self, span_ns: tuple[int, int]) -> list[float]:
+        """Return the largest difference in each of `PARTS` equal parts of the time; NaN if there is no sample."""
+        begin, end = span_ns
+        edges = [begin + (end - begin) * part // PARTS for part in range(PARTS + 1)]
+        cuts = [*self.time_ns.searchsorted(edges)[:-1].tolist(), len(self.time_ns)]
+        parts = [self.size[first:last] for first, last in itertools.pairwise(cuts)]
+        return [float(part.max()) if len(part) else math.nan for part in parts]
+
+    @property
+    def max_ns(self) -> int:
+        """When the difference is largest."""
+        return int(self.time_ns[int(self.size.argmax())])
+
+
+@dataclass(frozen=True)
+class Side:
+    """What is known of one of the two, for the reader.
+
+    Attributes:
+        path: of the log or bag.
+        own: logged by this package.
+        flown: for the comparison, from a scene; the path is that of the scene.
+        span_s: first and last time of its motion, s as in the output.
+        body: mass properties; None if unknown.
+    """
+
+    path: str
+    own: bool
+    flown: bool
+    span_s: tuple[float, float]
+    body: RigidBody | None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON."""
+        return {"path": self.path, "own": self.own, "flown": self.flown, "span_s": list(self.span_s)}
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Differences at each stamp.
+    """How two flights differ.
 
     Attributes:
-        times_ns: the stamps.
-        attitude: angle between the attitudes, rad.
-        position: m.
-        rate: of the angular velocities, rad/s.
-        velocity: of the linear velocities, m/s.
+        a: the first flight.
+        b: the second.
+        alignment: how their times belong together.
+        zero_ns: time of A's clock from which the output counts.
+        clock: what that is, in words.
+        differences: by name; a quantity that one of the two does not have is missing.
+        compared_s: time that both cover without a gap.
+        not_compared: what was not compared, one sentence each.
+        commands: channels whose commands differ; None if one of the two does not tell.
+        body: mass properties that differ: name, value of A, value of B; None if one of the two does not tell.
+        run: facts of two runs of this package that differ, likewise.
+        notes: what a reader should know, one sentence each.
+        bound: largest difference accepted in each quantity of the motion; None: nothing is judged.
     """
 
-    times_ns: tuple[int, ...]
-    attitude: tuple[float, ...]
-    position: tuple[float, ...]
-    rate: tuple[float, ...]
-    velocity: tuple[float, ...]
+    a: Side
+    b: Side
+    alignment: Alignment
+    zero_ns: int
+    clock: str
+    differences: Mapping[str, Difference]
+    compared_s: float
+    not_compared: Sequence[str]
+    commands: Sequence[CommandDifference] | None
+    body: Sequence[tuple[str, Any, Any]] | None
+    run: Sequence[tuple[str, Any, Any]]
+    notes: Sequence[str]
+    bound: float | None = None
 
-    @classmethod
-    def of(
-        cls,
-        truth: Bag,
-        poses: Mapping[int, tuple[Vector, Quaternion]],
-        twists: Mapping[int, tuple[Vector, Vector]],
-        pose_topic: str = "/truth/pose",
-        twist_topic: str = "/truth/twist",
-    ) -> Comparison:
-        """Return the differences of `poses` and `twists` (body axes), by stamp in ns, from the topics of a recording.
+    @property
+    def samples(self) -> int:
+        """At how many times the motion is compared."""
+        return max((len(self.differences[name].size) for name in MOTION if name in self.differences), default=0)
 
-        The first sample of the recording is left out, since it is the common initial state.
+    @property
+    def first_ns(self) -> int | None:
+        """When the motions first differ, by as much as a bit; None if they do not."""
+        found = [each.first_ns for name, each in self.differences.items() if name in MOTION]
+        return min((first for first in found if first is not None), default=None)
 
-        Raises:
-            LogError: there is no pose or no twist at a stamp of the recording.
-        """
-        times, true_poses = truth.poses(pose_topic)
-        twist_times, true_twists = truth.twists(twist_topic)
-        by_time = dict(zip(twist_times.tolist(), true_twists.tolist(), strict=True))
-        rows = []
-        for time_ns, (x, y, z, *q) in list(zip(times.tolist(), true_poses.tolist(), strict=True))[1:]:
-            if time_ns not in poses or time_ns not in twists or time_ns not in by_time:
-                raise LogError(
-                    f"found no pose or no twist at {time_ns / 1e9:.9g} s, expected both, as {truth.path.name} has one "
-                    "there; set an output_rate that meets its stamps"
-                )
-            position, orientation = poses[time_ns]
-            linear, angular = twists[time_ns]
-            true = by_time[time_ns]
-            rows.append(
-                (
-                    time_ns,
-                    angle_between((q[0], q[1], q[2], q[3]), orientation),
-                    norm(subtract(position, (x, y, z))),
-                    norm(subtract(angular, (true[3], true[4], true[5]))),
-                    norm(subtract(linear, (true[0], true[1], true[2]))),
-                )
-            )
-        return cls(*(tuple(column) for column in zip(*rows, strict=True)))
+    @property
+    def beyond(self) -> tuple[str, ...]:
+        """Quantities of the motion that differ by more than the bound."""
+        bound = math.inf if self.bound is None else self.bound
+        return tuple(name for name in MOTION if name in self.differences and self.differences[name].max > bound)
 
-    def worst(self) -> dict[str, float]:
-        """Return the largest difference of each kind."""
-        return {name: max(values) for name, values in self.series().items()}
+    @property
+    def passed(self) -> bool:
+        """Whether no quantity of the motion differs by more than the bound."""
+        return not self.beyond
 
-    def series(self) -> dict[str, tuple[float, ...]]:
-        """Return the differences by name with unit."""
-        return {
-            "attitude (rad)": self.attitude,
-            "position (m)": self.position,
-            "rate (rad/s)": self.rate,
-            "velocity (m/s)": self.velocity,
+    def seconds(self, time_ns: Times | int) -> Any:
+        """Return times of A's clock as s in the output; the difference is computed in integers."""
+        return (time_ns - self.zero_ns) / 1e9
+
+    @property
+    def span_ns(self) -> tuple[int, int]:
+        """First and last time at which anything is compared."""
+        times = [each.time_ns for each in self.differences.values()]
+        return int(min(time[0] for time in times)), int(max(time[-1] for time in times))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the comparison as plain values for JSON; what is unknown is None."""
+        found: dict[str, Any] = {
+            "a": self.a.as_dict(),
+            "b": self.b.as_dict(),
+            "aligned_by": self.alignment.by,
+            "offset_s": self.alignment.offset_ns / 1e9,
+            "offset_ns": self.alignment.offset_ns,
+            "offset_uncertainty_s": _finite(self.alignment.uncertainty_s),
+            "offset_rival_s": self.alignment.rival_s,
+            "clock": self.clock,
+            "samples": self.samples,
+            "compared_s": self.compared_s,
+            "not_compared": list(self.not_compared),
+        }
+        for name, unit in UNITS.items():
+            each = self.differences.get(name)
+            found[name] = each and {
+                "max": each.max,
+                "rms": each.rms,
+                "at_s": float(self.seconds(each.max_ns)),
+                "unit": unit,
+                "axes": each.axes,
+                "samples": len(each.size),
+                "interpolated": each.interpolated,
+                "interpolation_error": each.interpolation,
+            }
+        first = self.first_ns
+        return found | {
+            "first_difference_s": None if first is None else float(self.seconds(first)),
+            "commands": None if self.commands is None else [each.as_dict(self.zero_ns) for each in self.commands],
+            "body": None if self.body is None else [_named(*each) for each in self.body],
+            "run": [_named(*each) for each in self.run],
+            "notes": list(self.notes),
+            "bound": self.bound,
+            "passed": self.passed,
         }
 
-    def within(self, tolerance: float) -> bool:
-        """Return whether every difference is at most `tolerance`."""
-        return all(value <= tolerance for value in self.worst().values())
 
-    def as_text(self, tolerance: float) -> str:
-        """Return a table: the differences at some stamps, the largest differences, and the verdict."""
-        names = list(self.series())
-        lines = [f"{'time (s)':>12}" + "".join(f"{name:>18}" for name in names)]
-        last = len(self.times_ns) - 1
-        shown = sorted({round(k * last / (_ROWS - 1)) for k in range(_ROWS)})
-        columns = list(self.series().values())
-        lines += [self._line(f"{self.times_ns[i] / 1e9:.1f}", [column[i] for column in columns]) for i in shown]
-        lines.append(self._line("worst", list(self.worst().values())))
-        verdict = "all within" if self.within(tolerance) else "NOT all within"
-        lines.append(f"{len(self.times_ns)} stamps compared with the recording: {verdict} {tolerance:g}")
-        return "\n".join(lines)
+def _named(name: str, a: Any, b: Any) -> dict[str, Any]:
+    return {"name": name, "a": a, "b": b}
 
-    @staticmethod
-    def _line(head: str, numbers: list[float]) -> str:
-        return f"{head:>12}" + "".join(f"{number:>18.2e}" for number in numbers)
+
+def _finite(number: float | None) -> float | None:
+    return number if number is not None and math.isfinite(number) else None
+
+
+def differences_of_motion(a: MotionStreams, b: MotionStreams) -> dict[str, Difference]:
+    """Return the differences of two motions of one clock, by name; velocities in world axes if both are known there."""
+    velocity = ("world", a.velocity_world, b.velocity_world)
+    if a.velocity_world is None or b.velocity_world is None:
+        velocity = ("body", a.velocity_body, b.velocity_body)
+    pairs = {
+        "attitude": ("", a.attitude, b.attitude),
+        "position": ("world", a.position, b.position),
+        "angular_velocity": ("body", a.rate, b.rate),
+        "linear_velocity": velocity,
+    }
+    found = {name: difference(name, axes, one, other) for name, (axes, one, other) in pairs.items()}
+    return {name: each for name, each in found.items() if each is not None}
+
+
+def difference(name: str, axes: str, a: Stream | None, b: Stream | None) -> Difference | None:
+    """Return how two streams of one clock differ; None if one is missing or they share no time."""
+    if a is None or b is None or not len(a.time_ns) or not len(b.time_ns):
+        return None
+    begin, end = max(a.time_ns[0], b.time_ns[0]), min(a.time_ns[-1], b.time_ns[-1])
+    a, b = a.within(begin, end), b.within(begin, end)
+    # The same choice whichever of the two comes first.
+    a_coarse = (len(a.time_ns), a.time_ns.tolist()) <= (len(b.time_ns), b.time_ns.tolist())
+    coarse, fine = (a, b) if a_coarse else (b, a)
+    common = np.intersect1d(a.time_ns, b.time_ns)
+    times = common if len(common) >= max(1.0, _COMMON * len(coarse.time_ns)) else coarse.time_ns
+    _, known = fine.at(times)
+    times = times[known]
+    if not len(times):
+        return None
+    first, second = a.at(times)[0], b.at(times)[0]
+    size = np.linalg.norm(differences(first, second), axis=1)
+    interpolated = ~np.isin(times, common)
+    # Bits that differ may be too small for the difference.
+    other = (first != second).any(axis=1)
+    if a.turns:
+        other &= (first != -second).any(axis=1)
+    return Difference(
+        name,
+        axes,
+        times,
+        first,
+        second,
+        size,
+        int(times[other.argmax()]) if other.any() else None,
+        int(interpolated.sum()),
+        fine.interpolation_error() if interpolated.any() else 0.0,
+    )
+
+
+@dataclass(frozen=True)
+class Given:
+    """One of two flights to compare: its track, where it comes from, and whether it was flown for the comparison."""
+
+    track: Track
+    path: str
+    flown: bool = False
+
+
+def compare_tracks(
+    a: Given,
+    b: Given,
+    alignment: Alignment,
+    bound: float | None = None,
+    window_s: tuple[float | None, float | None] = (None, None),
+    more: Sequence[str] = (),
+) -> Comparison:
+    """Return how two flights differ whose times belong together as `alignment` says.
+
+    Args:
+        a: the first flight.
+        b: the second.
+        alignment: how their times belong together.
+        bound: largest difference accepted in each quantity of the motion.
+        window_s: first and last time to compare, as in the output; None: all.
+        more: notes to add.
+
+    Raises:
+        LogError: there is nothing to compare at any time.
+    """
+    one, other = MotionStreams.of(a.track), MotionStreams.of(b.track).later(-alignment.offset_ns)
+    zero_ns, clock = _clock(a, b, alignment, one)
+    begin_ns = -math.inf if window_s[0] is None else zero_ns + round(window_s[0] * 1e9)
+    end_ns = math.inf if window_s[1] is None else zero_ns + round(window_s[1] * 1e9)
+    cut_one, cut_other = (motion.within(begin_ns, end_ns) for motion in (one, other))
+    found = differences_of_motion(cut_one, cut_other)
+    if not found:
+        raise LogError(_nothing(a, b, one, other, zero_ns, window_s))
+    found |= {
+        name: each
+        for name in ("angular_momentum", "linear_momentum", "kinetic_energy")
+        if (each := _logged(name, a.track, b.track, alignment.offset_ns, (begin_ns, end_ns))) is not None
+    }
+    times = [each.time_ns for name, each in found.items() if name in MOTION]
+    span = int(min(time[0] for time in times)), int(max(time[-1] for time in times))
+    compared_s, left_out = _left_out(found, cut_one, cut_other, one, other, span, zero_ns)
+    commands, unequal = command_differences(a.track, b.track, alignment.offset_ns, span)
+    sides = [
+        Side(each.path, each.track.own, each.flown, _span_s(motion, zero_ns), each.track.body)
+        for each, motion in ((a, one), (b, other))
+    ]
+    return Comparison(
+        a=sides[0],
+        b=sides[1],
+        alignment=alignment,
+        zero_ns=zero_ns,
+        clock=clock,
+        differences=found,
+        compared_s=compared_s,
+        not_compared=left_out,
+        commands=commands,
+        body=_bodies(a.track.body, b.track.body),
+        run=_runs(a.track, b.track),
+        notes=[*_frames(a.track, b.track), *_constants(found), *unequal, *_unknown_body(a, b), *more],
+        bound=bound,
+    )
+
+
+def _clock(a: Given, b: Given, alignment: Alignment, one: MotionStreams) -> tuple[int, str]:
+    """Return A's time from which the output counts, and what that is."""
+    if a.track.own:
+        return 0, "simulation time of A"
+    if b.track.own:
+        return -alignment.offset_ns, "simulation time of B"
+    start, _ = one.span_ns
+    return start, f"time since the start of the motion in A, which is stamped {start // 10**9}.{start % 10**9:09d} s"
+
+
+def _span_s(motion: MotionStreams, zero_ns: int) -> tuple[float, float]:
+    first, last = motion.span_ns
+    return (first - zero_ns) / 1e9, (last - zero_ns) / 1e9
+
+
+def _nothing(
+    a: Given,
+    b: Given,
+    one: MotionStreams,
+    other: MotionStreams,
+    zero_ns: int,
+    window_s: tuple[float | None, float | None],
+) -> str:
+    for each, motion in ((a, one), (b, other)):
+        if motion.attitude is None and motion.position is None and motion.velocity_body is None and motion.rate is None:
+            return f"{each.path} has no pose and no twist, expected a motion; with --scene SCENE its commands are flown"
+    spans = [f"from {first:.6g} to {last:.6g} s" for first, last in (_span_s(m, zero_ns) for m in (one, other))]
+    within = "" if window_s == (None, None) else ", or --from and --to leave nothing"
+    return (
+        f"nothing to compare: {a.path} goes {spans[0]} and {b.path} {spans[1]} of the same clock, expected quantities "
+        f"that both have at times that both have{within}; say how they belong together with --align start or --align "
+        "SECONDS"
+    )
+
+
+def _logged(name: str, a: Track, b: Track, offset_ns: int, window_ns: tuple[float, float]) -> Difference | None:
+    one, other = getattr(a, name), getattr(b, name)
+    if one is None or other is None:
+        return None
+    streams = [
+        Stream.of(series.time_ns, series.values.reshape(len(series.time_ns), -1), track.bag.missing)
+        for series, track in ((one, a), (other, b))
+    ]
+    axes = "" if name == "kinetic_energy" else "world"
+    return difference(name, axes, streams[0].within(*window_ns), streams[1].later(-offset_ns).within(*window_ns))
+
+
+def _left_out(
+    found: Mapping[str, Difference],
+    one: MotionStreams,
+    other: MotionStreams,
+    whole_one: MotionStreams,
+    whole_other: MotionStreams,
+    span: tuple[int, int],
+    zero_ns: int,
+) -> tuple[float, list[str]]:
+    """Return the time that is compared, and what is not, in sentences."""
+    told = []
+    for name, (in_a, in_b) in (
+        ("attitude", (one.attitude, other.attitude)),
+        ("position", (one.position, other.position)),
+        ("angular velocity", (one.rate, other.rate)),
+        ("linear velocity", (one.velocity_body or one.velocity_world, other.velocity_body or other.velocity_world)),
+    ):
+        if name.replace(" ", "_") not in found:
+            lacking = [side for side, stream in (("A", in_a), ("B", in_b)) if stream is None]
+            why = (
+                f"{' and '.join(lacking)} {'do' if lacking[1:] else 'does'} not tell"
+                if lacking
+                else "no time in common"
+            )
+            told.append(f"{name}: {why}")
+    holes: list[tuple[int, int]] = []
+    for side, motion in (("A", one), ("B", other)):
+        mine = sorted({hole for stream in vars(motion).values() if stream is not None for hole in stream.holes()})
+        mine = [(max(begin, span[0]), min(end, span[1])) for begin, end in mine]
+        mine = [(begin, end) for begin, end in mine if begin < end]
+        if mine:
+            joined = _joined(mine)
+            longest = max(joined, key=lambda hole: hole[1] - hole[0])
+            told.append(
+                f"{sum(end - begin for begin, end in joined) * 1e-9:.6g} s in {len(joined)} "
+                f"gap{'s' * (len(joined) > 1)} of {side}, the longest {(longest[1] - longest[0]) * 1e-9:.6g} s "
+                f"from t = {(longest[0] - zero_ns) * 1e-9:.6g} s"
+            )
+        holes += mine
+    for side, motion in (("A", whole_one), ("B", whole_other)):
+        first, last = motion.span_ns
+        for length, where in ((span[0] - first, "before"), (last - span[1], "after")):
+            if length > 0:
+                told.append(f"{length * 1e-9:.6g} s of {side} {where} what both have")
+    lost = sum(end - begin for begin, end in _joined(holes))
+    return (span[1] - span[0] - lost) / 1e9, told
+
+
+def _joined(pieces: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    joined: list[tuple[int, int]] = []
+    for begin, end in sorted(pieces):
+        if joined and begin <= joined[-1][1]:
+            joined[-1] = (joined[-1][0], max(end, joined[-1][1]))
+        else:
+            joined.append((begin, end))
+    return joined
+
+
+def _bodies(a: RigidBody | None, b: RigidBody | None) -> list[tuple[str, Any, Any]] | None:
+    if a is None or b is None:
+        return None
+    names = ("mass", "center_of_mass", "inertia")
+    return [(name, getattr(a, name), getattr(b, name)) for name in names if getattr(a, name) != getattr(b, name)]
+
+
+def _runs(a: Track, b: Track) -> list[tuple[str, Any, Any]]:
+    if not (a.own and b.own):
+        return []
+    one, other = a.bag.metadata[RUN], b.bag.metadata[RUN]
+    return [(name, one.get(name, ""), other.get(name, "")) for name in _FACTS if one.get(name) != other.get(name)]
+
+
+def _unknown_body(a: Given, b: Given) -> list[str]:
+    unknown = [each.path for each in (a, b) if each.track.body is None]
+    return [f"Mass properties are not compared: {' and '.join(unknown)} without them."] if unknown else []
+
+
+def _frames(a: Track, b: Track) -> list[str]:
+    """Return remarks on frames that the two name differently."""
+    told = []
+    if a.pose and b.pose and a.pose.frame.lstrip("/") != b.pose.frame.lstrip("/"):
+        told.append(
+            f'The poses of A are in the frame "{a.pose.frame}", those of B in "{b.pose.frame}": they are taken as one '
+            "frame, which nothing in the recordings says."
+        )
+    if a.twist_in_world != b.twist_in_world and a.twist and b.twist:
+        told.append(
+            f"The twist of {'A' if a.twist_in_world else 'B'} is in world axes; its pose turns it into body axes."
+        )
+    return told
+
+
+def _constants(found: Mapping[str, Difference]) -> list[str]:
+    """Return remarks on constant differences: axes that are turned against each other, origins that are apart."""
+    told = []
+    if (attitude := found.get("attitude")) is not None and len(attitude.size) > 3:
+        inverse = attitude.first * np.array([-1.0, -1.0, -1.0, 1.0])
+        sides = {
+            "body": _constant_turn(product(inverse, attitude.second)),
+            "world": _constant_turn(product(attitude.second, inverse)),
+        }
+        good = {axes: turn for axes, turn in sides.items() if turn[2] * _CONSTANT < attitude.rms}
+        if good and attitude.rms > max(1e-12, 4.0 * attitude.interpolation):
+            axes = min(good, key=lambda name: good[name][2])
+            vector, angle, rest = good[axes]
+            direction = ", ".join(f"{part:.4g}" for part in vector / angle)
+            either = "; so are the axes of the other kind, as the body hardly turns" if len(good) > 1 else ""
+            told.append(
+                f"The {axes} axes of B are turned against those of A by {angle:.6g} rad ({math.degrees(angle):.4g} "
+                f"degrees) about ({direction}), throughout: without that {rest:.3g} rad (rms) would remain{either}. "
+                "Nothing is corrected: rates and velocities are compared as they are."
+            )
+    if (position := found.get("position")) is not None and len(position.size) > 3:
+        apart = position.second - position.first
+        mean = apart.mean(axis=0)
+        rest = float(np.sqrt(np.mean(np.sum((apart - mean) ** 2, axis=1))))
+        if rest * _CONSTANT < position.rms and position.rms > 1e-9:
+            place = ", ".join(f"{part:.6g}" for part in mean)
+            told.append(
+                f"The positions of B lie ({place}) m from those of A, throughout: without that {rest:.3g} m (rms) "
+                "would remain."
+            )
+    return told
+
+
+def _constant_turn(turns: Array) -> tuple[Array, float, float]:
+    """Return the mean of rotations as vector and angle (rad), and the rms angle that remains without it.
+
+    The mean is the eigenvector of the sum of q q^T of the largest eigenvalue (Markley et al., J. Guidance 30 (2007)
+    1193).
+    """
+    mean = np.linalg.eigh(turns.T @ turns)[1][:, -1:].T
+    rest = rotations_between(np.repeat(mean, len(turns), axis=0), turns)
+    vector = rotations_between(np.array([[0.0, 0.0, 0.0, 1.0]]), mean)[0]
+    return vector, float(np.linalg.norm(vector)), float(np.sqrt(np.mean(np.sum(rest**2, axis=1))))

@@ -20,7 +20,8 @@ from rb_dynamics.errors import RigidBodyError
 from rb_dynamics.run.stop_signals import Stopped, interrupted_by_signals
 
 COMMANDS = (
-    "simulate", "node", "replay", "inspect", "recover", "convert", "explain", "trade", "campaign", "body", "demo",
+    "simulate", "node", "replay", "inspect", "compare", "recover", "convert", "explain", "trade", "campaign", "body",
+    "demo",
 )  # fmt: skip
 
 _EPILOG = """\

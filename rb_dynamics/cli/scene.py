@@ -27,19 +27,24 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
 
 
 def add_wrench(parser: argparse.ArgumentParser) -> None:
-    """Add the bags of wrench commands, and the assignment of their topics to channels."""
+    """Add the bags of wrench commands, their start, and the assignment of their topics to channels."""
     parser.add_argument(
         "--wrench", action="append", default=[], metavar="BAG",
         help="bag with wrench commands, MCAP or a rosbag2 folder; may be repeated to combine bags",
     )  # fmt: skip
+    add_start_and_topics(parser)
+
+
+def add_start_and_topics(parser: argparse.ArgumentParser, of: str = "") -> None:
+    """Add the start of the bags and the assignment of their topics; `of` says of which run."""
     parser.add_argument(
         "--wrench-start", type=_start, metavar="auto|bag|first|stamp|SECONDS",
-        help="time 0 of the run. stamp: time 0 of the commands' stamps; bag: start of the bags; first: the "
+        help=of + "time 0 of the run. stamp: time 0 of the commands' stamps; bag: start of the bags; first: the "
         "first command; SECONDS: that stamp; auto (default): stamp if commands then lie within the run, else bag",
     )  # fmt: skip
     parser.add_argument(
         "--topic", action="append", default=[], metavar="TOPIC=CHANNEL",
-        help="topic of the bag for a channel of the scene, if their names differ; may be repeated",
+        help=of + "topic of the bag for a channel of the scene, if their names differ; may be repeated",
     )  # fmt: skip
 
 
@@ -101,7 +106,7 @@ def read_with_commands(args: argparse.Namespace) -> tuple[Scene, RecordedWrenche
         args.wrench,
         topics,
         end_ns,
-        _mapping(args),
+        mapping_of(args),
         "auto" if start is None else start,
         channels,
     )
@@ -119,7 +124,7 @@ def _start(text: str) -> Start:
     return round(Decimal(text) * 10**9)
 
 
-def _mapping(args: argparse.Namespace) -> dict[str, str]:
+def mapping_of(args: argparse.Namespace) -> dict[str, str]:
     """Return the channel of each topic given with `--topic`."""
     from rb_dynamics.errors import LogError
 

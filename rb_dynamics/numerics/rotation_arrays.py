@@ -23,15 +23,27 @@ def rotate_all_inverse(orientation_xyzw: Array, vectors: Array) -> Array:
 
 def rotation_vectors(orientation_xyzw: Array) -> Array:
     """Return the rotation (rad, at most pi, body axes) from each of (n, 4) quaternions to the next, (n - 1, 3)."""
-    axis, scalar = orientation_xyzw[:, :3], orientation_xyzw[:, 3:]
-    part = scalar[:-1] * axis[1:] - scalar[1:] * axis[:-1] - np.cross(axis[:-1], axis[1:])
-    along = np.sum(orientation_xyzw[1:] * orientation_xyzw[:-1], axis=1, keepdims=True)
+    return rotations_between(orientation_xyzw[:-1], orientation_xyzw[1:])
+
+
+def rotations_between(first_xyzw: Array, second_xyzw: Array) -> Array:
+    """Return the rotation (rad, at most pi, body axes) that turns each of `first_xyzw` (n, 4) into `second_xyzw`."""
+    axis, scalar = first_xyzw[:, :3], first_xyzw[:, 3:]
+    part = scalar * second_xyzw[:, :3] - second_xyzw[:, 3:] * axis - np.cross(axis, second_xyzw[:, :3])
+    along = np.sum(second_xyzw * first_xyzw, axis=1, keepdims=True)
     size = np.linalg.norm(part, axis=1, keepdims=True)
     half = np.arctan2(size, np.abs(along))
     # q and -q are one attitude: take the shorter rotation. The ratio is 1 where nothing turns.
     ratio = np.divide(half, size, out=np.ones_like(size), where=size > 0.0)
     vectors: Array = 2.0 * np.where(along < 0.0, -1.0, 1.0) * ratio * part
     return vectors
+
+
+def exponentials(vectors: Array) -> Array:
+    """Return the quaternions (n, 4) of the rotations `vectors` (n, 3), rad."""
+    half = 0.5 * np.linalg.norm(vectors, axis=1, keepdims=True)
+    # numpy's sinc(x) is sin(pi x) / (pi x), and 1 at 0.
+    return np.concatenate([0.5 * np.sinc(half / np.pi) * vectors, np.cos(half)], axis=1)
 
 
 def product(left_xyzw: Array, right_xyzw: Array) -> Array:
@@ -55,8 +67,6 @@ def interpolated(time_ns: NDArray[np.int64], poses: Array, wanted_ns: NDArray[np
         return np.repeat(poses, len(wanted_ns), axis=0)
     row = np.clip(np.searchsorted(time_ns, wanted_ns, side="right") - 1, 0, len(time_ns) - 2)
     part = ((wanted_ns - time_ns[row]) / (time_ns[row + 1] - time_ns[row]))[:, None]
-    half = 0.5 * part * rotation_vectors(poses[:, 3:])[row]
-    angle = np.linalg.norm(half, axis=1, keepdims=True)
-    turn = np.hstack([half * np.sinc(angle / np.pi), np.cos(angle)])
+    turn = exponentials(part * rotation_vectors(poses[:, 3:])[row])
     moved = (1.0 - part) * poses[row, :3] + part * poses[row + 1, :3]
     return np.hstack([moved, product(poses[row, 3:], turn)])

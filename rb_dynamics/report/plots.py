@@ -103,6 +103,21 @@ def comparison(time_s: Array, differences: Mapping[str, Array]) -> str:
     return draw(panels, "Difference against the reference over time")
 
 
+def overlay(title: str, time_s: Array, first: Array, second: Array, labels: Sequence[str]) -> Panel:
+    """Return the components of A, and dashed over them in the same colours those of B."""
+    lines = [
+        Line(f"{label} {side}", time_s, column, dashed=side == "B", color=place)
+        for side, rows in (("A", first), ("B", second))
+        for place, (label, column) in enumerate(zip(labels, rows.T, strict=True))
+    ]
+    return Panel(title, lines)
+
+
+def overlays(panels: Sequence[Panel]) -> str:
+    """Return panels of `overlay`, one above the other."""
+    return draw(panels, "Both motions over time")
+
+
 def continuous(orientation_xyzw: Array) -> Array:
     """Return the same attitudes with the sign of each quaternion chosen to be continuous."""
     if len(orientation_xyzw) == 0:

@@ -44,13 +44,17 @@ SETTINGS = {"font.size": _FONT, "svg.fonttype": "none"}
 
 @dataclass(frozen=True)
 class Line:
-    """Values over time (s); `step` holds each value until the next, `dashed` shows the line below. NaN is a gap."""
+    """Values over time (s); `step` holds each value until the next, `dashed` shows the line below. NaN is a gap.
+
+    `color` is a place in `COLORS`; None: the place of the line in its panel.
+    """
 
     label: str
     time_s: Array
     values: Array
     step: bool = False
     dashed: bool = False
+    color: int | None = None
 
 
 @dataclass(frozen=True)
@@ -173,7 +177,7 @@ def _plot(axes: Axes, panel: Panel, end: float) -> None:
 
 def _looks(lines: Sequence[Line]) -> list[tuple[str, bool]]:
     """Return colour and dash of each line; when colours repeat, dashes distinguish them."""
-    rounds = (divmod(i, len(COLORS)) for i in range(len(lines)))
+    rounds = (divmod(i if line.color is None else line.color, len(COLORS)) for i, line in enumerate(lines))
     return [(COLORS[i], line.dashed or turn % 2 == 1) for line, (turn, i) in zip(lines, rounds, strict=True)]
 
 

@@ -84,7 +84,7 @@ class RerunSink:
 
     def __init__(self, path: str | os.PathLike[str], *, max_rows: int = MAX_ROWS, batch_rows: int = BATCH_ROWS) -> None:
         """Say where to write; folders above it are made, an earlier file is replaced, nothing happens before `open`."""
-        self.address = _address(os.fspath(path))
+        self.address = viewer_address(os.fspath(path))
         self.path = Path(path)
         self._max_rows = max_rows
         self._batch_rows = batch_rows
@@ -102,7 +102,7 @@ class RerunSink:
         except ImportError as error:
             raise MissingExtraError("rerun-sdk", "log", "writing a .rrd file") from error
         if self.address:
-            _require_viewer(self.address)
+            require_viewer(self.address)
         recorder = Recorder(self.path, run, self._max_rows, self._batch_rows, self.address)
         with recorder.writing():
             recorder.begin()
@@ -388,7 +388,7 @@ class Recorder:
         self.stream.send_columns(entity, times, columns, strict=True)
 
 
-def _address(target: str) -> str:
+def viewer_address(target: str) -> str:
     """Return the address of a viewer, "" of a file.
 
     Raises:
@@ -404,7 +404,7 @@ def _address(target: str) -> str:
     return target
 
 
-def _require_viewer(address: str) -> None:
+def require_viewer(address: str) -> None:
     """Refuse an address without a server: Rerun itself would wait, and then drop its data.
 
     Raises:

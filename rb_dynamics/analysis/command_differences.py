@@ -1,0 +1,121 @@
+"""`command_differences`: channels on which two recordings hold different wrenches, and from when on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rb_dynamics.analysis.track import RecordedWrench, Times, Track
+from rb_dynamics.formats.messages import APPLIED
+
+
+@dataclass(frozen=True)
+class CommandDifference:
+    """What differs on one channel.
+
+    Attributes:
+        topic: name of the channel in A; in B if A does not have it.
+        a: number of commands (or changes of the applied wrench) of A within the time compared; None without a channel.
+        b: the same of B.
+        first_ns: since when the wrenches held differ, by the clock of A.
+        force: largest difference, N.
+        torque: largest difference, N m.
+        axes: whether one is in world and the other in body axes at some time, and so cannot be subtracted.
+    """
+
+    topic: str
+    a: int | None
+    b: int | None
+    first_ns: int
+    force: float
+    torque: float
+    axes: bool = False
+
+    def as_dict(self, zero_ns: int) -> dict[str, Any]:
+        """Return plain values for JSON; times in s from `zero_ns`."""
+        numbers = {"force": self.force, "torque": self.torque, "axes_differ": self.axes}
+        first = {"first_difference_s": (self.first_ns - zero_ns) / 1e9}
+        return {"topic": self.topic, "a": self.a, "b": self.b} | first | numbers
+
+
+def command_differences(
+    a: Track, b: Track, offset_ns: int, span_ns: tuple[int, int]
+) -> tuple[list[CommandDifference] | None, list[str]]:
+    """Return what differs within `span_ns` of A's clock, and remarks; None if one of the two does not tell.
+
+    Channels of one name belong together; if one is left on each side, so do these.
+    """
+    unknown = [name for name, track in (("A", a), ("B", b)) if not (track.own or track.wrenches)]
+    if unknown:
+        return None, [f"Commands are not compared: {' and '.join(unknown)} without them."]
+    one = {_channel(steps): steps for steps in a.acting}
+    other = {_channel(steps): steps for steps in b.acting}
+    pairs = [(name, one.get(name), other.get(name)) for name in dict.fromkeys((*one, *other))]
+    told = []
+    left = [[name for name in names if name not in others] for names, others in ((one, other), (other, one))]
+    if all(len(names) == 1 for names in left):
+        (mine,), (its,) = left
+        pairs = [pair for pair in pairs if pair[0] not in (mine, its)] + [(mine, one[mine], other[its])]
+        told.append(f"The commands on {mine} in A are compared with those on {its} in B.")
+    found = [_compared(name, first, second, offset_ns, span_ns) for name, first, second in pairs]
+    return [each for each in found if each is not None], told
+
+
+def _channel(steps: RecordedWrench) -> str:
+    return steps.topic.removesuffix(APPLIED).removeprefix("/")
+
+
+def _compared(
+    name: str, a: RecordedWrench | None, b: RecordedWrench | None, offset_ns: int, span_ns: tuple[int, int]
+) -> CommandDifference | None:
+    begin, end = span_ns
+    # At the end itself a command has no time to act.
+    times = [np.array([begin], dtype=np.int64)]
+    counts: dict[str, int | None] = {}
+    for side, steps, later in (("a", a, 0), ("b", b, offset_ns)):
+        counts[side] = None
+        if steps is None:
+            continue
+        at = steps.time_ns - later
+        at = at[(at >= begin) & (at < end)]
+        counts[side] = len(at)
+        times.append(at)
+    at = np.unique(np.concatenate(times))
+    (force_a, torque_a, world_a, known_a), (force_b, torque_b, world_b, known_b) = (
+        _held(a, at, 0),
+        _held(b, at, offset_ns),
+    )
+    known = known_a & known_b
+    turned = (world_a != world_b) & (force_a.any(axis=1) | torque_a.any(axis=1))
+    turned &= force_b.any(axis=1) | torque_b.any(axis=1)
+    forces, torques = (np.linalg.norm(x - y, axis=1) for x, y in ((force_a, force_b), (torque_a, torque_b)))
+    differ = known & ((forces > 0.0) | (torques > 0.0) | turned)
+    if not differ.any():
+        return None
+    return CommandDifference(
+        name,
+        counts["a"],
+        counts["b"],
+        first_ns=int(at[differ.argmax()]),
+        force=float(forces[known].max()),
+        torque=float(torques[known].max()),
+        axes=bool(turned[known].any()),
+    )
+
+
+def _held(steps: RecordedWrench | None, at: Times, offset_ns: int) -> Sequence[Any]:
+    """Return force, torque, whether in world axes and whether known, as held at each time; zero before the first."""
+    count = len(at)
+    zero = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count, dtype=bool), np.ones(count, dtype=bool)
+    if steps is None or not len(steps.time_ns):
+        return zero
+    last = (steps.time_ns - offset_ns).searchsorted(at, "right") - 1
+    begun = last >= 0
+    columns = (steps.force, steps.torque, steps.world, steps.known)
+    return [
+        np.where(begun.reshape((-1,) + (1,) * (column.ndim - 1)), column[np.maximum(last, 0)], default)
+        for column, default in zip(columns, zero, strict=True)
+    ]

@@ -1,0 +1,178 @@
+"""`Stream`: one quantity of a motion over time, and its values between the samples, but never across a gap."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rb_dynamics.analysis.gaps import longest_usual
+from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track, unit_rows
+from rb_dynamics.numerics.rotation_arrays import (
+    exponentials,
+    product,
+    rotate_all,
+    rotate_all_inverse,
+    rotations_between,
+)
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Stream:
+    """Rows over time.
+
+    Attributes:
+        time_ns: ascending, each time once.
+        values: (n, 3) vectors, or (n, 4) unit quaternions xyzw.
+        broken: (n - 1,), whether the interval that begins at a sample is a gap.
+    """
+
+    time_ns: Times
+    values: Array
+    broken: Mask
+
+    @classmethod
+    def of(cls, time_ns: Times, values: Array, missing: Sequence[tuple[int, int]] = ()) -> Stream:
+        """Return a stream of rows, of which the first counts where several have one time.
+
+        Pieces that are `missing` of a recording (first and last ns) are gaps however short they are.
+        """
+        times, first = np.unique(time_ns, return_index=True)
+        broken = np.diff(times) > longest_usual(times)
+        for begin, end in missing:
+            broken |= (times[:-1] <= end) & (times[1:] >= begin)
+        return cls(times, values[first], broken)
+
+    @property
+    def turns(self) -> bool:
+        """Whether the rows are attitudes."""
+        return bool(self.values.shape[1] == 4)
+
+    def within(self, begin_ns: float, end_ns: float) -> Stream:
+        """Return the samples from `begin_ns` to `end_ns`, both included."""
+        first = int(self.time_ns.searchsorted(begin_ns))
+        last = max(first, int(self.time_ns.searchsorted(end_ns, "right")))
+        return Stream(self.time_ns[first:last], self.values[first:last], self.broken[first : max(first, last - 1)])
+
+    def later(self, by_ns: int) -> Stream:
+        """Return the same with all times moved."""
+        return Stream(self.time_ns + by_ns, self.values, self.broken)
+
+    def at(self, time_ns: Times) -> tuple[Array, Mask]:
+        """Return the values at `time_ns`, and where they are known: at samples, and between two without a gap.
+
+        Vectors are interpolated linearly; attitudes turn at a constant rate, on the rotation group. NaN if unknown.
+        """
+        values = np.full((len(time_ns), self.values.shape[1]), np.nan)
+        if not len(self.time_ns):
+            return values, np.zeros(len(time_ns), dtype=bool)
+        before = self.time_ns.searchsorted(time_ns, "right") - 1
+        known = (before >= 0) & (self.time_ns[np.maximum(before, 0)] == time_ns)
+        values[known] = self.values[before[known]]
+        inside = np.flatnonzero((before >= 0) & (before + 1 < len(self.time_ns)) & ~known)
+        inside = inside[~self.broken[before[inside]]]
+        lower = before[inside]
+        length = self.time_ns[lower + 1] - self.time_ns[lower]
+        share = ((time_ns[inside] - self.time_ns[lower]) / length)[:, None]
+        values[inside] = self._between(self.values[lower], self.values[lower + 1], share)
+        known[inside] = True
+        return values, known
+
+    def holes(self) -> list[tuple[int, int]]:
+        """Return first and last time (ns) of each gap."""
+        return [(int(self.time_ns[k]), int(self.time_ns[k + 1])) for k in np.flatnonzero(self.broken)]
+
+    def interpolation_error(self) -> float:
+        """Return about the largest error of a value between two samples: each is predicted from its neighbours.
+
+        A sample is missed by x'' h^2 / 2, the middle between two by a quarter of that. Noise counts as error.
+        """
+        if len(self.time_ns) < 3:
+            return 0.0
+        near = ~(self.broken[:-1] | self.broken[1:])
+        apart = np.diff(self.time_ns).astype(np.float64)
+        left, right = apart[:-1][near], apart[1:][near]
+        guessed = self._between(self.values[:-2][near], self.values[2:][near], (left / (left + right))[:, None])
+        missed = np.linalg.norm(differences(self.values[1:-1][near], guessed), axis=1)
+        return float((0.25 * missed * np.maximum(left, right) / np.minimum(left, right)).max(initial=0.0))
+
+    def _between(self, first: Array, second: Array, share: Array) -> Array:
+        if not self.turns:
+            return first + share * (second - first)
+        return product(first, exponentials(share * rotations_between(first, second)))
+
+
+def differences(first: Array, second: Array) -> Array:
+    """Return `second` minus `first`; of attitudes the rotation from one to the other (rad, body axes)."""
+    return rotations_between(first, second) if first.shape[1] == 4 else second - first
+
+
+@dataclass(frozen=True)
+class MotionStreams:
+    """The motion of a track; None for what it does not tell.
+
+    Attributes:
+        attitude: body to world.
+        position: of the body origin, m, world axes.
+        rate: angular velocity, rad/s, body axes.
+        velocity_world: of the body origin, m/s.
+        velocity_body: the same in body axes.
+    """
+
+    attitude: Stream | None = None
+    position: Stream | None = None
+    rate: Stream | None = None
+    velocity_world: Stream | None = None
+    velocity_body: Stream | None = None
+
+    @classmethod
+    def of(cls, track: Track) -> MotionStreams:
+        """Return the motion of `track`; columns that nothing measures are NaN in it."""
+        pose, twist, missing = track.pose, track.twist, track.bag.missing
+
+        def measured(series: TimeSeries | None, columns: slice) -> Stream | None:
+            if series is None or not len(series.time_ns) or np.isnan(series.values[:, columns]).any():
+                return None
+            return Stream.of(series.time_ns, series.values[:, columns], missing)
+
+        position, attitude = measured(pose, slice(0, 3)), None
+        if pose is not None:
+            filled = np.linalg.norm(pose.values[:, 3:], axis=1) > 0.5
+            if filled.any():
+                attitude = Stream.of(pose.time_ns[filled], unit_rows(pose.values[filled, 3:]), missing)
+        linear, angular = measured(twist, slice(0, 3)), measured(twist, slice(3, 6))
+        if track.twist_in_world:
+            turned = [_turned(vectors, attitude, rotate_all_inverse) for vectors in (angular, linear)]
+            return cls(attitude, position, turned[0], linear, turned[1])
+        return cls(attitude, position, angular, _turned(linear, attitude, rotate_all), linear)
+
+    @property
+    def span_ns(self) -> tuple[int, int]:
+        """First and last time at which anything is known."""
+        times = [stream.time_ns for stream in vars(self).values() if stream is not None and len(stream.time_ns)]
+        return (int(min(t[0] for t in times)), int(max(t[-1] for t in times))) if times else (0, 0)
+
+    def later(self, by_ns: int) -> MotionStreams:
+        """Return the same with all times moved."""
+        return MotionStreams(*(stream and stream.later(by_ns) for stream in vars(self).values()))
+
+    def within(self, begin_ns: float, end_ns: float) -> MotionStreams:
+        """Return the samples from `begin_ns` to `end_ns`, both included."""
+        return MotionStreams(*(stream and stream.within(begin_ns, end_ns) for stream in vars(self).values()))
+
+
+def _turned(vectors: Stream | None, attitude: Stream | None, turn: Callable[[Array, Array], Array]) -> Stream | None:
+    """Return vectors in other axes, at those of their times at which the attitude is known."""
+    if vectors is None or attitude is None:
+        return None
+    orientation, known = attitude.at(vectors.time_ns)
+    if not known.any():
+        return None
+    times, first = vectors.time_ns[known], np.flatnonzero(known)
+    broken = np.diff(first) > 1
+    broken |= vectors.broken[first[:-1]]
+    return Stream(times, turn(orientation[known], vectors.values[known]), broken)

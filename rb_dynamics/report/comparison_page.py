@@ -1,0 +1,135 @@
+"""The page of a `Comparison`: both motions in one figure, their differences in another, and what else differs."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+
+from rb_dynamics.analysis.comparison import MOTION, UNITS, Comparison, Difference
+from rb_dynamics.report import comparison_text as text
+from rb_dynamics.report import plots
+from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, made_by, write_html
+from rb_dynamics.report.svg import Array, Panel
+
+_TITLES = {
+    "attitude": "Attitude, quaternion from body to world",
+    "position": "Position of the body origin, world axes [m]",
+    "angular_velocity": "Angular velocity, body axes [rad/s]",
+    "linear_velocity": "Velocity of the body origin, {axes} axes [m/s]",
+    "angular_momentum": "Angular momentum, world axes [kg m²/s]",
+    "linear_momentum": "Linear momentum, world axes [kg m/s]",
+    "kinetic_energy": "Kinetic energy [J]",
+}
+
+
+def write_comparison_page(found: Comparison, html: str | os.PathLike[str]) -> None:
+    """Write the page of `found` to `html`.
+
+    Raises:
+        LogError: the file cannot be written.
+        MissingExtraError: matplotlib or jinja2 is not installed.
+    """
+    write_html(html, comparison_report(found))
+
+
+def comparison_report(found: Comparison) -> Report:
+    """Return the page about a comparison."""
+    names = [os.path.basename(side.path) for side in (found.a, found.b)]
+    lead = (
+        f"A: {names[0]}, B: {names[1]}, {found.samples} samples over {found.compared_s:.6g} s; "
+        f"{text.alignment_sentence(found.alignment)}. {text.verdict(found).capitalize()}."
+    )
+    sections = [
+        Section("At a glance", tiles=_tiles(found)),
+        *_notes(found),
+        Section(
+            "Both motions",
+            f"t is {found.clock}.",
+            figures=[Figure(plots.overlays(_panels(found, MOTION)), "A solid, B dashed in the same colours.")],
+        ),
+        _differences(found),
+        *_momenta(found),
+        _other(found),
+    ]
+    return Report(f"{names[0]} and {names[1]} compared", lead, sections, made_by())
+
+
+def _tiles(found: Comparison) -> list[Tile]:
+    tiles = []
+    for name in MOTION:
+        each = found.differences.get(name)
+        if each is None:
+            tiles.append(Tile(f"Largest difference of {text.label(name)}", "unknown", "not in both"))
+            continue
+        judged = "" if found.bound is None else "bad" if name in found.beyond else "good"
+        note = f"{UNITS[name]}, at {found.seconds(each.max_ns):.6g} s; rms {each.rms:.3g}"
+        tiles.append(Tile(f"Largest difference of {text.label(name)}", f"{each.max:.3g}", note, judged))
+    return tiles
+
+
+def _notes(found: Comparison) -> list[Section]:
+    told = [*found.notes, *(f"Not compared: {part}." for part in found.not_compared)]
+    return [Section("Notes", "\n\n".join(told))] if told else []
+
+
+def _panels(found: Comparison, names: tuple[str, ...]) -> list[Panel]:
+    return [
+        plots.overlay(
+            _TITLES[name].format(axes=each.axes),
+            found.seconds(each.time_ns),
+            *_shown(each),
+            {4: "xyzw", 3: "xyz", 1: [""]}[each.first.shape[1]],
+        )
+        for name in names
+        if (each := found.differences.get(name)) is not None
+    ]
+
+
+def _shown(each: Difference) -> tuple[Array, Array]:
+    """Return both; of attitudes with continuous signs, and those of B next to those of A."""
+    if each.name != "attitude":
+        return each.first, each.second
+    first = plots.continuous(each.first)
+    sign = np.where(np.sum(first * each.second, axis=1, keepdims=True) < 0.0, -1.0, 1.0)
+    return first, each.second * sign
+
+
+def _differences(found: Comparison) -> Section:
+    caption = (
+        "Size of the difference, on a logarithmic axis; where the two are the same to the last bit there is no line. "
+        "Steady growth suggests a method, a step or mass properties; a jump a command or a frame."
+    )
+    drawn: dict[bytes, dict[str, Array]] = {}
+    times: dict[bytes, Array] = {}
+    for each in found.differences.values():
+        if each.max == 0.0:
+            continue
+        title = f"Difference of {text.label(each.name)} [{UNITS[each.name]}]"
+        key = each.time_ns.tobytes()
+        drawn.setdefault(key, {})[title] = each.size
+        times[key] = found.seconds(each.time_ns)
+    if same := [text.label(name) for name, each in found.differences.items() if each.max == 0.0]:
+        caption += f" No difference: {', '.join(same)}."
+    shown = [Figure(plots.comparison(times[key], sizes), caption) for key, sizes in drawn.items()]
+    rows = [[text.label(name), *row] for name, row in text.rows(found)]
+    return Section("Differences", figures=shown, table=Table(["", "largest", "at t [s]", "rms", "unit"], rows))
+
+
+def _momenta(found: Comparison) -> list[Section]:
+    panels = _panels(found, ("angular_momentum", "linear_momentum", "kinetic_energy"))
+    return [Section("Momenta and energy", figures=[Figure(plots.overlays(panels), "A solid, B dashed.")])] * bool(
+        panels
+    )
+
+
+def _other(found: Comparison) -> Section:
+    rows = []
+    for head, lines, known in (
+        ("commands", text.command_lines(found), found.commands),
+        ("mass properties", text.body_lines(found), found.body),
+        ("run", text.named_lines(found.run), found.run),
+    ):
+        told = ["unknown"] if known is None else lines or ["the same"]
+        rows += [[head if number == 0 else "", line] for number, line in enumerate(told)]
+    return Section("What else differs", table=Table(["", ""], rows, numeric=False))

@@ -1,0 +1,240 @@
+"""`compare`: read two recordings, or fly a scene under the commands of one, put them on one clock, and compare them."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Mapping
+from dataclasses import replace
+from decimal import Decimal
+from pathlib import Path
+from typing import Literal, TypeAlias
+
+from rb_dynamics.analysis.alignment import Alignment, best_lag, misfit
+from rb_dynamics.analysis.comparison import Comparison, Given, compare_tracks
+from rb_dynamics.analysis.read_track import read_track
+from rb_dynamics.analysis.streams import MotionStreams
+from rb_dynamics.analysis.track import Track
+from rb_dynamics.errors import LogError
+from rb_dynamics.formats.bag_reader import WRENCHES as WRENCH_TYPES
+from rb_dynamics.formats.bag_reader import Bag, read_bag
+from rb_dynamics.formats.wrench_bags import RecordedWrenches, Start
+from rb_dynamics.loads.channels import WrenchChannels
+from rb_dynamics.numerics.argument_checks import number, shown
+from rb_dynamics.run.provenance import RUN
+from rb_dynamics.run.simulation import simulate
+from rb_dynamics.scene.model import Scene
+from rb_dynamics.scene.read import opened
+from rb_dynamics.sinks.mcap_sink import McapSink
+
+Source: TypeAlias = "Scene | str | os.PathLike[str]"
+Align: TypeAlias = Literal["start", "stamp"] | float | Decimal | None
+
+# By stamps a foreign recording is called misaligned if a lag leaves this many times less, and this many samples away.
+_BETTER = 10.0
+
+
+def compare(
+    a: Source,
+    b: Source | None = None,
+    *,
+    scene: Source | None = None,
+    align: Align = None,
+    bound: float | None = None,
+    start_s: float | None = None,
+    end_s: float | None = None,
+    wrench_start: Start = "auto",
+    mapping: Mapping[str, str] | None = None,
+) -> Comparison:
+    """Return how two flights differ.
+
+    Args:
+        a: a log of this package, a bag of another program, or a scene, which is flown under the commands of `b`.
+        b: likewise; None: `scene`, flown under the commands of `a`.
+        scene: body and frames for recordings without them; it is also flown where a recording has commands only.
+        align: "start": both motions begin at one time; "stamp": the stamps are of one clock; seconds: B's time less
+            A's at one instant. None: the commands, if one was flown from the other; stamps, if the recordings then
+            overlap; otherwise the lag that fits best.
+        bound: largest difference accepted in attitude (rad), position (m) and velocities (rad/s, m/s).
+        start_s: compare from here on, s as in the result.
+        end_s: compare up to here.
+        wrench_start: of a scene that is flown, which time of the commands is time 0; see `simulate --wrench-start`.
+        mapping: of a scene that is flown, the channel that each topic drives, if their names differ.
+
+    Raises:
+        TypeError: an argument has the wrong type.
+        ValueError: the bound is less than 0.
+        LogError: a recording cannot be read, or nothing can be compared.
+        SceneError: a scene is not valid.
+    """
+    if bound is not None:
+        number(bound, "bound", "a finite number, 0 or more", least=0.0)
+    if b is None:
+        if scene is None:
+            raise LogError(f"found one flight, {a}, expected two; name another, or a scene to fly with --scene SCENE")
+        b = scene
+    if _is_scene(a) and _is_scene(b):
+        raise LogError(
+            f"found two scenes, {shown(a)} and {shown(b)}, expected a recording in one place at least; run one with "
+            "simulate --mcap RUN.mcap and compare its log"
+        )
+    flight = _Flights(a, b, scene, wrench_start, mapping or {})
+    one, other = flight.both()
+    alignment, notes = _aligned(one, other, flight.offset_ns, align)
+    return compare_tracks(one, other, alignment, bound, (start_s, end_s), [*flight.notes, *notes])
+
+
+def _is_scene(source: Source) -> bool:
+    return isinstance(source, Scene) or Path(source).suffix in (".yaml", ".yml")
+
+
+class _Flights:
+    """Reads two flights, and flies one of them where it is a scene or says nothing of its motion.
+
+    Attributes:
+        offset_ns: B's time less A's, known from the commands that were flown; None otherwise.
+        notes: on how the scene was flown.
+    """
+
+    def __init__(
+        self, a: Source, b: Source, scene: Source | None, wrench_start: Start, mapping: Mapping[str, str]
+    ) -> None:
+        self._sources = (a, b)
+        self._scene = None if scene is None else opened(scene)
+        self._start, self._mapping = wrench_start, mapping
+        self.offset_ns: int | None = None
+        self.notes: list[str] = []
+
+    def both(self) -> tuple[Given, Given]:
+        """Return the two."""
+        a, b = (None if _is_scene(source) else self._read(source) for source in self._sources)
+        if a is not None and b is not None:
+            if self._scene is not None and not (_moves(a.track) and _moves(b.track)):
+                if not _moves(b.track):
+                    return a, self._flown(self._scene, b, 1)
+                return self._flown(self._scene, a, 0), b
+            return a, b
+        if b is None and a is not None:
+            return a, self._flown(opened(self._sources[1]), a, 1)
+        assert b is not None
+        return self._flown(opened(self._sources[0]), b, 0), b
+
+    def _read(self, source: Source) -> Given:
+        assert not isinstance(source, Scene)
+        bag = read_bag(source, repeated=False)
+        scene = None if RUN in bag.metadata else self._scene or self._other_scene()
+        return Given(read_track(bag, scene), str(source))
+
+    def _other_scene(self) -> Scene | None:
+        """Return the scene that is to be flown: it tells body and frames of the recording, too."""
+        return next((opened(source) for source in self._sources if _is_scene(source)), None)
+
+    def _flown(self, scene: Scene, other: Given, place: int) -> Given:
+        """Return the flight of `scene` under the commands of the other recording; `place` is 0 for A."""
+        bag = other.track.bag
+        commands = self._commands(scene, bag)
+        if scene.duration is None:
+            begin, end = other.track.span_ns
+            length = end - (0 if commands is None else _start_of(commands)) if end > begin else 0
+            if length <= 0:
+                raise LogError(
+                    f"{scene.source} has no duration and {bag.path} no motion, expected one of them; write duration "
+                    "in the scene"
+                )
+            scene = replace(scene, duration=length * 1e-9, text="")
+        with tempfile.TemporaryDirectory() as folder:
+            log = Path(folder) / "flight.mcap"
+            if commands is None:
+                simulate(scene, sinks=[McapSink(log)])
+            else:
+                result = simulate(scene, commands, [McapSink(log)], facts=commands.facts)
+                start = _start_of(commands)
+                self.offset_ns = start if place == 0 else -start
+                self.notes += commands.notes
+                if result.rejected:
+                    self.notes.append(
+                        f"{len(result.rejected)} of {len(commands)} commands were rejected; the first: "
+                        f"{result.rejected[0]}"
+                    )
+            track = read_track(read_bag(log, repeated=False))
+        return Given(track, scene.source, flown=True)
+
+    def _commands(self, scene: Scene, bag: Bag) -> RecordedWrenches | None:
+        """Return the commands for the scene; None if the recording has none at all."""
+        if not any(topic.type_name in WRENCH_TYPES and topic.count for topic in bag.topics.values()):
+            self.notes.append(f"{bag.path} has no commands: {scene.source} is flown without any.")
+            return None
+        channels = WrenchChannels(scene.channels, scene.frames, body=scene.body)
+        end_ns = float("inf") if scene.end_ns is None else scene.end_ns
+        topics = [channel.topic for channel in scene.channels]
+        commands = RecordedWrenches([bag.path], topics, end_ns, self._mapping, self._start, channels)
+        commands.require_some()
+        return commands
+
+
+def _start_of(commands: RecordedWrenches) -> int:
+    """Return the time (ns) of the bag that is time 0 of the run."""
+    return int(commands.facts["wrench_start_ns"])
+
+
+def _moves(track: Track) -> bool:
+    return track.pose is not None or track.twist is not None
+
+
+def _aligned(a: Given, b: Given, flown_ns: int | None, align: Align) -> tuple[Alignment, list[str]]:
+    """Return how the times belong together, and remarks on that."""
+    one, other = MotionStreams.of(a.track), MotionStreams.of(b.track)
+    if align == "start":
+        return Alignment("start", other.span_ns[0] - one.span_ns[0]), []
+    if align == "stamp":
+        return Alignment("stamp", 0), []
+    if align is not None:
+        if not isinstance(align, (int, float, Decimal)):
+            raise TypeError(
+                f"align is {shown(align)}, expected start, stamp or a number of seconds; write one of these"
+            )
+        return Alignment("seconds", round(align * 10**9)), []
+    if flown_ns is None:
+        flown_ns = _flown_from(a.track, b.track)
+    if flown_ns:
+        return Alignment("commands", flown_ns), []
+    (begin_a, end_a), (begin_b, end_b) = one.span_ns, other.span_ns
+    if max(begin_a, begin_b) < min(end_a, end_b) or flown_ns == 0:
+        return Alignment("stamp", 0), [] if flown_ns == 0 else _off_stamps(a.track, b.track, one, other)
+    return best_lag(one, other), []
+
+
+def _flown_from(a: Track, b: Track) -> int | None:
+    """Return B's time less A's where the log of one says that its commands came from the other; None otherwise."""
+    for log, bag, sign in ((a, b, 1), (b, a, -1)):
+        facts = log.bag.metadata.get(RUN, {})
+        names = facts.get("wrench_bags", "").split(", ")
+        starts = facts.get("wrench_start_ns", "").split(", ")
+        if not bag.own and bag.bag.path.name in names and len(starts) == len(names):
+            start = int(starts[names.index(bag.bag.path.name)])
+            first, last = bag.span_ns
+            if first <= start + log.span_ns[1] and start + log.span_ns[0] <= last:
+                return sign * start
+    return None
+
+
+def _off_stamps(a: Track, b: Track, one: MotionStreams, other: MotionStreams) -> list[str]:
+    """Return a remark if a lag fits much better than the stamps do; two logs of this package are of one clock."""
+    if a.own and b.own:
+        return []
+    try:
+        lag = best_lag(one, other)
+    except LogError:
+        return []
+    left = misfit(one, other, 0)
+    apart = abs(lag.offset_ns) / 1e9
+    if lag.doubtful or left is None or lag.uncertainty_s is None or lag.remaining is None:
+        return []
+    if apart <= 5.0 * lag.uncertainty_s or left < _BETTER * lag.remaining:
+        return []
+    told = (
+        f"Aligned by stamps; rates and velocities fit better with B {apart:.6g} s "
+        f"{'earlier' if lag.offset_ns > 0 else 'later'} (+- {lag.uncertainty_s:.2g} s): the clocks may differ, or one "
+        f"is delayed. To compare so: --align {lag.offset_ns / 1e9:.9g}"
+    )
+    return [told]

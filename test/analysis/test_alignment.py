@@ -1,0 +1,85 @@
+"""The best lag between two recordings, and what is said of how far it can be trusted."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rb_dynamics.analysis.alignment import best_lag
+from rb_dynamics.analysis.streams import MotionStreams, Stream
+from rb_dynamics.errors import LogError
+
+GENERATOR = np.random.default_rng(5)
+TIMES = np.arange(600) * 20_000_000
+# Sums of sines without a common period.
+PHASES = GENERATOR.uniform(0.0, 6.0, (3, 7))
+FREQUENCIES = GENERATOR.uniform(0.2, 3.0, (3, 7))
+
+
+def wandering(time_ns: np.ndarray, noise: float = 0.0) -> MotionStreams:
+    seconds = time_ns[:, None, None] * 1e-9
+    rates = np.sin(FREQUENCIES * seconds + PHASES).sum(axis=2) + noise * GENERATOR.standard_normal((len(time_ns), 3))
+    return MotionStreams(rate=Stream.of(time_ns, rates))
+
+
+@given(st.integers(-(10**18), 10**18))
+@settings(max_examples=5, deadline=None)
+def test_the_lag_of_a_motion_against_itself_is_found_to_the_nanosecond(later_ns: int) -> None:
+    motion = wandering(TIMES)
+    found = best_lag(motion, motion.later(later_ns))
+    assert found.offset_ns == later_ns
+    assert not found.doubtful
+    assert found.remaining == 0.0
+
+
+@pytest.mark.parametrize("later_ns", [1_234_567_890, -777_777_777])
+def test_the_lag_is_found_in_noise_at_other_stamps_and_as_well_as_is_said(later_ns: int) -> None:
+    part = np.sort(GENERATOR.choice(12_000_000_000, 450, replace=False))
+    one, other = wandering(TIMES, 0.2), wandering(part, 0.2).later(later_ns)
+    found, back = best_lag(one, other), best_lag(other, one)
+    assert found.uncertainty_s is not None
+    assert abs(found.offset_ns - later_ns) * 1e-9 < 2.0 * found.uncertainty_s < 0.05
+    assert abs(found.offset_ns + back.offset_ns) < 2_000_000
+    assert not found.doubtful
+
+
+def test_a_part_of_a_motion_is_found_within_the_whole() -> None:
+    motion = wandering(TIMES)
+    part = motion.within(4_000_000_000, 9_000_000_000).later(55_000_000_000)
+    found = best_lag(motion, part)
+    assert found.offset_ns == 55_000_000_000
+    assert not found.doubtful
+
+
+def test_a_motion_that_repeats_itself_is_doubtful() -> None:
+    rates = np.stack([np.sin(2.0 * TIMES * 1e-9), np.zeros(600), np.ones(600)], axis=1)
+    motion = MotionStreams(rate=Stream.of(TIMES, rates))
+    found = best_lag(motion, motion.later(500_000_000))
+    assert found.doubtful
+    assert found.rival_s is not None
+
+
+def test_two_motions_of_nothing_in_common_are_doubtful() -> None:
+    rates = np.cos(FREQUENCIES[::-1] ** 1.3 * TIMES[:, None, None] * 1.7e-9).sum(axis=2)
+    found = best_lag(wandering(TIMES), MotionStreams(rate=Stream.of(TIMES + 10**15, rates)))
+    assert found.doubtful
+
+
+def test_attitudes_and_positions_align_where_there_is_no_twist() -> None:
+    from rb_dynamics.numerics.rotation_arrays import exponentials
+
+    angles = np.cumsum(wandering(TIMES).rate.values * 0.02, axis=0)  # type: ignore[union-attr]
+    vectors = np.column_stack([0.3 * angles[:, 0], np.zeros(600), np.zeros(600)])
+    attitude = Stream.of(TIMES, exponentials(vectors))
+    one = MotionStreams(attitude=attitude, position=Stream.of(TIMES, angles))
+    assert best_lag(one, one.later(3_000_000_001)).offset_ns == 3_000_000_001
+
+
+def test_a_body_at_rest_cannot_be_aligned() -> None:
+    still = MotionStreams(rate=Stream.of(TIMES, np.zeros((600, 3))))
+    with pytest.raises(LogError, match="--align start"):
+        best_lag(still, still.later(10**12))
+    with pytest.raises(LogError, match="--align start"):
+        best_lag(MotionStreams(), still)

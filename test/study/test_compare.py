@@ -1,0 +1,294 @@
+"""`compare`: two logs, a log and a foreign bag, a scene and a bag; aligned, and never across a gap."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from foreign_flights import TURN, foreign
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import rb_dynamics as rb
+from rb_dynamics.analysis.comparison import MOTION
+from rb_dynamics.cli import main
+from rb_dynamics.sinks.mcap_sink import McapSink
+
+SCENE = """
+body: {mass: 2.0, center_of_mass: [0.01, 0, 0], inertia: {matrix: [[0.5, 0.02, 0], [0.02, 0.7, 0.03], [0, 0.03, 0.9]]}}
+initial: {angular_velocity_body: [0.3, 1.1, -0.2], linear_velocity_world: [0.1, 0, -0.2]}
+wrenches: [{topic: thrust}]
+duration: 4.0
+output_rate: 50.0
+"""
+COMMANDS = [
+    ("thrust", rb.Wrench((1.0, 0.0, 0.0), (0.2, -0.1, 0.3), "body", 500_000_000)),
+    ("thrust", rb.Wrench((0.0, 0.5, 0.0), (-0.4, 0.1, 0.0), "body", 1_700_000_000)),
+    ("thrust", rb.Wrench((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "body", 3_100_000_000)),
+]
+LATER = 1_700_000_000_123_456_789
+
+
+def fly(path: Path, commands: list[tuple[str, rb.Wrench]] = COMMANDS, **changed: Any) -> Path:
+    overrides = {key.replace("__", "."): value for key, value in changed.items()}
+    rb.simulate(rb.parse_scene(SCENE, "test.yaml", overrides), commands, [McapSink(path)])
+    return path
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("compare")
+
+
+@pytest.fixture(scope="module")
+def log(folder: Path) -> Path:
+    return fly(folder / "a.mcap")
+
+
+@pytest.fixture(scope="module")
+def heavier(folder: Path) -> Path:
+    return fly(folder / "heavier.mcap", body__mass=2.5)
+
+
+@pytest.fixture(scope="module")
+def scene(folder: Path) -> Path:
+    path = folder / "scene.yaml"
+    path.write_text(SCENE)
+    return path
+
+
+def bag_commands(topic: str = "/thrust") -> list[tuple[str, int, tuple[float, ...]]]:
+    return [(topic, wrench.stamp_ns, (*wrench.force, *wrench.torque)) for _, wrench in COMMANDS]
+
+
+def test_a_log_and_itself_are_the_same_to_the_bit(log: Path) -> None:
+    found = rb.compare(log, log, bound=0.0)
+    told = found.as_dict()
+    assert told["first_difference_s"] is None
+    assert found.passed
+    assert (told["aligned_by"], told["offset_s"], told["samples"]) == ("stamp", 0.0, 201)
+    assert (told["commands"], told["body"], told["run"], told["notes"]) == ([], [], [], [])
+    assert all(told[name]["max"] == told[name]["rms"] == 0.0 for name in MOTION)
+    assert (found.compared_s, list(found.not_compared)) == (4.0, [])
+
+
+def test_what_differs_is_named_and_beyond_a_bound(log: Path, heavier: Path) -> None:
+    found = rb.compare(log, heavier, bound=1e-3)
+    told = found.as_dict()
+    assert told["body"] == [{"name": "mass", "a": 2.0, "b": 2.5}]
+    assert told["commands"] == []
+    assert found.beyond == ("position", "linear_velocity")
+    assert told["attitude"]["max"] < 1e-12
+    # Until the first force nothing but round-off differs.
+    assert told["position"]["at_s"] == 4.0
+    growth = found.differences["position"].growth(found.span_ns)
+    assert sorted(growth) == growth
+    one, other = (rb.inspect(path).track.pose.values[:, :3] for path in (log, heavier))  # type: ignore[union-attr]
+    apart = np.linalg.norm(one - other, axis=1)
+    assert told["position"]["max"] == apart.max()
+    assert math.isclose(told["position"]["rms"], np.sqrt(np.mean(apart**2)), rel_tol=1e-14)
+    assert told["angular_momentum"]["max"] < 1e-9 < told["kinetic_energy"]["max"]
+
+
+def test_it_is_symmetric(log: Path, heavier: Path, folder: Path) -> None:
+    bag = foreign(folder / "symmetric.mcap", heavier, later_ns=7_777_777, every=3)
+    for one, other in ((log, heavier), (log, bag)):
+        there, back = rb.compare(one, other).as_dict(), rb.compare(other, one).as_dict()
+        assert there["samples"] == back["samples"]
+        for name in MOTION:
+            for key in ("max", "rms", "at_s"):
+                assert math.isclose(there[name][key], back[name][key], rel_tol=1e-12), (name, key)
+
+
+def test_commands_that_differ_are_named(log: Path, folder: Path) -> None:
+    late = [*COMMANDS[:1], ("thrust", rb.Wrench((0.0, 0.5, 0.0), (-0.4, 0.1, 0.0), "body", 1_800_000_000)), COMMANDS[2]]
+    (told,) = rb.compare(log, fly(folder / "late.mcap", late)).as_dict()["commands"]
+    assert (told["topic"], told["a"], told["b"], told["first_difference_s"]) == ("thrust", 3, 3, 1.7)
+    assert math.isclose(told["torque"], math.hypot(0.6, 0.2, 0.3))
+    (told,) = rb.compare(log, fly(folder / "coast.mcap", [])).as_dict()["commands"]
+    assert (told["a"], told["b"], told["first_difference_s"]) == (3, 0, 0.5)
+
+
+def test_the_lag_of_a_foreign_bag_is_found_and_with_it_every_bit(log: Path, folder: Path) -> None:
+    bag = foreign(folder / "shifted.mcap", log, later_ns=LATER, negative=True)
+    found = rb.compare(log, bag)
+    assert found.alignment.by == "lag"
+    assert found.alignment.offset_ns == LATER
+    assert not found.alignment.doubtful
+    assert found.first_ns is None
+    told = found.as_dict()
+    assert told["commands"] is None
+    assert told["body"] is None
+    assert {note.split(" ", 1)[0] for note in told["notes"]} == {"Commands", "Mass"}
+    # Back again the same, and without a choice nothing else would fit.
+    assert rb.compare(bag, log).alignment.offset_ns == -LATER
+    with pytest.raises(rb.LogError, match="nothing to compare"):
+        rb.compare(log, bag, align="stamp")
+
+
+@pytest.mark.parametrize("align", ["start", LATER / 10**9, "exact"])
+def test_alignment_as_asked(log: Path, folder: Path, align: Any) -> None:
+    from decimal import Decimal
+
+    bag = foreign(folder / "asked.mcap", log, later_ns=LATER)
+    found = rb.compare(log, bag, align=Decimal(LATER) / 10**9 if align == "exact" else align)
+    assert abs(found.alignment.offset_ns - LATER) < 300
+    assert found.alignment.by == ("start" if align == "start" else "seconds")
+    assert found.differences["attitude"].max < 1e-6
+
+
+def test_stamps_that_are_off_are_noticed(log: Path, folder: Path) -> None:
+    bag = foreign(folder / "off.mcap", log, later_ns=300_000_000)
+    found = rb.compare(log, bag)
+    assert found.alignment.by == "stamp"
+    assert any("--align 0.3" in note for note in found.notes)
+    assert not any("--align" in note for note in rb.compare(log, bag, align=0.3).notes)
+
+
+def test_nothing_is_compared_within_a_gap(log: Path, folder: Path) -> None:
+    bag = foreign(folder / "gap.mcap", log, without=[(1.0, 1.5), (2.0, 2.2)])
+    told = rb.compare(log, bag, align="stamp").as_dict()
+    assert math.isclose(told["compared_s"], 3.3)
+    assert any("0.7 s in 2 gaps of B, the longest 0.5 s from t = 1 s" in part for part in told["not_compared"])
+    # At stamps between two of the other there is nothing in the gap either.
+    sparse = foreign(folder / "sparse.mcap", log, every=4, later_ns=5_000_000)
+    found = rb.compare(bag, sparse, align=0.005)
+    times = found.seconds(found.differences["attitude"].time_ns)
+    assert not np.any((times > 1.0) & (times < 1.5))
+
+
+def test_unequal_lengths_are_said(log: Path, folder: Path) -> None:
+    longer = fly(folder / "longer.mcap", duration=5.0)
+    found = rb.compare(log, longer)
+    assert list(found.not_compared) == ["1 s of B after what both have"]
+    assert found.samples == 201
+    windowed = rb.compare(log, longer, start_s=1.0, end_s=2.0)
+    assert windowed.samples == 51
+    assert windowed.as_dict()["first_difference_s"] == found.as_dict()["first_difference_s"] or windowed.first_ns
+
+
+def test_other_output_rates_are_compared_at_common_stamps(log: Path, folder: Path) -> None:
+    faster = fly(folder / "faster.mcap", output_rate=75.0)
+    found = rb.compare(log, faster)
+    assert found.first_ns is None
+    assert found.samples == 101
+    assert found.differences["attitude"].interpolated == 0
+
+
+def test_what_is_interpolated_is_said_with_its_error(log: Path, folder: Path) -> None:
+    bag = foreign(folder / "between.mcap", log, every=5, later_ns=10_000_000)
+    each = rb.compare(log, bag, align=0.007).differences["attitude"]
+    assert each.interpolated == len(each.size)
+    assert each.interpolation < 1e-3
+    # 3 ms at about 1.2 rad/s.
+    assert abs(each.rms - 3e-3 * 1.2) < 1e-3
+
+
+def test_without_a_twist_velocities_are_null(log: Path, folder: Path) -> None:
+    bag = foreign(folder / "poses.mcap", log, twist=False, later_ns=LATER)
+    told = rb.compare(log, bag).as_dict()
+    assert told["aligned_by"] == "lag"
+    assert abs(told["offset_ns"] - LATER) < 2_000_000
+    assert (told["angular_velocity"], told["linear_velocity"]) == (None, None)
+    assert "angular velocity: B does not tell" in told["not_compared"]
+
+
+def test_axes_that_are_turned_are_named_and_nothing_is_corrected(log: Path, folder: Path) -> None:
+    bag = foreign(folder / "turned.mcap", log, turned_body=True, shifted=(0.0, 0.25, 0.0))
+    found = rb.compare(log, bag, align="stamp")
+    assert abs(found.differences["attitude"].max - 0.1) < 1e-12
+    (turned,) = (note for note in found.notes if "are turned" in note)
+    assert "body axes of B are turned against those of A by 0.1 rad" in turned
+    assert "about (0, 0, 1)" in turned.replace("-", "").replace("e17", "")
+    assert any("positions of B lie" in note and "0.25" in note for note in found.notes)
+    assert TURN[3] < 1.0
+
+
+@given(st.tuples(*[st.floats(-1.5, 1.5)] * 3).filter(lambda v: math.hypot(*v) > 1e-3))
+@settings(max_examples=5, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_a_known_rotation_between_two_is_what_is_found(vector: tuple[float, ...]) -> None:
+    from rb_dynamics.analysis.comparison import difference
+    from rb_dynamics.analysis.streams import Stream
+    from rb_dynamics.numerics.rotation_arrays import exponentials, product
+
+    times = np.arange(50) * 10**8
+    attitude = exponentials(np.outer(times * 1e-9, [0.3, 0.2, -0.5]))
+    turned = product(attitude, exponentials(np.array([vector])))
+    found = difference("attitude", "", Stream.of(times, attitude), Stream.of(times, turned))
+    back = difference("attitude", "", Stream.of(times, turned), Stream.of(times, attitude))
+    assert found is not None
+    assert back is not None
+    assert np.allclose(found.size, math.hypot(*vector), rtol=1e-13)
+    assert np.array_equal(found.size, back.size)
+
+
+def test_a_scene_flown_against_a_bag(log: Path, scene: Path, folder: Path) -> None:
+    bag = foreign(folder / "flown.mcap", log, later_ns=LATER, commands=bag_commands())
+    found = rb.compare(scene, bag, bound=1e-9)
+    told = found.as_dict()
+    # The commands say how the times belong together: the bag begins with its motion.
+    assert (told["aligned_by"], told["offset_ns"]) == ("commands", LATER)
+    assert told["first_difference_s"] is None
+    assert (told["commands"], told["body"]) == ([], [])
+    assert told["a"]["flown"]
+    for other in (rb.compare(bag, scene), rb.compare(bag, scene=scene)):
+        assert other.alignment.offset_ns == -LATER
+        assert other.first_ns is None
+    named = foreign(folder / "named.mcap", log, later_ns=LATER, commands=bag_commands("/cmd"))
+    assert rb.compare(scene, named, mapping={"/cmd": "thrust"}).first_ns is None
+    with pytest.raises(rb.LogError, match="--topic"):
+        rb.compare(scene, named)
+
+
+def test_a_log_says_from_which_bag_it_was_flown(log: Path, scene: Path, folder: Path) -> None:
+    bag = foreign(folder / "source.mcap", log, later_ns=LATER, commands=bag_commands())
+    run = folder / "run.mcap"
+    assert main(["simulate", str(scene), "--wrench", str(bag), "--mcap", str(run)]) == 0
+    found = rb.compare(run, bag)
+    assert (found.alignment.by, found.alignment.offset_ns) == ("commands", LATER)
+    assert found.first_ns is None
+
+
+def test_bad_input_is_one_line(log: Path, scene: Path, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    apart = foreign(folder / "apart.mcap", log, later_ns=LATER)
+    for arguments in (
+        [str(log)],
+        [str(scene), str(scene)],
+        [str(log), "nothing.mcap"],
+        [str(log), str(apart), "--align", "stamp"],
+        [str(log), str(log), "--from", "9"],
+        [str(log), str(log), "--html", str(log)],
+    ):
+        assert main(["compare", *arguments]) == 2, arguments
+        said = capsys.readouterr()
+        assert said.out == ""
+        assert "expected" in said.err or "cannot" in said.err, said.err
+        assert said.err.count("\n") == 1
+    for option in (["--align", "soon"], ["--bound", "-1"]):
+        with pytest.raises(SystemExit) as stopped:
+            main(["compare", str(log), str(log), *option])
+        assert stopped.value.code == 2
+
+
+def test_the_command_prints_json_text_page_and_recording(
+    log: Path, heavier: Path, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page, recording = folder / "page.html", folder / "both.rrd"
+    written = ["--html", str(page), "--rerun", str(recording)]
+    assert main(["compare", str(log), str(heavier), "--bound", "1e-3", *written]) == 1
+    out = capsys.readouterr().out
+    assert "body      mass: 2 in A, 2.5 in B" in out
+    assert "BEYOND 0.001: position, linear velocity" in out
+    html = page.read_text()
+    assert "Both motions" in html
+    assert "No difference" not in html or "commands" in html
+    assert recording.stat().st_size > 10_000
+    assert main(["compare", str(log), str(heavier), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    keys = "aligned_by offset_s samples attitude position angular_velocity linear_velocity first_difference_s commands"
+    assert {*keys.split(), "body"} <= told.keys()
+    assert {"max", "rms", "at_s"} <= told["attitude"].keys()
