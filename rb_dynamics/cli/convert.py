@@ -1,37 +1,63 @@
 """Write a log in another format, chosen by the name of OUT: a Rerun recording, a CSV or a Parquet table, or its scene.
 
 A table has one line per logged sample, with all digits; the wrench commands go to a second file, with .wrenches before
-the ending of OUT. The scene is the text in the log, which can be run again or edited. A CSV of wrenches (time_ns or
-time_s, force_x ... torque_z, and topic and frame_id if needed) becomes an MCAP bag for simulate --wrench. Bags of other
-programs are not converted. An earlier OUT is replaced.
+the ending of OUT. Of a bag of another program, or of named topics, a table has one line per message: source, topic,
+type, frames, log time, stamp, and the quantities with their units. Several inputs make one table, which says in the
+column run or source what is whose. The scene is the text in the log, which can be run again or edited. A CSV of
+wrenches (time_ns or time_s, force_x ... torque_z, and topic and frame_id if needed) becomes an MCAP bag for simulate
+--wrench. An earlier OUT is replaced.
+
+Exit codes: 0 done; 1 some of several inputs could not be read and are left out; 2 bad input.
 """
 
 from __future__ import annotations
 
 import argparse
+import sys
 
 HELP = "write a log as .rrd, .csv or .parquet, its scene as .yaml, or a .csv of wrenches as .mcap"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `convert`."""
-    parser.add_argument("source", metavar="IN", help="log of a run (file or rosbag2 folder), or .csv of wrenches")
+    parser.add_argument(
+        "source", metavar="IN", nargs="+",
+        help="log of a run or any bag (file or rosbag2 folder), or .csv of wrenches; several give one table",
+    )  # fmt: skip
     parser.add_argument("target", metavar="OUT", help="name that ends in .rrd, .csv, .parquet, .yaml or .mcap")
+    for kind in ("pose", "twist", "wrench"):
+        parser.add_argument(
+            f"--{kind}-topic", dest="topics", metavar="TOPIC", action="append", default=[],
+            help=f"convert this topic of a {kind}, and no others that are not named; may be repeated",
+        )  # fmt: skip
 
 
 def run(args: argparse.Namespace) -> int:
-    """Convert; exit code 0."""
+    """Convert; exit code 0, or 1 if one of several logs could not be read."""
     from pathlib import Path
 
     from rb_dynamics.errors import LogError
     from rb_dynamics.sinks import convert
 
-    source, target = Path(args.source), Path(args.target)
+    sources, target = [Path(source) for source in args.source], Path(args.target)
+    source, bad = sources[0], list[Path]()
     way = ("table" if source.suffix == ".csv" else "log", target.suffix)
-    if way in (("log", ".csv"), ("log", ".parquet")):
-        written = convert.log_to_table(source, target)
+    tables = (("log", ".csv"), ("log", ".parquet"))
+    if len(sources) > 1 and way not in tables:
+        args.parser.error(
+            f"found {len(sources)} inputs for {target.name}, expected one; only a .csv or .parquet table takes several"
+        )
+    if args.topics and way not in (*tables, ("log", ".rrd")):
+        args.parser.error(f"found a topic for {target.name}, expected none; only .csv, .parquet and .rrd have topics")
+
+    def skip(path: Path, error: LogError) -> None:
+        bad.append(path)
+        print(f"rb-dynamics: left out: {error}", file=sys.stderr)
+
+    if way in tables:
+        written = convert.to_table(sources, target, args.topics, skip)
     elif way == ("log", ".rrd"):
-        written = [(target, convert.log_to_rerun(source, target))]
+        written = [(target, convert.log_to_rerun(source, target, args.topics))]
     elif way in (("log", ".yaml"), ("log", ".yml")):
         convert.log_to_scene(source, target)
         print(f"wrote {target}: the scene of {source}")
@@ -40,9 +66,9 @@ def run(args: argparse.Namespace) -> int:
         written = [(target, convert.table_to_bag(source, target))]
     else:
         raise LogError(
-            f"cannot convert {source.name} to {target.name}, expected a log to .rrd, .csv, .parquet or .yaml, or a "
-            ".csv of wrenches to .mcap; give OUT such an ending"
+            f"cannot convert {source.name} to {target.name}, expected a log or bag to .rrd, .csv, .parquet or .yaml, "
+            "or a .csv of wrenches to .mcap; give OUT such an ending"
         )
     for path, count in written:
-        print(f"wrote {path}: {count} {'commands' if path != target or way[0] == 'table' else 'samples'}")
-    return 0
+        print(f"wrote {path}: {count} rows")
+    return 1 if bad else 0

@@ -13,6 +13,7 @@ from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_source import Source
 from rb_dynamics.formats.mcap_records import Message
 from rb_dynamics.formats.messages import (
+    ACCEL,
     APPLIED,
     MASS_PROPERTIES,
     POTENTIAL,
@@ -42,6 +43,10 @@ COLUMNS: dict[str, tuple[str, ...]] = {
     "energy/work": ("work",),
     "energy/defect": ("energy_defect",),
     "energy/potential": ("potential_energy",),
+    "accel": (
+        *(f"linear_acceleration_body_{axis}" for axis in "xyz"),
+        *(f"angular_acceleration_body_{axis}" for axis in "xyz"),
+    ),
 }
 
 
@@ -134,14 +139,14 @@ def received_commands(
             yield channels[each.channel.topic], decode_wrench(WRENCH, each.log_time, each.data), each.log_time
 
 
-def row_columns(scene: Scene) -> tuple[str, ...]:
+def row_columns(scene: Scene, names: Mapping[str, str]) -> tuple[str, ...]:
     """Return the names of the numbers in a row."""
-    return tuple(column for topic in _topics(scene) for column in COLUMNS[topic])
+    return tuple(column for topic in _topics(scene, names) for column in COLUMNS[topic])
 
 
 def rows(scene: Scene, names: Mapping[str, str], messages: Iterable[Message]) -> Iterator[SampleRow]:
     """Yield each sample of a log; one that was cut off within a sample ends before it."""
-    waiting: dict[str, deque[tuple[int, tuple[float, ...]]]] = {names[topic]: deque() for topic in _topics(scene)}
+    waiting: dict[str, deque[tuple[int, tuple[float, ...]]]] = {names[t]: deque() for t in _topics(scene, names)}
     for message in messages:
         queue = waiting.get(message.channel.topic)
         if queue is None:
@@ -154,5 +159,7 @@ def rows(scene: Scene, names: Mapping[str, str], messages: Iterable[Message]) ->
             yield SampleRow(parts[0][0], tuple(number for _, part in parts for number in part))
 
 
-def _topics(scene: Scene) -> list[str]:
-    return [topic for topic in COLUMNS if topic != POTENTIAL[0] or scene.combined_effects.potential() is not None]
+def _topics(scene: Scene, names: Mapping[str, str]) -> list[str]:
+    """Return the topics of a sample: a potential where there is one, and the acceleration where it was asked for."""
+    lacking = {POTENTIAL[0]} if scene.combined_effects.potential() is None else set()
+    return [topic for topic in COLUMNS if topic not in lacking and (topic != ACCEL[0] or topic in names)]

@@ -13,6 +13,7 @@ from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.mcap_records import Block
 from rb_dynamics.formats.messages import (
+    ACCELERATION,
     DIAGNOSTICS,
     IMU,
     INERTIA,
@@ -52,6 +53,7 @@ KEPT = {
     TWIST_WITH_COVARIANCE: (2,),
     TRANSFORM: (3,),
     IMU: (2, 3, 5, 6, 8, 9),
+    ACCELERATION: (2,),
 }
 _BATCH = 1024
 

@@ -12,17 +12,30 @@ import itertools
 import logging
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rb_dynamics.errors import LogError, MissingExtraError
-from rb_dynamics.formats.bag_source import open_source
-from rb_dynamics.formats.log_file import LogFile, make_folder, require_other
+from rb_dynamics.errors import LogError
+from rb_dynamics.formats.bag_reader import named_type
+from rb_dynamics.formats.bag_source import Source, open_source
+from rb_dynamics.formats.log_file import LogFile, require_other
 from rb_dynamics.formats.mcap_records import Message
 from rb_dynamics.formats.mcap_writer import McapWriter
-from rb_dynamics.formats.messages import APPLIED, COMMAND_DEPTH, WRENCH, decode_wrench, encode_received, qos_profile
+from rb_dynamics.formats.messages import (
+    APPLIED,
+    COMMAND_DEPTH,
+    TRANSFORM,
+    TRANSFORMS,
+    WRENCH,
+    decode_wrench,
+    encode_received,
+    qos_profile,
+)
 from rb_dynamics.formats.own_log import SampleRow, received_commands, row_columns, rows, scene_and_names
 from rb_dynamics.formats.ros2msg import TYPE_HASHES, schema_text
+from rb_dynamics.formats.tables import Column, Rows, write_table
+from rb_dynamics.formats.transforms import transforms
 from rb_dynamics.loads.channels import AppliedWrench
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.numerics.argument_checks import shown
@@ -31,58 +44,175 @@ from rb_dynamics.numerics.rotation import rotate
 from rb_dynamics.run.provenance import RESULT, RUN, SCENE, version
 from rb_dynamics.run.sink import RunInfo, Sample
 from rb_dynamics.scene.model import Scene
+from rb_dynamics.sinks.convert_bag import columns_of, quantities_of, table_of
 
 _logger = logging.getLogger(__name__)
 
 _NUMBERS = ("force_x", "force_y", "force_z", "torque_x", "torque_y", "torque_z")
-WRENCH_COLUMNS = ("time_ns", "topic", "frame_id", *_NUMBERS)
 _TIMES = ("time_ns", "time_s")
 _BATCH = 10_000
 _TO_CONVERT = "converted, as nothing says which of its topics are the samples of one body"
 
-Table = Callable[[Path, Sequence[str], Iterable[Sequence[Any]]], int]
+# Units of the columns of samples, by how their names begin.
+_UNITS = {
+    "time_ns": "ns",
+    "position": "m",
+    "linear_velocity": "m/s",
+    "angular_velocity": "rad/s",
+    "angular_momentum": "kg m^2/s",
+    "linear_momentum": "kg m/s",
+    "kinetic_energy": "J",
+    "work": "J",
+    "energy_defect": "J",
+    "potential_energy": "J",
+    "linear_acceleration": "m/s^2",
+    "angular_acceleration": "rad/s^2",
+    "force": "N",
+    "torque": "N m",
+}
 
 
-def log_to_table(log: str | Path, target: Path) -> list[tuple[Path, int]]:
-    """Write the samples of a log to `target`, .csv or .parquet, and its commands, if any, to `*.wrenches.*` beside it.
+_COMMAND_COLUMNS = (
+    Column("time_ns", "whole", "ns"),
+    Column("topic", "text"),
+    Column("frame_id", "text"),
+    *(Column(name, unit="N" if name.startswith("force") else "N m") for name in _NUMBERS),
+)
 
-    Returns the files with their rows.
+Skip = Callable[[Path, LogError], None]
+
+
+@dataclass(frozen=True)
+class _Input:
+    """A log or bag that has been read through: what it is, and the type of each topic."""
+
+    path: Path
+    source: Source
+    kinds: dict[str, str]
+
+    @property
+    def own(self) -> bool:
+        return RUN in self.source.metadata
+
+
+def to_table(
+    paths: Sequence[str | Path], target: Path, topics: Sequence[str] = (), skip: Skip | None = None
+) -> list[tuple[Path, int]]:
+    """Write logs or bags to one table, .csv or .parquet; returns the files with their rows.
+
+    Of logs of this package: their samples, and their commands, if any, to `*.wrenches.*` beside it; of several, with a
+    column `run`. Of bags of other programs, and where `topics` are named: a row for each message, see `convert_bag`.
+
+    Args:
+        paths: the logs or bags.
+        target: the table.
+        topics: names of topics; all, if empty.
+        skip: told of each log of several that cannot be read, with the reason; without it that is an error.
 
     Raises:
-        LogError: `log` is no log of this package, or a file is `log` itself or cannot be written.
+        LogError: nothing can be converted, logs of this package are mixed with bags, or a file is read itself or cannot
+            be written.
         MissingExtraError: a .parquet file without pyarrow.
     """
-    write: Table = _write_parquet if target.suffix == ".parquet" else _write_csv
     beside = target.with_name(f"{target.stem}.wrenches{target.suffix}")
     for path in (target, beside):
-        require_other(path, log)
-    source = open_source(log)
-    received = [message for message in source.messages() if message.channel.type_name == WRENCH]
-    scene, names = scene_and_names(source, _TO_CONVERT)
-    samples = ((row.time_ns, *row.numbers) for row in rows(scene, names, open_source(log).messages()))
-    written = [(target, write(target, ("time_ns", *row_columns(scene)), samples))]
-    commands = [
-        (time_ns, topic, wrench.frame_id, *wrench.force, *wrench.torque)
-        for topic, wrench, time_ns in received_commands(scene, names, received)
-    ]
-    if commands:
-        written.append((beside, write(beside, WRENCH_COLUMNS, commands)))
+        require_other(path, *paths)
+    inputs = list(_looked_through(paths, skip, bool(topics)))
+    own = [each for each in inputs if each.own]
+    if not topics and own and len(own) < len(inputs):
+        other = next(each for each in inputs if not each.own)
+        raise LogError(
+            f"found logs of rb_dynamics ({own[0].path}) and bags of other programs ({other.path}), expected one kind "
+            "for one table; convert them to two"
+        )
+    if own and not topics:
+        return _samples_to_table(own, target, beside, skip)
+    kinds = {topic: kind for each in inputs for topic, kind in each.kinds.items()}
+    quantities = quantities_of(kinds, ", ".join(str(each.path) for each in inputs), topics)
+    blocks = table_of([each.path for each in inputs], quantities, topics)
+    return [(target, write_table(target, columns_of(quantities), blocks))]
+
+
+def _looked_through(paths: Sequence[str | Path], skip: Skip | None, split: bool) -> Iterator[_Input]:
+    """Yield each input; `split`: with the pairs of frames of a log of this package too."""
+    found = False
+    for number, path in enumerate(map(Path, paths)):
+        source, kinds = open_source(path), dict[str, str]()
+        try:
+            for block in source.blocks():
+                kinds[block.channel.topic] = kind = named_type(block.channel)
+                if kind == TRANSFORMS and (split or RUN not in source.metadata):
+                    kinds |= {part.channel.topic: TRANSFORM for part in transforms(block)}
+        except LogError as error:
+            if skip is None or (number == len(paths) - 1 and not found):
+                raise
+            skip(path, error)
+            continue
+        found = True
+        yield _Input(source.path, source, kinds)
+
+
+def _samples_to_table(logs: Sequence[_Input], target: Path, beside: Path, skip: Skip | None) -> list[tuple[Path, int]]:
+    parts: list[tuple[Path, Scene, dict[str, str]]] = []
+    for each in logs:
+        try:
+            scene, names = scene_and_names(each.source, _TO_CONVERT)
+        except LogError as error:
+            if skip is None or (each is logs[-1] and not parts):
+                raise
+            skip(each.path, error)
+            continue
+        parts.append((each.path, scene, names))
+    wide = dict.fromkeys(name for _, scene, names in parts for name in row_columns(scene, names))
+    run = [Column("run", "text")] if len(logs) > 1 else []
+    columns = [*run, Column("time_ns", "whole", "ns"), *(Column(name, unit=_unit(name)) for name in wide)]
+
+    def samples() -> Iterator[Rows]:
+        for path, scene, names in parts:
+            place = {name: k + 1 for k, name in enumerate(row_columns(scene, names))}
+            lines = ((row.time_ns, *row.numbers) for row in rows(scene, names, open_source(path).messages()))
+            for batch in _batches(lines):
+                by_column = list(zip(*batch, strict=True))
+                block = [by_column[0], *(by_column[place[name]] if name in place else None for name in wide)]
+                yield [[str(path)] * len(batch), *block] if run else block
+
+    def commands() -> Iterator[Rows]:
+        for path, scene, names in parts:
+            received = received_commands(scene, names, open_source(path).messages())
+            lines = (
+                (time_ns, topic, wrench.frame_id, *wrench.force, *wrench.torque) for topic, wrench, time_ns in received
+            )
+            for batch in _batches(lines):
+                block = list(zip(*batch, strict=True))
+                yield [[str(path)] * len(batch), *block] if run else block
+
+    written = [(target, write_table(target, columns, samples()))]
+    blocks = commands()
+    if first := list(itertools.islice(blocks, 1)):
+        written.append((beside, write_table(beside, [*run, *_COMMAND_COLUMNS], itertools.chain(first, blocks))))
     return written
 
 
-def log_to_rerun(log: str | Path, target: Path) -> int:
-    """Write a log as a Rerun recording; returns the samples.
+def _unit(name: str) -> str:
+    return next((unit for begin, unit in _UNITS.items() if name.startswith(begin)), "")
+
+
+def log_to_rerun(log: str | Path, target: Path, topics: Sequence[str] = ()) -> int:
+    """Write a log as a Rerun recording; returns the samples, of a bag of another program the messages.
 
     Raises:
-        LogError: `log` is no log of this package, or `target` is `log` itself or cannot be written.
+        LogError: `log` has nothing to show, or `target` is `log` itself or cannot be written.
         MissingExtraError: rerun-sdk is not installed.
     """
+    from rb_dynamics.sinks.rerun_bag import bag_to_rerun
     from rb_dynamics.sinks.rerun_sink import RerunSink
 
     require_other(target, log)
-    source = open_source(log)
-    for _ in source.messages():
-        pass
+    (found,) = _looked_through([log], None, bool(topics))
+    if topics or not found.own:
+        quantities_of(found.kinds, str(found.path), topics)
+        return bag_to_rerun(found.path, target, topics)
+    source = found.source
     scene, names = scene_and_names(source, _TO_CONVERT)
     facts = source.metadata[RUN]
     applied = {names[each.topic + APPLIED]: each.topic for each in scene.channels}
@@ -90,7 +220,7 @@ def log_to_rerun(log: str | Path, target: Path) -> int:
     sink, count = RerunSink(target), 0
     sink.open(RunInfo(scene, facts.get("method", ""), facts))
     try:
-        columns = row_columns(scene)
+        columns = row_columns(scene, names)
         for item in _events(scene, names, applied, open_source(log).messages()):
             if isinstance(item, SampleRow):
                 sink.write(_sample(dict(zip(columns, item.numbers, strict=True)), item.time_ns))
@@ -254,46 +384,6 @@ def _sample(numbers: dict[str, float], time_ns: int) -> Sample:
         unknown,
         numbers.get("potential_energy"),
     )
-
-
-def _write_csv(path: Path, columns: Sequence[str], lines: Iterable[Sequence[Any]]) -> int:
-    count = 0
-    with contextlib.closing(LogFile(path)) as file:
-        file.write((",".join(columns) + "\n").encode())
-        for batch in _batches(lines):
-            text = "".join(",".join(map(_cell, line)) + "\n" for line in batch)
-            file.write(text.encode("utf-8", "replace"))
-            count += len(batch)
-    return count
-
-
-def _cell(value: object) -> str:
-    if isinstance(value, str):
-        quoted = value.replace('"', '""')
-        return f'"{quoted}"' if set(value) & set('",\r\n') else value
-    return repr(value)
-
-
-def _write_parquet(path: Path, columns: Sequence[str], lines: Iterable[Sequence[Any]]) -> int:
-    try:
-        import pyarrow as pa  # type: ignore[import-untyped,import-not-found,unused-ignore]
-        from pyarrow import parquet
-    except ImportError:
-        raise MissingExtraError("pyarrow", "log", "writing a .parquet file") from None
-    types = {"time_ns": pa.int64(), "topic": pa.string(), "frame_id": pa.string()}
-    schema = pa.schema([(name, types.get(name, pa.float64())) for name in columns])
-    count = 0
-    make_folder(path)
-    try:
-        with parquet.ParquetWriter(path, schema) as writer:
-            for batch in _batches(lines):
-                columns_of = zip(*batch, strict=True)
-                arrays = [pa.array(column, field.type) for column, field in zip(columns_of, schema, strict=True)]
-                writer.write_table(pa.Table.from_arrays(arrays, schema=schema))
-                count += len(batch)
-    except OSError as error:
-        raise LogError(f"cannot write {path}: {error}; give a file you may write to") from error
-    return count
 
 
 def _batches(lines: Iterable[Sequence[Any]]) -> Iterator[list[Sequence[Any]]]:

@@ -13,7 +13,7 @@ from rb_dynamics.formats.log_file import LogFile
 from rb_dynamics.formats.mcap_records import McapFile
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.loads.wrench import Wrench
-from rb_dynamics.sinks.convert import log_to_rerun, log_to_table
+from rb_dynamics.sinks.convert import log_to_rerun, to_table
 from rb_dynamics.sinks.mcap_sink import McapSink
 from rb_dynamics.study.replay import replay
 
@@ -52,7 +52,7 @@ def test_a_topic_of_another_type_is_named(tmp_path: Path, topic: str, type_name:
     damaged = with_type(log, topic, type_name)
     says = rf"damaged.mcap is damaged: topic {topic} has the type '{type_name}', expected '"
     with pytest.raises(LogError, match=says):
-        log_to_table(damaged, tmp_path / "run.csv")
+        to_table([damaged], tmp_path / "run.csv")
     with pytest.raises(LogError, match=says if topic != "/pose" else says + "|holds no pose"):
         replay(damaged)
     with pytest.raises(LogError, match=says):
@@ -67,6 +67,6 @@ def test_a_scene_that_is_no_text_is_damage(tmp_path: Path) -> None:
     log = tmp_path / "run.mcap"
     simulate(parse_scene(SCENE), [], [McapSink(log)])
     log.write_bytes(log.read_bytes().replace(b"mass: ", b"mass\xff ", 1))
-    for read in (replay, lambda path: log_to_table(path, tmp_path / "run.csv")):
+    for read in (replay, lambda path: to_table([path], tmp_path / "run.csv")):
         with pytest.raises(LogError, match=r"run.mcap is damaged: scene.yaml in it is no UTF-8 text \(byte \d+\)"):
             read(log)

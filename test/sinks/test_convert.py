@@ -6,13 +6,14 @@ import csv
 from pathlib import Path
 
 import pytest
+from command_line import command
 
 from rb_dynamics import Wrench, parse_scene, simulate
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.formats.wrench_bags import read_wrenches
-from rb_dynamics.sinks.convert import log_to_rerun, log_to_scene, log_to_table, table_to_bag
-from rb_dynamics.sinks.mcap_sink import McapSink
+from rb_dynamics.sinks.convert import log_to_rerun, log_to_scene, table_to_bag, to_table
+from rb_dynamics.sinks.mcap_sink import LogSettings, McapSink
 from rb_dynamics.sinks.memory_sink import MemorySink
 from rb_dynamics.sinks.state_hash import HashSink
 from rb_dynamics.study.replay import replay
@@ -50,7 +51,7 @@ def check(columns: dict[str, list[float]]) -> None:
 
 
 def test_csv_has_every_digit(tmp_path: Path, log: Path) -> None:
-    written = log_to_table(log, tmp_path / "run.csv")
+    written = to_table([log], tmp_path / "run.csv")
     assert written == [(tmp_path / "run.csv", 61), (tmp_path / "run.wrenches.csv", 3)]
     with (tmp_path / "run.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
@@ -59,7 +60,7 @@ def test_csv_has_every_digit(tmp_path: Path, log: Path) -> None:
 
 def test_parquet_has_the_same_numbers(tmp_path: Path, log: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
-    written = log_to_table(log, tmp_path / "run.parquet")
+    written = to_table([log], tmp_path / "run.parquet")
     assert [count for _, count in written] == [61, 3]
     check(parquet.read_table(tmp_path / "run.parquet").to_pydict())
     commands = parquet.read_table(tmp_path / "run.wrenches.parquet").to_pydict()
@@ -67,8 +68,50 @@ def test_parquet_has_the_same_numbers(tmp_path: Path, log: Path) -> None:
     assert commands["force_z"] == [1 / 3, 1e-300, 0.0]
 
 
+def test_the_acceleration_is_converted_too(tmp_path: Path) -> None:
+    simulate(SCENE, COMMANDS, [McapSink(tmp_path / "run.mcap", settings=LogSettings(accel=True))])
+    to_table([tmp_path / "run.mcap"], tmp_path / "run.csv")
+    with (tmp_path / "run.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    topic = read_bag(tmp_path / "run.mcap").topics["/accel"]
+    columns = [f"{kind}_acceleration_body_{axis}" for kind in ("linear", "angular") for axis in "xyz"]
+    assert [[float(row[name]) for name in columns] for row in rows] == topic.numbers.tolist()
+
+
+def test_several_runs_are_one_table_with_a_column_for_the_run(tmp_path: Path, log: Path) -> None:
+    pytest.importorskip("pyarrow")
+    import pyarrow.compute as pc
+    from pyarrow import dataset, parquet
+
+    other = tmp_path / "free.mcap"
+    simulate(parse_scene("body: {mass: 1}\nduration: 1\noutput_rate: 10\n"), (), [McapSink(other)])
+    written = to_table([log, other], tmp_path / "all.parquet")
+    assert [count for _, count in written] == [61 + 11, 3]
+    table = dataset.dataset(tmp_path / "all.parquet").to_table(filter=pc.field("run") == str(other))
+    assert table.num_rows == 11
+    # This run has no potential.
+    assert set(table["potential_energy"].to_pylist()) == {None}
+    check(dataset.dataset(tmp_path / "all.parquet").to_table(filter=pc.field("run") == str(log)).to_pydict())
+    schema = parquet.read_schema(tmp_path / "all.parquet")
+    assert schema.field("angular_momentum_world_x").metadata == {b"unit": b"kg m^2/s"}
+    assert set(parquet.read_table(tmp_path / "all.wrenches.parquet")["run"].to_pylist()) == {str(log)}
+
+
+def test_one_bad_log_of_several_is_left_out_and_said(tmp_path: Path, log: Path) -> None:
+    (tmp_path / "bad.mcap").write_bytes(b"no log")
+    target = tmp_path / "all.csv"
+    found = command("convert", log, tmp_path / "bad.mcap", target)
+    assert found.returncode == 1
+    assert "left out:" in found.stderr
+    assert "bad.mcap" in found.stderr
+    assert len(target.read_text().splitlines()) == 62
+    assert command("convert", tmp_path / "bad.mcap", target).returncode == 2
+    assert command("convert", tmp_path / "bad.mcap", tmp_path / "bad.mcap", target).returncode == 2
+    assert command("convert", log, log, tmp_path / "all.rrd").returncode == 2
+
+
 def test_wrenches_go_to_csv_and_back_to_the_same_run(tmp_path: Path, log: Path) -> None:
-    log_to_table(log, tmp_path / "run.csv")
+    to_table([log], tmp_path / "run.csv")
     assert table_to_bag(tmp_path / "run.wrenches.csv", tmp_path / "back.mcap") == 3
     commands = read_wrenches(tmp_path / "back.mcap", ["push", "a/turn"])
     assert commands == COMMANDS
@@ -144,21 +187,15 @@ def test_rerun_gets_every_sample(tmp_path: Path, log: Path) -> None:
     assert (tmp_path / "run.rrd").stat().st_size > 10_000
 
 
-@pytest.mark.parametrize("name", ["slew.csv", "slew.rrd"])
-def test_a_bag_of_others_is_refused_for_what_was_asked(name: str, tmp_path: Path, example_dir: Path) -> None:
-    with pytest.raises(LogError, match=r"so it cannot be converted.*inspect shows a bag"):
-        (log_to_rerun if name.endswith(".rrd") else log_to_table)(example_dir / "slew.mcap", tmp_path / name)
-
-
 def test_an_earlier_table_is_replaced_and_never_the_log(tmp_path: Path, log: Path, example_dir: Path) -> None:
     table = tmp_path / "run.csv"
     table.write_text("an earlier one")
-    with pytest.raises(LogError, match="no log of this package"):
-        log_to_table(example_dir / "slew.mcap", table)
+    with pytest.raises(LogError, match="one kind for one table"):
+        to_table([log, example_dir / "slew.mcap"], table)
     assert table.read_text() == "an earlier one"
-    log_to_table(log, table)
+    to_table([log], table)
     assert table.read_text().startswith("time_ns,")
     (tmp_path / "alias.csv").symlink_to(log)
     with pytest.raises(LogError, match="what is read"):
-        log_to_table(log, tmp_path / "alias.csv")
+        to_table([log], tmp_path / "alias.csv")
     assert replay(log).identical

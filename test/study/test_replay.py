@@ -26,7 +26,7 @@ from rb_dynamics.formats.own_log import logged_scene, scene_and_names
 from rb_dynamics.formats.recovery import recover
 from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.run.sink import Status
-from rb_dynamics.sinks.convert import log_to_table
+from rb_dynamics.sinks.convert import to_table
 from rb_dynamics.sinks.mcap_sink import LogSettings, McapSink
 from rb_dynamics.sinks.rosbag2_sink import BagSink
 from rb_dynamics.study.replay import Replay, replay
@@ -314,8 +314,8 @@ def test_a_method_that_was_removed_is_named_and_its_log_read_all_the_same(tmp_pa
     ):
         replay(old)
     assert logged_scene(read_bag(old).attachments) is not None
-    log_to_table(old, tmp_path / "old.csv")
-    log_to_table(log, tmp_path / "new.csv")
+    to_table([old], tmp_path / "old.csv")
+    to_table([log], tmp_path / "new.csv")
     assert (tmp_path / "old.csv").read_bytes() == (tmp_path / "new.csv").read_bytes()
     assert scene_and_names(whole(old), "read")[0].text == text
 

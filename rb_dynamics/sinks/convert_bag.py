@@ -1,0 +1,246 @@
+"""Bags of other programs as tables: one row for each message, with its numbers as recorded and where they come from.
+
+A table has the columns that its messages need: source, topic, type, frames, log time, stamp, and the quantities, each
+with its unit at the end of its name. What a message does not have is empty. Memory does not grow with the bag.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rb_dynamics.errors import LogError
+from rb_dynamics.formats.bag_reader import named_type
+from rb_dynamics.formats.bag_source import open_source
+from rb_dynamics.formats.mcap_records import Block
+from rb_dynamics.formats.messages import (
+    ACCELERATION,
+    IMU,
+    INERTIA,
+    ODOMETRY,
+    PLAIN_POSE,
+    PLAIN_TWIST,
+    PLAIN_WRENCH,
+    POSE,
+    POSE_WITH_COVARIANCE,
+    SCALAR,
+    TRANSFORM,
+    TRANSFORMS,
+    TWIST,
+    TWIST_WITH_COVARIANCE,
+    VECTOR,
+    WRENCH,
+)
+from rb_dynamics.formats.tables import Column, Rows
+from rb_dynamics.formats.topic import Times, Topic, Values
+from rb_dynamics.formats.transforms import transforms
+
+# Rows that are sorted by log time and written together.
+_ROWS = 20_000
+
+
+class Quantity(NamedTuple):
+    """Numbers of a message that belong together: name, components, unit, and the unit as a column name ends in it."""
+
+    name: str
+    axes: tuple[str, ...]
+    unit: str
+    suffix: str
+
+    @property
+    def columns(self) -> list[Column]:
+        """Of a table."""
+        parts = [filter(None, (self.name, axis, self.suffix)) for axis in self.axes]
+        return [Column("_".join(part), unit=self.unit) for part in parts]
+
+
+_XYZ, _XYZW = ("x", "y", "z"), ("x", "y", "z", "w")
+POSITION = Quantity("position", _XYZ, "m", "m")
+ORIENTATION = Quantity("orientation", _XYZW, "", "")
+LINEAR_VELOCITY = Quantity("linear_velocity", _XYZ, "m/s", "m_s")
+ANGULAR_VELOCITY = Quantity("angular_velocity", _XYZ, "rad/s", "rad_s")
+LINEAR_ACCELERATION = Quantity("linear_acceleration", _XYZ, "m/s^2", "m_s2")
+ANGULAR_ACCELERATION = Quantity("angular_acceleration", _XYZ, "rad/s^2", "rad_s2")
+FORCE = Quantity("force", _XYZ, "N", "N")
+TORQUE = Quantity("torque", _XYZ, "N m", "N_m")
+VECTOR_PART = Quantity("vector", _XYZ, "", "")
+VALUE = Quantity("value", ("",), "", "")
+MASS = Quantity("mass", ("",), "kg", "kg")
+CENTER_OF_MASS = Quantity("center_of_mass", _XYZ, "m", "m")
+INERTIA_PART = Quantity("inertia", ("xx", "xy", "xz", "yy", "yz", "zz"), "kg m^2", "kg_m2")
+
+# Of each type: its quantities, and where each begins in the numbers of a `Topic`.
+_POSE, _TWIST = ((POSITION, 0), (ORIENTATION, 3)), ((LINEAR_VELOCITY, 0), (ANGULAR_VELOCITY, 3))
+QUANTITIES: dict[str, tuple[tuple[Quantity, int], ...]] = {
+    **dict.fromkeys((POSE, POSE_WITH_COVARIANCE, TRANSFORM, PLAIN_POSE), _POSE),
+    ODOMETRY: (*_POSE, (LINEAR_VELOCITY, 7), (ANGULAR_VELOCITY, 10)),
+    **dict.fromkeys((TWIST, TWIST_WITH_COVARIANCE, PLAIN_TWIST), _TWIST),
+    ACCELERATION: ((LINEAR_ACCELERATION, 0), (ANGULAR_ACCELERATION, 3)),
+    IMU: ((ORIENTATION, 0), (ANGULAR_VELOCITY, 5), (LINEAR_ACCELERATION, 9)),
+    **dict.fromkeys((WRENCH, PLAIN_WRENCH), ((FORCE, 0), (TORQUE, 3))),
+    VECTOR: ((VECTOR_PART, 0),),
+    SCALAR: ((VALUE, 0),),
+    INERTIA: ((MASS, 0), (CENTER_OF_MASS, 1), (INERTIA_PART, 4)),
+}
+_ORDER = dict.fromkeys(quantity for parts in QUANTITIES.values() for quantity, _ in parts)
+# Element 0 of the covariance of each quantity of an Imu: -1 where it is not measured.
+_MEASURED = {ORIENTATION: 4, ANGULAR_VELOCITY: 8, LINEAR_ACCELERATION: 12}
+
+PROVENANCE = (
+    Column("source", "text"),
+    Column("topic", "text"),
+    Column("type", "text"),
+    Column("frame_id", "text"),
+    Column("child_frame_id", "text"),
+    Column("log_time_ns", "whole", "ns"),
+    Column("stamp_ns", "whole", "ns"),
+)
+
+
+@dataclass(frozen=True)
+class Messages:
+    """Messages of one topic as arrays.
+
+    Attributes:
+        topic: as recorded; "/tf PARENT:CHILD" for a pair of frames.
+        type_name: message type.
+        log_times: ns, (n,).
+        stamps: ns, (n,); None for a type without header.
+        frames: `header.frame_id` and `child_frame_id` of each; None where the type has none.
+        values: (n, components) of each quantity.
+    """
+
+    topic: str
+    type_name: str
+    log_times: Times
+    stamps: Times | None
+    frames: list[tuple[str | None, str | None]] | None
+    values: dict[Quantity, Values]
+
+
+def messages_of(path: Path, topics: Sequence[str] = ()) -> Iterator[Messages]:
+    """Yield the messages of a bag that have quantities, in blocks of one topic.
+
+    Args:
+        path: of the bag.
+        topics: names of those that are wanted; all, if empty.
+
+    Raises:
+        LogError: the bag cannot be read, or a message is damaged.
+    """
+    wanted = {name.lstrip("/") for name in topics}
+    for block in open_source(path).blocks():
+        kind = named_type(block.channel)
+        for part in transforms(block) if kind == TRANSFORMS else [block]:
+            kind = named_type(part.channel)
+            if kind in QUANTITIES and (not wanted or part.channel.topic.lstrip("/") in wanted):
+                yield _messages(part, kind)
+
+
+def _messages(block: Block, kind: str) -> Messages:
+    topic = Topic(block.channel.topic, kind)
+    topic.take(block)
+    stamps, numbers, texts = topic.stamps, topic.numbers, topic.texts
+    values = {quantity: numbers[:, begin : begin + len(quantity.axes)].copy() for quantity, begin in QUANTITIES[kind]}
+    if kind == IMU:
+        for quantity, said in _MEASURED.items():
+            values[quantity][numbers[:, said] == -1.0] = np.nan
+    frames: list[tuple[str | None, str | None]] | None = None
+    if topic.stamped:
+        row = np.searchsorted([start for start, _ in texts], np.arange(topic.count), side="right") - 1
+        pairs: list[tuple[str | None, str | None]] = [
+            (text[0], text[1] if len(text) > 1 else None) for _, text in texts
+        ]
+        frames = [pairs[k] for k in row.tolist()]
+    return Messages(topic.name, kind, topic.log_times, stamps if topic.stamped else None, frames, values)
+
+
+def quantities_of(kinds: Mapping[str, str], where: str, topics: Sequence[str] = ()) -> list[Quantity]:
+    """Return which quantities there are, in the order of the columns.
+
+    Args:
+        kinds: type of each topic.
+        where: what an error calls the bags.
+        topics: those that are wanted; all, if empty.
+
+    Raises:
+        LogError: there are none, or not the topics that are wanted.
+    """
+    names = {name.lstrip("/"): kind for name, kind in kinds.items()}
+    wanted = {name.lstrip("/") for name in topics}
+    found = {quantity for name in wanted or names for quantity, _ in QUANTITIES.get(names.get(name, ""), ())}
+    missing = sorted(name for name in wanted if name not in names)
+    if missing or not found:
+        listed = ", ".join(f"{name} ({kind})" for name, kind in sorted(kinds.items())) or "none"
+        raise LogError(
+            f"{where}: found {'no topic ' + missing[0] if missing else 'nothing to convert'}, expected a topic of a "
+            f"pose, a twist, an IMU, a wrench or another type whose quantities are known; the topics are {listed}: "
+            "name one of these"
+        )
+    return [quantity for quantity in _ORDER if quantity in found]
+
+
+def table_of(bags: Iterable[Path], quantities: Sequence[Quantity], topics: Sequence[str] = ()) -> Iterator[Rows]:
+    """Yield the rows of a table of bags, one for each message, by log time within each block."""
+    for path in bags:
+        waiting: list[Messages] = []
+        for each in messages_of(path, topics):
+            waiting.append(each)
+            if sum(len(part.log_times) for part in waiting) >= _ROWS:
+                yield _rows(str(path), waiting, quantities)
+                waiting = []
+        if waiting:
+            yield _rows(str(path), waiting, quantities)
+
+
+def columns_of(quantities: Sequence[Quantity]) -> list[Column]:
+    """Return the columns of a table."""
+    return [*PROVENANCE, *(column for quantity in quantities for column in quantity.columns)]
+
+
+def _rows(source: str, parts: list[Messages], quantities: Sequence[Quantity]) -> Rows:
+    order = np.argsort(np.concatenate([part.log_times for part in parts]), kind="stable")
+    count = len(order)
+    places = order.tolist()
+
+    def texts(one: Sequence[Sequence[str | None]]) -> list[str | None]:
+        flat = [text for each in one for text in each]
+        return [flat[k] for k in places]
+
+    nameless: list[tuple[str | None, str | None]] = [(None, None)]
+    frames = [part.frames or nameless * len(part.log_times) for part in parts]
+    stamps = [[None] * len(part.log_times) if part.stamps is None else part.stamps.tolist() for part in parts]
+    flat_stamps = [stamp for each in stamps for stamp in each]
+    block: list[Sequence[object] | None] = [
+        [source] * count,
+        texts([[part.topic] * len(part.log_times) for part in parts]),
+        texts([[part.type_name] * len(part.log_times) for part in parts]),
+        texts([[pair[0] for pair in each] for each in frames]),
+        texts([[pair[1] for pair in each] for each in frames]),
+        np.concatenate([part.log_times for part in parts])[order].tolist(),
+        [flat_stamps[k] for k in places],
+    ]
+    for quantity in quantities:
+        block += _cells(parts, quantity, order)
+    return block
+
+
+def _cells(parts: list[Messages], quantity: Quantity, order: NDArray[np.intp]) -> list[Sequence[object] | None]:
+    """Return the columns of a quantity; a row whose message does not have it is None."""
+    if not any(quantity in part.values for part in parts):
+        return [None] * len(quantity.axes)
+    empty = np.full((1, len(quantity.axes)), None, dtype=object)
+    rows = []
+    for part in parts:
+        if quantity in part.values:
+            rows.append(part.values[quantity].astype(object))
+            if part.type_name == IMU:
+                rows[-1][np.isnan(part.values[quantity])] = None
+        else:
+            rows.append(np.repeat(empty, len(part.log_times), axis=0))
+    return [column.tolist() for column in np.concatenate(rows)[order].T]

@@ -1,0 +1,214 @@
+"""Bags that rosbags wrote, of what hypothesis made, as tables and recordings: every number, and where it comes from."""
+
+from __future__ import annotations
+
+import csv
+import math
+import struct
+import tempfile
+import tracemalloc
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rosbags")
+
+from command_line import command
+from foreign_bags import IMU, TF, header, imu, of, pose, transform, transforms, twist, write_bag
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rb_dynamics.formats.topic import KEPT
+from rb_dynamics.sinks import convert_bag
+from rb_dynamics.sinks.convert import to_table
+from rb_dynamics.sinks.convert_bag import FORCE, QUANTITIES, TORQUE, table_of
+from rb_dynamics.sinks.rerun_bag import bag_to_rerun
+
+G = "geometry_msgs/msg/"
+numbers = st.floats(allow_nan=False, width=64)
+stamps = st.integers(0, 2**31 * 10**9 - 1)
+frames = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=6)
+
+
+@st.composite
+def messages(draw: st.DrawFn) -> tuple[str, str, Any, list[dict[str, Any]]]:
+    """Return topic, type, message, and the rows that a table has of it, without source, topic and log time."""
+    kind = draw(st.sampled_from(["pose", "twist", "accel", "imu", "tf", "wrench", "value", "odom"]))
+    stamp, frame, child = draw(stamps), draw(frames), draw(frames)
+    values = draw(st.lists(numbers, min_size=16, max_size=16))
+    told: dict[str, Any] = {"stamp_ns": stamp, "frame_id": frame}
+
+    def put(name: str, axes: str, unit: str, begin: int) -> None:
+        suffix = f"_{unit}" if unit else ""
+        told.update({f"{name}_{axis}{suffix}": values[begin + k] for k, axis in enumerate(axes)})
+
+    if kind == "pose":
+        put("position", "xyz", "m", 0)
+        put("orientation", "xyzw", "", 3)
+        return "/pose", f"{G}PoseStamped", of("PoseStamped", header(stamp, frame), pose(values[:7])), [told]
+    if kind == "twist":
+        told = {}
+        put("linear_velocity", "xyz", "m_s", 0)
+        put("angular_velocity", "xyz", "rad_s", 3)
+        return "/speed", f"{G}Twist", twist(values[:6]), [told]
+    if kind == "accel":
+        put("linear_acceleration", "xyz", "m_s2", 0)
+        put("angular_acceleration", "xyz", "rad_s2", 3)
+        parts = of("Accel", of("Vector3", *values[:3]), of("Vector3", *values[3:6]))
+        return "/accel", f"{G}AccelStamped", of("AccelStamped", header(stamp, frame), parts), [told]
+    if kind == "imu":
+        measured = draw(st.tuples(*[st.booleans()] * 3))
+        told["frame_id"] = "imu_link"
+        for known, (name, axes, unit, begin) in zip(
+            measured,
+            [("orientation", "xyzw", "", 0), ("angular_velocity", "xyz", "rad_s", 4),
+             ("linear_acceleration", "xyz", "m_s2", 7)], strict=True,
+        ):  # fmt: skip
+            if known:
+                put(name, axes, unit, begin)
+        return "/imu", IMU, imu(stamp, values[:4], values[4:7], values[7:10], measured), [told]
+    if kind == "tf":
+        told["child_frame_id"] = child
+        put("position", "xyz", "m", 0)
+        put("orientation", "xyzw", "", 3)
+        return "/tf", TF, transforms([transform(stamp, frame, child, values[:7])]), [told]
+    if kind == "odom":
+        told["child_frame_id"] = child
+        put("position", "xyz", "m", 0)
+        put("orientation", "xyzw", "", 3)
+        put("linear_velocity", "xyz", "m_s", 7)
+        put("angular_velocity", "xyz", "rad_s", 10)
+        zero = np.zeros(36)
+        parts = of("PoseWithCovariance", pose(values[:7]), zero), of("TwistWithCovariance", twist(values[7:13]), zero)
+        name = "nav_msgs/msg/Odometry"
+        return "/odom", name, of(name, header(stamp, frame), child, *parts), [told]
+    if kind == "wrench":
+        put("force", "xyz", "N", 0)
+        put("torque", "xyz", "N_m", 3)
+        parts = of("Wrench", of("Vector3", *values[:3]), of("Vector3", *values[3:6]))
+        return "/cmd", f"{G}WrenchStamped", of("WrenchStamped", header(stamp, frame), parts), [told]
+    return "/value", "std_msgs/msg/Float64", of("std_msgs/msg/Float64", values[0]), [{"value": values[0]}]
+
+
+def told_by(row: dict[str, Any]) -> dict[str, Any]:
+    """Return the cells of a row that are not empty, without provenance."""
+    kept = {name: cell for name, cell in row.items() if name not in ("source", "topic", "type", "log_time_ns")}
+    return {name: cell for name, cell in kept.items() if cell not in (None, "")}
+
+
+def bits(row: dict[str, Any]) -> dict[str, Any]:
+    # A frame without a name is an empty cell of a CSV.
+    return {
+        name: struct.pack("<d", cell) if isinstance(cell, float) else cell for name, cell in row.items() if cell != ""
+    }
+
+
+@settings(max_examples=12)
+@given(found=st.lists(messages(), min_size=1, max_size=8), sqlite=st.booleans(), parquet=st.booleans())
+def test_a_table_has_every_number_and_where_it_comes_from(found: Any, sqlite: bool, parquet: bool) -> None:
+    tables = pytest.importorskip("pyarrow.parquet") if parquet else None
+    with tempfile.TemporaryDirectory() as folder:
+        bag = write_bag(Path(folder, "bag"), [(t, k, 5 * n, m) for n, (t, k, m, _) in enumerate(found)], sqlite)
+        target = Path(folder, "out.parquet" if parquet else "out.csv")
+        assert to_table([bag], target) == [(target, len(found))]
+        if tables is not None:
+            rows = tables.read_table(target).to_pylist()
+        else:
+            with target.open(newline="", encoding="utf-8") as file:
+                rows = [{name: cell if name in TEXTS else number(name, cell) for name, cell in row.items()}
+                        for row in csv.DictReader(file)]  # fmt: skip
+    assert [row["log_time_ns"] for row in rows] == [5 * n for n in range(len(found))]
+    for row, (topic, kind, _, (told,)) in zip(rows, found, strict=True):
+        assert row["source"] == str(bag)
+        pair = f"/tf {told.get('frame_id')}:{told.get('child_frame_id')}"
+        assert (row["topic"], row["type"]) == ((pair, f"{G}TransformStamped") if topic == "/tf" else (topic, kind))
+        assert bits(told_by(row)) == bits(told)
+
+
+TEXTS = ("source", "topic", "type", "frame_id", "child_frame_id")
+
+
+def number(name: str, cell: str) -> Any:
+    return None if cell == "" else int(cell) if name.endswith("_ns") else float(cell)
+
+
+def test_units_stand_in_the_metadata_of_parquet(tmp_path: Path, example_dir: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    assert command("convert", example_dir / "slew.mcap", tmp_path / "slew.parquet").returncode == 0
+    schema = parquet.read_schema(tmp_path / "slew.parquet")
+    assert schema.field("angular_velocity_x_rad_s").metadata == {b"unit": b"rad/s"}
+    table = parquet.read_table(tmp_path / "slew.parquet", filters=[("topic", "==", "/truth/pose")])
+    assert table.num_rows == 601
+    assert not any(map(math.isnan, table["orientation_w"].to_pylist()))
+
+
+def test_named_topics_alone(tmp_path: Path, example_dir: Path) -> None:
+    bag, target = example_dir / "slew.mcap", tmp_path / "slew.csv"
+    assert (
+        command("convert", bag, target, "--twist-topic", "truth/twist", "--wrench-topic", "/wrench/body").returncode
+        == 0
+    )
+    with target.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert {row["topic"] for row in rows} == {"/truth/twist", "/wrench/body"}
+    assert "position_x_m" not in rows[0]
+    found = command("convert", bag, target, "--pose-topic", "/nowhere")
+    assert found.returncode == 2
+    assert "found no topic nowhere" in found.stderr
+    assert "/truth/pose (geometry_msgs/msg/PoseStamped)" in found.stderr
+    assert command("convert", bag, tmp_path / "scene.yaml", "--pose-topic", "/truth/pose").returncode == 2
+
+
+def test_a_recording_of_a_bag(tmp_path: Path, example_dir: Path) -> None:
+    pytest.importorskip("rerun")
+    assert bag_to_rerun(example_dir / "slew.mcap", tmp_path / "slew.rrd") == 2402
+    assert (tmp_path / "slew.rrd").stat().st_size > 100_000
+
+
+def test_a_bag_without_quantities_is_refused_with_its_topics(tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "bag", [("/chatter", "std_msgs/msg/String", 1, of("std_msgs/msg/String", "hello"))])
+    for name in ("bag.csv", "bag.rrd"):
+        found = command("convert", bag, tmp_path / name)
+        assert found.returncode == 2
+        assert "nothing to convert" in found.stderr
+        assert "/chatter (std_msgs/msg/String)" in found.stderr
+
+
+def test_memory_does_not_grow_with_the_bag(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(convert_bag, "_ROWS", 1000)
+    peaks = []
+    for count in (5_000, 15_000):
+        bag = wrench_log(tmp_path / f"{count}.mcap", count)
+        tracemalloc.start()
+        try:
+            rows = sum(len(block[0] or ()) for block in table_of([bag], [FORCE, TORQUE]))
+            peaks.append(tracemalloc.get_traced_memory()[1])
+        finally:
+            tracemalloc.stop()
+        assert rows == count
+    assert peaks[1] < 1.2 * peaks[0]
+
+
+def wrench_log(path: Path, count: int) -> Path:
+    """Return a bag of so many wrenches, of 100 bytes each."""
+    from rb_dynamics.formats import cdr
+    from rb_dynamics.formats.log_file import LogFile
+    from rb_dynamics.formats.mcap_writer import McapWriter
+    from rb_dynamics.formats.messages import WRENCH
+    from rb_dynamics.formats.ros2msg import schema_text
+
+    file = LogFile(path)
+    writer = McapWriter(file, "test")
+    writer.begin()
+    channel = writer.add_channel("/w", "cdr", writer.add_schema(WRENCH, "ros2msg", schema_text(WRENCH).encode()), {})
+    for k, row in enumerate(np.random.default_rng(1).standard_normal((count, 6)).tolist()):
+        writer.add_messages((channel,), (cdr.encode(WRENCH, k, "body", row),), k, k)
+    writer.finish()
+    file.close()
+    return path
+
+
+def test_every_type_that_is_kept_has_quantities() -> None:
+    assert {*QUANTITIES} == {*KEPT}
