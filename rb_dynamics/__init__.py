@@ -10,8 +10,8 @@ Conventions, kept everywhere:
 
 The data takes one way: a scene is read and compiled to the least model that moves it (`scene`), advanced by one engine
 (`run`), and what happens goes to sinks (`sinks`, `ros`). Each part imports only those before it: `errors`,
-`plugins`, `numerics`, `body`, `loads`, `motion`, `theory`, `scene`, `run`, `formats`, `sinks`, `analysis`, `study`,
-`report`, `ros`, `cli`.
+`plugins`, `numerics`, `body`, `loads`, `sensors`, `motion`, `theory`, `scene`, `run`, `formats`, `sinks`, `analysis`,
+`study`, `report`, `ros`, `cli`.
 Nothing is imported before it is used: neither optional libraries nor, on `import rb_dynamics`, the modules behind its
 names.
 """

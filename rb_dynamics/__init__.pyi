@@ -28,6 +28,7 @@ from rb_dynamics.loads.channels import Channel as Channel
 from rb_dynamics.loads.drag import LinearDrag as LinearDrag
 from rb_dynamics.loads.drag import QuadraticDrag as QuadraticDrag
 from rb_dynamics.loads.effect import Effect as Effect
+from rb_dynamics.loads.magnetic_field import MagneticField as MagneticField
 from rb_dynamics.loads.rotor import Rotor as Rotor
 from rb_dynamics.loads.scheduled_wrench import ScheduledWrench as ScheduledWrench
 from rb_dynamics.loads.uniform_gravity import UniformGravity as UniformGravity
@@ -49,6 +50,12 @@ from rb_dynamics.scene import parse_scene as parse_scene
 from rb_dynamics.scene import read_scene as read_scene
 from rb_dynamics.scene.model import Scene as Scene
 from rb_dynamics.scene.model import Solver as Solver
+from rb_dynamics.sensors.attitude_sensors import PoseSensor as PoseSensor
+from rb_dynamics.sensors.attitude_sensors import StarTracker as StarTracker
+from rb_dynamics.sensors.attitude_sensors import SunSensor as SunSensor
+from rb_dynamics.sensors.axis_errors import AxisErrors as AxisErrors
+from rb_dynamics.sensors.imu import Imu as Imu
+from rb_dynamics.sensors.magnetometer import Magnetometer as Magnetometer
 from rb_dynamics.sinks.memory_sink import MemorySink as MemorySink
 from rb_dynamics.sinks.state_hash import HashSink as HashSink
 from rb_dynamics.study.compare import compare as compare

@@ -36,6 +36,9 @@ from rb_dynamics.formats.wrench_bags import read_wrenches
 from rb_dynamics.loads.effect_types import EFFECTS
 from rb_dynamics.motion import METHODS
 from rb_dynamics.run.input_hash import InputHash
+from rb_dynamics.sensors.axis_errors import AXIS_KEYS
+from rb_dynamics.sensors.sensor import COMMON_KEYS
+from rb_dynamics.sensors.sensor_types import SENSORS
 from rb_dynamics.sinks.mcap_sink import LogSettings, McapSink
 from rb_dynamics.sinks.state_hash import StateHash
 
@@ -102,6 +105,8 @@ MEANING = {
     "initial": "state at time 0; by default at rest at the origin, with the identity orientation",
     "wrenches": "channels of wrench commands; their wrenches add up; `[]` for none",
     "effects": "what else acts on the body; an effect that is not listed is not modelled and costs nothing",
+    "sensors": "what measures the motion, each on a topic of its own; it changes nothing",
+    "seed": "of the noise of the sensors: the same seed gives the same bits",
     "solver": "how the motion is computed",
     "duration": "s; `simulate` needs it here or as `--duration`; a node without it runs until it is stopped",
     "output_rate": "Hz, of published and logged states; 0: every step",
@@ -143,7 +148,7 @@ MEANING = {
     "solver.step": "s; instead of an accuracy",
     "acceleration_world": "m/s²; acts like a held force and has a potential energy",
     "gravitational_parameter": "μ = G M, m³/s²",
-    "center_world": "m, position of the attracting centre",
+    "center_world": "m, position of the attracting centre, or of the dipole",
     "gravity_gradient": "also apply the torque and the force that the gradient of gravity over the body causes",
     "translation": "N s/m (linear) or N s²/m² (quadratic); one number, or one for each body axis",
     "rotation": "N m s/rad or N m s²/rad²; one number, or one for each body axis",
@@ -152,6 +157,28 @@ MEANING = {
     "axial_inertia": "kg m², of the wheel about its axis",
     "spin_rate": "rad/s relative to the body; a number, or a schedule `[{time:, rate:}, ...]`",
     "frame_id": "axes and point of application of the wrenches, as in a message header",
+    "model": "`uniform` or `dipole`",
+    "field_world": "T, of a uniform field",
+    "moment_world": "A m², of a dipole",
+    "name": "its topic, or the first part of its topics",
+    "rate": "Hz, of samples in simulation time",
+    "frame": "one of `body.frames`: its place and its axes; by default the body's",
+    "delay": "s, by default 0",
+    "dropout": "probability that a sample gives no message",
+    "gyro": "errors of the gyros, in rad/s, see below",
+    "accelerometer": "errors of the accelerometers, in m/s², see below",
+    "noise": "rad, standard deviation of the angle about each axis in every sample",
+    "noise_density": "unit/√Hz, white noise",
+    "random_walk": "unit/√s, of the bias",
+    "bias": "one number for all axes, or one for each",
+    "scale": "relative error of scale; one number for all axes, or one for each",
+    "misalignment": "rad, rotation vector from the sensitive axes to the frame",
+    "range": "largest size of each component; none by default",
+    "resolution": "of which each component is a whole multiple; none by default",
+    "position_noise": "m, standard deviation of each coordinate in every sample",
+    "orientation_noise": "rad, likewise of the angle about each axis",
+    "direction_world": "direction of the sun",
+    "field_of_view": "rad, largest angle between the sun and the x axis of its frame; by default π",
     "schedule": "`[{time:, force:, torque:}, ...]`, each held until the next; s, N, N m",
 }
 
@@ -162,6 +189,15 @@ ACTS = {
     "quadratic_drag": "Drag proportional to the square of the speed through a medium. Varies within a step.",
     "rotor": "A spinning wheel in the body (gyrostat). Its momentum and energy are included in the balances.",
     "scheduled_wrench": "Wrenches given in the scene as a function of time.",
+    "magnetic_field": "A magnetic field, for magnetometers and magnetorquers. Exerts no force of its own.",
+}
+
+MEASURES = {
+    "imu": "Angular velocity and specific force.",
+    "star_tracker": "Rotation from its frame to the world.",
+    "magnetometer": "Magnetic flux density, in T; `effects` must have a `magnetic_field`.",
+    "sun_sensor": "Direction of the sun in its axes; no message while the sun is out of its view.",
+    "pose": "Place and attitude of its frame, as motion capture gives them.",
 }
 
 EXAMPLES = {kind: f"config/{kind}.yaml" for kind in ACTS} | {"uniform_gravity": "config/boxes.yaml"}
@@ -286,6 +322,8 @@ DEFAULTS: dict[str, Callable[[rb.Scene], object]] = {
     "world_frame": lambda scene: scene.frames.world_frame,
     "wrenches": lambda scene: f"[{{topic: {scene.channels[0].topic}}}]",
     "effects": lambda scene: list(scene.effects),
+    "sensors": lambda scene: list(scene.sensors),
+    "seed": lambda scene: scene.seed,
     "output_rate": lambda scene: scene.output_rate,
     "body.frame": lambda scene: scene.frames.body_frame,
     "body.center_of_mass": lambda scene: list(scene.body.center_of_mass),
@@ -330,6 +368,19 @@ def scene_page() -> str:
             f"{meaning(ACTS, kind)} Example: [{EXAMPLES[kind]}](../../{EXAMPLES[kind]}).\n",
             table(("key", "meaning"), [(f"`{name}`", meaning(MEANING, name)) for name in names]),
         ]
+    field = {"type": "magnetic_field", "model": "uniform", "field_world": [0.0, 0.0, 1.0]}
+    parts += ["## `sensors[]`\n", "[Add sensors](../how-to/sensors.md) explains them.\n"]
+    parts.append(table(("key", "meaning"), [(f"`{name}`", meaning(MEANING, name)) for name in COMMON_KEYS]))
+    for kind, sensor in SENSORS.items():
+        tree = SMALLEST | {"effects": [field], "sensors": [{"type": kind}]}
+        names = [key for key in keys(tree, "sensors[0]") if key not in ("type", *COMMON_KEYS)]
+        parts += [
+            f"### `{kind}`\n",
+            f"{meaning(MEASURES, kind)} Message: {sensor.message.replace('/msg', '')}.\n",
+            table(("key", "meaning"), [(f"`{name}`", meaning(MEANING, name)) for name in names]),
+        ]
+    rows = [(f"`{name}`", meaning(MEANING, name)) for name in AXIS_KEYS]
+    parts += ["### `gyro` and `accelerometer`\n", table(("key", "meaning"), rows)]
     return "\n".join(parts)
 
 

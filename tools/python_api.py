@@ -31,6 +31,7 @@ Types: a `Vector` is a tuple of three floats, a `Quaternion` one of four, x y z 
 PARTS = {
     "body": "Body and state",
     "loads": "What acts",
+    "sensors": "What measures",
     "motion": "Methods and free motion",
     "scene": "Scenes",
     "run.simulation": "Runs",

@@ -34,6 +34,9 @@ LAYOUTS: dict[str, tuple[Field, ...]] = {
     "geometry_msgs/msg/Wrench": (6,),
     "geometry_msgs/msg/Vector3Stamped": (*_HEADER, 3),
     "geometry_msgs/msg/InertiaStamped": (*_HEADER, 10),
+    "geometry_msgs/msg/QuaternionStamped": (*_HEADER, 4),
+    "sensor_msgs/msg/MagneticField": (*_HEADER, 3, 9),
+    "sensor_msgs/msg/JointState": (*_HEADER, [STRING], [1], [1], [1]),
     "nav_msgs/msg/Odometry": (*_HEADER, STRING, 7, 36, 6, 36),
     "std_msgs/msg/Float64": (1,),
     "diagnostic_msgs/msg/DiagnosticArray": (*_HEADER, [BYTE, STRING, STRING, STRING, [STRING, STRING]]),
@@ -146,11 +149,11 @@ def transform_places(data: bytes) -> list[tuple[int, str, str, int]]:
 
 @functools.lru_cache(maxsize=256)
 def stamped_packer(type_name: str, *strings: str) -> Packer:
-    """Return `pack(sec, nanosec, *numbers)` for a type of stamp, strings and one run of float64, the strings fixed.
+    """Return `pack(sec, nanosec, *numbers)` for a type of stamp, strings and runs of float64, the strings fixed.
 
     The bytes are those of `encode`, in one call of `struct`.
     """
-    count = LAYOUTS[type_name][-1]
+    count = sum(field for field in LAYOUTS[type_name] if isinstance(field, int))
     text = strings_after_stamp(strings)
     pack_all = struct.Struct(f"<4siI{len(text)}s{count}d").pack
 

@@ -17,11 +17,12 @@ from rb_dynamics.numerics.nanoseconds import split_stamp
 from rb_dynamics.numerics.rotation import rotate_inverse
 from rb_dynamics.numerics.vector import Vector
 from rb_dynamics.run.sample import Sample
-from rb_dynamics.run.sink import AppliedWrench, Status
+from rb_dynamics.run.sink import AppliedWrench, Measurement, Status
 
 if TYPE_CHECKING:
     from rb_dynamics.loads.wrench import WrenchFrames
     from rb_dynamics.scene.model import Scene
+    from rb_dynamics.sensors.sensor import Sensor
 
 POSE = "geometry_msgs/msg/PoseStamped"
 TWIST = "geometry_msgs/msg/TwistStamped"
@@ -82,7 +83,11 @@ Acceleration = Callable[[], tuple[Vector, Vector]]
 
 def sample_depth(scene: Scene) -> int:
     """Return how many samples are kept for a reader that is busy: those of half a second, but 10 to 1000."""
-    rate = scene.output_rate or 1.0 / (scene.solver.step or 1.0)
+    return depth_at(scene.output_rate or 1.0 / (scene.solver.step or 1.0))
+
+
+def depth_at(rate: float) -> int:
+    """Return the same for messages at a rate (Hz)."""
     return min(1000, max(10, round(rate / 2)))
 
 
@@ -110,6 +115,7 @@ def log_topics(scene: Scene, accel: bool) -> list[tuple[str, str, str]]:
         *((name, type_name, usual) for name, type_name in sample_topics(scene, accel)),
         *((name, WRENCH, command) for each in scene.channels for name in (each.topic, each.topic + APPLIED)),
         *((name + APPLIED, WRENCH, command) for name, _ in scene.combined_effects.schedules()),
+        *((sensor.name, sensor.message, qos_profile(depth_at(sensor.rate))) for sensor in scene.sensors),
         (*MASS_PROPERTIES, latched),
         *([(*TF_STATIC, latched)] if scene.frames.fixed else []),
         ("/diagnostics", DIAGNOSTICS, qos_profile(1)),
@@ -150,6 +156,16 @@ def encode_received(command: Wrench) -> bytes:
         return command.message
     pack = cdr.stamped_packer(WRENCH, command.frame_id)
     return pack(*split_stamp(command.stamp_ns), *command.force, *command.torque)
+
+
+def measurement_packers(scene: Scene) -> dict[str, Callable[[Measurement, int], bytes]]:
+    """Return what makes the message of a measurement with a stamp (ns), by the name of the sensor."""
+
+    def packer(sensor: Sensor) -> Callable[[Measurement, int], bytes]:
+        pack = cdr.stamped_packer(sensor.message, sensor.frame_id(scene.frames))
+        return lambda measurement, stamp_ns: pack(*split_stamp(stamp_ns), *measurement.numbers)
+
+    return {sensor.name: packer(sensor) for sensor in scene.sensors}
 
 
 def encode_inertia(scene: Scene, time_ns: int) -> bytes:

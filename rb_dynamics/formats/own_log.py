@@ -116,6 +116,7 @@ def require_types(source: Source, scene: Scene | None) -> dict[str, str]:
     if scene is not None:
         for topic in [*(c.topic for c in scene.channels), *(name for name, _ in scene.combined_effects.schedules())]:
             types |= {topic: WRENCH, topic + APPLIED: WRENCH}
+        types |= {sensor.name: sensor.message for sensor in scene.sensors}
     usual = {name: name if name.startswith("/") else f"/{name}" for name in types}
     names = usual | source.metadata.get(TOPICS, {})
     expected = {names[name]: type_name for name, type_name in types.items()}

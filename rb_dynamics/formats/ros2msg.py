@@ -21,6 +21,9 @@ TYPE_HASHES: dict[str, str] = {
     "geometry_msgs/msg/Wrench": "RIHS01_018e8519d57c16adbe97c9fe1460ef21fec7e31bc541de3d653a35895677ce52",
     "geometry_msgs/msg/Vector3Stamped": "RIHS01_d4829622288cbb443886e7ea94ea5671a3b1be6bab4ad04224432a65f7d7887a",
     "geometry_msgs/msg/InertiaStamped": "RIHS01_766be45976252babf7f9d8ac4ae7c912a7ceccf71035622529f27518b695aa09",
+    "geometry_msgs/msg/QuaternionStamped": "RIHS01_381add86c6c3160644d228ca342182c7fd6c7fab11c7a85ad817a9cc22dbac6e",
+    "sensor_msgs/msg/MagneticField": "RIHS01_e80f32f56a20486c9923008fc1a1db07bbb273cbbf6a5b3bfa00835ee00e4dff",
+    "sensor_msgs/msg/JointState": "RIHS01_a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e",
     "nav_msgs/msg/Odometry": "RIHS01_3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0",
     "std_msgs/msg/Float64": "RIHS01_705ba9c3d1a09df43737eb67095534de36fd426c0587779bda2bc51fe790182a",
     "diagnostic_msgs/msg/DiagnosticArray": "RIHS01_5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e",
@@ -76,6 +79,20 @@ INNER_TYPES: dict[str, tuple[str, ...]] = {
         "builtin_interfaces/msg/Time",
         "geometry_msgs/msg/Inertia",
         "geometry_msgs/msg/Vector3",
+    ),
+    "geometry_msgs/msg/QuaternionStamped": (
+        "std_msgs/msg/Header",
+        "builtin_interfaces/msg/Time",
+        "geometry_msgs/msg/Quaternion",
+    ),
+    "sensor_msgs/msg/MagneticField": (
+        "std_msgs/msg/Header",
+        "builtin_interfaces/msg/Time",
+        "geometry_msgs/msg/Vector3",
+    ),
+    "sensor_msgs/msg/JointState": (
+        "std_msgs/msg/Header",
+        "builtin_interfaces/msg/Time",
     ),
     "nav_msgs/msg/Odometry": (
         "std_msgs/msg/Header",
@@ -212,6 +229,10 @@ float64 y
 float64 z
 float64 w
 """,
+    "geometry_msgs/msg/QuaternionStamped": """\
+std_msgs/Header header
+geometry_msgs/Quaternion quaternion
+""",
     "geometry_msgs/msg/Transform": """\
 geometry_msgs/Vector3 translation
 geometry_msgs/Quaternion rotation
@@ -271,6 +292,18 @@ geometry_msgs/Vector3 angular_velocity
 float64[9] angular_velocity_covariance
 geometry_msgs/Vector3 linear_acceleration
 float64[9] linear_acceleration_covariance
+""",
+    "sensor_msgs/msg/JointState": """\
+std_msgs/Header header
+string[] name
+float64[] position
+float64[] velocity
+float64[] effort
+""",
+    "sensor_msgs/msg/MagneticField": """\
+std_msgs/Header header
+geometry_msgs/Vector3 magnetic_field
+float64[9] magnetic_field_covariance
 """,
     "std_msgs/msg/Float64": """\
 float64 data

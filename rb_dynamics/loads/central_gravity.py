@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import ConvergenceError, SceneError
-from rb_dynamics.loads.effect import Effect, Point, Potential, Sight, Wrenching
+from rb_dynamics.loads.effect import Effect, Field, Point, Potential, Sight, Wrenching
 from rb_dynamics.loads.load import LoadDependence
 from rb_dynamics.numerics.argument_checks import number, truth, vector
 from rb_dynamics.numerics.rotation import rotate, rotate_inverse
@@ -75,7 +75,7 @@ class CentralGravity(Effect):
         trace = moments[0] + moments[1] + moments[2]
 
         def attraction(point: Point) -> tuple[Vector, Vector]:
-            distance, direction = self._to(point)
+            distance, direction = self._to(point.position)
             pull = scale(-mu * mass / distance / distance, direction)
             if not self.gravity_gradient:
                 return pull, ZERO
@@ -88,13 +88,22 @@ class CentralGravity(Effect):
 
         return attraction
 
+    def gravity(self) -> Field:
+        """Return -mu n / r^2 at a place."""
+
+        def at(place: Vector) -> Vector:
+            distance, direction = self._to(place)
+            return scale(-self.gravitational_parameter / distance / distance, direction)
+
+        return at
+
     def potential(self, body: RigidBody) -> Potential:
         """Return U (J), zero at infinity."""
         mu, mass, moments = self.gravitational_parameter, body.mass, body.principal_moments
         trace = moments[0] + moments[1] + moments[2]
 
         def at(point: Point) -> float:
-            distance, direction = self._to(point)
+            distance, direction = self._to(point.position)
             energy = -mu * mass / distance
             if not self.gravity_gradient:
                 return energy
@@ -107,14 +116,14 @@ class CentralGravity(Effect):
         """Return half of the time in which the body could reach the centre, while it comes nearer."""
 
         def ahead(point: Point) -> float:
-            distance, direction = self._to(point)
+            distance, direction = self._to(point.position)
             coming = dot(point.velocity, direction) < 0.0
             return 0.5 * distance / norm(point.velocity) if coming else math.inf
 
         return ahead
 
-    def _to(self, point: Point) -> tuple[float, Vector]:
-        away = subtract(point.position, self.center_world)
+    def _to(self, place: Vector) -> tuple[float, Vector]:
+        away = subtract(place, self.center_world)
         distance = norm(away)
         if distance == 0.0:
             raise ConvergenceError(

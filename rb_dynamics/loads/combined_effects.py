@@ -6,14 +6,14 @@ A part that no effect has is None, so that no code runs for it.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from numbers import Integral
 from typing import TYPE_CHECKING, TypeVar
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import ConvergenceError, SceneError
-from rb_dynamics.loads.effect import Effect, Point, Sight, Slowing, Stored, Wrenching
+from rb_dynamics.loads.effect import Effect, Field, Point, Sight, Slowing, Stored, Wrenching
 from rb_dynamics.loads.load import Load, LoadDependence
 from rb_dynamics.loads.wrench import WORLD, Wrench, WrenchFrames
 from rb_dynamics.numerics.argument_checks import shown
@@ -127,6 +127,19 @@ class CombinedEffects:
 
         return energy
 
+    def gravity(self) -> Field:
+        """Return the gravitational acceleration (m/s^2) of all."""
+        return _added([effect.gravity() for effect in self.effects])
+
+    def magnetic_field(self) -> Field:
+        """Return the magnetic flux density (T) of all."""
+        return _added([effect.magnetic_field() for effect in self.effects])
+
+    @property
+    def magnetic(self) -> bool:
+        """Whether one of them has a magnetic field."""
+        return any(effect.magnetic_field() is not None for effect in self.effects)
+
     def slowing(self) -> Slowing | None:
         """Return the rate (1/s) at which differences of velocity die down; None where they need not."""
         parts = self._parts("slowing", lambda effect: effect.slowing(self.body))
@@ -151,6 +164,19 @@ class CombinedEffects:
             return Stored(momentum, energy)
 
         return stored
+
+
+def _added(fields: Sequence[Field | None]) -> Field:
+    """Return the sum of fields, in their order; zero where there is none."""
+    parts = [field for field in fields if field is not None]
+
+    def at(place: Vector) -> Vector:
+        total = ZERO
+        for part in parts:
+            total = add(total, part(place))
+        return total
+
+    return at
 
 
 def _refusing(

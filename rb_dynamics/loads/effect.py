@@ -59,6 +59,10 @@ Slowing = Callable[[Point], float]
 """Rate (1/s) at which differences of velocity die down at a point."""
 
 
+Field = Callable[[Vector], Vector]
+"""A vector (world axes) at a place (m, world axes)."""
+
+
 Sight = Callable[[Point], float]
 """For how long (s) from a point on the load there tells what comes."""
 
@@ -121,6 +125,14 @@ class Effect:
         Steps by accuracy are no longer, so that none passes over a place where the load is strong without meeting it.
         Greater than 0; infinite where nothing is near.
         """
+        return None
+
+    def gravity(self) -> Field | None:
+        """Return its gravitational acceleration (m/s^2), which no accelerometer feels; None where it is no gravity."""
+        return None
+
+    def magnetic_field(self) -> Field | None:
+        """Return its magnetic flux density (T); None where it has none."""
         return None
 
     def storing(self, body: RigidBody) -> Storing | None:

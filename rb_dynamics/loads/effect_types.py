@@ -5,6 +5,7 @@ from __future__ import annotations
 from rb_dynamics.loads.central_gravity import CentralGravity
 from rb_dynamics.loads.drag import LinearDrag, QuadraticDrag
 from rb_dynamics.loads.effect import Effect
+from rb_dynamics.loads.magnetic_field import MagneticField
 from rb_dynamics.loads.rotor import Rotor
 from rb_dynamics.loads.scheduled_wrench import ScheduledWrench
 from rb_dynamics.loads.uniform_gravity import UniformGravity
@@ -17,6 +18,7 @@ _ALL: tuple[type[Effect], ...] = (
     QuadraticDrag,
     Rotor,
     ScheduledWrench,
+    MagneticField,
 )
 
 

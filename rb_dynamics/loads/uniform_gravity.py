@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
-from rb_dynamics.loads.effect import Effect, Point, Potential
+from rb_dynamics.loads.effect import Effect, Field, Point, Potential
 from rb_dynamics.loads.wrench import WORLD, Wrench
 from rb_dynamics.numerics.argument_checks import vector
 from rb_dynamics.numerics.vector import Vector, dot, scale
@@ -43,6 +43,10 @@ class UniformGravity(Effect):
     def schedule(self, body: RigidBody) -> tuple[tuple[float, Wrench], ...]:
         """Return the weight, held from the start."""
         return ((0.0, Wrench(force=scale(body.mass, self.acceleration_world), frame_id=WORLD)),)
+
+    def gravity(self) -> Field:
+        """Return the acceleration, the same everywhere."""
+        return lambda _: self.acceleration_world
 
     def potential(self, body: RigidBody) -> Potential:
         """Return U = -m g . x (J), zero at the origin."""

@@ -190,7 +190,8 @@ class RigidBodyNode(Node):
 
     def sinks(self) -> list[Sink]:
         """Return the sinks of the next run: topics and logs, each guarded, so that a failure stops only that one."""
-        names = ["inertia", *(name for name, _ in (*SAMPLE_TOPICS, ACCEL)), *self._topics]
+        topics = (*self._topics, *self._settings.scene.sensor_topics)
+        names = ["inertia", *(name for name, _ in (*SAMPLE_TOPICS, ACCEL)), *topics]
         resolved = {name: self.resolve_topic_name(name) for name in names}
         sinks = self._settings.logs.sinks(self.get_namespace(), resolved)
         # A sink of a plug-in need not write a file.

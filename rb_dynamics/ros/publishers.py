@@ -27,16 +27,18 @@ from rb_dynamics.formats.messages import (
     TF_STATIC,
     TRANSFORMS,
     Stamped,
+    depth_at,
     encode_fixed,
     encode_inertia,
     encode_status,
+    measurement_packers,
     sample_packers,
     sample_topics,
 )
 from rb_dynamics.ros.health import Health
 from rb_dynamics.ros.runner import Runner
 from rb_dynamics.run.sample import Sample
-from rb_dynamics.run.sink import Event, RunInfo, Status
+from rb_dynamics.run.sink import Event, Measurement, RunInfo, Status
 from rb_dynamics.scene.model import Scene
 
 _OVERRIDABLE = (
@@ -96,6 +98,13 @@ class TopicSink:
         if topics.clock:
             self._add("/clock", CLOCK)
         self._add_samples(scene)
+        overriding = QoSOverridingOptions(_OVERRIDABLE)
+        self._sensors = {
+            sensor.name: self._created(
+                sensor.name, sensor.message, depth_at(sensor.rate), qos_overriding_options=overriding
+            )
+            for sensor in scene.sensors
+        }
 
     def open(self, run: RunInfo) -> None:
         """Publish the mass properties; late subscribers receive them too (transient local)."""
@@ -104,6 +113,7 @@ class TopicSink:
         packers["/clock"] = lambda s: pack_clock(*s.stamp)
         for name, topic in self._samples.items():
             topic.pack = packers.get(name)
+        self._encode_measurement = measurement_packers(run.scene)
         self._body_frame = run.scene.frames.body_frame
         stamp_ns = self._runner.stamped(run.scene.initial.time_ns) or 1
         self._inertia.publish(encode_inertia(run.scene, stamp_ns))
@@ -121,9 +131,17 @@ class TopicSink:
                 if topic.pack and (topic.kept or topic.publisher.get_subscription_count()):
                     stamped = stamped or Stamped(event, stamp_ns)
                     topic.publisher.publish(topic.pack(stamped))
+        elif isinstance(event, Measurement):
+            self._publish(event)
         elif isinstance(event, Status) and self.status_is_read:
             status = replace(event, time_ns=self._runner.stamped(event.time_ns) or 1)
             self._diagnostics.publish(encode_status(status, self._body_frame))
+
+    def _publish(self, event: Measurement) -> None:
+        publisher = self._sensors[event.topic]
+        stamp_ns = self._runner.stamped(event.taken_ns)
+        if stamp_ns is not None and publisher.get_subscription_count():
+            publisher.publish(self._encode_measurement[event.topic](event, stamp_ns))
 
     @property
     def status_is_read(self) -> bool:
@@ -132,8 +150,8 @@ class TopicSink:
 
     def close(self, result: Mapping[str, str]) -> None:
         """Wait, briefly, until readers have received the last messages."""
-        for topic in self._samples.values():
-            topic.publisher.wait_for_all_acked(Duration(seconds=0.2))
+        for publisher in (*(topic.publisher for topic in self._samples.values()), *self._sensors.values()):
+            publisher.wait_for_all_acked(Duration(seconds=0.2))
 
     def _add_samples(self, scene: Scene) -> None:
         """Create the publishers for samples of `scene` that do not exist yet."""

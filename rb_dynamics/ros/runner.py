@@ -135,7 +135,7 @@ class Runner:
             self._goal_ns = self._lockstep_limit() if self.lockstep else min(due_ns, self._due_ns())
         if self.steps_left and self._reached_ns >= self._goal_ns:
             self.steps_left -= 1
-            self._goal_ns = max(self._goal_ns, self._next_ns())
+            self._goal_ns = max(self._goal_ns, self._within(self.simulation.next_output_ns()))
         self._burst()
 
     def prepare(self) -> None:
@@ -249,6 +249,8 @@ class Runner:
                 raise SceneError(f"{name}: cannot be changed while the node runs; start it anew")
         if tuple(channel.topic for channel in scene.channels) != self._topics:
             raise SceneError("wrenches: topics cannot be changed while the node runs; start it anew")
+        if [(s.name, s.message) for s in scene.sensors] != [(s.name, s.message) for s in self._scene.sensors]:
+            raise SceneError("sensors: what they publish cannot be changed while the node runs; start it anew")
         if not all(name.startswith("initial.") for name in overrides):
             self._require_no_schedule(scene)
             # Check that the method can run it.
@@ -422,9 +424,11 @@ class Runner:
         return self._next_ns() if self._free_running else self.pacer.due_ns(self._next_look_ns())
 
     def _next_ns(self) -> int:
-        """Return the next time of an output or the end of the scene."""
-        output = self.simulation.next_output_ns()
-        return output if self.simulation.end_ns is None else min(output, self.simulation.end_ns)
+        """Return the next time of an output, a measurement or the end of the scene."""
+        return self._within(self.simulation.next_event_ns())
+
+    def _within(self, time_ns: int) -> int:
+        return time_ns if self.simulation.end_ns is None else min(time_ns, self.simulation.end_ns)
 
     def _next_look_ns(self) -> int:
         """Return how far time may advance before the clock is read again; beyond that there is a lag.

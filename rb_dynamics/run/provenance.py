@@ -65,7 +65,7 @@ def version(package: str = "rb_dynamics") -> str:
 def run_metadata(scene: Scene, method: str, solver: str) -> dict[str, str]:
     """Return the facts at the start of a run: software, platform, method, hash of the scene. Values are text.
 
-    `seed` is empty: a run uses no random numbers.
+    `seed` is empty where nothing in a run draws random numbers.
     """
     import platform
     from pathlib import PurePath
@@ -80,7 +80,7 @@ def run_metadata(scene: Scene, method: str, solver: str) -> dict[str, str]:
         "scene_sha256": hashlib.sha256(scene.text.encode()).hexdigest(),
         "method": method,
         "solver": solver,
-        "seed": "",
+        "seed": str(scene.seed) if scene.sensors else "",
         "effects": ", ".join(effect.kind for effect in scene.effects),
         "effects_not_logged_as_wrench": ", ".join(scene.combined_effects.varying),
         "platform": platform.platform(),

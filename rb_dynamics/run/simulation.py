@@ -32,6 +32,7 @@ from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
 from rb_dynamics.numerics.vector import Vector
 from rb_dynamics.run.edges_ahead import FEWEST, EdgesAhead
 from rb_dynamics.run.input_hash import RULE, InputHash
+from rb_dynamics.run.measurements import Measurements
 from rb_dynamics.run.provenance import INPUTS_RULE, run_metadata
 from rb_dynamics.run.sample import Sample, SampleBuilder, acceleration, kinetic_energy
 from rb_dynamics.run.sink import Event, RunInfo, Sink
@@ -39,6 +40,7 @@ from rb_dynamics.scene import opened
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.scene.plan import Plan
 from rb_dynamics.scene.read import with_true_text
+from rb_dynamics.sensors.sensor import Truth
 
 _REMEDY = "give nanoseconds: round(1e9 * seconds)"
 
@@ -109,6 +111,8 @@ class Simulation:
         self._period_ns = (NANOSECONDS / rate).as_integer_ratio() if rate else None
         self._outputs = 0
         self._ahead = EdgesAhead(self._channels, scene.body, self._period_ns or (1, 1))
+        # Without a sink, no one sees what sensors give.
+        self._sensing = Measurements(scene) if scene.sensors and self._sinks else None
 
     @property
     def sample(self) -> Sample:
@@ -180,6 +184,7 @@ class Simulation:
                 opened.pop_all()
         self._outputs = 1
         self.write(self.sample)
+        self._measure()
 
     def post(self, topic: str, wrench: Wrench, time_ns: int = 0) -> bool:
         """Let `wrench` take effect on channel `topic` at `time_ns`; a time in the past means now.
@@ -242,6 +247,11 @@ class Simulation:
         period, parts = self._period_ns
         return (2 * self._outputs * period + parts) // (2 * parts)
 
+    def next_event_ns(self) -> int:
+        """Return the next time at which a sink gets something, as far as that is known: a sample or a measurement."""
+        output = self.next_output_ns()
+        return output if self._sensing is None else min(output, self._sensing.next_ns)
+
     def advance(self, until_ns: int) -> None:
         """Advance to the last edge at or before `until_ns`, never past the end of the scene.
 
@@ -259,6 +269,8 @@ class Simulation:
                 self._apply_changes()
                 continue
             edge = output if change is None else min(output, change)
+            if self._sensing is not None:
+                edge = min(edge, self._sensing.next_ns)
             if self.end_ns is not None:
                 edge = min(edge, self.end_ns)
             if edge > until_ns or self.ended:
@@ -281,14 +293,15 @@ class Simulation:
                 self._outputs += 1
                 output = self.next_output_ns()
                 self.write(self.sample)
-            elif edge == self.end_ns or self._period_ns is None:
+            elif edge == self.end_ns or (self._period_ns is None and edge == change):
                 self.write(self.sample)
+            self._measure()
 
     def _fly(self, until_ns: int) -> bool:
         """Go from edge to edge up to `until_ns` by a kernel; return whether there is more to do."""
         # The last edge has more to it; and where this does not work, all are taken one by one.
         self._one_by_one_ns = until_ns
-        if self._period_ns is None or self._knots or self._load_from is not None:
+        if self._period_ns is None or self._knots or self._load_from is not None or self._sensing is not None:
             return False
         horizon_ns = until_ns if self.end_ns is None else self.end_ns - 1
         count = self._ahead.count(self.time_ns, min(until_ns, horizon_ns))
@@ -333,6 +346,23 @@ class Simulation:
             if kind & CHANGE:
                 self._held = held_of(next(changes).tolist())
                 self._write_changes(self._channels.apply(edge))
+
+    def _measure(self) -> None:
+        """Let the sensors read the motion at `time_ns`, and tell the sinks what has come by then."""
+        sensing = self._sensing
+        if sensing is None or sensing.next_ns > self.time_ns:
+            return
+        sample, effects = self.sample, self._effects
+        truth = Truth(
+            sample.position_world,
+            sample.orientation_xyzw,
+            sample.angular_velocity_body,
+            lambda: self.acceleration,
+            effects.gravity(),
+            effects.magnetic_field(),
+        )
+        for measurement in sensing.at(self.time_ns, truth):
+            self.write(measurement)
 
     def _write_changes(self, changes: Sequence[AppliedWrench | RejectedWrench]) -> None:
         for change in changes:

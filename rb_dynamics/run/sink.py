@@ -67,7 +67,24 @@ class Epoch:
     epoch_ns: int
 
 
-Event = Sample | AppliedWrench | RejectedWrench | Status | Epoch
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """What a sensor gives.
+
+    Attributes:
+        time_ns: simulation time at which it comes, after the sensor's delay.
+        taken_ns: of the sample: the stamp of its message.
+        topic: the name of the sensor, as the scene writes it.
+        numbers: of its message, in their order.
+    """
+
+    time_ns: int
+    taken_ns: int
+    topic: str
+    numbers: tuple[float, ...]
+
+
+Event = Sample | AppliedWrench | RejectedWrench | Measurement | Status | Epoch
 
 
 class Sink(Protocol):
@@ -83,4 +100,4 @@ class Sink(Protocol):
         """Receive the facts known only at the end (steps, hash of the states) and release all resources."""
 
 
-__all__ = ["AppliedWrench", "Epoch", "Event", "RejectedWrench", "RunInfo", "Sample", "Sink", "Status"]
+__all__ = ["AppliedWrench", "Epoch", "Event", "Measurement", "RejectedWrench", "RunInfo", "Sample", "Sink", "Status"]

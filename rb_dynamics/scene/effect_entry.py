@@ -42,6 +42,12 @@ class EffectEntry:
         """Whether the body is a particle."""
         return self.body is not None and self.body.is_particle
 
+    @property
+    def name(self) -> str:
+        """The text at `name`, whose faults have been recorded."""
+        node = self.section.values.get("name")
+        return node.value if node is not None and isinstance(node.value, str) else ""
+
     def has(self, name: str) -> bool:
         """Return whether the key `name` is there."""
         return name in self.section.values
@@ -77,6 +83,11 @@ class EffectEntry:
         if default is None:
             self.section.missing(name, f"a list of 3 numbers, each {expected}", f"add {name}: [x, y, z]")
         return default or ZERO
+
+    def inner(self, name: str, keys: Sequence[str]) -> EffectEntry | None:
+        """Return the mapping at `name`, which may have these keys; None if it is absent."""
+        field = self.section.get(name)
+        return None if field is None else EffectEntry(field.section(keys), self.body, self.frames)
 
     def per_axis(self, name: str, expected: str, accepts: Callable[[float], bool] = _any, remedy: str = "") -> Vector:
         """Return one number per body axis, zero if `name` is absent; a single number applies to all axes."""

@@ -12,11 +12,15 @@ from rb_dynamics.loads.channels import Channel, topic_fault
 from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.effect import Effect
 from rb_dynamics.loads.wrench import WrenchFrames
-from rb_dynamics.numerics.argument_checks import instance, instances, number, shown
+from rb_dynamics.numerics.argument_checks import instance, instances, number, shown, whole_number
 from rb_dynamics.numerics.nanoseconds import LONGEST, SHORTEST, nanoseconds
+from rb_dynamics.sensors.sensor import Sensor
 
 DEFAULT_ACCURACY = 1e-9
 """Error (rad, and relative to the path) accepted at the end of a run with neither a step nor an accuracy."""
+
+MOST_SEED = 2**53
+"""Largest seed: numbers of a scene are doubles."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +73,8 @@ class Scene:
             (mesh, URDF). It defines the scene completely.
         source: file name, for messages.
         effects: loads in addition to the wrenches, in the order of the scene.
+        sensors: what measures the motion, in the order of the scene; their topics are their names.
+        seed: of the noise of the sensors.
         findings: suspicious properties of the body; not part of the scene.
         surface: mesh file of the body and its unit in m, for pictures; not part of the scene.
     """
@@ -83,6 +89,8 @@ class Scene:
     text: str = ""
     source: str = "<scene>"
     effects: tuple[Effect, ...] = ()
+    sensors: tuple[Sensor, ...] = ()
+    seed: int = 0
     findings: tuple[Finding, ...] = field(default=(), compare=False)
     surface: tuple[str, float] | None = field(default=None, compare=False)
 
@@ -118,17 +126,36 @@ class Scene:
         for channel in self.channels:
             if fault := topic_fault(channel.topic):
                 raise SceneError(f"the topic of a channel is {shown(channel.topic)}, expected {fault[0]}; {fault[1]}")
-        topics = [channel.topic.removeprefix("/") for channel in self.channels]
+        object.__setattr__(self, "sensors", instances(self.sensors, Sensor, "sensors", "write one, as Imu(...)"))
+        seed = whole_number(self.seed, "seed", "write one, such as 1")
+        if not 0 <= seed <= MOST_SEED:
+            raise SceneError(f"seed is {seed}, expected a whole number from 0 to {MOST_SEED}; write another")
+        object.__setattr__(self, "seed", seed)
+        for sensor in self.sensors:
+            sensor.fixed(self.frames)
+            if fault := topic_fault(sensor.name):
+                raise SceneError(f"sensors: a name is {shown(sensor.name)}, expected {fault[0]}; {fault[1]}")
+            if sensor.needs_field and not self.combined_effects.magnetic:
+                raise SceneError(
+                    f"sensors: {sensor.kind} {sensor.name} finds no magnetic field in the scene, expected one; "
+                    "add MagneticField(...) to effects"
+                )
+        topics = [topic.removeprefix("/") for topic in (*(c.topic for c in self.channels), *self.sensor_topics)]
         if len(set(topics)) < len(topics):
             raise SceneError(
-                f"channels have the topics {topics}, expected different ones: of two with one topic, a command would "
-                "reach the last alone; rename one"
+                f"channels and sensors have the topics {topics}, expected different ones: of two channels with one "
+                "topic, a command would reach the last alone; rename one"
             )
 
     @property
     def end_ns(self) -> int | None:
         """`duration` in whole nanoseconds, the end of a run."""
         return None if self.duration is None else nanoseconds(self.duration)
+
+    @property
+    def sensor_topics(self) -> tuple[str, ...]:
+        """The topics of the sensors."""
+        return tuple(sensor.name for sensor in self.sensors)
 
     @property
     def combined_effects(self) -> CombinedEffects:

@@ -19,18 +19,22 @@ from rb_dynamics.numerics.nanoseconds import LONGEST, SHORTEST
 from rb_dynamics.numerics.vector import ZERO
 from rb_dynamics.scene import document
 from rb_dynamics.scene.fields import Field, Rule, Section
-from rb_dynamics.scene.model import DEFAULT_ACCURACY, Scene, Solver
+from rb_dynamics.scene.model import DEFAULT_ACCURACY, MOST_SEED, Scene, Solver
 from rb_dynamics.scene.overrides import apply_overrides
 from rb_dynamics.scene.problems import Problems
 from rb_dynamics.scene.read_body import body_and_frames
 from rb_dynamics.scene.read_channels import channels
 from rb_dynamics.scene.read_effects import effects
+from rb_dynamics.scene.read_sensors import sensors
 from rb_dynamics.scene.shipped import shipped
 from rb_dynamics.scene.text_file import read_text
 
 _NO_OVERRIDES: Mapping[str, object] = MappingProxyType({})
 
-ROOT_KEYS = ("world_frame", "body", "initial", "wrenches", "effects", "solver", "duration", "output_rate")
+ROOT_KEYS = (
+    "world_frame", "body", "initial", "wrenches", "effects", "sensors", "seed", "solver", "duration",
+    "output_rate",
+)  # fmt: skip
 """The keys of a scene, with which dotted parameters of the node begin."""
 
 _NESTED_KEYS = (
@@ -56,6 +60,11 @@ _DURATION = Rule(
     f"a number from {SHORTEST:g} to {LONGEST:.1e} (s)",
     lambda v: SHORTEST <= v <= LONGEST,
     "time is counted in 64-bit nanoseconds, write the seconds to simulate or remove the key",
+)
+_SEED = Rule(
+    f"a whole number from 0 to {MOST_SEED:d}",
+    lambda v: 0.0 <= v <= MOST_SEED and v == int(v),
+    "write any, such as 1: the same gives the same noise",
 )
 _OUTPUT_RATE = Rule(
     f"0 (every step) or a number from {1.0 / LONGEST:.1e} to {1.0 / SHORTEST:g} (Hz)",
@@ -131,8 +140,12 @@ def scene_of(tree: document.Node, problems: Problems, text: str, changes: Sequen
     root = Field(tree, "", problems).section(ROOT_KEYS, _NESTED_KEYS)
     reading, frames = body_and_frames(root)
     initial = _initial(root.section("initial", _INITIAL_KEYS), reading.body)
-    wrenches = channels(root.get("wrenches"))
+    taken: dict[str, str] = {}
+    wrenches = channels(root.get("wrenches"), taken)
     acting = effects(root.get("effects"), reading.body, frames)
+    magnetic = any(effect.magnetic_field() is not None for effect in acting)
+    measuring = sensors(root.get("sensors"), reading.body, frames, magnetic, taken)
+    seed = int(root.number("seed", _SEED, 0.0))
     solver = _solver(root.section("solver", ("method", "accuracy", "step")))
     duration = root.get("duration")
     seconds = None if duration is None else duration.number(_DURATION, 1.0)
@@ -153,6 +166,8 @@ def scene_of(tree: document.Node, problems: Problems, text: str, changes: Sequen
         text,
         problems.source,
         effects=acting,
+        sensors=measuring,
+        seed=seed,
         findings=reading.findings,
         surface=reading.surface,
     )

@@ -22,11 +22,14 @@ _LIMITS = {
 _KEYS = ("topic", "timeout", "optional", *_LIMITS, "on_excess")
 
 
-def channels(field: Field | None) -> tuple[Channel, ...]:
-    """Return the channels in the order of the scene; one named `wrench` if the section is absent."""
+def channels(field: Field | None, taken: dict[str, str]) -> tuple[Channel, ...]:
+    """Return the channels in the order of the scene; one named `wrench` if the section is absent.
+
+    Their topics come into `taken`, each with its key.
+    """
     if field is None:
+        taken[Channel().topic] = "wrenches"
         return (Channel(),)
-    taken: dict[str, str] = {}
     entries = field.items("a list of channels", "write a list such as [{topic: wrench}], or [] for none")
     return tuple(_channel(entry.section(_KEYS), taken) for entry in entries)
 
@@ -55,21 +58,23 @@ def _on_excess(section: Section) -> str:
 
 
 def _topic(section: Section, taken: dict[str, str]) -> str:
-    """Return the channel's topic; records a problem if it is no ROS name, or the same as another."""
-    field = section.get("topic")
+    return topic_in(section, "topic", "wrench", taken) or Channel().topic
+
+
+def topic_in(section: Section, key: str, example: str, taken: dict[str, str], end: str = "") -> str:
+    """Return the name of a topic at `key`; "" after a problem: it is no ROS name, or, with `end`, in `taken`."""
+    field = section.get(key)
     if field is None:
-        section.missing("topic", "the name of a topic", "add topic: wrench")
-        return Channel().topic
-    topic = field.text("a ROS topic name", lambda text: text != "", "write one, such as wrench", "")
+        section.missing(key, "the name of a topic", f"add {key}: {example}")
+        return ""
+    topic = field.text("a ROS topic name", lambda text: text != "", f"write one, such as {example}", "")
     # In the root namespace wrench and /wrench are one topic, and a bag knows only /wrench.
-    name = topic.removeprefix("/")
-    if fault := topic and topic_fault(topic):
+    name = topic.removeprefix("/") + end
+    if fault := topic and topic_fault(topic + end):
         field.reject(*fault)
-        return Channel().topic
-    if name in taken:
-        field.reject(
-            "each topic once", "rename one of the channels or remove it", f"{topic} again, first in {taken[name]}"
-        )
-    elif name:
+        return ""
+    if topic and name in taken:
+        field.reject("each topic once", "rename one of the two or remove it", f"{topic} again, first in {taken[name]}")
+    elif topic:
         taken[name] = field.key
-    return topic or Channel().topic
+    return topic

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import difflib
+from collections.abc import Mapping
+from typing import TypeVar
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import PluginError, SceneError
@@ -14,6 +16,8 @@ from rb_dynamics.scene.effect_entry import EffectEntry
 from rb_dynamics.scene.fields import Field
 from rb_dynamics.scene.problems import printable
 
+T = TypeVar("T")
+
 
 def effects(field: Field | None, body: RigidBody | None, frames: WrenchFrames) -> tuple[Effect, ...]:
     """Return the effects in the order of the scene, empty if the section is absent; records problems."""
@@ -21,7 +25,7 @@ def effects(field: Field | None, body: RigidBody | None, frames: WrenchFrames) -
         return ()
     found = []
     for entry in field.items("a list of effects", "write a list such as [{type: uniform_gravity, ...}], or []"):
-        kind = _kind(entry)
+        kind = kind_of(entry, EFFECTS, "an effect")
         if kind is not None:
             before = entry.problems.count
             try:
@@ -35,21 +39,22 @@ def effects(field: Field | None, body: RigidBody | None, frames: WrenchFrames) -
     return tuple(found)
 
 
-def _kind(entry: Field) -> type[Effect] | None:
+def kind_of(entry: Field, kinds: Mapping[str, type[T]], what: str) -> type[T] | None:
+    """Return the class that the `type` of an entry of a list names; None, after a problem, where it names none."""
     values = entry.node.value
     node = values.get("type") if isinstance(values, dict) else None
     if node is None:
-        entry.reject("a mapping with the key type", f"write {{type: ...}} with one of {', '.join(EFFECTS)}")
+        entry.reject("a mapping with the key type", f"write {{type: ...}} with one of {', '.join(kinds)}")
         return None
     name = node.value if isinstance(node.value, str) else ""
     named = Field(node, f"{entry.key}.type", entry.problems)
     try:
-        if name in EFFECTS:
-            return EFFECTS[name]
+        if name in kinds:
+            return kinds[name]
     except PluginError as error:
-        named.reject("an effect that can be loaded", str(error))
+        named.reject(f"{what} that can be loaded", str(error))
         return None
-    near = difflib.get_close_matches(printable(name), EFFECTS, n=1, cutoff=0.5)
+    near = difflib.get_close_matches(printable(name), kinds, n=1, cutoff=0.5)
     remedy = f"did you mean {near[0]}?" if near else "write one of them, or remove the entry"
-    named.reject(f"one of {', '.join(EFFECTS)}", remedy)
+    named.reject(f"one of {', '.join(kinds)}", remedy)
     return None

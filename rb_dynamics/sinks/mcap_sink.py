@@ -38,12 +38,13 @@ from rb_dynamics.formats.messages import (
     encode_status,
     log_channel,
     log_topics,
+    measurement_packers,
     sample_encoder,
     sample_topics,
 )
 from rb_dynamics.run.provenance import CHECKPOINT, EPOCH, INTERRUPTED, RESULT, RUN, SCENE, TOPICS, version
 from rb_dynamics.run.sample import Sample
-from rb_dynamics.run.sink import AppliedWrench, Event, RejectedWrench, RunInfo, Status
+from rb_dynamics.run.sink import AppliedWrench, Event, Measurement, RejectedWrench, RunInfo, Status
 from rb_dynamics.run.stop_signals import uninterrupted
 from rb_dynamics.sinks.state_hash import StateHash
 
@@ -131,6 +132,7 @@ class McapSink:
         self._guarded(self._begin, run, topics)
         self._sample_ids = [self._ids[name] for name, _ in samples]
         self._encode_sample = sample_encoder(run.scene, acceleration)
+        self._encode_measurement = measurement_packers(run.scene)
         if self.settings.flush_s > 0.0:
             threading.Thread(target=self._keep_flushing, name=f"flush {self.path.name}", daemon=True).start()
 
@@ -220,6 +222,8 @@ class McapSink:
             self._write_applied(event)
         elif isinstance(event, RejectedWrench):
             self._write_received(event)
+        elif isinstance(event, Measurement):
+            self._add(event.topic, self._encode_measurement[event.topic](event, event.taken_ns), event.time_ns)
         elif isinstance(event, Status):
             self._write_status(event)
         else:

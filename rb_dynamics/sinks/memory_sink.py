@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from rb_dynamics.loads.channels import AppliedWrench, RejectedWrench
 from rb_dynamics.run.sample import Sample
-from rb_dynamics.run.sink import Event, RunInfo
+from rb_dynamics.run.sink import Event, Measurement, RunInfo
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -26,6 +26,7 @@ class MemorySink:
         samples: the samples themselves.
         applied: every change of a wrench channel.
         rejected: every command that was not honoured.
+        measurements: everything that sensors gave.
     """
 
     def __init__(self) -> None:
@@ -33,19 +34,22 @@ class MemorySink:
         self.samples: list[Sample] = []
         self.applied: list[AppliedWrench] = []
         self.rejected: list[RejectedWrench] = []
+        self.measurements: list[Measurement] = []
 
     def open(self, run: RunInfo) -> None:
         """Forget an earlier run."""
-        self.samples, self.applied, self.rejected = [], [], []
+        self.samples, self.applied, self.rejected, self.measurements = [], [], [], []
 
     def write(self, event: Event) -> None:
-        """Keep a sample or a change of wrench."""
+        """Keep an event; a status is no part of a run."""
         if isinstance(event, Sample):
             self.samples.append(event)
         elif isinstance(event, AppliedWrench):
             self.applied.append(event)
         elif isinstance(event, RejectedWrench):
             self.rejected.append(event)
+        elif isinstance(event, Measurement):
+            self.measurements.append(event)
 
     def close(self, result: Mapping[str, str]) -> None:
         """Keep what is there."""

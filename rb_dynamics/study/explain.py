@@ -55,10 +55,10 @@ NOT_MODELLED = (
     "joints, several bodies that act on each other",
     "flexible parts, slosh, cables",
     "mass that leaves: propellant, staging",
-    "atmosphere models, aerodynamic tables, solar pressure, magnetic field",
+    "atmosphere models, aerodynamic tables, solar pressure, a magnetic field other than uniform or of a dipole",
     "harmonics, third bodies, ephemerides",
     "a moving or rotating world frame",
-    "sensors, cameras",
+    "cameras, range sensors",
     "actuators",
     "relativity, radiation of momentum",
 )

@@ -41,6 +41,7 @@ from rb_dynamics.formats.messages import (
     encode_received,
     log_channel,
     log_topics,
+    measurement_packers,
     sample_encoder,
     sample_topics,
 )
@@ -65,7 +66,7 @@ from rb_dynamics.run.provenance import (
     next_file,
 )
 from rb_dynamics.run.simulation import Simulation
-from rb_dynamics.run.sink import Event, RunInfo, Sample
+from rb_dynamics.run.sink import Event, Measurement, RunInfo, Sample
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.sinks.state_hash import StateHash
 
@@ -349,7 +350,8 @@ class _Comparison:
         self._channels = {names.get(name, name): log_channel(names.get(name, name), *rest) for name, *rest in topics}
         self._types = {topic: each.type_name for topic, each in self._channels.items() if each.type_name != DIAGNOSTICS}
         self._waiting: dict[str, deque[Message]] = {topic: deque() for topic in self._types if topic not in self._once}
-        self._unhashed = {names[ACCEL[0]]} if accel else set()
+        self._encode_measurement = measurement_packers(scene)
+        self._unhashed = {names[name] for name in (*scene.sensor_topics, *([ACCEL[0]] if accel else []))}
         self._hold_run(run.metadata, [name for name, *_ in topics])
 
     def _hold_run(self, here: Mapping[str, str], topics: Sequence[str]) -> None:
@@ -387,6 +389,9 @@ class _Comparison:
         elif isinstance(event, AppliedWrench):
             self._compare_received(event)
             self._compare_applied(event)
+        elif isinstance(event, Measurement):
+            message = self._encode_measurement[event.topic](event, event.taken_ns)
+            self._compare(self._facts.names[event.topic], event.time_ns, message)
         elif isinstance(event, RejectedWrench):
             self._compare_received(event)
             self._leave_out(self._facts.names[event.topic], "rejected commands, whose numbers have no effect")

@@ -76,7 +76,8 @@ def member(kind: Any, source: Iterator[Any]) -> Any:
         return next(source)
     inner, count = detail
     if node.name == "SEQUENCE":
-        return [member(inner, source) for _ in range(next(source))]
+        found = [member(inner, source) for _ in range(next(source))]
+        return np.array(found, dtype=np.float64) if inner[1] == ("float64", 0) else found
     return np.array([next(source) for _ in range(count)])
 
 

@@ -1,0 +1,103 @@
+"""A magnetic field, uniform or of a dipole, for magnetometers and magnetorquers. It exerts no force of its own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+from rb_dynamics.errors import ConvergenceError, SceneError
+from rb_dynamics.loads.effect import Effect, Field
+from rb_dynamics.numerics.argument_checks import shown, vector
+from rb_dynamics.numerics.vector import ZERO, Vector, add_scaled, dot, norm, scale, subtract
+
+if TYPE_CHECKING:
+    from rb_dynamics.scene.effect_entry import EffectEntry
+
+MODELS = ("uniform", "dipole")
+
+# mu_0 / 4 pi (T m/A): its value before 2019, which CODATA 2018 confirms to 2e-10.
+_MU_0_BY_4_PI = 1e-7
+
+
+@dataclass(frozen=True)
+class MagneticField(Effect):
+    """A magnetic flux density B (T), constant in world axes.
+
+    A dipole m (A m^2) at c has B = mu_0 / (4 pi) (3 n (n . m) - m) / r^3, with r n from c to the place (Wertz,
+    Spacecraft Attitude Determination and Control, eq. H-16). A tilted m is a tilted dipole; it does not turn.
+
+    Attributes:
+        model: `uniform` or `dipole`.
+        field_world: T, of the uniform field.
+        moment_world: A m^2, of the dipole; the Earth's, about -7.8e22 along its axis, points south.
+        center_world: m, where the dipole is.
+    """
+
+    kind: ClassVar[str] = "magnetic_field"
+    keys: ClassVar[tuple[str, ...]] = ("model", "field_world", "moment_world", "center_world")
+
+    model: str = "uniform"
+    field_world: Vector = ZERO
+    moment_world: Vector = ZERO
+    center_world: Vector = ZERO
+
+    @classmethod
+    def read(cls, entry: EffectEntry) -> MagneticField:
+        """Return the effect of an entry."""
+        model = entry.text("model", f"one of {', '.join(MODELS)}", "")
+        if model not in MODELS:
+            expected = f"one of {', '.join(MODELS)}"
+            if entry.has("model"):
+                entry.reject(expected, "write one of them", "model")
+            else:
+                entry.section.missing("model", expected, "add model: uniform or model: dipole")
+            return cls()
+        foreign = ("moment_world", "center_world") if model == "uniform" else ("field_world",)
+        for key in foreign:
+            entry.reject(f"no {key}, as the model is {model}", "remove it, or write the other model", key)
+        if model == "uniform":
+            return cls(model, field_world=entry.vector("field_world", "a finite number (T)"))
+        moment = entry.vector("moment_world", "a finite number (A m^2)")
+        return cls(model, ZERO, moment, entry.vector("center_world", "a finite number (m)", ZERO))
+
+    def __post_init__(self) -> None:
+        """Refuse what is no field.
+
+        Raises:
+            TypeError: an argument is not of its type.
+            SceneError: there is no such model, or a number is not finite.
+        """
+        if self.model not in MODELS:
+            raise SceneError(
+                f"magnetic_field: model is {shown(self.model)}, expected {' or '.join(MODELS)}; write one of them"
+            )
+        for name, what in (
+            ("field_world", "a flux density (T)"),
+            ("moment_world", "a dipole moment (A m^2)"),
+            ("center_world", "a point (m)"),
+        ):
+            value = vector(getattr(self, name), f"magnetic_field: {name}", what, SceneError)
+            object.__setattr__(self, name, value)
+
+    def magnetic_field(self) -> Field:
+        """Return B (T) at a place.
+
+        Raises:
+            ConvergenceError: the place is where the dipole is.
+        """
+        if self.model == "uniform":
+            return lambda _: self.field_world
+
+        def at(place: Vector) -> Vector:
+            away = subtract(place, self.center_world)
+            distance = norm(away)
+            if distance == 0.0:
+                raise ConvergenceError(
+                    f"magnetic_field: the dipole is at {list(place)}, where its field is infinite; move center_world "
+                    "or the body"
+                )
+            n, moment = scale(1.0 / distance, away), self.moment_world
+            strength = _MU_0_BY_4_PI / distance / distance / distance
+            return scale(strength, add_scaled(scale(-1.0, moment), 3.0 * dot(n, moment), n))
+
+        return at

@@ -1,0 +1,60 @@
+"""`Measurements`: when the sensors of a run take their samples and when these come, in order of time."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterator
+from fractions import Fraction
+
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
+from rb_dynamics.run.sink import Measurement
+from rb_dynamics.scene.model import Scene
+from rb_dynamics.sensors.sensor import Reading, Sensor, Truth
+
+
+class _Measuring:
+    """One sensor in a run: sample number k is taken at k / rate, rounded to a nanosecond."""
+
+    def __init__(self, sensor: Sensor, reading: Reading) -> None:
+        self.topic, self.delay_ns, self._reading = sensor.name, nanoseconds(sensor.delay), reading
+        self._period, self._parts = (NANOSECONDS / Fraction(repr(sensor.rate))).as_integer_ratio()
+        self._sample = 0
+
+    @property
+    def due_ns(self) -> int:
+        """When it takes its next sample."""
+        return (2 * self._sample * self._period + self._parts) // (2 * self._parts)
+
+    def take(self, truth: Truth) -> Measurement | None:
+        """Take the next sample; None where it gives no message."""
+        time_ns = self.due_ns
+        numbers = self._reading(self._sample, truth)
+        self._sample += 1
+        if numbers is None:
+            return None
+        return Measurement(time_ns + self.delay_ns, time_ns, self.topic, numbers)
+
+
+class Measurements:
+    """The sensors of one run."""
+
+    def __init__(self, scene: Scene) -> None:
+        """Begin before the first sample."""
+        self._sensors = [_Measuring(sensor, sensor.reading(scene.seed, scene.frames)) for sensor in scene.sensors]
+        # Samples on their way: when they come, the number of their sensor, when they were taken.
+        self._waiting: list[tuple[int, int, int, Measurement]] = []
+
+    @property
+    def next_ns(self) -> int:
+        """The next time at which a sample is taken or comes."""
+        due_ns = min(sensor.due_ns for sensor in self._sensors)
+        return min(due_ns, self._waiting[0][0]) if self._waiting else due_ns
+
+    def at(self, time_ns: int, truth: Truth) -> Iterator[Measurement]:
+        """Take what is due at `time_ns`, and yield what comes then: in the order of the scene."""
+        for number, sensor in enumerate(self._sensors):
+            while sensor.due_ns <= time_ns:
+                if (found := sensor.take(truth)) is not None:
+                    heapq.heappush(self._waiting, (found.time_ns, number, found.taken_ns, found))
+        while self._waiting and self._waiting[0][0] <= time_ns:
+            yield heapq.heappop(self._waiting)[3]

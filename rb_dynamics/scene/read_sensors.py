@@ -1,0 +1,45 @@
+"""Read the `sensors` section of a scene. Each type reads its own values."""
+
+from __future__ import annotations
+
+from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.errors import SceneError
+from rb_dynamics.loads.wrench import WrenchFrames
+from rb_dynamics.scene.effect_entry import EffectEntry
+from rb_dynamics.scene.fields import Field
+from rb_dynamics.scene.read_channels import topic_in
+from rb_dynamics.scene.read_effects import kind_of
+from rb_dynamics.sensors.sensor import COMMON_KEYS, Sensor
+from rb_dynamics.sensors.sensor_types import SENSORS
+
+
+def sensors(
+    field: Field | None, body: RigidBody | None, frames: WrenchFrames, magnetic: bool, taken: dict[str, str]
+) -> tuple[Sensor, ...]:
+    """Return the sensors in the order of the scene, empty if the section is absent; records problems.
+
+    Args:
+        field: the section.
+        body: None if the scene has no valid one.
+        frames: where a sensor may be.
+        magnetic: whether the scene has a magnetic field.
+        taken: the topics of the scene, each with its key; those of the sensors come into it.
+    """
+    if field is None:
+        return ()
+    found = []
+    for entry in field.items("a list of sensors", "write a list such as [{type: imu, name: imu, rate: 100}], or []"):
+        kind = kind_of(entry, SENSORS, "a sensor")
+        if kind is None:
+            continue
+        before = entry.problems.count
+        values = entry.section(("type", *COMMON_KEYS, *kind.keys))
+        topic_in(values, "name", kind.kind, taken)
+        if kind.needs_field and not magnetic:
+            entry.reject("a scene with a magnetic field", "add {type: magnetic_field, ...} to effects")
+        try:
+            found.append(kind.read(EffectEntry(values, body, frames)))
+        except SceneError as error:
+            if entry.problems.count == before:
+                entry.reject("a sensor that can be built", str(error))
+    return tuple(found)

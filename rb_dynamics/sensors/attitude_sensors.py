@@ -1,0 +1,169 @@
+"""What sees attitude: a star tracker, motion capture (`pose`) and a sun sensor."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+from rb_dynamics.errors import SceneError
+from rb_dynamics.loads.wrench import FixedFrame
+from rb_dynamics.numerics.argument_checks import vector
+from rb_dynamics.numerics.rotation import Quaternion, exp, multiply, normalize, rotate, rotate_inverse
+from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, cross, norm, scale
+from rb_dynamics.sensors.random_numbers import Four, RandomNumbers
+from rb_dynamics.sensors.sensor import Reading, Sensor, Truth, common, diagonal
+
+if TYPE_CHECKING:
+    from rb_dynamics.scene.effect_entry import EffectEntry
+
+_SIZE, _NO_SIGN = "a number of 0 or more", "write a size without a sign"
+
+
+def _size(entry: EffectEntry, name: str, unit: str) -> float:
+    return entry.number(name, f"{_SIZE} ({unit})", lambda v: v >= 0.0, _NO_SIGN, 0.0)
+
+
+def _turned(orientation: Quaternion, size: float, numbers: Four) -> Quaternion:
+    """Return an attitude that is off by three angles of standard deviation `size` (rad) about the sensor's axes."""
+    return normalize(multiply(orientation, exp(scale(size, numbers[:3])))) if size > 0.0 else orientation
+
+
+@dataclass(frozen=True, kw_only=True)
+class StarTracker(Sensor):
+    """The rotation from its frame to the world.
+
+    Attributes:
+        noise: standard deviation of the angle about each axis of its frame, rad, in every sample.
+    """
+
+    kind: ClassVar[str] = "star_tracker"
+    message: ClassVar[str] = "geometry_msgs/msg/QuaternionStamped"
+    in_world: ClassVar[bool] = True
+    keys: ClassVar[tuple[str, ...]] = ("noise",)
+
+    noise: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse what is no star tracker, as `Sensor` does."""
+        super().__post_init__()
+        self._number("noise", f"{_SIZE} (rad)", least=0.0)
+
+    @classmethod
+    def read(cls, entry: EffectEntry) -> StarTracker:
+        """Return the sensor of an entry."""
+        return cls(**common(entry)._asdict(), noise=_size(entry, "noise", "rad"))
+
+    def measuring(self, random: RandomNumbers, place: FixedFrame) -> Reading:
+        """Begin to measure."""
+
+        def read(sample: int, truth: Truth) -> tuple[float, ...]:
+            true = multiply(truth.orientation_xyzw, place.orientation_xyzw)
+            return _turned(true, self.noise, random.normal(sample, 0))
+
+        return read
+
+
+@dataclass(frozen=True, kw_only=True)
+class PoseSensor(Sensor):
+    """Position of the origin of its frame and rotation from its frame, in the world, as motion capture gives them.
+
+    Attributes:
+        position_noise: standard deviation of each coordinate, m, in every sample.
+        orientation_noise: of the angle about each axis of its frame, rad.
+    """
+
+    kind: ClassVar[str] = "pose"
+    message: ClassVar[str] = "geometry_msgs/msg/PoseWithCovarianceStamped"
+    in_world: ClassVar[bool] = True
+    keys: ClassVar[tuple[str, ...]] = ("position_noise", "orientation_noise")
+
+    position_noise: float = 0.0
+    orientation_noise: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse what is no such sensor, as `Sensor` does."""
+        super().__post_init__()
+        self._number("position_noise", f"{_SIZE} (m)", least=0.0)
+        self._number("orientation_noise", f"{_SIZE} (rad)", least=0.0)
+
+    @classmethod
+    def read(cls, entry: EffectEntry) -> PoseSensor:
+        """Return the sensor of an entry."""
+        noise = _size(entry, "position_noise", "m"), _size(entry, "orientation_noise", "rad")
+        return cls(**common(entry)._asdict(), position_noise=noise[0], orientation_noise=noise[1])
+
+    def measuring(self, random: RandomNumbers, place: FixedFrame) -> Reading:
+        """Begin to measure."""
+        off, turned = self.position_noise * self.position_noise, self.orientation_noise * self.orientation_noise
+        covariance = diagonal((off, off, off, turned, turned, turned))
+
+        def read(sample: int, truth: Truth) -> tuple[float, ...]:
+            at = add(truth.position_world, rotate(truth.orientation_xyzw, place.position))
+            at = add_scaled(at, self.position_noise, random.normal(sample, 0)[:3])
+            true = multiply(truth.orientation_xyzw, place.orientation_xyzw)
+            return (*at, *_turned(true, self.orientation_noise, random.normal(sample, 1)), *covariance)
+
+        return read
+
+
+@dataclass(frozen=True, kw_only=True)
+class SunSensor(Sensor):
+    """The direction of the sun, a unit vector in the axes of its frame; nothing while the sun is out of its view.
+
+    Attributes:
+        direction_world: towards the sun; its length does not count.
+        noise: standard deviation of the angle about each axis across the direction, rad, in every sample.
+        field_of_view: angle (rad) from the x axis of its frame within which it sees the sun.
+    """
+
+    kind: ClassVar[str] = "sun_sensor"
+    message: ClassVar[str] = "geometry_msgs/msg/Vector3Stamped"
+    keys: ClassVar[tuple[str, ...]] = ("direction_world", "noise", "field_of_view")
+
+    direction_world: Vector
+    noise: float = 0.0
+    field_of_view: float = math.pi
+
+    def __post_init__(self) -> None:
+        """Refuse what is no sun sensor, as `Sensor` does.
+
+        Raises:
+            TypeError: an argument is not of its type.
+            SceneError: a number is out of range, or there is no direction.
+        """
+        super().__post_init__()
+        name = "sun_sensor: direction_world"
+        direction = vector(self.direction_world, name, "the direction of the sun", SceneError)
+        if direction == ZERO:
+            raise SceneError(f"{name} is zero, expected the direction of the sun; write one, as (1, 0, 0)")
+        object.__setattr__(self, "direction_world", direction)
+        self._number("noise", f"{_SIZE} (rad)", least=0.0)
+        self._number("field_of_view", "an angle greater than 0 and at most pi (rad)", above=0.0, most=math.pi)
+
+    @classmethod
+    def read(cls, entry: EffectEntry) -> SunSensor:
+        """Return the sensor of an entry."""
+        direction = entry.vector("direction_world", "a finite number")
+        if direction == ZERO:
+            entry.reject("a direction, not zero", "write where the sun is, such as [1, 0, 0]", "direction_world")
+            direction = (1.0, 0.0, 0.0)
+        expected, remedy = "an angle greater than 0 and at most pi (rad)", "leave it out to see all around"
+        view = entry.number("field_of_view", expected, lambda v: 0.0 < v <= math.pi, remedy, math.pi)
+        noise = _size(entry, "noise", "rad")
+        return cls(**common(entry)._asdict(), direction_world=direction, noise=noise, field_of_view=view)
+
+    def measuring(self, random: RandomNumbers, place: FixedFrame) -> Reading:
+        """Begin to measure."""
+        direction = scale(1.0 / norm(self.direction_world), self.direction_world)
+        least = math.cos(self.field_of_view) if self.field_of_view < math.pi else -math.inf
+
+        def read(sample: int, truth: Truth) -> tuple[float, ...] | None:
+            true = rotate_inverse(multiply(truth.orientation_xyzw, place.orientation_xyzw), direction)
+            if true[0] < least:
+                return None
+            off = cross(scale(self.noise, random.normal(sample, 0)[:3]), true)
+            seen = add(true, off)
+            return scale(1.0 / norm(seen), seen)
+
+        return read

@@ -1,0 +1,72 @@
+"""An inertial measurement unit: three gyros, and three accelerometers, which feel specific force, not acceleration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+from rb_dynamics.loads.wrench import FixedFrame
+from rb_dynamics.numerics.argument_checks import instance
+from rb_dynamics.numerics.rotation import rotate, rotate_inverse
+from rb_dynamics.numerics.vector import add, cross, subtract
+from rb_dynamics.sensors.axis_errors import AXIS_KEYS, AxisErrors
+from rb_dynamics.sensors.random_numbers import RandomNumbers
+from rb_dynamics.sensors.sensor import Reading, Sensor, Truth, common
+
+if TYPE_CHECKING:
+    from rb_dynamics.scene.effect_entry import EffectEntry
+
+# sensor_msgs/Imu: it gives no attitude, which a covariance that begins with -1 says.
+_NO_ATTITUDE = (0.0, 0.0, 0.0, 1.0, -1.0, *(0.0,) * 8)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Imu(Sensor):
+    """Angular velocity (rad/s) and specific force (m/s^2) in the axes of its frame.
+
+    The specific force is the acceleration of the frame's origin less gravity there: f = a + w' x r + w x (w x r) - g,
+    with a of the body origin and r from it to the frame (Titterton and Weston, Strapdown Inertial Navigation
+    Technology, section 2.4). At rest on a table it would point up; in free fall it is 0 at the centre of mass.
+
+    Attributes:
+        gyro: errors of the gyros, in rad/s.
+        accelerometer: errors of the accelerometers, in m/s^2.
+    """
+
+    kind: ClassVar[str] = "imu"
+    message: ClassVar[str] = "sensor_msgs/msg/Imu"
+    keys: ClassVar[tuple[str, ...]] = ("gyro", "accelerometer")
+
+    gyro: AxisErrors = AxisErrors()
+    accelerometer: AxisErrors = AxisErrors()
+
+    def __post_init__(self) -> None:
+        """Refuse what is no IMU, as `Sensor` does."""
+        super().__post_init__()
+        for name in ("gyro", "accelerometer"):
+            instance(getattr(self, name), AxisErrors, f"imu: {name}", "write AxisErrors(noise_density=...)")
+
+    @classmethod
+    def read(cls, entry: EffectEntry) -> Imu:
+        """Return the sensor of an entry."""
+        gyro, accelerometer = (AxisErrors.read(entry.inner(name, AXIS_KEYS)) for name in cls.keys)
+        return cls(**common(entry)._asdict(), gyro=gyro, accelerometer=accelerometer)
+
+    def measuring(self, random: RandomNumbers, place: FixedFrame) -> Reading:
+        """Begin to measure."""
+        gyro = self.gyro.measuring(random, 0, self.rate)
+        accelerometer = self.accelerometer.measuring(random, 2, self.rate)
+        arm, axes = place.position, place.orientation_xyzw
+        of_gyro, of_accelerometer = self.gyro.covariance(self.rate), self.accelerometer.covariance(self.rate)
+
+        def read(sample: int, truth: Truth) -> tuple[float, ...]:
+            omega, (acceleration, spin_up) = truth.angular_velocity_body, truth.acceleration()
+            turning = add(cross(spin_up, arm), cross(omega, cross(omega, arm)))
+            at = add(truth.position_world, rotate(truth.orientation_xyzw, arm))
+            falling = rotate_inverse(truth.orientation_xyzw, truth.gravity(at))
+            force = subtract(add(acceleration, turning), falling)
+            rates = gyro(sample, rotate_inverse(axes, omega))
+            forces = accelerometer(sample, rotate_inverse(axes, force))
+            return (*_NO_ATTITUDE, *rates, *of_gyro, *forces, *of_accelerometer)
+
+        return read

@@ -1,0 +1,179 @@
+"""`Sensor`: reads the true motion at times of its own, and publishes it late, off and noisy. It changes no motion.
+
+A sensor is data from the scene. For each run it begins a `Reading`, which is asked for one sample after the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
+
+from rb_dynamics.errors import SceneError
+from rb_dynamics.loads.effect import Field
+from rb_dynamics.loads.wrench import FixedFrame, WrenchFrames
+from rb_dynamics.numerics.argument_checks import instance, number, shown
+from rb_dynamics.numerics.nanoseconds import LONGEST, SHORTEST
+from rb_dynamics.numerics.rotation import Quaternion
+from rb_dynamics.numerics.vector import Vector
+from rb_dynamics.sensors.random_numbers import RandomNumbers
+
+if TYPE_CHECKING:
+    from rb_dynamics.scene.effect_entry import EffectEntry
+
+COMMON_KEYS = ("name", "rate", "frame", "delay", "dropout")
+"""Keys of every sensor, beside `type`."""
+
+
+class Truth(NamedTuple):
+    """What a sensor may read, at the time of a sample.
+
+    Attributes:
+        position_world: of the body origin, m.
+        orientation_xyzw: body to world.
+        angular_velocity_body: rad/s.
+        acceleration: returns that of the body origin (m/s^2) and the angular one (rad/s^2), body axes.
+        gravity: returns the gravitational acceleration (m/s^2, world axes) at a place (m, world axes).
+        magnetic_field: returns the magnetic flux density (T, world axes) at a place.
+    """
+
+    position_world: Vector
+    orientation_xyzw: Quaternion
+    angular_velocity_body: Vector
+    acceleration: Callable[[], tuple[Vector, Vector]]
+    gravity: Field
+    magnetic_field: Field
+
+
+Reading = Callable[[int, Truth], "tuple[float, ...] | None"]
+"""Given the number of a sample and the truth there, returns the numbers of its message; None where there is none.
+
+It is called for every sample from 0 on, in order: a bias that wanders has a past.
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sensor:
+    """What measures; each kind adds its own errors.
+
+    Attributes:
+        kind: `type` in the scene's list of sensors.
+        message: type of its messages.
+        in_world: whether their `frame_id` is the world, not the sensor's own frame.
+        needs_field: whether it measures a magnetic field.
+        keys: of its entry in the scene, beside `type` and `COMMON_KEYS`.
+        name: its topic.
+        rate: samples per second of simulation time.
+        frame: its frame, fixed on the body; "" for the body frame.
+        delay: s from a sample to its message, whose stamp is that of the sample.
+        dropout: probability that a sample gives no message.
+    """
+
+    kind: ClassVar[str]
+    message: ClassVar[str]
+    in_world: ClassVar[bool] = False
+    needs_field: ClassVar[bool] = False
+    keys: ClassVar[tuple[str, ...]] = ()
+
+    name: str
+    rate: float
+    frame: str = ""
+    delay: float = 0.0
+    dropout: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse what is no sensor.
+
+        Raises:
+            TypeError: an argument is not of its type.
+            SceneError: a number is out of range.
+        """
+        for name in ("name", "frame"):
+            instance(getattr(self, name), str, f"{self.kind}: {name}", "write a text")
+        low, high = 1.0 / LONGEST, 1.0 / SHORTEST
+        self._number("rate", f"a number from {low:.1e} to {high:g} (Hz)", least=low, most=high)
+        self._number("delay", f"a time from 0 to {LONGEST:.1e} (s)", least=0.0, most=LONGEST)
+        self._number("dropout", "a probability of at least 0 and less than 1", least=0.0, most=1.0 - 2.0**-53)
+
+    @classmethod
+    def read(cls, entry: EffectEntry) -> Sensor:
+        """Return the sensor that an entry of a scene asks for; what is wrong with its values is noted there."""
+        raise NotImplementedError
+
+    def reading(self, seed: int, frames: WrenchFrames) -> Reading:
+        """Begin to measure in a run."""
+        measure, random = self.measuring(RandomNumbers(seed, self.name), self.fixed(frames)), None
+        if self.dropout > 0.0:
+            random = RandomNumbers(seed, f"{self.name}/dropout")
+
+        def read(sample: int, truth: Truth) -> tuple[float, ...] | None:
+            found = measure(sample, truth)
+            lost = random is not None and random.uniform(sample, 0)[0] < self.dropout
+            return None if lost else found
+
+        return read
+
+    def measuring(self, random: RandomNumbers, place: FixedFrame) -> Reading:
+        """Begin to measure, at `place` on the body and with errors from `random`; losses of samples come later."""
+        raise NotImplementedError
+
+    def fixed(self, frames: WrenchFrames) -> FixedFrame:
+        """Return its frame on the body.
+
+        Raises:
+            SceneError: there is no such frame.
+        """
+        if self.frame in ("", frames.body_frame):
+            return FixedFrame()
+        found = (frames.fixed or {}).get(self.frame)
+        if found is None:
+            known = ", ".join([frames.body_frame, *(frames.fixed or {})])
+            raise SceneError(
+                f"{self.kind}: frame is {shown(self.frame)}, expected one of {known}; declare it under body.frames"
+            )
+        return found
+
+    def frame_id(self, frames: WrenchFrames) -> str:
+        """Return the `frame_id` of its messages."""
+        return frames.world_frame if self.in_world else self.frame or frames.body_frame
+
+    def _number(self, name: str, expected: str, **limits: float) -> None:
+        value = number(getattr(self, name), f"{self.kind}: {name}", expected, SceneError, **limits)
+        object.__setattr__(self, name, value)
+
+
+class Common(NamedTuple):
+    """The values of `COMMON_KEYS` in an entry of a scene."""
+
+    name: str
+    rate: float
+    frame: str
+    delay: float
+    dropout: float
+
+
+def common(entry: EffectEntry) -> Common:
+    """Read `COMMON_KEYS` of an entry; `scene/read_sensors.py` has looked at its name."""
+    slowest, fastest = 1.0 / LONGEST, 1.0 / SHORTEST
+    rate = entry.number(
+        "rate",
+        f"a number from {slowest:.1e} to {fastest:g} (Hz)",
+        lambda v: slowest <= v <= fastest,
+        "write how many samples a second it takes, such as 100",
+    )
+    delay = entry.number("delay", "a time of 0 or more (s)", lambda v: 0.0 <= v <= LONGEST, "write 0 for none", 0.0)
+    dropout = entry.number(
+        "dropout", "a probability of at least 0 and less than 1", lambda v: 0.0 <= v < 1.0, "write 0 for none", 0.0
+    )
+    frame = entry.text("frame", "the name of a frame", "")
+    if frame and frame not in (entry.frames.body_frame, *(entry.frames.fixed or {})):
+        known = ", ".join([entry.frames.body_frame, *(entry.frames.fixed or {})])
+        entry.reject(f"a frame of the body, one of {known}", "declare it under body.frames", "frame")
+        frame = ""
+    return Common(entry.name, rate, frame, delay, dropout)
+
+
+def diagonal(values: Sequence[float]) -> tuple[float, ...]:
+    """Return the matrix with these values on its diagonal, row by row."""
+    size = len(values)
+    return tuple(value if column == row else 0.0 for row, value in enumerate(values) for column in range(size))
