@@ -16,9 +16,9 @@ from rb_dynamics.analysis.residual import Residual
 from rb_dynamics.analysis.summary import RunSummary, summarize
 from rb_dynamics.analysis.track import Track
 from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.formats.own_log import opened_scene
 from rb_dynamics.numerics.argument_checks import number, shown
 from rb_dynamics.scene.model import Scene
-from rb_dynamics.scene.read import opened
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def inspect(
     number(bound, "bound", "a finite number greater than 0", above=0.0)
     if not isinstance(log, (str, os.PathLike)):
         raise TypeError(f"log is {shown(log)}, expected the path of a log; write its name")
-    known = None if scene is None else opened(scene)
+    known = None if scene is None else opened_scene(scene)
     track = read_track(read_bag(log, repeated=False), known, topics)
     return Inspection(track, summarize(track, bound))
 

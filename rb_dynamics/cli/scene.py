@@ -1,4 +1,4 @@
-"""The scene of a command: its file, overrides of its keys, and the wrench commands of bags."""
+"""The scene of a command: its file or a log, overrides of its keys, and the wrench commands of bags."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def add_scene(parser: argparse.ArgumentParser) -> None:
     """Add the scene and `--set`."""
-    parser.add_argument("scene", metavar="SCENE", help="scene file (YAML)")
+    parser.add_argument("scene", metavar="SCENE", help="scene file (YAML), or a log: its scene with its commands")
     parser.add_argument(
         "--set", action="append", default=[], metavar="KEY=VALUE",
         help="override any key of the scene, such as body.mass=2, wrenches[0].timeout=0.5 or effects=[]; may "
@@ -68,11 +68,18 @@ def add_solver(parser: argparse.ArgumentParser) -> None:
 
 
 def read(args: argparse.Namespace) -> Scene:
-    """Return the scene selected by `args`.
+    """Return the scene selected by `args`; of a log, the scene that was run.
 
     Raises:
         SceneError: it is not valid, or a value cannot be read.
+        LogError: a log is not one of this package.
     """
+    return _read(args)[0]
+
+
+def _read(args: argparse.Namespace) -> tuple[Scene, dict[str, str]]:
+    """Return the scene, and of a log the channel of each topic that has another name."""
+    from rb_dynamics.formats.own_log import is_log, scene_of_log
     from rb_dynamics.scene import read_scene
 
     overrides = dict(map(_override, args.set))
@@ -80,11 +87,11 @@ def read(args: argparse.Namespace) -> Scene:
     for name, key in keys.items():
         if (value := getattr(args, name, None)) is not None:
             overrides[key] = value
-    return read_scene(args.scene, overrides)
+    return scene_of_log(args.scene, overrides) if is_log(args.scene) else (read_scene(args.scene, overrides), {})
 
 
 def read_with_commands(args: argparse.Namespace) -> tuple[Scene, RecordedWrenches | list[tuple[str, Wrench]]]:
-    """Return the scene and the commands of `--wrench`; says on stderr which have no effect.
+    """Return the scene and the commands of `--wrench`, or of the log; says on stderr which have no effect.
 
     Raises:
         SceneError: the scene is not valid, or a value cannot be read.
@@ -92,23 +99,24 @@ def read_with_commands(args: argparse.Namespace) -> tuple[Scene, RecordedWrenche
     """
     require_with(args, "--topic", bool(args.topic), "--wrench", args.wrench)
     require_with(args, "--wrench-start", args.wrench_start is not None, "--wrench", args.wrench)
-    scene = read(args)
-    if not args.wrench:
-        return scene, []
     from rb_dynamics.cli import output
+    from rb_dynamics.formats.own_log import is_log
+
+    scene, names = _read(args)
+    repeated = not args.wrench and is_log(args.scene)
+    if not (args.wrench or (repeated and scene.channels)):
+        return scene, []
     from rb_dynamics.formats.wrench_bags import RecordedWrenches
     from rb_dynamics.loads.channels import WrenchChannels
 
     end_ns = math.inf if scene.end_ns is None else scene.end_ns
     topics, start = [channel.topic for channel in scene.channels], args.wrench_start
     channels = WrenchChannels(scene.channels, scene.frames, body=scene.body)
+    if repeated:
+        # By the log: a command took effect when it says, whatever its stamp is.
+        return scene, RecordedWrenches([args.scene], topics, end_ns, names, 0, channels)
     commands = RecordedWrenches(
-        args.wrench,
-        topics,
-        end_ns,
-        mapping_of(args),
-        "auto" if start is None else start,
-        channels,
+        args.wrench, topics, end_ns, mapping_of(args), "auto" if start is None else start, channels
     )
     output.note_start(commands)
     commands.require_some()

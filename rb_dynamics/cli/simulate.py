@@ -3,6 +3,9 @@
 Wrench commands come from ROS 2 bags (--wrench) whose WrenchStamped or Wrench topics have the names of the scene's
 channels; without a bag the body coasts. The same commands through the node in lockstep give the same bits. A bag
 without any command that acts is an error.
+
+In place of a scene, a log of this package stands for its scene with its commands: simulate RUN.mcap gives the same
+bits, and simulate RUN.mcap --set body.mass=17 shows what another mass would have done.
 """
 
 from __future__ import annotations
@@ -36,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
     from rb_dynamics.run.simulation import simulate
 
     scene, commands = read_with_commands(args)
-    if not args.wrench:
+    if not len(commands):
         output.note_coasting(scene)
     with contextlib.ExitStack() as stack:
         mcap, outputs = args.mcap or args.bag, (args.mcap, args.bag, args.rerun, args.html)

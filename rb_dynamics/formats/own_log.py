@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import os
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
+from pathlib import Path
 from types import MappingProxyType
 from typing import NamedTuple
 
 from rb_dynamics.errors import LogError, RigidBodyError
 from rb_dynamics.formats import cdr
-from rb_dynamics.formats.bag_source import Source
+from rb_dynamics.formats.bag_source import Source, open_source
 from rb_dynamics.formats.mcap_records import Message
 from rb_dynamics.formats.messages import (
     ACCEL,
@@ -23,9 +25,9 @@ from rb_dynamics.formats.messages import (
     decode_wrench,
 )
 from rb_dynamics.loads.wrench import Wrench
-from rb_dynamics.run.provenance import RUN, SCENE, TOPICS
+from rb_dynamics.run.provenance import RESULT, RUN, SCENE, TOPICS
 from rb_dynamics.scene.model import Scene
-from rb_dynamics.scene.read import UNSAID, parse_scene
+from rb_dynamics.scene.read import UNSAID, opened, parse_scene
 
 # The columns of a row, by topic; `odom` and `/tf` say again what pose and twist say.
 COLUMNS: dict[str, tuple[str, ...]] = {
@@ -95,6 +97,47 @@ def scene_and_names(
         )
     scene = replace(parse_scene(text, f"{source.path}: {SCENE}", overrides), text=text)
     return scene, require_types(source, scene)
+
+
+def is_log(path: str | os.PathLike[str]) -> bool:
+    """Return whether a path where a scene is expected is that of a log: an MCAP file, an SQLite file or a folder."""
+    return Path(path).suffix in (".mcap", ".db3") or Path(path).is_dir()
+
+
+def scene_of_log(
+    path: str | os.PathLike[str], overrides: Mapping[str, object] = MappingProxyType({})
+) -> tuple[Scene, dict[str, str]]:
+    """Return the scene of a log, changed by `overrides`, to be run again, and each channel by its topic in the log.
+
+    An open-ended run ends where it ended in the log.
+
+    Raises:
+        LogError: it is not a log of this package.
+        SceneError: the scene in it, or an override, is not valid.
+    """
+    source = open_source(Path(path))
+    for _ in source.blocks():
+        pass
+    logged, names = scene_and_names(source, "run again")
+    end_ns = source.metadata.get(RESULT, {}).get("end_time_ns")
+    if logged.duration is None and "duration" not in overrides and end_ns is not None:
+        overrides = {**overrides, "duration": int(end_ns) / 1e9}
+    scene = parse_scene(logged.text, f"{source.path}: {SCENE}", overrides)
+    topics = {names[channel.topic]: channel.topic for channel in logged.channels}
+    return scene, {topic: channel for topic, channel in topics.items() if topic.lstrip("/") != channel.lstrip("/")}
+
+
+def opened_scene(scene: Scene | str | os.PathLike[str]) -> Scene:
+    """Return `scene`, read if it is the path of a scene file or of a log.
+
+    Raises:
+        TypeError: it is neither a scene nor a path.
+        LogError: a log is not one of this package.
+        SceneError: the file cannot be read, or is not a valid scene.
+    """
+    if isinstance(scene, (str, os.PathLike)) and is_log(scene):
+        return scene_of_log(scene)[0]
+    return opened(scene)
 
 
 def logged_scene(attachments: Mapping[str, bytes]) -> Scene | None:

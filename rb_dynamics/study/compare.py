@@ -18,13 +18,13 @@ from rb_dynamics.analysis.track import Track
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_reader import WRENCHES as WRENCH_TYPES
 from rb_dynamics.formats.bag_reader import Bag, read_bag
+from rb_dynamics.formats.own_log import opened_scene
 from rb_dynamics.formats.wrench_bags import RecordedWrenches, Start
 from rb_dynamics.loads.channels import WrenchChannels
 from rb_dynamics.numerics.argument_checks import number, shown
 from rb_dynamics.run.provenance import RUN
 from rb_dynamics.run.simulation import simulate
 from rb_dynamics.scene.model import Scene
-from rb_dynamics.scene.read import opened
 from rb_dynamics.sinks.mcap_sink import McapSink
 
 Source: TypeAlias = "Scene | str | os.PathLike[str]"
@@ -100,7 +100,7 @@ class _Flights:
         self, a: Source, b: Source, scene: Source | None, wrench_start: Start, mapping: Mapping[str, str]
     ) -> None:
         self._sources = (a, b)
-        self._scene = None if scene is None else opened(scene)
+        self._scene = None if scene is None else opened_scene(scene)
         self._start, self._mapping = wrench_start, mapping
         self.offset_ns: int | None = None
         self.notes: list[str] = []
@@ -115,9 +115,9 @@ class _Flights:
                 return self._flown(self._scene, a, 0), b
             return a, b
         if b is None and a is not None:
-            return a, self._flown(opened(self._sources[1]), a, 1)
+            return a, self._flown(opened_scene(self._sources[1]), a, 1)
         assert b is not None
-        return self._flown(opened(self._sources[0]), b, 0), b
+        return self._flown(opened_scene(self._sources[0]), b, 0), b
 
     def _read(self, source: Source) -> Given:
         assert not isinstance(source, Scene)
@@ -127,7 +127,7 @@ class _Flights:
 
     def _other_scene(self) -> Scene | None:
         """Return the scene that is to be flown: it tells body and frames of the recording, too."""
-        return next((opened(source) for source in self._sources if _is_scene(source)), None)
+        return next((opened_scene(source) for source in self._sources if _is_scene(source)), None)
 
     def _flown(self, scene: Scene, other: Given, place: int) -> Given:
         """Return the flight of `scene` under the commands of the other recording; `place` is 0 for A."""

@@ -1,0 +1,83 @@
+"""A log stands wherever a scene with its commands does: it gives the same bits, and what would have been otherwise."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from recorded_runs import COMMANDS, SCENE, Flight, coasting, flight, flown
+
+import rb_dynamics as rb
+from rb_dynamics.cli import main
+from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.sinks.mcap_sink import McapSink
+
+__all__ = ["coasting", "flight", "flown"]
+
+
+def states(log: Path) -> str:
+    return read_bag(log).metadata["rb_dynamics.result"]["states_sha256"]
+
+
+def test_it_gives_the_same_bits(flight: Flight, tmp_path: Path) -> None:
+    again = tmp_path / "again.mcap"
+    assert main(["simulate", str(flight.log), "--mcap", str(again)]) == 0
+    assert states(again) == states(flight.log)
+    assert rb.compare(flight.log, again).as_dict()["run"] == []
+
+
+def test_what_if_in_one_line(flight: Flight, flown: Callable[..., Flight], tmp_path: Path) -> None:
+    heavier = tmp_path / "heavier.mcap"
+    assert main(["simulate", str(flight.log), "--set", "body.mass=5.5", "--mcap", str(heavier)]) == 0
+    assert states(heavier) == states(flown(mass="5.5").log)
+    assert main(["compare", str(flight.log), str(heavier), "--bound", "1e-3"]) == 1
+    # The new log says what it is, and can be changed again.
+    assert main(["replay", str(heavier)]) == 0
+    assert main(["simulate", str(heavier), "--set", "body.mass=4.0", "--mcap", str(tmp_path / "back.mcap")]) == 0
+    assert states(tmp_path / "back.mcap") == states(flight.log)
+
+
+def test_commands_act_when_they_did_whatever_their_stamp(tmp_path: Path) -> None:
+    """As in the log of a node: stamps are of another clock, the run has no duration, and one command is rejected."""
+    scene = rb.parse_scene(SCENE.replace("duration: 3.0\n", ""), "test.yaml")
+    log, again = tmp_path / "node.mcap", tmp_path / "again.mcap"
+    run = rb.Simulation(scene, [McapSink(log)])
+    run.start()
+    for topic, wrench in COMMANDS:
+        run.advance(wrench.stamp_ns)
+        run.post(topic, replace(wrench, stamp_ns=1_700_000_000_000_000_000 - wrench.stamp_ns), wrench.stamp_ns)
+    with pytest.raises(rb.WrenchError):
+        run.post("push", rb.Wrench((1.0, 0.0, 0.0), frame_id="nowhere"), run.time_ns)
+    run.advance(2_600_000_000)
+    run.finish()
+    assert main(["simulate", str(log), "--mcap", str(again)]) == 0
+    assert states(again) == states(log)
+
+
+def test_other_commands_replace_those_of_the_log(flight: Flight, coasting: Flight, tmp_path: Path) -> None:
+    again = tmp_path / "again.mcap"
+    assert main(["simulate", str(coasting.log), "--wrench", str(flight.log), "--mcap", str(again)]) == 0
+    assert states(again) == states(flight.log)
+
+
+def test_explain_and_body_take_a_log(flight: Flight, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["body", str(flight.log), "--json", "--set", "body.mass=7"]) == 0
+    assert json.loads(capsys.readouterr().out)["mass"] == 7.0
+    assert main(["explain", str(flight.log), "--duration", "0.2"]) == 0
+    assert "thrust" in capsys.readouterr().out
+
+
+def test_a_bag_of_another_program_is_no_scene(example_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["simulate", str(example_dir / "slew.mcap")]) == 2
+    said = capsys.readouterr().err
+    assert "no log of this package" in said
+    assert "simulate SCENE --wrench BAG" in said
+
+
+def test_a_log_gives_body_and_frames_to_a_bag(example_dir: Path, scene_dir: Path, tmp_path: Path) -> None:
+    log = tmp_path / "slew.mcap"
+    rb.simulate(rb.read_scene(scene_dir / "slew.yaml", {"duration": 0.1}), sinks=[McapSink(log)])
+    assert rb.inspect(example_dir / "slew.mcap", log).track.body == rb.read_scene(scene_dir / "slew.yaml").body
