@@ -174,7 +174,7 @@ def losses(results: Results, steps: StepTables) -> str:
                 row.peer for row in found if row.chosen and not row.is_ours and row.seconds < start.seconds
             )
             than = f"; slower than {', '.join(others)}" if others else ""
-            starts.append(f"  - {task.title}: {digits(start.ratio)} times as long as our fastest way{than}")
+            starts.append(f"    - {task.title}: {digits(start.ratio)} times as long as our fastest way{than}")
     for task, found in steps:
         theirs = ((row.name.partition("C RK4 ")[2], row.ratio) for row in found)
         faster = [("C RK4", way, 1.0 / ratio) for way, ratio in theirs if way and ratio > 1.0]
