@@ -1,4 +1,4 @@
-"""What all tests share: the places in the tree, and a ROS 2 graph of their own."""
+"""Shared by all tests: paths in the tree, and a ROS domain for each test process."""
 
 from __future__ import annotations
 

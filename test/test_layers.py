@@ -1,4 +1,4 @@
-"""The order of dependence: each part of the package imports only those before it, as the package's docstring says."""
+"""The order of layers: each part of the package imports only those before it, as the package's docstring says."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The public names: found when they are asked for, and the same to a type checker as to Python."""
+"""The public names: found on access, and the same for type checkers as for Python."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The tests of a file run in one process, in their order, however many workers there are."""
+"""The tests of a file run in one process and in order, with any number of workers."""
 
 from __future__ import annotations
 

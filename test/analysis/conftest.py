@@ -1,4 +1,4 @@
-"""The recorded runs and bags of `test/support/recorded_runs.py`."""
+"""Fixtures: the recorded runs and bags of `test/support/recorded_runs.py`."""
 
 from recorded_runs import bagger, coasting, flight, flown
 

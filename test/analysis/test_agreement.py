@@ -1,4 +1,4 @@
-"""A twist that contradicts the pose is told, with what would reconcile them; physics is not blamed for it."""
+"""A twist that contradicts the pose is reported with the convention that reconciles them; balances are not blamed."""
 
 from __future__ import annotations
 

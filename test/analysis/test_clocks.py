@@ -1,4 +1,4 @@
-"""Stamps by one clock and log times by another: drift, steps and offsets are told, what is under way is not."""
+"""Drift, steps and offsets between stamps and log times are reported; transport delay is not."""
 
 from __future__ import annotations
 

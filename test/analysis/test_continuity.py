@@ -1,4 +1,4 @@
-"""A pose that jumps fails by name, with time and size; noise, jitter, stops and starts are no jumps."""
+"""Jumps of the pose fail with topic, time and size; noise, jitter, stops and starts do not."""
 
 from __future__ import annotations
 

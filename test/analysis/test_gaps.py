@@ -1,4 +1,4 @@
-"""Holes are named one by one, up to a few, with how many there are and how long they are together."""
+"""The first gaps are listed one by one, with the number and total length of all."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Impulses and balances: exact where they claim it, honest about their error where not, blind to nothing."""
+"""Impulses and balances are exact where they claim to be, and have honest error bounds elsewhere."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`inspect` as a Python user and a script call it: the same findings as on the terminal."""
+"""`inspect` called from Python and scripts gives the same results as on the terminal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A recording with the noise of sensors: the body that flew is not accused, and what is truly wrong is still found."""
+"""Recordings with sensor noise: the right body passes every check, real errors are still found."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The residual of a foreign bag is zero for the body that moved, and points to that body where another one is given."""
+"""The residual of a bag from another program is zero for the right body and identifies it if another one is given."""
 
 from __future__ import annotations
 

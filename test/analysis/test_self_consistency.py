@@ -1,4 +1,4 @@
-"""A log of this package that says two things about one run fails; one that was only cut, split or renamed does not."""
+"""A log that contradicts itself fails; one that was cut, split or renamed does not."""
 
 from __future__ import annotations
 

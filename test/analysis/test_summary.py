@@ -1,4 +1,4 @@
-"""The numbers of the summary are those of the run, and the checks fail on what they are there for."""
+"""The summary has the numbers of the run, and each check fails on the fault it is for."""
 
 from __future__ import annotations
 

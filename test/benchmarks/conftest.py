@@ -1,4 +1,4 @@
-"""The modules of benchmarks/, which is a folder of scripts and no package."""
+"""Import path for the scripts in benchmarks/, which is not a package."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The comparison with other simulators: it runs, its problems have the references of 30 digits, its C has our bits."""
+"""The comparison with other simulators runs, its references agree with 30 digits, and its C code gives our bits."""
 
 from __future__ import annotations
 

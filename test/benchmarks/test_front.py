@@ -1,4 +1,4 @@
-"""The table of methods near the front: costs between settings, and what counts as near."""
+"""The table of methods near the front: interpolation of costs between settings, and which methods count as near."""
 
 from __future__ import annotations
 

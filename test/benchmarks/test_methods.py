@@ -1,4 +1,4 @@
-"""The comparison of methods: those that are left out of the package still step, and are of their order."""
+"""The methods compared but not in the package still work and have their order."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The benchmark of the node: what counts as late, and what of that the machine is charged with."""
+"""The benchmark of the node: which messages count as late, and how many of them are due to the machine."""
 
 from __future__ import annotations
 

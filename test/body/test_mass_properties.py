@@ -1,4 +1,4 @@
-"""What an inertia matrix says, against point masses, boxes and motions whose answer is known without it."""
+"""Inertia matrices against point masses, boxes and motions with known answers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bodies from meshes: against closed forms, turned and moved, with holes, and every way a surface can be bad."""
+"""Bodies from meshes: closed forms, rotation and translation, holes, and every kind of defective surface."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whatever a mesh file holds: the answer is a solid that can be or a `BodyError`."""
+"""Any mesh file gives either a physically possible solid or a `BodyError`."""
 
 from __future__ import annotations
 

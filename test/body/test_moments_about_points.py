@@ -1,4 +1,4 @@
-"""Moments about points and lines: the definitions, and what does not depend on the choice of point."""
+"""Moments about points and lines: definitions, and independence of the choice of point."""
 
 from __future__ import annotations
 

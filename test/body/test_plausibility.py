@@ -1,4 +1,4 @@
-"""The inertia doctor finds each slip where it was made, and finds nothing in sound bodies."""
+"""Suspicious mass properties are found with their cause; sound bodies raise no warning."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Principal axes: the moments and the frame of any inertia matrix, also where moments repeat or differ by 1e12."""
+"""Principal moments and axes of any inertia matrix, also if moments repeat or differ by a factor of 1e12."""
 
 from __future__ import annotations
 

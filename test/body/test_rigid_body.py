@@ -1,4 +1,4 @@
-"""`RigidBody`: what is a body, what is none, and what the message says then."""
+"""`RigidBody`: which values are accepted, and the messages for those that are not."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Shapes: every formula against an integral that knows nothing of it, textbook values, and limits."""
+"""Shapes: every formula against numerical integration, textbook values and limits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""URDF: mass, place, turned axes, products as they stand; and files that are none."""
+"""URDF: mass, position, rotated axes, signs of products of inertia; invalid files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`body` as users call it."""
+"""The command `body`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The commands as a user types them; where it matters, in a process of their own."""
+"""The commands as a user types them, in a process of their own where it matters."""
 
 from __future__ import annotations
 

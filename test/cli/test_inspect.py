@@ -1,4 +1,4 @@
-"""`inspect` as users call it: what it prints, what it writes, how it exits."""
+"""The command `inspect`: output, files, exit codes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Logs as a user keeps them: replaced, split, stopped by a full disk, recovered, flown again under other names."""
+"""Logs from the command line: overwritten, split, stopped by a full disk, recovered, replayed under other names."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command line as a newcomer finds it: without a command, and with words that it does not know."""
+"""The command line without a command and with unknown words."""
 
 from __future__ import annotations
 

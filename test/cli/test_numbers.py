@@ -1,4 +1,4 @@
-"""Numbers on the command line: what is none is answered in words, never with the name of a function or type."""
+"""Invalid numbers on the command line give a plain message without names of functions or types."""
 
 from __future__ import annotations
 

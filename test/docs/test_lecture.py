@@ -1,4 +1,4 @@
-"""The page of the lecture: its code runs, its claims hold, it names what exists, and it covers both texts."""
+"""The page on the lecture: its code runs, its claims hold, its names exist, and it covers both texts."""
 
 from __future__ import annotations
 

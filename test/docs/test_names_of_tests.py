@@ -1,4 +1,4 @@
-"""A page that says a test shows something names a test that is there."""
+"""Every test that a page names exists."""
 
 from __future__ import annotations
 

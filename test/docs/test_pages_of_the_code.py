@@ -1,4 +1,4 @@
-"""The reference is what the code says, the diagram names files that are there, and the site has no link to nowhere."""
+"""Generated pages are up to date, the diagram names existing files, and the site has no broken link."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the README, the tutorials and the how-to pages show works as it is written, in the order in which it stands."""
+"""Commands and code of the README, the tutorials and the how-to pages work as written, in order."""
 
 from __future__ import annotations
 

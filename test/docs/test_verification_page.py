@@ -1,4 +1,4 @@
-"""The page of the verification: it names every method, each test that it names exists, and its generator measures."""
+"""The page on verification names every method and only existing tests, and its generator works."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reading ROS 2 MCAP files: those of other writers, our own, cut off, damaged and hostile ones."""
+"""Reading ROS 2 MCAP files: those of other writers, our own, truncated, damaged and hostile ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Wrench commands out of bags that others wrote: MCAP and SQLite, split, compressed, under other names."""
+"""Wrench commands from bags of other programs: MCAP and SQLite, split, compressed, renamed topics."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""CDR against two independent implementations: rosbags, and the messages of ROS itself where it is installed."""
+"""CDR against two independent implementations: rosbags, and ROS itself if installed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whatever a bag holds: the answer is what can be read of it or a `LogError`, and nothing outside of it is touched."""
+"""Any bag gives either its readable content or a `LogError`, and no file outside it is touched."""
 
 from __future__ import annotations
 

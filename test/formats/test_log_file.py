@@ -1,4 +1,4 @@
-"""Where logs go: what is read is never replaced, and what must be kept is moved aside under the next free number."""
+"""Paths of logs: input files are never replaced, and files to keep are moved to the next free number."""
 
 from __future__ import annotations
 

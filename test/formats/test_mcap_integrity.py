@@ -1,4 +1,4 @@
-"""Everything that is written here, as the package mcap reads it; and files in which something is not so."""
+"""Our files pass the checks of the package mcap, and damaged ones fail."""
 
 from __future__ import annotations
 

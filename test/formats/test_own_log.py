@@ -1,4 +1,4 @@
-"""Logs of this package that are damaged where no checksum looks."""
+"""Logs of this package with damage that no checksum covers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is saved of a file that was cut off within a chunk, and what is said of one that is something else."""
+"""Recovery of files truncated within a chunk, and the message for files of another kind."""
 
 from __future__ import annotations
 

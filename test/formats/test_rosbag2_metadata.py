@@ -1,4 +1,4 @@
-"""What a log says of its publishers, which anybody may have written."""
+"""QoS of publishers in bags, which is untrusted input."""
 
 from __future__ import annotations
 

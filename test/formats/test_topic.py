@@ -1,4 +1,4 @@
-"""`Topic`: what is kept of each message, in whatever pieces it comes, and how little memory that takes."""
+"""`Topic`: the values kept of each message are independent of block sizes, and memory is bounded."""
 
 from __future__ import annotations
 

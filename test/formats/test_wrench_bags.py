@@ -1,4 +1,4 @@
-"""Recorded commands for a run: which, in which order, and which time of the bags is time 0."""
+"""Recorded commands for a run: selection, order, and time zero of the bags."""
 
 from __future__ import annotations
 

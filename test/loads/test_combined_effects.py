@@ -1,4 +1,4 @@
-"""What effects of one's own return is refused where it is no load or no sight."""
+"""Invalid results of a user's effect are refused: loads and distances of sight."""
 
 from __future__ import annotations
 

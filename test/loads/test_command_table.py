@@ -1,4 +1,4 @@
-"""Commands as arrays change what is held when and as the same commands one by one do."""
+"""Commands as arrays change the held wrench at the same times and in the same way as single commands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Each effect against a motion in closed form, its energy against the work that the run booked."""
+"""Each effect against a closed-form motion, and its energy against the booked work."""
 
 from __future__ import annotations
 

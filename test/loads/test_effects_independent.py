@@ -1,7 +1,7 @@
-"""Every effect on a body that hides nothing, against equations written a second time and solved by scipy.
+"""Every effect on a general body, against independently written equations solved by scipy.
 
-Off-diagonal inertia, centre of mass off the origin, tilted start. The second version works in body axes with the
-inertia matrix, knows no principal axes and shares no code with the package.
+Off-diagonal inertia, centre of mass off the origin, tilted start. The reference works in body axes with the inertia
+matrix, uses no principal axes and shares no code with the package.
 """
 
 from __future__ import annotations

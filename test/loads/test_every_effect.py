@@ -1,7 +1,7 @@
-"""What holds for every effect of this package, in the scene of config/ that shows it: no line for a new one.
+"""Properties of every effect of this package, tested in its scene in config/; new effects are included.
 
-A sign that is wrong in an effect closes its books all the same, as what acts is what is booked. Here it shows: against
-the effect's own potential, or what moves inside the body, or because a resistance takes energy out.
+A wrong sign in an effect does not show in its books, because the booked load is the applied one. It shows here:
+against the potential of the effect, the momentum stored in the body, or because a resistance must take energy out.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The wrench rule: frames, the lever arm, and what is refused."""
+"""The wrench rule: frames, lever arm, refused values."""
 
 from __future__ import annotations
 

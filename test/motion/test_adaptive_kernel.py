@@ -1,4 +1,4 @@
-"""Strides by accuracy are the same compiled and plain: lengths, bits, choices of `auto`, and refusals."""
+"""Strides by accuracy are identical compiled and in plain Python: lengths, bits, choices of `auto`, refusals."""
 
 from __future__ import annotations
 

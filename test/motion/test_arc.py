@@ -1,4 +1,4 @@
-"""`Arc`: time is exact, and looking at the motion never changes it."""
+"""`Arc`: time is exact, and reading the motion does not change it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What becomes of the quaternion, by every method: unit to round-off, and never on the other side of the one before."""
+"""The quaternion with every method: unit to round-off, and continuous in sign."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`auto`: keeps the accuracy against references, chooses by cost and step, and always chooses the same."""
+"""`auto` keeps the accuracy, chooses by cost and step, and always chooses the same."""
 
 from __future__ import annotations
 

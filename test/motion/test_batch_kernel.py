@@ -1,4 +1,4 @@
-"""Many bodies side by side have the bits that each has alone."""
+"""Bodies computed side by side have the bits of each one alone."""
 
 from __future__ import annotations
 

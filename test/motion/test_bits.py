@@ -1,7 +1,7 @@
 """The bits of a run do not depend on the version of Python.
 
-From 3.12 on `sum` of floats is compensated, and `math.hypot` has been rewritten more than once: what makes a body or
-a step calls neither, but adds up in the open, by `math.fsum`, or takes `vector.norm`.
+From 3.12 on `sum` of floats is compensated, and `math.hypot` was rewritten more than once. Code that affects the
+bits of a body or a step uses neither, but explicit sums, `math.fsum` or `vector.norm`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Commutator-free methods: the table, the measured order, and that each part of the table is needed."""
+"""Commutator-free methods: the table, the measured order, and that each coefficient is needed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Composition: coefficients, measured order, and what the composed midpoint rule keeps."""
+"""Composition: coefficients, measured order, and invariants of the composed midpoint rule."""
 
 from __future__ import annotations
 

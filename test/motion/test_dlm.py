@@ -1,4 +1,4 @@
-"""Rotations about the principal axes: exact for symmetric bodies, of its order for others, angular momentum kept."""
+"""Rotations about the principal axes: exact for symmetric bodies, else of their order, angular momentum conserved."""
 
 from __future__ import annotations
 

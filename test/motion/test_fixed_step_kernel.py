@@ -1,4 +1,4 @@
-"""Compiled and plain steps give the same bits, books included, and the same errors."""
+"""Compiled steps have the bits, books and errors of plain ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Numbers that a kernel is handed come apart as they were put together, in a line and in rows alike."""
+"""Packing of values for kernels is inverted by unpacking, for single rows and blocks."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Loads that change inside a step, in the splittings and the midpoint family: order, balances, symmetry, long orbits.
+"""Loads that change inside a step, in splittings and midpoint methods: order, balances, symmetry, long orbits.
 
-The body moves through the field of a point mass that pulls on its extent too, with a magnet in it that a rotating field
-turns and a force that swings in time; the right-hand side of the reference is written on its own, in world axes.
+The body moves in the field of a point mass with gravity gradient, has a magnet in a rotating field, and a force
+that oscillates in time; the right-hand side of the reference is written separately, in world axes.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Every method in the registry: what it says of itself, and what holds for any integrator of a rigid body."""
+"""Every registered method: its declarations, and properties of any integrator of a rigid body."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Preprocessed discrete Moser-Veselov: its equations, its order to many digits, what it keeps, the splittings on it."""
+"""Preprocessed discrete Moser-Veselov: its equations, its order to many digits, its invariants, splittings with it."""
 
 from __future__ import annotations
 

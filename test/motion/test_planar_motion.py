@@ -1,4 +1,4 @@
-"""Motion that stays planar: the reduced model, one angle in closed form, agrees with the full one to round-off."""
+"""Planar motion: the closed form with one angle agrees with the full equations to round-off."""
 
 from __future__ import annotations
 

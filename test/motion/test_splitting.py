@@ -1,4 +1,4 @@
-"""Kicks and exact free motion: coefficients, order, error proportional to a small torque, balances that close."""
+"""Kicks and exact free motion: coefficients, order, error proportional to a small torque, closed balances."""
 
 from __future__ import annotations
 

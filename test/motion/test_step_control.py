@@ -1,4 +1,4 @@
-"""Step control: the accuracy asked for is reached, and where it cannot be, the message says so."""
+"""Step control reaches the accuracy asked for, or says that it cannot."""
 
 from __future__ import annotations
 

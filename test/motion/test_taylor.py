@@ -1,4 +1,4 @@
-"""The Taylor method leaves out no term that a result shows."""
+"""The Taylor method drops only terms below round-off."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Arguments of the Python API: what is wrong is an error that names the argument, and what is right is taken."""
+"""Arguments of the Python API: wrong ones raise an error with their name, right ones are accepted."""
 
 from __future__ import annotations
 

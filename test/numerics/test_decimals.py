@@ -1,4 +1,4 @@
-"""Numbers in text: what is a decimal number and what is not, whatever Python itself would take."""
+"""Numbers in text: what counts as a decimal number, independent of Python's own rules."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""SO(3) against 50-digit arithmetic, in each region where a formula may lose digits: 0, small, generic, half turns."""
+"""SO(3) against 50-digit arithmetic in each region where a formula may lose digits: 0, small, generic, half turns."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sine and cosine are right to the last digit."""
+"""Sine and cosine are correctly rounded."""
 
 from __future__ import annotations
 

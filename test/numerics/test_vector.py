@@ -1,4 +1,4 @@
-"""R^3 against exact rational arithmetic: each operation is the textbook one, rounded a few times and no more."""
+"""R^3 against exact rational arithmetic: each operation is the textbook one, with few roundings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A copy of what the package is built from, so that building leaves nothing behind in the source tree."""
+"""A copy of the source tree, so that builds leave no files in the original."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What pip installs: the whole package, its shared files and commands, and nothing imported before it is used."""
+"""Installation by pip: all modules, shared files and commands, and no early imports."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The gates on the text of the package: linter, formatter, type checker, package.xml, launch file."""
+"""Linters, formatter, type checker, package.xml, launch file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The example plug-in, installed by pip: its parts are used by name, and docs/extending.md is true."""
+"""The example plug-in, installed by pip: its parts are found by name, and docs/extending.md is true."""
 
 from __future__ import annotations
 

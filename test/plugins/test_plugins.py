@@ -1,4 +1,4 @@
-"""`Registry`: ours and those of installed packages, and what a broken package does: nothing, until it is named."""
+"""`Registry`: own and installed entries; a broken package does no harm until it is named."""
 
 from __future__ import annotations
 

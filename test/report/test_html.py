@@ -1,4 +1,4 @@
-"""The page: well-formed, self-contained, and text stays text."""
+"""The page is well-formed and self-contained, and escapes text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figures: what is thinned keeps its look, and what comes out is small, reproducible, harmless SVG."""
+"""Figures: thinning keeps their look; the SVG is small, reproducible and harmless."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The report of a run: the same numbers as the terminal, in sections, for any log."""
+"""The report of a run has the numbers of the terminal, in sections, for any log."""
 
 from __future__ import annotations
 

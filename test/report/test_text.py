@@ -1,4 +1,4 @@
-"""The summary on a terminal: aligned, within 100 columns, and no name in a log commands the terminal."""
+"""The summary on a terminal: aligned, within 100 columns, and free of control characters from a log."""
 
 from __future__ import annotations
 

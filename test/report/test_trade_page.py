@@ -1,4 +1,4 @@
-"""The page of `trade`: well-formed, self-contained, every run on it once, and figures that anyone can read."""
+"""The page of `trade` is well-formed and self-contained, shows every run once, and has legible figures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The video: as many pictures as said, of what moves, and clear errors where it cannot be."""
+"""The video has the right number of frames, which move, and clear errors where it cannot be made."""
 
 from __future__ import annotations
 

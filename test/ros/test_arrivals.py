@@ -1,4 +1,4 @@
-"""How stamped commands are told apart, held against the definition by brute force."""
+"""Matching of stamped commands, compared with the definition by brute force."""
 
 from __future__ import annotations
 

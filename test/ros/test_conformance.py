@@ -1,4 +1,4 @@
-"""The conformance command against our node over DDS: it holds, and a wrong description of the node is found out."""
+"""The conformance command against our node over DDS: it passes, and a wrong description of the node fails."""
 
 from __future__ import annotations
 

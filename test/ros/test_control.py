@@ -1,4 +1,4 @@
-"""Control over DDS: state and mass properties from outside, parameters as a whole, QoS that does not fit."""
+"""Control over DDS: state and mass properties from outside, parameters, incompatible QoS."""
 
 from __future__ import annotations
 

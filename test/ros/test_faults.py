@@ -1,4 +1,4 @@
-"""What a node meets in a week: storms, silence, stalls, kills, disks; the state survives, and diagnostics tell."""
+"""Floods, silence, stalls, kills, full disks: the state survives, and diagnostics report the fault."""
 
 from __future__ import annotations
 

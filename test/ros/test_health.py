@@ -1,4 +1,4 @@
-"""`Throttle`, with a clock turned by hand."""
+"""`Throttle`, with a simulated clock."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The launch files, run by the real launch where it is installed, from a prefix like that of a colcon workspace."""
+"""The launch files, run by launch itself if installed, from a prefix like that of a colcon workspace."""
 
 from __future__ import annotations
 

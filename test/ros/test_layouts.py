@@ -1,4 +1,4 @@
-"""The layouts in config/ open on topics that the node has."""
+"""The layouts in config/ use topics of the node."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`replay --into ros`: what a log holds comes out on its topics, unchanged and in order."""
+"""`replay --into ros` publishes the messages of a log unchanged and in order."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Other nodes on our topics: who publishes there too, and whose QoS does not fit; gone when they are."""
+"""Other publishers and incompatible QoS on our topics are reported, and forgotten once they are gone."""
 
 from __future__ import annotations
 

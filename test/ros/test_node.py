@@ -1,4 +1,4 @@
-"""The real node in a process of its own, over real DDS."""
+"""The real node in its own process, over DDS."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The two pacers, without ROS: a follower of a clock that stands, jumps and leaps."""
+"""The two pacers, without ROS; a follower with a clock that stops or jumps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Security: the policy is what the node does, and a node that is to be secured never runs without."""
+"""Security: the policy matches what the node does, and a node to be secured does not start without it."""
 
 from __future__ import annotations
 

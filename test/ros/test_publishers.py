@@ -1,4 +1,4 @@
-"""What is published is what is logged, and what nobody reads is not even made: it does no harm until somebody reads."""
+"""Published messages are the logged ones, and messages without a subscriber are not made."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`Runner` without DDS: changes from outside, against what the laws say of the motion after them."""
+"""`Runner` without DDS: changes of state and parameters, and the motion after them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The services of simulation_interfaces, against the real package where it is installed."""
+"""The services of simulation_interfaces, against the real package if installed."""
 
 from __future__ import annotations
 

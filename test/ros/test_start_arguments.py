@@ -1,4 +1,4 @@
-"""Arguments of launch files: values are read as in a scene file, not as YAML 1.1 reads them."""
+"""Arguments of launch files are read like scene files, not by the rules of YAML 1.1."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Time over DDS: stamps, /clock as publisher and as follower, commands by their stamps."""
+"""Time over DDS: stamps, /clock as publisher and follower, commands by stamp."""
 
 from __future__ import annotations
 

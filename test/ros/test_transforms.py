@@ -1,4 +1,4 @@
-"""`/tf` and `/tf_static`, against the real tf2_msgs where it is installed."""
+"""`/tf` and `/tf_static`, against the real tf2_msgs if installed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Many bodies at once: each moves as it would alone, to the bit."""
+"""Ensembles: each body moves as it would alone, to the bit."""
 
 from __future__ import annotations
 

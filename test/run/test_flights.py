@@ -1,4 +1,4 @@
-"""A run whose edges are known ahead, by one call of a kernel for many: the same bits and events as edge by edge."""
+"""Many edges in one call of a kernel give the bits and events of one edge at a time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The hash of the inputs can be made from a log alone, by anyone, as the reference says it."""
+"""The hash of the inputs can be recomputed from a log alone, by the rules in the reference."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Memory does not grow with the length of a run: nothing that has been told, nor a command that is done, is kept.
+"""Memory does not grow with the length of a run: neither events nor finished commands are kept.
 
-Each run in a process of its own: Rerun keeps some memory of every recording that a process has made.
+Each run is in its own process, because Rerun keeps some memory of every recording of a process.
 """
 
 from __future__ import annotations

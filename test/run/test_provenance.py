@@ -1,4 +1,4 @@
-"""Where a run comes from."""
+"""Provenance of a run."""
 
 from __future__ import annotations
 

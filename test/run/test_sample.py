@@ -1,4 +1,4 @@
-"""Diagnostics against the definitions, on point masses in exact arithmetic; defects are the raw residuals."""
+"""Diagnostics against their definitions, on point masses in exact arithmetic; defects are the raw residuals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The loop: what happens when, in which order it is told, and that nobody who looks changes the motion."""
+"""The loop: timing and order of events, and that observers do not change the motion."""
 
 from __future__ import annotations
 

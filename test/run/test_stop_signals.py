@@ -1,4 +1,4 @@
-"""Signals from outside: a command that writes a log closes it, and says by its exit code what ended it."""
+"""Signals: a command that writes a log closes it, and its exit code names the signal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The document tree: lines of keys and values, and bounds that hold however a file is made."""
+"""The YAML tree: lines of keys and values, and limits that hold for any file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every way in which a scene can be wrong, and what the error has to say about it."""
+"""Every kind of invalid scene, and its error message."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whatever a scene file, a text or an override holds: the answer is a sound scene or a `SceneError`, nothing else."""
+"""Any scene file, text or override gives either a valid scene or a `SceneError`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bodies from particles, shapes, meshes and URDF: what a scene makes of each form, and of the files it names."""
+"""Bodies from particles, shapes, meshes and URDF in a scene, and the files they refer to."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A scene made in Python: one truth for what the body says, and nothing of it changes behind its back."""
+"""Scenes made in Python: consistent mass properties, and immutability."""
 
 from __future__ import annotations
 

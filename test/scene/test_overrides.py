@@ -1,4 +1,4 @@
-"""Overrides: set before validation, validated alike, and named as overrides where they are wrong."""
+"""Overrides are applied before validation, validated alike, and named in errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bodies without inertia, and what is wrong with an entry of `effects`: value, expectation and remedy are named."""
+"""Bodies without inertia, and invalid entries of `effects`: errors with value, expectation and remedy."""
 
 from __future__ import annotations
 

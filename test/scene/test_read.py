@@ -1,4 +1,4 @@
-"""Valid scenes: defaults, every key, the ways of writing numbers, files."""
+"""Valid scenes: defaults, every key, number formats, files."""
 
 from __future__ import annotations
 

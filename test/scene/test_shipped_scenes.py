@@ -1,4 +1,4 @@
-"""The scenes in config/ are valid and say what the recordings and references they belong to say."""
+"""The scenes in config/ are valid and match their recordings and references."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Logs as tables and recordings, and tables of wrenches as bags: no digit is lost on the way."""
+"""Logs as tables and recordings, and tables of wrenches as bags, without loss of digits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Logs whose writer was killed: what was written is there, and its copy opens in readers that are not ours."""
+"""Logs of a killed writer: everything written is there, and recovered copies open in other readers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which logs are asked for: one that is asked for by name is kept like one that has an option of its own."""
+"""Options for logs: `--sink NAME=TARGET` is equivalent to the option of its own."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Poinsot's construction in the .rrd: what Rerun's reader finds is the ellipsoid rolling on the plane."""
+"""Poinsot's construction in the .rrd, read with Rerun's reader: the ellipsoid rolls on the plane."""
 
 from __future__ import annotations
 

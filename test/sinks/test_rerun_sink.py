@@ -1,4 +1,4 @@
-"""`RerunSink`: what Rerun's own reader finds in the file is what the run was."""
+"""`RerunSink`: the file, read with Rerun's reader, has the values of the run."""
 
 from __future__ import annotations
 

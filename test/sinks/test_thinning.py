@@ -1,4 +1,4 @@
-"""What is kept of a run: never anything that did not happen, never more than said, and always the ends."""
+"""Thinned runs: only real samples, at most the stated number, and always both ends."""
 
 from __future__ import annotations
 

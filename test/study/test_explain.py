@@ -1,4 +1,4 @@
-"""`explain`: what it says of a scene is true of the run."""
+"""`explain`: its statements about a scene hold for the run."""
 
 from __future__ import annotations
 

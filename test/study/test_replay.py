@@ -1,4 +1,4 @@
-"""A log is run again from what is in it: to the last bit, and what was changed in it shows."""
+"""A log is rerun from its content to the last bit, and changes to it are found."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bags of single rows, with the writer of the mcap package: for tests of what reads bags."""
+"""Bags of single rows, written with the mcap package, for tests of readers."""
 
 from __future__ import annotations
 

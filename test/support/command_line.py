@@ -1,4 +1,4 @@
-"""Commands in this process: to start another for each would take longer than what they do."""
+"""Run commands in this process, since starting another one takes longer than most commands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Logs that somebody changed: of every message, fact and scene."""
+"""Logs with edited messages, metadata or scene."""
 
 from __future__ import annotations
 

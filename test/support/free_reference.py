@@ -1,4 +1,4 @@
-"""Free rotation in many digits, by Legendre's forms: the textbook way, which cancels and can afford to."""
+"""Free rotation in many digits, by Legendre's forms, whose cancellation does not matter there."""
 
 from __future__ import annotations
 

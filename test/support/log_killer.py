@@ -1,7 +1,7 @@
-"""Writes logs in processes of their own and kills each with SIGKILL at a random moment.
+"""Write logs in child processes and kill each with SIGKILL at a random moment.
 
 Run as a script: `log_killer.py FOLDER KILLS FLUSH_S SHORTEST_S LONGEST_S`; prints one JSON object for each kill: the
-path, whether `open` had returned, how many samples `write` had taken, and how many of those were `FLUSH_S` old.
+path, whether `open` had returned, the number of samples `write` had taken, and how many of those were `FLUSH_S` old.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The motions that tests compare with: a forced body to 30 digits, free bodies to 34, and the error of a run."""
+"""Reference motions: a forced body to 30 digits, free bodies to 34, and the error of a run."""
 
 from __future__ import annotations
 

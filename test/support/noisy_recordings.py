@@ -1,4 +1,4 @@
-"""Recordings of random flights of random bodies, with the noise that sensors have and the stamps that they give."""
+"""Recordings of random motions of random bodies with the noise and stamps of sensors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs and bags to report on: real ones, written by the simulation and by the mcap package."""
+"""Runs and bags for tests of analysis and report, written by the simulation and by the mcap package."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs written to .rrd files, and those files as Rerun's own reader finds them."""
+"""Runs written to .rrd files, and the content of those files by Rerun's own reader."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs the real node as a process of its own, and speaks to it over DDS from this one."""
+"""Run the real node in its own process and talk to it over DDS."""
 
 from __future__ import annotations
 

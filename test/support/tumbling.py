@@ -1,4 +1,4 @@
-"""Recordings of a body that tumbles and drifts, exact but for the noise asked for, and what the checks say of them."""
+"""Recordings of a tumbling, drifting body, exact except for the given noise, and the results of the checks."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Order conditions of a splitting, by brute force: exp(a1 A) exp(b1 B) ... against exp(A + B), word by word.
 
-A and B do not commute and satisfy no other relation, so that a condition that holds here holds for any two flows.
+A and B do not commute and satisfy no other relation, so a condition that holds here holds for any two flows.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Poinsot's construction against the motion itself: curves, closed forms and what the lecture says of them."""
+"""Poinsot's construction against the motion: curves, closed forms and statements of the lecture."""
 
 from __future__ import annotations
 

@@ -1,14 +1,14 @@
-"""Makes data/forced_motion.json and data/ten_thousand_wrenches.json: driven triaxial bodies, to 30 digits.
+"""Make data/forced_motion.json and data/ten_thousand_wrenches.json: driven triaxial bodies, to 30 digits.
 
     python test/verification/make_reference.py [forced_motion] [ten_thousand_wrenches]
 
-The first is one wrench held in both frames for 10 s; it takes a minute. In the second both wrenches change every 0.01 s
-for 100 s; it takes some minutes.
+The first is one wrench held in both frames for 10 s; it takes a minute. In the second both wrenches change every
+0.01 s for 100 s; it takes some minutes.
 
-A Taylor series in mpmath: quaternion, angular velocity about the body axes with the full inertia matrix, motion of the
-centre of mass, and the integrals of force, torque and power as further unknowns. It shares nothing with the package,
-neither code nor equations: the package works in principal axes and with angular momentum. Each is made twice, with
-another order, another step or another precision, and energy and momentum have to balance.
+The method is a Taylor series in mpmath for quaternion, angular velocity in body axes with the full inertia matrix,
+motion of the centre of mass, and the integrals of force, torque and power. It shares no code and no equations with the
+package, which works in principal axes and with angular momentum. Each is computed twice, with another order, step or
+precision, and energy and momentum have to balance.
 """
 
 from __future__ import annotations

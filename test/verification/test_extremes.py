@@ -1,4 +1,4 @@
-"""Sizes, speeds and wrenches at the ends of the range of numbers: right within bounds or a clear error, never a NaN."""
+"""Sizes, speeds and wrenches at the ends of the range of numbers: right within bounds or a clear error, never NaN."""
 
 from __future__ import annotations
 

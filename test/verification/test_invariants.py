@@ -1,7 +1,7 @@
-"""What free motion keeps: declared invariants at round-off over thousands of steps, the others as the order says.
+"""Invariants of free motion: declared ones hold to round-off over thousands of steps, others at the declared order.
 
-Near the middle axis of a triaxial body with off-diagonal inertia, where a motion flips over and over and an error of
-energy or momentum is amplified most.
+Near the middle axis of a triaxial body with off-diagonal inertia, where the motion flips repeatedly and amplifies
+errors of energy or momentum most.
 """
 
 from __future__ import annotations

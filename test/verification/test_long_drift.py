@@ -1,6 +1,6 @@
-"""1e9 steps: the closed form drifts like the root of their number, as roundings by chance do; others have a bias.
+"""Drift over 1e9 steps: that of the closed form grows like the square root of their number, as random rounding does.
 
-On one core that has nothing else to do, 1e9 steps take `strang2` a quarter of an hour, the others three minutes each.
+Other methods have a bias. On one idle core 1e9 steps take `strang2` a quarter of an hour, the others three minutes.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""The declared order, measured for each quantity on a body that hides nothing.
+"""The declared order, measured for each quantity on a general body.
 
-Triaxial, off-diagonal, the centre of mass off its origin, under torque and force in body and in world axes, against
+Triaxial, off-diagonal inertia, centre of mass off its origin, torque and force in body and in world axes, against
 states to 30 digits.
 """
 

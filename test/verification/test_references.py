@@ -1,4 +1,4 @@
-"""States to 30 digits and more, made by other mathematics, reached to the digits that each method can give."""
+"""Reference states to 30 digits and more, by independent mathematics, are reached to each method's accuracy."""
 
 from __future__ import annotations
 

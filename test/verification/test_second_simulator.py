@@ -1,6 +1,6 @@
-"""Other simulators, on other equations, see the same body move: DOP853 on textbook equations, point masses, Basilisk.
+"""Independent simulators give the same motion: DOP853 on textbook equations, point masses, Basilisk.
 
-Each stands in this file alone and shares nothing with the package: no rotation, no principal axes, no wrench rule.
+Each is self-contained and shares nothing with the package: no rotation, no principal axes, no wrench rule.
 """
 
 from __future__ import annotations

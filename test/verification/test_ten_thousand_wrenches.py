@@ -1,7 +1,7 @@
-"""Ten thousand held wrenches in each of two frames: driven for 100 s, and still where the 30 digits say.
+"""Ten thousand held wrenches in each of two frames over 100 s, against states to 30 digits.
 
 A body-frame and a world-frame wrench, each with force and torque, change every 0.01 s; the body is triaxial with
-off-diagonal inertia and its centre of mass off its origin. `make_reference.py` makes commands and states alike.
+off-diagonal inertia and its centre of mass off its origin. `make_reference.py` makes commands and states.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Campaigns from the command line and on workers: the same file however it came about."""
+"""Campaigns on the command line and on workers give the same file."""
 
 from __future__ import annotations
 

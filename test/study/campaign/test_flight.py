@@ -1,4 +1,4 @@
-"""Blocks of runs: each run as it would be alone, to the bit, and the controller as it is described."""
+"""Blocks of runs: each run has the bits it would have alone, and the controller works as documented."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Campaign files: what they may say, and what is said of those that are wrong."""
+"""Campaign files: valid keys, and the errors of invalid ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Inputs: their distributions, their correlations, and that each run has its own whatever block it is in."""
+"""Inputs: distributions, correlations, and independence of the block a run is in."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Statistics of a campaign: intervals that cover what they say, ranks, and the page."""
+"""Statistics of a campaign: coverage of intervals, ranks, and the page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Modules of the user: what goes along with a campaign, and that each campaign runs its own."""
+"""User modules: what is sent with a campaign, and that each campaign runs its own version."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The trial and its reference: nothing is found ready-made, and what rounding does not leave is not asked for."""
+"""The excerpt and its reference: no caches between runs, and no accuracy below round-off."""
 
 from __future__ import annotations
 

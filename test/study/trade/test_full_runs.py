@@ -1,4 +1,4 @@
-"""Checks over the whole scene: what the excerpt does not hold has a part in every verdict."""
+"""Checks over the whole scene: each verdict includes what the excerpt does not contain."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Evaluations per step: the stages that each method is known by."""
+"""Evaluations per step equal the known stages of each method."""
 
 from __future__ import annotations
 

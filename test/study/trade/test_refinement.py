@@ -1,4 +1,4 @@
-"""`refine`: methods get the same time, nothing runs beyond the end, and refusals end what they should."""
+"""`refine`: methods get equal time, no run exceeds the deadline, and refusals end what they should."""
 
 from __future__ import annotations
 

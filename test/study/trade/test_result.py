@@ -1,4 +1,4 @@
-"""What `trade` finds: its front is one, its advice does what was asked, and the line to paste is what was measured."""
+"""Results of `trade`: the front, the recommendation, and the solver line to paste."""
 
 from __future__ import annotations
 

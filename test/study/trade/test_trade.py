@@ -1,4 +1,4 @@
-"""`trade`: its errors are the true ones, its times those of a run of the whole scene, and it says what it left out."""
+"""`trade`: its errors are the true ones, its times those of the whole scene, and it lists what it left out."""
 
 from __future__ import annotations
 
