@@ -2,13 +2,13 @@
 
 Over windows of a second or more, the integral of the angular velocity in world axes is compared with the change of the
 attitude, and that of the velocity with the change of the position. If they contradict each other, other axes, the
-opposite sign and degrees are tried as explanations.
+opposite sign and degrees are tried as explanations. A lag, a factor and turned axes are estimated (`twist_fit.py`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from rb_dynamics.analysis.gaps import longest_usual
 from rb_dynamics.analysis.noise import typical
 from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track, unit_rows
-from rb_dynamics.numerics.rotation_arrays import rotate_all, rotation_vectors
+from rb_dynamics.analysis.twist_fit import TwistFit, fit_of_twist
+from rb_dynamics.numerics.rotation_arrays import rotate_all, rotate_all_inverse, rotation_vectors
 
 # A difference larger than this fraction of either change is a contradiction.
 _CONTRADICTS = 0.3
@@ -28,8 +29,8 @@ _SENSORS = 0.05
 # A window counts if it turns by at least this (rad), and by this multiple of the noise.
 _LEAST_TURN, _ABOVE_NOISE = 0.05, 10.0
 _LEAST_WINDOWS = 3
-# If more than this fraction of the windows contradict each other, one of the two stood still for a while.
-_PARTLY = 0.1
+# In a window they also contradict each other beyond this fraction, and this multiple of that in a quarter of them.
+_PART, _ABOVE_USUAL = 0.1, 20.0
 _SECOND = 1_000_000_000
 # Larger rotations between samples do not determine how the body rotated; rad.
 _FARTHEST, _AROUND = 1.0, 2.0
@@ -64,7 +65,8 @@ class Agreement:
         remaining: `error` with it.
         nothing: whether the twist is always zero.
         reason: why `error` is unknown, "" if it is known.
-        partly: fraction of the windows that contradict each other, if that of the median does not; 0 for a few.
+        partly: fraction of the windows that contradict each other, if that of the median does not; 0 for a single one.
+        aligned: lag, factor and turn of the twist relative to the pose.
     """
 
     of: str
@@ -77,6 +79,7 @@ class Agreement:
     nothing: bool = False
     reason: str = ""
     partly: float = 0.0
+    aligned: TwistFit = TwistFit()
 
 
 def agreements(track: Track) -> tuple[Agreement, ...]:
@@ -98,15 +101,35 @@ def agreements(track: Track) -> tuple[Agreement, ...]:
     if float((np.linalg.norm(both.turned, axis=1) > _FARTHEST).mean()) > 0.5:
         reason = f"between two poses the body turns by more than {_FARTHEST:g} rad"
         return Agreement("attitude", None, reason=reason), Agreement("position", None, reason=reason)
-    attitude = _judged("attitude", both, both.turned, slice(3, 6), turns, _LEAST_TURN)
+    attitude = _with_alignment(_judged("attitude", both, turns), both, pose, twist, turns)
     if far and attitude.error is not None and not attitude.remedy:
         attitude = Agreement("attitude", None, reason=f"between two poses the twist turns by more than {_AROUND:g} rad")
     if np.isnan(both.pose[:, :3]).any() or np.isnan(both.twist[:, :3]).any():
         lacks = pose.topic if np.isnan(both.pose[:, :3]).any() else twist.topic
         return attitude, Agreement("position", None, reason=f"{lacks} does not measure it")
-    moved = np.diff(both.pose[:, :3], axis=0)
-    rounding = 1e-9 * float(np.abs(both.pose[:, :3]).max())
-    return attitude, _judged("position", both, moved, slice(0, 3), moves, rounding)
+    return attitude, _with_alignment(_judged("position", both, moves), both, pose, twist, moves)
+
+
+def _with_alignment(
+    found: Agreement, both: _Both, pose: TimeSeries, twist: TimeSeries, readings: list[Reading]
+) -> Agreement:
+    """Return the agreement with how the twist is aligned, and judged again without that."""
+    if found.nothing or found.remedy:
+        return found
+    given, part = readings[0], slice(3, 6) if found.of == "attitude" else slice(0, 3)
+    rows, said = both.increments(found.of, given.world, twist), twist.values[:, part]
+    turn = float(np.median(np.linalg.norm(both.turned, axis=1)))
+    aligned = fit_of_twist(both.time_ns, rows, twist.time_ns, said, turn)
+    if not aligned.words:
+        return found
+    without = _Both.of(pose, aligned.corrected(twist))
+    rest = found if without is None else _judged(found.of, without, readings)
+    if found.error is None or rest.error is None:
+        return replace(found, aligned=aligned)
+    # What holds for a part only has no one lag and factor.
+    if found.partly and rest.error > _CONTRADICTS * found.error:
+        return found
+    return replace(found, aligned=aligned, contradicts=found.contradicts or aligned.large, partly=rest.partly)
 
 
 class _Found(NamedTuple):
@@ -160,6 +183,27 @@ class _Both:
         broken |= np.linalg.norm(turned, axis=1) > _FARTHEST
         return _Both(time_ns, rows, added, turned, np.where(broken, -1, np.cumsum(broken)))
 
+    def increments(self, of: str, world: bool, twist: TimeSeries) -> Array:
+        """Return the change in each interval in the axes of the twist, NaN where it is not judged."""
+        attitude = self.pose[:, 3:]
+        if of == "attitude":
+            at = (twist.time_ns - self.time_ns[0]) * 1e-9
+            since = (self.time_ns - self.time_ns[0]) * 1e-9
+            rates = np.stack([np.interp(since, at, column) for column in twist.values[:, 3:].T], axis=1)
+            # An integral of rates is no rotation if their axis turns (Bortz, IEEE Trans. AES-7 (1971) 61).
+            cone = np.diff(since)[:, None] ** 2 / 12.0 * np.cross(rates[:-1], rates[1:])
+            result = self.turned + cone if world else rotation_vectors(attitude) - cone
+        else:
+            result = self.changes(of)
+            if not world:
+                ends = rotate_all_inverse(attitude[:-1], result), rotate_all_inverse(attitude[1:], result)
+                result = 0.5 * (ends[0] + ends[1])
+        return np.where(self.stretch[:, None] >= 0, result, np.nan)
+
+    def changes(self, of: str) -> Array:
+        """Return the change of attitude or position in each interval, world axes."""
+        return self.turned if of == "attitude" else np.diff(self.pose[:, :3], axis=0)
+
     def said(self, part: slice, reading: Reading) -> Array:
         """Return the integral of a part of the twist over each interval, world axes."""
         added = reading.factor * self.twist[:, part]
@@ -170,8 +214,10 @@ class _Both:
         return turned
 
 
-def _judged(of: str, both: _Both, gone: Array, part: slice, readings: list[Reading], least: float) -> Agreement:
+def _judged(of: str, both: _Both, readings: list[Reading]) -> Agreement:
     """Return how the change of the pose in each interval agrees with the twist in the first of `readings`."""
+    gone, part = both.changes(of), slice(3, 6) if of == "attitude" else slice(0, 3)
+    least = _LEAST_TURN if of == "attitude" else 1e-9 * float(np.abs(both.pose[:, :3]).max())
     path = np.concatenate([np.zeros((1, 3)), np.cumsum(gone, axis=0)])
     floor = max(least, _ABOVE_NOISE * typical(path, np.zeros(len(path), dtype=np.int_)))
     given, *others = readings
@@ -187,7 +233,7 @@ def _judged(of: str, both: _Both, gone: Array, part: slice, readings: list[Readi
     if not both.twist[:, part].any():
         return Agreement(of, error, window_s, count, True, nothing=True)
     if error <= _CONTRADICTS:
-        partly = beyond if beyond > _PARTLY and beyond * count > 1.5 else 0.0
+        partly = beyond if beyond * count > 1.5 else 0.0
         return Agreement(of, error, window_s, count, partly > 0.0, partly=partly)
     remedy, remaining = _remedy(given, others, compared)
     contradicts = bool(remedy) or speed > _SENSORS
@@ -226,7 +272,8 @@ def _windows(both: _Both, gone: Array, said: Array, floor: float) -> _Found | No
         kept = (size > floor) & (seconds >= 0.5e-9 * length)
         if int(kept.sum()) >= _LEAST_WINDOWS:
             ratio, speed = error[kept] / size[kept], error[kept] / seconds[kept]
-            beyond = float(((ratio > _CONTRADICTS) & (speed > _SENSORS)).mean())
+            limit = max(_PART, _ABOVE_USUAL * float(np.quantile(ratio, 0.25)))
+            beyond = float(((ratio > limit) & (speed > _SENSORS)).mean())
             return _Found(float(np.median(ratio)), float(np.median(speed)), int(kept.sum()), length * 1e-9, beyond)
         length *= 10
     return None

@@ -12,7 +12,7 @@ import numpy as np
 
 from rb_dynamics.analysis.agreement import Agreement
 from rb_dynamics.analysis.balance import Balance, sizes_of
-from rb_dynamics.analysis.continuity import FARTHEST, Continuity, Jump
+from rb_dynamics.analysis.continuity import FARTHEST, Continuity, Jump, Other
 from rb_dynamics.analysis.gaps import NAMED, listed, longest_usual, told
 from rb_dynamics.analysis.track import Array, TimeSeries, Track, frame_names
 from rb_dynamics.formats.own_log import logged_scene
@@ -56,10 +56,11 @@ def checks(
     done += [one_recording(track)] if track.bag.boundaries else []
     done += [_whole(series, track) for series in _motion(track)]
     done += [_continuous(track, steady)] if steady is not None else []
+    done += [_one_body(track, steady.others)] if steady is not None and steady.others else []
     done += [_agrees(track, each) for each in agreed]
     if track.pose is not None and len(track.pose.time_ns):
         done.append(_unit(track.pose.values[:, 3:], bound))
-    done += [_balanced(track, balance, bound) for balance in found]
+    done += [balanced(track, balance, bound) for balance in found]
     return done
 
 
@@ -155,10 +156,11 @@ def _continuous(track: Track, found: Continuity) -> Check:
     topic = "" if track.pose is None else track.pose.topic
     name = f"{topic} has no jumps"
     if found.returns is not None:
-        share, size = found.returns
-        what = "two bodies on one topic, or markers that are mistaken for one another"
-        often = f"in {100.0 * share:.3g} % of the samples, by {size:.4g} m in the median"
-        return Check(name, False, f"the position goes away and comes back {often}: {what}")
+        went, what = found.returns, "two bodies on one topic, or markers that are mistaken for one another"
+        size = f"{np.rad2deg(went.size):.4g}°" if went.turns else f"{went.size:.4g} m"
+        often = f"in {100.0 * went.share:.3g} % of the samples, by {size} in the median"
+        pose = "attitude" if went.turns else "position"
+        return Check(name, False, f"the {pose} goes away and comes back {often}: {what}")
     if found.jumps:
         largest = sorted(found.jumps, key=lambda jump: -jump.size)[:NAMED]
         shown = [jump for jump in found.jumps if jump in largest][:NAMED]
@@ -167,6 +169,13 @@ def _continuous(track: Track, found: Continuity) -> Check:
         far = f"the attitude turns by {found.turn:.3g} rad from one sample to the next, so that a jump cannot be told"
         return Check(name, True, f"not judged; {far}", judged=False, share=0.0)
     return Check(name, True, "neither in attitude nor in position")
+
+
+def _one_body(track: Track, others: Sequence[Other]) -> Check:
+    topic = "" if track.pose is None else track.pose.topic
+    apart = [f"{o.topic} by {o.distance:.4g} m and {np.rad2deg(o.angle):.4g}°" for o in others]
+    what = f"they differ in the median from {topic}: {listed(apart[:NAMED], len(apart))}"
+    return Check(f"topics of {others[0].frame} are of one body", False, f"{what}; two bodies, or one of them is wrong")
 
 
 def _jump(track: Track, jump: Jump) -> str:
@@ -184,12 +193,14 @@ def _agrees(track: Track, each: Agreement) -> Check:
     if each.nothing:
         return Check(name, False, f"it is always zero although the {each.of} changes: it was not filled in")
     measured = f"{100.0 * each.error:.3g} % (median of {each.windows} windows of {each.window_s:g} s)"
+    aligned = f"; {each.aligned.words}" if each.aligned.words else ""
     if not each.contradicts:
-        return Check(name, True, f"they differ by {measured}")
+        return Check(name, True, f"they differ by {measured}{aligned}")
     if each.partly:
-        part = f"in {100.0 * each.partly:.3g} % of them they contradict each other, as if one stood still for a while"
+        part = f"in {100.0 * each.partly:.3g} % of them they contradict each other: for a while one of the two stood "
+        part += "still, had another scale or told of another body"
         return Check(name, False, f"they differ by {measured}, but {part}")
-    reading = f"; read {each.remedy} it fits to {100.0 * each.remaining:.2g} %" if each.remedy else ""
+    reading = f"; read {each.remedy} it fits to {100.0 * each.remaining:.2g} %" if each.remedy else aligned
     frames = [f"{s.topic} (frame {frame_names([s.frame])})" for s in (track.pose, track.twist) if s is not None]
     return Check(name, False, f"{' and '.join(frames)} contradict each other by {measured}{reading}")
 
@@ -204,7 +215,8 @@ def _unit(orientation: Array, bound: float) -> Check:
     return Check("quaternion is unit", worst <= bound, f"|norm - 1| is at most {worst:.3g}, accepted {bound:g}")
 
 
-def _balanced(track: Track, balance: Balance, bound: float) -> Check:
+def balanced(track: Track, balance: Balance, bound: float) -> Check:
+    """Return the check whether a balance holds to `bound`, or to the noise of the recording."""
     name = f"{balance.name} balance"
     if balance.covered == 0.0:
         return Check(name, True, f"not judged; {balance.basis}", judged=False, share=0.0)

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rb_dynamics.analysis.gaps import longest_usual
-from rb_dynamics.analysis.track import Array, Times, Track, unit_rows
+from rb_dynamics.analysis.track import LARGEST, Array, Times, Track, unit_rows
+from rb_dynamics.formats.messages import ODOMETRY
 from rb_dynamics.numerics.rotation_arrays import rotation_vectors
 
 # Number of intervals on either side that define the usual motion.
@@ -20,8 +21,10 @@ _AROUND = 3
 _TIMES, _SPREADS = 3.0, 10.0
 # Smaller changes are no jumps: rad; and as a fraction of the longest distance between two positions.
 _LEAST_TURN, _LEAST_PART = 0.02, 1e-3
-# Two samples of one body and one of another come back at every third.
-_RETURNS = 0.3
+# Two samples of one body and one of another come back at every third; one of the last few is as near as this.
+_RETURNS, _LAST, _NEAR = 0.3, 8, 0.05
+# Two topics of one frame tell of two bodies if they are this far apart in the median: rad, m, fraction of the extent.
+_APART_TURN, _APART, _APART_PART = 0.5, 0.5, 0.5
 # A larger rotation between samples is ambiguous; rad.
 FARTHEST = 0.5
 
@@ -44,19 +47,39 @@ class Jump:
 
 
 @dataclass(frozen=True)
+class Returns:
+    """A pose that goes away and comes back: whether in attitude, at which fraction of samples, how far (rad or m)."""
+
+    turns: bool
+    share: float
+    size: float
+
+
+@dataclass(frozen=True)
+class Other:
+    """Another topic of the same frame in the same world: how far apart the two are in the median, rad and m."""
+
+    topic: str
+    frame: str
+    angle: float
+    distance: float
+
+
+@dataclass(frozen=True)
 class Continuity:
     """Result of `continuity`.
 
     Attributes:
         jumps: in order of time.
         turn: usual rotation between two samples, rad; from `FARTHEST` on, no rotation is called a jump.
-        returns: if the position is that of one of two places by turns, the fraction of the samples at which it comes
-            back, and from how far (median, m).
+        returns: if the pose is that of one of two bodies by turns, how often it comes back.
+        others: topics that tell of the same frame, elsewhere.
     """
 
     jumps: tuple[Jump, ...]
     turn: float
-    returns: tuple[float, float] | None = None
+    returns: Returns | None = None
+    others: tuple[Other, ...] = ()
 
 
 def continuity(track: Track) -> Continuity | None:
@@ -74,28 +97,70 @@ def continuity(track: Track) -> Continuity | None:
     if placed:
         found += _jumps(track, pose.time_ns, moved, max(_LEAST_PART * extent, rounding), turns=False)
     turning = turned[turned > 0.0]
+    turn = float(np.median(turning)) if len(turning) else 0.0
+    attitude = unit_rows(pose.values[:, 3:])
+    # A body that turns by half a turn between two samples comes back, too.
+    returns = _returns(track, pose.time_ns, position, turns=False) if placed and turn < FARTHEST else None
     return Continuity(
         jumps=tuple(sorted(found, key=lambda jump: (jump.start_ns, not jump.turns))),
-        turn=(turn := float(np.median(turning)) if len(turning) else 0.0),
-        returns=_returns(track, pose.time_ns, position, moved) if placed and turn < FARTHEST else None,
+        turn=turn,
+        returns=returns or _returns(track, pose.time_ns, attitude, turns=True),
+        others=_others(track, extent if placed else 0.0),
     )
 
 
-def _returns(track: Track, time_ns: Times, position: Array, moved: Array) -> tuple[float, float] | None:
-    """Return how often, and from how far, the position comes back from where it was for one sample.
+def _apart(one: Array, other: Array, *, turns: bool) -> Array:
+    """Return the distance between positions, or the angle between attitudes."""
+    if not turns:
+        distance: Array = np.linalg.norm(one - other, axis=1)
+        return distance
+    near = np.minimum(np.linalg.norm(one - other, axis=1), np.linalg.norm(one + other, axis=1))
+    angle: Array = 4.0 * np.arcsin(np.minimum(0.5 * near, 1.0))
+    return angle
 
-    None if that is seldom, or if the twist explains it. Noise about one place comes back a tenth as near at most in
-    6 % of the samples.
+
+def _returns(track: Track, time_ns: Times, rows: Array, *, turns: bool) -> Returns | None:
+    """Return how often, and from how far, a pose comes back to one of its last places.
+
+    None if that is seldom, or if the twist explains it. Noise about one place comes back as near at most in 25 % of the
+    samples.
     """
-    back = np.linalg.norm(position[2:] - position[:-2], axis=1)
-    least = np.zeros(len(back))
+    here = rows[_LAST:]
+    moved = _apart(here, rows[_LAST - 1 : -1], turns=turns)
+    back = np.min([_apart(here, rows[_LAST - k : -k], turns=turns) for k in range(2, _LAST + 1)], axis=0)
+    least = np.full(len(moved), _LEAST_TURN if turns else 0.0)
     if track.twist is not None and len(track.twist.time_ns):
-        speed = np.nan_to_num(np.linalg.norm(track.twist.values[:, :3], axis=1))
-        told = np.interp(time_ns[1:-1] - time_ns[0], track.twist.time_ns - time_ns[0], speed)
-        least = _TIMES * told * np.diff(time_ns)[1:] * 1e-9
-    home = (moved[1:] > least) & (back < 0.1 * moved[1:])
-    share = float(home.mean())
-    return (share, float(np.median(moved[1:][home]))) if share > _RETURNS else None
+        part = slice(3, 6) if turns else slice(0, 3)
+        rates = np.nan_to_num(np.linalg.norm(track.twist.values[:, part], axis=1))
+        told = np.interp(time_ns[_LAST:] - time_ns[0], track.twist.time_ns - time_ns[0], rates)
+        least = np.maximum(least, _TIMES * told * np.diff(time_ns)[_LAST - 1 :] * 1e-9)
+    home = (moved > least) & (back < _NEAR * moved)
+    share = float(home.mean()) if len(home) else 0.0
+    return Returns(turns, share, float(np.median(moved[home]))) if share > _RETURNS else None
+
+
+def _others(track: Track, extent: float) -> tuple[Other, ...]:
+    """Return the topics of Odometry that tell of the frame of the pose, far from it."""
+    pose, twist, bag = track.pose, track.twist, track.bag
+    if pose is None or twist is None or not twist.frame:
+        return ()
+    found = []
+    for topic in bag.topics.values():
+        if topic.type_name != ODOMETRY or not topic.count or topic.name in track.uses:
+            continue
+        if bag.frame_ids(topic.name, False) != {pose.frame} or bag.frame_ids(topic.name, True) != {twist.frame}:
+            continue
+        time_ns, rows = bag.poses(topic.name)
+        within = (time_ns >= pose.time_ns[0]) & (time_ns <= pose.time_ns[-1]) & (np.abs(rows) < LARGEST).all(axis=1)
+        if not within.any():
+            continue
+        at = np.minimum(np.searchsorted(pose.time_ns, time_ns[within]), len(pose.time_ns) - 1)
+        beside, here = rows[within], pose.values[at]
+        distance = float(np.median(_apart(here[:, :3], beside[:, :3], turns=False)))
+        angle = float(np.median(_apart(unit_rows(here[:, 3:]), unit_rows(beside[:, 3:]), turns=True)))
+        if angle > _APART_TURN or distance > max(_APART, _APART_PART * extent):
+            found.append(Other(topic.name, twist.frame, angle, distance))
+    return tuple(found)
 
 
 def _jumps(track: Track, time_ns: Times, size: Array, least: float, *, turns: bool) -> list[Jump]:

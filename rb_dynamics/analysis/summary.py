@@ -15,7 +15,7 @@ import numpy as np
 
 from rb_dynamics.analysis.agreement import Agreement, agreements
 from rb_dynamics.analysis.balance import Balance, balances, sizes_of
-from rb_dynamics.analysis.checks import BOUND, Check, checks, cut, missing, off_unit, one_recording
+from rb_dynamics.analysis.checks import BOUND, Check, balanced, checks, cut, missing, off_unit, one_recording
 from rb_dynamics.analysis.command_outcomes import CommandOutcomes, outcomes_of
 from rb_dynamics.analysis.continuity import Continuity, continuity
 from rb_dynamics.analysis.read_track import mean_rate
@@ -179,8 +179,14 @@ def summarize(track: Track, bound: float = BOUND) -> RunSummary:
     health = _health(bag)
     steady, agreed = continuity(track), agreements(track)
     unsure = _unsure(track, steady, agreed)
-    found = tuple(_unknown(each, unsure) if unsure else each for each in balances(track, bound))
-    left = None if unsure else residual(track, bound)
+    found, left = tuple(balances(track, bound)), None if unsure else residual(track, bound)
+    doubt = next((each.aligned.words for each in agreed if each.aligned.words), "")
+    judged = [*(balanced(track, each, bound) for each in found), *_explained(left)]
+    # Differences of pose and twist that matter nowhere else would be taken for a torque.
+    if doubt and not unsure and not all(check.passed for check in judged):
+        unsure, left = doubt, None
+    if unsure:
+        found = tuple(_unknown(each, unsure) for each in found)
     channels = tuple(_channels(track, health))
     return RunSummary(
         path=str(bag.path),
@@ -227,7 +233,9 @@ def _unsure(track: Track, steady: Continuity | None, agreed: Sequence[Agreement]
         return "pose and twist contradict each other"
     if track.pose is not None and off_unit(track.pose.values[:, 3:]) > _NO_ATTITUDE:
         return "some quaternions are no attitude"
-    return "the pose jumps" if steady is not None and (steady.jumps or steady.returns) else ""
+    if steady is not None and (steady.returns or steady.others):
+        return "the recording tells of two bodies under one name"
+    return "the pose jumps" if steady is not None and steady.jumps else ""
 
 
 def _unknown(balance: Balance, reason: str) -> Balance:

@@ -2,16 +2,36 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from bag_rows import add
 from noisy_recordings import scene_of
-from tumbling import bag_of, checks_of, failing, spin
+from tumbling import Tumble, bag_of, checks_of, failing, spin
 
 from rb_dynamics.analysis.continuity import continuity
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.summary import summarize
+from rb_dynamics.formats import cdr
+from rb_dynamics.formats.bag_reader import Bag
+from rb_dynamics.formats.messages import ODOMETRY
+from rb_dynamics.formats.topic import Topic
+from rb_dynamics.numerics.rotation_arrays import rotate_all_inverse
 
+BALL = scene_of(5.0, np.diag([1.0, 1.0, 1.0]), (0.0, 0.0, 0.0))
 JUMPS = "/b/pose has no jumps"
+
+
+def odometry(name: str, motion: Tumble) -> Topic:
+    topic = Topic(name, ODOMETRY)
+    body = np.hstack([rotate_all_inverse(motion.orientation_xyzw, motion.velocity), motion.rate])
+    rows = np.hstack(
+        [motion.position, motion.orientation_xyzw, np.zeros((len(body), 36)), body, np.zeros((len(body), 36))]
+    )
+    for stamp, row in zip(motion.time_ns.tolist(), rows.tolist(), strict=True):
+        add(topic, stamp, cdr.encode(ODOMETRY, stamp, "world", "base", row[:7], row[7:43], row[43:49], row[49:]))
+    return topic
 
 
 @pytest.mark.parametrize("with_twist", [True, False])
@@ -70,6 +90,33 @@ def test_two_bodies_on_one_topic_are_no_motion(every: int, with_twist: bool) -> 
     detail = failing(bag_of(motion, with_twist=with_twist))[JUMPS]
     assert "two bodies on one topic" in detail
     assert "by 5" in detail
+
+
+@pytest.mark.parametrize("turn", [1.5, np.pi, 2.0])
+@pytest.mark.parametrize("by_turns", [True, False])
+def test_two_attitudes_on_one_topic_are_two_bodies(turn: float, by_turns: bool) -> None:
+    motion = spin(noise=1e-4)
+    other = np.arange(1000) % 2 == 0 if by_turns else np.random.default_rng(3).random(1000) < 0.5
+    motion.orientation_xyzw[other] = motion.turned(turn)[other]
+    summary = summarize(read_track(bag_of(motion, with_twist=turn < 3.0, wrench=True), BALL))
+    detail = {check.name: check.detail for check in summary.checks if not check.passed}[JUMPS]
+    assert "the attitude goes away and comes back" in detail
+    assert "two bodies on one topic" in detail
+    assert summary.residual is None
+    assert not any(check.judged for check in summary.checks if "balance" in check.name)
+
+
+@pytest.mark.parametrize(("far", "turn", "told"), [(3.0, 0.0, True), (0.0, 1.0, True), (0.1, 0.1, False)])
+def test_two_topics_of_one_frame_that_are_far_apart_are_two_bodies(far: float, turn: float, told: bool) -> None:
+    one, other = spin(), spin()
+    other.position += (far, 0.0, 0.0)
+    other.orientation_xyzw = other.turned(turn)
+    topics = {name: odometry(name, motion) for name, motion in (("/a/odom", one), ("/b/odom", other))}
+    found = failing(Bag(Path("two.mcap"), True, topics, {}, {}))
+    name = "topics of base are of one body"
+    assert (name in found) == told
+    if told:
+        assert f"/b/odom by {far:.4g} m and {np.rad2deg(turn):.4g}°; two bodies" in found[name]
 
 
 def test_attitudes_too_far_apart_to_tell_are_not_judged() -> None:
