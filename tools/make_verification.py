@@ -708,6 +708,23 @@ rotations, no principal axes, no wrench rule. The table shows the largest differ
 is the error of its DOP853.
 
 {simulators}
+Four flight simulators of NASA's check cases flew a brick that tumbles without any moment (case 2 of
+NASA/TM-2015-218675, histories as distributed with `nasa/simupy-flight`). `tools/compare_tumbling_brick.py FOLDER` runs
+the brick from the first sample of each history and compares the two with `compare`; the histories are not in this
+repository.
+
+| simulator | largest difference of the rate, °/s | relative to 37 °/s | attitude, rad | drift of the size of L |
+| --- | ---: | ---: | ---: | ---: |
+| 01 | 7e-11 | 2e-12 | 1e-6 | 1e-12 |
+| 02 | 1e-3 | 4e-5 | 7e-2 | 3e-6 |
+| 04 | 4e-10 | 1e-11 | 1e-6 | 2e-12 |
+| 06 | 5e-3 | 1e-4 | 2e-4 | 8e-10 |
+
+Simulators 01 and 04 are right to eleven digits of the rate, 02 and 06 to four. Simulator 06 conserves the angular
+momentum four thousand times better than 02 and is further off: what is conserved says little about what is right. The
+angles are against the local level, which turns with the Earth; that turn is taken out, but not the drift of the falling
+brick to the east, which is the 1e-6 rad of 01 and 04.
+
 ## Extremes
 
 At the extremes of the input range, every answer is either within its bound or a `ConvergenceError` or `BodyError` that
