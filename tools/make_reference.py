@@ -218,7 +218,7 @@ TOPICS = {
     "/tf": "the pose; with `publish_tf`, if tf2_msgs is installed (log: always)",
     "/tf_static": "the scene's fixed frames; as `/tf`",
     "/diagnostics": "1 Hz, by a node: state, defects, overruns; commands accepted, rejected, early, late, lost",
-    "~/set_state": "moves the body: pose in the world frame, twist in body axes",
+    "~/set_state": "moves the body within the run: pose in the world frame, twist in body axes",
     "wrench": "commands, one topic for each channel of the scene; [what a wrench means](../how-to/wrenches.md)",
     "wrench/applied": "the wrench that acted, and from when",
     "effects/TYPE/applied": "the same for an effect that is held like a wrench",

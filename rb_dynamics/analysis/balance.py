@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from rb_dynamics.analysis.impulse import Impulse, impulses
 from rb_dynamics.analysis.noise import Noise, judge
 from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track
+from rb_dynamics.formats.messages import SET_STATE
 
 _BLOCK = 1 << 16
 
@@ -114,6 +115,8 @@ def _momentum(track: Track, name: str, kind: str, unit: str, series: TimeSeries,
     least_first = np.argsort(impulse.error, kind="stable")
     good = np.zeros(len(least_first), dtype=bool)
     good[least_first] = np.cumsum(impulse.error[least_first]) <= accepted * scale
+    moved = _moved_by_others(track, series.time_ns)
+    good &= ~moved
     by_quadrature = float(impulse.error[good].sum())
     # In place: a long log has millions of rows.
     impulse.turning[~good] = 0.0
@@ -123,6 +126,8 @@ def _momentum(track: Track, name: str, kind: str, unit: str, series: TimeSeries,
     np.subtract(series.values, total, out=total)
     defect, covered, noise = _from_start(total, good, series.time_ns, track.own)
     rest = f"a {kind} acts in body axes or none is logged, and the samples do not give its impulse"
+    if moved.any():
+        rest += ", or the body was moved from outside (set_state)"
     basis = _basis(measured, covered, rest)
     return Balance(name, unit, series.time_ns, defect, covered, scale, basis, noise)
 
@@ -137,6 +142,17 @@ def _measured(impulse: Impulse, good: NDArray[np.bool_], kind: str, by_quadratur
         f"{text}; those in body axes are integrated over the recorded attitude, with an error of at most about "
         f"{by_quadrature:.1g} {unit}"
     )
+
+
+def _moved_by_others(track: Track, time_ns: Times) -> NDArray[np.bool_]:
+    """Return for each sample whether the body was moved to another state since the one before."""
+    name, type_name = SET_STATE
+    moved = np.zeros(len(time_ns) + 1, dtype=bool)
+    for topic in track.bag.topics.values():
+        if track.own and topic.type_name == type_name and topic.name.rpartition("/")[2] == name:
+            # A sample of the same time is the state before.
+            moved[np.searchsorted(time_ns, topic.log_times, side="right")] = True
+    return moved[:-1]
 
 
 def _moved(track: Track) -> float:

@@ -7,17 +7,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import chain
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from rb_dynamics.formats import cdr
-from rb_dynamics.formats.mcap_records import McapChannel, Schema
+from rb_dynamics.formats.mcap_records import McapChannel, Message, Schema
 from rb_dynamics.formats.ros2msg import TYPE_HASHES, schema_text
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.numerics.nanoseconds import split_stamp
-from rb_dynamics.numerics.rotation import rotate_inverse
+from rb_dynamics.numerics.rotation import Quaternion, rotate_inverse
 from rb_dynamics.numerics.vector import Vector
 from rb_dynamics.run.sample import Sample
-from rb_dynamics.run.sink import AppliedWrench, Measurement, Status
+from rb_dynamics.run.sink import AppliedWrench, Measurement, StateChange, Status
 
 if TYPE_CHECKING:
     from rb_dynamics.loads.wrench import WrenchFrames
@@ -66,6 +66,9 @@ ACCEL = ("accel", ACCELERATION)
 
 MASS_PROPERTIES = ("inertia", INERTIA)
 """Once at the beginning of each file."""
+
+SET_STATE = ("set_state", ODOMETRY)
+"""In a log to which the body was moved from outside: to where, from its first such message on."""
 
 TF_STATIC = ("/tf_static", TRANSFORMS)
 """Where the scene has frames fixed on the body."""
@@ -166,6 +169,24 @@ def measurement_packers(scene: Scene) -> dict[str, Callable[[Measurement, int], 
         return lambda measurement, stamp_ns: pack(*split_stamp(stamp_ns), *measurement.numbers)
 
     return {sensor.name: packer(sensor) for sensor in scene.sensors}
+
+
+def encode_state_change(change: StateChange, frames: WrenchFrames) -> bytes:
+    """Return the message of a state that the body was moved to."""
+    pack = cdr.odometry_packer(frames.world_frame, frames.body_frame)
+    pose = *change.position_world, *change.orientation_xyzw
+    return pack(*split_stamp(change.time_ns), pose, (*change.linear_velocity_body, *change.angular_velocity_body))
+
+
+def decode_state_change(message: Message) -> StateChange:
+    """Return the state in a message of `SET_STATE`, at its log time, to the bit.
+
+    Raises:
+        LogError: the message is cut short or not CDR.
+    """
+    n = cdr.numbers(cdr.LAYOUTS[ODOMETRY], cdr.decode(ODOMETRY, message.data))
+    p, q, v, w = (tuple(n[i:j]) for i, j in ((0, 3), (3, 7), (43, 46), (46, 49)))
+    return StateChange(message.log_time, *cast("tuple[Vector, Quaternion, Vector, Vector]", (p, q, v, w)))
 
 
 def encode_inertia(scene: Scene, time_ns: int) -> bytes:

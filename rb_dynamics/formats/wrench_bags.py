@@ -21,7 +21,7 @@ from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_reader import WRENCHES, named_type
 from rb_dynamics.formats.bag_source import Source, open_source
 from rb_dynamics.formats.mcap_records import Block
-from rb_dynamics.formats.messages import WRENCH
+from rb_dynamics.formats.messages import SET_STATE, WRENCH
 from rb_dynamics.formats.topic import Times, Topic
 from rb_dynamics.loads.channels import WrenchChannels
 from rb_dynamics.loads.command_table import CommandBatch, Received
@@ -104,6 +104,7 @@ class _Recording:
         refused: why the first that cannot be honoured cannot.
         lost: what is missing of the bag; "" where it is whole.
         ours: a log of a run.
+        moves: states in it to which the body was moved from outside.
     """
 
     path: Path
@@ -118,6 +119,7 @@ class _Recording:
     refused: str = ""
     lost: str = ""
     ours: bool = False
+    moves: int = 0
     stamps: _Span = field(default_factory=_Span)
     log_times: _Span = field(default_factory=_Span)
 
@@ -204,6 +206,11 @@ class RecordedWrenches:
             "wrench_bags": ", ".join(bag.path.name for bag in self._bags),
             "wrench_start_ns": ", ".join(str(bag.offset_ns) for bag in self._bags),
         }
+        self.notes += (
+            f"{bag.path}: {bag.moves} states to which the body was moved (set_state) are left out: only replay has them"
+            for bag in self._bags
+            if bag.ours and bag.moves
+        )
         for bag in self._bags:
             if bag.lost:
                 _logger.warning("%s %s; the %d commands in it are used", bag.path, bag.lost, bag.count)
@@ -264,6 +271,8 @@ class RecordedWrenches:
             earliest_ns = int(block.log_times.min())
             bag.begin_ns = earliest_ns if bag.begin_ns is None else min(bag.begin_ns, earliest_ns)
             kind, name = named_type(block.channel), block.channel.topic
+            if (name.rpartition("/")[2], kind) == SET_STATE:
+                bag.moves += len(block.log_times)
             if kind in WRENCHES:
                 bag.found[name] += len(block.log_times)
                 if (topic := self._wanted.get(name.removeprefix("/"))) is not None:

@@ -50,6 +50,7 @@ from rb_dynamics.ros.pacing import ClockFollower, Pacer
 from rb_dynamics.ros.publishers import TopicSink
 from rb_dynamics.ros.runner import Runner
 from rb_dynamics.ros.settings import (
+    changed_state,
     read_settings,
     real_time_factor,
     remap_overrides,
@@ -59,7 +60,7 @@ from rb_dynamics.ros.settings import (
 )
 from rb_dynamics.ros.start_arguments import shared_parameters
 from rb_dynamics.run.simulation import Simulation
-from rb_dynamics.run.sink import Sink
+from rb_dynamics.run.sink import Sink, StateChange
 from rb_dynamics.run.stop_signals import stop_signals
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.sinks.failure_guard import GuardedSink
@@ -145,6 +146,7 @@ class RigidBodyNode(Node):
     def tick(self) -> None:
         """Take commands, advance as far as time allows, and publish diagnostics once a second."""
         self.runner.tick()
+        self._set_newest([message for message, _ in _waiting(self._states)])
         if self._unheard or self._replaced:
             self._hear_best_effort()
         self._neighbours.look()
@@ -342,8 +344,10 @@ class RigidBodyNode(Node):
         return response
 
     def _on_set_state(self, message: Odometry) -> None:
-        """Apply the newest valid state of those waiting: each would begin a new run and a new log."""
-        waiting = [message, *(later for later, _ in _waiting(self._states))]
+        self._set_newest([message, *(later for later, _ in _waiting(self._states))])
+
+    def _set_newest(self, waiting: list[Odometry]) -> None:
+        """Apply the newest valid state of those waiting."""
         while waiting:
             try:
                 self.runner.set_state(conversions.to_state(waiting.pop(), self.runner.scene.frames))
@@ -352,11 +356,7 @@ class RigidBodyNode(Node):
             except RigidBodyError as error:
                 self._health.states.rejected += 1
                 self._health.warn(f"~/set_state: rejected: {error}")
-        if waiting:
-            self._health.states.left_out += len(waiting)
-            self._health.warn(
-                f"~/set_state: {len(waiting)} ignored, since a newer one arrived before they were processed; send fewer"
-            )
+        self._health.states.left_out += len(waiting)
 
     def _on_set_parameters(self, parameters: Sequence[Parameter]) -> SetParametersResult:
         """Check all parameters set together as one change; nothing changes unless all are valid."""
@@ -366,7 +366,7 @@ class RigidBodyNode(Node):
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
-    def _checked(self, parameters: Sequence[Parameter]) -> tuple[float | None, Scene | None, bool]:
+    def _checked(self, parameters: Sequence[Parameter]) -> tuple[float | None, Scene | None, bool, Sequence[Parameter]]:
         overrides = scene_overrides(parameters)
         initial_only = all(name.startswith("initial.") for name in overrides)
         if not initial_only and not self.runner.paused:
@@ -383,16 +383,22 @@ class RigidBodyNode(Node):
         scene = self.runner.changed(overrides) if overrides else None
         if scene is not None:
             require_paceable(scene)
-        return factor, scene, initial_only
+        state = changed_state(parameters, self.runner.state)
+        if state is not None:
+            StateChange.to(state, self.runner.scene.body)
+        return factor, scene, initial_only, parameters
 
     def _after_set_parameters(self, _: Sequence[Parameter]) -> None:
-        factor, scene, initial_only = self._change
+        factor, scene, initial_only, parameters = self._change
         if factor is not None:
             self.runner.pace(factor)
-        if scene is None:
-            return
         try:
-            self.runner.change(scene, initial_only)
+            if scene is not None:
+                self.runner.change(scene, initial_only)
+            self.runner.catch_up()
+            state = changed_state(parameters, self.runner.state)
+            if state is not None:
+                self.runner.set_state(state)
         except RigidBodyError as error:
             self._health.failed(f"the body is as it was: {error}")
 

@@ -38,7 +38,7 @@ from rb_dynamics.formats.messages import (
 from rb_dynamics.ros.health import Health
 from rb_dynamics.ros.runner import Runner
 from rb_dynamics.run.sample import Sample
-from rb_dynamics.run.sink import Event, Measurement, RunInfo, Status
+from rb_dynamics.run.sink import Event, Measurement, RunInfo, StateChange, Status
 from rb_dynamics.scene.model import Scene
 
 _OVERRIDABLE = (
@@ -133,6 +133,9 @@ class TopicSink:
                     topic.publisher.publish(topic.pack(stamped))
         elif isinstance(event, Measurement):
             self._publish(event)
+        elif isinstance(event, StateChange) and self._runner.stands_still:
+            # No output may come for a while.
+            self.write(self._runner.simulation.sample)
         elif isinstance(event, Status) and self.status_is_read:
             status = replace(event, time_ns=self._runner.stamped(event.time_ns) or 1)
             self._diagnostics.publish(encode_status(status, self._body_frame))

@@ -1,7 +1,7 @@
 """`Runner`: paces the simulation: decides when it advances, and restarts it when it is changed. Must not import ROS.
 
-A change of state or body from outside begins a new run with new logs, so that each log can be replayed from its own
-content; balances start again at the changed state. Stamps and held commands continue.
+A change of the body from outside begins a new run with new logs, so that each log can be replayed from its own content;
+balances start again there. Stamps and held commands continue. A change of state is an event of the run.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from rb_dynamics.ros.arrivals import Arrival, Arrivals
 from rb_dynamics.ros.health import Health
 from rb_dynamics.ros.pacing import ClockFollower, Pacer
 from rb_dynamics.run.simulation import Simulation
-from rb_dynamics.run.sink import Epoch, Sink
+from rb_dynamics.run.sink import Epoch, Sink, StateChange
 from rb_dynamics.scene import parse_scene
 from rb_dynamics.scene.model import Scene
 
@@ -228,14 +228,16 @@ class Runner:
         return f"simulation time {self.simulation.time_ns / 1e9:.9g} s (header.stamp {seconds_text(self.stamp_ns)} s)"
 
     def set_state(self, state: State) -> None:
-        """Begin a new run from `state`; stamps and commands continue.
+        """Move the body to `state` now; the run, its commands and its log go on.
 
         Raises:
-            SceneError: the state is not valid, or an effect of the scene depends on time.
+            SceneError: the state is not valid.
+            ConvergenceError: a momentum or an energy of it is beyond double precision.
         """
-        self._require_no_schedule(self._scene)
+        change = StateChange.to(state, self._scene.body)
         self.catch_up()
-        self._restart(self._again(_initial(state)), self._passed_ns(), carry=True)
+        self.simulation.set_state(change.at(self._computed_ns))
+        self.simulation.advance(self._computed_ns)
 
     def changed(self, overrides: Mapping[str, object]) -> Scene:
         """Return the scene with `overrides`, validated as a whole; nothing changes yet.

@@ -7,13 +7,15 @@ import difflib
 import importlib.util
 import math
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from rb_dynamics.body.state import State
 from rb_dynamics.errors import SceneError
 from rb_dynamics.formats.messages import sample_depth
 from rb_dynamics.ros.publishers import Topics
@@ -52,6 +54,13 @@ _PARAMETERS: dict[str, tuple[object, str]] = {
 _SLOWEST, _FASTEST = 1e-9, 1e9
 # Parameters that may be set while the node runs.
 _SETTABLE = ("real_time_factor",)
+STATE = {
+    "state.position_world": "m, of the body origin",
+    "state.orientation": "x, y, z, w: from body to world axes",
+    "state.linear_velocity_world": "m/s, of the body origin",
+    "state.angular_velocity_body": "rad/s",
+}
+"""Parameters that move the body when they are set."""
 # Declared by rclpy itself.
 _QOS = "qos_overrides."
 _RCLPY = ("use_sim_time", "start_type_description_service", _QOS)
@@ -71,7 +80,8 @@ class Settings:
 
 def documented() -> list[tuple[str, object, str]]:
     """Return the node's own parameters: name, default, description."""
-    return [(name, default, text) for name, (default, text) in _PARAMETERS.items()]
+    own = [(name, default, text) for name, (default, text) in _PARAMETERS.items()]
+    return own + [(name, "", f"moves the body when it is set: {text}") for name, text in STATE.items()]
 
 
 def read_settings(node: Node, shared: Collection[str] = ()) -> Settings:
@@ -117,6 +127,13 @@ def read_settings(node: Node, shared: Collection[str] = ()) -> Settings:
     # Declare them, so that `ros2 param list` shows what can be changed.
     for name, value in scene_values(scene).items():
         _declare(node, name, value, "value of the scene; settable while paused")
+    initial = scene.initial
+    state = (
+        *(initial.position_world, initial.orientation_xyzw),
+        *(initial.linear_velocity_world, initial.angular_velocity_body),
+    )
+    for (name, text), value in zip(STATE.items(), state, strict=True):
+        _declare(node, name, list(value), f"{text}; setting it moves the body now, to what is set together")
     return Settings(
         scene,
         Mode(factor, flags["lockstep"], flags["start_paused"], apply_at),
@@ -225,10 +242,30 @@ def scene_overrides(parameters: Iterable[Parameter]) -> dict[str, object]:
             raise SceneError(f"parameter {name}: cannot be deleted; set another value")
         if name.startswith(_RCLPY):
             raise SceneError(f"parameter {name}: cannot be changed while the node runs; start it anew")
+        if name in STATE:
+            continue
         require_known(name)
         if name not in _SETTABLE:
             overrides[name] = parameter.value
     return overrides
+
+
+def changed_state(parameters: Iterable[Parameter], state: State) -> State | None:
+    """Return `state` with what `parameters` set of it; None if they set nothing.
+
+    Raises:
+        SceneError: a parameter is no list of numbers.
+    """
+    values: dict[str, Any] = {}
+    for parameter in parameters:
+        if parameter.name in STATE:
+            try:
+                values[parameter.name.removeprefix("state.")] = tuple(parameter.value)
+            except TypeError:
+                raise SceneError(f"parameter {parameter.name}: found {parameter.value!r}, expected numbers") from None
+    if "orientation" in values:
+        values["orientation_xyzw"] = values.pop("orientation")
+    return replace(state, **values) if values else None
 
 
 def number(name: str, value: object) -> float:

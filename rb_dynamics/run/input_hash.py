@@ -13,12 +13,13 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rb_dynamics.loads.channels import AppliedWrench
+    from rb_dynamics.run.state_change import StateChange
     from rb_dynamics.scene.model import Scene
 
 RULE = "2"
 """Value of `inputs_rule` that belongs to `InputHash`."""
 
-_NUMBERS = struct.Struct("<6d")
+_NUMBERS, _MOVE = struct.Struct("<6d"), struct.Struct("<13d")
 
 
 class InputHash:
@@ -47,6 +48,15 @@ class InputHash:
         numbers = _NUMBERS.pack(*command.force, *command.torque).hex()
         line = f"{applied.time_ns} {applied.topic} {command.stamp_ns} {numbers} {command.frame_id}\n"
         self._lines.append((place, line))
+
+    def move(self, change: StateChange) -> None:
+        """Add a change of state, after the commands of its nanosecond: `TIME ~/set_state NUMBERS`, 13 float64."""
+        if change.time_ns > self._time_ns:
+            self._end_nanosecond()
+            self._time_ns = change.time_ns
+        pose = *change.position_world, *change.orientation_xyzw
+        numbers = _MOVE.pack(*pose, *change.linear_velocity_body, *change.angular_velocity_body).hex()
+        self._lines.append((len(self._places), f"{change.time_ns} ~/set_state {numbers}\n"))
 
     def hexdigest(self) -> str:
         """Return the hash so far; later changes must not have the same nanosecond."""

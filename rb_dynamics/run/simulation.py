@@ -10,9 +10,11 @@ import contextlib
 import math
 import os
 import time
+from bisect import insort
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from operator import attrgetter
 from typing import Protocol, cast, runtime_checkable
 
 from rb_dynamics.body.rigid_body import RigidBody
@@ -36,6 +38,7 @@ from rb_dynamics.run.measurements import Measurements
 from rb_dynamics.run.provenance import INPUTS_RULE, run_metadata
 from rb_dynamics.run.sample import Sample, SampleBuilder, acceleration, kinetic_energy
 from rb_dynamics.run.sink import Event, RunInfo, Sink
+from rb_dynamics.run.state_change import StateChange, moved
 from rb_dynamics.scene import opened
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.scene.plan import Plan
@@ -93,6 +96,8 @@ class Simulation:
         self._channels = _channels(scene, self._effects)
         self._knots = [nanoseconds(knot) for knot in self._effects.knots()]
         self._inputs = InputHash(scene)
+        # States to move the body to, in order of time.
+        self._moves: list[StateChange] = []
         self.taken_back: list[RejectedWrench] = []
         self.clipped = 0
         self._steps = self._steps_before = 0
@@ -217,6 +222,19 @@ class Simulation:
             self._ahead.forget()
             self.clipped += command.clipped
 
+    def set_state(self, change: StateChange) -> None:
+        """Move the body to another state at the time of `change`; a time in the past means now.
+
+        Held commands stay, and outputs, schedules and the end keep their times. A change after the end is not kept.
+
+        Raises:
+            ConvergenceError: an energy or a momentum of that state is beyond double precision.
+        """
+        change = change.at(max(self._computed_ns, change.time_ns))
+        _require_finite(self.scene.body, PhaseState.of(self.scene.body, change.state), change.time_ns)
+        if self.end_ns is None or change.time_ns <= self.end_ns:
+            insort(self._moves, change, key=attrgetter("time_ns"))
+
     def post_batch(self, batch: CommandBatch) -> list[str]:
         """Let commands take effect as `post` does, in the order of `batch`, each at its time; return why some do not.
 
@@ -301,7 +319,8 @@ class Simulation:
         """Go from edge to edge up to `until_ns` by a kernel; return whether there is more to do."""
         # The last edge has more to it; and where this does not work, all are taken one by one.
         self._one_by_one_ns = until_ns
-        if self._period_ns is None or self._knots or self._load_from is not None or self._sensing is not None:
+        one_by_one = self._knots or self._moves or self._load_from is not None or self._sensing is not None
+        if self._period_ns is None or one_by_one:
             return False
         horizon_ns = until_ns if self.end_ns is None else self.end_ns - 1
         count = self._ahead.count(self.time_ns, min(until_ns, horizon_ns))
@@ -396,6 +415,8 @@ class Simulation:
     def _next_change_ns(self) -> int | None:
         """Return when the load changes next: a command, a timeout or a knot of an effect."""
         change = self._channels.next_change_ns()
+        if self._moves and (change is None or self._moves[0].time_ns < change):
+            change = self._moves[0].time_ns
         if self._knots and (change is None or self._knots[0] < change):
             return self._knots[0]
         return change
@@ -410,6 +431,13 @@ class Simulation:
         self._write_changes(changes)
         # A rejected command leaves no trace in the motion, not even an edge.
         if kink or any(isinstance(change, AppliedWrench) for change in changes):
+            self._stale = True
+        while self._moves and self._moves[0].time_ns <= self.time_ns:
+            move = self._moves.pop(0)
+            self._phase = moved(self.scene.body, self._phase, move)
+            if self._sinks:
+                self._inputs.move(move)
+            self.write(move)
             self._stale = True
 
     def _goes_on(self) -> bool:

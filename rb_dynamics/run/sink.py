@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Protocol
 from rb_dynamics.loads.channels import AppliedWrench, RejectedWrench
 from rb_dynamics.numerics.vector import Vector
 from rb_dynamics.run.sample import Sample
+from rb_dynamics.run.state_change import StateChange
 
 if TYPE_CHECKING:
     from rb_dynamics.scene.model import Scene
@@ -84,7 +85,7 @@ class Measurement:
     numbers: tuple[float, ...]
 
 
-Event = Sample | AppliedWrench | RejectedWrench | Measurement | Status | Epoch
+Event = Sample | AppliedWrench | RejectedWrench | Measurement | Status | Epoch | StateChange
 
 
 class Sink(Protocol):
@@ -100,4 +101,15 @@ class Sink(Protocol):
         """Receive the facts known only at the end (steps, hash of the states) and release all resources."""
 
 
-__all__ = ["AppliedWrench", "Epoch", "Event", "Measurement", "RejectedWrench", "RunInfo", "Sample", "Sink", "Status"]
+__all__ = [
+    "AppliedWrench",
+    "Epoch",
+    "Event",
+    "Measurement",
+    "RejectedWrench",
+    "RunInfo",
+    "Sample",
+    "Sink",
+    "StateChange",
+    "Status",
+]

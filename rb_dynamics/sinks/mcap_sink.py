@@ -6,6 +6,7 @@ time in nanoseconds: for a command, when it took effect, whatever the clock of i
 `scene.yaml`. Metadata: `rb_dynamics` describes the run, `rb_dynamics.topics` names each topic in the file, and
 `rb_dynamics.result` has the end of the run, with `states_sha256` over all samples. After each chunk
 `rb_dynamics.checkpoint` has that hash so far, so that a log that was cut off can be compared with a replay. Where
+the body was moved from outside, `set_state` has to where. Where
 messages are stamped with ROS time, `rb_dynamics.epoch` has the ROS time of simulation time 0.
 
 Never imports ROS, never changes or drops a value, and holds nothing back from the file for longer than `flush_s` of
@@ -29,22 +30,26 @@ from rb_dynamics.formats.mcap_records import McapChannel
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.messages import (
     APPLIED,
+    COMMAND_DEPTH,
     MASS_PROPERTIES,
+    SET_STATE,
     TF_STATIC,
     encode_applied,
     encode_fixed,
     encode_inertia,
     encode_received,
+    encode_state_change,
     encode_status,
     log_channel,
     log_topics,
     measurement_packers,
+    qos_profile,
     sample_encoder,
     sample_topics,
 )
 from rb_dynamics.run.provenance import CHECKPOINT, EPOCH, INTERRUPTED, RESULT, RUN, SCENE, TOPICS, version
 from rb_dynamics.run.sample import Sample
-from rb_dynamics.run.sink import AppliedWrench, Event, Measurement, RejectedWrench, RunInfo, Status
+from rb_dynamics.run.sink import AppliedWrench, Event, Measurement, RejectedWrench, RunInfo, StateChange, Status
 from rb_dynamics.run.stop_signals import uninterrupted
 from rb_dynamics.sinks.state_hash import StateHash
 
@@ -200,7 +205,7 @@ class McapSink:
                 self.flush()
 
     def _begin(self, run: RunInfo, topics: list[_Topic]) -> None:
-        self._body_frame = run.scene.frames.body_frame
+        self._frames = run.scene.frames
         self._writer.begin()
         self._writer.add_metadata(RUN, {"method": run.method, **run.metadata})
         self._writer.add_metadata(TOPICS, {name: self._absolute(name) for name, _, _ in topics})
@@ -226,6 +231,11 @@ class McapSink:
             self._add(event.topic, self._encode_measurement[event.topic](event, event.taken_ns), event.time_ns)
         elif isinstance(event, Status):
             self._write_status(event)
+        elif isinstance(event, StateChange):
+            name, type_name = SET_STATE
+            if name not in self._ids:
+                self._register([(name, type_name, qos_profile(COMMAND_DEPTH))])
+            self._add(name, encode_state_change(event, self._frames), event.time_ns)
         else:
             self._end_chunk()
             facts = {"epoch_ns": event.epoch_ns, "from_time_ns": event.time_ns}
@@ -296,4 +306,4 @@ class McapSink:
         self._add(event.topic + APPLIED, encode_applied(event), event.time_ns)
 
     def _write_status(self, event: Status) -> None:
-        self._add("/diagnostics", encode_status(event, self._body_frame), event.time_ns)
+        self._add("/diagnostics", encode_status(event, self._frames.body_frame), event.time_ns)

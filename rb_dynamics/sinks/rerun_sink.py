@@ -34,7 +34,7 @@ from rb_dynamics.numerics.rotation import rotate
 from rb_dynamics.numerics.rotation_arrays import rotate_all
 from rb_dynamics.numerics.vector import ZERO, Vector, add, subtract
 from rb_dynamics.run.sample import Sample
-from rb_dynamics.run.sink import AppliedWrench, Event, Measurement, RejectedWrench, RunInfo, Status
+from rb_dynamics.run.sink import AppliedWrench, Event, Measurement, RejectedWrench, RunInfo, StateChange, Status
 from rb_dynamics.sinks import rerun_layout as layout
 from rb_dynamics.sinks import rerun_poinsot as poinsot
 from rb_dynamics.sinks.appearance import eye_above
@@ -206,6 +206,8 @@ class Recorder:
             self._note("INFO", _told(event))
         elif isinstance(event, RejectedWrench):
             self._note("WARN", f"{event.topic}: rejected: {event.reason}")
+        elif isinstance(event, StateChange):
+            self._note("INFO", "moved to another state by ~/set_state")
         elif isinstance(event, Status) and event.level > 0:
             self._note("WARN" if event.level == 1 else "ERROR", _sentence(event))
         if self.rows.unsent() + len(self.notes) >= self.batch_rows:

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from rb_dynamics.errors import LogError
+from rb_dynamics.formats.mcap_records import McapChannel
 from rb_dynamics.formats.rosbag2_metadata import METADATA_FILE, BagFile, write_metadata
 from rb_dynamics.run.provenance import CONTINUES_IN
 from rb_dynamics.run.sink import Epoch, Event, RunInfo, Sample
@@ -47,6 +48,8 @@ class BagSink:
         self._namespace, self._remap, self._settings = namespace, remap, settings or LogSettings()
         self._sink: McapSink | None = None
         self._files: list[BagFile] = []
+        # A later file may have a topic that the first has not.
+        self._channels: dict[str, McapChannel] = {}
         self._end_ns: int | None = None
         self._epoch: Epoch | None = None
 
@@ -58,7 +61,7 @@ class BagSink:
         """
         earlier = self._earlier()
         self._run, self._states = run, StateHash()
-        self._files, self._epoch = [], None
+        self._files, self._epoch, self._channels = [], None, {}
         self._end_ns = run.scene.end_ns
         self._begin_file(0)
         for file in earlier:
@@ -92,7 +95,7 @@ class BagSink:
             return
         self._end_file(result)
         try:
-            write_metadata(self.path, self._sink.channels(), self._files)
+            write_metadata(self.path, list(self._channels.values()), self._files)
         except OSError as error:
             raise LogError(
                 f"cannot write {self.path / METADATA_FILE}: {error.strerror or error}; free space, the .mcap files "
@@ -114,6 +117,7 @@ class BagSink:
             self._sink.close(result)
         finally:
             self._files[-1].counts = +Counter(self._sink.counts())
+            self._channels |= {channel.topic: channel for channel in self._sink.channels()}
 
     def _full(self, time_ns: int) -> bool:
         assert self._sink is not None

@@ -27,21 +27,26 @@ from rb_dynamics.formats.mcap_records import Fact, McapChannel, Message
 from rb_dynamics.formats.messages import (
     ACCEL,
     APPLIED,
+    COMMAND_DEPTH,
     DIAGNOSTICS,
     MASS_PROPERTIES,
     QOS,
     SAMPLE_TOPICS,
     SCALAR,
+    SET_STATE,
     TF_STATIC,
     TYPE_HASH,
     WRENCH,
+    decode_state_change,
     encode_applied,
     encode_fixed,
     encode_inertia,
     encode_received,
+    encode_state_change,
     log_channel,
     log_topics,
     measurement_packers,
+    qos_profile,
     sample_encoder,
     sample_topics,
 )
@@ -66,7 +71,7 @@ from rb_dynamics.run.provenance import (
     next_file,
 )
 from rb_dynamics.run.simulation import Simulation
-from rb_dynamics.run.sink import Event, Measurement, RunInfo, Sample
+from rb_dynamics.run.sink import Event, Measurement, RunInfo, Sample, StateChange
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.sinks.state_hash import StateHash
 
@@ -191,6 +196,8 @@ def replay(path: str | Path, progress: Callable[[float], None] | None = None) ->
         # A rejected command is rejected again.
         with contextlib.suppress(WrenchError):
             run.post(topic, wrench, time_ns)
+    for change in facts.moves:
+        run.set_state(change)
     run.start()
     try:
         for part in range(1, _PARTS + 1):
@@ -211,6 +218,7 @@ class _Facts:
     scene: Scene
     names: Mapping[str, str]
     commands: list[tuple[str, Wrench, int]]
+    moves: list[StateChange]
     metadata: dict[str, dict[str, str]]
     records: _Records
     complete: bool
@@ -227,11 +235,14 @@ class _Facts:
         source = open_source(path, said.add)
         begin_ns, end_ns = 0, -1
         received: list[Message] = []
+        moves: list[Message] = []
         for number, message in enumerate(source.messages()):
             if number == 0:
                 begin_ns = message.log_time
             if message.channel.type_name == WRENCH:
                 received.append(message)
+            elif _is_state_change(message):
+                moves.append(message)
             elif message.channel.type_name == SAMPLE_TOPICS[0][1]:
                 end_ns = max(end_ns, message.log_time)
         method = source.metadata.get(RUN, {}).get("method", "")
@@ -255,7 +266,10 @@ class _Facts:
                 )
             # The wrench may change after the last sample.
             end_ns = _end(source, result["end_time_ns"])
-        return cls(scene, names, commands, source.metadata, said, complete, end_ns)
+        if moves:
+            names[SET_STATE[0]] = moves[0].channel.topic
+        changes = [decode_state_change(message) for message in moves]
+        return cls(scene, names, commands, changes, source.metadata, said, complete, end_ns)
 
 
 class _Records:
@@ -299,6 +313,11 @@ class _Records:
         line = f"{name}: {what}"
         if line not in self.torn:
             self.torn.append(line)
+
+
+def _is_state_change(message: Message) -> bool:
+    name, type_name = SET_STATE
+    return message.channel.type_name == type_name and message.channel.topic.rpartition("/")[2] == name
 
 
 def _end(source: Source, told: str) -> int:
@@ -347,7 +366,11 @@ class _Comparison:
         if frames.fixed:
             self._once[names[TF_STATIC[0]]] = lambda time_ns: encode_fixed(frames, time_ns)
         topics = log_topics(scene, accel)
-        self._channels = {names.get(name, name): log_channel(names.get(name, name), *rest) for name, *rest in topics}
+        moving = [(*SET_STATE, qos_profile(COMMAND_DEPTH))] if self._facts.moves else []
+        self._certain |= {names[name] for name, *_ in moving}
+        self._channels = {
+            names.get(name, name): log_channel(names.get(name, name), *rest) for name, *rest in (*topics, *moving)
+        }
         self._types = {topic: each.type_name for topic, each in self._channels.items() if each.type_name != DIAGNOSTICS}
         self._waiting: dict[str, deque[Message]] = {topic: deque() for topic in self._types if topic not in self._once}
         self._encode_measurement = measurement_packers(scene)
@@ -395,6 +418,9 @@ class _Comparison:
         elif isinstance(event, RejectedWrench):
             self._compare_received(event)
             self._leave_out(self._facts.names[event.topic], "rejected commands, whose numbers have no effect")
+        elif isinstance(event, StateChange):
+            message = encode_state_change(event, self._facts.scene.frames)
+            self._compare(self._facts.names[SET_STATE[0]], event.time_ns, message)
 
     def close(self, result: Mapping[str, str]) -> None:
         """Compare the hashes, and find messages that only the log has."""
