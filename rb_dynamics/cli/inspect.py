@@ -4,28 +4,40 @@ Works on logs of this package and on any ROS 2 bag of pose, twist, IMU, wrench o
 named with --pose-topic and the like. A bag without mass properties gives motion and rates; with --scene also momenta
 and energy, from the twist.
 
+Several logs are read by as many processes as there are cores, and give one line each; --html is then one page of all.
+
 Exit codes: 0 every check passed; 1 the log is incomplete, a defect is beyond --bound or --verify found a fault (the
-last lines say which); 2 the file cannot be read.
+last lines say which), or one of several logs cannot be read; 2 none can be read.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
+from typing import TYPE_CHECKING
 
+from rb_dynamics.cli.parser import add_many
 from rb_dynamics.cli.topics import add_topics, chosen_topics
 from rb_dynamics.numerics.option_types import real
+
+if TYPE_CHECKING:
+    from rb_dynamics.analysis.read_track import TopicChoice
+    from rb_dynamics.cli.many import Row
 
 HELP = "analyse a recorded run"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `inspect`."""
-    parser.add_argument("log", metavar="RUN.mcap", help="log of a run, or a bag of pose, twist and wrench")
+    add_many(parser, "log of a run, or any bag")
     parser.add_argument(
         "--html", metavar="F", help="write a report with figures (extra: plot); an existing one is replaced"
     )
-    parser.add_argument("--json", action="store_true", help="print the summary as one JSON object, floats in full")
+    parser.add_argument(
+        "--json",
+        action="store_true",
+        help="print the summary as one JSON object, of several logs a list; floats in full",
+    )
     parser.add_argument("--video", metavar="F", help="write a video of the motion as .mp4 or .gif (extra: video)")
     parser.add_argument("--scene", metavar="SCENE", help="scene file whose body and frames belong to the bag")
     add_topics(parser)
@@ -45,23 +57,35 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Print the summary; exit code 0, or 1 if a check fails."""
     import json
+    from functools import partial
     from pathlib import Path
 
     from rb_dynamics.analysis.checks import BOUND
     from rb_dynamics.analysis.inspection import inspect
     from rb_dynamics.cli import output
+    from rb_dynamics.cli.many import logs_of, report
     from rb_dynamics.errors import LogError
     from rb_dynamics.formats.log_file import make_folder, require_apart, require_other
     from rb_dynamics.formats.mcap_integrity import require_library, verify_bag
     from rb_dynamics.report.text import as_text
+    from rb_dynamics.scene import read_scene
 
     if args.verify:
         require_library("--verify")
+    bound, topics, logs = BOUND if args.bound is None else args.bound, chosen_topics(args), logs_of(args.log)
     require_apart(filter(None, (args.html, args.video)))
     for written in filter(None, (args.html, args.video)):
-        require_other(written, *filter(None, (args.log, args.scene)))
+        require_other(written, *filter(None, (*(logs or args.log), args.scene)))
         make_folder(Path(written))
-    found = inspect(args.log, args.scene, BOUND if args.bound is None else args.bound, chosen_topics(args))
+    if logs is not None:
+        if args.video:
+            args.parser.error(f"found --video for {len(logs)} logs, expected one; a video shows one log")
+        if args.scene:
+            read_scene(args.scene)
+        work = partial(_row, scene=args.scene, bound=bound, topics=topics, verify=args.verify)
+        return report(args, logs, work, _COLUMNS, "Inspected logs")
+    (log,) = args.log
+    found = inspect(log, args.scene, bound, topics)
     encoding = sys.stdout.encoding or "utf-8"
     text = json.dumps(found.as_dict(), allow_nan=False) if args.json else as_text(found.summary)
     print(text.encode(encoding, "backslashreplace").decode(encoding), flush=True)
@@ -81,9 +105,39 @@ def run(args: argparse.Namespace) -> int:
         print(f"wrote {args.video}: {frames} frames", file=said)
     if args.verify:
         try:
-            count = verify_bag(Path(args.log))
+            count = verify_bag(Path(log))
         except LogError as error:
             print(f"error: {error}", file=sys.stderr)
             return 1
         print(f"verified with the package mcap: {count} messages, their checksums, index and order", file=said)
     return 0 if found.passed else 1
+
+
+# The defects of energy and angular momentum are relative to the largest seen.
+_COLUMNS = ("duration [s]", "samples", "T defect", "L defect", "warnings")
+
+
+def _row(log: str, *, scene: str | None, bound: float, topics: TopicChoice, verify: bool) -> Row:
+    """Return what is said of one of several logs."""
+    from pathlib import Path
+
+    from rb_dynamics.analysis.inspection import inspect
+    from rb_dynamics.cli.many import FAILED, PASSED, Row
+    from rb_dynamics.errors import LogError
+    from rb_dynamics.formats.mcap_integrity import verify_bag
+
+    found = inspect(log, scene, bound, topics)
+    summary = found.summary
+    wrong = [check.name for check in summary.checks if not check.passed]
+    facts = {"path": log} | found.as_dict()
+    if verify:
+        try:
+            facts["verified_messages"] = verify_bag(Path(log))
+        except LogError as error:
+            wrong.append(str(error))
+            facts |= {"passed": False, "verify_error": str(error)}
+    balances = {name: summary.balance(name) for name in ("energy", "angular momentum")}
+    energy, momentum = ("" if b is None else f"{b.relative:.2e}" for b in balances.values())
+    cells = (f"{summary.duration_s:.6g}", str(summary.samples), energy, momentum, str(len(summary.warnings)))
+    detail = "; ".join(wrong) or summary.reservation.removeprefix(", ")
+    return Row(log, FAILED if wrong else PASSED, detail, facts, dict(zip(_COLUMNS, cells, strict=True)))

@@ -8,6 +8,8 @@ from __future__ import annotations
 import argparse
 from typing import NoReturn
 
+from rb_dynamics.numerics.option_types import whole
+
 
 class Parser(argparse.ArgumentParser):
     """A parser whose errors take one line."""
@@ -15,6 +17,22 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Print the error and exit with code 2."""
         self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
+
+
+def add_many(parser: argparse.ArgumentParser, what: str) -> None:
+    """Add the arguments of a command on one or many logs."""
+    parser.add_argument(
+        "log",
+        metavar="RUN.mcap",
+        nargs="+",
+        help=f"{what}; several, a pattern in quotes, or a folder of logs and bags: one line for each",
+    )
+    parser.add_argument(
+        "--jobs",
+        type=whole("a whole number, 1 or more", lambda v: v >= 1),
+        metavar="N",
+        help="of several logs, so many at a time (default: one per core)",
+    )
 
 
 def require_ros(purpose: str) -> None:

@@ -10,12 +10,14 @@ Exit codes: 0 the same bits, or on another version or platform within --bound; 1
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING
+import math
+from typing import TYPE_CHECKING, Any
 
-from rb_dynamics.cli.parser import require_ros, require_with
+from rb_dynamics.cli.parser import add_many, require_ros, require_with
 from rb_dynamics.numerics.option_types import real
 
 if TYPE_CHECKING:
+    from rb_dynamics.cli.many import Row
     from rb_dynamics.study.replay import Replay
 
 HELP = "run a log again and compare bit for bit, or publish it"
@@ -25,7 +27,11 @@ _NUMBER = real("a number, 0 or more", lambda v: v >= 0.0)
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `replay`."""
-    parser.add_argument("log", metavar="RUN.mcap", help="log of a run: a file, or a rosbag2 folder")
+    add_many(parser, "log of a run: a file, or a rosbag2 folder")
+    parser.add_argument(
+        "--json", action="store_true", help="print the result as one JSON object, of several logs a list"
+    )
+    parser.add_argument("--html", metavar="F", help="write a page with a line for each log (extra: plot)")
     parser.add_argument(
         "--bound", type=_NUMBER, default=1e-9, metavar="REL",
         help="largest relative difference accepted on another version or platform (default 1e-9)",
@@ -42,26 +48,79 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Replay; exit code 0, or 1 if the log and the replay differ."""
+    import json
+    from functools import partial
+
     from rb_dynamics.cli import output
+    from rb_dynamics.cli.many import logs_of, report
+    from rb_dynamics.formats.log_file import require_other
 
     require_with(args, "--rate", args.rate is not None, "--into ros", args.into)
     require_with(args, "--clock", args.clock, "--into ros", args.into)
+    logs = logs_of(args.log)
     if args.into == "ros":
+        if logs is not None:
+            args.parser.error(f"found {len(logs)} logs with --into ros, expected one; publish them one after the other")
         return _publish(args)
+    if args.html:
+        require_other(args.html, *(logs or args.log))
+    if logs is not None or args.html:
+        return report(args, logs or args.log, partial(_row, bound=args.bound), _COLUMNS, "Replayed logs")
     from rb_dynamics.study.replay import replay
 
-    with output.progress(args.log) as progress:
-        found = replay(args.log, progress)
-    print("\n".join(_report(found, args.bound)))
+    (log,) = args.log
+    with output.progress(log) as progress:
+        found = replay(log, progress)
+    print(json.dumps(_facts_of(log, found, args.bound)) if args.json else "\n".join(_report(found, args.bound)))
     return 0 if found.identical or found.within(args.bound) else 1
+
+
+_COLUMNS = ("samples", "commands", "relative")
+
+
+def _row(log: str, *, bound: float) -> Row:
+    """Return what is said of one of several logs."""
+    from rb_dynamics.cli.many import FAILED, PASSED, Row
+    from rb_dynamics.study.replay import replay
+
+    found = replay(log)
+    facts = _facts_of(log, found, bound)
+    cells = (str(found.samples), str(found.commands), f"{found.relative:.2g}")
+    return Row(
+        log, PASSED if facts["passed"] else FAILED, facts["verdict"], facts, dict(zip(_COLUMNS, cells, strict=True))
+    )
+
+
+def _facts_of(log: str, found: Replay, bound: float) -> dict[str, Any]:
+    """Return a replay for JSON; what is infinite is None."""
+    first = found.first
+    lines = _report(found, bound)
+    return {
+        "path": log,
+        "passed": found.identical or found.within(bound),
+        "identical": found.identical,
+        "within_bound": found.identical or found.within(bound),
+        "relative": found.relative if math.isfinite(found.relative) else None,
+        "samples": found.samples,
+        "commands": found.commands,
+        "complete": found.complete,
+        "first_difference_s": None if first is None else first[0] / 1e9,
+        "first_difference_topic": None if first is None else first[1],
+        "differing_facts": found.differing,
+        "missing": found.missing,
+        "software": {name: list(pair) for name, pair in found.software.items()},
+        "verdict": lines[-1],
+        "report": lines,
+    }
 
 
 def _publish(args: argparse.Namespace) -> int:
     require_ros("replay --into ros")
     from rb_dynamics.ros.log_publisher import publish
 
-    count = publish(args.log, 1.0 if args.rate is None else args.rate, args.clock, args.ros_args)
-    print(f"published {count} messages of {args.log}")
+    (log,) = args.log
+    count = publish(log, 1.0 if args.rate is None else args.rate, args.clock, args.ros_args)
+    print(f"published {count} messages of {log}")
     return 0
 
 
