@@ -34,7 +34,9 @@ class CommandOutcomes:
     undeclared: tuple[str, ...] = ()
 
 
-def outcomes_of(track: Track, steps: RecordedWrench, source: Topic, declared: WrenchFrames | None) -> CommandOutcomes:
+def outcomes_of(
+    track: Track, steps: RecordedWrench, source: Topic, declared: WrenchFrames | None, delay_ns: int = 0
+) -> CommandOutcomes:
     """Return the outcome of the commands on `source`; `steps` are the applied wrenches.
 
     Args:
@@ -42,11 +44,16 @@ def outcomes_of(track: Track, steps: RecordedWrench, source: Topic, declared: Wr
         steps: applied wrenches of the channel.
         source: commands received on it.
         declared: frames of the scene; None if it cannot be read: then every command counts as accepted.
+        delay_ns: from a command to its effect.
     """
-    came = track.bag.wrenches(source.name) if source.count else []
+    came = [(at + delay_ns, wrench) for at, wrench in (track.bag.wrenches(source.name) if source.count else [])]
     refused = [(at, wrench) for at, wrench in came if declared and not _honoured(declared, wrench)]
     honoured = Counter(at for at, _ in came) - Counter(at for at, _ in refused)
     acted = Counter(steps.time_ns.tolist())
+    if delay_ns and track.pose is not None and len(track.pose.time_ns):
+        # What was still on its way at the end has had no effect.
+        end_ns = int(track.pose.time_ns[-1])
+        honoured = Counter({at: number for at, number in honoured.items() if at <= end_ns})
     pieces = track.bag.missing
 
     # The effect of a command is written after it, with the same time: if a log is cut off there, the effect is lost.

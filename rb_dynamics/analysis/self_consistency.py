@@ -156,7 +156,7 @@ def _applied(track: Track, scene: Scene) -> Check | None:
     for channel in scene.channels:
         topic = _topic(track, channel.topic)
         came = track.bag.wrenches(topic.name) if topic is not None else []
-        taken = [(at, channels.check(channel.topic, wrench).held) for at, wrench in came]
+        taken = [(at + channel.delay_ns, channels.check(channel.topic, wrench).held) for at, wrench in came]
         sources.append((channel.topic, channel.timeout_ns, taken))
     for name, entries in scene.combined_effects.schedules():
         sources.append((name, 0, [(nanoseconds(seconds), scene.frames.hold(wrench)) for seconds, wrench in entries]))

@@ -29,7 +29,7 @@ from rb_dynamics.formats.own_log import logged_scene
 from rb_dynamics.formats.topic import KEPT, Topic
 from rb_dynamics.loads.wrench import WrenchFrames
 from rb_dynamics.numerics.decimals import whole_number
-from rb_dynamics.run.provenance import RESULT, RUN
+from rb_dynamics.run.provenance import RESULT, RUN, TOPICS
 
 EXPLAINS = "inertia explains the motion"
 # |norm - 1| of a quaternion beyond which it was not filled in; single precision leaves 1e-7.
@@ -358,18 +358,26 @@ def _range(track: Track, name: str, unit: str, series: TimeSeries) -> Range:
 
 def _channels(track: Track, health: WorstStatus | None) -> list[ChannelHistory]:
     scene = logged_scene(track.bag.attachments) if track.own else None
-    return [_channel(track, steps, health, None if scene is None else scene.frames) for steps in track.wrenches]
+    names = track.bag.metadata.get(TOPICS, {})
+    delays = {names.get(each.topic, ""): each.delay_ns for each in (() if scene is None else scene.channels)}
+    declared = None if scene is None else scene.frames
+    return [
+        _channel(track, steps, health, declared, delays.get(steps.topic.removesuffix(APPLIED), 0))
+        for steps in track.wrenches
+    ]
 
 
 def _channel(
-    track: Track, steps: RecordedWrench, health: WorstStatus | None, declared: WrenchFrames | None
+    track: Track, steps: RecordedWrench, health: WorstStatus | None, declared: WrenchFrames | None, delay_ns: int
 ) -> ChannelHistory:
     name = steps.topic.removesuffix(APPLIED)
     applied = len(steps.time_ns) if steps.topic.endswith(APPLIED) else None
     source = track.bag.topics.get(name)
     known = track.own and applied is not None and source is not None
     became = (
-        outcomes_of(track, steps, source, declared) if known and source is not None else CommandOutcomes(applied or 0)
+        outcomes_of(track, steps, source, declared, delay_ns)
+        if known and source is not None
+        else CommandOutcomes(applied or 0)
     )
     rejected = [count for count in (became.rejected, _counted(name, "rejected", health)) if count is not None]
     received = None if source is None else source.count

@@ -16,9 +16,10 @@ from typing import TYPE_CHECKING, NamedTuple
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError, WrenchError
 from rb_dynamics.loads.command_table import HELD, CommandBatch, CommandTable, Holding, Timeline, timeline
+from rb_dynamics.loads.effect import Effect
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, WrenchFrames, largest_wrench, require_possible
-from rb_dynamics.numerics.argument_checks import instance, number, shown, truth
-from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS
+from rb_dynamics.numerics.argument_checks import instance, number, shown, truth, vector
+from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS, nanoseconds
 from rb_dynamics.numerics.vector import ZERO, Vector, norm, scale
 
 if TYPE_CHECKING:
@@ -73,6 +74,9 @@ class Channel:
         max_force: N, the largest force that a command may have; infinite for no limit.
         max_torque: N m, likewise; of the torque that is commanded, without the moment of the force.
         on_excess: what becomes of a command beyond a limit: `reject`, or `clip` to scale the vector down to the limit.
+        delay: s from a command to its effect.
+        bias_force: N, through the centre of mass in body axes: acts from time 0 on, whatever is commanded.
+        bias_torque: N m, likewise.
     """
 
     topic: str = "wrench"
@@ -81,6 +85,9 @@ class Channel:
     max_force: float = math.inf
     max_torque: float = math.inf
     on_excess: str = "reject"
+    delay: float = 0.0
+    bias_force: Vector = ZERO
+    bias_torque: Vector = ZERO
 
     def __post_init__(self) -> None:
         """Refuse what is no channel.
@@ -99,6 +106,10 @@ class Channel:
             if (limit := getattr(self, name)) != math.inf:
                 expected = "a number greater than 0, infinite for no limit"
                 object.__setattr__(self, name, number(limit, name, expected, SceneError, above=0.0))
+        expected = f"a time from 0 to {LONGEST:.1e} (s)"
+        object.__setattr__(self, "delay", number(self.delay, "delay", expected, SceneError, least=0.0, most=LONGEST))
+        for name, what in (("bias_force", "a force (N)"), ("bias_torque", "a torque (N m)")):
+            object.__setattr__(self, name, vector(getattr(self, name), name, what, SceneError))
         if self.on_excess not in ON_EXCESS:
             raise SceneError(
                 f"on_excess is {shown(self.on_excess)}, expected {' or '.join(ON_EXCESS)}; write one of them"
@@ -108,6 +119,18 @@ class Channel:
     def timeout_ns(self) -> int:
         """The timeout in ns; one below 1 ns is short, not the 0 that holds for ever."""
         return max(1, round(self.timeout * NANOSECONDS)) if self.timeout else 0
+
+    @property
+    def delay_ns(self) -> int:
+        """The delay in ns."""
+        return nanoseconds(self.delay)
+
+    @property
+    def bias(self) -> Wrench | None:
+        """What acts whatever is commanded; None where nothing does."""
+        return (
+            Wrench(self.bias_force, self.bias_torque) if (self.bias_force, self.bias_torque) != (ZERO, ZERO) else None
+        )
 
     def limited(self, wrench: Wrench) -> Wrench:
         """Return `wrench` as the limits let it act: itself where it keeps them.
@@ -138,6 +161,19 @@ class Channel:
         )
 
 
+class ChannelBias(Effect):
+    """What acts on a channel whatever is commanded: held from time 0 on, and logged like the wrench of an effect."""
+
+    def __init__(self, channel: Channel) -> None:
+        """Hold the bias of `channel`."""
+        self.kind = f"{channel.topic.removeprefix('/')}/bias"  # type: ignore[misc]
+        self._bias = channel.bias or Wrench()
+
+    def schedule(self, body: RigidBody) -> tuple[tuple[float, Wrench], ...]:
+        """Return the bias."""
+        return ((0.0, self._bias),)
+
+
 @dataclass(frozen=True, slots=True)
 class AppliedWrench:
     """A channel's wrench changed.
@@ -150,6 +186,7 @@ class AppliedWrench:
         force: N, through the centre of mass.
         torque: N m, about the centre of mass.
         clipped: whether the channel's limits made the command smaller.
+        delayed: whether the command came earlier, and was told then.
     """
 
     time_ns: int
@@ -159,6 +196,22 @@ class AppliedWrench:
     force: Vector
     torque: Vector
     clipped: bool = False
+    delayed: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class ReceivedWrench:
+    """A command came that takes effect after the delay of its channel.
+
+    Attributes:
+        time_ns: simulation time at which it came.
+        topic: the channel's topic, as the scene writes it.
+        received: the command as it came.
+    """
+
+    time_ns: int
+    topic: str
+    received: Wrench
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,6 +276,7 @@ class _Pending(NamedTuple):
     channel: int
     number: int
     command: CheckedWrench
+    on_its_way: bool = False
 
 
 class WrenchChannels:
@@ -243,6 +297,7 @@ class WrenchChannels:
         self._commanded = len(channels)
         self._index = {c.topic.lstrip("/"): i for i, c in enumerate(channels)}
         self._timeout_ns = [channel.timeout_ns for channel in self._channels]
+        self._delay_ns = [channel.delay_ns for channel in self._channels]
         self._frames = frames
         self._holds = [_Hold() for _ in self._channels]
         self._queue: list[_Pending] = []
@@ -294,6 +349,7 @@ class WrenchChannels:
         held, good = self._held(batch)
         for k, channel in enumerate(self._channels[: self._commanded]):
             mine = batch.channel == k
+            good[mine] &= self._delay_ns[k] == 0
             # Close to a limit, `check` decides.
             for limit, part in ((channel.max_force, batch.wrench[:, :3]), (channel.max_torque, batch.wrench[:, 3:])):
                 if limit != math.inf:
@@ -392,11 +448,15 @@ class WrenchChannels:
             if hold.received is not None
         ]
         waiting = [
-            (topics[pending.channel], pending.command.received, pending.time_ns)
+            (topics[pending.channel], pending.command.received, pending.time_ns - self._waited(pending))
             for pending in sorted(self._queue)
             if pending.channel < self._commanded and pending.command.held is not None
         ]
         return held + waiting
+
+    def _waited(self, pending: _Pending) -> int:
+        """Return for how long (ns) a command that is on its way will have been so."""
+        return self._delay_ns[pending.channel] if pending.on_its_way else 0
 
     def schedule(self, effect: int, wrench: Wrench, time_ns: int) -> None:
         """Let `wrench` take effect on the channel of an effect, by its number: no command can reach it.
@@ -437,29 +497,35 @@ class WrenchChannels:
             times.append(int(self._table.time_ns[self._row]))
         return min(times, default=None)
 
-    def apply(self, now_ns: int) -> list[AppliedWrench | RejectedWrench]:
+    def apply(self, now_ns: int) -> list[AppliedWrench | ReceivedWrench | RejectedWrench]:
         """Make every change that is due at `now_ns` and return what changed, in order.
 
         A command that comes at the very time of its channel's timeout wins over it.
         """
         self._from_table(now_ns)
         due: list[_Pending] = []
+        changes: list[AppliedWrench | ReceivedWrench | RejectedWrench] = []
         while self._queue and self._queue[0].time_ns <= now_ns:
-            due.append(heapq.heappop(self._queue))
+            pending = heapq.heappop(self._queue)
+            delay_ns = self._delay_ns[pending.channel]
+            if delay_ns and not pending.on_its_way and pending.command.held is not None:
+                heapq.heappush(self._queue, pending._replace(time_ns=now_ns + delay_ns, on_its_way=True))
+                changes.append(ReceivedWrench(now_ns, self._channels[pending.channel].topic, pending.command.received))
+            else:
+                due.append(pending)
         self._done, self._before = due, self._holds.copy()
         commanded = {pending.channel for pending in due if pending.command.held is not None}
-        changes: list[AppliedWrench | RejectedWrench] = []
         for i, hold in enumerate(self._holds):
             if hold.expires_ns is not None and hold.expires_ns <= now_ns and i not in commanded:
                 self._holds[i] = _Hold()
                 changes.append(self._applied(now_ns, i))
-        for _, channel, _, (_, received, held, reason, clipped) in due:
+        for _, channel, _, (_, received, held, reason, clipped), delayed in due:
             if held is None:
                 changes.append(RejectedWrench(now_ns, self._channels[channel].topic, received, reason))
                 continue
             timeout = self._timeout_ns[channel]
             self._holds[channel] = _Hold(held, received, now_ns + timeout if timeout else None)
-            changes.append(self._applied(now_ns, channel, clipped))
+            changes.append(self._applied(now_ns, channel, clipped, delayed))
         return changes
 
     @property
@@ -496,12 +562,13 @@ class WrenchChannels:
             total = total + hold.held
         return total
 
-    def _applied(self, now_ns: int, channel: int, clipped: bool = False) -> AppliedWrench:
+    def _applied(self, now_ns: int, channel: int, clipped: bool = False, delayed: bool = False) -> AppliedWrench:
         held, received, _ = self._holds[channel]
         topic, frames = self._channels[channel].topic, self._frames
         if received is not None and received.frame_id == frames.world_frame:
             force, torque = held.force_world, held.torque_world
-            return AppliedWrench(now_ns, topic, received, frames.world_frame, force, torque, clipped)
+            return AppliedWrench(now_ns, topic, received, frames.world_frame, force, torque, clipped, delayed)
         if received is None:
             return AppliedWrench(now_ns, topic, None, frames.body_frame, ZERO, ZERO)
-        return AppliedWrench(now_ns, topic, received, frames.body_frame, held.force_body, held.torque_body, clipped)
+        force, torque = held.force_body, held.torque_body
+        return AppliedWrench(now_ns, topic, received, frames.body_frame, force, torque, clipped, delayed)

@@ -19,7 +19,7 @@ from typing import Protocol, cast, runtime_checkable
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import ConvergenceError, SceneError, WrenchError
-from rb_dynamics.loads.channels import AppliedWrench, CheckedWrench, RejectedWrench, WrenchChannels
+from rb_dynamics.loads.channels import AppliedWrench, CheckedWrench, ReceivedWrench, RejectedWrench, WrenchChannels
 from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.command_table import CommandBatch
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, held_of
@@ -383,7 +383,7 @@ class Simulation:
         for measurement in sensing.at(self.time_ns, truth):
             self.write(measurement)
 
-    def _write_changes(self, changes: Sequence[AppliedWrench | RejectedWrench]) -> None:
+    def _write_changes(self, changes: Sequence[AppliedWrench | ReceivedWrench | RejectedWrench]) -> None:
         for change in changes:
             # Only sinks receive the hash of the inputs, at the end.
             if self._sinks and isinstance(change, AppliedWrench):
@@ -426,8 +426,9 @@ class Simulation:
         kink = len(ahead) < len(self._knots)
         self._knots = ahead
         changes = self._channels.apply(self.time_ns)
+        on_their_way = [change for change in changes if isinstance(change, ReceivedWrench)]
         while self._channels.huge and not self._goes_on():
-            changes = self._channels.apply(self.time_ns)
+            changes = [*on_their_way, *self._channels.apply(self.time_ns)]
         self._write_changes(changes)
         # A rejected command leaves no trace in the motion, not even an edge.
         if kink or any(isinstance(change, AppliedWrench) for change in changes):

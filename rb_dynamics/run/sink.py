@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
-from rb_dynamics.loads.channels import AppliedWrench, RejectedWrench
+from rb_dynamics.loads.channels import AppliedWrench, ReceivedWrench, RejectedWrench
 from rb_dynamics.numerics.vector import Vector
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.state_change import StateChange
@@ -85,7 +85,7 @@ class Measurement:
     numbers: tuple[float, ...]
 
 
-Event = Sample | AppliedWrench | RejectedWrench | Measurement | Status | Epoch | StateChange
+Event = Sample | AppliedWrench | ReceivedWrench | RejectedWrench | Measurement | Status | Epoch | StateChange
 
 
 class Sink(Protocol):
@@ -106,6 +106,7 @@ __all__ = [
     "Epoch",
     "Event",
     "Measurement",
+    "ReceivedWrench",
     "RejectedWrench",
     "RunInfo",
     "Sample",

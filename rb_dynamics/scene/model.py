@@ -8,7 +8,7 @@ from rb_dynamics.body.plausibility import Finding
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import SceneError
-from rb_dynamics.loads.channels import Channel, topic_fault
+from rb_dynamics.loads.channels import Channel, ChannelBias, topic_fault
 from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.effect import Effect
 from rb_dynamics.loads.wrench import WrenchFrames
@@ -159,8 +159,9 @@ class Scene:
 
     @property
     def combined_effects(self) -> CombinedEffects:
-        """The effects combined, for this body."""
-        return CombinedEffects(self.body, self.effects, self.frames)
+        """The effects and the biases of channels combined, for this body."""
+        biases = tuple(ChannelBias(channel) for channel in self.channels if channel.bias is not None)
+        return CombinedEffects(self.body, (*self.effects, *biases), self.frames)
 
 
 __all__ = ["Channel", "Scene", "Solver"]

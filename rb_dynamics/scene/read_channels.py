@@ -19,7 +19,11 @@ _LIMITS = {
     name: Rule(f"a number greater than 0 ({unit})", lambda v: v > 0.0, "leave it out for no limit")
     for name, unit in (("max_force", "N"), ("max_torque", "N m"))
 }
-_KEYS = ("topic", "timeout", "optional", *_LIMITS, "on_excess")
+_DELAY = Rule(
+    f"a time from 0 to {LONGEST:.1e} (s)", lambda v: 0.0 <= v <= LONGEST, "write the time from a command to its effect"
+)
+_BIAS = {name: Rule(f"a finite number ({unit})") for name, unit in (("force", "N"), ("torque", "N m"))}
+_KEYS = ("topic", "timeout", "optional", *_LIMITS, "on_excess", "delay", "bias")
 
 
 def channels(field: Field | None, taken: dict[str, str]) -> tuple[Channel, ...]:
@@ -35,7 +39,7 @@ def channels(field: Field | None, taken: dict[str, str]) -> tuple[Channel, ...]:
 
 
 def _channel(section: Section, taken: dict[str, str]) -> Channel:
-    optional = section.get("optional")
+    optional, bias = section.get("optional"), section.section("bias", tuple(_BIAS))
     return Channel(
         _topic(section, taken),
         section.number("timeout", _TIMEOUT, 0.0),
@@ -43,6 +47,9 @@ def _channel(section: Section, taken: dict[str, str]) -> Channel:
         section.number("max_force", _LIMITS["max_force"], math.inf),
         section.number("max_torque", _LIMITS["max_torque"], math.inf),
         _on_excess(section),
+        section.number("delay", _DELAY, 0.0),
+        bias.vector("force", _BIAS["force"]),
+        bias.vector("torque", _BIAS["torque"]),
     )
 
 

@@ -49,7 +49,16 @@ from rb_dynamics.formats.messages import (
 )
 from rb_dynamics.run.provenance import CHECKPOINT, EPOCH, INTERRUPTED, RESULT, RUN, SCENE, TOPICS, version
 from rb_dynamics.run.sample import Sample
-from rb_dynamics.run.sink import AppliedWrench, Event, Measurement, RejectedWrench, RunInfo, StateChange, Status
+from rb_dynamics.run.sink import (
+    AppliedWrench,
+    Event,
+    Measurement,
+    ReceivedWrench,
+    RejectedWrench,
+    RunInfo,
+    StateChange,
+    Status,
+)
 from rb_dynamics.run.stop_signals import uninterrupted
 from rb_dynamics.sinks.state_hash import StateHash
 
@@ -223,9 +232,10 @@ class McapSink:
             if self._writer.between_chunks:
                 self._end_chunk()
         elif isinstance(event, AppliedWrench):
-            self._write_received(event)
+            if not event.delayed:
+                self._write_received(event)
             self._write_applied(event)
-        elif isinstance(event, RejectedWrench):
+        elif isinstance(event, (ReceivedWrench, RejectedWrench)):
             self._write_received(event)
         elif isinstance(event, Measurement):
             self._add(event.topic, self._encode_measurement[event.topic](event, event.taken_ns), event.time_ns)
@@ -296,7 +306,7 @@ class McapSink:
             self._ids[name] = self._writer.add_channel(channel.topic, channel.encoding, schema, channel.metadata)
             self._channels.append(channel)
 
-    def _write_received(self, event: AppliedWrench | RejectedWrench) -> None:
+    def _write_received(self, event: AppliedWrench | ReceivedWrench | RejectedWrench) -> None:
         command = event.received
         if command is not None and event.topic in self._ids:
             # Whatever its stamp is, the times of the record are simulation time.

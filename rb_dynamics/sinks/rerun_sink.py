@@ -34,7 +34,16 @@ from rb_dynamics.numerics.rotation import rotate
 from rb_dynamics.numerics.rotation_arrays import rotate_all
 from rb_dynamics.numerics.vector import ZERO, Vector, add, subtract
 from rb_dynamics.run.sample import Sample
-from rb_dynamics.run.sink import AppliedWrench, Event, Measurement, RejectedWrench, RunInfo, StateChange, Status
+from rb_dynamics.run.sink import (
+    AppliedWrench,
+    Event,
+    Measurement,
+    ReceivedWrench,
+    RejectedWrench,
+    RunInfo,
+    StateChange,
+    Status,
+)
 from rb_dynamics.sinks import rerun_layout as layout
 from rb_dynamics.sinks import rerun_poinsot as poinsot
 from rb_dynamics.sinks.appearance import eye_above
@@ -194,7 +203,7 @@ class Recorder:
     def take(self, event: Event) -> None:
         """Take one event."""
         self.time_ns = event.time_ns
-        if isinstance(event, Measurement):
+        if isinstance(event, (Measurement, ReceivedWrench)):
             return
         if isinstance(event, Sample):
             self.newest = event

@@ -51,7 +51,7 @@ from rb_dynamics.formats.messages import (
     sample_topics,
 )
 from rb_dynamics.formats.own_log import received_commands, scene_and_names
-from rb_dynamics.loads.channels import AppliedWrench, RejectedWrench
+from rb_dynamics.loads.channels import AppliedWrench, ReceivedWrench, RejectedWrench
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import METHODS, REMOVED
 from rb_dynamics.numerics.argument_checks import shown
@@ -410,8 +410,11 @@ class _Comparison:
             if self._found.differences:
                 self._hold_together(event.time_ns, logged)
         elif isinstance(event, AppliedWrench):
-            self._compare_received(event)
+            if not event.delayed:
+                self._compare_received(event)
             self._compare_applied(event)
+        elif isinstance(event, ReceivedWrench):
+            self._compare_received(event)
         elif isinstance(event, Measurement):
             message = self._encode_measurement[event.topic](event, event.taken_ns)
             self._compare(self._facts.names[event.topic], event.time_ns, message)
@@ -522,7 +525,7 @@ class _Comparison:
             if repr(_numbers(one)[start : start + len(numbers)]) != repr(numbers):
                 self._found.torn.append(f"{topic} at {time_ns / 1e9:.9f} s: the log says something else on {other}")
 
-    def _compare_received(self, event: AppliedWrench | RejectedWrench) -> None:
+    def _compare_received(self, event: AppliedWrench | ReceivedWrench | RejectedWrench) -> None:
         topic = self._facts.names.get(event.topic)
         if topic in self._certain and event.received is not None:
             self._compare(topic, event.time_ns, encode_received(event.received))

@@ -4,16 +4,23 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import rb_dynamics as rb
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import WrenchError
+from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.formats.wrench_bags import RecordedWrenches
 from rb_dynamics.loads.channels import AppliedWrench, Channel, RejectedWrench, WrenchChannels
 from rb_dynamics.loads.wrench import FixedFrame, HeldWrench, Wrench, WrenchFrames
+from rb_dynamics.numerics.rotation import rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector
+from rb_dynamics.sinks.mcap_sink import McapSink
+from rb_dynamics.study.replay import replay
 
 MS = 1_000_000
 
@@ -336,3 +343,58 @@ class TestTooLarge:
         c = WrenchChannels((Channel("wrench"),), WrenchFrames(turns=False), (), RigidBody.particle(2.0))
         c.post("wrench", push(1e100), 0)
         assert [type(change) for change in c.apply(0)] == [AppliedWrench]
+
+
+class TestDelayAndBias:
+    SCENE = """
+body: {mass: 2, inertia: {diagonal: [1, 2, 2.5]}}
+wrenches:
+  - {topic: wrench, timeout: 0.1, delay: 0.02, max_force: 4, bias: {force: [0, 0, 0.5], torque: [0.1, 0, 0]}}
+duration: 0.3
+output_rate: 50
+"""
+
+    def test_a_command_is_told_when_it_comes_and_acts_after_the_delay(self) -> None:
+        c = channels(Channel("wrench", timeout=1e-6, delay=2e-8))
+        c.post("wrench", push(1.0), 100)
+        c.post("wrench", push(2.0), 110)
+        with pytest.raises(WrenchError):
+            c.post("wrench", push(math.nan), 105)
+        told = []
+        while (time_ns := c.next_change_ns()) is not None:
+            told += [(type(change).__name__, change.time_ns) for change in c.apply(time_ns)]
+            assert time_ns < 10_000
+            if time_ns == 120:
+                assert c.total().force_body == (1.0, 0.0, 0.0)
+        assert told == [
+            ("ReceivedWrench", 100),
+            ("RejectedWrench", 105),
+            ("ReceivedWrench", 110),
+            ("AppliedWrench", 120),
+            ("AppliedWrench", 130),
+            ("AppliedWrench", 1130),
+        ]
+
+    def test_what_is_on_its_way_is_outstanding_from_when_it_came(self) -> None:
+        c = channels(Channel("wrench", delay=2e-8))
+        c.post("wrench", push(1.0), 100)
+        c.apply(100)
+        assert [time_ns for _, _, time_ns in c.outstanding()] == [100]
+
+    def test_impulse_log_and_replay_of_a_delayed_and_biased_channel(self, tmp_path: Path) -> None:
+        scene, path = rb.parse_scene(self.SCENE), tmp_path / "run.mcap"
+        commands = [("wrench", Wrench((0.0, 3.0, 0.0), stamp_ns=50_000_000)), ("wrench", push(9.0))]
+        run = rb.simulate(scene, commands, [McapSink(path)])
+        # 0.1 s until the timeout; the bias, on a body that turns slowly, all the time.
+        assert rotate_inverse(run.sample.orientation_xyzw, run.sample.linear_momentum_world) == pytest.approx(
+            (0.0, 0.3, 0.15), abs=2e-3
+        )
+        assert len(run.rejected) == 1
+        bag = read_bag(path)
+        assert bag.topics["/wrench"].log_times.tolist() == [0, 50_000_000]
+        assert bag.topics["/wrench/applied"].log_times.tolist() == [70_000_000, 170_000_000]
+        assert bag.topics["/effects/wrench/bias/applied"].numbers.tolist() == [[0.0, 0.0, 0.5, 0.1, 0.0, 0.0]]
+        assert replay(path).identical
+        again = rb.simulate(scene, RecordedWrenches([path], ["wrench"], start="auto"))
+        assert again.sample == run.sample
+        assert rb.inspect(path).passed

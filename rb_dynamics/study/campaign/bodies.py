@@ -35,7 +35,8 @@ CHANNEL = "control"
 def go_side_by_side(scenes: Sequence[Scene], driven: bool) -> bool:
     """Return whether the runs can go side by side; `driven`: by a controller."""
     first = scenes[0]
-    if any((scene.solver, scene.duration, scene.effects) != (first.solver, first.duration, ()) for scene in scenes):
+    shared = first.solver, first.duration, ()
+    if any((scene.solver, scene.duration, scene.combined_effects.effects) != shared for scene in scenes):
         return False
     if first.solver.method in ("auto", "exact"):
         return not driven

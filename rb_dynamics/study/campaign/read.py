@@ -145,7 +145,12 @@ def _base(root: Section, controlled: bool, problems: Problems) -> Scene | None:
             field.reject("a body that turns", "add body.inertia to the scene, or remove control", "a particle")
             return None
         channels = [
-            {"topic": each.topic, "timeout": each.timeout, "optional": each.optional}
+            {
+                "topic": each.topic,
+                "timeout": each.timeout,
+                "optional": each.optional,
+                "bias": {"force": list(each.bias_force), "torque": list(each.bias_torque)},
+            }
             for each in base.channels
             if each.topic != CHANNEL
         ]
