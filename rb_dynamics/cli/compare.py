@@ -17,6 +17,7 @@ import sys
 from decimal import Decimal
 
 from rb_dynamics.cli.scene import add_start_and_topics, mapping_of
+from rb_dynamics.cli.topics import add_topics, chosen_topics
 from rb_dynamics.numerics.option_types import real
 
 HELP = "compare two flights, or a scene with a recording"
@@ -37,6 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     add_window(parser, "compare")
     add_start_and_topics(parser, "of a scene that is flown: ")
+    add_topics(parser)
     parser.add_argument(
         "--html", metavar="F", help="write a page with both motions and their differences (extra: plot)"
     )
@@ -81,6 +83,7 @@ def run(args: argparse.Namespace) -> int:
         end_s=args.to_s,
         wrench_start="auto" if args.wrench_start is None else args.wrench_start,
         mapping=mapping_of(args),
+        topics=chosen_topics(args),
     )
     encoding = sys.stdout.encoding or "utf-8"
     text = json.dumps(found.as_dict(), allow_nan=False) if args.json else as_text(found)

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 
 def add_topics(parser: argparse.ArgumentParser) -> None:
-    """Add the options; without them topics are found by type and name."""
+    """Add the options; without them topics are found by type and name; `compare` applies them to foreign bags."""
     parser.add_argument(
         "--pose-topic", metavar="TOPIC", help="topic of the pose: PoseStamped, Odometry, TransformStamped, Imu, ..."
     )

@@ -12,7 +12,7 @@ from typing import Literal, TypeAlias
 
 from rb_dynamics.analysis.alignment import Alignment, best_lag, misfit
 from rb_dynamics.analysis.comparison import Comparison, Given, compare_tracks
-from rb_dynamics.analysis.read_track import read_track
+from rb_dynamics.analysis.read_track import TopicChoice, read_track
 from rb_dynamics.analysis.streams import MotionStreams
 from rb_dynamics.analysis.track import Track
 from rb_dynamics.errors import LogError
@@ -45,6 +45,7 @@ def compare(
     end_s: float | None = None,
     wrench_start: Start = "auto",
     mapping: Mapping[str, str] | None = None,
+    topics: TopicChoice | None = None,
 ) -> Comparison:
     """Return how two flights differ.
 
@@ -60,6 +61,7 @@ def compare(
         end_s: compare up to here.
         wrench_start: of a scene that is flown, which time of the commands is time 0; see `simulate --wrench-start`.
         mapping: of a scene that is flown, the channel that each topic drives, if their names differ.
+        topics: which topics of bags from other programs tell of the body; found by type and name otherwise.
 
     Raises:
         TypeError: an argument has the wrong type.
@@ -78,7 +80,7 @@ def compare(
             f"found two scenes, {shown(a)} and {shown(b)}, expected a recording in one place at least; run one with "
             "simulate --mcap RUN.mcap and compare its log"
         )
-    flight = _Flights(a, b, scene, wrench_start, mapping or {})
+    flight = _Flights(a, b, scene, wrench_start, mapping or {}, topics)
     one, other = flight.both()
     alignment, notes = _aligned(one, other, flight.offset_ns, align)
     return compare_tracks(one, other, alignment, bound, (start_s, end_s), [*flight.notes, *notes])
@@ -97,11 +99,17 @@ class _Flights:
     """
 
     def __init__(
-        self, a: Source, b: Source, scene: Source | None, wrench_start: Start, mapping: Mapping[str, str]
+        self,
+        a: Source,
+        b: Source,
+        scene: Source | None,
+        wrench_start: Start,
+        mapping: Mapping[str, str],
+        topics: TopicChoice | None,
     ) -> None:
         self._sources = (a, b)
         self._scene = None if scene is None else opened_scene(scene)
-        self._start, self._mapping = wrench_start, mapping
+        self._start, self._mapping, self._topics = wrench_start, mapping, topics
         self.offset_ns: int | None = None
         self.notes: list[str] = []
 
@@ -122,8 +130,9 @@ class _Flights:
     def _read(self, source: Source) -> Given:
         assert not isinstance(source, Scene)
         bag = read_bag(source, repeated=False)
-        scene = None if RUN in bag.metadata else self._scene or self._other_scene()
-        return Given(read_track(bag, scene), str(source))
+        own = RUN in bag.metadata
+        scene = None if own else self._scene or self._other_scene()
+        return Given(read_track(bag, scene, None if own else self._topics), str(source))
 
     def _other_scene(self) -> Scene | None:
         """Return the scene that is to be flown: it tells body and frames of the recording, too."""

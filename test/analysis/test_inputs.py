@@ -236,3 +236,11 @@ def test_damaged_transforms_spoil_nothing_else(tmp_path: Path) -> None:
     assert inspect(bag).track.pose is not None
     with pytest.raises(LogError, match="TFMessage: message ends after 8 bytes"):
         inspect(bag, topics=TopicChoice(frames=("a", "b")))
+
+
+def test_compare_takes_the_topics_that_are_named(tmp_path: Path) -> None:
+    late = [("/other", *rest) for _, *rest in rows_of("", "geometry_msgs/msg/Pose", [pose(row) for row in POSES[::-1]])]
+    bag = write_bag(tmp_path / "bag", sorted([*VICON, *late], key=lambda row: row[2]))
+    same = command("compare", bag, bag, "--pose-topic", "/other", "--bound", "0")
+    assert same.returncode == 0
+    assert "expected one of: /vicon/brick" in command("compare", bag, bag, "--pose-topic", "nowhere").stderr
