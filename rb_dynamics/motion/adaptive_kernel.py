@@ -230,6 +230,13 @@ def _known(numbers: tuple[float, ...]) -> tuple[PhaseState, Learnt]:
     return phase_of(numbers[:PHASE]), Learnt(*numbers[PHASE:])
 
 
+def strides_of(method: Method) -> Strides | None:
+    """Return the kernel for `method` with the control that suits it, None if there is none."""
+    if not method.compiles or method.order is None:
+        return None
+    return _strides(method, "own" if method.longest_step else "pair" if method.pair else "doubling")
+
+
 def strides_by(method: Method, control: StepControl) -> Strides | None:
     """Return the kernel for `method` with `control`, None if there is none."""
     if not method.compiles:

@@ -275,6 +275,22 @@ class Stepper:
             return None
         return self._kernel.after(self._inertia, self._held, h, count, phase, ahead, missed)
 
+    def stride(self, control: StepControl, phase: PhaseState) -> tuple[int, PhaseState | None]:
+        """Return the next stride that `control` chooses in `phase` and, if known, the phase at its end.
+
+        A kernel is not compiled for that: there may be no other stride.
+
+        Raises:
+            ConvergenceError: no stride meets the accuracy.
+        """
+        strides = strides_by(self._method, control) if self._load_from is None else None
+        if strides is not None and strides.at_hand and isinstance(control, (AccuracyControl, OwnControl)):
+            progress = strides.after((self._inertia, self._held), control, phase, 0, 1, 1)
+            if progress is not None and progress.next_stride:
+                control.following = progress.following
+                return progress.next_stride, progress.after
+        return control.stride(phase, self)
+
     def pair(self, phase: PhaseState, h: float) -> tuple[PhaseState, PhaseState]:
         """Return the phase after a step of h s, and the embedded result of one order less."""
         if self._method.pair is None:

@@ -12,9 +12,10 @@ from types import MappingProxyType
 
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.load import LoadDependence
+from rb_dynamics.motion.arc import Stepper
 from rb_dynamics.motion.method import Method
 from rb_dynamics.motion.phase_state import PhaseState
-from rb_dynamics.motion.step_control import Advance, StepControl
+from rb_dynamics.motion.step_control import StepControl
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 
 COST_OF_A_STEP: Mapping[str, float] = MappingProxyType(
@@ -38,7 +39,7 @@ _TRIALS = 12
 def cheapest(
     candidates: tuple[Method, ...],
     control_for: Callable[[Method], StepControl],
-    advance_with: Callable[[Method], Advance],
+    advance_with: Callable[[Method], Stepper],
     phase: PhaseState,
     arc: float,
     rest: float,
@@ -70,7 +71,7 @@ def cheapest(
     return best[1], best[2]
 
 
-def longest_stride(control: StepControl, advance: Advance, phase: PhaseState) -> float:
+def longest_stride(control: StepControl, advance: Stepper, phase: PhaseState) -> float:
     """Return the longest stride (s) from `phase` on; the control has then learnt it.
 
     Raises:
@@ -78,7 +79,7 @@ def longest_stride(control: StepControl, advance: Advance, phase: PhaseState) ->
     """
     longest = 0.0
     for _ in range(_TRIALS):
-        stride = control.stride(phase, advance)[0] / (control.denominator * NANOSECONDS)
+        stride = advance.stride(control, phase)[0] / (control.denominator * NANOSECONDS)
         control.begin()
         if stride < 1.2 * longest:
             break

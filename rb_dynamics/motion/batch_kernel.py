@@ -228,6 +228,11 @@ class Mover:
         step = method.step if method.compiles else _COMPILED_STEPS.get(method.name)
         self._one_by_one = _on_demand(one_by_one, _ONE_BY_ONE, method.name, step)
 
+    @property
+    def kernels(self) -> tuple[fixed_step_kernel.OnDemand | None, ...]:
+        """Those of blocks and of single bodies."""
+        return self._lanes, self._one_by_one
+
     def move(self, properties: Numbers, schedule: Schedule, state: Numbers, after: Numbers, threads: int) -> None:
         """Write the state of all bodies after `schedule` to `after`; `state` is unchanged.
 

@@ -1,9 +1,9 @@
 """Kernels for fixed steps: many steps of one length under a held wrench in one compiled call.
 
 The same function runs in plain Python and, if numba is installed (extra `fast`) and it pays, compiled, with the same
-bits. It pays once the steps taken and known to come would take plain Python as long as compilation (a few seconds) or
-loading the kernel from the cache (half a second). The environment variable `RB_DYNAMICS_COMPILE`
-overrides that: `never`, `always` (at the first step) or `auto` (the default).
+bits. It pays once the steps taken and known to come would take plain Python as long as loading the kernel from the
+cache (a tenth of a second). What is not there yet another process compiles meanwhile. The environment variable
+`RB_DYNAMICS_COMPILE` overrides that: `never`, `always` (at the first step, by this process) or `auto` (the default).
 
 A kernel does not support a load that varies in the step, and does not raise: non-finite numbers propagate to its end,
 where the caller notices them and repeats the steps in plain Python, which raises the error.
@@ -36,7 +36,8 @@ from rb_dynamics.motion.kernel_layout import (
 )
 from rb_dynamics.motion.method import Increment, Inertia, Method
 from rb_dynamics.motion.phase_state import PhaseState, Sums, grown
-from rb_dynamics.numerics.compilation import available, compile_kernel, is_cached, specialise
+from rb_dynamics.numerics.compilation import available, compile_kernel, failure_of, is_cached, specialise
+from rb_dynamics.numerics.compiling_beside import ask_for
 from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import Vector, scale
 
@@ -49,8 +50,11 @@ LONGEST_STRETCH = 10_000
 WORTH_COMPILING = 200_000
 """Number of `rk4` steps that take as long in plain Python as compiling a kernel: 2 to 6 s."""
 
-WORTH_LOADING = 20_000
-"""The same for loading a kernel from the cache, including the import of numba: 0.5 s."""
+WORTH_LOADING = 2_000
+"""The same for loading a kernel from the cache, and with the first of them LLVM: 0.08 s."""
+
+# And for loading another.
+_WORTH_ANOTHER = 50
 
 # Time of a step in plain Python relative to rk4, if different: the plain column of `benchmarks/kernels.py`.
 _PLAIN_PRICE = {
@@ -133,6 +137,8 @@ class Tally:
         clock: Callable[[], float] = time.perf_counter,
         built: dict[str, float] | None = None,
         compiling: Callable[[str], None] | None = None,
+        *,
+        beside: bool = False,
     ) -> None:
         """Start without steps.
 
@@ -143,11 +149,12 @@ class Tally:
             clock: s.
             built: receives the times.
             compiling: called with the name of a kernel before it is compiled (not when it is loaded from the cache).
+            beside: let another process compile, where there is one.
         """
         self.used: set[OnDemand] = set()
         self.built = {} if built is None else built
         self.worth, self.clock, self.compiling = worth, clock, compiling
-        self._scale = scale
+        self.beside, self._scale = beside, scale
         self._steps: dict[OnDemand, float] = {}
 
     @property
@@ -168,7 +175,7 @@ class Tally:
 # Any arc may end with a step, or with two halves of one.
 _TELLS_NOTHING = 2.0
 
-_of_the_process = Tally()
+_of_the_process = Tally(beside=True)
 _tally = ContextVar("_tally", default=_of_the_process)
 
 
@@ -185,22 +192,30 @@ def counted_by(tally: Tally) -> Iterator[None]:
 class OnDemand:
     """A function that is compiled when that pays."""
 
-    def __init__(
-        self, method: str, function: Callable[..., Any], signature: str | Callable[[], Any], price: float = 1.0
-    ) -> None:
+    def __init__(self, method: str, function: Callable[..., Any], signature: str, price: float = 1.0) -> None:
         """Compile nothing yet.
 
         Args:
             method: the method that it belongs to.
             function: to be compiled; cached by its name.
-            signature: its types, or a function that returns them: what needs numba to say.
+            signature: its types, in the words of numba.
             price: cost of one call per step in plain Python, in steps of the method.
         """
         self._method, self._function, self._signature = method, function, signature
         self._price = price * _PLAIN_PRICE.get(method, 1.0)
         self._compiled: Callable[..., Any] | None = None
         self._given_up = False
-        self._is_cached: bool | None = None
+
+    @property
+    def name(self) -> str:
+        """What it is kept under."""
+        return self._function.__name__
+
+    @property
+    def at_hand(self) -> bool:
+        """Whether there is nothing to compile, and LLVM has been loaded."""
+        used = _tally.get().used
+        return self in used or (bool(used) and is_cached(self.name))
 
     def get(self, ahead: float, missed: float) -> Callable[..., Any] | None:
         """Return the compiled function; None if it is not worth compiling for `ahead` more steps.
@@ -212,35 +227,48 @@ class OnDemand:
             return None
         try:
             if self not in tally.used and (when == "always" or self._is_worth(tally, ahead * self._price)):
-                self._build(tally)
+                self.build(tally)
                 tally.used.add(self)
         except (ImportError, OSError, RuntimeError) as error:
             if when == "always":
                 raise
-            self._given_up = True
-            _log.warning("%s runs in plain Python: %s", self._method, error)
+            self._give_up(str(error))
         if self in tally.used:
             return self._compiled
         tally.miss(self, missed * self._price)
         return None
 
     def _is_worth(self, tally: Tally, ahead: float) -> bool:
+        """Return whether it is to be compiled now, or loaded; where another process is to compile it, ask that."""
         if self._given_up or not available():
             return False
         steps = tally.expected(self, ahead)
-        if steps >= WORTH_LOADING and self._is_cached is None:
-            self._is_cached = is_cached(self._function.__name__)
-        worth = WORTH_COMPILING if tally.worth is None else tally.worth
-        return steps >= worth or (steps >= WORTH_LOADING and bool(self._is_cached))
+        if steps < (_WORTH_ANOTHER if tally.used else WORTH_LOADING):
+            return False
+        if is_cached(self.name):
+            return True
+        if tally.beside and ask_for(self.name):
+            if reason := failure_of(self.name):
+                self._give_up(reason)
+            return False
+        return steps >= (WORTH_COMPILING if tally.worth is None else tally.worth)
 
-    def _build(self, tally: Tally) -> None:
+    def _give_up(self, reason: str) -> None:
+        self._given_up = True
+        _log.warning("%s runs in plain Python: %s", self._method, reason)
+
+    def build(self, tally: Tally) -> None:
+        """Compile or load it, unless it is there.
+
+        Raises:
+            ImportError, RuntimeError: as `compile_kernel`.
+        """
         if self._compiled is None:
-            if tally.compiling is not None and not is_cached(self._function.__name__):
-                tally.compiling(self._function.__name__)
+            if tally.compiling is not None and not is_cached(self.name):
+                tally.compiling(self.name)
             begin = tally.clock()
             self._compiled = compile_kernel(self._function, self._signature)
-            self._is_cached = True
-            tally.built[self._function.__name__] = tally.clock() - begin
+            tally.built[self.name] = tally.clock() - begin
 
 
 class Kernel(OnDemand):
@@ -277,11 +305,11 @@ def kernel(method: Method) -> Kernel | None:
     return Kernel(method) if method.compiles else None
 
 
-def longest_in_plain(method: Method) -> float:
-    """Return the steps of a long run in plain Python before its kernel is worth loading; inf if there is no kernel."""
+def longest_in_plain(method: Method, worth: float) -> float:
+    """Return the steps of `method` that take as long as `worth` of `rk4` do; inf if it has no kernel."""
     if _when() == "never" or not available() or not method.compiles:
         return math.inf
-    return WORTH_LOADING / _PLAIN_PRICE.get(method.name, 1.0)
+    return worth / _PLAIN_PRICE.get(method.name, 1.0)
 
 
 def _when() -> str:

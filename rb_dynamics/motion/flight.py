@@ -174,13 +174,10 @@ def _kernels(driven_by: tuple[Method, StepControl] | None, closed: bool, edges: 
         method, control = driven_by
         steps = kernel(method)
         strides = layout.NO_STRIDES if isinstance(control, FixedStep) else strides_by(method, control)
-    found = []
-    for each in (layout.FLY, steps, strides, layout.CLOSED_FORM if closed else steps):
-        compiled = None if each is None else each.get(edges * _PRICE_OF_AN_EDGE, 0)
-        if compiled is None:
-            return None
-        found.append(compiled)
-    return found
+    wanted = (layout.FLY, steps, strides, layout.CLOSED_FORM if closed else steps)
+    # All are asked for, so that all are there the next time.
+    found = [None if each is None else each.get(edges * _PRICE_OF_AN_EDGE, 0) for each in wanted]
+    return [each for each in found if each is not None] if None not in found else None
 
 
 def _numbers(inertia: Inertia, standing: Standing, arcs: Arcs, grid: StepControl) -> Numbers:

@@ -10,7 +10,7 @@ and raises the error.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import exact, planar_motion
@@ -257,16 +257,10 @@ _STEPS = "void(float64[::1], float64, int64)"
 _STRIDES = "UniTuple(int64, 3)(float64[::1], int64, int64)"
 
 
-def _signature() -> Any:
-    from numba import types
-
-    numbers, whole = types.float64[::1], types.int64[::1]
-    table = types.float64[:, ::1]
-    steps = types.FunctionType(types.void(numbers, types.float64, types.int64))
-    strides = types.FunctionType(types.UniTuple(types.int64, 3)(numbers, types.int64, types.int64))
-    return types.int64(numbers, whole, whole, whole, table, table, steps, strides, steps)
+_TAKEN = "float64[::1], int64[::1], int64[::1], int64[::1], float64[:, ::1], float64[:, ::1]"
+_HANDED = ", ".join(f"FunctionType({each})" for each in (_STEPS, _STRIDES, _STEPS))
 
 
-FLY = OnDemand("rk4", fly, _signature)
+FLY = OnDemand("rk4", fly, f"int64({_TAKEN}, {_HANDED})")
 CLOSED_FORM = OnDemand("exact", _in_closed_form, _STEPS)
 NO_STRIDES = OnDemand("rk4", _no_strides, _STRIDES)

@@ -84,7 +84,7 @@ def free_motion(body: RigidBody, state: State, t: npt.ArrayLike) -> FreeMotion:
 def _table(numbers: tuple[float, ...], times: Numbers) -> Numbers:
     import numpy as np
 
-    compiled = _KERNEL.get(times.size, times.size)
+    compiled = FREE_STATES.get(times.size, times.size)
     if compiled is not None:
         table = np.empty(_ROW * times.size)
         compiled(np.array(numbers), times, table)
@@ -127,4 +127,4 @@ def _free_states(numbers: Sequence[float], times: Sequence[float], rows: Mutable
         rows[k + 10], rows[k + 11], rows[k + 12] = w
 
 
-_KERNEL = OnDemand("exact", _free_states, "void(float64[::1], float64[::1], float64[::1])")
+FREE_STATES = OnDemand("exact", _free_states, "void(float64[::1], float64[::1], float64[::1])")

@@ -11,18 +11,20 @@ import hashlib
 import logging
 import os
 import shutil
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
-from pickle import UnpicklingError
 from types import FunctionType, ModuleType
 from typing import Any, TypeVar
 
+from rb_dynamics.numerics.native_code import Native, ObjectCode, processor
+
 _PACKAGE = Path(__file__).parents[1]
+# The folders whose functions kernels may call.
+_MADE_OF = ("numerics", "body", "loads", "motion")
 _F = TypeVar("_F", bound=Callable[..., Any])
 _MARK = "__compiled_as__"
 _MONTH = 30 * 86400.0
@@ -88,83 +90,96 @@ def available() -> bool:
 
 def is_cached(name: str) -> bool:
     """Return whether a kernel of this name has been compiled before, from the same sources by the same compiler."""
-    folder = cache_folder()
-    return folder.is_dir() and any(folder.rglob(f"*.{name}-*.nbi"))
+    return _kept_in(name).is_file()
 
 
-def compile_kernel(function: Callable[..., Any], signature: str | Callable[[], Any]) -> Callable[..., Any]:
-    """Return `function` compiled for `signature`, or for what that returns; see `cache_folder` for where it is kept.
+def failure_of(name: str) -> str:
+    """Return why another process could not compile a kernel of this name; "" where none has tried or it could."""
+    with contextlib.suppress(OSError):
+        return _kept_in(name).with_suffix(".failure").read_text(encoding="utf-8")
+    return ""
+
+
+def keep_failure(name: str, reason: str) -> None:
+    """Tell whoever asks `failure_of`."""
+    with contextlib.suppress(OSError):
+        _kept_in(name).with_suffix(".failure").write_text(reason, encoding="utf-8")
+
+
+def _kept_in(name: str) -> Path:
+    return cache_folder() / f"{name}.kernel"
+
+
+def compile_kernel(function: Callable[..., Any], signature: str) -> Native:
+    """Return `function` compiled for `signature`; see `cache_folder` for where it is kept.
 
     Without a writable or readable cache it is compiled anew.
 
     Raises:
         ImportError, RuntimeError: numba does not load, is switched off, or does not compile it.
     """
-    # Two threads would register a function twice and change the cache folder under each other.
     with _one_at_a_time:
-        numba = _numba()
-        if numba.config.DISABLE_JIT:
-            raise RuntimeError("NUMBA_DISABLE_JIT is set; unset it")
-        for callee in _reach(function):
-            _register(callee)
-        if not isinstance(signature, str):
-            signature = signature()
-        before = numba.config.CACHE_DIR
-        numba.config.CACHE_DIR = str(cache_folder())
+        path = _kept_in(function.__name__)
+        found, trouble = None, ""
         try:
-            if _can_keep(numba, function):
-                try:
-                    return _compile(numba, function, signature, cache=True)
-                except _BROKEN_CACHE as error:
-                    _log.warning(
-                        "%s is compiled without the cache in %s: %s", function.__qualname__, cache_folder(), error
-                    )
-                    _forget(function.__name__)
-            return _compile(numba, function, signature, cache=False)
-        except numba.core.errors.NumbaError as error:
-            raise RuntimeError(f"numba {numba.__version__} does not compile {function.__qualname__}") from error
-        finally:
-            numba.config.CACHE_DIR = before
+            found = ObjectCode.read(path)
+            trouble = "" if found else "it is damaged"
+        except FileNotFoundError:
+            pass
+        except OSError as error:
+            trouble = str(error)
+        if found is not None:
+            return Native(found, signature)
+        found = _compiled(function, signature)
+        native = Native(found, signature)
+        try:
+            found.write(path)
+        except OSError as error:
+            trouble = trouble or str(error)
+        if trouble:
+            _log.warning("%s was compiled, as %s cannot be used: %s", function.__qualname__, path, trouble)
+        return native
 
 
-# A full disk, and whatever pickle raises for the truncated files that a crash or a full disk leaves behind.
-_BROKEN_CACHE = (OSError, UnpicklingError, EOFError, ImportError, LookupError, AttributeError, TypeError, ValueError)
+# Two threads would register a function twice.
 _one_at_a_time = threading.Lock()
 
 
-def _compile(numba: Any, function: Callable[..., Any], signature: Any, *, cache: bool) -> Callable[..., Any]:
-    found: Callable[..., Any] = numba.njit(signature, cache=cache, nogil=True, error_model="numpy")(function)
-    return found
+def _compiled(function: Callable[..., Any], signature: str) -> ObjectCode:
+    """Return `function` compiled by numba.
 
-
-def _can_keep(numba: Any, function: Callable[..., Any]) -> bool:
-    """Return whether numba would cache `function` in `cache_folder`.
-
-    If it cannot write there, numba uses folders of its own, where it would miss edits of what `function` calls.
+    Raises:
+        ImportError, RuntimeError: numba does not load, is switched off, or does not compile it.
     """
+    numba = _numba()
+    if numba.config.DISABLE_JIT:
+        raise RuntimeError("NUMBA_DISABLE_JIT is set; unset it")
+    for callee in _reach(function):
+        _register(callee)
+    options = {"nogil": True, "error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     try:
-        path = numba.njit(cache=True)(function).stats.cache_path
-    except RuntimeError:
-        return False
-    return cache_folder() in Path(path).parents
-
-
-def _forget(name: str) -> None:
-    with contextlib.suppress(OSError):
-        for path in cache_folder().rglob(f"*.{name}-*"):
-            path.unlink(missing_ok=True)
+        (result,) = numba.njit(signature, **options)(function).overloads.values()
+    except numba.core.errors.NumbaError as error:
+        raise RuntimeError(f"numba {numba.__version__} does not compile {function.__qualname__}") from error
+    # What numba's own cache keeps.
+    library = result.library
+    code = library._get_compiled_object()  # noqa: SLF001
+    declared = [each.name for each in library._final_module.functions if each.is_declaration]  # noqa: SLF001
+    externals = tuple(name for name in declared if not name.startswith("llvm."))
+    return ObjectCode(result.fndesc.llvm_func_name, externals, code)
 
 
 @cache
 def cache_folder() -> Path:
-    """Return the folder of compiled kernels, one for each state of the sources, so that no edit is missed.
+    """Return the folder of compiled kernels, one for each state of what they are made of, so that no edit is missed.
 
     Creating a new one deletes those that have not been used for a month.
-    """
-    from importlib import metadata
 
-    digest = hashlib.sha256(f"{metadata.version('numba')} {sys.implementation.cache_tag}".encode())
-    for path in sorted(_PACKAGE.rglob("*.py")):
+    Raises:
+        ImportError: numba is not installed.
+    """
+    digest = hashlib.sha256(f"{_version_of_numba()} {processor()}".encode())
+    for path in sorted(path for part in _MADE_OF for path in (_PACKAGE / part).rglob("*.py")):
         digest.update(path.relative_to(_PACKAGE).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
     folder = _cache_root() / "rb_dynamics" / digest.hexdigest()[:16]
     with contextlib.suppress(OSError):
@@ -173,6 +188,14 @@ def cache_folder() -> Path:
         else:
             _delete_unused(folder.parent)
     return folder
+
+
+def _version_of_numba() -> str:
+    """Return what tells one numba from another, without importing it: that would take half a second."""
+    spec = find_spec("numba")
+    if spec is None or spec.origin is None:
+        raise ImportError("numba is not installed")
+    return Path(spec.origin).with_name("_version.py").read_text(encoding="utf-8")
 
 
 def _cache_root() -> Path:

@@ -11,7 +11,7 @@ from rb_dynamics.errors import ConvergenceError, WrenchError
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.caching import clear_caches
-from rb_dynamics.motion.fixed_step_kernel import WORTH_LOADING, OnDemand, Tally, counted_by
+from rb_dynamics.motion.fixed_step_kernel import OnDemand, Tally, counted_by
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import angle_between
 from rb_dynamics.numerics.vector import norm, subtract
@@ -27,6 +27,9 @@ _EPSILON = 2.0**-52
 _PARTS = 64
 
 _SAMPLES = 256
+
+WORTH_COMPILING_ONCE = 20_000
+"""Steps of `rk4` that take as long as is spent on compiling a kernel: what is compared is a run that finds it there."""
 
 # To measure the cost of outputs, run with them for this time (s) or for this share of a run without them.
 _SHORT, _SHARE = 0.005, 0.25
@@ -122,7 +125,7 @@ class Excerpt:
         seconds = reached_ns / NANOSECONDS
         if tally.asked or reached_ns == end_ns:
             # Run again with all kernels loaded, and with the step count of a whole run deciding on further ones.
-            tally = self.clock.tally(self.whole / seconds, WORTH_LOADING)
+            tally = self.clock.tally(self.whole / seconds, WORTH_COMPILING_ONCE)
             tally.used.update(used)
             took = min(took, self._reached(solver, tally, self.scene.output_rate, reached_ns)[1])
         if reached_ns == end_ns:
@@ -153,7 +156,7 @@ class Excerpt:
         The kernels in `used` are active from the first step: in a long run, the few steps before they are loaded do not
         matter.
         """
-        tally = self.clock.tally(self.whole / self.seconds, WORTH_LOADING)
+        tally = self.clock.tally(self.whole / self.seconds, WORTH_COMPILING_ONCE)
         tally.used.update(used)
         return tally
 

@@ -1,0 +1,54 @@
+"""Compile ahead what runs use (extra: fast), so that the first one is as quick as the next.
+
+Without it, a first run goes on in plain Python while another process compiles what it could use. By default the kernels
+of runs by `auto` under wrenches; names are those that are printed. The folder of the kernels is below
+XDG_CACHE_HOME, or ~/.cache.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+HELP = "compile ahead what runs use"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `compile`."""
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument("names", nargs="*", default=[], metavar="NAME", help="kernels, instead of the usual ones")
+    what.add_argument("--all", action="store_true", help="every kernel: some minutes")
+    what.add_argument("--beside", action="store_true", help=argparse.SUPPRESS)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Compile; exit code 0, or 1 if something does not compile."""
+    from rb_dynamics.errors import MissingExtraError, RigidBodyError
+    from rb_dynamics.motion.every_kernel import every_kernel, usual_kernels
+    from rb_dynamics.motion.fixed_step_kernel import Tally
+    from rb_dynamics.numerics.compilation import available, cache_folder, is_cached, keep_failure
+
+    if not available():
+        raise MissingExtraError("numba", "fast", "rb-dynamics compile")
+    kernels = every_kernel() if args.all or args.names or args.beside else usual_kernels()
+    if unknown := sorted(set(args.names) - kernels.keys()):
+        raise RigidBodyError(f"found kernels {unknown}, expected some of {', '.join(kernels)}; name some of these")
+    tally, failed = Tally(), 0
+    if args.beside:
+        from rb_dynamics.numerics.compiling_beside import asked_for
+
+        names = (name for name in asked_for() if name in kernels)
+    else:
+        names = (name for name in args.names or kernels)
+    for name in names:
+        known = is_cached(name)
+        try:
+            kernels[name].build(tally)
+        except (ImportError, RuntimeError) as error:
+            keep_failure(name, str(error))
+            failed += 1
+            print(f"{name:34} {error}", flush=True)
+        else:
+            done = "was there" if known else f"{tally.built[name]:.1f} s"
+            print(f"{name:34} {done}", flush=True)
+    print(f"in {cache_folder()}")
+    return 1 if failed else 0

@@ -1,0 +1,36 @@
+"""All kernels by name, for whoever compiles them ahead."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from rb_dynamics.loads.load import LoadDependence
+from rb_dynamics.motion import METHODS
+from rb_dynamics.motion.adaptive_kernel import strides_of
+from rb_dynamics.motion.auto_method import CANDIDATES
+from rb_dynamics.motion.batch_kernel import mover
+from rb_dynamics.motion.fixed_step_kernel import OnDemand, kernel
+from rb_dynamics.motion.flight_kernel import CLOSED_FORM, FLY, NO_STRIDES
+from rb_dynamics.motion.free_motion import FREE_STATES
+from rb_dynamics.motion.method import Method
+
+
+def usual_kernels() -> dict[str, OnDemand]:
+    """Return those of runs by `auto` under wrenches."""
+    methods = (METHODS[name] for name in CANDIDATES[LoadDependence.HELD])
+    return _by_name([NO_STRIDES, FLY, CLOSED_FORM, *(each for method in methods for each in _of(method))])
+
+
+def every_kernel() -> dict[str, OnDemand]:
+    """Return all that there are, those of plug-ins included."""
+    methods = METHODS.usable()
+    others = (each for method in methods for each in (*_of(method), *mover(method).kernels))
+    return usual_kernels() | _by_name([FREE_STATES, *others])
+
+
+def _of(method: Method) -> Iterable[OnDemand | None]:
+    return kernel(method), strides_of(method)
+
+
+def _by_name(kernels: Iterable[OnDemand | None]) -> dict[str, OnDemand]:
+    return {each.name: each for each in kernels if each is not None}
