@@ -24,7 +24,9 @@ elsewhere build with colcon in a sourced ROS 2 Jazzy.
 .NOTPARALLEL:
 .PHONY: demo docs pictures pages scaling bench test test-slow search lint coverage wheels clean
 
+# Meanwhile, with what time the demo leaves, what later runs use is compiled.
 demo: $(VENV)/installed-demo
+	@nice -n 19 $(BIN)/rb-dynamics compile >/dev/null 2>&1 &
 	$(BIN)/rb-dynamics demo
 
 # Runs the demo only if its files do not exist; after a change: make demo pictures
@@ -97,8 +99,8 @@ $(VENV)/created:
 
 # Ignore the warning of setuptools about editable installs.
 INSTALL := PYTHONWARNINGS=ignore::UserWarning $(PIP) install --quiet --no-build-isolation --editable
-EXTRAS_demo := ros,log,plot
-EXTRAS_test := $(EXTRAS_demo),fast,scale,test,dev,docs
+EXTRAS_demo := ros,log,plot,fast
+EXTRAS_test := $(EXTRAS_demo),scale,test,dev,docs
 EXTRAS_docs := docs
 
 # Peers are installed one by one, since not all have wheels for every machine.

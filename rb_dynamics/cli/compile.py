@@ -17,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     what = parser.add_mutually_exclusive_group()
     what.add_argument("names", nargs="*", default=[], metavar="NAME", help="kernels, instead of the usual ones")
     what.add_argument("--all", action="store_true", help="every kernel: some minutes")
-    what.add_argument("--beside", action="store_true", help=argparse.SUPPRESS)
+    what.add_argument("--beside", action="store_true", help="those that a run names, line by line, on standard input")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
             failed += 1
             print(f"{name:34} {error}", flush=True)
         else:
-            done = "was there" if known else f"{tally.built[name]:.1f} s"
+            done = "was there" if known or name not in tally.built else f"{tally.built[name]:.1f} s"
             print(f"{name:34} {done}", flush=True)
     print(f"in {cache_folder()}")
     return 1 if failed else 0

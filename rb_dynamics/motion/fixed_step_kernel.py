@@ -243,14 +243,13 @@ class OnDemand:
         if self._given_up or not available():
             return False
         steps = tally.expected(self, ahead)
-        if steps < (_WORTH_ANOTHER if tally.used else WORTH_LOADING):
-            return False
-        if is_cached(self.name):
-            return True
-        if tally.beside and ask_for(self.name):
-            if reason := failure_of(self.name):
-                self._give_up(reason)
-            return False
+        if steps >= (_WORTH_ANOTHER if tally.used else WORTH_LOADING):
+            if is_cached(self.name):
+                return True
+            if tally.beside and ask_for(self.name):
+                if reason := failure_of(self.name):
+                    self._give_up(reason)
+                return False
         return steps >= (WORTH_COMPILING if tally.worth is None else tally.worth)
 
     def _give_up(self, reason: str) -> None:

@@ -285,6 +285,40 @@ def test_what_is_in_the_cache_is_worth_less(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 @needs_numba
+def test_another_process_compiles_what_a_run_could_use(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The run, which does not wait, and the next one, which has it; and none of its own is left behind."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "auto")
+    run = (
+        "import sys; from rb_dynamics.motion.flight_kernel import NO_STRIDES; "
+        "print(NO_STRIDES.get(10**9, 0) is not None, 'numba' in sys.modules)"
+    )
+
+    def ran() -> str:
+        return subprocess.run([sys.executable, "-c", run], capture_output=True, check=True, text=True).stdout
+
+    assert ran() == "False False\n"
+    deadline = time.monotonic() + 100.0
+    while not list(tmp_path.rglob("_no_strides.kernel")) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert ran() == "True False\n"
+
+
+@needs_numba
+def test_what_another_process_cannot_compile_runs_in_plain_python(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "auto")
+    monkeypatch.setattr(compilation, "cache_folder", lambda: tmp_path)
+    runs = fixed_step_kernel.OnDemand("rk4", _doubled, "void(float64[::1])")
+    compilation.keep_failure("_doubled", "for some reason")
+
+    with fixed_step_kernel.counted_by(fixed_step_kernel.Tally(beside=True)):
+        assert runs.get(10**9, 0) is None
+    assert "rk4 runs in plain Python: for some reason" in caplog.text
+
+
+@needs_numba
 def test_where_nothing_can_be_compiled_the_run_goes_on(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -297,10 +331,8 @@ def test_where_nothing_can_be_compiled_the_run_goes_on(
     runs = fixed_step_kernel.Kernel(replace(METHODS["rk4"], name="hopeless", step=step))
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "auto")
 
-    assert (
-        runs.after(inertia, held, h, 1, phase, fixed_step_kernel.WORTH_COMPILING, fixed_step_kernel.WORTH_COMPILING)
-        is None
-    )
+    with fixed_step_kernel.counted_by(fixed_step_kernel.Tally(worth=1)):
+        assert runs.after(inertia, held, h, 1, phase, 1, 1) is None
     assert "hopeless runs in plain Python" in caplog.text
 
 

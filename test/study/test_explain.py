@@ -319,9 +319,9 @@ def test_a_run_without_outputs_ends_when_half_of_its_budget_is_spent(monkeypatch
 
 
 @needs_numba
-@pytest.mark.parametrize(("duration", "worth_it"), [("1.0e+5", True), ("10", False)])
+@pytest.mark.parametrize(("duration", "worth_it"), [("1.0e+5", True), ("1", False)])
 def test_the_cost_is_that_of_the_whole_run(duration: str, worth_it: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Ten million steps are compiled, though only some of them are tried; a thousand are not, though it could be."""
+    """Ten million steps are compiled, though only some of them are tried; a hundred are not, though it could be."""
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "auto")
     fixed_step_kernel.kernel.cache_clear()
     scene = parse_scene(RIGID + f"duration: {duration}\nsolver: {{method: rk4, step: 0.01}}\noutput_rate: 1")

@@ -1,0 +1,35 @@
+"""`rb-dynamics compile`: what is compiled ahead, and what is no kernel."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from rb_dynamics.cli import main
+from rb_dynamics.motion.every_kernel import every_kernel, usual_kernels
+from rb_dynamics.motion.flight_kernel import NO_STRIDES
+from rb_dynamics.numerics import compilation
+
+
+def test_compiles_what_it_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("numba")
+    monkeypatch.setattr(compilation, "cache_folder", lambda: tmp_path)
+    # It may have been compiled in this process.
+    monkeypatch.setattr(NO_STRIDES, "_compiled", None)
+
+    assert main(["compile", "_no_strides"]) == 0
+    assert compilation.is_cached("_no_strides")
+    assert main(["compile", "_no_strides"]) == 0
+    assert "was there" in capsys.readouterr().out
+    assert main(["compile", "_nothing"]) == 2
+    assert "found kernels ['_nothing'], expected some of _no_strides, fly" in capsys.readouterr().err
+
+
+def test_every_kernel_has_a_name_of_its_own() -> None:
+    usual, every = usual_kernels(), every_kernel()
+
+    assert {"fly", "strides_by_own_taylor", "_run_on_numbers_dop853"} <= usual.keys() < every.keys()
+    assert all(kernel.name == name for name, kernel in every.items())
