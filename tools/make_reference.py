@@ -207,7 +207,7 @@ EXAMPLES = {kind: f"config/{kind}.yaml" for kind in ACTS} | {"uniform_gravity": 
 TOPICS = {
     "pose": "of the body origin, world frame",
     "twist": "of the body origin, body axes",
-    "odom": "pose and twist; twist in body axes",
+    "odom": "pose and twist; twist in body axes; variances as in `pose_covariance` and `twist_covariance`",
     "angular_momentum": "world axes, about the centre of mass",
     "linear_momentum": "world axes",
     "energy/kinetic": "J",
@@ -216,6 +216,8 @@ TOPICS = {
     "energy/potential": "J, if an effect has one",
     "inertia": "mass properties; late subscribers receive them too",
     "accel": "of the body origin, body axes, from the equations of motion; with `publish_accel` (log: `--accel`)",
+    "pose_with_covariance": "the pose and `pose_covariance`; with `publish_pose_with_covariance`",
+    "twist_with_covariance": "the twist and `twist_covariance`; with `publish_twist_with_covariance`",
     "/clock": "simulation time, from the steps; with `publish_clock`",
     "/tf": "the pose; with `publish_tf`, if tf2_msgs is installed (log: always)",
     "/tf_static": "the scene's fixed frames; as `/tf`",
@@ -491,7 +493,8 @@ def ros_page() -> str:
     with tempfile.NamedTemporaryFile("w", suffix=".yaml") as scene:
         yaml.safe_dump(SMALLEST | {"effects": [gravity]}, scene)
         scene.flush()
-        asked = [f"scene:={scene.name}", "publish_clock:=true", "publish_accel:=true", "start_paused:=true"]
+        topics = ("clock", "accel", "pose_with_covariance", "twist_with_covariance")
+        asked = [f"scene:={scene.name}", "start_paused:=true", *(f"publish_{topic}:=true" for topic in topics)]
         arguments = [word for each in asked for word in ("-p", each)]
         rclpy.init(args=["--ros-args", *arguments], signal_handler_options=SignalHandlerOptions.NO)
         try:

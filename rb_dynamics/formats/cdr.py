@@ -163,13 +163,26 @@ def stamped_packer(type_name: str, *strings: str) -> Packer:
     return pack
 
 
-def odometry_packer(frame_id: str, child_frame_id: str) -> Packer:
-    """Return `pack(sec, nanosec, pose, twist)` for nav_msgs/Odometry with both frames fixed and covariances zero."""
+def covariance(variances: Sequence[float]) -> tuple[float, ...]:
+    """Return the 36 numbers of a covariance with these six variances and no correlation."""
+    return tuple(variances[row] if row == column else 0.0 for row in range(6) for column in range(6))
+
+
+def odometry_packer(
+    frame_id: str, child_frame_id: str, pose_covariance: Sequence[float] = (), twist_covariance: Sequence[float] = ()
+) -> Packer:
+    """Return `pack(sec, nanosec, pose, twist)` for nav_msgs/Odometry with both frames fixed.
+
+    Covariances are 36 numbers each, or zero.
+    """
     text = strings_after_stamp((frame_id, child_frame_id))
+    of_pose, of_twist = (
+        struct.pack("<36d", *each) if each else _ZERO_COVARIANCE for each in (pose_covariance, twist_covariance)
+    )
     pack_all = struct.Struct(f"<4siI{len(text)}s7d288s6d288s").pack
 
     def pack(seconds: int, nanoseconds: int, pose: Sequence[float], twist: Sequence[float]) -> bytes:
-        return pack_all(_ENCAPSULATION, seconds, nanoseconds, text, *pose, _ZERO_COVARIANCE, *twist, _ZERO_COVARIANCE)
+        return pack_all(_ENCAPSULATION, seconds, nanoseconds, text, *pose, of_pose, *twist, of_twist)
 
     return pack
 

@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
-from geometry_msgs.msg import WrenchStamped
+from geometry_msgs.msg import Wrench, WrenchStamped
 from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.event_handler import SubscriptionEventCallbacks
@@ -40,7 +40,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from rb_dynamics.errors import LogError, RigidBodyError, SceneError
 from rb_dynamics.formats.log_file import move_aside
-from rb_dynamics.formats.messages import ACCEL, COMMAND_DEPTH, SAMPLE_TOPICS, WRENCH, decode_wrench
+from rb_dynamics.formats.messages import ACCEL, COMMAND_DEPTH, PLAIN_WRENCH, SAMPLE_TOPICS, WRENCH, decode_wrench
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, split_stamp
 from rb_dynamics.ros import conversions
 from rb_dynamics.ros.arrivals import Losses
@@ -114,6 +114,8 @@ class RigidBodyNode(Node):
         _warm_up(scene)
         # Find invalid names and QoS before there is a log.
         self._losses = {topic: Losses() for topic in self._topics}
+        # Channels that are heard as Wrench without a stamp.
+        self._plain: set[str] = set()
         self._wrench_subscriptions = {topic: self._subscribe(topic) for topic in self._topics}
         # Channels on which a publisher offers BEST_EFFORT and is not heard yet; readers that are being replaced for
         # that; and what was taken meanwhile, as both readers may get it.
@@ -152,6 +154,7 @@ class RigidBodyNode(Node):
         self._neighbours.look()
         if self._health.due():
             self.runner.correct()
+            self._hear_types()
             self._miss_logs()
             if self._settings.logs.names or self._topic_sink.status_is_read:
                 self.runner.report()
@@ -244,7 +247,7 @@ class RigidBodyNode(Node):
             matched=lambda _: self._losses[topic].forget(),
         )
         return self.create_subscription(
-            WrenchStamped,
+            Wrench if topic in self._plain else WrenchStamped,
             topic,
             partial(self._on_wrenches, topic),
             qos,
@@ -276,6 +279,31 @@ class RigidBodyNode(Node):
                 self.destroy_subscription(before)
                 self._losses[topic].forget()
 
+    def _hear_types(self) -> None:
+        """Hear a channel as Wrench, without a stamp, if that is all that is published on it; warn of what is unheard.
+
+        In one process a topic has one type.
+        """
+        unheard = []
+        for topic, subscription in self._wrench_subscriptions.items():
+            publishers = self.get_publishers_info_by_topic(subscription.topic_name)
+            heard, other = (PLAIN_WRENCH, WRENCH) if topic in self._plain else (WRENCH, PLAIN_WRENCH)
+            types = {publisher.topic_type for publisher in publishers}
+            if other in types and heard not in types and not self._settings.mode.lockstep:
+                self.take_commands()
+                self.destroy_subscription(subscription)
+                self._plain ^= {topic}
+                self._wrench_subscriptions[topic] = self._subscribe(topic)
+                heard = other
+                self.get_logger().info(f"{topic}: heard as {heard}, as its publisher has that type")
+            unheard += [
+                f"{topic}: {publisher.node_name} publishes {publisher.topic_type}, expected {heard}"
+                for publisher in publishers
+                if publisher.topic_type != heard
+            ]
+        remedy = "it has no effect: lockstep needs WrenchStamped, else a channel takes WrenchStamped or only Wrench"
+        self._health.holds("types", (unheard and f"{'; '.join(unheard)}; {remedy}") or "")
+
     def _on_wrenches(self, topic: str, message: bytes, facts: dict[str, Any]) -> None:
         self._take(topic, message, facts)
         self.take_commands()
@@ -301,7 +329,7 @@ class RigidBodyNode(Node):
             self._on_lost(topic, self._losses[topic].take(number, lambda: alone() == 1))
         try:
             # As raw bytes: the middleware takes several times as long to make a message object.
-            wrench = decode_wrench(WRENCH, 0, message)
+            wrench = decode_wrench(PLAIN_WRENCH if topic in self._plain else WRENCH, 0, message)
             # A stamp with more than 1e9 nanoseconds may be a time that no log can hold.
             split_stamp(wrench.stamp_ns)
         except LogError as error:

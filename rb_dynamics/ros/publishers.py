@@ -19,13 +19,15 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
-from rb_dynamics.formats.cdr import clock_packer
+from rb_dynamics.formats.cdr import clock_packer, covariance, odometry_packer, stamped_packer
 from rb_dynamics.formats.messages import (
     CLOCK,
     DIAGNOSTICS,
     MASS_PROPERTIES,
+    POSE_WITH_COVARIANCE,
     TF_STATIC,
     TRANSFORMS,
+    TWIST_WITH_COVARIANCE,
     Stamped,
     depth_at,
     encode_fixed,
@@ -41,6 +43,8 @@ from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.sink import Event, Measurement, RunInfo, StateChange, Status
 from rb_dynamics.scene.model import Scene
 
+_POSE_WITH_COVARIANCE = ("pose_with_covariance", POSE_WITH_COVARIANCE)
+_TWIST_WITH_COVARIANCE = ("twist_with_covariance", TWIST_WITH_COVARIANCE)
 _OVERRIDABLE = (
     QoSPolicyKind.HISTORY,
     QoSPolicyKind.DEPTH,
@@ -57,6 +61,11 @@ class Topics:
     clock: bool = False
     transforms: bool = False
     acceleration: bool = False
+    pose_with_covariance: bool = False
+    twist_with_covariance: bool = False
+    # Variances in odom and the two: three of position or velocity, three of rotation; zero where there are none.
+    pose_variances: tuple[float, ...] = (0.0,) * 6
+    twist_variances: tuple[float, ...] = (0.0,) * 6
 
 
 @dataclass
@@ -97,6 +106,12 @@ class TopicSink:
         self._samples: dict[str, _SampleTopic] = {}
         if topics.clock:
             self._add("/clock", CLOCK)
+        for name, type_name, asked in (
+            (*_POSE_WITH_COVARIANCE, topics.pose_with_covariance),
+            (*_TWIST_WITH_COVARIANCE, topics.twist_with_covariance),
+        ):
+            if asked:
+                self._add(name, type_name)
         self._add_samples(scene)
         overriding = QoSOverridingOptions(_OVERRIDABLE)
         self._sensors = {
@@ -111,6 +126,7 @@ class TopicSink:
         self._add_samples(run.scene)
         packers, pack_clock = sample_packers(run.scene, run.acceleration), clock_packer()
         packers["/clock"] = lambda s: pack_clock(*s.stamp)
+        packers |= self._with_covariance(run.scene)
         for name, topic in self._samples.items():
             topic.pack = packers.get(name)
         self._encode_measurement = measurement_packers(run.scene)
@@ -139,6 +155,22 @@ class TopicSink:
         elif isinstance(event, Status) and self.status_is_read:
             status = replace(event, time_ns=self._runner.stamped(event.time_ns) or 1)
             self._diagnostics.publish(encode_status(status, self._body_frame))
+
+    def _with_covariance(self, scene: Scene) -> dict[str, Callable[[Stamped], bytes]]:
+        """Return what makes the messages that have a covariance; a log has zeros in odom, as it has the truth."""
+        frames, of_pose, of_twist = (
+            scene.frames,
+            *map(covariance, (self._asked.pose_variances, self._asked.twist_variances)),
+        )
+        pack_odometry = odometry_packer(frames.world_frame, frames.body_frame, of_pose, of_twist)
+        (pose, pose_type), (twist, twist_type) = _POSE_WITH_COVARIANCE, _TWIST_WITH_COVARIANCE
+        pack_pose = stamped_packer(pose_type, frames.world_frame)
+        pack_twist = stamped_packer(twist_type, frames.body_frame)
+        return {
+            "odom": lambda s: pack_odometry(*s.stamp, s.pose, s.twist),
+            pose: lambda s: pack_pose(*s.stamp, *s.pose, *of_pose),
+            twist: lambda s: pack_twist(*s.stamp, *s.twist, *of_twist),
+        }
 
     def _publish(self, event: Measurement) -> None:
         publisher = self._sensors[event.topic]

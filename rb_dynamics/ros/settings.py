@@ -36,6 +36,10 @@ _PARAMETERS: dict[str, tuple[object, str]] = {
     "publish_clock": (False, "publish simulation time on /clock"),
     "publish_tf": (False, "publish the pose on /tf and the scene's fixed frames on /tf_static"),
     "publish_accel": (False, "publish the acceleration of the body origin on accel"),
+    "publish_pose_with_covariance": (False, "publish pose_with_covariance, for filters"),
+    "publish_twist_with_covariance": (False, "publish twist_with_covariance, for filters"),
+    "pose_covariance": ([1e-12] * 6, "variances in odom and pose_with_covariance: 3 of position, 3 of rotation"),
+    "twist_covariance": ([1e-12] * 6, "variances in odom and twist_with_covariance: 3 of velocity, 3 of rate"),
     "stamps": (
         "auto",
         "time of header.stamp: ros, simulation, or auto (ros if time runs at factor 1 from the start, without /clock)",
@@ -137,7 +141,16 @@ def read_settings(node: Node, shared: Collection[str] = ()) -> Settings:
     return Settings(
         scene,
         Mode(factor, flags["lockstep"], flags["start_paused"], apply_at),
-        Topics(sample_depth(scene), flags["publish_clock"], flags["publish_tf"], flags["publish_accel"]),
+        Topics(
+            sample_depth(scene),
+            flags["publish_clock"],
+            flags["publish_tf"],
+            flags["publish_accel"],
+            flags["publish_pose_with_covariance"],
+            flags["publish_twist_with_covariance"],
+            _variances("pose_covariance", values["pose_covariance"]),
+            _variances("twist_covariance", values["twist_covariance"]),
+        ),
         use_sim_time,
         ros_stamps,
         Logs(
@@ -371,6 +384,15 @@ def _choice(name: str, value: object, *choices: str) -> str:
         expected = f"{', '.join(map(repr, choices[:-1]))} or {choices[-1]!r}"
         raise SceneError(f"parameter {name}: found {value!r}, expected {expected}; write one of them")
     return str(value)
+
+
+def _variances(name: str, value: object) -> tuple[float, ...]:
+    found = list(value) if isinstance(value, Iterable) and not isinstance(value, str) else []
+    if len(found) != 6 or not all(isinstance(each, (int, float)) and 0.0 <= each < math.inf for each in found):
+        raise SceneError(
+            f"parameter {name}: found {value!r}, expected six variances of 0 or more; write a list of them"
+        )
+    return tuple(map(float, found))
 
 
 def _texts(name: str, value: object) -> list[str]:

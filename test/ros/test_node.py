@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 import re
@@ -16,10 +17,14 @@ from geometry_msgs.msg import (
     AccelStamped,
     InertiaStamped,
     PoseStamped,
+    PoseWithCovarianceStamped,
     TwistStamped,
+    TwistWithCovarianceStamped,
+    Vector3,
     Vector3Stamped,
     WrenchStamped,
 )
+from geometry_msgs.msg import Wrench as PlainWrench
 from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from ros_harness import ROOT, TRANSIENT, NodeProcess, Peer, node_arguments, running, stamp, values
@@ -422,15 +427,36 @@ def test_the_example_commander_turns_the_body(peer: Peer) -> None:
     assert rate == pytest.approx(time * 0.01 / 0.31, rel=0.2)
 
 
-def test_acceleration_where_asked(scene: Path, peer: Peer) -> None:
-    with running(scene, start_paused=True, publish_accel=True) as node:
+def test_what_is_published_where_asked_and_what_is_heard_without_a_stamp(scene: Path, peer: Peer) -> None:
+    asked = {"publish_accel": True, "publish_pose_with_covariance": True, "publish_twist_with_covariance": True}
+    with running(scene, start_paused=True, pose_covariance="[1.0, 2.0, 3.0, 4.0, 5.0, 0.5]", **asked) as node:
         accelerations, diagnostics = peer.listen(AccelStamped, "accel"), peer.diagnostics()
+        poses = peer.listen(PoseWithCovarianceStamped, "pose_with_covariance")
+        twists = peer.listen(TwistWithCovarianceStamped, "twist_with_covariance")
+        odometry = peer.listen(Odometry, "odom")
         peer.wrench(force=(3.0, 0.0, 0.0), torque=(0.0, 0.0, 0.5))
         peer.until(lambda: diagnostics and values(diagnostics[-1])["wrench: accepted"] == "1", "the command counted")
         peer.call("rigid_body/step", Trigger.Request())
         peer.until(lambda: bool(accelerations) and stamp(accelerations[-1]) > 1, "an acceleration after a step")
+        # Without a stamp, on another channel.
+        publisher = peer.node.create_publisher(PlainWrench, "push", 10)
+        peer.until(lambda: publisher.get_subscription_count() > 0, "a reader of Wrench")
+        publisher.publish(PlainWrench(force=Vector3(y=-4.0)))
+        peer.until(lambda: values(diagnostics[-1])["push: accepted"] == "1", "the command counted")
+        with contextlib.closing(Peer()) as other:
+            other.node.create_publisher(PoseStamped, "push", 10)
+            peer.until(lambda: "peer publishes geometry_msgs" in diagnostics[-1].status[0].message, "the other type")
+        before = accelerations[-1]
+        peer.call("rigid_body/step", Trigger.Request())
+        peer.until(lambda: accelerations[-1] is not before, "another step")
+        assert accelerations[-1].accel.linear.y == -2.0
         assert node.stop() == 0
-    accel = accelerations[-1]
+    assert list(poses[-1].pose.covariance[::7]) == [1.0, 2.0, 3.0, 4.0, 5.0, 0.5]
+    assert (poses[-1].header.frame_id, twists[-1].header.frame_id) == ("world", "body")
+    assert set(twists[-1].twist.covariance) == {0.0, 1e-12}
+    same = next(m for m in odometry if stamp(m) == stamp(poses[-1]))
+    assert (same.pose, same.twist) == (poses[-1].pose, twists[-1].twist)
+    accel = before
     assert accel.header.frame_id == "body"
     assert accel.accel.linear.x == 1.5
     # I3 w3' = N3 + (I1 - I2) w1 w2, and w1 w2 has not changed much in 10 ms.
