@@ -16,6 +16,8 @@ ifneq ($(AMENT_PREFIX_PATH)$(_ROS_WHEELS_BOOTSTRAP_COMPLETE),)
 unexport LD_LIBRARY_PATH
 endif
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE AMENT_PREFIX_PATH COLCON_PREFIX_PATH PYTHONHOME PYTHONPATH RMW_IMPLEMENTATION
+# Otherwise each of the hundreds of processes that the tests start would compile the package again.
+unexport PYTHONDONTWRITEBYTECODE
 
 INSTALL_HINT := Installation failed. If it was ROS 2: its wheels are for Linux on x86-64 and Python 3.10 to 3.14; \
 elsewhere build with colcon in a sourced ROS 2 Jazzy.
