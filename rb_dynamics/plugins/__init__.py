@@ -97,7 +97,9 @@ class Registry(Mapping[str, T]):
             )
         try:
             found: T = points[0].load()
-        except Exception as error:
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
             raise PluginError(
                 f"{self._kind} {name}: cannot be loaded from {where}: {type(error).__name__}: {error}; "
                 "mend, update or uninstall that package"

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import sys
 import traceback
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, TextIO
 
 from rb_dynamics.errors import RigidBodyError, SceneError
 from rb_dynamics.study.campaign.user_modules import UserModules
@@ -29,10 +31,11 @@ def find_function(name: str, known: Mapping[str, Callable[..., Any]], modules: U
     if not dot:
         raise SceneError(f"found {name}, expected one of {', '.join(known)}, or module.function; correct the name")
     try:
-        found = getattr(modules.load(module), function)
-    except SceneError:
+        with _prints_to_stderr():
+            found = getattr(modules.load(module), function)
+    except (SceneError, KeyboardInterrupt):
         raise
-    except Exception as error:
+    except BaseException as error:
         raise SceneError(
             f"found {name}, expected a function that can be imported ({_described(error)}); put its module beside the "
             "campaign file or install it, or correct it"
@@ -43,6 +46,11 @@ def find_function(name: str, known: Mapping[str, Callable[..., Any]], modules: U
     return result
 
 
+def _prints_to_stderr() -> contextlib.redirect_stdout[TextIO]:
+    """Return the context in which what user code prints goes to stderr: stdout is for results, such as `--json`."""
+    return contextlib.redirect_stdout(sys.stderr)
+
+
 def called(what: str, function: Callable[..., Any], *arguments: object) -> Any:
     """Return the result of a user function.
 
@@ -51,12 +59,15 @@ def called(what: str, function: Callable[..., Any], *arguments: object) -> Any:
         SceneError: it raised an error of the machine, not of the run.
     """
     try:
-        return function(*arguments)
+        with _prints_to_stderr():
+            return function(*arguments)
+    except KeyboardInterrupt:
+        raise
     except (OSError, MemoryError) as error:
         raise SceneError(
             f"{what} raised {_described(error)}; what a law or a metric needs has to be there on every worker"
         ) from error
-    except (Exception, SystemExit) as error:
+    except BaseException as error:
         raise FunctionError(f"{what} raised {_described(error)}") from error
 
 

@@ -226,6 +226,7 @@ BAD = {
     "raise": {"first": f"raise_ = [][1] if {FAST} else 0"},
     "complex": {"torque": f"({GOOD['torque']}) * (1j if {FAST} else 1)"},
     "exit": {"first": f"raise_ = __import__('sys').exit(3) if {FAST} else 0"},
+    "generator": {"first": f"raise_ = (_ for _ in ()).throw(GeneratorExit()) if {FAST} else 0"},
     "quantity": {"quantity": f"[][1] if {LATE} else 0"},
     "overwrite": {"quantity": f"if {LATE}: samples.angular_velocity_body[:] = 0.0"},
 }
@@ -253,6 +254,7 @@ def test_a_function_that_fails_for_a_run_is_a_row_with_its_reason(tmp_path: Path
         "raise": r"control.law: own_bad.law raised IndexError: list index out of range, own_bad.py:8",
         "complex": r"control.law: own_bad.law returned values of type complex128, expected real numbers",
         "exit": r"control.law: own_bad.law raised SystemExit: 3, own_bad.py:8",
+        "generator": r"control.law: own_bad.law raised GeneratorExit, own_bad.py:8",
         "quantity": r"metrics: own_bad.quantity raised IndexError: list index out of range, own_bad.py:17",
         "overwrite": r"metrics: own_bad.quantity raised ValueError: assignment destination is read-only, own_bad.py:17",
     }[bad]
@@ -268,6 +270,24 @@ def test_a_function_that_fails_for_a_run_is_a_row_with_its_reason(tmp_path: Path
     assert parts == rows(found)
     with pytest.raises(FunctionError, match=reason):
         fly_alone(campaign, failed[0])
+
+
+def test_what_a_law_or_a_metric_prints_goes_to_stderr(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    prints = {"first": "print('law')", "quantity": "print('metric')"}
+    (tmp_path / "own_bad.py").write_text("print('module')\n" + OWN.format(**{**GOOD, **prints}))
+    text = CAMPAIGN.replace("law: rate_damping", "law: own_bad.law").replace(
+        "{final: rate}", "{final: own_bad.quantity}"
+    )
+    fly_block(read_campaign(write(tmp_path, text)), 0, 2)
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert {*printed.err.split()} == {"module", "law", "metric"}
+
+
+def test_a_module_that_exits_is_named(tmp_path: Path) -> None:
+    (tmp_path / "own_none.py").write_text("raise SystemExit(0)\n")
+    with pytest.raises(SceneError, match=r"found own_none.law, expected a function that can be imported \(SystemExit"):
+        read_campaign(write(tmp_path, CAMPAIGN.replace("law: rate_damping", "law: own_none.law")))
 
 
 def test_a_law_that_lacks_a_file_is_no_failed_run(tmp_path: Path) -> None:
