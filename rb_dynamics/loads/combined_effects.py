@@ -6,10 +6,10 @@ A part that no effect has is None, so that no code runs for it.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from numbers import Integral
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import ConvergenceError, SceneError
@@ -41,6 +41,10 @@ class CombinedEffects:
             SceneError: an effect cannot act on it, or has a load inside the step and does not say so.
         """
         for effect in self.effects:
+            if not isinstance(effect.kind, str):
+                raise _not(effect, "kind", effect.kind, "the name of the effect, a string")
+            if not isinstance(effect.takes, LoadDependence):
+                raise _not(effect, "takes", effect.takes, "a LoadDependence")
             effect.check(self.body)
             _inside_the_step(effect, self.body, 0.0)
 
@@ -58,7 +62,7 @@ class CombinedEffects:
         """Return a channel name and the wrenches of each effect that holds some."""
         found: dict[str, tuple[tuple[float, Wrench], ...]] = {}
         for effect in self.effects:
-            if schedule := effect.schedule(self.body):
+            if schedule := _schedule(effect, effect.schedule(self.body)):
                 name = first = f"effects/{effect.kind}"
                 number = 1
                 while name in found:
@@ -74,21 +78,21 @@ class CombinedEffects:
         first: Callable[[Effect, _T], None] | None = None,
     ) -> list[Callable[[Point], _T]]:
         found = ((effect, of(effect)) for effect in self.effects)
-        return [_refusing(effect, what, part, first) for effect, part in found if part is not None]
+        return [_refusing(effect, what, _function(effect, what, p), first) for effect, p in found if p is not None]
 
     def _named(self, wrench: Wrench) -> Wrench:
         return replace(wrench, frame_id=self.frames.world_frame) if wrench.frame_id == WORLD else wrench
 
     def knots(self) -> list[float]:
         """Return the times (s) at which steps have to end, in order."""
-        return sorted({time for effect in self.effects for time in effect.knots()})
+        return sorted({time for effect in self.effects for time in _knots(effect)})
 
     def load_from(self, start: float) -> Callable[[Point], Load] | None:
         """Return what gives the load of a step from its first point, from `start` (s) to the next knot.
 
         Raises:
-            SceneError: an effect has a load inside the step and does not say so.
-            TypeError: when it is evaluated first, the load of an effect is not two vectors.
+            SceneError: an effect has a load inside the step and does not say so; or, when it is evaluated first, its
+                load is not two vectors.
         """
         parts = self._parts("load", lambda effect: _inside_the_step(effect, self.body, start), _require_load)
         if not parts:
@@ -115,7 +119,7 @@ class CombinedEffects:
 
     def potential(self) -> Callable[[Point], float] | None:
         """Return the potential energy (J) of all; None where none has one."""
-        parts = self._parts("potential", lambda effect: effect.potential(self.body))
+        parts = self._parts("potential", lambda effect: _real(effect, "potential", "J", effect.potential(self.body)))
         if not parts:
             return None
 
@@ -129,11 +133,11 @@ class CombinedEffects:
 
     def gravity(self) -> Field:
         """Return the gravitational acceleration (m/s^2) of all."""
-        return _added([effect.gravity() for effect in self.effects])
+        return _added([_field(effect, "gravity", effect.gravity()) for effect in self.effects])
 
     def magnetic_field(self) -> Field:
         """Return the magnetic flux density (T) of all."""
-        return _added([effect.magnetic_field() for effect in self.effects])
+        return _added([_field(effect, "magnetic_field", effect.magnetic_field()) for effect in self.effects])
 
     @property
     def magnetic(self) -> bool:
@@ -142,7 +146,7 @@ class CombinedEffects:
 
     def slowing(self) -> Slowing | None:
         """Return the rate (1/s) at which differences of velocity die down; None where they need not."""
-        parts = self._parts("slowing", lambda effect: effect.slowing(self.body))
+        parts = self._parts("slowing", lambda effect: _real(effect, "slowing", "1/s", effect.slowing(self.body), 0.0))
         return (lambda point: math.fsum(part(point) for part in parts)) if parts else None
 
     def sight(self) -> Sight | None:
@@ -152,7 +156,7 @@ class CombinedEffects:
 
     def storing(self) -> Callable[[Point], Stored] | None:
         """Return what moves inside the body, of all; None where nothing does."""
-        parts = self._parts("stored momentum", lambda effect: effect.storing(self.body))
+        parts = self._parts("storing", lambda effect: effect.storing(self.body), _require_stored)
         if not parts:
             return None
 
@@ -208,14 +212,91 @@ def _refusing(
     return at
 
 
+def _not(effect: Effect, what: str, value: object, expected: str) -> SceneError:
+    return SceneError(f"{effect.kind}: its {what} is {shown(value)}, expected {expected}; correct the effect")
+
+
+def _function(effect: Effect, what: str, part: Callable[[Point], _T]) -> Callable[[Point], _T]:
+    if not callable(part):
+        raise _not(effect, what, part, "a function of the point, or None for none")
+    return part
+
+
+def _knots(effect: Effect) -> list[float]:
+    times: object = effect.knots()
+    if isinstance(times, str) or not isinstance(times, Iterable):
+        raise _not(effect, "knots", times, "times (s), such as (1.0, 2.5), or () for none")
+    found = list(times)
+    for time in found:
+        if not _is_finite(time):
+            raise _not(effect, "knots", found, f"finite times (s), found {shown(time)} among them")
+    return found
+
+
+def _schedule(effect: Effect, entries: Any) -> tuple[tuple[float, Wrench], ...]:
+    expected = "pairs of a time (s) and a Wrench, or () for none"
+    if isinstance(entries, str) or not isinstance(entries, Collection):
+        raise _not(effect, "schedule", entries, expected)
+    for entry in entries:
+        time, wrench = entry if isinstance(entry, (tuple, list)) and len(entry) == 2 else (None, None)
+        if not _is_finite(time) or not isinstance(wrench, Wrench):
+            raise _not(effect, "schedule", entries, f"{expected}; found {shown(entry)} among them")
+    return tuple((time, wrench) for time, wrench in entries)
+
+
+def _field(effect: Effect, what: str, field: Field | None) -> Field | None:
+    """Return a field that is three finite numbers wherever it is asked."""
+    if field is None:
+        return None
+    if not callable(field):
+        raise _not(effect, what, field, "a function of the place, or None for none")
+
+    def at(place: Vector) -> Vector:
+        found = field(place)
+        vector: object = found
+        if not isinstance(vector, Collection) or len(vector) != 3 or not all(map(_is_finite, vector)):
+            raise _not(effect, what, found, f"three finite floats (world axes), at {list(place)} m")
+        return found
+
+    return at
+
+
 def _require_load(effect: Effect, load: object) -> None:
     """Refuse what is not a force and a torque of double precision: with others, the sums of the motion lose digits."""
     vectors = [list(part) if isinstance(part, Collection) else [] for part in load] if _is_pair(load) else []
     if not vectors or any(len(vector) != 3 or not all(map(_is_double, vector)) for vector in vectors):
-        raise TypeError(
-            f"{effect.kind}: its load is {shown(load)}, expected a force (N, world axes) and a torque (N m, principal "
-            "axes), three floats each; return ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)) for none"
-        )
+        expected = "a force (N, world axes) and a torque (N m, principal axes), three floats each"
+        raise _not(effect, "load", load, f"{expected}, such as ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)) for none")
+
+
+def _require_stored(effect: Effect, stored: object) -> None:
+    momentum, energy = stored if isinstance(stored, Stored) else ((), 0.0)
+    if len(momentum) != 3 or not all(map(_is_finite, (*momentum, energy))):
+        expected = "Stored(momentum, energy), three finite floats (kg m^2/s, principal axes) and one (J)"
+        raise _not(effect, "storing", stored, expected)
+
+
+def _is_finite(value: object) -> bool:
+    return isinstance(value, (float, Integral)) and math.isfinite(value)
+
+
+def _real(
+    effect: Effect, what: str, unit: str, part: Callable[[Point], float] | None, least: float = -math.inf
+) -> Callable[[Point], float] | None:
+    """Return a part that is a finite number, and at least `least`, at every point."""
+    if part is None:
+        return None
+    value = _function(effect, what, part)
+
+    def at(point: Point) -> float:
+        found = value(point)
+        if not _is_finite(found) or found < least:
+            bound = f" of {least:g} or more" if math.isfinite(least) else ""
+            where = f"at simulation time {point.time:.9g} s and position {list(point.position)} m"
+            raise _not(effect, what, found, f"a finite float{bound} ({unit}) {where}")
+        return found
+
+    return at
 
 
 def _is_pair(load: object) -> TypeGuard[Collection[object]]:
@@ -230,13 +311,13 @@ def _ahead(effect: Effect, sight: Sight | None) -> Sight | None:
     """Return a sight that is a time greater than 0 everywhere: without one, a run would never get anywhere."""
     if sight is None:
         return None
+    ahead = _function(effect, "sight", sight)
 
     def at(point: Point) -> float:
-        seconds = sight(point)
-        if not _is_double(seconds):
-            raise TypeError(f"{effect.kind}: its sight is {shown(seconds)}, expected a time (s); return a float")
-        if not seconds > 0.0:
-            raise ValueError(f"{seconds!r} s, expected a time greater than 0; return math.inf where nothing is near")
+        seconds = ahead(point)
+        if not _is_double(seconds) or not seconds > 0.0:
+            where = f"at simulation time {point.time:.9g} s; math.inf where nothing is near"
+            raise _not(effect, "sight", seconds, f"a time (s) greater than 0 {where}")
         return seconds
 
     return at
@@ -245,6 +326,8 @@ def _ahead(effect: Effect, sight: Sight | None) -> Sight | None:
 def _inside_the_step(effect: Effect, body: RigidBody, start: float) -> Wrenching | None:
     """Return the load of an effect; no method is asked whether it can take one that is not declared."""
     part = effect.wrenching(body, start)
+    if part is not None:
+        _function(effect, "load", part)
     if part is not None and effect.takes == LoadDependence.HELD:
         raise SceneError(
             f"{effect.kind}: has a load inside the step but takes is HELD, expected what the load depends on; declare "

@@ -240,8 +240,7 @@ class OwnControl:
         if length == 0:
             raise ConvergenceError(
                 f"accuracy {self.goal.accuracy:g} cannot be kept: at simulation time {elapsed(phase):.9g} s a step "
-                "would have to be shorter than 1 ns; "
-                "accept a larger solver.accuracy or check the size of the wrench"
+                f"would have to be shorter than 1 ns; {_TOO_FAST}"
             )
         _require_reachable(self.goal, phase, length)
         return length, None
@@ -325,7 +324,7 @@ class AccuracyControl:
         if length == 0:
             raise ConvergenceError(
                 f"accuracy {self.goal.accuracy:g} cannot be kept: at simulation time {elapsed(phase):.9g} s a step "
-                f"of 1 ns has an error of {error:.3g}; accept a larger solver.accuracy or check the size of the wrench"
+                f"of 1 ns has an error of {error:.3g}; {_TOO_FAST}"
             )
         _require_reachable(self.goal, phase, max(length, learnt.step * NANOSECONDS))
         self.following = learnt
@@ -338,6 +337,14 @@ class AccuracyControl:
     def begin(self) -> None:
         """Use the last stride as the guess for the next one."""
         self.learnt = self.following
+
+
+# Steps (ns) this short come from a load that jumps rather than from one that is strong.
+_SHORT = 1e3
+_TOO_FAST = (
+    "a load jumps there, whose effect should name the time in its knots(), or is too strong; correct it, or accept a "
+    "larger solver.accuracy"
+)
 
 
 class _Trials:
@@ -513,9 +520,12 @@ def _require_reachable(goal: Goal, phase: PhaseState, length: float) -> None:
     """
     error = rounding(goal, phase, length)
     if error > goal.accuracy:
+        jumps = length < _SHORT
         raise ConvergenceError(
             f"accuracy {goal.accuracy:g} cannot be kept: at {norm(phase.angular_velocity):.3g} rad/s in steps of "
             f"{length / NANOSECONDS:.3g} s rounding alone adds about {_rounded_up(error):g} rad in "
             f"{_rest(goal, phase):g} s; accept that much, shorten the run, or use a method of higher "
             "order, which takes longer steps"
+            + "; or a load jumps there, whose effect should name the time in its knots()"
+            * jumps
         )

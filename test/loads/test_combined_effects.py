@@ -1,4 +1,4 @@
-"""Invalid results of a user's effect are refused: loads and distances of sight."""
+"""Invalid parts of a user's effect are refused by name."""
 
 from __future__ import annotations
 
@@ -11,9 +11,11 @@ import pytest
 
 from rb_dynamics import Effect, Run, Solver, parse_scene, simulate
 from rb_dynamics.body.rigid_body import RigidBody
-from rb_dynamics.errors import ConvergenceError
-from rb_dynamics.loads.effect import Sight, Wrenching
+from rb_dynamics.errors import ConvergenceError, SceneError
+from rb_dynamics.loads.combined_effects import CombinedEffects
+from rb_dynamics.loads.effect import Sight, Stored, Wrenching
 from rb_dynamics.loads.load import LoadDependence
+from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.numerics.vector import ZERO
 
 SCENE = parse_scene("body: {mass: 1, inertia: {diagonal: [1, 1.5, 2]}}\nduration: 0.5\noutput_rate: 0")
@@ -29,14 +31,18 @@ class Own(Effect):
         self.load, self.ahead = load, sight
 
     def wrenching(self, body: RigidBody, start: float) -> Wrenching:
-        return lambda point: self.load
+        return self.load if callable(self.load) else lambda point: self.load
 
     def sight(self, body: RigidBody) -> Sight:
         return lambda point: self.ahead
 
 
 def flown(load: Any, sight: Any = math.inf, **solver: Any) -> Run:
-    return simulate(replace(SCENE, effects=(Own(load, sight),), solver=Solver("rk4", **solver)))
+    return fly(Own(load, sight), **solver)
+
+
+def fly(effect: Effect, **solver: Any) -> Run:
+    return simulate(replace(SCENE, effects=(effect,), solver=Solver("rk4", **solver)))
 
 
 @pytest.mark.parametrize("load", [list(map(list, PUSH)), np.array(PUSH), tuple(map(np.array, PUSH)), ((1, 0, 0), ZERO)])
@@ -63,20 +69,79 @@ def test_a_force_and_a_torque_are_any_sequences_of_doubles(load: Any) -> None:
 )
 @pytest.mark.parametrize("solver", [{"step": 0.1}, {"accuracy": 1e-6}])
 def test_what_is_no_load_is_named(load: Any, solver: dict[str, Any]) -> None:
-    with pytest.raises(TypeError, match=r"^own: its load is .*, expected a force \(N, world axes\) and a torque"):
+    with pytest.raises(SceneError, match=r"^own: its load is .*, expected a force \(N, world axes\) and a torque"):
         flown(load, **solver)
 
 
 @pytest.mark.parametrize("sight", [0.0, -1.0, math.nan])
 def test_a_sight_that_is_no_time_ahead_is_named(sight: float) -> None:
     """The run went on in steps of 1 ns, or took no notice."""
-    with pytest.raises(
-        ConvergenceError, match=r"own: its sight fails .*, expected a time greater than 0; .* at simula"
-    ):
+    with pytest.raises(SceneError, match=r"own: its sight is .*, expected a time \(s\) greater than 0 at simula"):
         flown(PUSH, sight, accuracy=1e-6)
 
 
 @pytest.mark.parametrize("sight", [None, "1", np.ones(2)])
 def test_a_sight_that_is_no_number_is_named(sight: Any) -> None:
-    with pytest.raises(TypeError, match=r"own: its sight is .*, expected a time"):
+    with pytest.raises(SceneError, match=r"own: its sight is .*, expected a time"):
         flown(PUSH, sight, accuracy=1e-6)
+
+
+NAN = float("nan")
+WRONG: list[tuple[str, Any, str]] = [
+    ("takes", "FIELD", "takes is 'FIELD', expected a LoadDependence"),
+    ("kind", 3, "kind is 3, expected the name of the effect"),
+    ("knots", lambda _: "abc", r"knots is 'abc', expected times"),
+    ("knots", lambda _: 1.0, r"knots is 1.0, expected times"),
+    ("knots", lambda _: None, r"knots is None, expected times"),
+    ("knots", lambda _: (1.0, NAN), r"knots is \[1.0, nan\], expected finite times \(s\), found nan among them"),
+    ("schedule", lambda *_: "x", "schedule is 'x', expected pairs of a time"),
+    ("schedule", lambda *_: 1, "schedule is 1, expected pairs of a time"),
+    ("schedule", lambda *_: ((NAN, Wrench()),), r"schedule is .*; found \(nan, Wrench.* among them"),
+    ("schedule", lambda *_: ((0.0, "w"),), r"schedule is .*; found \(0.0, 'w'\) among them"),
+    ("wrenching", lambda *_: 3.0, "load is 3.0, expected a function of the point"),
+    ("sight", lambda *_: 3.0, "sight is 3.0, expected a function of the point"),
+    *(
+        (name, value, message)
+        for name, unit in (("potential", "J"), ("slowing", "1/s"))
+        for value, message in (
+            (lambda *_: "x", f"{name} is 'x', expected a function of the point"),
+            (lambda *_: lambda _: NAN, rf"{name} is nan, expected a finite float.* \({unit}\) at simulation time 0 s"),
+            (lambda *_: lambda _: "a", f"{name} is 'a', expected a finite float"),
+        )
+    ),
+    ("slowing", lambda *_: lambda _: -1.0, "slowing is -1.0, expected a finite float of 0 or more"),
+    ("storing", lambda *_: 1.0, "storing is 1.0, expected a function of the point"),
+    ("storing", lambda *_: lambda _: (1.0, 2.0), r"storing is \(1.0, 2.0\), expected Stored"),
+    ("storing", lambda *_: lambda _: Stored((NAN, 0.0, 0.0), 0.0), "storing is .*, expected Stored.* finite floats"),
+]
+
+
+@pytest.mark.parametrize(("name", "value", "message"), WRONG)
+def test_a_part_of_a_wrong_kind_is_named(name: str, value: Any, message: str) -> None:
+    effect = type("Wrong", (Own,), {name: value})(PUSH)
+    kind = "3" if name == "kind" else "own"
+    with pytest.raises(SceneError, match=f"^{kind}: its {message}.*; correct the effect$"):
+        fly(effect, accuracy=1e-6)
+
+
+@pytest.mark.parametrize("name", ["gravity", "magnetic_field"])
+@pytest.mark.parametrize(
+    ("field", "message"),
+    [
+        (3.0, "3.0, expected a function of the place"),
+        (lambda _: "abc", "'abc', expected three finite floats"),
+        (lambda _: (NAN, 0.0, 0.0), "expected three finite floats"),
+    ],
+)
+def test_a_field_of_a_wrong_kind_is_named(name: str, field: Any, message: str) -> None:
+    effects = CombinedEffects(RigidBody.particle(1.0), (type("Wrong", (Own,), {name: lambda _: field})(None),))
+    with pytest.raises(SceneError, match=f"^own: its {name} is .*{message}"):
+        getattr(effects, name)()(ZERO)
+
+
+def test_a_load_that_jumps_where_it_has_no_knot_is_told_so() -> None:
+    """A look at the size of the wrench, as was advised, leads nowhere."""
+    jumps = Own(lambda point: (ZERO, (0.0, 0.5 if point.time > 0.028 else 0.0, 0.0)))
+    spins = replace(SCENE.initial, angular_velocity_body=(0.1, 1.0, 0.1))
+    with pytest.raises(ConvergenceError, match=r"jumps.*, whose effect should name the time in its knots"):
+        simulate(replace(SCENE, initial=spins, effects=(jumps,), solver=Solver("dop853", accuracy=1e-12)))
