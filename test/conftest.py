@@ -79,14 +79,14 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with what takes longest, so that at the end no worker waits for another."""
+    """Run the longest tests first, so that no worker idles at the end."""
     turns = {name: turn for turn, name in enumerate(FIRST)}
     items.sort(key=lambda item: turns.get(item.path.relative_to(ROOT / "test").parts[0], len(FIRST)))
 
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
-    """Keep the tests of a file together, for what they share; and those of ROS, whose clocks mind each other.
+    """Keep the tests of a file in one worker, since they share fixtures; and those of ROS, whose timing interferes.
 
     Not by `--dist loadgroup`, which with pytest 9.2 groups nothing and does not say so.
     """
@@ -106,7 +106,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
 def pytest_runtest_makereport(
     item: pytest.Item, call: pytest.CallInfo[None]
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Skip what fails for want of an optional package: `colcon test` has only those that rosdep knows."""
+    """Skip tests that fail because an optional package is missing: `colcon test` has only those that rosdep knows."""
     report = yield
     missing = _missing(call.excinfo.value, report.capstderr) if call.excinfo and report.failed else ""
     if missing:
@@ -116,7 +116,7 @@ def pytest_runtest_makereport(
 
 
 def _missing(error: BaseException, printed: str) -> str:
-    """Return the optional package that `error` or what a command `printed` asks for, and that is not here."""
+    """Return the missing optional package that `error`, or the output `printed` by a command, asks for."""
     if isinstance(error, ModuleNotFoundError):
         return error.name if error.name in OPTIONAL else ""
     asked = re.search(r"needs the package '([\w-]+)'", f"{error}{printed}")
@@ -143,9 +143,9 @@ def example_dir() -> Path:
 
 @pytest.fixture
 def signals_of_a_terminal() -> Iterator[None]:
-    """Let SIGINT, SIGTERM and SIGHUP do here and in new processes what they do in a terminal.
+    """Give SIGINT, SIGTERM and SIGHUP the handlers of a terminal, here and in child processes.
 
-    Under nohup, or behind `&` in a script, some are ignored; processes inherit that, and would not end.
+    Under nohup or `&` in a script some are ignored; child processes inherit that and would not end.
     """
     handlers = [
         (signal.SIGINT, signal.default_int_handler),
@@ -160,7 +160,7 @@ def signals_of_a_terminal() -> Iterator[None]:
 
 @pytest.fixture
 def bare_environment() -> dict[str, str]:
-    """Return this process's environment without what make, the ROS wheels and a sourced workspace put into it.
+    """Return this process's environment without the variables of make, the ROS wheels and a sourced workspace.
 
     The wheels restart the interpreter once to set the library path of their own venv and leave a guard behind; a
     child in another venv would take both over and never set its own.

@@ -54,7 +54,7 @@ WRONG: dict[str, tuple[Callable[[Tumble], Any], dict[str, str]]] = {
 
 
 def test_a_twist_that_stands_still_for_a_while_is_told() -> None:
-    """The median over all windows does not see it, and the torque that it takes would be blamed on physics."""
+    """The median over all windows misses it, and the torque it implies would show as a residual."""
     motion = precessing()
     rows = body_twist(motion)
     rows[300:600] = rows[300]
@@ -100,7 +100,7 @@ def test_a_twist_of_another_scale_is_told_also_of_a_part(of: slice, factor: floa
 
 
 def test_a_twist_in_axes_of_its_own_is_told() -> None:
-    """A gyro that is mounted askew tells of a torque that is none."""
+    """A misaligned gyro implies a torque that does not exist."""
     motion = precessing()
     turn = np.array([[1.0, -0.1, 0.0], [0.1, 1.0, 0.0], [0.0, 0.0, 1.0]]) / np.array([[np.hypot(1, 0.1)] * 2 + [1.0]]).T
     rows = body_twist(motion)

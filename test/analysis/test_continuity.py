@@ -84,7 +84,7 @@ def test_what_sensors_and_robots_do_is_no_jump(seed: int) -> None:
 @pytest.mark.parametrize("every", [2, 3])
 @pytest.mark.parametrize("with_twist", [True, False])
 def test_two_bodies_on_one_topic_are_no_motion(every: int, with_twist: bool) -> None:
-    """The second body speaks every second or third time: what comes again and again is no jump."""
+    """Every second or third message is of the second body; changes that recur are not jumps."""
     motion = spin(noise=1e-3)
     motion.position[::every] += (5.0, 0.0, 0.0)
     detail = failing(bag_of(motion, with_twist=with_twist))[JUMPS]

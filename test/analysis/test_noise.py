@@ -23,7 +23,7 @@ def summary_of(seed: int, scene: Scene | None = None, uncommanded: float = 0.0) 
 
 
 def accused(seeds: range) -> list[int]:
-    """Return the seeds of recordings of which a check fails although all that is given is true."""
+    """Return the seeds of recordings that fail a check although body and scene are right."""
     return [seed for seed in seeds if not summary_of(seed).passed]
 
 
@@ -40,7 +40,7 @@ def test_of_a_thousand_recordings_at_most_ten_accuse_the_body_that_flew() -> Non
 @pytest.mark.slow
 @pytest.mark.timeout(3000)
 def test_what_is_said_to_be_seen_above_the_noise_is_found() -> None:
-    """Of a smallest moment that is 1.3 times too large, wherever the report says that 0.3 would be seen."""
+    """A smallest moment 1.3 times too large is found wherever the report claims to resolve 0.3."""
     tried = [(seed, left) for seed in range(0, MANY, 10) if (left := summary_of(seed).residual) is not None]
     seen = [seed for seed, left in tried if left.unseen[0] < 0.3]
     assert len(seen) > len(tried) // 2

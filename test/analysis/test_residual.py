@@ -22,7 +22,7 @@ BODY = "body: {frame: base, mass: 4.0, center_of_mass: [0.1, -0.2, 0.05], inerti
 
 @pytest.fixture
 def judged(bagger: Any) -> Callable[..., Residual]:
-    """Return a function that records a flight as another writer would and judges it by a body with this inertia."""
+    """Return a function that records a run as another program would and computes its residual for this inertia."""
     both = ("/thrust/applied", "/push/applied")
 
     def judge(flight: Any, inertia: np.ndarray, wrenches: tuple[str, ...] = both, noise: float = 0.0) -> Residual:

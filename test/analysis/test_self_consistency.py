@@ -121,7 +121,7 @@ def test_what_contradicts_itself_fails(
     ],
 )
 def test_another_scene_fails(log: Path, tmp_path: Path, old: str, new: str, words: str) -> None:
-    """With the hash that belongs to it, unless that is what is to be found."""
+    """Its hash is adapted, except where the hash is under test."""
     from hashlib import sha256
 
     assert old in TEXT

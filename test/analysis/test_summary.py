@@ -102,7 +102,7 @@ def test_channels_count_commands_and_timeouts(flight: Any) -> None:
 
 
 def test_a_channel_that_falls_silent_is_warned_of(flown: Callable[..., Any]) -> None:
-    """A commander that dies leaves its last force acting to the end where the channel has no timeout."""
+    """If a commander dies and its channel has no timeout, its last force acts to the end."""
     dies = [("push", Wrench((1.0, 0.0, 0.0), frame_id="world", stamp_ns=k * 100_000_000)) for k in range(10)]
     summary = summary_of(flown(dies).log)
     (channel,) = (each for each in summary.channels if each.topic == "/push")
@@ -148,7 +148,7 @@ def test_timeouts_are_not_known_where_a_piece_is_missing(flight: Any, tmp_path: 
 
 
 def damaged(path: Path, flight: Any, begin_ns: int, end_ns: int, reason: str = "damaged") -> RunSummary:
-    """Return the summary of what `recover` makes of a log in which a piece was damaged."""
+    """Return the summary of the recovered copy of a damaged log."""
     whole = McapFile(flight.log)
     left = [each for each in whole.messages() if not begin_ns <= each.log_time <= end_ns]
     whole.metadata["rb_dynamics.interrupted"] = {"reason": reason, "missing_ns": f"{begin_ns} {end_ns}"}
@@ -208,7 +208,7 @@ def test_a_log_that_was_cut_off_says_of_how_much(flight: Any, tmp_path: Path) ->
 
 
 def begun(path: Path, whole: McapFile, messages: list[Message], *, ended: bool = False) -> Path:
-    """Write these messages and all else of `whole` as a file without an end, or with it."""
+    """Write these messages and everything else in `whole` to a file, truncated or complete."""
     with contextlib.closing(LogFile(path)) as file:
         writer = McapWriter(file, "test")
         writer.begin()
@@ -421,7 +421,7 @@ def test_unusable_numbers_are_left_out_and_fail(bagger: Any, bad: float) -> None
 
 @pytest.mark.parametrize("part", [3, 7])
 def test_unusable_numbers_of_one_part_of_an_odometry_fail(bagger: Any, part: int) -> None:
-    """Pose and twist are of one topic; whichever lacks rows is told."""
+    """Pose and twist come from one topic; the one that lacks rows is named."""
     rows = []
     for k in range(12):
         numbers = [*STILL, *(0.0,) * 6]

@@ -13,7 +13,7 @@ import pytest
 
 @pytest.fixture(scope="session")
 def script(root: Path) -> Callable[[str], ModuleType]:
-    """Return what imports a module of that folder by its name, as a script that is run there would."""
+    """Return a function that imports a module of that folder by name, like a script run there."""
 
     def imported(name: str) -> ModuleType:
         sys.path.insert(0, str(root / "benchmarks"))

@@ -56,7 +56,7 @@ def test_every_way_of_ours_has_a_look_of_its_own(peers: ModuleType, script: Call
 
 @pytest.mark.parametrize("bodies", [1, 64])
 def test_c_takes_our_step_to_the_bit(peers: ModuleType, bodies: int, script: Callable[[str], ModuleType]) -> None:
-    """The bar on the time of a step is against the same arithmetic, or it means nothing."""
+    """The goal for the time of a step only makes sense for the same arithmetic."""
     c = script("peers.c")
     try:
         c.version()

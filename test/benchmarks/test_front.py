@@ -23,7 +23,7 @@ def test_cost_lies_between_two_settings_by_powers(front: ModuleType) -> None:
 
 
 def test_only_what_is_near_the_least_is_told(front: ModuleType) -> None:
-    """`dmv104` keeps energy at twice the cost of `rk4`, which does not; in closed form nothing is decided."""
+    """`dmv104` conserves energy at twice the cost of `rk4`, which does not; a closed form decides nothing."""
     runs = {"rk4": [(1e-13, 1.0, 100)], "dmv104": [(1e-13, 2.0, 100)], "strang6": [(1e-13, 3.0, 100)]}
     rows = {"driven": {"plain": runs}, "free": {"plain": {"exact": [(1e-16, 1.0, 1)], "strang6": [(1e-16, 1.0, 1)]}}}
 

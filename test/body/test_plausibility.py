@@ -101,7 +101,7 @@ class TestTriangle:
 
 
 class TestOrder:
-    """Six numbers in one order, read in another."""
+    """Six numbers in one order, read in another order."""
 
     TRUE = ((2.0, 0.02, -0.03), (0.02, 1.8, 0.01), (-0.03, 0.01, 2.4))
 
@@ -124,7 +124,7 @@ class TestOrder:
 
     @given(st.tuples(lengths, lengths, lengths), turns)
     def test_products_are_at_most_half_of_a_moment(self, size: Any, turn: Any) -> None:
-        """Why only impossible matrices are looked at: 2 |Ixz| <= Iyy, and cyclically."""
+        """The reason why only impossible matrices are examined: 2 |Ixz| <= Iyy, and cyclically."""
         (xx, xy, xz), (_, yy, yz), (_, _, zz) = box(size).body(1.0, (0.0, 0.0, 0.0), rotation.exp(turn)).inertia
 
         assert 2.0 * abs(yz) <= xx * (1.0 + 1e-12)
@@ -186,7 +186,7 @@ class TestDensityAndReach:
 
 
 class TestComparison:
-    """A body against the shape it has."""
+    """A body compared with its shape."""
 
     def solid(self, center: Any = (0.0, 0.0, 0.0)) -> Solid:
         body = slanted()
@@ -208,7 +208,7 @@ class TestComparison:
         assert "negate them" in finding.remedy
 
     def test_small_negated_products(self) -> None:
-        """Moments alone would not tell."""
+        """The moments alone do not show it."""
         small = box(SIZE).body(MASS, (0.0, 0.0, 0.0), rotation.exp((0.03, 0.02, 0.01)))
         solid = Solid(1.0, (0.0, 0.0, 0.0), common_mistakes.scaled(small.inertia, 1.0 / MASS), 1.2)
         wrong = RigidBody.from_matrix(MASS, common_mistakes.negated(small.inertia))

@@ -162,7 +162,7 @@ def test_units_do_not_matter_to_the_bit(axes: Quaternion, exponent: int) -> None
 
 
 def test_indefinite_matrix_is_diagonalised_too() -> None:
-    """The check that moments are positive comes after; it needs the true ones to name."""
+    """The later check that moments are positive names the true ones."""
     moments, _ = diagonalize(((1.0, 2.0, 0.0), (2.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
 
     assert sorted(moments) == pytest.approx([-1.0, 1.0, 3.0], rel=4.0 * EPS)

@@ -189,7 +189,7 @@ class TestFromPrincipal:
 
     @pytest.mark.parametrize("q", [(0.0, 0.0, 0.0, 1.0005), (0.0, 0.0, 0.0, -0.9995), (0.5003, 0.5, -0.5, 0.5)])
     def test_a_quaternion_of_few_digits_is_normalised(self, q: tuple[float, float, float, float]) -> None:
-        """Else the motion would be that of an attitude that is no rotation."""
+        """Otherwise the attitude would not be a rotation."""
         body = RigidBody.from_principal(1.0, (1.0, 1.5, 2.0), q)
 
         assert math.hypot(*body.principal_orientation_xyzw) == pytest.approx(1.0, abs=EPS)
@@ -205,7 +205,7 @@ class TestFromPrincipal:
 
 class TestPointMasses:
     def test_moments_of_real_particles_are_always_a_body(self) -> None:
-        """Sums over point masses, exact: I1 + I2 - I3 = 2 sum m z^2 >= 0 whatever they are."""
+        """Exact sums over any point masses: I1 + I2 - I3 = 2 sum m z^2 >= 0."""
         masses = [Fraction(n) for n in (1, 2, 3, 5)]
         places = [(1, 0, 2), (0, -1, 1), (2, 2, 0), (-1, 1, -3)]
         total = sum(masses)
@@ -243,7 +243,7 @@ def test_the_bare_class_names_what_makes_a_body(given: tuple[Any, ...]) -> None:
     ],
 )
 def test_a_copy_with_parts_of_another_body_is_refused(changes: dict[str, Any], named: str) -> None:
-    """The motion is that of the principal moments: another inertia beside them would change nothing, silently."""
+    """The motion uses the principal moments, so a different inertia beside them would be ignored silently."""
     body = RigidBody.from_matrix(2.0, [[1.0, 0.1, 0.0], [0.1, 1.5, 0.0], [0.0, 0.0, 2.0]])
 
     with pytest.raises(BodyError) as error:

@@ -201,7 +201,7 @@ def test_a_hollow_body_is_the_outer_less_the_inner(a: float, b: float) -> None:
 
 
 def test_a_thin_wall_tends_to_the_shell_without_losing_digits() -> None:
-    """(R^5 - r^5) / (R^3 - r^3) as it stands would be noise with a wall of 1e-15."""
+    """Evaluated literally, (R^5 - r^5) / (R^3 - r^3) would be noise for a wall of 1e-15."""
     wall = 4.0 * 2.0**-52
     sphere, shell_ = shapes.hollow_sphere(1.0, 1.0 - wall), shapes.spherical_shell(1.0)
     tube, open_ = shapes.hollow_cylinder(1.0, 1.0 - wall, 3.0), shapes.cylindrical_shell(1.0, 3.0)

@@ -159,7 +159,7 @@ def test_a_pipe_gets_no_progress_bar(scene: Path) -> None:
 
 
 class TestSet:
-    """`--set` reaches every key, the ones that have an option of their own too."""
+    """`--set` works for every key, also for those with an option of their own."""
 
     def test_any_key(self, scene: Path) -> None:
         result = command(

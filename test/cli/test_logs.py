@@ -162,7 +162,7 @@ def test_recover_gives_a_whole_file(scene: Path, tmp_path: Path) -> None:
 
 
 def test_recover_counts_from_the_first_message(tmp_path: Path) -> None:
-    """Stamps of the epoch say nothing to a reader; inspect counts from the start too."""
+    """Times count from the first message, as in `inspect`, since stamps of the epoch tell a reader nothing."""
     rows = "".join(f"{1_700_000_000_000_000_000 + k * 500_000_000},1,0,0,0,0,0\n" for k in range(5))
     (tmp_path / "commands.csv").write_text("time_ns,force_x,force_y,force_z,torque_x,torque_y,torque_z\n" + rows)
     assert command("convert", tmp_path / "commands.csv", tmp_path / "commands.mcap").returncode == 0

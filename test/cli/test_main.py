@@ -14,7 +14,7 @@ from rb_dynamics.cli import COMMANDS, main
 
 
 def refusal(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    """Return what stands on stderr after a refusal with exit code 2, and nothing on stdout, in one line."""
+    """Return stderr, in one line, of a command that must print nothing on stdout and exit with code 2."""
     with pytest.raises(SystemExit, match="2"):
         main(arguments)
     out, err = capsys.readouterr()

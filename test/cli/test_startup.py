@@ -23,7 +23,7 @@ print("LOADED", *sorted(set(sys.modules) - before))
 
 
 def loaded(root: Path, *arguments: str) -> set[str]:
-    """Return what a command imports beyond what the interpreter has loaded when it starts."""
+    """Return the modules that a command imports, without those of the bare interpreter."""
     command = [sys.executable, "-c", LOADED_BY, *arguments]
     result = subprocess.run(command, cwd=root, capture_output=True, text=True, check=True)
     return set(result.stdout.rpartition("LOADED")[2].split())

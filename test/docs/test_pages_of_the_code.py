@@ -77,7 +77,7 @@ def test_the_page_on_methods_has_them_all(root: Path) -> None:
 
 
 def test_pages_count_the_methods_right(root: Path) -> None:
-    """Where this fails, mend the sentence; what was counted in docs/scaling.md is measured by `make scaling`."""
+    """If this fails, correct the sentence; for docs/scaling.md run `make scaling`."""
     ten, one = divmod(len(METHODS.own), 10)
     words = f"{TENS[ten]}-{UNITS[one]}".removesuffix("-")
     right = {str(len(METHODS.own)), words, words.capitalize()}

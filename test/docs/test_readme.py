@@ -35,7 +35,7 @@ SLOW = re.compile(r"--video|campaign (?!.*--runs)")
 
 
 class Step(NamedTuple):
-    """One thing that a page asks its reader to do."""
+    """One instruction of a page."""
 
     page: Path
     kind: str
@@ -51,7 +51,7 @@ def blocks(page: Path) -> Iterator[tuple[str, str, str]]:
 
 
 def steps(page: Path) -> Iterator[Step]:
-    """Yield what the page asks for, in its order."""
+    """Yield the instructions of a page, in order."""
     for language, title, text in blocks(page):
         if language == "sh":
             for line in text.splitlines():
@@ -79,7 +79,7 @@ STEPS = [step for page in PAGES for step in steps(page)]
 
 
 class Reader:
-    """Somebody who does what the pages say, from the top of each, and nothing twice."""
+    """Follow the pages from the top, each instruction once."""
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.done = folder, set[tuple[str, str]]()
@@ -164,7 +164,7 @@ INSTALLS = [
 
 @pytest.mark.parametrize("line", INSTALLS)
 def test_install_line_names_what_there_is(line: str) -> None:
-    """What it brings is in test/packaging; that it installs takes the network: `make wheels`."""
+    """test/packaging checks the content; `make wheels` checks the installation, which needs the network."""
     target, _, asked = shlex.split(line)[-1].rstrip("]").partition("[")
     known = re.findall(r'^    "(\w+)": \[', (ROOT / "setup.py").read_text("utf-8"), re.MULTILINE)
     assert (ROOT / target.removeprefix("./src/rb_dynamics")).is_dir()

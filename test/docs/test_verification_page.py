@@ -38,7 +38,7 @@ def section(page: str, title: str) -> str:
     ],
 )
 def test_every_method_is_on_the_page(page: str, title: str, methods: dict[str, object]) -> None:
-    """Where this fails: python tools/make_verification.py."""
+    """If this fails, run python tools/make_verification.py."""
     named = set(re.findall(r"^\| `(\w+)`", section(page, title), re.MULTILINE))
 
     assert named == set(methods)
@@ -73,13 +73,13 @@ def test_every_figure_exists(page: str, root: Path) -> None:
 
 
 def test_tables_have_the_same_number_of_cells_in_every_row(page: str) -> None:
-    """A bar in a formula that is not escaped would begin a cell of its own."""
+    """An unescaped bar in a formula would start a new cell."""
     for block in re.findall(r"(?:^\|.*\n)+", page + "\n", re.MULTILINE):
         assert len({len(re.split(r"(?<!\\)\|", line)) for line in block.splitlines()}) == 1, block
 
 
 def test_no_measured_drift_on_the_page_is_large(page: str) -> None:
-    """Of what is said to be kept: a page that shows a defect is not to be shown."""
+    """For declared invariants, since the page must not publish a defect."""
     rows = re.findall(r"^\| `\w+` \|(.*)\|$", section(page, "What free motion keeps"), re.MULTILINE)
     kept = [float(value) for row in rows for value in re.findall(r"kept \| (\S+)", row)]
 
@@ -88,7 +88,7 @@ def test_no_measured_drift_on_the_page_is_large(page: str) -> None:
 
 
 class TestTheLongDrift:
-    """It takes a quarter of an hour: a page made without it keeps what was measured."""
+    """It takes a quarter of an hour; a page made without it keeps the previous value."""
 
     def test_is_that_of_the_page(self, page: str, generator: ModuleType) -> None:
         kept = generator.kept_drifts(page)
@@ -103,7 +103,7 @@ class TestTheLongDrift:
 
 
 class TestMeasures:
-    """A part of the generator that is quick."""
+    """The quick parts of the generator."""
 
     def test_order(self, generator: ModuleType) -> None:
         ((name, declared, *slopes),) = generator.order_rows(["rk4"])

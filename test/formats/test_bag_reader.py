@@ -303,7 +303,7 @@ def chunk_file(path: Path, chunk: Chunk) -> Path:
 
 
 def bomb(compression: str) -> bytes:
-    """Compress twice what is allowed."""
+    """Return compressed data of twice the allowed size."""
     size = 2 * MAX_RECORD_BYTES
     if compression == "zstd":
         zstandard = pytest.importorskip("zstandard")
@@ -423,7 +423,7 @@ def test_kilobytes_that_hold_millions_of_records_are_refused_at_once(tmp_path: P
 
 
 def test_the_most_repetitive_recording_is_read(tmp_path: Path) -> None:
-    """One number that never changes, a million times a second: little is left of it when it is compressed."""
+    """A constant number, a million times a second, which compresses extremely well."""
     data = b"".join(
         struct.pack("<BQHIQQ", 5, 22 + 12, 1, 0, k, k) + b"\0\1\0\0" + bytes(8) for k in range(0, 400_000_000, 1000)
     )

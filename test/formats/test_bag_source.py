@@ -167,7 +167,7 @@ CELLS = {"name": "/wrench", "type": "std_msgs/msg/Float64", "timestamp": 5, "dat
 
 
 def database(path: Path, cells: Mapping[str, object]) -> Path:
-    """Return a bag of one message in one file, with whatever `cells` hold: SQLite takes any type in any column."""
+    """Return a bag of one message in one file, with any `cells`, since SQLite allows any type in any column."""
     with contextlib.closing(sqlite3.connect(path)) as connection, connection:
         connection.execute("CREATE TABLE topics(id, name, type, serialization_format, offered_qos_profiles)")
         connection.execute("CREATE TABLE messages(id, topic_id, timestamp, data)")

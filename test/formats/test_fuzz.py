@@ -43,7 +43,7 @@ def own_log(folder: Path) -> bytes:
 
 
 def all_of(path: Path, read: Callable[[McapFile], Iterator[Message | Block]]) -> object:
-    """Return what each channel has and what else is known of a file, read so, or why it cannot be read."""
+    """Return the content of a file, read by `read`, or the reason why it cannot be read."""
     file, found = McapFile(path, salvage=True), defaultdict[str, list[tuple[int, bytes]]](list)
     try:
         for each in read(file):
@@ -58,7 +58,7 @@ def all_of(path: Path, read: Callable[[McapFile], Iterator[Message | Block]]) ->
 
 
 def look(path: Path) -> None:
-    """Read everything in every way there is."""
+    """Read a file completely with each reader."""
     assert all_of(path, McapFile.blocks) == all_of(path, McapFile.messages)
     with contextlib.suppress(LogError):
         for topic in read_bag(path).topics.values():
@@ -88,7 +88,7 @@ def test_a_log_with_bytes_replaced_added_or_removed(folder: Path, changes: list[
 @MANY
 @given(records=st.lists(st.tuples(st.integers(0, 20), st.binary(max_size=60), st.integers(-3, 3)), max_size=8))
 def test_any_records(folder: Path, records: list[tuple[int, bytes, int]]) -> None:
-    """Opcodes with any content, and lengths that are a little wrong."""
+    """Records with any opcode and content, and slightly wrong lengths."""
     data = b"".join(
         bytes([opcode]) + max(0, len(content) + wrong).to_bytes(8, "little") + content
         for opcode, content, wrong in records

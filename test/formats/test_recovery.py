@@ -74,7 +74,7 @@ def test_bags_of_another_kind_are_named_with_the_command_that_helps(
 def test_a_piece_that_is_gone_or_there_twice_shows_in_the_statistics(
     tmp_path: Path, how: str, opcode: int, kind: str
 ) -> None:
-    """A copy that lost the last chunk whole has its end, and no hole within."""
+    """A copy that lost exactly its last chunk has an end and no gap."""
     log, saved = tmp_path / "run.mcap", tmp_path / "saved.mcap"
     simulate(parse_scene("body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\nduration: 0.1\n"), [], [McapSink(log)])
     data, places, at = log.read_bytes(), [], 8

@@ -28,7 +28,7 @@ def odometry(k: int, stamp_ns: int, frame: str = "map") -> bytes:
 
 @pytest.mark.parametrize("late_from", [0, 1, 1024, 2000, COUNT])
 def test_stamps_and_numbers_are_those_of_the_messages(late_from: int) -> None:
-    """Stamps that are the log times up to some message, and then are not."""
+    """Stamps that equal the log times up to some message, and differ from then on."""
     topic = Topic("/odom", ODOMETRY)
     stamps = [10 * k - (k >= late_from) for k in range(COUNT)]
     for k, stamp_ns in enumerate(stamps):

@@ -156,7 +156,7 @@ class TestTimeout:
 
 class TestSum:
     def test_channels_add_up_in_the_order_of_the_scene(self) -> None:
-        """1e16 + 1 - 1e16 depends on the order, so its bits tell which it was."""
+        """1e16 + 1 - 1e16 depends on the order, so its bits show it."""
         for order in (("a", "b", "c"), ("c", "b", "a"), ("b", "a", "c")):
             c = channels(*map(Channel, order))
             values = {"a": 1e16, "b": 1.0, "c": -1e16}

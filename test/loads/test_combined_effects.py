@@ -23,7 +23,7 @@ PUSH = ((1.0, 0.0, 0.0), ZERO)
 
 
 class Own(Effect):
-    """An effect that returns what it is told."""
+    """An effect that returns given values."""
 
     kind, takes = "own", LoadDependence.FIELD
 
@@ -75,7 +75,7 @@ def test_what_is_no_load_is_named(load: Any, solver: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize("sight", [0.0, -1.0, math.nan])
 def test_a_sight_that_is_no_time_ahead_is_named(sight: float) -> None:
-    """The run went on in steps of 1 ns, or took no notice."""
+    """Before it was checked, the run went on in steps of 1 ns or ignored it."""
     with pytest.raises(SceneError, match=r"own: its sight is .*, expected a time \(s\) greater than 0 at simula"):
         flown(PUSH, sight, accuracy=1e-6)
 

@@ -298,7 +298,7 @@ class TestRotor:
         assert stored.energy == pytest.approx(0.25 * rate**2, abs=1e-11)
 
     def test_a_schedule_ends_steps_at_its_knots(self) -> None:
-        """Method and step alone decide: the knot lies inside a step of rkmk4, whose order it would break."""
+        """The knot lies inside a step of rkmk4 and would break its order if steps did not end there."""
         text = (
             SKEW + "\ninitial: {angular_velocity_body: [0.4, -0.2, 0.7]}\nwrenches: []\nduration: 2\noutput_rate: 1\n"
             "effects: [{type: rotor, axis_body: [0, 0, 1], axial_inertia: 0.5, "
@@ -339,7 +339,7 @@ class TestScheduledWrench:
         ]
 
     def test_none_takes_the_place_of_another(self) -> None:
-        """A kind may be called as the second of another kind is."""
+        """A kind may be named like the numbered second effect of another kind."""
 
         class Push(Effect):
             kind = "push"
@@ -428,7 +428,7 @@ class TestFromPython:
 
 
 class TestALoadInsideTheStepThatIsNotDeclared:
-    """Nothing would ask a method whether it can take it: some would be wrong in silence."""
+    """No method would be checked for support of the load, so some results would be silently wrong."""
 
     class Undeclared(CentralGravity):
         kind = "undeclared"

@@ -168,7 +168,7 @@ def test_so_does_every_family_with_all_effects_at_once(method: str) -> None:
 
 
 def test_the_momentum_of_a_free_gyrostat_is_kept_itself() -> None:
-    """|L| by its own, not by its defect, in which the rotor's part drops out; knots are no whole nanoseconds."""
+    """Compares |L| itself, since the rotor's part cancels in its defect; knots are not at whole nanoseconds."""
     start, end = (
         simulate(parse_scene(scene(f"{FIRST}, {SECOND}"), overrides={"duration": time})).sample for time in (1e-9, TIME)
     )

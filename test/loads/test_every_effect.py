@@ -108,7 +108,7 @@ def test_the_books_close(kind: str) -> None:
 
 @each_kind
 def test_energy_and_momentum_go_where_the_effect_says(kind: str) -> None:
-    """Into the potential, into what moves inside the body, or out, by a resistance."""
+    """They go into the potential, into moving parts inside the body, or are dissipated."""
     scene, recorder = shown(kind), Recorder()
     (effect, *_) = scene.effects
     rb.simulate(scene, sinks=[recorder])

@@ -33,7 +33,7 @@ def pair(
 def longest_step(
     inertia: Inertia, held: HeldWrench, v: Vector, q: Quaternion, omega: Vector, accuracy: float, horizon: float
 ) -> float:
-    """Know roughly how long a step may be: longer than the method can take where little is asked for."""
+    """Return a rough estimate of the longest step, too long for the method if the accuracy is low."""
     rate = norm(omega) + norm(held.torque_body) / inertia.moments[0] + 1e-3 * dot(q, q)
     return (accuracy / horizon) ** 0.25 / rate
 
@@ -60,7 +60,7 @@ def control_of(
 
 
 def case(method: Method, seed: int, choose_again: Choose | None = None) -> tuple[Arc, int]:
-    """Return an arc and its end; one in four is kicked so hard that the first trials are refused."""
+    """Return an arc and its end; one in four has a torque so large that the first trials are refused."""
     r = random.Random(seed)
 
     def vector(size: float) -> Vector:
@@ -81,7 +81,7 @@ def case(method: Method, seed: int, choose_again: Choose | None = None) -> tuple
 
 
 def end(arc: Arc, end_ns: int, looks: tuple[float, ...] = ()) -> tuple[object, ...]:
-    """Return where an arc ends and how it came there, or why it does not."""
+    """Return the end of an arc with its steps and methods, or the error."""
     try:
         for look in looks:
             arc.advance(round(0.9 * look * end_ns))

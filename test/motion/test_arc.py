@@ -33,7 +33,7 @@ def drift(
     angular_velocity: Vector,
     load: Load | None = None,
 ) -> Increment:
-    """Advance a particle that nothing acts on: a method that costs nothing and whose displacement tells the time."""
+    """Advance a free particle: a cheap method whose displacement shows the elapsed time."""
     return Increment(scale(h, velocity), orientation, angular_velocity, ZERO, ZERO, h)
 
 
@@ -64,7 +64,7 @@ KINDS = ["whole", "third", "odd", "accuracy"]
 class TestTime:
     @pytest.mark.parametrize("step", [0.001, 1.0 / 3e3, 0.0001234567890123, 2.0**-13])
     def test_is_the_sum_of_all_steps(self, step: float) -> None:
-        """1e5 steps on a grid that is no whole ns: the path shows no step lost, doubled or cut."""
+        """The path after 1e5 steps on a grid off whole nanoseconds shows that none was lost, doubled or cut."""
         arc = drifting(step)
         end_ns = math.floor(100_000 * Fraction(repr(step)) * SECOND)
 
@@ -139,7 +139,7 @@ class TestLooking:
 
     @pytest.mark.parametrize("kind", KINDS)
     def test_what_is_not_entered_leaves_no_trace_in_the_control(self, kind: str) -> None:
-        """Two arcs share a control, as in a run; whether the first one was asked where it would go does not matter."""
+        """Two arcs share a control, as in a run; reading the first one does not affect the second."""
         ends = []
         for ask in (False, True):
             control = controls(kind)

@@ -161,7 +161,7 @@ MOVING = (
 class TestNasty:
     @pytest.mark.parametrize("coefficient", [1e3, 1e5, 1e6])
     def test_stiff_drag_stops_the_body_and_the_steps_grow_again(self, coefficient: float) -> None:
-        """An explicit method takes 1e5 steps and more; the transient must not choose for the whole run."""
+        """An explicit method needs 1e5 steps and more; the transient must not determine the choice for all of it."""
         drag = f"effects: [{{type: linear_drag, translation: {coefficient!r}, rotation: {coefficient!r}}}]"
         run = simulate(parse_scene(f"{MOVING}duration: 1\n{drag}"))
         assert run.steps < 2000
@@ -177,7 +177,7 @@ class TestNasty:
         assert norm(run.sample.linear_velocity_world) < 1e-9
 
     def test_a_kick_after_a_long_coast_has_little_time_to_grow(self) -> None:
-        """Errors grow for what is left of the run, not for all of it: nothing to refuse."""
+        """Errors grow only over the rest of the run, so nothing has to be refused."""
         kick = "effects: [{type: scheduled_wrench, schedule: [{time: 1990, torque: [50, 20, 10]}, {time: 1991}]}]"
         run = simulate(parse_scene(f"{MOVING}duration: 2000\n{kick}"))
         coast = simulate(parse_scene(f"{MOVING}duration: 1990\nsolver: {{method: exact}}")).sample
@@ -189,7 +189,7 @@ class TestNasty:
         assert angle_between(run.sample.orientation_xyzw, fine.sample.orientation_xyzw) <= 1e-9
 
     def test_a_run_without_end_keeps_its_accuracy_for_ever(self) -> None:
-        """After the horizon of an hour too: the choice still has a rest to reckon with."""
+        """Also after the horizon of an hour: the choice still has a positive remaining time."""
         endless = DRIVEN.replace("duration: 5\noutput_rate: 10", "output_rate: 0.1")
         text = f"{endless}solver: {{method: auto, accuracy: 1.0e-8}}"
         late, early = Simulation(parse_scene(text)), Simulation(parse_scene(text))
@@ -217,7 +217,7 @@ SPINNING = (
 
 
 def test_a_closed_form_too_refuses_what_rounding_spoils() -> None:
-    """1e10 rad leave 1e-6 rad of attitude: who asks for that gets it, who names the method takes what there is."""
+    """After 1e10 rad the attitude is known to 1e-6 rad: a finer accuracy is refused, naming the method is not."""
     with pytest.raises(
         ConvergenceError, match=r"1e-09 cannot be kept: in closed form too, rounding alone .* 3e-06 rad"
     ):
@@ -227,7 +227,7 @@ def test_a_closed_form_too_refuses_what_rounding_spoils() -> None:
 
 
 def test_what_is_braked_in_time_keeps_its_accuracy() -> None:
-    """What counts is the turn that was made, not what it would have been without the brake."""
+    """The actual rotation counts, not the one without the brake."""
     brake = "effects: [{type: scheduled_wrench, schedule: [{time: 1000, torque: [0, -20, 0]}, {time: 1010}]}]\n"
     simulate(parse_scene(f"{SPINNING}{brake}duration: 1.0e+8\n"))
     with pytest.raises(ConvergenceError, match="in closed form too"):

@@ -71,7 +71,7 @@ FIELDS = ("orientation", "angular_velocity", "high", "low")
 
 @pytest.mark.parametrize("name", LANE_METHODS)
 def test_a_step_for_lanes_is_the_step(name: str) -> None:
-    """In plain Python, so that it is tested where numba is not installed too."""
+    """In plain Python, so that it is also tested without numba."""
     for seed in range(50):
         inertia, held, phase = case(random.Random(seed), 1.0)
         arguments = inertia, held, 0.01, (0.1, 0.2, 0.3), phase.orientation, phase.angular_velocity, None
@@ -83,7 +83,7 @@ def test_a_step_for_lanes_is_the_step(name: str) -> None:
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n == "dlm6")) for n in LANE_METHODS])
 class TestLanes:
     def test_have_the_bits_of_a_body_alone(self, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
-        """For a number of bodies that fills no block, in one thread and in more; alone in plain Python."""
+        """The number of bodies is no multiple of the block, one thread and several; alone in plain Python."""
         case = Case(BODIES, fastest=5.0)
         monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always")
         moved = case.moved(name, 20)

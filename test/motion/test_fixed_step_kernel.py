@@ -37,7 +37,7 @@ needs_numba = pytest.mark.skipif(not compilation.available(), reason="nothing to
 
 
 def case(r: random.Random, longest: float = 0.1) -> tuple[Inertia, HeldWrench, float, PhaseState]:
-    """Return a body, what acts on it, a step and a start; one in ten is symmetric, one in twenty at rest."""
+    """Return a body, its wrench, a step and a start; one in ten is symmetric, one in twenty at rest."""
 
     def vector(size: float) -> Vector:
         return (r.uniform(-size, size), r.uniform(-size, size), r.uniform(-size, size))
@@ -57,7 +57,7 @@ def case(r: random.Random, longest: float = 0.1) -> tuple[Inertia, HeldWrench, f
 
 
 def end(method: Method, what: tuple[Inertia, HeldWrench, float, PhaseState], steps: float = 20.5) -> tuple[object, int]:
-    """Return where an arc ends, or why it does not, and the steps taken."""
+    """Return the end of an arc, or the error, and the steps taken."""
     inertia, held, step, phase = what
     arc, time_ns = Arc(method, inertia, held, FixedStep(step), 0, phase), int(steps * step * NANOSECONDS)
     try:
@@ -95,7 +95,7 @@ class TestCompiled:
 
 
 def _called(*arguments: object) -> Any:
-    """Stand where what is to be compiled will."""
+    """Placeholder for the function to compile."""
     raise NotImplementedError
 
 
@@ -179,7 +179,7 @@ def test_the_longest_step_has_the_bits_of_plain_python(name: str) -> None:
 )
 @pytest.mark.parametrize("output_rate", [7.0, 0.0])
 def test_a_run_has_the_same_bits(monkeypatch: pytest.MonkeyPatch, solver: Solver, output_rate: float) -> None:
-    """With commands, books, and outputs between the steps or at each of them: all that a sink is told."""
+    """Compares everything a sink receives: commands, books, outputs between steps or at each step."""
     told = []
     for when in ("never", "always"):
         monkeypatch.setenv("RB_DYNAMICS_COMPILE", when)
@@ -207,7 +207,7 @@ def test_stretches_meet_without_a_seam(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @needs_numba
 def test_is_compiled_when_the_steps_are_worth_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A short run never waits; many short ones come to be worth it; then every step is compiled."""
+    """A short run never waits; after many short ones compilation pays, and then every step is compiled."""
     monkeypatch.setattr(fixed_step_kernel._of_the_process, "used", set())
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "auto")
     monkeypatch.setattr(fixed_step_kernel, "WORTH_COMPILING", 1000)
@@ -286,7 +286,7 @@ def test_what_is_in_the_cache_is_worth_less(monkeypatch: pytest.MonkeyPatch) -> 
 
 @needs_numba
 def test_another_process_compiles_what_a_run_could_use(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The run, which does not wait, and the next one, which has it; and none of its own is left behind."""
+    """The run does not wait, the next one uses the kernel, and no process is left behind."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "auto")
     run = (
@@ -322,7 +322,7 @@ def test_what_another_process_cannot_compile_runs_in_plain_python(
 def test_where_nothing_can_be_compiled_the_run_goes_on(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """Here by a step that no compiler takes."""
+    """Uses a step that cannot be compiled."""
 
     def step(*arguments: object) -> object:
         return [lambda: arguments].pop()
@@ -338,7 +338,7 @@ def test_where_nothing_can_be_compiled_the_run_goes_on(
 
 @pytest.mark.parametrize("name", COMPILED)
 def test_the_loop_of_a_kernel_is_the_loop_of_an_arc(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
-    """In plain Python, so that it is tested where numba is not installed too."""
+    """In plain Python, so that it is also tested without numba."""
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "never")
     inertia, held, _, phase = case(random.Random(7))
     arc = Arc(METHODS[name], inertia, held, FixedStep(0.001), 0, phase)
@@ -384,7 +384,7 @@ def _doubled(numbers: Any) -> None:
 
 
 def doubled(value: float) -> float:
-    """Return 2 value, by a small kernel."""
+    """Return 2 value with a small kernel."""
     numbers = np.array([value])
     compilation.compile_kernel(_doubled, "void(float64[::1])")(numbers)
     return float(numbers[0])
@@ -392,7 +392,7 @@ def doubled(value: float) -> float:
 
 @needs_numba
 def test_where_no_cache_can_be_written_none_is_kept_elsewhere(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Numba would take the folder of the source, where no edit of what a kernel calls is seen."""
+    """Numba would use the folder of the source, where edits of called functions go unnoticed."""
     (tmp_path / "file").touch()
     monkeypatch.setattr(compilation, "cache_folder", lambda: tmp_path / "file" / "folder")
 
@@ -402,7 +402,7 @@ def test_where_no_cache_can_be_written_none_is_kept_elsewhere(monkeypatch: pytes
 
 @needs_numba
 def test_what_is_in_the_cache_runs_without_numba(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Importing it takes longer than most runs."""
+    """Importing numba takes longer than most runs."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always")
     run = (
@@ -428,7 +428,7 @@ def test_compiled_code_takes_no_other_array_than_it_was_made_for() -> None:
 def test_a_cache_that_cannot_be_read_is_begun_anew(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, caplog: pytest.LogCaptureFixture, left: int
 ) -> None:
-    """What is damaged must not run: it is code."""
+    """Damaged cache files must not run, since they contain code."""
     monkeypatch.setattr(compilation, "cache_folder", lambda: tmp_path)
     assert doubled(3.0) == 6.0
     (broken,) = tmp_path.iterdir()
@@ -454,7 +454,7 @@ def test_threads_may_compile_at_once(monkeypatch: pytest.MonkeyPatch, tmp_path: 
 
 @needs_numba
 def test_a_numba_that_is_switched_off_compiles_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """It would run the kernel in plain Python, on numbers of numpy: slower than without it."""
+    """It would run the kernel in plain Python with numpy numbers, slower than without numba."""
     monkeypatch.setattr(compilation, "cache_folder", lambda: tmp_path)
     monkeypatch.setattr(compilation._numba().config, "DISABLE_JIT", 1)
 
@@ -510,7 +510,7 @@ def test_kernels_that_nobody_uses_any_more_are_deleted(monkeypatch: pytest.Monke
 
 @needs_numba
 def test_a_run_tells_at_once_how_far_it_goes(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Not only to the next output: what is worth compiling is compiled at the first step."""
+    """The whole run counts, not only the time to the next output, so compilation starts at the first step."""
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "auto")
     asked, after = [], fixed_step_kernel.Kernel.after
 

@@ -154,7 +154,7 @@ def test_compiled_has_the_bits_of_plain_python(monkeypatch: pytest.MonkeyPatch) 
 
 
 def end(body_kind: str, spin_kind: str, seed: int) -> object:
-    """Return where some free motions lead, bit for bit, or why they do not."""
+    """Return the ends of some free motions, bit for bit, or their errors."""
     r = random.Random(f"{body_kind} {spin_kind} {seed}")
     moments = BODIES[body_kind](r)
     r.shuffle(moments)

@@ -241,7 +241,7 @@ def kinetic(velocity: Vector, omega: Vector) -> float:
 @each
 @pytest.mark.parametrize("h", [0.02, 0.2, -0.1])
 class TestBooks:
-    """What is booked is what the momenta and the energy change by, at any step."""
+    """Momenta and energy change by the booked amounts, for any step."""
 
     def test_close_to_round_off(self, name: str, h: float) -> None:
         step = one_step(name, triaxial_field(float(name in ANY)), h)
@@ -312,7 +312,7 @@ class TestAgainstTheHeldWrench:
 
     @each
     def test_a_load_far_below_the_momenta_is_not_lost(self, name: str) -> None:
-        """The books are summed with compensation: what is below a unit in the last place of a momentum adds up."""
+        """Books use compensated sums, so increments below one unit in the last place of a momentum add up."""
 
         def load(t: float, displacement: Vector, v: Vector, q: Quaternion, omega: Vector) -> tuple[Vector, Vector]:
             return (0.0, 0.0, 1e-18), rotate_inverse(q, (0.0, 2e-18, 0.0))
@@ -444,7 +444,7 @@ def stiff(t: float, displacement: Vector, v: Vector, q: Quaternion, omega: Vecto
 
 
 class TestLimits:
-    """Where the load and the motion find no agreement the midpoint rule says so, and what step to take."""
+    """If the iteration for load and motion does not converge, the error of the midpoint rule names a smaller step."""
 
     @pytest.mark.parametrize("h", [1.0, -0.4])
     def test_a_step_that_is_too_long_leads_to_one_that_is_not(self, h: float) -> None:
@@ -471,7 +471,7 @@ class TestLimits:
     @each
     @pytest.mark.parametrize("value", [math.nan, math.inf])
     def test_a_load_that_is_no_number_is_an_error(self, name: str, value: float) -> None:
-        """At the end of the step too, where no turn shows it."""
+        """Also at the end of the step, where it does not affect the rotation."""
 
         def load(t: float, *state: Any) -> tuple[Vector, Vector]:
             return (value if t > 0.05 or name in ANY else 0.0, 0.0, 0.0), ZERO

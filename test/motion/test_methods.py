@@ -120,7 +120,7 @@ class TestStep:
         )
 
     def test_world_axes_do_not_matter(self, method: Method) -> None:
-        """Turn the world: what is in world axes turns with it, what is in body axes stays."""
+        """If the world axes are rotated, world vectors rotate with them and body vectors stay."""
         turn = rotation.normalize((0.3, -0.6, 0.2, 0.7))
 
         def turned(v: Vector) -> Vector:
@@ -137,7 +137,7 @@ class TestStep:
         assert there.work == pytest.approx(here.work, abs=16.0 * EPS)
 
     def test_names_of_the_axes_do_not_matter(self, method: Method) -> None:
-        """Rename the principal axes cyclically: a slip in one component of a formula shows."""
+        """Renaming the principal axes cyclically reveals an error in one component of a formula."""
 
         def renamed(v: Vector) -> Vector:
             return (v[1], v[2], v[0])
@@ -161,7 +161,7 @@ class TestStep:
             assert math.dist(getattr(there, name), getattr(here, name)) <= 16.0 * EPS
 
     def test_velocity_of_the_observer_does_not_matter(self, method: Method) -> None:
-        """Galilei: a boost adds to displacement and work what it must and touches nothing else."""
+        """Galilean invariance: a boost changes only displacement and work, by the right amounts."""
         boost: Vector = (4.0, -8.0, 16.0)
         here, there = one_step(method), one_step(method, velocity=add(VELOCITY, boost))
 
@@ -228,7 +228,7 @@ class TestFreeStep:
         assert rotation.angle_between(orientation, turned) <= 50.0 * (0.02 * norm(spin)) ** 3 / 12.0
 
     def test_steps_add_up(self, method: Method) -> None:
-        """A closed form is a flow: two steps are one. What steps is one to the error of its order."""
+        """Two steps equal one: exactly for a closed form, to the error of its order for other methods."""
         whole = one_step(method, 0.2, held=HeldWrench())
         first = one_step(method, 0.05, held=HeldWrench())
         second = one_step(
@@ -248,7 +248,7 @@ class TestFreeStep:
 
 
 class TestMidpoint:
-    """What its docstring claims beyond order 2."""
+    """Properties its docstring claims beyond order 2."""
 
     @pytest.mark.parametrize("h", [0.01, 0.2, 0.5])
     def test_is_symmetric(self, h: float) -> None:
@@ -279,7 +279,7 @@ class TestMidpoint:
 
     @pytest.mark.parametrize("h", [0.01, 0.2, 0.5])
     def test_solves_its_own_equations(self, h: float) -> None:
-        """R1 = R0 cay(h w) with w the angular velocity of the mean momentum, told from the result alone."""
+        """R1 = R0 cay(h w) with w the angular velocity of the mean momentum, computed from the result alone."""
         held = HeldWrench(torque_body=HELD.torque_body)
         step = one_step(METHODS["midpoint"], h, held=held)
         w = scale(0.5, add(OMEGA, step.angular_velocity))
@@ -295,11 +295,11 @@ def failing_part(case: Case, method: Method, time: float, steps: tuple[int, ...]
 
 
 class TestMutations:
-    """The parts that a careless change would drop are needed: without them these very tests fail."""
+    """Parts of the methods that a careless change could drop are needed: without them these tests fail."""
 
     @pytest.fixture(autouse=True)
     def _plain(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        """What has been compiled does not change any more."""
+        """Forbid compilation, since a compiled kernel would not see the changes."""
         monkeypatch.setenv("RB_DYNAMICS_COMPILE", "never")
 
     def test_rkmk4_without_dexpinv_is_of_order_2(self, monkeypatch: pytest.MonkeyPatch) -> None:

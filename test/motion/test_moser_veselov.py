@@ -66,7 +66,7 @@ def discrete_momentum(moments: list[mpf], m: list[mpf], t: mpf) -> list[mpf]:
 
 @pytest.mark.parametrize("terms", range(5))
 def test_each_term_of_the_preprocessing_raises_the_order_by_two(terms: int) -> None:
-    """To 60 digits, where the order shows as an integer: one wrong coefficient of all would show too."""
+    """To 60 digits, where the order is an integer to many places and any wrong coefficient shows."""
     with mp.workdps(60):
         moments = [mpf(3) / 2, mpf(21) / 10, mpf(31) / 10]
 

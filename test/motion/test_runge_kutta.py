@@ -44,7 +44,7 @@ SPIN_DRAG, ROTOR, UP, ARM = 0.4, (0.3, 0.5, -0.2), (0.3, -0.4, 0.6), (0.2, 0.1, 
 
 
 class Motion(NamedTuple):
-    """Where a body is, with its books; everything in world axes but the angular velocity."""
+    """State of a body with its books, in world axes except the angular velocity."""
 
     position: Vector = (0.4, -0.3, 0.2)
     velocity: Vector = (0.7, 0.5, -0.6)
@@ -140,7 +140,7 @@ def orders(step: Callable[..., Increment], time: float, counts: tuple[int, ...])
 
 
 class TestUnderALoad:
-    """That depends on time, place, attitude and both velocities, beside held wrenches of all four kinds."""
+    """The load depends on time, position, attitude and both velocities; held wrenches of all four kinds act too."""
 
     @pytest.mark.parametrize("time", sorted({time for time, _ in SCALES.values()}))
     def test_reference_is_that_of_scipy(self, time: float) -> None:
@@ -159,7 +159,7 @@ class TestUnderALoad:
 
     @each_method
     def test_work_is_of_the_declared_order_over_several_ends(self, method: Method) -> None:
-        """Of which one may be where its error changes sign."""
+        """One of the values may be near a sign change of the error."""
         time, counts = SCALES[method.name]
         errors = []
         for count in counts:
@@ -242,7 +242,7 @@ class TestTableaus:
         assert rkmk.DORMAND_PRINCE.stages[-1] == rkmk.DORMAND_PRINCE.weights
 
     def test_dop853_has_the_coefficients_of_scipy(self) -> None:
-        """Each row without its zeros; of which slopes they are, the order shows."""
+        """Each row without zeros; the measured order shows that they belong to the right slopes."""
         rows = [getattr(dop853, f"_ROW_{stage}") for stage in range(2, 13)]
         found = [dop853._NODES[1:], *rows, dop853._WEIGHTS, dop853._FIFTH, dop853._THIRD]
         expected = [DOP853.C, *DOP853.A[1:], DOP853.B, DOP853.E5, DOP853.E3]
@@ -286,7 +286,7 @@ class TestPair:
         assert found == {quantity: pytest.approx(order, abs=0.2) for quantity in found}
 
     def test_both_of_dverk_are_of_their_order_under_a_held_wrench_alone(self) -> None:
-        """Where the displacement is made of forces, and the work of the mean velocity."""
+        """With displacement from forces, and work from the mean velocity."""
         pair, time, counts = METHODS["dverk"].pair, 2.0, (32, 48, 64, 96)
         assert pair is not None
         expected = run(lambda *arguments: METHODS["taylor"].step(*arguments[:-1]), time, 64).quantities()
@@ -299,7 +299,7 @@ class TestPair:
     @pytest.mark.parametrize("loaded", [True, False])
     @pytest.mark.parametrize("h", [0.4, 0.2, 0.1])
     def test_the_estimate_of_dop853_is_no_smaller_than_the_error(self, h: float, loaded: bool) -> None:
-        """Of each quantity that the control of steps looks at, with a load of nothing and without."""
+        """For each quantity used by step control, with a zero load and without load."""
         method, start = METHODS["dop853"], Motion()
         assert method.pair is not None
         at = (start.velocity, start.orientation, start.angular_velocity)
@@ -312,7 +312,7 @@ class TestPair:
             assert math.dist(getattr(step, name), getattr(other, name)) >= error - 4.0 * EPS, name
 
     def test_the_estimate_of_dop853_falls_as_an_error_of_order_seven(self) -> None:
-        """And it is no smaller than the error of the step, against steps of half the length."""
+        """It is also at least the error of the step, compared with steps of half the length."""
         method, start = METHODS["dop853"], Motion()
         assert method.pair is not None
         estimates = []
@@ -409,7 +409,7 @@ class TestRefusals:
 
     @each_method
     def test_large_numbers_are_no_error(self, method: Method) -> None:
-        """The sum of the numbers in a step may overflow; the numbers are still good."""
+        """The sum of the numbers in a step may overflow although each is finite."""
         velocity = (7e307, 7e307, 7e307)
 
         step = method.step(INERTIA, HeldWrench(), 1.0, velocity, rotation.IDENTITY, ZERO)

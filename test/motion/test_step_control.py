@@ -107,7 +107,7 @@ class TestAccuracy:
         assert many / few <= 1.3 * 100.0 ** (1.0 / STEPPED[method].order)
 
     def test_is_a_promise_for_the_whole_run(self) -> None:
-        """Ten times the run, the same accuracy at its end: so each second is taken ten times as well, or better."""
+        """Ten times the run, the same accuracy at its end: each second is ten times as accurate, or better."""
         short, long = (driven(forced(), "rkmk4", 1e-7, horizon) for horizon in (1.0, 10.0))
 
         assert errors(forced(), 1, long.at(NANOSECONDS))["attitude"] <= 1e-7 / 10.0
@@ -120,7 +120,7 @@ class TestPair:
 
     @staticmethod
     def counted(method: str, accuracy: float, time: float, *, embedded: bool) -> tuple[float, int]:
-        """Return the larger of the errors that `accuracy` bounds, and how often the forces were asked for."""
+        """Return the larger of the errors that `accuracy` bounds, and the number of force evaluations."""
         evaluations = 0
 
         def nothing(*_: object) -> tuple[Vector, Vector]:
@@ -155,14 +155,14 @@ class TestPair:
 
     @pytest.mark.parametrize("accuracy", [1e-5, 1e-6, 1e-7])
     def test_takes_fewer_evaluations_than_its_own_doubling_where_steps_are_long(self, accuracy: float) -> None:
-        """For more accuracy than that the order that doubling gains outweighs its stages."""
+        """At higher accuracy the order gained by step doubling outweighs its stages."""
         _, by_pair = self.counted("rkmk54", accuracy, 2, embedded=True)
         _, by_doubling = self.counted("rkmk54", accuracy, 2, embedded=False)
 
         assert by_pair < by_doubling
 
     def test_what_it_looks_at_leaves_no_trace(self) -> None:
-        """Outputs between the strides, and strides refused on the way, lead to the same grid and the same bits."""
+        """With outputs between strides, and with refused strides, grid and bits stay the same."""
         ends = []
         for looks in ([], [1_234_567, 300_000_001, 300_000_002, 999_999_999]):
             case = forced()
@@ -227,7 +227,7 @@ class TestStride:
         assert max(counts) <= 1.05 * min(counts)
 
     def test_a_step_that_the_method_refuses_is_made_shorter(self) -> None:
-        """A tenth of a radian is the first try; a spin-up by 1e6 rad/s^2 makes that far too much."""
+        """The first trial is 0.1 rad, far too much for a spin-up by 1e6 rad/s^2."""
         case = Case(forced().body, State(), HeldWrench(torque_body=(1e6, 2e6, -1e6)), {})
 
         phase = driven(case, "rkmk4", 1e-5, 0.001).at(NANOSECONDS // 1000)
@@ -253,7 +253,7 @@ class TestStride:
 
 
 class Noisy:
-    """An `Advance` of order 2 whose steps change the rate of 1 rad/s by `error` h^3, and by some roundings."""
+    """An `Advance` of order 2 with an error of `error` h^3 in the rate of 1 rad/s, and rounding."""
 
     def __init__(self, error: float) -> None:
         self.error, self._random = error, random.Random(1)
@@ -280,7 +280,7 @@ class Noisy:
 
 
 class Layer(Effect):
-    """Drag at 10/s where x is `center`, which falls by e in 10 m; `seen` where steps are told of it."""
+    """Drag of 10/s at x = `center` that falls by e in 10 m; `seen`: whether it defines a sight."""
 
     kind, takes = "layer", LoadDependence.ANY
 
@@ -302,7 +302,7 @@ class Layer(Effect):
 
 
 class TestNoStepPassesOverAPlace:
-    """A step whose stages all lie beyond what acts would see nothing, find no error, and be accepted."""
+    """A step with all stages beyond a localised load would find no error and be accepted."""
 
     @staticmethod
     def through(layer: Layer, speed: float, method: str, accuracy: float) -> Run:
@@ -360,7 +360,7 @@ class TestNoStepPassesOverAPlace:
 
 
 class Failing(Effect):
-    """A force that has no value where `load` has none."""
+    """A force that is undefined where `load` is."""
 
     kind, takes = "failing", LoadDependence.FIELD
 
@@ -396,7 +396,7 @@ class TestAnEffectThatFails:
 
     @pytest.mark.parametrize("method", ["dop853", "rk4", "radau"])
     def test_at_a_pole_ends(self, method: str) -> None:
-        """Steps of two nanoseconds, of which nine tenths are two again, were tried for ever."""
+        """Before, steps of 2 ns were tried forever, since nine tenths of them round to 2 ns again."""
         with pytest.raises(ConvergenceError, match="at simulation time "):
             self.flown(method, lambda point: 1.0 / (2.0 - point.time) if point.time < 2.0 else 1.0 / 0.0)
 
@@ -416,14 +416,14 @@ class TestAFixedStep:
 
 
 class TestWhereRoundingHidesTheError:
-    """Two results differ by roundings whatever the step: they are no error, and no error hides in them."""
+    """Differences between two results by rounding alone are not taken for errors, and hide none."""
 
     INERTIA = Inertia(1.0, (1.0, 1.0, 1.0))
     START = PhaseState((0.0, 0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0,) * 14, (0.0,) * 14)
     HORIZON, ACCURACY = 1e4, 1e-6
 
     def density(self, error: float, h: float) -> float:
-        """Return the error that strides of h s add by the end in a second, in units of what they may."""
+        """Return the error at the end that strides of h s add per second, relative to the permitted one."""
         return 0.25 * error * h**3 * self.HORIZON / (0.2 * self.ACCURACY * h / self.HORIZON)
 
     @pytest.mark.parametrize("error", [8e-11, 8e-13, 8e-10])
@@ -453,7 +453,7 @@ class TestWhereRoundingHidesTheError:
 
     @pytest.mark.parametrize(("method", "accuracy"), [("dmv104", 1e-8), ("dlm6", 1e-8), ("strang6", 1e-8)])
     def test_a_small_torque_for_a_long_time(self, method: str, accuracy: float) -> None:
-        """No step is made shorter than it has to be: at some nanoseconds it would be refused."""
+        """No step is shorter than necessary; steps of a few nanoseconds would be refused."""
         arc = self.small_torque(method, accuracy)
         arc.at(NANOSECONDS)
 
@@ -510,7 +510,7 @@ def braked_near_a_centre() -> list[float]:
 
 
 class TestDistanceTravelled:
-    """A position error counts relative to what has been travelled, not to what a speed that is gone would have been."""
+    """The position error is relative to the path travelled, not to the initial speed times the duration."""
 
     @pytest.mark.parametrize(("method", "accuracy"), CONTROLLED)
     def test_after_a_fast_beginning(self, method: str, accuracy: float) -> None:

@@ -37,7 +37,7 @@ def step_of(seed: int, turn: float) -> Increment:
 
 @pytest.mark.parametrize("order", [6, 8, 10])
 def test_a_short_step_has_the_bits_of_all_terms(monkeypatch: pytest.MonkeyPatch, order: int) -> None:
-    """Next to the longest that is short, where most is left out."""
+    """Close to the longest short step, where most terms are left out."""
     turn = 0.999 * (0.5 * EPS) ** (1.0 / order)
     assert taylor._order(turn) == order
     found = [repr(step_of(seed, turn)) for seed in range(500)]
@@ -71,7 +71,7 @@ def test_the_terms_left_out_are_below_rounding_in_the_worst_case() -> None:
 
 
 def test_times_inside_a_step_share_its_expansion() -> None:
-    """As outputs ask for them: what takes most of the time is looked up."""
+    """As for outputs: the expensive part is cached."""
     taylor._expand.cache_clear()
     for h in (0.1, 0.11, 0.12, 0.13):
         inertia, held, velocity, orientation, _ = case(1)
@@ -83,7 +83,7 @@ def test_times_inside_a_step_share_its_expansion() -> None:
 
 @pytest.mark.parametrize("seed", range(0, 80, 4))
 def test_the_work_is_what_the_energy_grows_by(seed: int) -> None:
-    """From rest, where no digit of it cancels."""
+    """From rest, where no digits cancel."""
     inertia, step = case(seed)[0], step_of(seed, 0.01)
 
     energies = [p * p / inertia.mass for p in step.impulse]

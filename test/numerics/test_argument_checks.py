@@ -45,7 +45,7 @@ def _held(**changed: Any) -> object:
 
 
 class Anything:
-    """A thing of no use to anybody."""
+    """An object of an unsupported type."""
 
     def __repr__(self) -> str:
         return "Anything()"

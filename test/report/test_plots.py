@@ -44,7 +44,7 @@ def test_thinning_keeps_gaps() -> None:
 
 
 def strokes(picture: str) -> int:
-    """Return how many strokes the first line of a picture has."""
+    """Return the number of path segments of the first line in a figure."""
     lines = [path for path in ElementTree.fromstring(picture).iter("path") if svg.COLORS[0] in path.get("style", "")]
     return lines[0].get("d", "").count("M")
 

@@ -103,7 +103,7 @@ def test_a_note_breaks_between_its_parts(flight: Any, tmp_path: Path) -> None:
 
 
 def test_the_card_says_which_method_ran(tmp_path: Path) -> None:
-    """Of "auto" that is the one it chose; the long description of the solver stands in the table only."""
+    """For "auto" it is the chosen one; the long description of the solver is only in the table."""
     simulate(parse_scene(SPIN), (), [McapSink(tmp_path / "run.mcap")])
     summary = write_run_report(tmp_path / "run.mcap", tmp_path / "run.html")
     page = page_of(tmp_path / "run.html")

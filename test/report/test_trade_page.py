@@ -136,7 +136,7 @@ def test_a_decade_is_as_long_wherever_it_stands() -> None:
 
 @pytest.mark.parametrize("target", [1e-6, 2e-13, 1e-13, 1e-15])
 def test_no_name_is_drawn_over_another(target: float) -> None:
-    """As on a free scene, whose closed form stands on the line of the reference."""
+    """As for a free scene, where the closed form lies on the line of the reference."""
     fast = replace(row("exact", 1.0, 1e-13, 1e-8), step=None, front=True)
     found = traded(target=target)
     found = replace(found, rows=with_front([fast, *found.rows]), recommended=None)

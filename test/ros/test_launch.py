@@ -61,7 +61,7 @@ def install(prefix: Path, package: str, executable: str, script: str) -> None:
 
 @pytest.fixture
 def prefix(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A prefix with the package in it, which launch is told of."""
+    """An install prefix with the package that launch finds."""
     path = tmp_path / "prefix"
     install(path, "rb_dynamics", "rigid_body", NODE)
     for folder in ("config", "launch"):

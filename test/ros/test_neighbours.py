@@ -48,7 +48,7 @@ def test_a_reader_whose_qos_does_not_fit_is_a_warning_until_it_goes(scene: Path,
 
 
 def test_what_is_told_to_a_reader_helps(tmp_path: Path, peer: Peer) -> None:
-    """With the parameter it hears, also what was published before it came and nobody read."""
+    """Includes the parameter events published before it subscribed."""
     scene = tmp_path / "scene.yaml"
     scene.write_text("body: {mass: 1, inertia: {diagonal: [1, 1, 1]}}\noutput_rate: 0.001\nsolver: {step: 10}\n")
     parameters = {"qos_overrides./pose.publisher.durability": "transient_local"}

@@ -15,7 +15,7 @@ SECOND = 1_000_000_000
 
 
 class Hand:
-    """A clock and a steady clock, turned by hand."""
+    """A simulated clock and steady clock."""
 
     def __init__(self) -> None:
         self.clock_ns, self.steady = 0, 0.0

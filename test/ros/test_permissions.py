@@ -108,7 +108,7 @@ def test_a_scene_that_is_none_has_no_policy(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("has_keys", [False, True])
 def test_a_node_that_is_to_be_secured_and_cannot_be_does_not_start(tmp_path: Path, has_keys: bool) -> None:
-    """Without keys, or with keys that are none; where the middleware has no security, with any."""
+    """Without keys or with invalid ones; with any keys if the middleware has no security."""
     if has_keys:
         enclave = tmp_path / "enclaves" / "rigid_body"
         enclave.mkdir(parents=True)

@@ -30,7 +30,7 @@ duration: 1.0
 
 
 class Memory:
-    """A host that keeps the runs that it is told, one sink for each."""
+    """A host that keeps its runs, one sink for each."""
 
     def __init__(self) -> None:
         self.runs: list[MemorySink] = []

@@ -23,7 +23,7 @@ STOPPED, PLAYING, PAUSED = 0, 1, 2
 
 
 class Simulator:
-    """A client that speaks the standard."""
+    """A client of the standard services."""
 
     def __init__(self, peer: Peer) -> None:
         self.peer = peer

@@ -36,7 +36,7 @@ def moving(tmp_path: Path) -> Path:
 
 
 class ClockHand:
-    """A publisher of /clock that the test turns."""
+    """A publisher of /clock controlled by the test."""
 
     def __init__(self, peer: Peer) -> None:
         self.peer, self.publisher = peer, peer.node.create_publisher(Clock, "/clock", 10)

@@ -195,7 +195,7 @@ def test_long_stretches_and_schedules_come_in_pieces(monkeypatch: pytest.MonkeyP
 
 
 def test_lengths_beyond_53_bits_are_exact() -> None:
-    """A step whose decimal number has many digits, in a schedule and in the steps of a hold."""
+    """A step with many decimal digits, in a schedule and in the steps of a hold."""
     held, step = held_wrenches(random.Random(5), 3), 0.01234567890123456
     times = np.array([10**8, 10**8 + 1, 3 * 10**8])
     many = Ensemble(BODY, [STATE], "rk4", step)
@@ -322,7 +322,7 @@ def test_the_number_of_bodies() -> None:
 
 @pytest.mark.usefixtures("_compile")
 def test_what_was_seen_stays_as_it_was() -> None:
-    """Memory is used again, but not that of samples, whenever they are asked, nor that of a hold."""
+    """Buffers are reused, but never those of samples or of a hold."""
     r = random.Random(6)
     many, other = (Ensemble(*bodies_and_states(random.Random(7), 70), "rk4", 0.002) for _ in range(2))
     held, seen, expected = held_wrenches(r, 70), [], []

@@ -37,7 +37,7 @@ output_rate: 70
 
 
 class _Everything:
-    """Keeps what happens, with the acceleration at each sample."""
+    """Records all events, and the acceleration at each sample."""
 
     def open(self, run: RunInfo) -> None:
         self.events: list[Any] = []
@@ -134,7 +134,7 @@ def test_a_flight_that_cannot_go_on_ends_at_the_last_good_state_with_all_of_its_
 
 
 def test_a_closed_form_between_two_driven_arcs_is_named(tmp_path: Path) -> None:
-    """What moves the body in the midst of a flight is in the log, whatever moves it before and after."""
+    """The log names the method used in the middle of a flight, not only those at its ends."""
     rows: list[Any] = [
         ("/b", STAMPED, k * 10**7, _command(k * 10**7, [0.0] * 6 if 100 <= k < 200 else [0.1, 0, 0, 0.02, 0.01, 0.03]))
         for k in range(300)

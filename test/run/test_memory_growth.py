@@ -68,7 +68,7 @@ AT_MOST_KB = 3000
 
 @pytest.mark.parametrize("what", RUN)
 def test_ten_times_as_long_takes_no_more_memory(what: str, tmp_path: Path) -> None:
-    """Keeping what is told or commanded would take 6 to 30 MB."""
+    """Keeping all events or commands would take 6 to 30 MB."""
     short, long = (_peak_kb(what, duration, tmp_path) for duration in (10, 100))
     assert long - short < AT_MOST_KB
 

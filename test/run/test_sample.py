@@ -151,7 +151,7 @@ class TestSample:
 
 
 class TestDefects:
-    """A motion that is wrong by a known amount shows that very amount: nothing is projected or smoothed away."""
+    """A motion with a known error shows exactly that error, neither projected nor smoothed."""
 
     def test_energy_that_nobody_put_in_shows_whole(self) -> None:
         case = forced()

@@ -121,7 +121,7 @@ class TestBits:
 class TestOutputs:
     @pytest.mark.parametrize("rate", [30.0, 100.0, 333.3, 7.0, 59.94, 1000.0, 0.1])
     def test_fall_on_the_nearest_nanosecond(self, rate: float) -> None:
-        """k / rate, rounded to the nearest: the k-th sample has no memory of the roundings before it."""
+        """k / rate, rounded to the nearest nanosecond; rounding does not accumulate."""
         recorder = Recorder()
         still = scene(RigidBody.from_diagonal(1.0, (1.0, 1.0, 1.0)), State(), Solver(step=1.0), 2.0, rate)
         simulate(still, (), [recorder])
@@ -217,7 +217,7 @@ class TestCommands:
         assert run.sample == other.sample
 
     def test_of_the_past_keep_their_order_of_arrival(self) -> None:
-        """Both mean now, so the one that came last wins, whatever their stamps say."""
+        """Both act now, so the last arrival wins regardless of stamps."""
         run = Simulation(driven(SOLVERS["whole step"]))
         run.advance(SECOND)
         for x, stamp in ((1.0, 9), (2.0, 5)):
@@ -477,7 +477,7 @@ def test_what_a_run_returns() -> None:
 
 
 def test_a_run_without_end_is_not_stopped_for_what_rounding_would_add_in_an_hour() -> None:
-    """The node has no end: a short stride, as commands in quick succession lead to, is no reason to stop what flies."""
+    """The node has no end; short strides, due to commands in quick succession, must not stop it."""
     solver = Solver("auto", accuracy=1e-10)
     run = Simulation(driven(solver, duration=None))
     run.start()
@@ -492,7 +492,7 @@ def test_a_run_without_end_is_not_stopped_for_what_rounding_would_add_in_an_hour
 
 
 class TestTooLarge:
-    """A command that no body can follow is rejected, and nothing else is any different."""
+    """A command that cannot be integrated is rejected without any other effect."""
 
     GOOD = ("body", Wrench((1.0, 0.0, 0.0), (0.0, 0.1, 0.02), "body", 100_000_000))
     # The last is possible as a wrench, but not with steps of 20 ms.

@@ -92,7 +92,7 @@ def test_frames_are_not_changed_from_outside() -> None:
 
 
 def test_weight_acts_in_the_world_of_the_scene() -> None:
-    """Whatever the world is called, and where another scene took the effect from."""
+    """For any name of the world frame, and for an effect taken from another scene."""
     here = Scene(OTHER, WrenchFrames(), State(), duration=1.0, effects=(UniformGravity((0.0, 0.0, -2.0)),))
     there = replace(here, frames=WrenchFrames("inertial", "world"))
     sink = MemorySink()
@@ -132,7 +132,7 @@ def test_a_topic_that_no_log_could_hold_is_refused(topic: str) -> None:
 
 
 def test_a_scene_keeps_plain_floats() -> None:
-    """A number of 32 bits computes in 32 bits: a timeout would end at another nanosecond than was written."""
+    """32-bit numbers would compute in 32 bits, and a timeout would end at a different nanosecond."""
     single: Any = np.float32(0.1)
     scene = replace(
         READ, duration=single, output_rate=single, channels=(Channel(timeout=single),), solver=Solver("rk4", single)

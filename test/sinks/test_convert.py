@@ -39,7 +39,7 @@ def log(tmp_path: Path) -> Path:
 
 
 def check(columns: dict[str, list[float]]) -> None:
-    """Hold the columns of a table against the run itself."""
+    """Compare the columns of a table with the run."""
     memory = MemorySink()
     simulate(SCENE, COMMANDS, [memory])
     assert columns["time_ns"] == memory.time_ns.tolist()

@@ -38,7 +38,7 @@ def killed(folder: Path, kills: int, *times: float) -> list[dict[str, Any]]:
 
 
 def check(each: dict[str, Any], folder: Path) -> int:
-    """Hold one killed log to what it must be; return how many samples are in it."""
+    """Check the log of a killed writer; return its number of samples."""
     path, copy = Path(each["path"]), folder / f"recovered_{Path(each['path']).name}"
     if not each["opened"]:
         return 0

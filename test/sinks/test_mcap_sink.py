@@ -417,7 +417,7 @@ def test_a_full_disk_at_open_is_a_clear_error() -> None:
 
 @pytest.fixture
 def small_files() -> Iterator[int]:
-    """Let no file of this process grow beyond the size yielded."""
+    """Limit the size of files of this process; yield the limit."""
     resource = pytest.importorskip("resource")
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     limit = 3 * CHUNK_BYTES
@@ -538,7 +538,7 @@ def test_the_loader_of_rerun_shows_all_of_it(tmp_path: Path) -> None:
 
 
 def test_effects_are_in_the_log(tmp_path: Path) -> None:
-    """Potential energy as a topic of its own, what is held as applied wrench, what is not logged by name."""
+    """Potential energy has a topic, held effects are applied wrenches, and the others are listed by name."""
     scene = parse_scene(
         "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\nduration: 1\noutput_rate: 10\neffects: "
         "[{type: uniform_gravity, acceleration_world: [0, 0, -9]}, {type: linear_drag, translation: 0.1}]"

@@ -26,7 +26,7 @@ from rb_dynamics.sinks.rerun_sink import RerunSink
 
 
 def still(index: int, period_ns: int = 1_000_000) -> Sample:
-    """Return a sample whose position tells its index."""
+    """Return a sample whose position encodes its index."""
     place, identity = (float(index), 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
     return Sample(index * period_ns, place, identity, ZERO, ZERO, ZERO, ZERO, 0.0, 0.0, 0.0, ZERO, ZERO)
 

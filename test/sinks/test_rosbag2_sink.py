@@ -138,7 +138,7 @@ def test_a_bag_whose_last_file_was_cut_off_is_recovered_as_a_whole(tmp_path: Pat
 
 @pytest.fixture
 def split(tmp_path: Path) -> Path:
-    """Return a bag of four files, of which each but the last says which one comes next; as a killed run leaves it."""
+    """Return a bag of four files, each but the last naming the next one, as a killed run leaves it."""
     folder = tmp_path / "spin"
     # Often enough that a file is of several chunks.
     scene = parse_scene(
@@ -150,7 +150,7 @@ def split(tmp_path: Path) -> Path:
 
 
 def told(folder: Path) -> tuple[str, list[str]]:
-    """Return what a bag is said to lack, and the names of the checks that it fails."""
+    """Return the reported gaps of a bag and the names of its failed checks."""
     summary = summarize(read_track(read_bag(folder)))
     return summary.lacks, [check.name for check in summary.checks if not check.passed]
 

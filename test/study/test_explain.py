@@ -89,7 +89,7 @@ def test_the_error_it_names_is_the_error_there_is() -> None:
 
 @pytest.mark.parametrize("solver", [Solver("midpoint", step=5.0), Solver("rk4", accuracy=0.01)])
 def test_the_error_is_that_though_commands_leave_no_finer_steps(solver: Solver) -> None:
-    """Commands come every 20 ms: a step of 0.05 s instead of 5 s would be the very same run."""
+    """With commands every 20 ms, steps of 0.05 s and 5 s would give the same run."""
     scene = replace(read_scene(ROOT / "config" / "slew.yaml", {"duration": 12.0}), solver=solver)
     commands = read_wrenches(str(ROOT / "examples" / "slew.mcap"), [channel.topic for channel in scene.channels])
     truth = simulate(replace(scene, solver=Solver("dop853", accuracy=1e-13)), commands).sample
@@ -103,7 +103,7 @@ def test_the_error_is_that_though_commands_leave_no_finer_steps(solver: Solver) 
 
 
 def test_the_error_of_a_part_is_that_at_the_time_it_names() -> None:
-    """Neither a command nor an output before the end: what had been reached there was the start, twice."""
+    """Without commands and outputs before the end, both compared states used to be the start."""
     scene = parse_scene(
         "body: {mass: 1, inertia: {diagonal: [1, 1, 1]}}\nwrenches: []\nduration: 1.0e+6\n"
         "initial: {angular_velocity_body: [0, 0, 1]}\nsolver: {method: rk4, step: 0.3}\n"
@@ -173,7 +173,7 @@ def test_a_scene_without_end_is_tried_for_the_budget() -> None:
 
 
 def test_a_trial_with_time_enough_reaches_the_end() -> None:
-    """Whatever the length: pieces that double end there, not a little before."""
+    """For any length, the doubling pieces end exactly there."""
     found = explain(
         parse_scene(RIGID + "effects: [{type: linear_drag, rotation: 0.1}]\nduration: 0.30001"), budget=60.0
     )
@@ -213,7 +213,7 @@ def test_the_error_is_that_at_the_end_though_outputs_leave_the_trial_no_time_to_
 
 
 def test_a_closed_form_keeps_to_the_budget_with_a_million_outputs() -> None:
-    """It has one step, so that steps do not tell when the trial has lasted for long enough."""
+    """It has one step, so the number of steps cannot limit the trial."""
     changes = {"duration": 1e9, "solver.accuracy": 1e-3}
     found = explain(read_scene(ROOT / "config" / "dzhanibekov.yaml", changes), budget=0.05)
     assert found.methods == "exact"
@@ -222,7 +222,7 @@ def test_a_closed_form_keeps_to_the_budget_with_a_million_outputs() -> None:
 
 
 def test_commands_act_in_the_order_in_which_simulate_takes_them() -> None:
-    """Both are stamped before the start, where the later stamp wins: nothing, and the motion has a closed form."""
+    """Both are stamped before the start, where the later stamp wins: a zero wrench, so the motion has a closed form."""
     scene = parse_scene(RIGID + "duration: 1")
     commands = [
         ("wrench", Wrench(stamp_ns=-1)),
@@ -321,7 +321,7 @@ def test_a_run_without_outputs_ends_when_half_of_its_budget_is_spent(monkeypatch
 @needs_numba
 @pytest.mark.parametrize(("duration", "worth_it"), [("1.0e+5", True), ("1", False)])
 def test_the_cost_is_that_of_the_whole_run(duration: str, worth_it: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Ten million steps are compiled, though only some of them are tried; a hundred are not, though it could be."""
+    """A run of ten million steps is compiled although the trial has few; one of a hundred is not."""
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "auto")
     fixed_step_kernel.kernel.cache_clear()
     scene = parse_scene(RIGID + f"duration: {duration}\nsolver: {{method: rk4, step: 0.01}}\noutput_rate: 1")

@@ -546,7 +546,7 @@ def test_a_channel_that_says_its_messages_are_read_otherwise_is_seen(tmp_path: P
 
 
 def test_whatever_is_changed_in_a_log_is_seen(tmp_path: Path, full: Path) -> None:
-    """Bits, times, order and number of messages; but for what a run does not say: how a node was."""
+    """Any change of bits, times, order or number of messages is found, except in the state of the node."""
     rng = random.Random(14)
 
     def spoil(messages: list[Message]) -> None:
@@ -590,7 +590,7 @@ def test_scene_and_commands_are_the_same_whatever_the_version(tmp_path: Path, fu
 
 
 def test_a_log_of_rule_1_is_the_same_still() -> None:
-    """Commands came in another order than a replay posts them, one at the very time of its channel's timeout."""
+    """Commands arrived in a different order than in a replay, one exactly at the timeout of its channel."""
     found = replay(Path(__file__).parent / "rule_1.mcap")
     logged, here = found.facts["rb_dynamics.result.inputs_sha256"]
     assert logged == here
@@ -651,7 +651,7 @@ def test_a_scene_that_is_not_valid_is_an_error_of_the_scene(tmp_path: Path) -> N
 
 
 def test_a_log_of_a_scene_that_no_text_says_is_not_run_again_as_another(tmp_path: Path) -> None:
-    """After `replace` the text is that of the scene before: the log would be called false."""
+    """After `replace` the text is that of the previous scene, so the log would fail."""
     scene = parse_scene("body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\nduration: 0.1\n")
     path = tmp_path / "run.mcap"
     simulate(dataclasses.replace(scene, body=RigidBody.from_diagonal(1.0, (1.0, 1.0, 1.0))), sinks=[McapSink(path)])

@@ -12,7 +12,7 @@ from rb_dynamics.cli import main
 
 
 def called(main: Callable[[Sequence[str]], int], *arguments: object) -> CompletedProcess[str]:
-    """Return what a command says, and its exit code; an exception that it does not catch is raised."""
+    """Return output and exit code of a command; uncaught exceptions are raised."""
     words = [str(each) for each in arguments]
     with contextlib.redirect_stdout(io.StringIO()) as out, contextlib.redirect_stderr(io.StringIO()) as err:
         try:

@@ -54,7 +54,7 @@ def scene_of(mass: float, inertia: Any, center: Any) -> Scene:
 
 @functools.cache
 def recording(seed: int, uncommanded: float = 0.0) -> Recording:
-    """Return a recording; `uncommanded` is a torque about a fixed axis of the body that it does not tell of, N m.
+    """Return a recording; `uncommanded` is an unrecorded torque about a fixed body axis, N m.
 
     It acts for the middle third; as a multiple of the largest moment times rad/s^2.
     """

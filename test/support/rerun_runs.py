@@ -41,7 +41,7 @@ COMMANDS = (
 
 @dataclass
 class Memory:
-    """Keeps what it is told."""
+    """Keeps all events."""
 
     events: list[Event] = field(default_factory=list)
 

@@ -84,7 +84,7 @@ def running(scene: Path | str, *ros_args: str, **parameters: object) -> Iterator
 
 
 class Peer:
-    """The other side: publishes wrenches, keeps what it hears, calls services."""
+    """The test's node: publishes wrenches, keeps received messages, calls services."""
 
     def __init__(self) -> None:
         self.context = Context()

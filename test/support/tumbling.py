@@ -85,7 +85,7 @@ def bag_of(
 ) -> Bag:
     """Return a bag of this motion.
 
-    `twist` is the motion of which the twist tells, `twist_rows` what it says instead; `wrench` that nothing acts.
+    `twist` is the motion recorded as twist, `twist_rows` replaces its values; `wrench` adds a zero wrench.
     """
     topics = [Topic("/b/pose", POSE)]
     rows = np.hstack([motion.position, motion.orientation_xyzw])

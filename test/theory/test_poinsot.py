@@ -221,7 +221,7 @@ def test_near_the_separatrix_the_period_grows_with_the_logarithm(gap: float) -> 
 
 
 def test_moments_one_unit_apart_have_a_period() -> None:
-    """So slow that the attitude is unknown by then, which is said; the angular velocity is not."""
+    """The period is so long that the attitude is unknown by then and refused; the angular velocity is known."""
     body = RigidBody.from_diagonal(1.0, (1.0, NEXT, math.nextafter(NEXT, 2.0)))
     curve = polhode(body, state((1.0, 1.0, 1.0)), 5)
 

@@ -151,7 +151,7 @@ class Motion:
         self.start = [*q, *w, *x, *v, *([mpf(0)] * 7)]
 
     def hold(self, wrenches):
-        """Let these four vectors act from now on."""
+        """Apply these four vectors from now on."""
         self.force_body, self.torque_body = numbers(wrenches["force_body"]), numbers(wrenches["torque_body"])
         self.force_world, self.torque_world = numbers(wrenches["force_world"]), numbers(wrenches["torque_world"])
 

@@ -195,7 +195,7 @@ class TestRest:
     def test_spin_on_a_principal_axis_stays_there_to_the_bit(
         self, method: str, axis: int, orientation: tuple[float, float, float, float], rate: float
     ) -> None:
-        """The middle axis too, where the least deviation would grow: none is made."""
+        """Also on the middle axis, where the smallest deviation would grow."""
         spin = tuple(rate * (i == axis) for i in range(3))
         body = RigidBody.from_diagonal(1.0, (1.1, 2.3, 3.1))
         initial = State(orientation_xyzw=orientation, angular_velocity_body=spin)
@@ -229,7 +229,7 @@ class TestNeedle:
     @each_stepped
     @pytest.mark.parametrize("ratio", [1e-3, 1e-6, 1e-9, 1e-12])
     def test_is_never_wrong_in_silence_by_more_than_its_energy_says(self, method: str, ratio: float) -> None:
-        """Where a method cannot resolve it there is an error, or the defects show it: never a NaN."""
+        """If a method cannot resolve the motion, it raises an error or the defects show it; never NaN."""
         body = RigidBody.from_diagonal(1.0, (ratio, 1.0, 1.0))
         run = scene(body, State(angular_velocity_body=(0.3, 0.5, -0.4)), Solver(method, step=0.01), 2.0, 10.0)
 
@@ -307,7 +307,7 @@ class TestFreeRotation:
     @pytest.mark.parametrize("method", ["exact", "auto"])
     @pytest.mark.parametrize("rate", [1e17, 1e54, 1e150])
     def test_without_a_correct_digit_is_refused(self, method: str, rate: float) -> None:
-        """1e17 rad are known to 10 rad: as `free_motion` says, and never in silence."""
+        """1e17 rad are known to 10 rad only, so `free_motion` refuses."""
         body = RigidBody.from_diagonal(1.0, (1.0, 1.5, 2.0))
 
         with pytest.raises(ConvergenceError):
@@ -315,7 +315,7 @@ class TestFreeRotation:
 
 
 class TestProducts:
-    """Numbers that are good each by itself and have a product that is none."""
+    """Finite numbers whose products overflow or underflow."""
 
     @each_method
     @pytest.mark.parametrize("rate", [1e150, 1e160])
@@ -510,7 +510,7 @@ class TestSteps:
     @each_method
     @pytest.mark.parametrize("turns", [0.6, 1.4, 3.3, 25.0])
     def test_of_several_turns_are_right_or_an_error(self, method: str, turns: float) -> None:
-        """Free motion: what keeps energy and momentum and resolves no turn is told by neither; but by the attitude."""
+        """In free motion, conserved energy and momentum do not reveal unresolved rotations; the attitude does."""
         moments, spin = (1.0, 1.5, 2.0), (0.3, 1.1, 0.7)
         step = turns * 2.0 * math.pi / norm(spin)
         start = State(angular_velocity_body=spin)
@@ -564,7 +564,7 @@ class TestSteps:
 
     @each_method
     def test_an_energy_that_is_not_finite_is_an_error(self, method: str) -> None:
-        """The velocity is a number, its square is none."""
+        """The velocity is finite, its square overflows."""
         start = State(linear_velocity_world=(1e160, 0.0, 0.0))
 
         with pytest.raises(ConvergenceError, match="no longer finite"):

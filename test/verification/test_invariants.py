@@ -99,7 +99,7 @@ def test_attitude_stays_a_rotation_and_nothing_pushes(method: str) -> None:
     [(name, i) for name, m in METHODS.items() for i in ("energy", "angular_momentum") if i in m.invariants],
 )
 def test_declared_invariants_do_not_depend_on_the_step(method: str, invariant: str, step: float) -> None:
-    """Kept to round-off where the motion itself is no longer resolved: a property of the method, not of its error."""
+    """Conserved to round-off even with steps too long for the motion: a property of the method, not of its error."""
     assert getattr(drift(method, step, 400), invariant) <= 8.0 * EPS * math.sqrt(400)
 
 
@@ -120,7 +120,7 @@ def test_other_invariants_drift_as_the_order_says(method: str, invariant: str) -
 
 @each_method
 def test_defects_of_long_runs_grow_like_roundings(method: str) -> None:
-    """What is kept to round-off walks at random: four times the steps, about twice the drift, not four times."""
+    """Round-off is a random walk: four times the steps give about twice the drift, not four times."""
     for invariant in METHODS[method].invariants - {"unit_quaternion"}:
         assert getattr(drift(method, 0.02, N), invariant) <= 8.0 * max(
             getattr(drift(method, 0.02, N // 4), invariant), EPS * math.sqrt(N)

@@ -107,13 +107,13 @@ def test_balances_close_as_fast_or_exactly(method: str, balance: str) -> None:
     ],
 )
 def test_balances_that_close_exactly(method: str, balance: str) -> None:
-    """What the books take is what the step does, at any step: under torque and force of both kinds."""
+    """The books equal the changes of a step of any length, under torque and force of both kinds."""
     assert max(v for v in measured(method)[balance] if v < math.inf) <= 1000.0 * EPS
 
 
 @pytest.mark.parametrize(("method", "balance"), [("rkmk4", "energy_defect"), ("rk4", "angular_momentum_defect_world")])
 def test_balances_that_do_not_close_show(method: str, balance: str) -> None:
-    """The defects are no identity: they see the error of a method that does not keep the balance."""
+    """Defects are not zero by construction: they show the error of a method that does not close the balance."""
     assert max(measured(method)[balance]) > 1e-9
 
 

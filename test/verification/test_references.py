@@ -25,7 +25,7 @@ def test_forced_body_to_twelve_digits(method: str, time: float) -> None:
 @pytest.mark.parametrize("method", STEPPED)
 @pytest.mark.parametrize("name", FREE)
 def test_free_body_as_the_order_says(name: str, method: str) -> None:
-    """At the first time of the table: the body has turned over once by then."""
+    """At the first time in the table, after one turn of the body."""
     case = free(name)
     time = min(case.states)
     rate = max(map(abs, case.initial.angular_velocity_body))

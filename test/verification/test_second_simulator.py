@@ -48,7 +48,7 @@ def angle(sample: Sample, q: Array) -> float:
 
 
 def apart(sample: Sample, q: Array, omega: Array, position: Array, velocity: Array) -> dict[str, float]:
-    """Return how far a sample is from attitude (w, x, y, z), body rate, position and velocity of another simulator."""
+    """Return the differences of a sample from attitude (w, x, y, z), body rate, position and velocity."""
     return {
         "attitude": angle(sample, q),
         "rate": math.dist(sample.angular_velocity_body, omega),
@@ -238,7 +238,7 @@ class TestPointMasses:
         return np.concatenate([y[12:], inverse * (f.ravel() + jacobian.T @ tensions)])
 
     def test_move_as_the_body_does(self) -> None:
-        """And what the body has of energy and momentum is what the particles have together."""
+        """Energy and momentum of the body are those of all particles."""
         for name, error in self.deviations().items():
             assert error <= {"place": 2e-11, "speed": 2e-11}.get(name, 1e-10), name
 

@@ -91,7 +91,7 @@ def test_auto_is_where_the_reference_is(time: int) -> None:
 
 @pytest.mark.parametrize("method", STEPPED)
 def test_every_method_is_there_after_a_hundred(method: str) -> None:
-    """One step between two commands: what is left is h^p, or rounding."""
+    """With one step between commands the error is that of the order, or rounding."""
     run, samples = flown(Solver(method, step=0.01), 1)
 
     assert run.steps == 100
@@ -101,7 +101,7 @@ def test_every_method_is_there_after_a_hundred(method: str) -> None:
 
 
 def test_the_balances_close_after_all_of_them() -> None:
-    """By the books of the run itself: nothing is known here of the reference."""
+    """Uses only the books of the run, not the reference."""
     _, samples = flown(Solver("auto", accuracy=1e-11), 100)
 
     last = samples[100]

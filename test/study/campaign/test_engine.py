@@ -46,7 +46,7 @@ def _plain(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def _no_page(monkeypatch: pytest.MonkeyPatch) -> None:
-    """To draw the page takes thirty times as long as to fly; test_summary.py has its tests."""
+    """Omit the page, which takes thirty times as long as the runs; test_summary.py tests it."""
     monkeypatch.setattr("rb_dynamics.cli.campaign._write_page", lambda *_: None)
 
 
@@ -121,7 +121,7 @@ def test_few_runs_start_no_other_process(tmp_path: Path, monkeypatch: pytest.Mon
 def test_workers_are_started_where_that_is_sooner(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, start_s: float, elsewhere: list[tuple[int, int]]
 ) -> None:
-    """What the first block took tells, where nobody says how many workers."""
+    """Without a given number of workers, the time of the first block decides."""
     pytest.importorskip("distributed")
     flown: list[tuple[int, int]] = []
 
@@ -150,7 +150,7 @@ def test_runs_of_another_campaign_are_not_mixed(tmp_path: Path) -> None:
 
 
 def changed(text: str) -> str:
-    """Put two of the dispersed numbers in another order: each then has the other's random numbers."""
+    """Swap two dispersed inputs, so that each gets the other's random numbers."""
     first, second = "  body.mass: {uniform: {low: 1.5, high: 2.5}}\n", "  initial.orientation: any\n"
     assert first in text
     return text.replace(first, "").replace(second, second + first)
@@ -211,7 +211,7 @@ def test_a_campaign_grows(tmp_path: Path, sampling: str) -> None:
 
 
 def test_growing_rows_keep_whose_they_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A kill right after the finished file became a block: another campaign must not go on from it."""
+    """After a kill when the finished file has become a block, another campaign must not continue from it."""
 
     class KilledError(Exception):
         pass
@@ -442,7 +442,7 @@ def test_the_command_and_a_rerun(tmp_path: Path, capsys: pytest.CaptureFixture[s
 def test_the_command_printed_for_a_failed_run_flies_that_run(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A Latin hypercube of other runs has other numbers in the same run, so that the options have to be there."""
+    """The numbers of a run in a Latin hypercube depend on the number of runs, so the options must be given."""
     campaign = write(tmp_path, CAMPAIGN.replace("sampling: random", "sampling: latin_hypercube"))
     out = tmp_path / "the rows" / "it's.parquet"
     assert main(["campaign", str(campaign), "--workers", "0", "--runs", "12", "--seed", "5", "--out", str(out)]) == 0
@@ -594,7 +594,7 @@ def test_workers_of_a_cluster_one_of_which_is_killed(tmp_path: Path, scheduler: 
 
 @pytest.mark.slow
 def test_killed_half_way_and_started_again(tmp_path: Path) -> None:
-    """Processes on this machine; what the kill left is taken up, and the file is that of an undisturbed run."""
+    """With local processes: the campaign continues after a kill, and the file equals that of an undisturbed run."""
     pytest.importorskip("distributed")
     campaign = write(tmp_path, CAMPAIGN.replace("runs: 24", "runs: 200"))
     out, parts = tmp_path / "killed.parquet", tmp_path / "killed.parquet.parts"

@@ -29,7 +29,7 @@ ACCURATE = ("solver: {method: rk4, step: 0.05}", "solver: {method: auto, accurac
 
 @pytest.fixture(autouse=True)
 def _plain(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nothing here is worth compiling; that compiled runs have the same bits, test_ensemble.py shows."""
+    """Compilation does not pay here; test_ensemble.py shows that compiled runs have the same bits."""
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "never")
 
 
@@ -324,7 +324,7 @@ def test_a_controller_that_cannot_be_is_a_row_with_its_reason(tmp_path: Path) ->
 
 @pytest.mark.parametrize("scene", [SCENE, SCENE + EFFECT], ids=["many", "effect"])
 def test_a_delay_between_steps_is_flown_as_it_is(tmp_path: Path, scene: str) -> None:
-    """The torque comes at its own time, however long the steps are: beside runs whose delays are whole steps."""
+    """The torque acts at its exact time for any step, also beside runs whose delays are whole steps."""
     fixed = "solver: {method: rk4, step: 0.05}"
     text = CAMPAIGN.replace("[0.0, 0.1, 0.35]", "[0.0, 0.01, 0.1]").replace("noise: {rate: 0.01, attitude: 0.01}", "")
     steps = [

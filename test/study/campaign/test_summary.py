@@ -91,7 +91,7 @@ def by_its_inputs(folder: Path, runs: int) -> tuple[Campaign, dict[str, Any]]:
 
 
 def test_in_few_runs_an_input_that_goes_with_the_one_that_counts_is_told_apart(tmp_path: Path) -> None:
-    """The metric is an input; what correlates with it does so for that alone."""
+    """The metric is one of the inputs; other inputs correlate with it only by chance."""
     campaign, rows = by_its_inputs(tmp_path, 16)
     names = [each.name for each in campaign.inputs]
     correlations = abs(stats.spearmanr(np.stack([rows[name] for name in names], axis=1)).statistic)
@@ -111,7 +111,7 @@ def test_in_few_runs_an_input_that_goes_with_the_one_that_counts_is_told_apart(t
 
 
 def test_what_depends_on_an_input_whatever_its_sign_is_found(tmp_path: Path) -> None:
-    """An even dependence has no rank correlation; on another input it is even and falls."""
+    """An even dependence has no rank correlation; on a second input it is even and decreasing."""
     campaign, rows = by_its_inputs(tmp_path, 512)
     spin, mass = rows["initial.angular_velocity_body[0]"], rows["body.mass"]
     rows["final_rate"] = abs(spin - np.median(spin))

@@ -69,7 +69,7 @@ def test_relative_imports_in_a_package(tmp_path: Path) -> None:
 
 
 def test_a_file_beside_hides_no_library_from_libraries(tmp_path: Path) -> None:
-    """What the user names is the user's; numpy still imports Python's own `random`."""
+    """The user's module is used for the name, while numpy still imports Python's own `random`."""
     files = {"law.py": "import random\nimport numpy\n\n\ndef law():\n    return random.X\n", "random.py": "X = 5\n"}
     assert result(modules(tmp_path, files, "law.law")) == 5
     import random

@@ -40,7 +40,7 @@ def trial(spin: str, duration: str, limit: float, clock: Callable[[], float] = C
 
 
 def test_a_run_finds_nothing_that_another_one_has_computed() -> None:
-    """The same motion in one step of one expansion: cheap to look up, and what is timed is to compute it."""
+    """The motion has one cached expansion, which must be computed again to be timed."""
     one = trial("[0.1, 2, 0.1]", "0.01", 1.0)
     looked_up = []
     for _ in range(2):
@@ -51,7 +51,7 @@ def test_a_run_finds_nothing_that_another_one_has_computed() -> None:
 
 
 def test_an_accuracy_that_rounding_does_not_leave_is_loosened_until_it_can_be_kept() -> None:
-    """At 200 rad/s the finest are refused: the finest that is kept makes the reference."""
+    """At 200 rad/s the finest accuracies are refused; the finest achievable one is the reference."""
     one = trial("[10, 200, 10]", "200", 0.05)
     same, reference, _ = find_reference(one, [CLOCK() + 60.0], lambda: None)
     method, accuracy = reference.method.split(", accuracy ")

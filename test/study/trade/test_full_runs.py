@@ -31,7 +31,7 @@ ROW = TradeRow("taylor", None, 1e-3, 0.0, 0.0, 0.0, 1e-14, True, 0.0, 0.0, 0.0, 
 
 
 def runs(rows: list[TradeRow], seconds: float = 1e3) -> tuple[Scene, FullRuns]:
-    """Return the scene, and the judge of `rows`, which were measured over its first second."""
+    """Return the scene and the `FullRuns` of `rows` measured over its first second."""
     scene = parse_scene(SCENE)
     trial = trial_of(scene, COMMANDS, 0.01, Stopwatch(time.process_time, 0.0, None)).part(1.0).look()
     return scene, FullRuns(trial, COMMANDS, rows, seconds)

@@ -16,7 +16,7 @@ from rb_dynamics.study.trade.refinement import TIME_IS_UP, Refinement, refine
 
 
 class Machine:
-    """A clock, and runs on it that take as long as they should."""
+    """A simulated clock, and runs of given durations."""
 
     def __init__(self, cost: Callable[[Solver], float]) -> None:
         self.now = 0.0
@@ -90,7 +90,7 @@ def test_what_one_leaves_the_others_get() -> None:
     st.floats(1.0, 1.9),
 )
 def test_no_run_is_started_that_would_not_end_in_time(prices: list[float], end: float, true_growth: float) -> None:
-    """Where runs grow by no more than expected, only a first run, of which nothing is known, is ever cut off."""
+    """If run times grow as expected, only the first run of a method can be cut off."""
     names = list(METHODS)[: len(prices)]
     machine = Machine(lambda solver: prices[names.index(solver.method)] * true_growth ** -math.log2(solver.step or 1.0))
     refinements = [refinement(name) for name in names]

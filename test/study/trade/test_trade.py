@@ -47,7 +47,7 @@ needs_numba = pytest.mark.skipif(not compilation.available(), reason="nothing to
 
 @pytest.fixture(scope="module", autouse=True)
 def _plain() -> Iterator[None]:
-    """Let no kernel have a part, whatever has been loaded before; a test that compiles says so."""
+    """Forbid kernels, whatever was loaded before, except in tests that ask for them."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("RB_DYNAMICS_COMPILE", "never")
         yield
@@ -55,7 +55,7 @@ def _plain() -> Iterator[None]:
 
 @pytest.fixture
 def by_processor_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let the command measure by what this process has worked."""
+    """Let the command measure processor time."""
     monkeypatch.setattr(TRADE, "trade", partial(trade, clock=CLOCK))
 
 
@@ -128,7 +128,7 @@ def test_a_driven_scene_has_the_true_errors_and_no_closed_form() -> None:
 def test_what_is_fastest_is_fastest_with_the_outputs_of_the_scene(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, rate: float
 ) -> None:
-    """By a clock on which dverk and rk4 take 10 and 20 ms a simulated second, and 10 and 2 ms for an output."""
+    """On a simulated clock, dverk and rk4 take 10 and 20 ms per simulated second, and 10 and 2 ms per output."""
     spent, each = [0.0], {"dverk": (1e-2, 1e-2), "rk4": (2e-2, 2e-3)}
 
     class Timed(Simulation):
@@ -201,7 +201,7 @@ def test_methods_are_names() -> None:
 
 
 def test_how_many_settings_are_far_from_the_target_follows_from_the_order_seen(free_trade: Trade) -> None:
-    """From any two rows of rk4: what is left reaches the target, and begins within some settings of it."""
+    """From any two rows of rk4, the remaining settings include the target and start a few settings before it."""
     rows = [one for one in free_trade.rows if one.method == "rk4" and 1e-8 < one.error < 1e-2]
     steps = [one.step for one in rows if one.step is not None]
     assert len(steps) > 6
@@ -260,7 +260,7 @@ def measured_in_part(monkeypatch: pytest.MonkeyPatch, seconds: float, flown: flo
 
 
 def test_what_is_recommended_keeps_the_target_over_the_whole_scene(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The trial is a twentieth of the scene: many that keep the target over it do not keep it to the end."""
+    """The excerpt is a twentieth of the scene; many settings that meet the target over it miss it at the end."""
     scene, found = measured_in_part(monkeypatch, 3.0)
     taken = found.recommended
     assert taken is not None
@@ -305,7 +305,7 @@ def test_commands_that_cannot_be_honoured_are_left_out_and_counted() -> None:
 def test_a_long_scene_is_measured_as_it_would_run_and_no_time_holds_what_compiling_takes(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, room: float
 ) -> None:
-    """An hour passes whenever a kernel is compiled, and no row has heard of it; nor do hours pass without bound."""
+    """Each compilation takes an hour of a simulated clock: no row includes it, and their number is bounded."""
     monkeypatch.setattr(TRADE, "_KERNELS", room)
     hours, compile_kernel = [], fixed_step_kernel.compile_kernel
 
@@ -355,7 +355,7 @@ def test_a_short_scene_is_not_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_where_no_two_methods_run_the_trial_in_time_a_shorter_one_is_measured(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The first attempt ends before it has begun."""
+    """The first attempt runs out of time at once."""
     find, tried = reference.find_reference, []
 
     def find_late(trial: Any, deadlines: list[float], after: Callable[[], None]) -> Any:
