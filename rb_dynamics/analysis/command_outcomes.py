@@ -68,7 +68,11 @@ def outcomes_of(
 
     # Every applied wrench without a command is a timeout, by the format of the log. A command without one was too
     # large.
-    alone, drops = acted - honoured, known(acted - honoured)
+    alone = acted - honoured
+    # A scene that goes on from a run begins with what was held.
+    if alone[0] and (steps.force[0].any() or steps.torque[0].any()):
+        alone -= Counter([0])
+    drops = known(alone)
     too_large = [at for at in known(honoured - acted) if at != last]
     return CommandOutcomes(
         applied=len(steps.time_ns) - alone.total(),

@@ -23,7 +23,7 @@ from rb_dynamics.errors import RigidBodyError
 from rb_dynamics.formats.messages import APPLIED, MASS_PROPERTIES, log_topics, sample_topics
 from rb_dynamics.formats.own_log import logged_scene
 from rb_dynamics.formats.topic import Topic
-from rb_dynamics.loads.channels import WrenchChannels
+from rb_dynamics.loads.channels import Channel, WrenchChannels
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.numerics.nanoseconds import nanoseconds
 from rb_dynamics.numerics.rotation_arrays import rotate_all_inverse
@@ -152,35 +152,56 @@ def _applied(track: Track, scene: Scene) -> Check | None:
     """Each applied wrench is that of a command of the same time, as its channel takes it, or a drop at the timeout."""
     channels = WrenchChannels(scene.channels, scene.frames, (), scene.body)
     logged = {steps.topic: steps for steps in track.wrenches}
-    sources: list[tuple[str, int, Sequence[_Taken]]] = []
+    sources: list[tuple[str, int, list[_Taken], int | None]] = []
     for channel in scene.channels:
         topic = _topic(track, channel.topic)
         came = track.bag.wrenches(topic.name) if topic is not None else []
         taken = [(at + channel.delay_ns, channels.check(channel.topic, wrench).held) for at, wrench in came]
-        sources.append((channel.topic, channel.timeout_ns, taken))
+        since, before = _held_before(scene, channels, channel)
+        taken += [(0, before)] if before is not None else []
+        sources.append((channel.topic, channel.timeout_ns, taken, since))
     for name, entries in scene.combined_effects.schedules():
-        sources.append((name, 0, [(nanoseconds(seconds), scene.frames.hold(wrench)) for seconds, wrench in entries]))
+        start_ns = 0 if scene.past is None else scene.past.length_ns
+        given: list[_Taken] = [
+            (nanoseconds(seconds) - start_ns, scene.frames.hold(wrench)) for seconds, wrench in entries
+        ]
+        given += [(0, held) for at, held in [each for each in given if each[0] < 0][-1:]]
+        sources.append((name, 0, given, None))
     check, count = "applied wrenches fit the commands", 0
-    for name, timeout_ns, expected in sources:
+    for name, timeout_ns, expected, since in sources:
         steps = logged.get(_named(track, name + APPLIED))
         if steps is None:
             continue
         count += len(steps.time_ns)
-        if (at := _unexpected(track, steps, timeout_ns, expected)) is not None:
+        if (at := _unexpected(track, steps, timeout_ns, expected, since)) is not None:
             wrong = f"{steps.topic} has at {_seconds(track, at)} what no command of that time gives"
             return Check(check, False, wrong)
     return Check(check, True, f"{count} wrenches") if sources else None
 
 
-def _unexpected(track: Track, steps: RecordedWrench, timeout_ns: int, expected: Sequence[_Taken]) -> int | None:
-    """Return the time (ns) of the first applied wrench without a cause; None if there is none."""
+def _held_before(scene: Scene, channels: WrenchChannels, channel: Channel) -> tuple[int | None, HeldWrench | None]:
+    """Return what a channel held at the start of a scene that goes on from a run, and since when (ns), if anything."""
+    found: tuple[int | None, HeldWrench | None] = None, None
+    for topic, wrench, at in scene.past.commands if scene.past else ():
+        if topic == channel.topic and (held := channels.check(topic, wrench).held) is not None:
+            found = at + channel.delay_ns - (scene.past.length_ns if scene.past else 0), held
+    return found
+
+
+def _unexpected(
+    track: Track, steps: RecordedWrench, timeout_ns: int, expected: Sequence[_Taken], since: int | None
+) -> int | None:
+    """Return the time (ns) of the first applied wrench without a cause; None if there is none.
+
+    `since` is when what is held at the beginning came, of a scene that goes on from a run.
+    """
     by_time: Mapping[int, list[tuple[float, ...]]] = defaultdict(list)
     for at, held in expected:
         if held is not None:
             force = [a + b for a, b in zip(held.force_body, held.force_world, strict=True)]
             torque = [a + b for a, b in zip(held.torque_body, held.torque_world, strict=True)]
             by_time[at].append((*force, *torque))
-    before: int | None = None
+    before: int | None = since
     numbered = np.hstack([steps.force, steps.torque]).tolist()
     for at, numbers, known in zip(steps.time_ns.tolist(), numbered, steps.known.tolist(), strict=True):
         given = any(_alike(numbers, each) for each in by_time.get(at, ()))
@@ -190,7 +211,8 @@ def _unexpected(track: Track, steps: RecordedWrench, timeout_ns: int, expected: 
         # What is beyond the range of a track is not in its rows.
         if not (given or dropped) and known and not _lacks(track, at):
             return int(at)
-        before = at
+        # What was held at the beginning has been so for longer.
+        before = since if at == 0 and before == since and since is not None else at
     return None
 
 

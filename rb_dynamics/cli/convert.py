@@ -3,7 +3,8 @@
 A table has one line per logged sample, with all digits; the wrench commands go to a second file, with .wrenches before
 the ending of OUT. Of a bag of another program, or of named topics, a table has one line per message: source, topic,
 type, frames, log time, stamp, and the quantities with their units. Several inputs make one table, which says in the
-column run or source what is whose. The scene is the text in the log, which can be run again or edited. A CSV of
+column run or source what is whose. The scene is the text in the log, which can be run again or edited; with --at S, it
+goes on from the state at S with the same bits. A CSV of
 wrenches (time_ns or time_s, force_x ... torque_z, and topic and frame_id if needed) becomes an MCAP bag for simulate
 --wrench. An earlier OUT is replaced.
 
@@ -14,6 +15,13 @@ from __future__ import annotations
 
 import argparse
 import sys
+from decimal import Decimal
+from typing import TYPE_CHECKING
+
+from rb_dynamics.numerics.option_types import real
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 HELP = "write a log as .rrd, .csv or .parquet, its scene as .yaml, or a .csv of wrenches as .mcap"
 
@@ -25,6 +33,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="log of a run or any bag (file or rosbag2 folder), or .csv of wrenches; several give one table",
     )  # fmt: skip
     parser.add_argument("target", metavar="OUT", help="name that ends in .rrd, .csv, .parquet, .yaml or .mcap")
+    parser.add_argument(
+        "--at", type=real("a number of seconds, 0 or more", lambda v: v >= 0.0), metavar="S",
+        help="of a .yaml: begin the scene with the state at S, so that it goes on with the same bits",
+    )  # fmt: skip
     for kind in ("pose", "twist", "wrench"):
         parser.add_argument(
             f"--{kind}-topic", dest="topics", metavar="TOPIC", action="append", default=[],
@@ -47,6 +59,10 @@ def run(args: argparse.Namespace) -> int:
         args.parser.error(
             f"found {len(sources)} inputs for {target.name}, expected one; only a .csv or .parquet table takes several"
         )
+    if args.at is not None and way not in (("log", ".yaml"), ("log", ".yml")):
+        args.parser.error(
+            f"found --at for {target.name}, expected a scene; give OUT the ending .yaml, or leave out --at"
+        )
     if args.topics and way not in (*tables, ("log", ".rrd")):
         args.parser.error(f"found a topic for {target.name}, expected none; only .csv, .parquet and .rrd have topics")
 
@@ -58,6 +74,8 @@ def run(args: argparse.Namespace) -> int:
         written = convert.to_table(sources, target, args.topics, skip)
     elif way == ("log", ".rrd"):
         written = [(target, convert.log_to_rerun(source, target, args.topics))]
+    elif way in (("log", ".yaml"), ("log", ".yml")) and args.at is not None:
+        return _scene_at(source, target, args.at)
     elif way in (("log", ".yaml"), ("log", ".yml")):
         convert.log_to_scene(source, target)
         print(f"wrote {target}: the scene of {source}")
@@ -72,3 +90,22 @@ def run(args: argparse.Namespace) -> int:
     for path, count in written:
         print(f"wrote {path}: {count} rows")
     return 1 if bad else 0
+
+
+def _scene_at(source: Path, target: Path, at_s: float) -> int:
+    """Write the scene that goes on from a log at a time; exit code 0."""
+    import contextlib
+
+    from rb_dynamics.formats.log_file import LogFile, require_other
+    from rb_dynamics.study.resume import scene_at
+
+    require_other(target, source)
+    found = scene_at(source, round(Decimal(repr(at_s)) * 10**9))
+    with contextlib.closing(LogFile(target)) as file:
+        file.write(found.text.encode())
+    for note in found.notes:
+        print(f"note: {note}", file=sys.stderr)
+    print(f"wrote {target}: goes on from {source} at {at_s:.9g} s")
+    if found.channels:
+        print(f"with its later commands: simulate {target} --wrench {source} --wrench-start {at_s!r}")
+    return 0

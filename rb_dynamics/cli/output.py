@@ -56,7 +56,7 @@ def _known(run: Run) -> dict[str, Any]:
 
 def note_coasting(scene: Scene) -> None:
     """Note on stderr that nothing acts, if the scene has channels."""
-    if scene.channels and not scene.effects and "wrenches" in scene.text:
+    if scene.channels and not scene.effects and "wrenches" in scene.text and scene.past is None:
         topics = ", ".join(channel.topic for channel in scene.channels)
         print(f"note: no commands on {topics}: the body coasts; give a bag of commands with --wrench", file=sys.stderr)
 

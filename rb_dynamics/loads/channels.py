@@ -458,6 +458,12 @@ class WrenchChannels:
         """Return for how long (ns) a command that is on its way will have been so."""
         return self._delay_ns[pending.channel] if pending.on_its_way else 0
 
+    def standing(self, now_ns: int) -> list[AppliedWrench]:
+        """Return each wrench that is held, as a change at `now_ns` that no command of that time made."""
+        nothing = HeldWrench()
+        changes = [self._applied(now_ns, i) for i, hold in enumerate(self._holds) if hold.held != nothing]
+        return [replace(change, received=None) for change in changes]
+
     def schedule(self, effect: int, wrench: Wrench, time_ns: int) -> None:
         """Let `wrench` take effect on the channel of an effect, by its number: no command can reach it.
 

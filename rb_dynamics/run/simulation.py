@@ -7,6 +7,7 @@ Offline runs, the node and replay all advance through `Simulation`, which must n
 from __future__ import annotations
 
 import contextlib
+import logging
 import math
 import os
 import time
@@ -40,10 +41,12 @@ from rb_dynamics.run.sample import Sample, SampleBuilder, acceleration, kinetic_
 from rb_dynamics.run.sink import Event, RunInfo, Sink
 from rb_dynamics.run.state_change import StateChange, moved
 from rb_dynamics.scene import opened
-from rb_dynamics.scene.model import Scene
+from rb_dynamics.scene.model import Past, Scene
 from rb_dynamics.scene.plan import Plan
 from rb_dynamics.scene.read import with_true_text
 from rb_dynamics.sensors.sensor import Truth
+
+_logger = logging.getLogger(__name__)
 
 _REMEDY = "give nanoseconds: round(1e9 * seconds)"
 
@@ -69,6 +72,8 @@ class Simulation:
         clipped: number of commands reduced by the limits of their channel.
         taken_back: commands that `post` accepted, but that were rejected because the motion could not continue with
             them.
+        continues: whether the run goes on from that in `scene.past`, with its bits and books. It does not if that run
+            does not come to the scene's initial state, to the bit, such as with another body.
     """
 
     def __init__(self, scene: Scene, sinks: Sequence[Sink] = (), facts: Mapping[str, str] | None = None) -> None:
@@ -85,39 +90,92 @@ class Simulation:
         """
         scene = instance(scene, Scene, "scene", "read one with read_scene(path)")
         self.scene = scene = with_true_text(scene) if sinks else scene
-        self.plan = Plan(scene)
-        self.time_ns = 0
-        self._computed_ns = 0
         self._finished = False
         self.end_ns = scene.end_ns
         self._facts = facts or {}
         self._sinks = tuple(map(_sink, items(sinks, "sinks", "a sequence of sinks")))
         self._effects = scene.combined_effects
-        self._channels = _channels(scene, self._effects)
-        self._knots = [nanoseconds(knot) for knot in self._effects.knots()]
         self._inputs = InputHash(scene)
         # States to move the body to, in order of time.
         self._moves: list[StateChange] = []
         self.taken_back: list[RejectedWrench] = []
         self.clipped = 0
+        self.continues = False
+        rate = Fraction(repr(float(scene.output_rate)))
+        self._period_ns = (NANOSECONDS / rate).as_integer_ratio() if rate else None
+        self._outputs = 0
+        # Up to then edges are taken one by one.
+        self._one_by_one_ns = 0
+        # Schedules count from the beginning of the run that the scene goes on from.
+        self._earlier_ns = 0 if scene.past is None else scene.past.length_ns
+        if scene.past is None:
+            self._prepare(scene)
+        else:
+            self.continues = self._catch_up(scene.past)
+        # Without a sink, no one sees what sensors give.
+        self._sensing = Measurements(scene) if scene.sensors and self._sinks else None
+
+    def _prepare(self, scene: Scene, begin_ns: int = 0) -> None:
+        """Stand at the beginning of a run, at `begin_ns` of the time of this one."""
+        self._planned = scene, begin_ns
+        self.plan = Plan(scene, begin_ns)
+        self.time_ns = self._computed_ns = begin_ns
+        self._channels = _channels(scene, self._effects, self._earlier_ns)
+        self._knots = [nanoseconds(knot) - self._earlier_ns for knot in self._effects.knots()]
         self._steps = self._steps_before = 0
         self._used: dict[str, None] = {}
         phase = PhaseState.of(scene.body, scene.initial)
-        _require_finite(scene.body, phase, 0)
+        _require_finite(scene.body, phase, begin_ns)
         self._observer = SampleBuilder(self._effects, phase)
         self._phase = phase
         self._held, self._load_from = HeldWrench(), cast("LoadFrom | None", None)
         self._arc = self._new_arc(self.plan)
         # Whether the load from `time_ns` on differs from that in `_arc`.
         self._stale = False
-        # Up to then edges are taken one by one.
-        self._one_by_one_ns = 0
-        rate = Fraction(repr(float(scene.output_rate)))
-        self._period_ns = (NANOSECONDS / rate).as_integer_ratio() if rate else None
-        self._outputs = 0
         self._ahead = EdgesAhead(self._channels, scene.body, self._period_ns or (1, 1))
-        # Without a sink, no one sees what sensors give.
-        self._sensing = Measurements(scene) if scene.sensors and self._sinks else None
+
+    def _catch_up(self, past: Past) -> bool:
+        """Compute `past`, and go on from it; else begin anew, with what is held. Return whether it could go on."""
+        origin = replace(self.scene, initial=past.initial, duration=past.duration, past=None)
+        self._prepare(origin, -past.length_ns)
+        for topic, wrench, time_ns in past.commands:
+            with contextlib.suppress(WrenchError):
+                self._channels.post(topic, wrench, time_ns - past.length_ns)
+        sinks, self._sinks = self._sinks, ()
+        with contextlib.suppress(ConvergenceError):
+            self._go_quietly()
+        self._sinks = sinks
+        if self.time_ns == 0 and self._phase.state(self.scene.body, 0) == self.scene.initial:
+            return True
+        _logger.warning(
+            "%s: the run that it continues does not come to the state in `initial`, as body, effects, solver or state "
+            "were changed: it begins anew from there with what was held, and its bits are not those of the run",
+            self.scene.source,
+        )
+        held = self._channels.outstanding()
+        self._prepare(self.scene)
+        for topic, wrench, time_ns in held:
+            self._channels.post(topic, wrench, time_ns)
+        return False
+
+    def _go_quietly(self) -> None:
+        """Advance to time 0 and tell no one; what changes the load at 0 is still to come.
+
+        Raises:
+            ConvergenceError: a step could not be solved.
+        """
+        while True:
+            if self._stale:
+                self._renew()
+            change = self._next_change_ns()
+            edge = 0 if change is None else min(change, 0)
+            self._phase = self._arc.at(edge)
+            self.time_ns = self._computed_ns = edge
+            self._steps = self._steps_before + self._arc.steps_to(edge)
+            self._used.update(dict.fromkeys(self._arc.methods))
+            if edge == 0:
+                return
+            self._apply_changes()
 
     @property
     def sample(self) -> Sample:
@@ -189,6 +247,8 @@ class Simulation:
                 opened.pop_all()
         self._outputs = 1
         self.write(self.sample)
+        if self.continues:
+            self._write_changes(self._channels.standing(0))
         self._measure()
 
     def post(self, topic: str, wrench: Wrench, time_ns: int = 0) -> bool:
@@ -216,6 +276,8 @@ class Simulation:
 
     def take(self, command: CheckedWrench, time_ns: int) -> None:
         """Let a command from `check` take effect as `post` does; a rejected one is reported to the sinks."""
+        if self.continues and time_ns < 0:
+            return  # in what came before
         time_ns = max(self._computed_ns, whole_number(time_ns, "time_ns", _REMEDY))
         if self.end_ns is None or time_ns <= self.end_ns:
             self._channels.take(command, time_ns)
@@ -446,7 +508,7 @@ class Simulation:
         before = self._held, self._load_from
         try:
             # With a separate plan: the other one remembers its step sizes.
-            arc = self._new_arc(Plan(self.scene))
+            arc = self._new_arc(Plan(*self._planned))
             grid_ns = arc.next_grid_ns()
             # A closed form takes no steps.
             if grid_ns - self.time_ns < WholeArc.length:
@@ -466,7 +528,7 @@ class Simulation:
 
     def _new_arc(self, plan: Plan) -> Arc:
         self._held = held = in_principal_axes(self.scene.body, self._channels.total())
-        body, load_from = self.scene.body, self._effects.load_from(self.time_ns / NANOSECONDS)
+        body, load_from = self.scene.body, self._effects.load_from((self.time_ns + self._earlier_ns) / NANOSECONDS)
         self._load_from = None if load_from is None else lambda phase: load_from(phase.point(body))
         arc = plan.arc(held, self.time_ns, self._phase, self._load_from)
         expected = [time for time in (self._next_change_ns(), self.end_ns) if time is not None]
@@ -486,14 +548,14 @@ def _sink(sink: Sink) -> Sink:
     return sink
 
 
-def _channels(scene: Scene, effects: CombinedEffects) -> WrenchChannels:
-    """Return the channels of the scene, followed by one for each effect that holds wrenches."""
+def _channels(scene: Scene, effects: CombinedEffects, earlier_ns: int) -> WrenchChannels:
+    """Return the channels of the scene, then one for each effect that holds wrenches `earlier_ns` before."""
     schedules = effects.schedules()
     channels = WrenchChannels(scene.channels, scene.frames, [name for name, _ in schedules], scene.body)
     for number, (_, entries) in enumerate(schedules):
         for seconds, wrench in entries:
             time_ns = nanoseconds(seconds)
-            channels.schedule(number, replace(wrench, stamp_ns=time_ns), time_ns)
+            channels.schedule(number, replace(wrench, stamp_ns=time_ns), time_ns - earlier_ns)
     return channels
 
 

@@ -11,7 +11,7 @@ from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.channels import Channel, ChannelBias, topic_fault
 from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.effect import Effect
-from rb_dynamics.loads.wrench import WrenchFrames
+from rb_dynamics.loads.wrench import Wrench, WrenchFrames
 from rb_dynamics.numerics.argument_checks import instance, instances, number, shown, whole_number
 from rb_dynamics.numerics.nanoseconds import LONGEST, SHORTEST, nanoseconds
 from rb_dynamics.sensors.sensor import Sensor
@@ -57,6 +57,23 @@ class Solver:
 
 
 @dataclass(frozen=True)
+class Past:
+    """The run that a scene goes on from, from its beginning: so that it goes on with the same bits.
+
+    Attributes:
+        length_ns: how long it lasted until the scene begins.
+        initial: its state at its time 0.
+        duration: s, as it was planned; None for an open-ended run.
+        commands: channel, command and when it took effect, ns from time 0 of that run; each before `length_ns`.
+    """
+
+    length_ns: int
+    initial: State
+    duration: float | None = None
+    commands: tuple[tuple[str, Wrench, int], ...] = ()
+
+
+@dataclass(frozen=True)
 class Scene:
     """A scene, validated and in SI units.
 
@@ -75,6 +92,7 @@ class Scene:
         effects: loads in addition to the wrenches, in the order of the scene.
         sensors: what measures the motion, in the order of the scene; their topics are their names.
         seed: of the noise of the sensors.
+        past: the run that it goes on from; None for a scene that begins by itself.
         findings: suspicious properties of the body; not part of the scene.
         surface: mesh file of the body and its unit in m, for pictures; not part of the scene.
     """
@@ -91,6 +109,7 @@ class Scene:
     effects: tuple[Effect, ...] = ()
     sensors: tuple[Sensor, ...] = ()
     seed: int = 0
+    past: Past | None = None
     findings: tuple[Finding, ...] = field(default=(), compare=False)
     surface: tuple[str, float] | None = field(default=None, compare=False)
 

@@ -34,8 +34,8 @@ class Plan:
         description: as text.
     """
 
-    def __init__(self, scene: Scene) -> None:
-        """Choose the smallest model that meets `scene.solver`.
+    def __init__(self, scene: Scene, begin_ns: int = 0) -> None:
+        """Choose the smallest model that meets `scene.solver`, for a run that begins at `begin_ns`.
 
         Raises:
             SceneError: the method does not support the effects of the scene.
@@ -43,7 +43,7 @@ class Plan:
         self._scene = scene
         self._inertia = inertia_of(scene.body)
         self._accuracy = scene.solver.accuracy or DEFAULT_ACCURACY
-        self._from_ns, self._from, self._course = 0, PhaseState.of(scene.body, scene.initial), RoundingHistory()
+        self._from_ns, self._from, self._course = begin_ns, PhaseState.of(scene.body, scene.initial), RoundingHistory()
         self._start = self._from.center_of_mass_world
         self._ends = bool(scene.duration)
         self._horizon = scene.duration or OPEN_END_HORIZON
@@ -58,7 +58,8 @@ class Plan:
         self.name = scene.solver.method
         self._chosen: tuple[Method, StepControl] | None = None
         self._driven = False
-        self._driven_arcs = self._start_ns = self._length_ns = 0
+        self._driven_arcs = self._length_ns = 0
+        self._start_ns = begin_ns
         if self._method is not None:
             self._chosen = self._method, self._control(self._method)
             self.description = f"{self.name}, {self._steps(self._method)}"

@@ -11,12 +11,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 
-from rb_dynamics.body.rigid_body import RigidBody
-from rb_dynamics.body.state import State
 from rb_dynamics.errors import PluginError, SceneError
 from rb_dynamics.numerics.argument_checks import instance, shown
 from rb_dynamics.numerics.nanoseconds import LONGEST, SHORTEST
-from rb_dynamics.numerics.vector import ZERO
 from rb_dynamics.scene import document
 from rb_dynamics.scene.fields import Field, Rule, Section
 from rb_dynamics.scene.model import DEFAULT_ACCURACY, MOST_SEED, Scene, Solver
@@ -26,6 +23,7 @@ from rb_dynamics.scene.read_body import body_and_frames
 from rb_dynamics.scene.read_channels import channels
 from rb_dynamics.scene.read_effects import effects
 from rb_dynamics.scene.read_sensors import sensors
+from rb_dynamics.scene.read_state import INITIAL_KEYS, initial_state, past
 from rb_dynamics.scene.shipped import shipped
 from rb_dynamics.scene.text_file import read_text
 
@@ -33,19 +31,16 @@ _NO_OVERRIDES: Mapping[str, object] = MappingProxyType({})
 
 ROOT_KEYS = (
     "world_frame", "body", "initial", "wrenches", "effects", "sensors", "seed", "solver", "duration",
-    "output_rate",
+    "output_rate", "continues",
 )  # fmt: skip
 """The keys of a scene, with which dotted parameters of the node begin."""
 
 _NESTED_KEYS = (
     "body.mass", "body.center_of_mass", "body.inertia", "body.frames", "initial.position_world", "initial.orientation",
-    "initial.linear_velocity_world", "initial.angular_velocity_body", "solver.method", "solver.accuracy", "solver.step",
+    "initial.linear_velocity_world", "initial.linear_velocity_body", "initial.angular_velocity_body", "solver.method",
+    "solver.accuracy", "solver.step",
 )  # fmt: skip
-_INITIAL_KEYS = ("position_world", "orientation", "linear_velocity_world", "angular_velocity_body")
 
-_POSITION = Rule("a finite number (m)")
-_VELOCITY = Rule("a finite number (m/s)")
-_ANGULAR_VELOCITY = Rule("a finite number (rad/s)")
 _STEP = Rule(
     f"a number from {SHORTEST:g} to {LONGEST:.1e} (s)",
     lambda v: SHORTEST <= v <= LONGEST,
@@ -139,7 +134,7 @@ def scene_of(tree: document.Node, problems: Problems, text: str, changes: Sequen
     """
     root = Field(tree, "", problems).section(ROOT_KEYS, _NESTED_KEYS)
     reading, frames = body_and_frames(root)
-    initial = _initial(root.section("initial", _INITIAL_KEYS), reading.body)
+    initial = initial_state(root.section("initial", INITIAL_KEYS), reading.body)
     taken: dict[str, str] = {}
     wrenches = channels(root.get("wrenches"), taken)
     acting = effects(root.get("effects"), reading.body, frames)
@@ -150,6 +145,7 @@ def scene_of(tree: document.Node, problems: Problems, text: str, changes: Sequen
     duration = root.get("duration")
     seconds = None if duration is None else duration.number(_DURATION, 1.0)
     output_rate = root.number("output_rate", _OUTPUT_RATE, 100.0)
+    before = past(root.get("continues"), reading.body)
     if reading.body is None or problems:
         raise problems.error()
     changes = [*changes, f"the body that {reading.file} says"] if reading.file else changes
@@ -168,6 +164,7 @@ def scene_of(tree: document.Node, problems: Problems, text: str, changes: Sequen
         effects=acting,
         sensors=measuring,
         seed=seed,
+        past=before,
         findings=reading.findings,
         surface=reading.surface,
     )
@@ -184,22 +181,6 @@ def with_true_text(scene: Scene) -> Scene:
     except SceneError:
         pass
     return replace(scene, text=UNSAID)
-
-
-def _initial(section: Section, body: RigidBody | None) -> State:
-    omega = section.vector("angular_velocity_body", _ANGULAR_VELOCITY)
-    turning = section.get("angular_velocity_body")
-    if turning is not None and omega != ZERO and body is not None and body.is_particle:
-        turning.reject(
-            "no angular velocity, since a body without inertia is a particle", "add body.inertia or remove it"
-        )
-    return State(
-        time_ns=0,
-        position_world=section.vector("position_world", _POSITION),
-        orientation_xyzw=section.quaternion("orientation"),
-        linear_velocity_world=section.vector("linear_velocity_world", _VELOCITY),
-        angular_velocity_body=omega,
-    )
 
 
 def _solver(section: Section) -> Solver:

@@ -1,0 +1,154 @@
+"""`convert RUN.mcap state.yaml --at T`: a scene that goes on with the same bits, to the end of the run."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Callable, Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import pytest
+from recorded_runs import COMMANDS, SCENE, Flight, coasting, flight, flown
+
+import rb_dynamics as rb
+from rb_dynamics.cli import main
+from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.sinks.mcap_sink import McapSink
+from rb_dynamics.study.resume import scene_at
+
+__all__ = ["coasting", "flight", "flown"]
+
+# After the timeout of a channel and while another one holds; in the middle of a step; at a command.
+TIMES = (900_000_000, 1_234_567_890, 2_250_000_000)
+
+
+def later(at_ns: int, commands: Any = COMMANDS) -> Iterator[tuple[str, rb.Wrench]]:
+    """The commands from a time on, counted from there."""
+    for topic, wrench in commands:
+        if wrench.stamp_ns >= at_ns:
+            yield topic, rb.Wrench(wrench.force, wrench.torque, wrench.frame_id, wrench.stamp_ns - at_ns)
+
+
+def bits(run: rb.Run) -> dict[str, Any]:
+    """All that a run comes to; attributes are equal if their bits are."""
+    return {**{k: v for k, v in asdict(run.sample).items() if k != "time_ns"}, "steps": run.steps}
+
+
+@pytest.mark.parametrize("solver", ["{method: rkmk4, step: 0.01}", "{}", "{method: dop853, accuracy: 1.0e-8}"])
+def test_it_goes_on_with_the_same_bits_and_books(tmp_path: Path, solver: str) -> None:
+    log = tmp_path / "run.mcap"
+    text = SCENE.replace("{method: rkmk4, step: 0.01}", solver)
+    whole = rb.simulate(rb.parse_scene(text), COMMANDS, [McapSink(log)])
+    for at_ns in TIMES:
+        found = scene_at(log, at_ns)
+        assert found.notes == ()
+        scene = rb.parse_scene(found.text)
+        rest = rb.simulate(scene, list(later(at_ns)))
+        assert rest.sample.time_ns == 3_000_000_000 - at_ns
+        assert bits(rest) == bits(whole)
+
+
+def test_a_free_body_in_closed_form_goes_on(coasting: Flight, tmp_path: Path) -> None:
+    log = tmp_path / "spin.mcap"
+    text = "body: {mass: 1, inertia: {diagonal: [1, 2, 3]}}\ninitial: {angular_velocity_body: [0.1, 2, 0.1]}\n"
+    whole = rb.simulate(rb.parse_scene(text + "wrenches: []\nduration: 5.0"), sinks=[McapSink(log)])
+    assert bits(rb.simulate(rb.parse_scene(scene_at(log, 3_333_333_333).text))) == bits(whole)
+
+
+def test_its_initial_state_is_that_of_the_log_to_the_bit(flight: Flight) -> None:
+    scene = rb.parse_scene(scene_at(flight.log, 1_000_000_000).text)
+    times = flight.samples.time_ns.tolist()
+    at = times.index(1_000_000_000)
+    assert scene.initial.position_world == tuple(flight.samples.position_world[at])
+    assert scene.initial.orientation_xyzw == tuple(flight.samples.orientation_xyzw[at])
+    assert scene.initial.linear_velocity_world == tuple(flight.samples.linear_velocity_world[at])
+    assert scene.initial.angular_velocity_body == tuple(flight.samples.angular_velocity_body[at])
+    assert scene.duration == 2.0
+
+
+def test_as_a_user_does_it_and_again_from_the_log_of_that(
+    flight: Flight, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    state, again = tmp_path / "state.yaml", tmp_path / "again.yaml"
+    rest, end = tmp_path / "rest.mcap", tmp_path / "end.mcap"
+    assert main(["convert", str(flight.log), str(state), "--at", "0.6"]) == 0
+    assert f"simulate {state} --wrench {flight.log} --wrench-start 0.6" in capsys.readouterr().out
+    assert (
+        main(["simulate", str(state), "--wrench", str(flight.log), "--wrench-start", "0.6", "--mcap", str(rest)]) == 0
+    )
+    assert main(["replay", str(rest)]) == 0
+    # What was held at its beginning is in the log, so that its balances close.
+    assert rb.inspect(rest).passed, [check for check in rb.inspect(rest).summary.checks if not check.passed]
+    assert main(["convert", str(rest), str(again), "--at", "0.9"]) == 0
+    assert main(["simulate", str(again), "--wrench", str(rest), "--wrench-start", "0.9", "--mcap", str(end)]) == 0
+    compared = rb.compare(flight.log, end, align=-1.5)
+    assert compared.first_ns is None
+    assert compared.samples == 76
+    assert (compared.commands, compared.body) == ([], [])
+
+
+def test_without_later_commands_it_goes_on_with_what_is_held(flown: Callable[..., Flight]) -> None:
+    whole = flown(commands=COMMANDS[:3])
+    assert bits(rb.simulate(rb.parse_scene(scene_at(whole.log, 1_500_000_000).text))) == bits(whole.result)
+
+
+def test_another_body_begins_anew_from_that_state_and_that_is_said(
+    flight: Flight, caplog: pytest.LogCaptureFixture
+) -> None:
+    text = scene_at(flight.log, 1_500_000_000).text
+    with caplog.at_level(logging.WARNING):
+        scene = rb.parse_scene(text, overrides={"body.mass": 5.0})
+        memory = rb.MemorySink()
+        heavier = rb.simulate(scene, sinks=[memory])
+    assert "begins anew" in caplog.text
+    there = zip(memory.samples[0].orientation_xyzw, scene.initial.orientation_xyzw, strict=True)
+    assert max(abs(a - b) for a, b in there) < 1e-15
+    # The force that was held goes on: p = m v + F t.
+    gained = [F * 1.5 for F in (1.0, -2.0, 0.5)]
+    start = memory.samples[0].linear_momentum_world
+    for reached, before, more in zip(heavier.sample.linear_momentum_world, start, gained, strict=True):
+        assert abs(reached - before - more) < 1e-12
+
+
+def test_bad_times_are_one_line(flight: Flight, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    target = tmp_path / "state.yaml"
+    for at in ("3.5", "3.0"):
+        assert main(["convert", str(flight.log), str(target), "--at", at]) == 2
+        said = capsys.readouterr().err
+        assert "--at: found" in said
+        assert said.count("\n") == 1
+    with pytest.raises(SystemExit) as stopped:
+        main(["convert", str(flight.log), str(tmp_path / "x.csv"), "--at", "1"])
+    assert stopped.value.code == 2
+    assert not target.exists()
+
+
+def test_a_velocity_may_be_given_in_body_axes(tmp_path: Path) -> None:
+    turned = "orientation: {x: 0, y: 0, z: 0.7071067811865476, w: 0.7071067811865476}"
+    text = "body: {mass: 1, inertia: {diagonal: [1, 2, 3]}}\ninitial: {" + turned + ", linear_velocity_body: [1, 0, 0]}"
+    velocity = rb.parse_scene(text).initial.linear_velocity_world
+    assert max(abs(a - b) for a, b in zip(velocity, (0.0, 1.0, 0.0), strict=True)) < 1e-15
+    with pytest.raises(rb.SceneError, match="remove the other"):
+        rb.parse_scene(text.replace("[1, 0, 0]}", "[1, 0, 0], linear_velocity_world: [1, 0, 0]}"))
+
+
+def test_what_a_scene_continues_is_checked_key_by_key(flight: Flight) -> None:
+    text = scene_at(flight.log, 1_500_000_000).text
+    for key, value in (
+        ("continues.after_ns", -1),
+        ("continues.after_ns", 0.5),
+        ("continues.commands", [[1, 2]]),
+        ("continues.initial", {"speed": 1}),
+        ("continues.since", 1),
+    ):
+        with pytest.raises(rb.SceneError, match="continues"):
+            rb.parse_scene(text, overrides={key: value})
+
+
+def test_the_log_of_it_says_what_it_is(flight: Flight, tmp_path: Path) -> None:
+    log = tmp_path / "rest.mcap"
+    rb.simulate(rb.parse_scene(scene_at(flight.log, 1_500_000_000).text), sinks=[McapSink(log)])
+    assert b"continues:" in read_bag(log).attachments["scene.yaml"]
+    assert json.loads(json.dumps(rb.inspect(log).as_dict()))["passed"]
