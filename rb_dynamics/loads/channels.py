@@ -103,7 +103,9 @@ class Channel:
         object.__setattr__(self, "timeout", timeout)
         object.__setattr__(self, "optional", truth(self.optional, "optional"))
         for name in ("max_force", "max_torque"):
-            if (limit := getattr(self, name)) != math.inf:
+            limit = getattr(self, name)
+            # A masked number is neither infinite nor not: it is no limit.
+            if getattr(limit, "mask", False) or limit != math.inf:
                 expected = "a number greater than 0, infinite for no limit"
                 object.__setattr__(self, name, number(limit, name, expected, SceneError, above=0.0))
         expected = f"a time from 0 to {LONGEST:.1e} (s)"

@@ -180,6 +180,19 @@ def as_array(value: object, name: str, expected: str, kind: str | None = "f8") -
     raise TypeError(f"{name} is {shown(value)}, expected {expected}; write an array of numbers of one shape") from None
 
 
+def vectors(value: object, name: str) -> npt.NDArray[Any]:
+    """Return vectors (..., 3) as an array of float64; NaN and infinity are kept.
+
+    Raises:
+        TypeError: it is not an array of real numbers.
+        ValueError: its last axis does not have three.
+    """
+    found = as_array(value, name, "vectors (..., 3)")
+    if found.shape[-1:] != (3,):
+        raise ValueError(f"{name} has the shape {found.shape}, expected (..., 3); give three components along the last")
+    return found
+
+
 def _numbers(value: object, count: int, name: str, expected: str, error: type[Exception]) -> list[float]:
     # A set has no order, and the keys of a mapping are no components.
     unordered = isinstance(value, (Set, Mapping)) or getattr(value, "ndim", 1) == 0
@@ -200,6 +213,9 @@ def _real(value: Any) -> float | None:
         return None
     # To float, numpy gives a truth value as well, and a complex number without its imaginary part.
     if getattr(getattr(value, "dtype", None), "kind", "") in ("b", "c"):
+        return None
+    # A masked number is unknown, and its comparisons are neither true nor false.
+    if getattr(value, "mask", False):
         return None
     try:
         return float(value)

@@ -1,7 +1,8 @@
 """Euler's equations as functions of arrays, and the motions that they leave in closed form without elliptic functions.
 
 Torque and angular acceleration either way, in space and in the plane; a spin that stays what it is; the symmetric top.
-Everything is about the centre of mass and in body axes. Equation numbers are those of lecture 24. Never integrates:
+Everything is about the centre of mass and in body axes. Where an array has NaN or infinity, so has the result; what is
+no array of real numbers, or has another shape, is refused. Equation numbers are those of lecture 24. Never integrates:
 `rb_dynamics.simulate` and `rb_dynamics.free_motion` do.
 """
 
@@ -16,9 +17,10 @@ import numpy.typing as npt
 
 from rb_dynamics.body.mass_properties import scalar_inertia
 from rb_dynamics.body.plausibility import Symmetry, symmetry
-from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.body.rigid_body import RigidBody, require_body
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import BodyError, ConvergenceError
+from rb_dynamics.numerics.argument_checks import as_array, instance, vector, vectors
 from rb_dynamics.numerics.rotation import Quaternion, exp, matrix, multiply, rotate, rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector, norm, scale
 
@@ -30,12 +32,13 @@ STEADY = 1e-12
 
 def angular_momentum(body: RigidBody, angular_velocity_body: npt.ArrayLike) -> Array:
     """Return L = I w, kg m^2/s, body axes, of angular velocities (..., 3) in rad/s (page 22; eq. 28 as a gradient)."""
-    return _in_body_axes(body, np.asarray(body.principal_moments) * _in_principal_axes(body, angular_velocity_body))
+    omega = _in_principal_axes(require_body(body), angular_velocity_body, "angular_velocity_body")
+    return _in_body_axes(body, np.asarray(body.principal_moments) * omega)
 
 
 def rotational_energy(body: RigidBody, angular_velocity_body: npt.ArrayLike) -> Array:
     """Return T = w . I w / 2, J, shape (...), of angular velocities (..., 3) in rad/s (eqs. 26 and 27)."""
-    omega = _in_principal_axes(body, angular_velocity_body)
+    omega = _in_principal_axes(require_body(body), angular_velocity_body, "angular_velocity_body")
     energy: Array = 0.5 * np.sum(np.asarray(body.principal_moments) * omega**2, axis=-1)
     return energy
 
@@ -48,8 +51,8 @@ def euler_equations(body: RigidBody, angular_velocity_body: npt.ArrayLike, torqu
     Raises:
         BodyError: the body is a particle.
     """
-    moments, omega = moments_of(body), _in_principal_axes(body, angular_velocity_body)
-    rate = (_in_principal_axes(body, torque_body) - _transport(moments, omega)) / moments
+    moments, omega = moments_of(body), _in_principal_axes(body, angular_velocity_body, "angular_velocity_body")
+    rate = (_in_principal_axes(body, torque_body, "torque_body") - _transport(moments, omega)) / moments
     return _in_body_axes(body, rate)
 
 
@@ -59,7 +62,7 @@ def moments_of(body: RigidBody) -> Vector:
     Raises:
         BodyError: the body is a particle, without moments.
     """
-    if body.principal_moments == ZERO:
+    if require_body(body).principal_moments == ZERO:
         raise BodyError("the body is a particle, without inertia, expected one that can turn; give it a body.inertia")
     return body.principal_moments
 
@@ -71,10 +74,28 @@ def euler_torque(
 
     Angular velocities (rad/s) and accelerations (rad/s^2) are (..., 3) in body axes and broadcast.
     """
-    moments, omega = body.principal_moments, _in_principal_axes(body, angular_velocity_body)
-    return _in_body_axes(
-        body, moments * _in_principal_axes(body, angular_acceleration_body) + _transport(moments, omega)
+    moments, omega = (
+        require_body(body).principal_moments,
+        _in_principal_axes(body, angular_velocity_body, "angular_velocity_body"),
     )
+    return _in_body_axes(
+        body,
+        moments * _in_principal_axes(body, angular_acceleration_body, "angular_acceleration_body")
+        + _transport(moments, omega),
+    )
+
+
+def require_state(state: State) -> State:
+    """Return `state`, with its angular velocity and attitude finite.
+
+    Raises:
+        TypeError: it is no `State`, or has parts that are no numbers.
+        BodyError: a number is not finite, or the quaternion not of norm 1.
+    """
+    try:
+        return instance(state, State, "state", "write State(...)").checked("state")
+    except ValueError as error:
+        raise BodyError(str(error)) from None
 
 
 def planar_torque(body: RigidBody, axis: Vector, angular_acceleration: npt.ArrayLike) -> Array:
@@ -86,7 +107,7 @@ def planar_torque(body: RigidBody, axis: Vector, angular_acceleration: npt.Array
     Raises:
         BodyError: the axis has no direction.
     """
-    return scalar_inertia(body, axis) * np.asarray(angular_acceleration, dtype=np.float64)
+    return scalar_inertia(body, axis) * as_array(angular_acceleration, "angular_acceleration", "numbers (rad/s^2)")
 
 
 def planar_acceleration(body: RigidBody, axis: Vector, torque: npt.ArrayLike) -> Array:
@@ -96,7 +117,7 @@ def planar_acceleration(body: RigidBody, axis: Vector, torque: npt.ArrayLike) ->
         BodyError: the axis has no direction, or the body is a particle.
     """
     moments_of(body)
-    return np.asarray(torque, dtype=np.float64) / scalar_inertia(body, axis)
+    return as_array(torque, "torque", "numbers (N m)") / scalar_inertia(body, axis)
 
 
 def rate_in_fixed_axes(vector: npt.ArrayLike, rate: npt.ArrayLike, angular_velocity: npt.ArrayLike) -> Array:
@@ -104,8 +125,8 @@ def rate_in_fixed_axes(vector: npt.ArrayLike, rate: npt.ArrayLike, angular_veloc
 
     `rate` is dv/dt as seen in the turning axes. Of v = L it gives eq. 3; of v = w nothing is added (page 32).
     """
-    turning: Array = np.cross(np.asarray(angular_velocity), np.asarray(vector))
-    return np.asarray(rate, dtype=np.float64) + turning
+    turning: Array = np.cross(vectors(angular_velocity, "angular_velocity"), vectors(vector, "vector"))
+    return vectors(rate, "rate") + turning
 
 
 def inertia_rate(inertia: npt.ArrayLike, angular_velocity: npt.ArrayLike) -> Array:
@@ -115,7 +136,10 @@ def inertia_rate(inertia: npt.ArrayLike, angular_velocity: npt.ArrayLike) -> Arr
     (..., 3), rad/s, are in the same axes.
     """
     # Row j is w x I_j, column j of [w]x I; as I is symmetric, -I [w]x is the transpose.
-    half = np.cross(np.asarray(angular_velocity)[..., None, :], np.asarray(inertia))
+    matrices = vectors(inertia, "inertia")
+    if matrices.shape[-2:] != (3, 3):
+        raise ValueError(f"inertia has the shape {matrices.shape}, expected (..., 3, 3); give three rows of three")
+    half = np.cross(vectors(angular_velocity, "angular_velocity")[..., None, :], matrices)
     rate: Array = half + np.swapaxes(half, -1, -2)
     return rate
 
@@ -143,7 +167,7 @@ def steady_rotation(body: RigidBody, state: State, t: npt.ArrayLike) -> Rotation
         BodyError: the spin is not steady.
         ConvergenceError: a time, or the angle turned until then, is not finite.
     """
-    omega = state.angular_velocity_body
+    omega = require_state(state).angular_velocity_body
     change = float(np.linalg.norm(euler_equations(body, omega)))
     if not change <= STEADY * norm(omega) ** 2:
         raise BodyError(
@@ -187,7 +211,8 @@ def symmetric_top(body: RigidBody, angular_velocity_body: Vector) -> SymmetricTo
         BodyError: the body has three different moments, or three equal ones and so no axis.
     """
     axis, across, along = _axis_of_symmetry(body)
-    omega = rotate_inverse(body.principal_orientation_xyzw, angular_velocity_body)
+    spinning = vector(angular_velocity_body, "angular_velocity_body", "an angular velocity (rad/s)", BodyError)
+    omega = rotate_inverse(body.principal_orientation_xyzw, spinning)
     rate = norm(omega)
     x, y, z = (math.copysign(float(k == axis), omega[axis]) for k in range(3))
     spin, swing = abs(omega[axis]), math.hypot(*(omega[k] for k in range(3) if k != axis))
@@ -213,7 +238,7 @@ def symmetric_rotation(body: RigidBody, state: State, t: npt.ArrayLike) -> Rotat
         BodyError: the body has three different moments, or three equal ones.
         ConvergenceError: a time, or the angle turned until then, is not finite.
     """
-    top = symmetric_top(body, state.angular_velocity_body)
+    top = symmetric_top(body, require_state(state).angular_velocity_body)
     omega = state.angular_velocity_body
     # L / I1 = w + body_rate axis: the part of w across the axis, and I3/I1 of the part along it.
     precession = np.add(omega, scale(top.body_rate, top.axis_body)).tolist()
@@ -228,7 +253,7 @@ def symmetric_rotation(body: RigidBody, state: State, t: npt.ArrayLike) -> Rotat
 
 def _axis_of_symmetry(body: RigidBody) -> tuple[int, float, float]:
     """Return the index of the principal axis of symmetry, the moment across it and the one about it."""
-    kind, moments = symmetry(body), moments_of(body)
+    kind, moments = symmetry(require_body(body)), moments_of(body)
     if kind not in (Symmetry.OBLATE, Symmetry.PROLATE):
         raise BodyError(
             f"principal moments are {list(moments)}, expected two equal ones and a different one; use "
@@ -240,7 +265,7 @@ def _axis_of_symmetry(body: RigidBody) -> tuple[int, float, float]:
 
 
 def _history(t: npt.ArrayLike, rate: float, at: Callable[[float], tuple[Quaternion, Vector]]) -> RotationHistory:
-    instants = np.asarray(t, dtype=np.float64)
+    instants = as_array(t, "t", "a time or times (s)")
     if not all(math.isfinite(time * rate) for time in instants.ravel().tolist()):
         raise ConvergenceError(
             f"a time is not finite, or the angle turned until then at {rate:g} rad/s, expected times in s within range"
@@ -260,8 +285,8 @@ def _transport(moments: Vector, omega: Array) -> Array:
     return np.stack([(i3 - i2) * w2 * w3, (i1 - i3) * w3 * w1, (i2 - i1) * w1 * w2], axis=-1)
 
 
-def _in_principal_axes(body: RigidBody, vector_body: npt.ArrayLike) -> Array:
-    rotated: Array = np.asarray(vector_body, dtype=np.float64) @ np.array(matrix(body.principal_orientation_xyzw))
+def _in_principal_axes(body: RigidBody, vector_body: npt.ArrayLike, name: str) -> Array:
+    rotated: Array = vectors(vector_body, name) @ np.array(matrix(body.principal_orientation_xyzw))
     return rotated
 
 

@@ -27,11 +27,12 @@ from rb_dynamics.body.state import State
 from rb_dynamics.errors import BodyError
 from rb_dynamics.motion.free_motion import free_motion
 from rb_dynamics.motion.free_rotation import free_rotation
+from rb_dynamics.numerics.argument_checks import as_array, number, whole_number
 from rb_dynamics.numerics.elliptic import complete_k, rj
 from rb_dynamics.numerics.rotation import Quaternion, matrix, rotate, rotate_inverse
 from rb_dynamics.numerics.rotation_arrays import rotate_all
 from rb_dynamics.numerics.vector import Vector, cross, norm, scale
-from rb_dynamics.theory.euler_equations import angular_momentum, euler_equations, moments_of
+from rb_dynamics.theory.euler_equations import angular_momentum, euler_equations, moments_of, require_state
 
 Array = npt.NDArray[np.float64]
 
@@ -129,7 +130,7 @@ def polhode(body: RigidBody, state: State, n: int = 361, times: npt.ArrayLike | 
         ConvergenceError: a time is not finite.
     """
     invariants = _Invariants(body, state)
-    instants = invariants.times(n) if times is None else np.asarray(times, dtype=np.float64)
+    instants = invariants.times(n) if times is None else _times(times)
     spins = [free_rotation(body.principal_moments, invariants.spin, t)[1] for t in instants.tolist()]
     principal = np.array(spins, dtype=np.float64).reshape(-1, 3)
     in_body = principal @ np.array(matrix(body.principal_orientation_xyzw)).T
@@ -173,7 +174,7 @@ def herpolhode(body: RigidBody, state: State, n: int = 361, times: npt.ArrayLike
         ConvergenceError: a time is not finite, or so long that the turn has no correct digit left.
     """
     invariants, plane = _Invariants(body, state), invariable_plane(body, state)
-    instants = invariants.times(n) if times is None else np.asarray(times, dtype=np.float64)
+    instants = invariants.times(n) if times is None else _times(times)
     motion = free_motion(body, state, instants)
     omega = rotate_all(motion.orientation_xyzw, motion.angular_velocity_body)
     inner, outer = invariants.radii
@@ -270,7 +271,8 @@ def axis_stability(body: RigidBody, rate: float = 1.0) -> tuple[AxisStability, A
     Raises:
         BodyError: the body is a particle.
     """
-    first, second, third = (_axis_stability(body, k, rate) for k in range(3))
+    spin = number(rate, "rate", "an angular velocity (rad/s)")
+    first, second, third = (_axis_stability(body, k, spin) for k in range(3))
     return first, second, third
 
 
@@ -284,6 +286,13 @@ def _axis_stability(body: RigidBody, k: int, rate: float) -> AxisStability:
         return AxisStability(axis, own, Stability.UNSTABLE, 1.0 / growth_time, 0.0)
     stability = Stability.STABLE if stiffness > 0.0 else Stability.NEUTRAL
     return AxisStability(axis, own, stability, 0.0, abs(rate) * math.sqrt(max(0.0, stiffness)))
+
+
+def _times(times: npt.ArrayLike) -> Array:
+    instants: Array = as_array(times, "times", "times (s) along one axis")
+    if instants.ndim != 1:
+        raise ValueError(f"times has the shape {instants.shape}, expected one axis; write a list of times (s)")
+    return instants
 
 
 class _Invariants:
@@ -300,14 +309,15 @@ class _Invariants:
     """
 
     def __init__(self, body: RigidBody, state: State) -> None:
+        moments, state = moments_of(body), require_state(state)
         self.spin = rotate_inverse(body.principal_orientation_xyzw, state.angular_velocity_body)
         self.rate = norm(self.spin)
         if not (math.isfinite(self.rate) and self.rate > 0.0):
             raise BodyError(
-                f"angular_velocity_body is {list(state.angular_velocity_body)}, expected three finite numbers, not all "
+                f"angular_velocity_body is {list(state.angular_velocity_body)}, expected a rate within range, not "
                 "zero: without angular momentum there is no invariable plane"
             )
-        self.moments = i = [Fraction(moment) for moment in moments_of(body)]
+        self.moments = i = [Fraction(moment) for moment in moments]
         w = [Fraction(component) for component in self.spin]
         self.twice_energy = i[0] * w[0] ** 2 + i[1] * w[1] ** 2 + i[2] * w[2] ** 2
         self.squared_momentum = (i[0] * w[0]) ** 2 + (i[1] * w[1]) ** 2 + (i[2] * w[2]) ** 2
@@ -357,6 +367,9 @@ class _Invariants:
     def times(self, n: int) -> Array:
         """Return the times (s) at which the curves are drawn unless others are asked for."""
         times: Array
+        n = whole_number(n, "n", "write how many points to return")
+        if n < 0:
+            raise ValueError(f"n is {n}, expected a number of points, 0 or more")
         if self.tumble is not None and self.tumble.m1 == 0.0:
             times = np.linspace(-_SEPARATRIX_SPAN, _SEPARATRIX_SPAN, n, dtype=np.float64) / self.tumble.rate
         else:

@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -398,3 +399,11 @@ output_rate: 50
         again = rb.simulate(scene, RecordedWrenches([path], ["wrench"], start="auto"))
         assert again.sample == run.sample
         assert rb.inspect(path).passed
+
+
+@pytest.mark.parametrize("name", ["max_force", "max_torque", "timeout", "delay"])
+def test_a_masked_number_is_no_limit(name: str) -> None:
+    """It was kept, and every comparison with it was neither true nor false."""
+    for masked in (np.ma.masked, np.ma.array(1.0, mask=True)):
+        with pytest.raises(TypeError, match=f"^{name} is .*, expected a "):
+            Channel("wrench", **{name: masked})

@@ -233,3 +233,47 @@ def test_a_particle_does_not_turn() -> None:
             refused()
     with pytest.raises(BodyError, match="is a particle"):
         planar_acceleration(particle, (1.0, 0.0, 0.0), 1.0)
+
+
+ODD = [
+    "abc",
+    None,
+    (1.0, 2.0),
+    3.0,
+    (1j, 0.0, 0.0),
+    ((1.0, 2.0, 3.0), (1.0,)),
+    np.ma.array([1.0, 2.0, 3.0], mask=[0, 1, 0]),
+]
+FUNCTIONS = {
+    "angular_momentum": lambda v: angular_momentum(BODY, v),
+    "rotational_energy": lambda v: rotational_energy(BODY, v),
+    "euler_equations": lambda v: euler_equations(BODY, v),
+    "its torque": lambda v: euler_equations(BODY, (0.0, 0.0, 1.0), v),
+    "euler_torque": lambda v: euler_torque(BODY, (0.0, 0.0, 1.0), v),
+    "rate_in_fixed_axes": lambda v: rate_in_fixed_axes(v, (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
+    "inertia_rate": lambda v: inertia_rate(v, (0.0, 0.0, 1.0)),
+    "symmetric_top": lambda v: symmetric_top(RigidBody.from_diagonal(1.0, (1.0, 1.0, 2.0)), v),
+}
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_what_is_no_vector_is_refused_by_name(name: str) -> None:
+    """A complex or masked number lost a part without a word; a shape was an error of numpy."""
+    for odd in ODD:
+        with pytest.raises((TypeError, ValueError, BodyError), match=r"^\w+ (is|has the shape) .*, expected "):
+            FUNCTIONS[name](odd)
+
+
+def test_what_is_no_body_no_state_or_no_time_is_refused_by_name() -> None:
+    spin = state((0.0, 0.0, 1.0))
+    for call in (
+        lambda: angular_momentum("body", (0.0, 0.0, 1.0)),  # type: ignore[arg-type]
+        lambda: steady_rotation(BODY, None, 1.0),  # type: ignore[arg-type]
+        lambda: steady_rotation(BODY, spin, "abc"),
+        lambda: steady_rotation(BODY, spin, 1j),  # type: ignore[arg-type]
+        lambda: planar_torque(BODY, (0.0, 0.0, 1.0), "abc"),
+        lambda: planar_acceleration(BODY, (0.0, 0.0, 1.0), np.ma.masked),
+    ):
+        with pytest.raises(TypeError, match=r"^\w+ is .*, expected "):
+            call()
+    assert np.isnan(angular_momentum(BODY, [[np.nan, 0.0, 0.0], [0.0, 0.0, 1.0]])).any(axis=1).tolist() == [True, False]

@@ -261,7 +261,7 @@ def test_the_plane_by_hand() -> None:
 @pytest.mark.parametrize("spin", [(0.0, 0.0, 0.0), (math.nan, 0.0, 1.0), (math.inf, 0.0, 1.0)])
 @pytest.mark.parametrize("function", [polhode, herpolhode, invariable_plane, energy_ellipsoid])
 def test_no_spin_is_refused(function, spin: tuple[float, float, float]) -> None:
-    with pytest.raises(BodyError, match="no invariable plane"):
+    with pytest.raises(BodyError, match=r"no invariable plane|three finite numbers"):
         function(BODY, state(spin))
 
 
@@ -303,3 +303,21 @@ def test_a_particle_does_not_turn() -> None:
         axis_stability(particle)
     with pytest.raises(BodyError, match="is a particle"):
         polhode(particle, state((1.0, 0.0, 0.0)))
+
+
+def test_odd_arguments_are_refused_by_name() -> None:
+    body, spin = RigidBody.from_diagonal(1.0, (1.0, 2.0, 3.0)), State(angular_velocity_body=(0.1, 1.0, 0.1))
+    for call in (
+        lambda: polhode(body, spin, n=2.5),  # type: ignore[arg-type]
+        lambda: polhode(body, spin, n=-1),
+        lambda: polhode(body, spin, times="abc"),
+        lambda: polhode(body, spin, times=1j),  # type: ignore[arg-type]
+        lambda: herpolhode(body, spin, times=1.0),
+        lambda: rolling(body, spin, times=np.ma.masked),
+        lambda: axis_stability(body, "1"),  # type: ignore[arg-type]
+        lambda: axis_stability(body, np.nan),
+        lambda: invariable_plane("body", spin),  # type: ignore[arg-type]
+        lambda: energy_ellipsoid(body, (0.1, 1.0, 0.1)),  # type: ignore[arg-type]
+    ):
+        with pytest.raises((TypeError, ValueError), match=r"^\w+ (is|has the shape) .*, expected "):
+            call()
