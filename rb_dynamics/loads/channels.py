@@ -46,14 +46,21 @@ _PUBLISHED = frozenset(
 )  # fmt: skip
 
 
+NAMING = "use letters, digits and _, with / between parts that do not begin with a digit"
+"""How to write a name for which `is_topic_name` is true."""
+
+
+def is_topic_name(topic: str) -> bool:
+    """Return whether a ROS 2 topic may have this name, without substitutions and private parts."""
+    parts = topic.removeprefix("/").split("/")
+    return len(topic) <= 200 and all(re.fullmatch(r"(?!.*__)[A-Za-z_][A-Za-z0-9_]*", part) for part in parts)
+
+
 def topic_fault(topic: str) -> tuple[str, str] | None:
     """Return what was expected instead of the topic of a channel, and what to do; None where it may have it."""
     name = topic.removeprefix("/")
-    # A ROS 2 name without substitutions and private parts: no bag can hold those.
-    parts = [re.fullmatch(r"(?!.*__)[A-Za-z_][A-Za-z0-9_]*", part) for part in name.split("/")]
-    if len(topic) > 200 or not all(parts):
-        mend = "use letters, digits and _, with / between parts that do not begin with a digit"
-        return "a ROS topic name", mend
+    if not is_topic_name(topic):
+        return "a ROS topic name", NAMING
     if name in _PUBLISHED:
         return "a topic that rb_dynamics does not publish itself", "rename the channel, for example to wrench"
     if name.startswith("effects/"):

@@ -36,7 +36,7 @@ from rb_dynamics.formats.own_log import SampleRow, received_commands, row_column
 from rb_dynamics.formats.ros2msg import TYPE_HASHES, schema_text
 from rb_dynamics.formats.tables import Column, Rows, write_table
 from rb_dynamics.formats.transforms import transforms
-from rb_dynamics.loads.channels import AppliedWrench
+from rb_dynamics.loads.channels import NAMING, AppliedWrench, is_topic_name
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.numerics.argument_checks import shown
 from rb_dynamics.numerics.decimals import exact_number, real_number
@@ -304,7 +304,10 @@ def _read_wrenches(table: Path) -> Iterator[tuple[str, Wrench]]:
                     )
                 time_ns = _time_ns(row, where)
                 six = [_number(row[name], f"{where}, {name}") for name in _NUMBERS]
-                topic = "/" + (row.get("topic") or "wrench").lstrip("/")
+                topic = row.get("topic") or "wrench"
+                if not is_topic_name(topic):
+                    raise LogError(f"{where}, topic: found {shown(topic)}, expected a ROS topic name; {NAMING}")
+                topic = "/" + topic.removeprefix("/")
                 cells = zip(_NUMBERS, six, strict=True)
                 odd += [f"{where}, {name}: {row[name]}" for name, number in cells if not math.isfinite(number)][:1]
                 force, torque = (six[0], six[1], six[2]), (six[3], six[4], six[5])

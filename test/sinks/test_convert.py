@@ -151,6 +151,10 @@ def test_a_table_of_others_in_seconds(tmp_path: Path) -> None:
         (HEAD + "\n1,0,0\n", "line 2: found fewer cells than the 7 columns"),
         (HEAD + ",topic\n1,0,0,0,0,0,0\n", "line 2: found fewer cells than the 8 columns"),
         (HEAD + "\n1,5,0,0,0,0,0,0\n", "line 2: found more cells than the 7 columns, .* with a decimal point"),
+        *(
+            (f"{HEAD},topic\n1,0,0,0,0,0,0,{name}\n", "line 2, topic: found .*, expected a ROS topic name; use letters")
+            for name in ("wheel 1", "1st", "a//b", "a__b", "//a", "a/", "jet-1", "~/w", "ü", "/")
+        ),
         (HEAD + ",force_x\n1,0,0,0,0,0,0,0\n", "there are several columns force_x, expected one"),
         (HEAD + ",time_ns\n1,0,0,0,0,0,0,0\n", "there are several columns time_ns, time_s, expected one"),
     ],
