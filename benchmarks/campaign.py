@@ -55,7 +55,7 @@ metrics: {{final_rate: {{final: rate}}}}
 
 
 def seconds(do: Callable[[], object], repeats: int = REPEATS) -> float:
-    """Return the least time (s) of a processor that `do` takes: others may use the machine too."""
+    """Return the shortest processor time (s) of `do`, since other processes may use the machine too."""
     times = []
     for _ in range(repeats):
         begin = time.process_time()
@@ -91,7 +91,7 @@ def by_runs(most: int) -> None:
 
 
 class Flown(NamedTuple):
-    """What a campaign took: runs a second once every worker is at work, and seconds from beginning to end."""
+    """Cost of a campaign: runs per second while all workers are busy, and total time (s)."""
 
     rate: float
     clock: float
@@ -113,7 +113,7 @@ def by_workers(runs: int) -> None:
         begin, used, own, busy = time.perf_counter(), processor_time(), time.process_time(), machine_time()
         run_campaign(found, store, workers=workers, progress=lambda done, _: seen.append((time.perf_counter(), done)))
         clock, own, used = time.perf_counter() - begin, time.process_time() - own, processor_time() - used
-        # From when each worker has given its first block.
+        # From the time at which each worker has returned its first block.
         (first, before), (last, done) = seen[workers - 1], seen[-1]
         return Flown((done - before) / (last - first), clock, used, own, (machine_time() - busy - used) / clock)
 
@@ -143,7 +143,7 @@ def machine_time() -> float:
 
 
 def side_by_side(processes: int) -> float:
-    """Return the time (s) that blocks take in so many processes without dask: what the machine itself allows."""
+    """Return the time (s) of blocks in so many processes without dask: the limit of the machine."""
     context = multiprocessing.get_context("spawn")
     with context.Pool(processes, wait_for_all, (context.Barrier(processes),)) as pool:
         return min(max(pool.map(alone, range(processes), 1)) for _ in range(REPEATS))
@@ -169,7 +169,7 @@ def alone(_: int) -> float:
 
 
 def limits(blocks: int) -> None:
-    """Measure what the commanding process does for each block and row, with workers that make rows up at once."""
+    """Measure the client's work per block and row, with workers that return made-up rows at once."""
     from rb_dynamics.report.campaign_page import campaign_report
     from rb_dynamics.study.campaign import engine
     from rb_dynamics.study.campaign.read import read_campaign
@@ -262,7 +262,7 @@ def _inertias(found: Any, runs: int) -> list[Any]:
 
 
 def basilisk(tasks: Any) -> Any:
-    """Fly the runs by Basilisk: navigation, guidance, a PD law without its P, and an external torque, all compiled."""
+    """Simulate the runs with Basilisk: navigation, guidance, a D law and an external torque, all compiled."""
     import Basilisk
     from Basilisk.architecture import bskLogging, messaging
     from Basilisk.fswAlgorithms import attTrackingError, inertial3D, mrpPD
@@ -274,7 +274,7 @@ def basilisk(tasks: Any) -> Any:
     def fly(spin: list[float], inertia: list[list[float]]) -> float:
         simulation = SimulationBaseClass.SimBaseClass()
         process = simulation.CreateNewProcess("process")
-        # The flight software first, so that a sample takes effect at once.
+        # The flight software runs first, so that a sample takes effect at once.
         process.addTask(simulation.CreateNewTask("control", macros.sec2nano(SAMPLE)), 10)
         process.addTask(simulation.CreateNewTask("motion", macros.sec2nano(STEP)), 1)
         craft, push, sense = spacecraft.Spacecraft(), extForceTorque.ExtForceTorque(), simpleNav.SimpleNav()

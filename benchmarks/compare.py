@@ -35,7 +35,7 @@ FINEST = 2.3e-16
 
 
 def ladder(worker: Worker, task: Problem, way: tuple[str, str, float], expected: Answer) -> Row:
-    """Go from coarse to fine until the error is the one wanted, then look for the coarsest that is."""
+    """Refine from coarse to fine until the error meets the target, then search for the coarsest setting that does."""
     name, kind, setting = way
     points: list[Point] = []
 
@@ -53,7 +53,7 @@ def ladder(worker: Worker, task: Problem, way: tuple[str, str, float], expected:
         if coarse is not None and fine.error <= task.wanted:
             between = math.sqrt(coarse.setting * fine.setting)
             attempt(float(round(between)) if kind == "steps" else between)
-        # One more, for the picture.
+        # One more point, for the picture.
         if kind and fine.error <= task.wanted and fine.seconds < 0.2 * LONGEST:
             attempt(2.0 * fine.setting if kind == "steps" else max(0.01 * fine.setting, FINEST))
     except PeerError as error:
@@ -64,7 +64,7 @@ def ladder(worker: Worker, task: Problem, way: tuple[str, str, float], expected:
 
 
 def _at_the_end(points: list[Point], kind: str) -> bool:
-    """Return whether a finer setting is of no use: there is none, or rounding has taken over."""
+    """Return whether refining is pointless: there is no finer setting, or rounding dominates."""
     best = min(p.error for p in points)
     worse = best < 1e-6 and all(p.error > best for p in points[-3:])
     return worse or (kind == "tolerance" and points[-1].setting <= FINEST)
@@ -85,7 +85,7 @@ def compared(task: Problem, workers: list[Worker], rounds: int) -> list[Row]:
             print(f"  {row.name:34} {_found(row)}", flush=True)
             rows.append((worker, row))
     times = in_turn([(w, r) for w, r in rows if r.chosen and r.chosen.seconds <= LONGEST], rounds)
-    # Where we cannot do it ourselves, there is nothing to compare with.
+    # Without a result of ours there is nothing to compare with.
     ours = min(
         (times[r.name] for _, r in rows if r.is_ours and r.name in times), key=median, default=[math.nan] * rounds
     )
@@ -96,7 +96,7 @@ def compared(task: Problem, workers: list[Worker], rounds: int) -> list[Row]:
             ratio = median(a / b for a, b in zip(mine, ours, strict=True))
             found.append(replace(row, seconds=median(mine), ratio=ratio))
         elif row.points:
-            # At least as long as its best took, be it right enough or not.
+            # At least as long as its best setting took, accurate enough or not.
             seconds = (row.chosen or row.best).seconds
             found.append(replace(row, seconds=seconds, ratio=seconds / median(ours)))
         else:
@@ -105,7 +105,7 @@ def compared(task: Problem, workers: list[Worker], rounds: int) -> list[Row]:
 
 
 def in_turn(rows: list[tuple[Worker, Row]], rounds: int) -> dict[str, list[float]]:
-    """Return the times of the chosen settings, A B C A B C, by name; a way that fails is left out."""
+    """Return the times of the chosen settings, run in turn (A B C A B C), by name; ways that fail are left out."""
     times: dict[str, list[float]] = {}
     for worker, row in rows:
         try:
@@ -131,7 +131,7 @@ def _found(row: Row) -> str:
 
 
 def step_rows(task: Problem, n: int, workers: Iterable[Worker], rounds: int) -> list[StepRow]:
-    """Compare n rk4 steps of 1 ms; those with as many threads as ours are compared with ours."""
+    """Compare n rk4 steps of 1 ms with ours on the same number of threads."""
     named: list[tuple[Worker, str, np.ndarray]] = []
     for worker in workers:
         named += [(worker, name, numbers) for name, numbers in worker.kernels(task, 0.001, n)]
@@ -150,7 +150,7 @@ def step_rows(task: Problem, n: int, workers: Iterable[Worker], rounds: int) -> 
 
 
 def _like(named: list[tuple[Worker, str, np.ndarray]], name: str) -> tuple[Worker, str, np.ndarray]:
-    """Return the one of ours on as many threads."""
+    """Return ours on the same number of threads."""
     ours = [one for one in named if one[0].name == "rb_dynamics"]
     return next((one for one in ours if one[1].endswith(name.rpartition(", ")[2])), ours[0])
 
@@ -160,7 +160,7 @@ def one_body(task: Problem) -> Problem:
 
 
 def started(names: Iterable[str], say: Callable[[str], None]) -> tuple[list[Worker], dict[str, str]]:
-    """Return the peers that are there, and why the others are not."""
+    """Return the available peers, and the reasons why the others are not."""
     workers, missing = [], {}
     for name in names:
         try:
@@ -178,7 +178,7 @@ def main(arguments: list[str]) -> None:
         sys.exit(f"unknown argument {' '.join(sorted(unknown))}, expected some of: {' '.join((*PEERS, *PROBLEMS))}")
     names = [name for name in PEERS if name in arguments]
     chosen = [name for name in PROBLEMS if name in arguments]
-    # Compiled from the first step on, where numba is installed: what compilation costs is in the set-up.
+    # With numba, compiled from the first step on: the set-up includes the cost of compilation.
     if not quick:
         os.environ.setdefault("RB_DYNAMICS_COMPILE", "always")
     workers, missing = started(("ours", *(names or (("scipy",) if quick else PEERS))), lambda s: print(s, flush=True))

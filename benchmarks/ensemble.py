@@ -43,7 +43,7 @@ def best(do: Callable[[], object], clock: Callable[[], float] = time.process_tim
 
 
 def many(name: str, bodies: int, threads: int, steps: int) -> float:
-    """Return ns per step and body of advances by so many steps."""
+    """Return ns per step and body for advances of `steps` steps."""
     r = np.random.default_rng(1)
     states = [State(angular_velocity_body=tuple(spin)) for spin in r.normal(size=(bodies, 3)).tolist()]
     ensemble = Ensemble(BODY, states, name, STEP, threads)
@@ -53,7 +53,7 @@ def many(name: str, bodies: int, threads: int, steps: int) -> float:
 
 
 def alone(name: str) -> tuple[float, float]:
-    """Return ns per step, and ns per held wrench beside it."""
+    """Return ns per step, and additional ns per held wrench."""
     state = State(angular_velocity_body=(0.7, -1.1, 0.9))
     torques = 0.1 * np.random.default_rng(1).normal(size=(EDGES, 3))
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Point:
-    """What a setting led to."""
+    """Result of one setting."""
 
     setting: float
     error: float
@@ -18,14 +18,14 @@ class Point:
 
 @dataclass(frozen=True)
 class Row:
-    """A way to solve a problem, and what was found.
+    """A way to solve a problem, and its results.
 
     Attributes:
         points: in the order tried.
-        chosen: the coarsest setting that is right enough, if any is.
+        chosen: the coarsest setting that meets the target, if any.
         seconds: of it, the median over the rounds.
         ratio: to the fastest way of ours, the median over the rounds.
-        trouble: why there is nothing, if so.
+        trouble: the reason if there is no result.
     """
 
     peer: str
@@ -53,7 +53,7 @@ class Row:
 
 @dataclass(frozen=True)
 class StepRow:
-    """An rk4 step: ns for each step of each body, its ratio to ours, and whether its numbers are ours to the bit."""
+    """An rk4 step: ns per step and body, ratio to ours, and whether its bits equal ours."""
 
     name: str
     nanoseconds: float

@@ -37,21 +37,21 @@ REMOVED = (
     splitting.method("aba864", 4, splitting.ABA864_STAGES, "on the exact flow"),
 )
 
-# Of one run: error, time (s for each simulated second, without outputs), steps. Of a scene: by regime and method.
+# A run: error, time (s per simulated second, without outputs), steps. A scene: runs by regime and method.
 Run = tuple[float, float, int]
 Runs = dict[str, dict[str, list[Run]]]
 
 
 def measured(name: str, seconds: float) -> Runs:
-    """Return what `trade` measures on a scene in about `seconds` of processor time for each regime."""
+    """Return the measurements of `trade` on a scene, with about `seconds` of processor time per regime."""
     scene = rb.read_scene(shipped(f"config/{name}.yaml"))
     topics = [channel.topic for channel in scene.channels]
     commands = read_wrenches(shipped(RECORDED[name]), topics) if name in RECORDED else ()
     found: Runs = {}
-    # No kernel takes a load that varies.
+    # No kernel supports loads that vary inside a step.
     for regime in REGIMES if scene.combined_effects.takes == LoadDependence.HELD else ("plain",):
         os.environ["RB_DYNAMICS_COMPILE"] = REGIMES[regime]
-        # Nothing is asked of the error, so that no setting is passed over on the way to it.
+        # Without a target error, no setting is skipped.
         result = rb.trade(scene, commands, budget=1e-9, time_s=seconds, clock=time.process_time)
         for row in result.rows:
             run = (max(row.error, result.reference.error), row.bare_time_per_s, row.steps)
@@ -61,7 +61,7 @@ def measured(name: str, seconds: float) -> Runs:
 
 
 def cost(runs: Iterable[Run], error: float) -> float:
-    """Return the least time for an error, between two settings by powers; infinite where none is so accurate."""
+    """Return the shortest time for an error, interpolated between settings by a power law; infinite if unreached."""
     front: list[tuple[float, float]] = []
     for e, t, _ in sorted(runs):
         if not front or t < front[-1][1]:
@@ -73,7 +73,7 @@ def cost(runs: Iterable[Run], error: float) -> float:
 
 
 def by_steps(runs: list[Run]) -> list[Run]:
-    """Return `runs` with each taking its steps times the least time of a step: one slow run decides nothing."""
+    """Return `runs` with times of steps times the shortest time per step, so that one slow run decides nothing."""
     least = min(t / n for _, t, n in runs)
     return [(e, least * n, n) for e, _, n in runs]
 

@@ -29,20 +29,20 @@ from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import normalize
 
 INERTIA = Inertia(3.7, (1.6, 2.1, 2.9))
-# So weak that the spin stays what it is: the cost of a step may depend on it.
+# So weak that the spin stays the same, since the cost of a step may depend on it.
 HELD = HeldWrench((0.009, -0.004, 0.006), (0.003, -0.002, 0.0025), (0.001, 0.002, -0.003), (0.002, 0.0035, -0.003))
-# In motion: errors of the position are relative to the distance travelled.
+# The body moves, since errors of the position are relative to the distance travelled.
 SUMS = (0.0, 0.0, 0.0, 1.1, -0.7, 0.4, *(0.0,) * 8)
 START = PhaseState(normalize((0.5, -0.1, 0.7, 0.5)), (0.7, -1.1, 0.9), SUMS, (0.0,) * 14)
 STEP = 0.001
-# For a horizon of 1 s; where the order is lower, what its steps can reach.
+# For a horizon of 1 s; for lower orders, an accuracy that their steps can reach.
 ACCURACY, COARSER = 1e-7, {1: 1e-3, 2: 1e-5}
 DURATION = {"never": 5, "always": 100}
 REPEATS = 5
 
 
 def by_accuracy(method: Method) -> StepControl:
-    """Return what chooses the strides of a run without end, as `scene/plan.py` does."""
+    """Return the step control of a run without end, as `scene/plan.py` makes it."""
     if method.longest_step is not None:
         return OwnControl(ACCURACY, 1.0, ends=False)
     order = method.order or 0
@@ -63,7 +63,7 @@ def per_stride(method: Method, control: Callable[[Method], StepControl], when: s
 
 
 def first(name: str) -> None:
-    """Print how long the import of numba takes here, and what comes before the first stride of each kind."""
+    """Print the time to import numba, and the time before the first stride of each kind."""
     times = [time.perf_counter()]
     import_module("numba")
     times.append(time.perf_counter())

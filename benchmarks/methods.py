@@ -93,7 +93,7 @@ def run(method: Method, workload: Workload, count: int) -> Quaternion:
 
 
 def measure(method: Method, workload: Workload, count: int, reference: Quaternion) -> Point | None:
-    """Return one point of the table, the best of some repeats; None where the step is too long for the method."""
+    """Return one point of the table, the best of several repeats; None if the step is too long for the method."""
     best = float("inf")
     for _ in range(REPEATS):
         begin = time.perf_counter()
@@ -108,7 +108,7 @@ def measure(method: Method, workload: Workload, count: int, reference: Quaternio
 
 
 def front(points: list[Point]) -> set[Point]:
-    """Return the points that no other one beats in error and total time."""
+    """Return the points that no other point beats in both error and time."""
     return {
         p
         for p in points
@@ -121,7 +121,7 @@ LEFT_OUT = (
         splitting.method(name, order, splitting.kick_free_kick(stages), "composed", moser_veselov.flow, "its flow")
         for name, order, stages in (("dmv2", 2, (1.0,)), ("dmv4", 4, SUZUKI4), ("dmv6", 6, KAHAN_LI6))
     ),
-    # One exponential for each slope. The fourth stage, which every table has, is of no use to it and takes a quarter.
+    # One exponential per slope. The unused fourth stage, which every table has, takes a quarter of the time.
     commutator_free.method(
         "cg3",
         3,
@@ -215,7 +215,7 @@ def main(names: list[str], path: str) -> None:
         print(f"{name:10} " + (", ".join(f"{w} {where.count(w)}" for w in dict.fromkeys(where)) or "none: dominated"))
 
     if path:
-        # What `front.py` has found stays as it is.
+        # Keep the section written by `front.py`.
         _, *kept = Path(path).read_text(encoding="utf-8").partition("\n## Which methods stay")
         Path(path).write_text(page(tables) + "".join(kept), encoding="utf-8")
 

@@ -73,9 +73,9 @@ wrenches: [{topic: wrench}]
 # Hz of the steps, Hz of the outputs.
 CASES = ((1000, 1000), (4000, 200))
 PATIENCE, SETTLE = 30.0, 1.0
-# s between two looks of the reader, and between two commands.
+# s between two polls of the reader, and between two commands.
 LOOK, COMMAND = 0.0002, 0.0473
-# Periods that a bare process oversleeps where the machine stalls.
+# Oversleeping of a sleeping process, in periods, that counts as a stall of the machine.
 STALL = 0.3
 KEEP_ALL = QoSProfile(history=HistoryPolicy.KEEP_ALL)
 
@@ -141,7 +141,7 @@ def empty_node(rate: float) -> None:
 
     def tick() -> None:
         nonlocal count
-        # A timer that is late leaves ticks out: the stamp is that of the one that is due, not of those before it.
+        # A late timer skips ticks: the stamp is that of the tick that is due, not of the skipped ones.
         count = max(count + 1, (time.monotonic_ns() - begun) // period_ns)
         seconds, nanoseconds = divmod(count * period_ns, 1_000_000_000)
         stamp = Time(sec=seconds, nanosec=nanoseconds)
@@ -156,7 +156,7 @@ def empty_node(rate: float) -> None:
 
 
 def bare(rate: float, cpu: int) -> None:
-    """On one processor sleep until each of the times of `rate`, do nothing; at SIGTERM print when that was how late."""
+    """Sleep on one processor until each time of `rate`; at SIGTERM print when that was how late."""
     os.sched_setaffinity(0, {cpu})
     signal.signal(signal.SIGTERM, lambda *_: sys.exit())
     late, count, begun = [], 0, time.time_ns()
@@ -173,9 +173,9 @@ def bare(rate: float, cpu: int) -> None:
 
 
 def punctuality(delays: list[tuple[int, int]], period_ns: float, stalls: list[tuple[int, int]]) -> str:
-    """Return how many of `delays` (when, and how long, ns) are longer than a period, and how many of those in `stalls`.
+    """Return how many of `delays` (time, length; ns) exceed a period, and how many of those are in `stalls`.
 
-    `stalls` (from when until when, ns) are those of the machine, none where they are not known.
+    `stalls` (start, end; ns) are those of the machine, empty if unknown.
     """
     late = [when for when, delay in delays if delay > period_ns]
     lengths = sorted(delay for _, delay in delays)
@@ -190,7 +190,7 @@ def punctuality(delays: list[tuple[int, int]], period_ns: float, stalls: list[tu
 
 
 def windows_of(stalls: list[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Return the times in which stalls are felt: until as long again after each; those that overlap as one."""
+    """Return the windows affected by stalls, which last twice as long as each; overlapping ones are merged."""
     union: list[tuple[int, int]] = []
     for since, until in sorted((since, 2 * woken - since) for since, woken in stalls):
         if union and since <= union[-1][1]:
@@ -201,7 +201,7 @@ def windows_of(stalls: list[tuple[int, int]]) -> list[tuple[int, int]]:
 
 
 def several(scene: Path, count: int, seconds: float) -> None:
-    """Print what `count` bodies cost in a process each, and in one."""
+    """Print the cost of `count` bodies in one process each, and in a common one."""
     base = [sys.executable, "-m", "rb_dynamics"]
     apart = [[*base, "node", str(scene), "--ros-args", "-r", f"__ns:=/body_{k + 1}"] for k in range(count)]
     together = [[sys.executable, "-m", "rb_dynamics.ros.bodies", str(scene), "--count", str(count)]]
@@ -254,7 +254,7 @@ def process(command: list[str]) -> Iterator[int]:
 
 
 def measured(name: str, command: list[str], watcher: list[str], rate: float, seconds: float, commanded: bool) -> float:
-    """Measure one node, print it, and return its CPU time in s per s; `watcher` is a bare process but for its CPU."""
+    """Measure one node, print the result, and return its CPU time in s per s; `watcher` is a sleeping process."""
     with process(command) as pid, ExitStack() as stack:
         reader = Reader(rate, commanded)
         stack.callback(reader.close)
@@ -278,7 +278,7 @@ def measured(name: str, command: list[str], watcher: list[str], rate: float, sec
             stalls += [(due - period_ns, woken) for due, woken in found]
             late = sum(woken - due > period_ns for due, woken in found)
             slept_over.append(f"{100 * late / (seconds * rate):.3f} %")
-        # At the node's own priority, the node itself may have kept them.
+        # At the node's own priority, the node itself may have delayed them.
         known = stalls if watcher[0] == "chrt" else []
         print(f"{name:20s} {rate:5g} Hz: CPU {100 * cpu:5.1f} %; {reader.summary(known)}")
         print(f"{'bare sleepers':20s} {rate:5g} Hz: late {' and '.join(slept_over)}", flush=True)
@@ -292,10 +292,10 @@ def cpu_seconds(pid: int) -> float:
 
 
 class Reader:
-    """Takes what is published, byte for byte, and commands now and then; keeps nothing but counts and times."""
+    """Receives serialized messages and commands now and then; keeps only counts and times."""
 
     def __init__(self, rate: float, commanded: bool) -> None:
-        """Wait until all topics come, and where it is to command, until that is heard."""
+        """Wait until all topics arrive and, if it commands, until a subscriber is there."""
         rclpy.init()
         self._node = Node("reader")
         self._subscriptions = {
@@ -318,7 +318,7 @@ class Reader:
             time.sleep(LOOK)
 
     def forget(self) -> None:
-        """Measure from now on."""
+        """Reset the measurement."""
         self._delays: list[tuple[int, int]] = []
         self._recent: deque[int] = deque(maxlen=round(1e9 / self._period_ns))
         self._newest_ns: int | None = None
@@ -329,7 +329,7 @@ class Reader:
         self._next = time.monotonic() + COMMAND
 
     def watch(self, seconds: float) -> None:
-        """Take and command for so long."""
+        """Receive and command for `seconds`."""
         end = time.monotonic() + seconds
         while (now := time.monotonic()) < end:
             self._take()
@@ -341,7 +341,7 @@ class Reader:
             time.sleep(LOOK)
 
     def summary(self, stalls: list[tuple[int, int]]) -> str:
-        """Return what was found, while the machine had `stalls` (from when until when, ns of the wall clock)."""
+        """Return the results, given the `stalls` of the machine (start, end; ns of the wall clock)."""
         latencies = sorted(latency for _, latency in self._latencies)
         text = f"{self._received} messages, {self._lost} lost, {punctuality(self._delays, self._period_ns, stalls)}"
         if latencies:
@@ -379,10 +379,10 @@ class Reader:
         stamp_ns = seconds * 10**9 + nanoseconds
         if self._newest_ns is not None:
             passed_ns = stamp_ns - self._newest_ns
-            # What was left out is as late as the one that came in its place is behind.
+            # A skipped message is as late as the message in its place is behind.
             self._delays += [(published_ns, passed_ns)] * (round(passed_ns / self._period_ns) - 1)
         self._newest_ns = stamp_ns
-        # How far the clocks are apart is taken from the most punctual of the last second.
+        # The offset between the clocks is that of the most punctual message in the last second.
         apart = published_ns - stamp_ns
         self._recent.append(apart)
         self._delays.append((published_ns, apart - min(self._recent)))
@@ -390,10 +390,10 @@ class Reader:
         positions = self._positions
         positions.append(x)
         if self._commanded_ns and len(positions) == 3:
-            # A force that is held makes this a constant: another value shows a new command.
+            # Constant while a force is held, so a different value shows a new command.
             acceleration = (positions[2] - 2 * positions[1] + positions[0]) / (self._period_ns * 1e-9) ** 2
             old = 0.0 if self._command.wrench.force.x else 0.5
-            # Rounding of the positions is below 1e-6; a command shows where it acted for a hundredth of the period.
+            # Rounding of positions is below 1e-6; a command shows once it has acted for a hundredth of the period.
             if abs(acceleration - old) > 1e-5:
                 self._latencies.append((self._commanded_ns, received_ns - self._commanded_ns))
                 self._commanded_ns = 0

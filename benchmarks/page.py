@@ -125,7 +125,7 @@ def step_section(task: Problem, rows: Sequence[StepRow]) -> str:
 
 
 def summary(results: Results, steps: StepTables) -> str:
-    """Return the bars that the project set itself, and what was found."""
+    """Return the goals of the project, with the results."""
     rows = []
     for task, found in results.values():
         for name, bar in task.bars.items():
@@ -163,7 +163,7 @@ def bodies(task: Problem) -> str:
 
 
 def losses(results: Results, steps: StepTables) -> str:
-    """Return where somebody was faster than we are, and where `simulate` is slower than our fastest way."""
+    """Return where a peer is faster than this package, and where `simulate` is slower than our fastest way."""
     lines, starts = [], []
     for task, found in results.values():
         faster = [(row.peer, row.way, row.ratio) for row in found if row.chosen and not row.is_ours and row.ratio < 1.0]
@@ -186,7 +186,7 @@ def losses(results: Results, steps: StepTables) -> str:
 
 
 def grouped(title: str, faster: Sequence[tuple[str, str, float]]) -> list[str]:
-    """Return a line for each peer: of our time, what its ways take."""
+    """Return a line per peer with the times of its ways relative to ours."""
     lines = []
     for peer in dict.fromkeys(peer for peer, *_ in faster):
         ways = sorted((ratio, way) for found, way, ratio in faster if found == peer)
@@ -196,7 +196,7 @@ def grouped(title: str, faster: Sequence[tuple[str, str, float]]) -> list[str]:
 
 
 def figure(task: Problem, rows: Sequence[Row]) -> Figure:
-    """Draw error over time; ours are thick, the others lie over them, one dash for each way of a peer."""
+    """Draw error over time; our lines are thick, those of peers above them, one dash pattern for each way of a peer."""
     drawn = Figure(figsize=(9.6, 5.2), layout="constrained")
     axes = drawn.subplots()
     count: dict[str, int] = {}

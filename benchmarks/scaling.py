@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 
-# Before numba looks: what is measured as plain Python is.
+# Set before numba reads it, so that plain Python is measured as such.
 os.environ["RB_DYNAMICS_COMPILE"] = "never"
 
 import platform
@@ -56,7 +56,7 @@ Series = dict[str, dict[float, float]]
 
 
 class Nowhere:
-    """A sink that drops what it is told."""
+    """A sink that discards everything."""
 
     def open(self, run: object) -> None: ...
 
@@ -75,7 +75,7 @@ def file_of(log: str, folder: str) -> Path:
 
 
 def best(run: Callable[[], object], repeats: int = REPEATS) -> float:
-    """Return the shortest processor time (s) of some."""
+    """Return the shortest processor time (s) of several runs."""
     times = []
     for _ in range(repeats):
         begin = time.process_time()
@@ -100,7 +100,7 @@ def flown(
 
 
 def step_times(count: int = 300) -> dict[str, tuple[float, float]]:
-    """Return the time (s) for 1 ms of simulated time in steps of 1 ms: nobody looking, and a sample made of each."""
+    """Return the time (s) for a step of 1 ms, without outputs and with a sample of each step."""
     found = {}
     for name, method in METHODS.own.items():
         # A closed form takes free motion only.
@@ -152,8 +152,8 @@ def streamed(count: int, seconds: int) -> Iterator[tuple[str, Wrench]]:
 
 
 def command_times() -> Series:
-    """Return the time (s) that commands in 100 s cost beside the steps, over their number."""
-    # Every command falls on a step, so that the steps are the same without.
+    """Return the time (s) of commands in 100 s without that of the steps, over their number."""
+    # Every command falls on a step, so that a run without commands takes the same steps.
     steps = {n: max(n, 1000) for n in (100, 1000, 10_000, 30_000)}
     found = {}
     for n, count in steps.items():
@@ -202,7 +202,7 @@ def peaks() -> Series:
 
 
 def slope(points: dict[float, float]) -> float:
-    """Return what one more costs, between the last two points."""
+    """Return the cost of one more, from the last two points."""
     (a, low), (b, high) = list(points.items())[-2:]
     return (high - low) / (b - a)
 

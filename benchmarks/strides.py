@@ -44,12 +44,12 @@ EFFECTS = {
 HELD = HeldWrench((0.9, -0.4, 0.6), (0.3, -0.2, 0.25))
 ACCURACIES = (1e-4, 1e-6, 1e-9, 1e-11)
 SECONDS = 2
-# The lower the order, the longer it takes to show what a stride costs.
+# The lower the order, the more strides the measurement needs.
 FINEST = {1: 1e-3, 2: 1e-5}
 
 
 def measure(name: str, takes: LoadDependence, accuracy: float, turn: int) -> tuple[float, int]:
-    """Return the time (s) for two seconds of motion, and the strides taken; each turn from a start of its own."""
+    """Return the time (s) for two seconds of motion and the number of strides; each turn has its own initial state."""
     solver = {"solver.method": name, "solver.accuracy": accuracy, "initial.angular_velocity_body[0]": 0.4 + 1e-3 * turn}
     scene = parse_scene(SCENE + EFFECTS[takes], overrides=solver)
     load_from = scene.combined_effects.load_from(0.0)

@@ -30,7 +30,7 @@ COST: tuple[tuple[int, float], ...] = (
 
 
 def rows(name: str) -> dict[str, Any]:
-    """Return the rows of a shipped campaign; flies what is missing of it."""
+    """Return the rows of a shipped campaign, after making the missing runs."""
     campaign = read_campaign(ROOT / "config" / "campaigns" / f"{name}.yaml")
     out = ROOT / "out" / f"{name}.parquet"
     run_campaign(campaign, Store(out, campaign), progress=lambda done, total: print(f"\r{name} {done}/{total}", end=""))

@@ -33,7 +33,7 @@ STYLE = """
 
 
 class Box(NamedTuple):
-    """A box about (x, y): its name, a line below, how wide it is, its style, files in rb_dynamics it stands for."""
+    """A box centred at (x, y): name, subtitle, width, style, and the files in rb_dynamics that it represents."""
 
     x: float
     y: float
@@ -128,7 +128,7 @@ def draw() -> str:
 
 
 def main(arguments: list[str]) -> int:
-    """Write the figure, or say whether the one that is there is this one."""
+    """Write the figure, or check that the one on disk is up to date."""
     if "--check" in arguments:
         same = FIGURE.exists() and FIGURE.read_text(encoding="utf-8") == draw()
         if not same:

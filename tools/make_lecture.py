@@ -50,14 +50,14 @@ _NUMBER = re.compile(r"(?<![\w.])-?\d+\.\d+")
 
 @dataclass
 class Page:
-    """A page as its code makes it, with the residuals by their expressions."""
+    """A page with the results of its code, and the residuals by expression."""
 
     text: str = ""
     residuals: dict[str, float] = field(default_factory=dict)
 
 
 def make_page() -> Page:
-    """Run the code of the template and return what the page says."""
+    """Run the code of the template and return the page."""
     page, names = Page(), {"__name__": "lecture"}
 
     def put(part: re.Match[str]) -> str:
@@ -280,7 +280,7 @@ def polhodes() -> Figure:
 
 
 def _onto_floor(normal: np.ndarray) -> tuple[float, float, float, float]:
-    """Return the shortest turn that brings a direction onto -z: the plane is then a floor."""
+    """Return the shortest rotation of a direction onto -z, so that the plane is a floor."""
     down = np.array([0.0, 0.0, -1.0])
     axis, w = np.cross(normal, down), 1.0 + float(normal @ down)
     x, y, z, w = (np.array([*axis, w]) / math.hypot(*axis, w)).tolist()

@@ -62,7 +62,7 @@ def main() -> None:
 
 
 def viewed(recording: Path, time_s: float) -> Image.Image:
-    """Return what the viewer shows of a recording at a time."""
+    """Return a screenshot of the viewer with a recording at a given time."""
     with viewer(recording) as client:
         client.set_time("sim_time", duration=time_s, play_state="paused")
         before, picture = b"", client.take_screenshot()
@@ -106,7 +106,7 @@ def viewer(recording: Path) -> Iterator[ViewerClient]:
 
 
 def browsed(page: Path, shot: Path) -> Image.Image:
-    """Return the beginning of a page as a browser shows it on light ground."""
+    """Return a screenshot of the top of a page in a browser, in light colours."""
     browser = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
     if browser is None:
         sys.exit(f"no Chromium found, needed to show the report; {INSTALL}")
@@ -124,14 +124,14 @@ def browsed(page: Path, shot: Path) -> Image.Image:
 
 
 def make_video(mcap: Path, video: Path) -> None:
-    """Render the flip, and keep of it what a page can carry."""
+    """Render the flip, reduced to a size suitable for a page."""
     write_video(video, read_track(read_bag(mcap)))
     with Image.open(video) as film:
         frames = [frame.convert("RGB") for frame in ImageSequence.Iterator(film)][::GIF_EVERY]
         period_ms = GIF_EVERY * film.info["duration"]
     size = (GIF_WIDTH, round(frames[0].height * GIF_WIDTH / frames[0].width))
     small = [frame.resize(size, Image.Resampling.LANCZOS) for frame in frames]
-    # One palette for all: what does not move is not stored again.
+    # One palette for all frames, so that static parts are stored once.
     some = Image.new("RGB", (GIF_WIDTH, 4 * size[1]))
     for k in range(4):
         some.paste(small[k * len(small) // 4], (0, k * size[1]))

@@ -50,7 +50,7 @@ SECTION = re.compile(r"^(Args|Attributes|Returns|Raises|Yields):$", re.MULTILINE
 
 
 class Written:
-    """Stands in a signature for an annotation or a default, and is printed as it is written in the source."""
+    """An annotation or default in a signature that is printed as in the source."""
 
     def __init__(self, text: str) -> None:
         self.text = text
@@ -88,7 +88,7 @@ def public_names() -> Iterator[tuple[str, str, Any]]:
 
 
 def entry(name: str, thing: Any) -> Iterator[str]:
-    """Yield what there is to say about a class or a function, and about what the class defines and describes."""
+    """Yield the documentation of a class or a function, and of the members of the class."""
     yield f"### {name}\n"
     yield from said(f"class {name}" if inspect.isclass(thing) else name, thing)
     if not inspect.isclass(thing):
@@ -108,7 +108,7 @@ def said(name: str, thing: Any) -> Iterator[str]:
 
 
 def signature(name: str, thing: Any) -> str:
-    """Return how `thing` is called, on one line or on one for each parameter; of a property, its type."""
+    """Return the signature of `thing`, on one line or with one line per parameter; for a property, its type."""
     getter = getattr(thing, "fget", getattr(thing, "func", None))
     if getter is not None:
         return f"{name}: {getter.__annotations__['return']}"

@@ -24,7 +24,7 @@ FORMULA = re.compile(r"\$<code>(.*?)</code>\$", re.DOTALL)
 
 
 def on_files(files: Files, config: MkDocsConfig, **_: object) -> Files:
-    """Add what pages link to outside of docs/."""
+    """Add files that pages link to outside docs/."""
     pages = [(path.relative_to(ROOT).as_posix(), path) for path in DOCS.rglob("*.md")]
     targets = {_in_tree(place, match[1]) for place, path in pages for match in LINK.finditer(path.read_text("utf-8"))}
     for target in sorted({*targets, *BESIDE}):

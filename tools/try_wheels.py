@@ -29,7 +29,7 @@ import platform, numpy, scipy, yaml
 print(platform.python_version(), numpy.__version__, scipy.__version__, yaml.__version__)
 """
 
-# From this minor version of Python on: the oldest with wheels for it, none older than setup.py allows.
+# By minor version of Python: the oldest versions with wheels for it, none older than setup.py allows.
 OLDEST = {
     10: ("numpy==1.26.0", "scipy==1.11.1", "PyYAML==6.0"),
     12: ("numpy==1.26.0", "scipy==1.11.2", "PyYAML==6.0.1"),
@@ -39,7 +39,7 @@ OLDEST = {
 
 
 def interpreters() -> Iterator[str]:
-    """Yield one python of each supported version on PATH; a shim that leads nowhere is passed over."""
+    """Yield one python of each supported version on PATH; broken shims are skipped."""
     for minor in MINORS:
         found = (Path(folder) / f"python3.{minor}" for folder in os.get_exec_path())
         works = (str(path) for path in found if path.is_file() and _minor(str(path)) == minor)
@@ -53,7 +53,7 @@ def _minor(python: str) -> int:
 
 
 def bits(python: str, package: Path, dependencies: tuple[str, ...]) -> str:
-    """Return versions and a hash of what the scenes give, in a fresh environment with `package` and `dependencies`.
+    """Return versions and a hash of the results of the scenes in a fresh environment with `package`.
 
     Raises:
         subprocess.CalledProcessError: it cannot be installed, or a scene does not run.
@@ -74,7 +74,7 @@ def _run(*command: str) -> str:
 
 
 def main(pythons: list[str]) -> int:
-    """Build, try, and print a row for each environment; 1 where one failed or differs from the first."""
+    """Build, test, and print a row for each environment; return 1 if one failed or differs from the first."""
     shutil.rmtree(DIST, ignore_errors=True)
     _run(sys.executable, "-m", "build", "--outdir", str(DIST), str(ROOT))
     (wheel,), (sdist,) = DIST.glob("*.whl"), DIST.glob("*.tar.gz")

@@ -19,12 +19,12 @@ from peers.problem import Answer, Problem, Run, Way, steps
 NAME = "Basilisk"
 PACKAGES = ("bsk",)
 
-# It warns of each state when a simulation is initialised again, which is how one starts over.
+# Initialising a simulation again, the way to start over, warns of each state.
 bskLogging.setDefaultLogLevel(bskLogging.BSK_ERROR)
 
 
 def ways(problem: Problem) -> list[Way]:
-    # It has no ensembles, and uniform gravity only as a force that somebody commands.
+    # It has no ensembles, and uniform gravity only as a commanded force.
     if problem.bodies > 1:
         return []
     return [

@@ -41,7 +41,7 @@ def library(flags: str) -> ctypes.CDLL:
         path = Path(folder) / "reference.so"
         compiled = path.with_suffix(".o")
         subprocess.run(["gcc", *COMMON, *FLAGS[flags], "-c", "-fPIC", "-o", str(compiled), str(SOURCE)], check=True)
-        # Linked without the flags: with -ffast-math gcc links what takes subnormal numbers from the whole process.
+        # Linked without the flags: with -ffast-math gcc links code that disables subnormal numbers for the process.
         subprocess.run(["gcc", "-shared", "-o", str(path), str(compiled), "-lm"], check=True)
         found = ctypes.CDLL(str(path))
     array = np.ctypeslib.ndpointer(np.float64, flags="C_CONTIGUOUS")
@@ -100,7 +100,7 @@ def _many(problem: Problem, flags: str) -> Callable[[float], Run]:
 
 
 def run_many(lib: ctypes.CDLL, constants: np.ndarray, h: float, n: int, state: np.ndarray, threads: int = 2) -> None:
-    """Take all bodies through n steps, on `threads` threads."""
+    """Advance all bodies by n steps on `threads` threads."""
     bodies = state.shape[1]
     edges = [LANES * round(k * bodies / LANES / threads) for k in range(threads + 1)]
     if threads == 1:
@@ -112,7 +112,7 @@ def run_many(lib: ctypes.CDLL, constants: np.ndarray, h: float, n: int, state: n
 
 
 def kernels(problem: Problem, h: float, n: int) -> dict[str, Callable[[], Callable[[], np.ndarray]]]:
-    """Return n rk4 steps of h s for all bodies of `problem`, by each compilation; they return what reads the result."""
+    """Return functions for n rk4 steps of h s of all bodies, one per compilation; each returns a reader of results."""
     constants = constants_of(problem)
     if problem.bodies == 1:
         start = numbers_of(problem)[0]

@@ -22,7 +22,7 @@ SCHEMES = {"RK3": "runge_kutta3", "RK5": "runge_kutta5"}
 
 
 def ways(problem: Problem) -> list[Way]:
-    # Its plant takes wrenches in world axes alone: one that turns with the body would need a system written in Python.
+    # Its plant accepts wrenches in world axes only; one that turns with the body would need a system in Python.
     if problem.force_body.any() or problem.torque_body.any():
         return []
     return [Way(name, "tolerance", 1e-4, _prepare(problem, scheme)) for name, scheme in SCHEMES.items()]

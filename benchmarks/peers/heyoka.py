@@ -27,7 +27,7 @@ def _system(problem: Problem) -> list[tuple[hy.expression, hy.expression]]:
     symbols = hy.make_vars(*names)
     x, y, z, s, *w = symbols[:7]
     v = symbols[10:]
-    # What is never there costs nothing.
+    # Absent parts cost nothing.
     force, torque, push = ([hy.par[i] for i in at] if len(at) else [hy.expression(0.0)] * 3 for at in _places(problem))
     inertia, inverse = problem.inertia, np.linalg.inv(problem.inertia)
 
@@ -60,7 +60,7 @@ def _starts(problem: Problem) -> np.ndarray:
 
 
 def _places(problem: Problem) -> list[range]:
-    """Return where force and torque in body axes and force in world axes stand among the parameters, if they do."""
+    """Return the indices of force and torque in body axes and of force in world axes among the parameters."""
     found, first = [], 0
     for part in (problem.force_body, problem.torque_body, problem.force_world):
         found.append(range(first, first + 3 * bool(part.any())))

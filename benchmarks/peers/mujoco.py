@@ -18,7 +18,7 @@ from peers.problem import Answer, Problem, Run, Way, steps
 NAME = "MuJoCo"
 PACKAGES = ("mujoco",)
 
-# Steps whose states `rollout` writes before they are thrown away.
+# Number of steps whose states `rollout` writes before they are discarded.
 CHUNK = 1000
 _USER = mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_XFRC_APPLIED
 

@@ -54,7 +54,7 @@ def _driven(problem: Problem, method: str) -> Callable[[float], Run]:
         wrenches = _wrenches(problem)
 
         def solve() -> Callable[[], Answer]:
-            # No peer keeps the states between.
+            # No peer keeps intermediate states.
             found = rb.driven_motion(body, state, times_ns, method=method, step=step, last_only=True, **wrenches)
             return lambda: Answer.of(found.orientation_xyzw[0], found.angular_velocity_body[0], found.position_world[0])
 
@@ -64,7 +64,7 @@ def _driven(problem: Problem, method: str) -> Callable[[float], Run]:
 
 
 def _wrenches(problem: Problem) -> dict[str, np.ndarray]:
-    """Return what is held; uniform gravity is a force in world axes."""
+    """Return the held wrenches; uniform gravity is a force in world axes."""
     return {
         "force_body": problem.force_body,
         "torque_body": problem.torque_body,
@@ -97,7 +97,7 @@ def _ensemble(problem: Problem, method: str) -> Callable[[float], Run]:
 
 
 def _simulate(problem: Problem) -> Callable[[float], Run]:
-    """The way of the README: a scene, commands, and what the run returns; method and steps are its own choice."""
+    """Run `simulate` as in the README: a scene and commands, with the default method and steps."""
     commands = _commands(problem)
     (state,) = states_of(problem)
 
@@ -132,7 +132,7 @@ def _commands(problem: Problem) -> list[tuple[str, rb.Wrench]]:
 
 
 def kernels(problem: Problem, h: float, n: int) -> dict[str, Callable[[], Callable[[], np.ndarray]]]:
-    """Return n rk4 steps of h s for all bodies of `problem`; they return what reads the result."""
+    """Return functions for n rk4 steps of h s of all bodies of `problem`; each returns a reader of the result."""
     body, states, wrenches = body_of(problem), states_of(problem), _wrenches(problem)
 
     def booked(found: rb.Samples) -> np.ndarray:

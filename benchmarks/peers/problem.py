@@ -20,7 +20,7 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Problem:
-    """A rigid body, where it starts, what acts on it, and how right its attitude is wanted at the end.
+    """A rigid body, its initial state, its wrenches, and the attitude error to reach at the end.
 
     Attributes:
         inertia: 3 x 3, about the centre of mass, body axes.
@@ -52,17 +52,17 @@ class Problem:
 
     @property
     def holds(self) -> int:
-        """How many wrenches are held, one after the other."""
+        """Number of wrenches held one after the other."""
         return len(self.force_body)
 
     @property
     def hold(self) -> float:
-        """How long each is, s."""
+        """Duration of each, s."""
         return self.duration / self.holds
 
     @property
     def is_free(self) -> bool:
-        """Whether the attitude moves without torque, which closed forms know."""
+        """Whether the motion is torque-free, for which there are closed forms."""
         return not self.torque_body.any()
 
     @property
@@ -122,11 +122,11 @@ class Peer(Protocol):
     PACKAGES: tuple[str, ...]
 
     def ways(self, problem: Problem) -> list[Way]:
-        """Return how this peer can solve `problem`; none if it cannot."""
+        """Return the ways in which this peer can solve `problem`; empty if it cannot."""
 
 
 def steps(problem: Problem, radians: float) -> int:
-    """Return the number of steps in a hold that turn the body by about `radians` each."""
+    """Return the number of steps in a hold for about `radians` of rotation each."""
     return max(1, round(problem.rate * problem.hold / radians))
 
 

@@ -13,13 +13,13 @@ from rb_dynamics.motion.phase_state import PhaseState, inertia_of
 from rb_dynamics.motion.step_control import FixedStep
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 
-# Two families, which share no formula but that of the books, with the least number of steps in a hold: the first with
-# few, as each adds its rounding. None of the ways that are compared takes the same steps.
+# Two families, which share no formula except for the books, with the minimum number of steps in a hold: the first with
+# few, as each adds rounding. None of the ways compared takes the same steps.
 METHODS_THAT_AGREE = (("strang6", 1), ("dlm6", 2))
 
 
 def reference(problem: Problem) -> Answer:
-    """Return the answer, right to a tenth of what is wanted at least.
+    """Return the answer with an error of at most a tenth of the target.
 
     Raises:
         ArithmeticError: the two methods do not agree.

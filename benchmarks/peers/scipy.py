@@ -16,7 +16,7 @@ METHODS = ("DOP853", "LSODA")
 
 
 def ways(problem: Problem) -> list[Way]:
-    # Thirteen numbers a body fill LSODA's dense Jacobian: it is no method for thousands of bodies at once.
+    # LSODA's Jacobian is dense, with 13 numbers per body: unsuitable for thousands of bodies at once.
     methods = METHODS if problem.bodies == 1 else METHODS[:1]
     return [Way(method, "tolerance", 1e-5, _prepare(problem, method)) for method in methods]
 
