@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from rb_dynamics.numerics.vector import ZERO
 from rb_dynamics.sinks import rerun_poinsot as poinsot
 from rb_dynamics.sinks.appearance import EYE, Eye
-from rb_dynamics.sinks.rerun_layout import COMMANDS_ON_PATH
+from rb_dynamics.sinks.rerun_layout import COMMANDS_ON_PATH, DEFECTS, half_range
 
 if TYPE_CHECKING:
     import rerun.blueprint as rrb
@@ -22,19 +22,27 @@ CLOSE_UP, OVERVIEW = "world/center_of_mass/view", "world/view"
 """Frames whose unit is the size of what is to be seen: the viewer cuts off what is nearer to the eye than 0.01."""
 
 
-def blueprint(poinsot_eye: Eye | None, peaks: Mapping[str, float], duration: float | None) -> rrb.Blueprint:
+def blueprint(
+    poinsot_eye: Eye | None,
+    peaks: Mapping[str, float],
+    duration: float | None,
+    exponents: Mapping[str, int],
+    path_beside_body: bool,
+) -> rrb.Blueprint:
     """Return the layout with which the file opens: 3D and text at the left, plots at the right.
 
     Args:
         poinsot_eye: how to look at the invariable plane; None for a body without one, a particle.
         peaks: largest absolute value of each of `SERIES` so far, 0 before there are any.
         duration: of the run, s; None where it has no end yet.
+        exponents: powers of ten that are the units of the plotted defects, as far as they are known.
+        path_beside_body: whether the path is shown beside the body; lines of kilometres would cover one of metres.
     """
     import rerun.blueprint as rrb
 
     rolling = [] if poinsot_eye is None else [_poinsot(poinsot_eye)]
     left = rrb.Vertical(
-        rrb.Tabs(_close_up(), _overview(), active_tab=0),
+        rrb.Tabs(_close_up(path_beside_body), _overview(), active_tab=0),
         *rolling,
         rrb.Tabs(
             rrb.TextDocumentView(origin="/about", name="What you see"),
@@ -51,16 +59,18 @@ def blueprint(poinsot_eye: Eye | None, peaks: Mapping[str, float], duration: flo
         loop_mode="all",
         play_state="playing",
     )
-    return rrb.Blueprint(rrb.Horizontal(left, _plots(peaks), column_shares=[5, 6]), panel, collapse_panels=True)
+    return rrb.Blueprint(
+        rrb.Horizontal(left, _plots(peaks, exponents), column_shares=[5, 6]), panel, collapse_panels=True
+    )
 
 
-def _close_up() -> rrb.Spatial3DView:
+def _close_up(with_path: bool) -> rrb.Spatial3DView:
     import rerun.blueprint as rrb
 
     # A frame at the centre of mass, not the world's: the body stays in view and exact however far it goes.
     return rrb.Spatial3DView(
         origin=f"/{CLOSE_UP}",
-        contents="/world/**",
+        contents=["/world/**", *([] if with_path else ["- /world/path/**"])],
         name="Body, followed",
         eye_controls=_eye(EYE),
         line_grid=False,
@@ -116,13 +126,15 @@ def _playback_speed(duration: float | None) -> float:
     return duration / 30.0
 
 
-def _plots(peaks: Mapping[str, float]) -> rrb.Grid:
+def _plots(peaks: Mapping[str, float], exponents: Mapping[str, int]) -> rrb.Grid:
     import rerun.blueprint as rrb
 
-    def defect(name: str, entity: str, *of: str) -> rrb.TimeSeriesView:
-        # Round-off shall look like zero, not like a signal that fills the plot; labels end at about 1e-15.
-        whole = max(peaks[other] for other in of)
-        return _plot(name, entity, half_range=max(1.2 * peaks[entity], 1e-12 * whole, 1e-14) if whole else None)
+    def defect(name: str, entity: str) -> rrb.TimeSeriesView:
+        unit, exponent = DEFECTS[entity][0], exponents.get(entity)
+        # Until the first rows have come, the names of the lines alone tell the unit.
+        scale = "" if exponent is None else f" [1e{exponent} {unit}]"
+        reach = half_range(peaks, entity) / 10.0 ** (exponent or 0)
+        return _plot(f"{name}{scale}", f"{entity}/scaled", half_range=reach or None)
 
     return rrb.Grid(
         _plot("Angular velocity, body axes [rad/s]", "angular_velocity"),
@@ -135,10 +147,10 @@ def _plots(peaks: Mapping[str, float]) -> rrb.Grid:
             _plot("Attitude", "attitude"),
             active_tab=0,
         ),
-        defect("Energy defect [J]", "energy/defect", "energy/kinetic", "energy/work"),
+        defect("Energy defect", "energy/defect"),
         rrb.Tabs(
-            defect("Angular momentum defect [kg m²/s]", "angular_momentum/defect", "angular_momentum"),
-            defect("Linear [kg m/s]", "linear_momentum/defect", "linear_momentum"),
+            defect("Angular momentum defect", "angular_momentum/defect"),
+            defect("Linear", "linear_momentum/defect"),
             active_tab=0,
         ),
         _plot("Applied force [N]", "force/**"),

@@ -53,6 +53,33 @@ POTENTIAL = PlotLines("energy/potential", "potential_energy", ("potential energy
 """Where an effect has one."""
 
 
+DEFECTS: dict[str, tuple[str, tuple[str, ...]]] = {
+    "energy/defect": ("J", ("energy/kinetic", "energy/work")),
+    "angular_momentum/defect": ("kg m²/s", ("angular_momentum",)),
+    "linear_momentum/defect": ("kg m/s", ("linear_momentum",)),
+}
+"""Of each defect: its unit, and the quantities to which it is small. The viewer writes 2e-14 as 0.000 000 000 000 02:
+what is plotted is the entity `scaled` below it, in units of a power of ten."""
+
+
+def half_range(peaks: Mapping[str, float], entity: str) -> float:
+    """Return how far the axis of a defect reaches; 0 if nothing is known yet, from the largest of each entity so far.
+
+    Round-off shall look like zero, not like a signal that fills the plot.
+    """
+    whole = max(peaks[other] for other in DEFECTS[entity][1])
+    return max(1.2 * peaks[entity], 1e-12 * whole, 1e-14) if whole else 0.0
+
+
+def scaled_lines(entity: str, exponent: int) -> rr.SeriesLines:
+    """Return the looks of a defect in units of 10**exponent."""
+    import rerun as rr
+
+    series = next(one for one in SERIES if one.entity == entity)
+    names = [f"{name} [1e{exponent}]" for name in series.names]
+    return rr.SeriesLines(names=names, colors=series.colors[: len(names)])
+
+
 def series_of(scene: Scene) -> tuple[PlotLines, ...]:
     """Return what is plotted of each sample of `scene`."""
     return SERIES if scene.combined_effects.potential() is None else (*SERIES, POTENTIAL)
@@ -75,8 +102,8 @@ TORQUE = Arrow("world/center_of_mass/torque", "τ", YELLOW, 1.6)
 ARROWS = (MOMENTUM, RATE, FORCE, TORQUE)
 
 COMMANDS_ON_PATH = "world/path/commands"
-MARKS = 24
-"""So many commands are marked each; of more, every second, then every fourth: they would hide what they mark."""
+MARKS = 48
+"""At most so many commands are marked, evenly among all: more would hide what they mark."""
 
 # ---- looks of the entities
 

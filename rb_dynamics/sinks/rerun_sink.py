@@ -62,6 +62,8 @@ Times = NDArray[np.int64]
 MAX_ROWS = 200_000
 BATCH_ROWS = 4096
 PATH_POINTS = 8192
+# Longer pieces of the path, in half diagonals of the body, are not shown beside it.
+_LONG_PIECE = 20.0
 
 
 class Note(NamedTuple):
@@ -158,12 +160,13 @@ class Recorder:
             self.paths["body_origin"] = Polyline(PATH_POINTS)
         self.series = layout.series_of(scene)
         self.peaks = {series.entity: 0.0 for series in self.series}
+        self.exponents: dict[str, int] = {}
         self.arrow_peaks = dict.fromkeys(layout.ARROWS, 0.0)
         self.notes: list[Note] = []
         self.note_count = 0
         self.commands: list[Mark] = []
         self.command_count = 0
-        self.marked = Thinner(layout.MARKS)
+        self.mark_stride = 1
         self.newest: Sample | None = None
         self.start_ns = self.time_ns = scene.initial.time_ns
         thinner = Thinner.of_run(scene.duration, scene.output_rate, max_rows)
@@ -231,10 +234,12 @@ class Recorder:
         """Remember where the body was, and its energy, by the newest sample: it marks the command in the pictures."""
         sample, count = self.newest, self.command_count
         self.command_count += 1
-        if sample is not None and self.marked.keeps(count):
+        if sample is not None and count % self.mark_stride == 0:
             arm = rotate(sample.orientation_xyzw, self.run.scene.body.center_of_mass)
             place = subtract(add(sample.position_world, arm), self.offset)
             self.commands.append(Mark(event.time_ns, self.rows.newest, place, sample.kinetic_energy))
+            if len(self.commands) > layout.MARKS:
+                self.commands, self.mark_stride = self.commands[::2], 2 * self.mark_stride
 
     def end(self, result: Mapping[str, str]) -> None:
         """Write what is left, with what is known only now."""
@@ -243,6 +248,8 @@ class Recorder:
             if not any(part.kind == kind for part in self.rows.wrenches.parts):
                 self._send_no_wrench(kind)
         self._flush()
+        if self.commands:
+            self._send_marks(self.commands)
         if self.curves is not None:
             self._send_curves(self.curves.finish())
         for name in self.paths:
@@ -266,7 +273,16 @@ class Recorder:
 
     def _blueprint(self, duration: float | None) -> rrb.Blueprint:
         eye = None if self.curves is None else eye_above(self.curves.normal)
-        return blueprint(eye, self.peaks, duration)
+        return blueprint(eye, self.peaks, duration, self.exponents, self._path_beside_body(duration))
+
+    def _path_beside_body(self, duration: float | None) -> bool:
+        """Return whether the pieces of the path are of the size of the body: as drawn, or, before, as expected."""
+        points = self.paths["center_of_mass"].line()
+        if len(points) > 1:
+            longest = float(np.linalg.norm(np.diff(points, axis=0), axis=1).max())
+        else:
+            longest = math.hypot(*self.run.scene.initial.linear_velocity_world) * (duration or 0.0) / PATH_POINTS
+        return longest < _LONG_PIECE * self.size
 
     # ---- events to columns
 
@@ -276,9 +292,6 @@ class Recorder:
         notes, self.notes = self.notes, []
         if notes:
             self._send_notes(notes)
-        marks, self.commands = self.commands, []
-        if marks:
-            self._send_marks(marks)
         for part, changes in self.rows.wrenches.fetch():
             times = _times([change.time_ns for change in changes], [change.sample for change in changes])
             self._send_scalars(_wrench_entity(part), times, np.array([change.value for change in changes]))
@@ -290,6 +303,7 @@ class Recorder:
         for entity, values in columns.values.items():
             self._send_scalars(entity, times, values)
             self.peaks[entity] = max(self.peaks[entity], float(np.abs(values).max()))
+        self._send_scaled_defects(times, columns.values)
         attitude, rates = columns.values["attitude"], columns.values["angular_velocity"]
         self._send_poses(times, columns.values["position"], attitude)
         if self.curves is not None:
@@ -301,6 +315,16 @@ class Recorder:
         self._send_arrow(layout.RATE, times, rotate_all(attitude, rates))
         self._send_arrow(layout.FORCE, times, columns.force_world)
         self._send_arrow(layout.TORQUE, times, columns.torque_world)
+
+    def _send_scaled_defects(self, times: list[rr.TimeColumn], values: Mapping[str, Array]) -> None:
+        """Send the defects once more, in units that the labels of a plot can show; the first rows tell which."""
+        for entity in layout.DEFECTS:
+            if entity not in self.exponents and (reach := layout.half_range(self.peaks, entity)) > 0.0:
+                self.exponents[entity] = math.floor(math.log10(reach))
+                looks = layout.scaled_lines(entity, self.exponents[entity])
+                self.stream.log(f"{entity}/scaled", looks, static=True)
+            if entity in self.exponents:
+                self._send_scalars(f"{entity}/scaled", times, values[entity] * 10.0 ** -self.exponents[entity])
 
     def _send_poses(self, times: list[rr.TimeColumn], position_world: Array, attitude: Array) -> None:
         import rerun as rr

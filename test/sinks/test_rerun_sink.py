@@ -251,7 +251,36 @@ def test_of_very_many_commands_few_are_marked(tmp_path: Path) -> None:
     events: list[Event] = [still(0)]
     events += [AppliedWrench(i, "wrench", None, "world", (float(i), 0.0, 0.0), ZERO) for i in range(1, 5001)]
     rrd = written(tmp_path / "a.rrd", [*events, still(1)])
-    assert 24 <= len(rrd.times("energy/commands")) < 300
+    times = np.array(rrd.times("energy/commands"))
+    assert 24 <= len(times) <= 48
+    # Evenly among all, to the last.
+    assert len(np.unique(np.diff(times))) == 1
+    assert times[-1] > 4800
+
+
+def test_defects_are_plotted_in_units_that_their_labels_can_show(tmp_path: Path) -> None:
+    rrd, _ = logged(tmp_path)
+    for entity in ("energy/defect", "angular_momentum/defect", "linear_momentum/defect"):
+        (name, *_) = rrd.static(f"{entity}/scaled", "SeriesLines:names")
+        exponent = int(name.split("[1e")[1].rstrip("]"))
+        scaled, told = rrd.values(f"{entity}/scaled"), rrd.values(entity)
+        np.testing.assert_allclose(scaled * 10.0**exponent, told, rtol=1e-15)
+        assert -16 <= exponent < -4
+        assert np.abs(scaled).max() < 1e4
+
+
+@pytest.mark.parametrize(("speed", "shown"), [(0.5, True), (7600.0, False)])
+def test_a_path_of_kilometres_is_not_drawn_beside_a_body_of_metres(tmp_path: Path, speed: float, shown: bool) -> None:
+    scene = replace(SCENE, initial=replace(SCENE.initial, linear_velocity_world=(speed, 0.0, 0.0)))
+    rrd, _ = logged(tmp_path, scene, commands=())
+    said: list[str] = []
+    for store in rrd.reader.blueprints():
+        for chunk in rrd.reader.stream(store=store).to_chunks():
+            batch = chunk.to_record_batch()
+            columns = [name for name in batch.schema.names if name == "ViewContents:query"]
+            said += [str(batch.column(name).to_pylist()) for name in columns]
+    assert any("/world/**" in text for text in said)
+    assert any("- /world/path/**" in text for text in said) == (not shown)
 
 
 def test_the_views_have_frames_of_the_size_of_what_they_show(tmp_path: Path) -> None:
