@@ -7,11 +7,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+import pytest
 from tumbling import Tumble
 
 from rb_dynamics.numerics.rotation_arrays import rotate_all_inverse
+
+pytest.importorskip("rosbags", reason="extra 'log' is not installed")
+
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 GEOMETRY, SENSOR = "geometry_msgs/msg/", "sensor_msgs/msg/"
