@@ -75,6 +75,8 @@ _ROS_1, _SQLITE = b"#ROSBAG V", b"SQLite format 3\0"
 _RECORD = struct.Struct("<BQ")
 # Of a chunk: its record, its times, what is in it in bytes and their checksum, the length of the compression's name.
 _CHUNK_HEAD = struct.Struct("<BQQQQII")
+# Where the summary begins, and its part that says where what stands; a checksum.
+_FOOTER = struct.Struct("<QQI")
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
 _MESSAGE = int(Opcode.MESSAGE)
 _RECORDS = np.dtype([("opcode", "u1"), ("length", "<u8")])
@@ -202,6 +204,7 @@ class McapFile:
     channels: dict[int, McapChannel] = field(default_factory=dict)
     span_ns: tuple[int, int] | None = None
     _schemas: dict[int, Schema] = field(default_factory=dict)
+    _chunks: dict[int, tuple[int, int]] = field(default_factory=dict)
     _counts: Counter[str] = field(default_factory=Counter)
     _statistics: dict[str, int] = field(default_factory=dict)
     _records_left: int = 0
@@ -245,6 +248,7 @@ class McapFile:
         size = os.fstat(file.fileno()).st_size
         self._records_left = _FREE_RECORDS + _RECORDS_PER_BYTE * size
         self._counts.clear()
+        self._note_summary(file, size)
         loose: list[bytes] = []
         for opcode, content in self._records(file, size):
             if opcode == Opcode.MESSAGE:
@@ -266,6 +270,31 @@ class McapFile:
                 self._note_loose(opcode, content)
         if loose:
             yield from self._loose_messages(loose, take)
+
+    def _note_summary(self, file: BinaryIO, size: int) -> None:
+        """Keep what the summary repeats, to salvage: schemas, channels, and where chunks stand that may be damaged."""
+        begin, end = file.tell(), size - len(MAGIC) - _RECORD.size - _FOOTER.size
+        if self.salvage and end > begin:
+            file.seek(end)
+            head, footer = file.read(_RECORD.size), file.read(_FOOTER.size)
+            start, _, _ = _FOOTER.unpack(footer)
+            if (
+                _RECORD.unpack(head) == (Opcode.FOOTER, _FOOTER.size)
+                and begin <= start < end <= start + MAX_RECORD_BYTES
+            ):
+                file.seek(start)
+                summary, at = file.read(end - start), 0
+                while at + _RECORD.size <= len(summary):
+                    opcode, length = _RECORD.unpack_from(summary, at)
+                    at += _RECORD.size + length
+                    content = summary[at - length : at]
+                    with contextlib.suppress(LogError, UnicodeDecodeError):
+                        if opcode == Opcode.CHUNK_INDEX:
+                            begin_ns, end_ns, place = _Fields(content, self._damage).take("QQQ")
+                            self._chunks[place] = begin_ns, end_ns
+                        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                            self._note(opcode, content)
+        file.seek(begin)
 
     def _note_loose(self, opcode: int, content: bytes) -> None:
         try:
@@ -343,6 +372,8 @@ class McapFile:
                 self.damage.append(
                     str(self._damage(f"has no record at {start - _RECORD.size}, and the next at {chunk}"))
                 )
+                gone = (times for place, times in self._chunks.items() if start - _RECORD.size <= place < chunk)
+                self.missing += [each for each in gone if each[0] <= each[1] < _END_OF_TIME]
                 file.seek(chunk)
                 continue
             if opcode == 0:

@@ -38,6 +38,36 @@ def test_a_chunk_that_was_cut_gives_the_messages_before_its_end(tmp_path: Path, 
     assert found == expected[: len(found)]
 
 
+@pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.ZSTD])
+@pytest.mark.parametrize("with_head", [False, True])
+def test_a_zeroed_first_chunk_loses_only_its_own_messages(
+    tmp_path: Path, compression: CompressionType, with_head: bool
+) -> None:
+    """Writers declare the channels in the first chunk only, and again in the summary at the end."""
+    rows: list[Row] = [("/w", STAMPED, i, stamped(i, i * 0.1 + 1 / (i + 1))) for i in range(2000)]
+    whole = write_rows(tmp_path / "a.mcap", rows, chunk_size=20_000, compression=compression)
+    expected = read_bag(whole).wrenches("/w")
+    data = bytearray(whole.read_bytes())
+    from mcap.reader import make_reader
+
+    with whole.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    first = summary.chunk_indexes[0]
+    begin = first.chunk_start_offset + (0 if with_head else 50)
+    end = first.chunk_start_offset + first.chunk_length
+    data[begin:end] = bytes(end - begin)
+    damaged = tmp_path / "damaged.mcap"
+    damaged.write_bytes(data)
+    (saved,) = recover(damaged, tmp_path / "saved.mcap")
+    found = read_bag(tmp_path / "saved.mcap").wrenches("/w")
+    lost = first.message_end_time + 1
+    assert found == expected[lost:]
+    assert saved.state == "damaged"
+    assert saved.damage
+    assert saved.missing == [(0, first.message_end_time)]
+
+
 @pytest.mark.parametrize("folder", [False, True])
 def test_where_nothing_can_be_read_nothing_is_written(tmp_path: Path, folder: bool) -> None:
     source = tmp_path / "bag" / "a.mcap"
