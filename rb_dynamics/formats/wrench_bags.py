@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rb_dynamics.errors import LogError, WrenchError
 from rb_dynamics.formats import cdr
@@ -396,6 +397,31 @@ class _Batch(NamedTuple):
     commands: CommandBatch
 
 
+class _Commands(NamedTuple):
+    """The commands of a block; `stamps` is None where they have no header."""
+
+    block: Block
+    wrench: NDArray[np.float64]
+    frame_ids: Sequence[str]
+    frame: NDArray[np.int64]
+    time_ns: Times
+    stamps: Times | None
+
+    def __call__(self, row: int) -> Wrench:
+        fx, fy, fz, tx, ty, tz = self.wrench[row].tolist()
+        frame_id = self.frame_ids[int(self.frame[row])]
+        command = Wrench((fx, fy, fz), (tx, ty, tz), frame_id, int(self.time_ns[row]))
+        if (data := self.message(row)) is not None:
+            object.__setattr__(command, "message", data)
+        return command
+
+    def message(self, row: int) -> bytes | None:
+        # Where its time in the run is another than its stamp, a message of its own has that.
+        if self.stamps is None or self.time_ns[row] != self.stamps[row]:
+            return None
+        return self.block.data[self.block.begins[row] : self.block.ends[row]].tobytes()
+
+
 def _batch(
     source: Source, bag: _Recording, block: Block, kind: str, channel: int, place: tuple[int, int] = (0, 0)
 ) -> _Batch:
@@ -415,18 +441,12 @@ def _batch(
     frame = np.searchsorted([row for row, _ in texts], np.arange(topic.count), side="right") - 1
     time_ns = (topic.log_times if bag.by_log else stamps) - bag.offset_ns
 
-    def received(row: int) -> Wrench:
-        fx, fy, fz, tx, ty, tz = wrench[row].tolist()
-        command = Wrench((fx, fy, fz), (tx, ty, tz), frame_ids[int(frame[row])], int(time_ns[row]))
-        if kind == WRENCH and time_ns[row] == stamps[row]:
-            data = block.data[block.begins[row] : block.ends[row]].tobytes()
-            object.__setattr__(command, "message", data)
-        return command
-
     number, chunk = place
     arrival = np.column_stack([np.full(topic.count, number), topic.log_times, chunk + block.begins])
-    columns, rows = (time_ns, np.full(topic.count, channel), arrival, wrench), np.arange(topic.count)
-    commands = CommandBatch(*columns, frame, frame_ids, Received((received,), np.zeros_like(rows), rows))
+    rows = np.arange(topic.count)
+    received = _Commands(block, wrench, frame_ids, frame, time_ns, stamps if kind == WRENCH else None)
+    columns = time_ns, time_ns, np.full(topic.count, channel), arrival, wrench, frame, frame_ids
+    commands = CommandBatch(*columns, Received((received,), np.zeros_like(rows), rows))
     return _Batch(stamps, topic.log_times, commands)
 
 

@@ -15,7 +15,16 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError, WrenchError
-from rb_dynamics.loads.command_table import HELD, CommandBatch, CommandTable, Holding, Timeline, timeline
+from rb_dynamics.loads.command_table import (
+    HELD,
+    Changes,
+    CommandBatch,
+    CommandTable,
+    Holding,
+    Timeline,
+    changes,
+    timeline,
+)
 from rb_dynamics.loads.effect import Effect
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, WrenchFrames, largest_wrench, require_possible
 from rb_dynamics.numerics.argument_checks import instance, number, shown, truth, vector
@@ -365,10 +374,7 @@ class WrenchChannels:
                     with np.errstate(over="ignore"):  # what overflows is beyond every limit
                         good[mine] &= np.linalg.norm(part[mine], axis=1) < 0.999 * limit
             good[mine] &= ~np.isin(batch.time_ns[mine], batch.time_ns[mine & ~good])
-        table = CommandTable(
-            batch.time_ns[good], batch.channel[good], held[good], batch.received.some(good.nonzero()[0])
-        )
-        return table, np.flatnonzero(~good)
+        return CommandTable(batch.some(good.nonzero()[0]), held[good]), np.flatnonzero(~good)
 
     def _held(self, batch: CommandBatch) -> tuple[Numbers, npt.NDArray[np.bool_]]:
         """Return what each command does, and whether that is beyond doubt."""
@@ -416,9 +422,20 @@ class WrenchChannels:
             until_ns = min(until_ns, self._queue[0].time_ns - 1)
         if self._table is not None and self._row + most < len(self._table.time_ns):
             until_ns = min(until_ns, int(self._table.time_ns[self._row + most]) - 1)
-        holding = [Holding([n for part in hold.held for n in part], hold.expires_ns) for hold in self._holds]
         table = self._table or CommandTable.empty()
-        return timeline(table, self._due(until_ns), holding, self._timeout_ns, until_ns), until_ns
+        return timeline(table, self._due(until_ns), self._holding, self._timeout_ns, until_ns), until_ns
+
+    @property
+    def _holding(self) -> list[Holding]:
+        return [Holding([n for part in hold.held for n in part], hold.expires_ns) for hold in self._holds]
+
+    def changes(self, until_ns: int) -> Changes:
+        """Make every change that is due until then, and return them; `timeline` has told that these are all."""
+        table, frames = self._table or CommandTable.empty(), (self._frames.body_frame, self._frames.world_frame)
+        topics = [channel.topic for channel in self._channels]
+        found = changes(table, self._due(until_ns), self._holding, self._timeout_ns, until_ns, topics, frames)
+        self.skip(until_ns)
+        return found
 
     def skip(self, until_ns: int) -> None:
         """Make every change that is due until then, of which nobody is told."""
@@ -519,13 +536,13 @@ class WrenchChannels:
         """
         self._from_table(now_ns)
         due: list[_Pending] = []
-        changes: list[AppliedWrench | ReceivedWrench | RejectedWrench] = []
+        told: list[AppliedWrench | ReceivedWrench | RejectedWrench] = []
         while self._queue and self._queue[0].time_ns <= now_ns:
             pending = heapq.heappop(self._queue)
             delay_ns = self._delay_ns[pending.channel]
             if delay_ns and not pending.on_its_way and pending.command.held is not None:
                 heapq.heappush(self._queue, pending._replace(time_ns=now_ns + delay_ns, on_its_way=True))
-                changes.append(ReceivedWrench(now_ns, self._channels[pending.channel].topic, pending.command.received))
+                told.append(ReceivedWrench(now_ns, self._channels[pending.channel].topic, pending.command.received))
             else:
                 due.append(pending)
         self._done, self._before = due, self._holds.copy()
@@ -533,15 +550,15 @@ class WrenchChannels:
         for i, hold in enumerate(self._holds):
             if hold.expires_ns is not None and hold.expires_ns <= now_ns and i not in commanded:
                 self._holds[i] = _Hold()
-                changes.append(self._applied(now_ns, i))
+                told.append(self._applied(now_ns, i))
         for _, channel, _, (_, received, held, reason, clipped), delayed in due:
             if held is None:
-                changes.append(RejectedWrench(now_ns, self._channels[channel].topic, received, reason))
+                told.append(RejectedWrench(now_ns, self._channels[channel].topic, received, reason))
                 continue
             timeout = self._timeout_ns[channel]
             self._holds[channel] = _Hold(held, received, now_ns + timeout if timeout else None)
-            changes.append(self._applied(now_ns, channel, clipped, delayed))
-        return changes
+            told.append(self._applied(now_ns, channel, clipped, delayed))
+        return told
 
     @property
     def huge(self) -> bool:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, held_of
 
@@ -18,6 +18,16 @@ HELD = 12
 """Numbers of a held wrench: force and torque in body axes, force and torque in world axes."""
 
 
+class Commands(Protocol):
+    """Commands that came together, by row."""
+
+    def __call__(self, row: int) -> Wrench:
+        """Return the command of a row."""
+
+    def message(self, row: int) -> bytes | None:
+        """Return the message that it came as; None where it did not come as one of a log."""
+
+
 class Received(NamedTuple):
     """Where the commands of rows are found.
 
@@ -27,13 +37,19 @@ class Received(NamedTuple):
         row: (n,), where.
     """
 
-    blocks: tuple[Callable[[int], Wrench], ...]
+    blocks: tuple[Commands, ...]
     block: Whole
     row: Whole
 
     def __call__(self, i: int) -> Wrench:
         """Return the command of row i."""
         return self.blocks[int(self.block[i])](int(self.row[i]))
+
+    def messages(self) -> list[bytes | None]:
+        """Return the message of each row, see `Commands`."""
+        return [
+            self.blocks[block].message(row) for block, row in zip(self.block.tolist(), self.row.tolist(), strict=True)
+        ]
 
     def some(self, rows: Whole | slice) -> Received:
         """Return the same for some rows."""
@@ -44,7 +60,7 @@ class Received(NamedTuple):
         """Return one for all rows, without blocks that none of them needs."""
         import numpy as np
 
-        blocks: list[Callable[[int], Wrench]] = []
+        blocks: list[Commands] = []
         numbers = []
         for part in parts:
             used, where = np.unique(part.block, return_inverse=True)
@@ -58,6 +74,7 @@ class CommandBatch(NamedTuple):
 
     Attributes:
         time_ns: (n,), when each is to take effect.
+        stamp_ns: (n,), its stamp.
         channel: (n,), its number in the order of the scene.
         arrival: (n, 3), growing in the order in which those of one channel came: the first column counts most.
         wrench: (n, 6), force (N) and torque (N m), in the axes of the frame.
@@ -67,6 +84,7 @@ class CommandBatch(NamedTuple):
     """
 
     time_ns: Whole
+    stamp_ns: Whole
     channel: Whole
     arrival: Whole
     wrench: Numbers
@@ -79,20 +97,40 @@ class CommandBatch(NamedTuple):
         """Return all commands of `batches`, by time, then arrival."""
         import numpy as np
 
+        together = cls.joined(batches)
+        return together.some(np.lexsort((*together.arrival.T[::-1], together.time_ns)))
+
+    @classmethod
+    def joined(cls, batches: Sequence[CommandBatch]) -> CommandBatch:
+        """Return all commands of `batches`, one batch after the other."""
+        import numpy as np
+
         number = {name: k for k, name in enumerate(sorted({name for batch in batches for name in batch.frame_ids}))}
         frames = [np.array([number[name] for name in b.frame_ids], dtype=np.int64)[b.frame] for b in batches]
-        time_ns = np.concatenate([batch.time_ns for batch in batches])
-        channel = np.concatenate([batch.channel for batch in batches])
-        arrival = np.concatenate([batch.arrival for batch in batches])
-        wrench = np.concatenate([batch.wrench for batch in batches])
-        received = Received.joined([batch.received for batch in batches])
-        together = cls(time_ns, channel, arrival, wrench, np.concatenate(frames), list(number), received)
-        return together.some(np.lexsort((*arrival.T[::-1], time_ns)))
+        return cls(
+            np.concatenate([batch.time_ns for batch in batches]),
+            np.concatenate([batch.stamp_ns for batch in batches]),
+            np.concatenate([batch.channel for batch in batches]),
+            np.concatenate([batch.arrival for batch in batches]),
+            np.concatenate([batch.wrench for batch in batches]),
+            np.concatenate(frames),
+            list(number),
+            Received.joined([batch.received for batch in batches]),
+        )
+
+    @classmethod
+    def empty(cls) -> CommandBatch:
+        """Return one without commands."""
+        import numpy as np
+
+        none, nothing = np.empty(0, dtype=np.int64), Received((), np.empty(0, np.int64), np.empty(0, np.int64))
+        return cls(none, none, none, np.empty((0, 3), np.int64), np.empty((0, 6)), none, [], nothing)
 
     def some(self, rows: Whole | slice) -> CommandBatch:
         """Return the commands in some rows."""
         return CommandBatch(
             self.time_ns[rows],
+            self.stamp_ns[rows],
             self.channel[rows],
             self.arrival[rows],
             self.wrench[rows],
@@ -103,38 +141,45 @@ class CommandBatch(NamedTuple):
 
 
 class CommandTable(NamedTuple):
-    """Commands that act as they are, by time, then as they came.
+    """Commands that act as they are.
 
     Attributes:
-        time_ns: (n,), when each takes effect.
-        channel: (n,), its number in the order of the scene.
-        held: (n, `HELD`), what it does while it is held, body axes.
-        received: the commands themselves.
+        came: as they came, by time, then arrival.
+        held: (n, `HELD`), what each does while it is held, body axes.
     """
 
-    time_ns: Whole
-    channel: Whole
+    came: CommandBatch
     held: Numbers
-    received: Received
+
+    @property
+    def time_ns(self) -> Whole:
+        """(n,), when each takes effect."""
+        return self.came.time_ns
+
+    @property
+    def channel(self) -> Whole:
+        """(n,), its number in the order of the scene."""
+        return self.came.channel
+
+    @property
+    def received(self) -> Received:
+        """The commands themselves."""
+        return self.came.received
 
     @classmethod
     def empty(cls) -> CommandTable:
         """Return a table without commands."""
         import numpy as np
 
-        none = np.empty(0, dtype=np.int64)
-        return cls(none, none, np.empty((0, HELD)), Received((), none, none))
+        return cls(CommandBatch.empty(), np.empty((0, HELD)))
 
     def followed_by(self, other: CommandTable, row: int) -> CommandTable:
         """Return the commands from `row` on, and then those of `other`."""
         import numpy as np
 
-        return CommandTable(
-            np.concatenate([self.time_ns[row:], other.time_ns]),
-            np.concatenate([self.channel[row:], other.channel]),
-            np.concatenate([self.held[row:], other.held]),
-            Received.joined([self.received.some(slice(row, None)), other.received]),
-        )
+        rest = slice(row, None)
+        came = CommandBatch.joined([self.came.some(rest), other.came])
+        return CommandTable(came, np.concatenate([self.held[rest], other.held]))
 
     def held_wrench(self, row: int) -> HeldWrench:
         """Return what the command of a row does."""
@@ -156,6 +201,30 @@ class Timeline(NamedTuple):
         """Return the changes up to `time_ns`."""
         kept = self.time_ns <= time_ns
         return Timeline(self.time_ns[kept], self.held[kept])
+
+
+class Changes(NamedTuple):
+    """What the channels of a run did, one after the other, in the order in which it is told.
+
+    Attributes:
+        time_ns: (n,).
+        channel: (n,), its number in the order of the scene.
+        row: (n,), of the command in `came`; -1 where a timeout dropped the channel to zero.
+        wrench: (n, 6), force and torque as they act, in body or world axes.
+        in_world: (n,), whether in world axes.
+        came: commands.
+        topics: of all channels.
+        frames: names of body and world frame.
+    """
+
+    time_ns: Whole
+    channel: Whole
+    row: Whole
+    wrench: Numbers
+    in_world: npt.NDArray[np.bool_]
+    came: CommandBatch
+    topics: Sequence[str]
+    frames: tuple[str, str]
 
 
 class Holding(NamedTuple):
@@ -187,20 +256,54 @@ def timeline(
     return Timeline(at, total)
 
 
+def changes(
+    table: CommandTable,
+    rows: slice,
+    holding: Sequence[Holding],
+    timeout_ns: Sequence[int],
+    until_ns: int,
+    topics: Sequence[str],
+    frames: tuple[str, str],
+) -> Changes:
+    """Return what `rows` of `table` and the timeouts of the channels do up to `until_ns`, see `timeline`."""
+    import numpy as np
+
+    came, held = table.came.some(rows), table.held[rows]
+    drops = [
+        _drops(came.time_ns[came.channel == number], now, timeout, until_ns)
+        for number, (now, timeout) in enumerate(zip(holding, timeout_ns, strict=True))
+    ]
+    dropped = np.concatenate([came.time_ns[:0], *drops])
+    numbers = np.repeat(np.arange(len(drops)), [len(each) for each in drops])
+    time_ns, channel = np.concatenate([dropped, came.time_ns]), np.concatenate([numbers, came.channel])
+    row = np.concatenate([np.full(len(dropped), -1), np.arange(len(came.time_ns))])
+    # At one time timeouts come first; then the channels in the order of the scene, each with its commands as they came.
+    order = np.lexsort((row, channel, row >= 0, time_ns))
+    in_world = np.isin(came.frame, [k for k, name in enumerate(came.frame_ids) if name == frames[1]])
+    wrench = np.where(in_world[:, None], held[:, 6:], held[:, :6])
+    wrench = np.concatenate([np.zeros((len(dropped), 6)), wrench])
+    in_world = np.concatenate([np.zeros(len(dropped), dtype=bool), in_world])
+    return Changes(time_ns[order], channel[order], row[order], wrench[order], in_world[order], came, topics, frames)
+
+
+def _drops(times: Whole, now: Holding, timeout_ns: int, until_ns: int) -> Whole:
+    """Return when a channel times out, whose commands come at `times`: not where the next one comes by then."""
+    import numpy as np
+
+    drops = times + timeout_ns
+    drops = drops[np.append(drops[:-1] < times[1:], True)[: len(times)]] if timeout_ns else drops[:0]
+    if now.expires_ns is not None and not (len(times) and times[0] <= now.expires_ns):
+        drops = np.append(now.expires_ns, drops)
+    return drops[drops <= until_ns]
+
+
 def _changes(times: Whole, held: Numbers, now: Holding, timeout_ns: int, until_ns: int) -> Timeline:
     """Return the changes of one channel."""
     import numpy as np
 
+    drops = _drops(times, now, timeout_ns, until_ns)
     last = np.append(times[1:] != times[:-1], True)[: len(times)]
-    times, held = times[last], held[last]
-    # Who expires, and whether the next command comes first.
-    starts, drops = times, times + timeout_ns
-    if not timeout_ns:
-        drops = drops[:0]
-    elif len(times):
-        drops = drops[np.append(drops[:-1] < times[1:], True)]
-    if now.expires_ns is not None and not (len(starts) and starts[0] <= now.expires_ns):
-        drops = np.append(now.expires_ns, drops)
+    starts, held = times[last], held[last]
     at = np.concatenate([starts, drops])
     order = np.argsort(at, kind="stable")
     rows = np.concatenate([held, np.zeros((len(drops), HELD))])

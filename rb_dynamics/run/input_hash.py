@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rb_dynamics.loads.channels import AppliedWrench
+    from rb_dynamics.loads.command_table import Changes
     from rb_dynamics.run.state_change import StateChange
     from rb_dynamics.scene.model import Scene
 
@@ -58,13 +59,31 @@ class InputHash:
         numbers = _MOVE.pack(*pose, *change.linear_velocity_body, *change.angular_velocity_body).hex()
         self._lines.append((len(self._places), f"{change.time_ns} ~/set_state {numbers}\n"))
 
+    def update_all(self, changes: Changes) -> None:
+        """Add changes that come after all before, or at the time of the last of them."""
+        import numpy as np
+
+        commanded = (changes.row >= 0) & (changes.channel < len(self._places))
+        rows, came = changes.row[commanded], changes.came
+        numbers = np.ascontiguousarray(came.wrench[rows], dtype="<f8").tobytes().hex()
+        columns = changes.time_ns[commanded], changes.channel[commanded], came.stamp_ns[rows], came.frame[rows]
+        for i, (time_ns, place, stamp_ns, frame) in enumerate(zip(*(c.tolist() for c in columns), strict=True)):
+            if time_ns > self._time_ns:
+                self._end_nanosecond()
+                self._time_ns = time_ns
+            six = numbers[96 * i : 96 * i + 96]
+            line = f"{time_ns} {changes.topics[place]} {stamp_ns} {six} {came.frame_ids[frame]}\n"
+            self._lines.append((place, line))
+
     def hexdigest(self) -> str:
         """Return the hash so far; later changes must not have the same nanosecond."""
         self._end_nanosecond()
         return self._hash.hexdigest()
 
     def _end_nanosecond(self) -> None:
-        for _, line in sorted(self._lines, key=itemgetter(0)):
+        if len(self._lines) > 1:
+            self._lines.sort(key=itemgetter(0))
+        for _, line in self._lines:
             self._hash.update(line.encode("utf-8", "replace"))
         self._lines.clear()
 

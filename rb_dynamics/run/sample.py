@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, cast
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.load import Load
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.equations_of_motion import differences_of, gyroscopic
+from rb_dynamics.motion.kernel_layout import phase_of
 from rb_dynamics.motion.phase_state import PhaseState, inertia_of
 from rb_dynamics.numerics.rotation import Quaternion, rotate, rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector, add, cross, divide, dot, scale, subtract
 from rb_dynamics.numerics.vector import multiply as times
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +82,10 @@ class SampleBuilder:
         the others; integrated by parts it gives the change of their own momentum and the work of their motor, which
         therefore cancel in the defects.
         """
+        found = self._without_potential(phase, time_ns)
+        return replace(found, potential_energy=self._potential(phase.point(self._body))) if self._potential else found
+
+    def _without_potential(self, phase: PhaseState, time_ns: int) -> Sample:
         body = self._body
         state = phase.state(body, time_ns)
         energy, work = kinetic_energy(body, phase), phase.work
@@ -99,8 +109,24 @@ class SampleBuilder:
             energy_defect=energy_defect,
             angular_momentum_defect_world=spin_defect,
             linear_momentum_defect_world=subtract(subtract(momentum, self._momentum), phase.impulse_world),
-            potential_energy=self._potential(phase.point(body)) if self._potential else None,
         )
+
+    def samples(self, phase: PhaseState, times_ns: npt.NDArray[np.int64]) -> Sample:
+        """Return the samples of the body in many phases, as one with arrays: the same bits as one by one.
+
+        `phase` has an array in the place of each number. Effects that have parts moving inside the body are for
+        `sample` alone.
+        """
+        import numpy as np
+
+        # An energy beyond the range of doubles becomes infinite, as elsewhere.
+        with np.errstate(all="ignore"):
+            found = self._without_potential(phase, cast("int", times_ns))
+        if self._potential is None:
+            return found
+        columns: Any = (*phase.orientation, *phase.angular_velocity, *phase.high, *phase.low)
+        points = (phase_of(row).point(self._body) for row in zip(*(n.tolist() for n in columns), strict=True))
+        return replace(found, potential_energy=cast("float", np.array([self._potential(point) for point in points])))
 
 
 def acceleration(

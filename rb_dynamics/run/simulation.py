@@ -33,6 +33,7 @@ from rb_dynamics.motion.step_control import WholeArc
 from rb_dynamics.numerics.argument_checks import instance, items, shown, time_count, whole_number
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
 from rb_dynamics.numerics.vector import Vector
+from rb_dynamics.run.block import Block
 from rb_dynamics.run.edges_ahead import FEWEST, EdgesAhead
 from rb_dynamics.run.input_hash import RULE, InputHash
 from rb_dynamics.run.measurements import Measurements
@@ -308,10 +309,11 @@ class Simulation:
         rejected = []
         for row in (*range(first), *(others + first).tolist()):
             wrench, topic = batch.received(row), self.scene.channels[int(batch.channel[row])].topic
+            time_ns = int(batch.time_ns[row])
             try:
-                self.post(topic, wrench, wrench.stamp_ns)
+                self.post(topic, wrench, time_ns)
             except WrenchError as error:
-                rejected.append(_rejection(topic, wrench.stamp_ns, error))
+                rejected.append(_rejection(topic, time_ns, error))
         self._channels.extend(table)
         self._ahead.forget()
         return rejected
@@ -405,28 +407,44 @@ class Simulation:
         if flown.changes:
             self._steps_before += flown.steps
         self._report(edges, flown)
-        self._channels.skip(self.time_ns)
         self._phase, self._held = flown.here, flown.standing.held
         self._computed_ns = max(self._computed_ns, self.time_ns)
         return True
 
     def _report(self, edges: Edges, flown: Flown) -> None:
-        """Tell the sinks what a flight came to, edge by edge."""
-        at, kinds = edges.at[: flown.edges].tolist(), edges.kinds[: flown.edges].tolist()
-        self.time_ns = at[-1]
+        """Make the changes of a flight, and tell the sinks what it came to."""
+        import numpy as np
+
+        at, kinds = edges.at[: flown.edges], edges.kinds[: flown.edges]
+        looks = at[kinds & LOOK != 0]
+        self._outputs += len(looks)
+        self.time_ns = int(at[-1])
         if not self._sinks:
-            self._outputs += sum(kind & LOOK for kind in kinds)
+            self._channels.skip(self.time_ns)
             return
-        looks, changes = iter(flown.looks), iter(edges.held)
-        for edge, kind in zip(at, kinds, strict=True):
-            self.time_ns = edge
-            if kind & LOOK:
-                self._outputs += 1
-                self._phase = phase_of(tuple(next(looks).tolist()))
-                self.write(self.sample)
-            if kind & CHANGE:
-                self._held = held_of(next(changes).tolist())
-                self._write_changes(self._channels.apply(edge))
+        rows = np.ascontiguousarray(flown.looks[: len(looks)].T)
+        block = Block.of(self._observer.samples(phase_of(tuple(rows)), looks), self._channels.changes(self.time_ns))
+        self._inputs.update_all(block.changes)
+        if self._finished:
+            return
+        others = []
+        for sink in self._sinks:
+            if (write_block := getattr(sink, "write_block", None)) is not None:
+                write_block(block)
+            else:
+                others.append(sink)
+        if not others:
+            return
+        held = dict(zip(at[kinds & CHANGE != 0].tolist(), edges.held, strict=False))
+        for number, event in block.events():
+            # What the acceleration is asked for.
+            self.time_ns = event.time_ns
+            if isinstance(event, Sample):
+                self._phase = phase_of(tuple(rows[:, number].tolist()))
+            else:
+                self._held = held_of(held[event.time_ns].tolist())
+            for sink in others:
+                sink.write(event)
 
     def _measure(self) -> None:
         """Let the sensors read the motion at `time_ns`, and tell the sinks what has come by then."""

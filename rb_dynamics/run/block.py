@@ -1,0 +1,66 @@
+"""`Block`: what happens at many edges of a run, as arrays, for sinks that take many events at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from rb_dynamics.loads.channels import AppliedWrench
+from rb_dynamics.loads.command_table import Changes
+from rb_dynamics.run.sample import Sample
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    Whole = npt.NDArray[np.int64]
+
+
+class Block(NamedTuple):
+    """Samples and changes of the wrench.
+
+    Attributes:
+        taken: how many samples.
+        samples: with an array of `taken` in the place of each number.
+        changes: k of them.
+        order: (`taken` + k,), number of the sample, or `taken` + number of the change, in the order of time.
+    """
+
+    taken: int
+    samples: Sample
+    changes: Changes
+    order: Whole
+
+    @classmethod
+    def of(cls, samples: Sample, changes: Changes) -> Block:
+        """Return both; at equal times the sample comes first."""
+        import numpy as np
+
+        times: Any = samples.time_ns
+        both = np.concatenate([times, changes.time_ns])
+        return cls(len(times), samples, changes, np.argsort(both, kind="stable"))
+
+    def events(self) -> Iterator[tuple[int, Sample | AppliedWrench]]:
+        """Yield one event after the other, as they come where edges are taken one by one; and the number in `order`."""
+        samples = self._samples()
+        for number in self.order.tolist():
+            yield number, next(samples) if number < self.taken else self._change(number - self.taken)
+
+    def _samples(self) -> Iterator[Sample]:
+        columns: list[list[Any]] = []
+        for field in fields(Sample):
+            found = getattr(self.samples, field.name)
+            if isinstance(found, tuple):
+                columns.append(list(zip(*(part.tolist() for part in found), strict=True)))
+            else:
+                columns.append([None] * self.taken if found is None else found.tolist())
+        return (Sample(*row) for row in zip(*columns, strict=True))
+
+    def _change(self, i: int) -> AppliedWrench:
+        changes = self.changes
+        row, (fx, fy, fz, tx, ty, tz) = int(changes.row[i]), changes.wrench[i].tolist()
+        received = changes.came.received(row) if row >= 0 else None
+        frame = changes.frames[int(changes.in_world[i])]
+        topic = changes.topics[int(changes.channel[i])]
+        return AppliedWrench(int(changes.time_ns[i]), topic, received, frame, (fx, fy, fz), (tx, ty, tz))
