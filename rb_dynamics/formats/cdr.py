@@ -118,6 +118,12 @@ def with_numbers(layout: Sequence[Field], values: Sequence[Any], found: Iterator
     )
 
 
+def places(type_name: str, data: bytes) -> tuple[list[int], list[int]]:
+    """Return where the stamps are in a message that `decode` accepts, and where its runs of float64."""
+    decoder = _Decoder(data, "<" if data[1] else ">")
+    return decoder.places(LAYOUTS[type_name])
+
+
 def first_number(type_name: str, data: bytes) -> int:
     """Return where the first float64 begins in a message that `decode` accepts, of a type without sequences."""
     layout = LAYOUTS[type_name]
@@ -265,6 +271,23 @@ class _Decoder:
     def aligned(self, size: int) -> int:
         """Return where a value of this size would begin."""
         return self._position + -(self._position - _ORIGIN) % size
+
+    def places(self, layout: Sequence[Field]) -> tuple[list[int], list[int]]:
+        """Return where stamps and runs of float64 are in one structure."""
+        stamps, runs = list[int](), list[int]()
+        for field in layout:
+            if isinstance(field, list):
+                (count,) = self._take("I", 4, 4)
+                for _ in range(count):
+                    more = self.places(field)
+                    stamps, runs = stamps + more[0], runs + more[1]
+                continue
+            if field == STAMP:
+                stamps.append(self.aligned(4))
+            elif isinstance(field, int):
+                runs.append(self.aligned(8))
+            self._field(field)
+        return stamps, runs
 
     def structure(self, layout: Sequence[Field]) -> tuple[Any, ...]:
         """Return the values of one structure."""

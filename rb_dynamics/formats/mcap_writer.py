@@ -15,12 +15,17 @@ from __future__ import annotations
 import struct
 import zlib
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.log_file import LogFile
 from rb_dynamics.formats.mcap_records import MAGIC, Opcode
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
 
 CHUNK_BYTES = 128 * 1024
 
@@ -35,6 +40,34 @@ _ENTRY = struct.Struct("<QQ")
 
 # First and last time where there is none yet.
 _NO_TIMES = (2**64 - 1, 0)
+
+
+class InPieces(NamedTuple):
+    """Messages of a channel: one at `offset` in each of `pieces`, (k,), which grow."""
+
+    channel: int
+    pieces: npt.NDArray[np.int64]
+    offset: int
+
+
+def framed(channel: int, messages: npt.NDArray[np.uint8], log_times: npt.NDArray[np.int64]) -> npt.NDArray[np.uint8]:
+    """Return the records of messages, (n, length), of one channel."""
+    import numpy as np
+
+    head = _MESSAGE.pack(_MESSAGE_OPCODE, _MESSAGE_FIELDS + messages.shape[1], channel, 0, 0, 0)
+    records = np.empty((len(messages), len(head) + messages.shape[1]), dtype=np.uint8)
+    records[:, : len(head)] = np.frombuffer(head, np.uint8)
+    times = log_times.astype("<i8").view(np.uint8).reshape(-1, 8)
+    # Logged and published.
+    records[:, len(head) - 16 : len(head) - 8] = records[:, len(head) - 8 : len(head)] = times
+    records[:, len(head) :] = messages
+    return records
+
+
+def framed_one(channel: int, message: bytes, log_time: int) -> bytes:
+    """Return the record of one message."""
+    length = _MESSAGE_FIELDS + len(message)
+    return _MESSAGE.pack(_MESSAGE_OPCODE, length, channel, 0, log_time, log_time) + message
 
 
 @dataclass
@@ -128,6 +161,40 @@ class McapWriter:
         self._end_time = max(self._end_time, log_time)
         if len(chunk) >= self._chunk_bytes:
             self.end_chunk()
+
+    def add_pieces(
+        self, pieces: Sequence[bytes], log_times: npt.NDArray[np.int64], messages: Iterable[InPieces]
+    ) -> Iterator[int]:
+        """Write pieces, each one or several records of messages of one time; say how many whenever a chunk has ended.
+
+        Chunks end where `add_messages` would end them, with the messages of a piece at once.
+
+        Args:
+            pieces: from `framed`, in the order of their times.
+            log_times: (n,), ns.
+            messages: where they are in the pieces.
+        """
+        import numpy as np
+
+        sizes = np.fromiter(map(len, pieces), dtype=np.int64, count=len(pieces))
+        ends, begin = np.cumsum(sizes), 0
+        while begin < len(pieces):
+            written = int(ends[begin] - sizes[begin]) - len(self._chunk)
+            full = int(ends.searchsorted(written + self._chunk_bytes))
+            end = min(full + 1, len(pieces))
+            offsets = ends[begin:end] - sizes[begin:end] - written
+            self._chunk += b"".join(pieces[begin:end])
+            for each in messages:
+                first, last = each.pieces.searchsorted((begin, end))
+                chosen = each.pieces[first:last]
+                entries = np.stack([log_times[chosen], offsets[chosen - begin] + each.offset], axis=1)
+                self._index[each.channel] += entries.astype("<u8").tobytes()
+            self._start_time = min(self._start_time, int(log_times[begin]))
+            self._end_time = max(self._end_time, int(log_times[end - 1]))
+            begin = end
+            if full < len(pieces):
+                self.end_chunk()
+                yield end
 
     def add_metadata(self, name: str, facts: Mapping[str, str]) -> None:
         """Write a metadata record."""

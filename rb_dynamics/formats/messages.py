@@ -7,19 +7,25 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import chain
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.mcap_records import McapChannel, Message, Schema
 from rb_dynamics.formats.ros2msg import TYPE_HASHES, schema_text
 from rb_dynamics.loads.wrench import Wrench
-from rb_dynamics.numerics.nanoseconds import split_stamp
-from rb_dynamics.numerics.rotation import Quaternion, rotate_inverse
-from rb_dynamics.numerics.vector import Vector
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS, split_stamp
+from rb_dynamics.numerics.rotation import IDENTITY, Quaternion, rotate_inverse
+from rb_dynamics.numerics.vector import ZERO, Vector
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.sink import AppliedWrench, Measurement, StateChange, Status
 
 if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    Times = npt.NDArray[np.int64]
+    Bytes = npt.NDArray[np.uint8]
+
     from rb_dynamics.loads.wrench import WrenchFrames
     from rb_dynamics.scene.model import Scene
     from rb_dynamics.sensors.sensor import Sensor
@@ -262,6 +268,55 @@ def sample_packers(scene: Scene, acceleration: Acceleration | None = None) -> di
         pack_accel = cdr.stamped_packer(ACCELERATION, body)
         packers[ACCEL[0]] = lambda s: pack_accel(*s.stamp, *chain(*acceleration()))
     return {name: packers[name] for name, _ in sample_topics(scene, acceleration is not None)}
+
+
+def block_encoder(scene: Scene) -> Callable[[Sample, Times], list[Bytes]]:
+    """Return what makes the messages of many samples, which are one with arrays: (n, length) for each topic.
+
+    The topics are `sample_topics` without the acceleration, the bytes those of `sample_encoder`.
+    """
+    import numpy as np
+
+    topics = sample_topics(scene, accel=False)
+    still = Sample(0, ZERO, IDENTITY, ZERO, ZERO, ZERO, ZERO, 0.0, 0.0, 0.0, ZERO, ZERO, 0.0)
+    models = sample_encoder(scene)(still)
+    places = [cdr.places(kind, model) for (_, kind), model in zip(topics, models, strict=True)]
+
+    def encode(samples: Sample, times_ns: Times) -> list[Bytes]:
+        pose = (*samples.position_world, *samples.orientation_xyzw)
+        velocity_body = rotate_inverse(samples.orientation_xyzw, samples.linear_velocity_world)
+        twist = (*velocity_body, *samples.angular_velocity_body)
+        # By the places of the runs of float64; covariances stay as they are.
+        numbers: dict[str, tuple[Any, ...]] = {
+            "pose": (pose,),
+            "twist": (twist,),
+            "odom": (pose, None, twist, None),
+            "angular_momentum": (samples.angular_momentum_world,),
+            "linear_momentum": (samples.linear_momentum_world,),
+            "energy/kinetic": ((samples.kinetic_energy,),),
+            "energy/work": ((samples.work,),),
+            "energy/defect": ((samples.energy_defect,),),
+            "/tf": (pose,),
+            POTENTIAL[0]: ((samples.potential_energy,),),
+        }
+        stamps = np.empty((len(times_ns), 2), dtype="<i4")
+        stamps[:, 0], stamps[:, 1] = times_ns // NANOSECONDS, times_ns % NANOSECONDS
+        found = []
+        for (name, _), model, (starts, runs) in zip(topics, models, places, strict=True):
+            rows = np.tile(np.frombuffer(model, np.uint8), (len(times_ns), 1))
+            parts = [(at, stamps) for at in starts]
+            parts += [
+                (at, np.stack(run, axis=1).astype("<f8"))
+                for at, run in zip(runs, numbers[name], strict=True)
+                if run is not None
+            ]
+            for at, part in parts:
+                flat = part.view(np.uint8).reshape(len(part), -1)
+                rows[:, at : at + flat.shape[1]] = flat
+            found.append(rows)
+        return found
+
+    return encode
 
 
 def sample_encoder(scene: Scene, acceleration: Acceleration | None = None) -> Callable[[Sample], tuple[bytes, ...]]:

@@ -140,6 +140,34 @@ class CommandBatch(NamedTuple):
         )
 
 
+class _Listed(NamedTuple):
+    wrenches: Sequence[Wrench]
+
+    def __call__(self, row: int) -> Wrench:
+        return self.wrenches[row]
+
+    def message(self, row: int) -> bytes | None:
+        return self.wrenches[row].message
+
+
+def listed(commands: Sequence[tuple[int, Wrench, int]]) -> CommandBatch:
+    """Return commands (number of the channel, command, time in ns) that came in this order, in this order."""
+    import numpy as np
+
+    wrenches, rows = [wrench for _, wrench, _ in commands], np.arange(len(commands))
+    names = sorted({wrench.frame_id for wrench in wrenches})
+    return CommandBatch(
+        np.array([time_ns for *_, time_ns in commands], dtype=np.int64),
+        np.array([wrench.stamp_ns for wrench in wrenches], dtype=np.int64),
+        np.array([channel for channel, *_ in commands], dtype=np.int64),
+        np.column_stack([0 * rows, 0 * rows, rows]),
+        np.array([(*wrench.force, *wrench.torque) for wrench in wrenches], dtype=np.float64).reshape(-1, 6),
+        np.array([names.index(wrench.frame_id) for wrench in wrenches], dtype=np.int64),
+        names,
+        Received((_Listed(wrenches),), np.zeros_like(rows), rows),
+    )
+
+
 class CommandTable(NamedTuple):
     """Commands that act as they are.
 

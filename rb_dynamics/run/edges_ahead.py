@@ -21,7 +21,7 @@ FEWEST = 8
 """Edges that are worth a call of the kernel."""
 
 # As many as are looked up at once.
-_MANY = 5_000
+_MANY = 1_000
 
 
 class EdgesAhead:

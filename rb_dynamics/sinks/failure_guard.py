@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from rb_dynamics.errors import LogError
+from rb_dynamics.run.block import Block
 from rb_dynamics.run.sink import Event, RunInfo, Sink
 
 
@@ -37,6 +38,15 @@ class GuardedSink:
         """Pass one event on."""
         if self.error is None:
             self._try(lambda: self._sink.write(event))
+
+    @property
+    def write_block(self) -> Callable[[Block], None] | None:
+        """Pass many events on, if the sink takes many at once."""
+        write_block: Callable[[Block], None] | None = getattr(self._sink, "write_block", None)
+        if write_block is None:
+            return None
+        taken = write_block
+        return lambda block: self._try(lambda: taken(block)) if self.error is None else None
 
     def close(self, result: Mapping[str, str]) -> None:
         """Close the sink even after a failure, so that what was written is finished as far as it can be."""

@@ -21,19 +21,22 @@ import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from rb_dynamics.errors import LogError
+from rb_dynamics.formats import cdr
 from rb_dynamics.formats.log_file import LogFile
 from rb_dynamics.formats.mcap_integrity import require_library, verify
 from rb_dynamics.formats.mcap_records import McapChannel
-from rb_dynamics.formats.mcap_writer import McapWriter
+from rb_dynamics.formats.mcap_writer import InPieces, McapWriter, framed, framed_one
 from rb_dynamics.formats.messages import (
     APPLIED,
     COMMAND_DEPTH,
     MASS_PROPERTIES,
     SET_STATE,
     TF_STATIC,
+    WRENCH,
+    block_encoder,
     encode_applied,
     encode_fixed,
     encode_inertia,
@@ -47,6 +50,8 @@ from rb_dynamics.formats.messages import (
     sample_encoder,
     sample_topics,
 )
+from rb_dynamics.numerics.nanoseconds import split_stamp
+from rb_dynamics.run.block import Block
 from rb_dynamics.run.provenance import CHECKPOINT, EPOCH, INTERRUPTED, RESULT, RUN, SCENE, TOPICS, version
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.sink import (
@@ -60,9 +65,11 @@ from rb_dynamics.run.sink import (
     Status,
 )
 from rb_dynamics.run.stop_signals import uninterrupted
-from rb_dynamics.sinks.state_hash import StateHash
+from rb_dynamics.sinks.state_hash import StateHash, hashed_rows
 
 if TYPE_CHECKING:
+    from rb_dynamics.formats.messages import Times
+    from rb_dynamics.loads.command_table import Changes
     from rb_dynamics.scene.model import Scene
 
 FLUSH_S = 0.5
@@ -146,6 +153,7 @@ class McapSink:
         self._guarded(self._begin, run, topics)
         self._sample_ids = [self._ids[name] for name, _ in samples]
         self._encode_sample = sample_encoder(run.scene, acceleration)
+        self._encode_block = block_encoder(run.scene)
         self._encode_measurement = measurement_packers(run.scene)
         if self.settings.flush_s > 0.0:
             threading.Thread(target=self._keep_flushing, name=f"flush {self.path.name}", daemon=True).start()
@@ -157,6 +165,15 @@ class McapSink:
             LogError: the file cannot be written any more; what was written before stays readable.
         """
         self._guarded(self._log, event)
+
+    @property
+    def write_block(self) -> Callable[[Block], None] | None:
+        """Log many events, to the same bytes as one by one; None where the acceleration is asked for, of each sample.
+
+        Raises:
+            LogError: when it is called: as `write`.
+        """
+        return None if self.settings.accel else lambda block: self._guarded(self._log_block, block)
 
     def flush(self) -> None:
         """End the chunk in progress, so that everything up to now survives a kill.
@@ -250,6 +267,68 @@ class McapSink:
             self._end_chunk()
             facts = {"epoch_ns": event.epoch_ns, "from_time_ns": event.time_ns}
             self._writer.add_metadata(EPOCH, {name: str(value) for name, value in facts.items()})
+
+    def _log_block(self, block: Block) -> None:
+        import numpy as np
+
+        changes, times = block.changes, cast("Times", block.samples.time_ns)
+        messages = self._encode_block(block.samples, times)
+        records = [framed(number, rows, times) for number, rows in zip(self._sample_ids, messages, strict=True)]
+        widths = np.cumsum([0, *(rows.shape[1] for rows in records)]).tolist()
+        samples, width = np.concatenate(records, axis=1).tobytes(), widths[-1]
+        # For each event one piece, and two for a command: as it came and as it acts.
+        came, acts = self._framed_changes(changes)
+        pieces, at, kinds = list[bytes](), list[int](), list[int]()
+        change_times, channels = changes.time_ns.tolist(), changes.channel.tolist()
+        for number, time_ns in zip(
+            block.order.tolist(), np.append(times, changes.time_ns)[block.order].tolist(), strict=True
+        ):
+            if number < block.taken:
+                pieces.append(samples[number * width : number * width + width])
+                at.append(time_ns)
+                kinds.append(-1)
+                continue
+            i = number - block.taken
+            for record, kind in ((came[i], 2 * channels[i]), (acts[i], 2 * channels[i] + 1)):
+                if record:
+                    pieces.append(record)
+                    at.append(change_times[i])
+                    kinds.append(kind)
+        kind = np.array(kinds)
+        where = [
+            InPieces(number, (kind == -1).nonzero()[0], start)
+            for number, start in zip(self._sample_ids, widths, strict=False)
+        ]
+        for channel, topic in enumerate(changes.topics):
+            names = ((topic, 2 * channel), (topic + APPLIED, 2 * channel + 1))
+            where += [InPieces(self._ids[name], (kind == k).nonzero()[0], 0) for name, k in names if name in self._ids]
+        hashed, counted = hashed_rows(block.samples), 0
+        of_samples = np.cumsum(kind == -1)
+        for end in self._writer.add_pieces(pieces, np.array(at), where):
+            self._states.update_all(hashed[counted : of_samples[end - 1]])
+            counted = int(of_samples[end - 1])
+            if kinds[end - 1] == -1:
+                self._end_chunk()
+        self._states.update_all(hashed[counted:])
+
+    def _framed_changes(self, changes: Changes) -> tuple[list[bytes], list[bytes]]:
+        """Return the records of commands as they came, "" for a timeout, and as they act."""
+        ids = [self._ids.get(topic) for topic in changes.topics]
+        applied = [self._ids[topic + APPLIED] for topic in changes.topics]
+        packers = [cdr.stamped_packer(WRENCH, frame) for frame in changes.frames]
+        messages = changes.came.received.messages()
+        came, acts = list[bytes](), list[bytes]()
+        columns = changes.time_ns, changes.channel, changes.row, changes.in_world, changes.wrench
+        for time_ns, channel, row, in_world, wrench in zip(*(each.tolist() for each in columns), strict=True):
+            number, record = ids[channel], b""
+            if row >= 0 and number is not None:
+                message = messages[row]
+                if message is None:
+                    message = encode_received(changes.came.received(row))
+                record = framed_one(number, message, time_ns)
+            came.append(record)
+            acts.append(framed_one(applied[channel], packers[in_world](*split_stamp(time_ns), *wrench), time_ns))
+        return came, acts
 
     def _end_chunk(self) -> None:
         """Write the chunk in progress, and the hash of the states up to here where there are new ones."""

@@ -5,9 +5,17 @@ from __future__ import annotations
 import hashlib
 import struct
 from collections.abc import Mapping
+from dataclasses import fields
+from typing import TYPE_CHECKING
 
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.sink import Event, RunInfo
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from rb_dynamics.run.block import Block
 
 _RECORD = struct.Struct("<q28d")
 
@@ -53,9 +61,29 @@ class StateHash:
         if sample.potential_energy is not None:
             self._hash.update(struct.pack("<d", sample.potential_energy))
 
+    def update_all(self, rows: npt.NDArray[np.uint8]) -> None:
+        """Add samples, from `hashed_rows`."""
+        self.samples += len(rows)
+        if len(rows):
+            self.time_ns = int.from_bytes(rows[-1, :8].tobytes(), "little", signed=True)
+            self._hash.update(rows.tobytes())
+
     def hexdigest(self) -> str:
         """Return the hash of all samples so far, 64 hexadecimal digits."""
         return self._hash.hexdigest()
+
+
+def hashed_rows(samples: Sample) -> npt.NDArray[np.uint8]:
+    """Return the bytes as which samples, one with arrays, enter a `StateHash`: (n, 232 or 240)."""
+    import numpy as np
+
+    first, *others = (getattr(samples, field.name) for field in fields(Sample))
+    columns = [part for each in others if each is not None for part in (each if isinstance(each, tuple) else (each,))]
+    rows = np.empty((len(first), 1 + len(columns)), dtype="<f8")
+    rows[:, 0] = first.astype("<i8").view("<f8")
+    for k, column in enumerate(columns, 1):
+        rows[:, k] = column
+    return rows.view(np.uint8)
 
 
 class HashSink:
@@ -73,6 +101,10 @@ class HashSink:
         """Add a sample; other events do not count."""
         if isinstance(event, Sample):
             self._states.update(event)
+
+    def write_block(self, block: Block) -> None:
+        """Add samples."""
+        self._states.update_all(hashed_rows(block.samples))
 
     def close(self, result: Mapping[str, str]) -> None:
         """Keep the hash."""

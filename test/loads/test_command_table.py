@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import WrenchError
 from rb_dynamics.loads.channels import AppliedWrench, Channel, WrenchChannels
-from rb_dynamics.loads.command_table import CommandBatch, Received
+from rb_dynamics.loads.command_table import CommandBatch, listed
 from rb_dynamics.loads.wrench import FixedFrame, Wrench, WrenchFrames, held_of
 
 BODY = RigidBody.from_matrix(2.0, np.diag([1.0, 2.0, 2.5]), center_of_mass=(0.1, -0.2, 0.3))
@@ -32,18 +32,7 @@ _commands = st.lists(
 
 
 def _batch(commands: Sequence[tuple[int, int, tuple[float, ...], str]]) -> CommandBatch:
-    wrenches = [Wrench(n[:3], n[3:], frame, time) for time, _, n, frame in commands]  # type: ignore[arg-type]
-    names = sorted({frame for *_, frame in commands})
-    rows = np.arange(len(commands))
-    return CommandBatch(
-        np.array([time for time, *_ in commands], dtype=np.int64),
-        np.array([channel for _, channel, *_ in commands], dtype=np.int64),
-        np.column_stack([0 * rows, 0 * rows, rows]),
-        np.array([numbers for _, _, numbers, _ in commands]).reshape(-1, 6),
-        np.array([names.index(frame) for *_, frame in commands], dtype=np.int64),
-        names,
-        Received((wrenches.__getitem__,), np.zeros_like(rows), rows),
-    )
+    return listed([(channel, Wrench(n[:3], n[3:], frame, time), time) for time, channel, n, frame in commands])  # type: ignore[arg-type]
 
 
 def _changes(channels: WrenchChannels, until_ns: int) -> list[tuple[int, object]]:

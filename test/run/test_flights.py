@@ -19,6 +19,10 @@ from rb_dynamics.motion import flight
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.sink import RunInfo
 from rb_dynamics.scene.model import Scene
+from rb_dynamics.sinks.failure_guard import GuardedSink
+from rb_dynamics.sinks.mcap_sink import LogSettings, McapSink
+from rb_dynamics.sinks.memory_sink import MemorySink
+from rb_dynamics.sinks.state_hash import HashSink
 
 pytest.importorskip("numba")
 pytest.importorskip("mcap")
@@ -115,6 +119,20 @@ def test_a_bag_flies_as_its_commands_one_by_one(bag: Path, solver: Solver, monke
     assert (unseen.sample, unseen.steps, unseen.method) == (one.sample, one.steps, one.method)
     # Of some 600 edges, all but those beside a command that has to be checked by itself.
     assert sum(flown) - alone > 300
+
+
+@pytest.mark.parametrize("gravity", [False, True])
+def test_sinks_that_take_blocks_keep_what_they_keep_of_single_events(bag: Path, tmp_path: Path, gravity: bool) -> None:
+    """To the byte of the log: messages, their order, chunks, index, checkpoints and hashes."""
+    effects = "effects: [{type: uniform_gravity, acceleration_world: [0, 0, -9.8]}]\n" if gravity else ""
+    scene = replace(parse_scene(SCENE.text + effects), solver=Solver(method="rk4", step=1 / 64), output_rate=300.0)
+    recorded, kept = RecordedWrenches([bag], ["a", "b"], scene.end_ns or 0), []
+    for name, commands in (("singly", list(recorded)), ("together", recorded)):
+        log, states, memory = McapSink(tmp_path / name, settings=LogSettings(flush_s=0.0)), HashSink(), MemorySink()
+        _run(scene, commands, log, GuardedSink(states, print), memory)
+        kept.append((log.path.read_bytes(), states.hexdigest(), repr([memory.samples, memory.applied])))
+    assert len(kept[0][0]) > 400_000
+    assert kept[0] == kept[1]
 
 
 def test_a_flight_that_cannot_go_on_ends_at_the_last_good_state_with_all_of_its_events(tmp_path: Path) -> None:
