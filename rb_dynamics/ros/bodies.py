@@ -1,4 +1,7 @@
-"""Several bodies of one scene in one process, each a node in its own namespace; the bodies do not interact.
+"""Several bodies in one process, each a node in its own namespace; the bodies do not interact.
+
+They are copies of one scene side by side, or those of a file: {bodies: {tug: {scene: a.yaml, body.mass: 17.0}, ...}},
+where any parameter of the node may be given. With publish_clock the first publishes /clock, and all have its time.
 
 `launch/bodies.launch.py` does the same with one process per body; docs/ros.md compares the cost. One thread advances
 all bodies, so use the launch file if one core is not enough.
@@ -9,29 +12,31 @@ from __future__ import annotations
 import argparse
 import contextlib
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from rb_dynamics.errors import RigidBodyError
-from rb_dynamics.numerics.option_types import real, whole
+from rb_dynamics.errors import RigidBodyError, SceneError
+from rb_dynamics.numerics.option_types import whole
 from rb_dynamics.ros.node import RigidBodyNode, spin
-from rb_dynamics.ros.start_arguments import LOGS, apart, parameter
+from rb_dynamics.ros.start_arguments import LOGS, apart, bodies_in, is_bodies, parameter, side_by_side, spacing_of
 
 
-def bodies(count: int, prefix: str, spacing: float) -> list[RigidBodyNode]:
-    """Return `count` nodes with numbered namespaces, frames and logs, placed side by side along y of the world (m).
+def bodies(parameters: Mapping[str, Mapping[str, object]]) -> list[RigidBodyNode]:
+    """Return a node for each body in `parameters`, by name, which is that of its namespace, its frame and its logs.
 
     Raises:
         RigidBodyError: a parameter, the scene or a log file is not valid; logs already opened are closed.
     """
-    logs, names = _logs(), [f"{prefix}{index + 1}" for index in range(count)]
+    asked, names = _asked(), list(parameters)
     with contextlib.ExitStack() as undo:
-        nodes = []
-        for index in range(count):
-            name = names[index]
-            node = _body(name, spacing * index, logs, [other for other in names if other != name])
+        nodes: list[RigidBodyNode] = []
+        for name in names:
+            own = {"body.frame": name} | {log: apart(asked[log], name) for log in LOGS if asked.get(log)}
+            if asked.get("publish_clock") and nodes:
+                own |= {"publish_clock": False, "stamps": "simulation"}
+            node = _body(name, own | dict(parameters[name]), [other for other in names if other != name])
             for last_first in (node.destroy_node, node.finish):
                 undo.callback(last_first)
             if node.get_fully_qualified_name() != f"/{name}/rigid_body":
@@ -44,20 +49,19 @@ def bodies(count: int, prefix: str, spacing: float) -> list[RigidBodyNode]:
     return nodes
 
 
-def _body(name: str, y: float, logs: dict[str, object], others: Sequence[str]) -> RigidBodyNode:
-    own: dict[str, object] = {"body.frame": name, "initial.position_world": [0.0, y, 0.0]}
-    own |= {log: apart(target, name) for log, target in logs.items()}
+def _body(name: str, own: Mapping[str, object], others: Sequence[str]) -> RigidBodyNode:
     return RigidBodyNode(
         others, namespace=name, parameter_overrides=[Parameter(key, value=value) for key, value in own.items()]
     )
 
 
-def _logs() -> dict[str, object]:
-    """Return the logs in the arguments; each body has its own."""
+def _asked() -> dict[str, object]:
+    """Return what the arguments say of logs, of which each body has its own, and of /clock, of which there is one."""
     asking = Node("rigid_body", allow_undeclared_parameters=True, automatically_declare_parameters_from_overrides=True)
     try:
-        found = {log: asking.get_parameter_or(log, Parameter(log, value="")).value for log in LOGS}
-        return {log: target for log, target in found.items() if target}
+        return {
+            name: asking.get_parameter_or(name, Parameter(name, value="")).value for name in (*LOGS, "publish_clock")
+        }
     finally:
         asking.destroy_node()
 
@@ -66,27 +70,31 @@ def main(args: Sequence[str] | None = None) -> int:
     """Run the bodies; exit code 0 after a clean stop, 2 if one could not start."""
     parser = argparse.ArgumentParser(prog="python -m rb_dynamics.ros.bodies", description=__doc__)
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument("scene", metavar="SCENE", help="scene file (YAML)")
+    parser.add_argument("scene", metavar="SCENE", help="scene file, or file of bodies (YAML)")
     parser.add_argument(
-        "--count",
-        type=whole("a number of bodies, 1 or more", lambda v: v >= 1),
-        default=2,
-        help="how many bodies (default: 2)",
+        "--count", type=whole("a number of bodies, 1 or more", lambda v: v >= 1), help="how many bodies (default: 2)"
     )
-    parser.add_argument("--prefix", default="body_", help="the namespaces are prefix1, prefix2, ... (default: body_)")
-    parser.add_argument(
-        "--spacing", type=real("a finite number of metres"), default=1.0, help="m between the bodies (default: 1)"
-    )
+    parser.add_argument("--prefix", help="the namespaces are prefix1, prefix2, ... (default: body_)")
+    parser.add_argument("--spacing", help="m between the bodies, along y or as in [1.0, 0.0, 0.5] (default: 1)")
     known, ros = parser.parse_known_args(args)
     ros = [argument for argument in ros if argument != "--ros-args"]
     try:
-        return spin(
-            ["--ros-args", "-p", parameter("scene", known.scene), *ros],
-            lambda: bodies(known.count, known.prefix, known.spacing),
-        )
-    except RigidBodyError as error:
+        parameters = _parameters(known)
+        scene = [] if is_bodies(known.scene) else ["-p", parameter("scene", known.scene)]
+        return spin(["--ros-args", *scene, *ros], lambda: bodies(parameters))
+    except (RigidBodyError, ValueError) as error:
         sys.stderr.write(f"bodies: {error}\n")
         return 2
+
+
+def _parameters(known: argparse.Namespace) -> dict[str, dict[str, object]]:
+    if not is_bodies(known.scene):
+        spacing = spacing_of("1" if known.spacing is None else known.spacing)
+        return side_by_side(known.count or 2, "body_" if known.prefix is None else known.prefix, spacing)
+    given = [f"--{name}" for name in ("count", "prefix", "spacing") if getattr(known, name) is not None]
+    if given:
+        raise SceneError(f"{given[0]}: found it together with a file of bodies, which says that itself; leave it out")
+    return bodies_in(known.scene)
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
@@ -67,6 +68,78 @@ def values_of(name: str, text: str) -> dict[str, object]:
         raise ValueError(f"{expected} ({problems.error()})")
     assert isinstance(found, dict)
     return found
+
+
+def spacing_of(text: str) -> tuple[float, float, float]:
+    """Return the distance between bodies (m, world axes): a number is along y, three as in [1, 0, 0.5] any direction.
+
+    Raises:
+        ValueError: it is neither.
+    """
+    found = text.strip()
+    parts = found[1:-1].split(",") if found.startswith("[") and found.endswith("]") else ["0", found, "0"]
+    try:
+        x, y, z = (real_number(part.strip()) for part in parts)
+    except ValueError:
+        x = y = z = math.nan
+    if not all(map(math.isfinite, (x, y, z))):
+        raise ValueError(f"argument spacing: found {text!r}, expected metres along y, or three as in [1.0, 0.0, 0.5]")
+    return x, y, z
+
+
+def side_by_side(count: int, prefix: str, spacing: Sequence[float]) -> dict[str, dict[str, object]]:
+    """Return the parameters of `count` bodies, by their names: prefix1, prefix2, ..."""
+    return {f"{prefix}{k + 1}": {"initial.position_world": [k * each for each in spacing]} for k in range(count)}
+
+
+def bodies_in(path: str) -> dict[str, dict[str, object]]:
+    """Return the parameters of each body in a file such as `{bodies: {chaser: {scene: a.yaml, body.mass: 2.0}}}`.
+
+    Files of scenes are relative to it; parameters may be nested or have dotted names.
+
+    Raises:
+        SceneError: the file is no such mapping.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise SceneError(f"cannot read {path}: {error}; give a file of bodies") from None
+    problems = Problems(path)
+    found = _plain(document.parse(text, problems))
+    if problems:
+        raise problems.error()
+    listed = found.get("bodies") if isinstance(found, dict) and len(found) == 1 else None
+    if not (isinstance(listed, dict) and listed and all(isinstance(each, dict) for each in listed.values())):
+        raise SceneError(
+            f"{path}: expected bodies by name, each with its parameters; write "
+            "{bodies: {chaser: {scene: chaser.yaml, initial.position_world: [0, 0, 0]}}}"
+        )
+    bodies = {name: dict(_parameters(values, "")) for name, values in listed.items()}
+    for name, values in bodies.items():
+        if None in values.values():
+            raise SceneError(f"{path}: bodies.{name}: found a parameter without a value; write one, or leave it out")
+        if "scene" in values:
+            values["scene"] = str(Path(path).parent / str(values["scene"]))
+    return bodies
+
+
+def is_bodies(path: str) -> bool:
+    """Return whether the file lists bodies and is not a scene."""
+    try:
+        return any(line.startswith("bodies:") for line in Path(path).read_text(encoding="utf-8").splitlines())
+    except (OSError, UnicodeDecodeError):
+        return False
+
+
+def _parameters(values: object, key: str) -> Iterator[tuple[str, object]]:
+    if isinstance(values, dict):
+        for name, inner in values.items():
+            yield from _parameters(inner, f"{key}.{name}" if key else str(name))
+    elif isinstance(values, list) and any(isinstance(each, float) for each in values):
+        # A parameter that is a list has one type.
+        yield key, [float(each) if isinstance(each, int) else each for each in values]
+    else:
+        yield key, values
 
 
 def shared_parameters(arguments: Sequence[str], node: str) -> set[str]:

@@ -11,12 +11,13 @@ from pathlib import Path
 import pytest
 import rclpy
 from command_line import called
-from geometry_msgs.msg import Vector3Stamped
+from geometry_msgs.msg import InertiaStamped, Vector3Stamped
 from nav_msgs.msg import Odometry
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from ros_harness import Peer
+from ros_harness import TRANSIENT, Peer
+from rosgraph_msgs.msg import Clock
 
 from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.ros.bodies import main
@@ -27,7 +28,7 @@ pytestmark = pytest.mark.ros
 
 
 def test_each_body_hears_its_own_commands_and_keeps_its_own_log(scene: Path, peer: Peer, tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "rb_dynamics.ros.bodies", str(scene), "--count", "3", "--spacing", "2.0"]
+    command = [sys.executable, "-m", "rb_dynamics.ros.bodies", str(scene), "--count", "3", "--spacing", "[0, 2.0, 0.5]"]
     command += ["--ros-args", "-p", f"mcap:={tmp_path}/run.mcap", "-p", "output_rate:=200.0"]
     command += ["-p", f"sink:=[bag={tmp_path}/flight]"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
@@ -42,6 +43,7 @@ def test_each_body_hears_its_own_commands_and_keeps_its_own_log(scene: Path, pee
             process.kill()
     assert momenta[0][-1].vector.x == momenta[2][-1].vector.x == 0.0
     assert [each[-1].pose.pose.position.y for each in odometry] == [0.0, 2.0, 4.0]
+    assert [each[-1].pose.pose.position.z for each in odometry] == [0.0, 0.5, 1.0]
     assert [each[-1].child_frame_id for each in odometry] == ["body_1", "body_2", "body_3"]
     for k in (1, 2, 3):
         bag = read_bag(tmp_path / f"run_body_{k}.mcap")
@@ -60,6 +62,50 @@ def test_each_body_hears_its_own_commands_and_keeps_its_own_log(scene: Path, pee
 )
 def test_targets_of_logs_are_kept_apart(target: object, expected: object) -> None:
     assert apart(target, "b") == expected
+
+
+def test_bodies_of_a_file_have_their_own_scenes_and_values_and_one_clock(
+    scene: Path, peer: Peer, tmp_path: Path
+) -> None:
+    file = tmp_path / "bodies.yaml"
+    log = tmp_path / "chaser.mcap"
+    chaser = f"{{scene: scene.yaml, initial: {{position_world: [0, 1.5, 2]}}, body.mass: 3, mcap: {log}}}"
+    file.write_text(f"bodies:\n  target: {{scene: scene.yaml, duration: 200.0}}\n  chaser: {chaser}\n")
+    command = [sys.executable, "-m", "rb_dynamics.ros.bodies", str(file), "--ros-args", "-p", "publish_clock:=true"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            inertia = peer.listen(InertiaStamped, "/chaser/inertia", TRANSIENT)
+            odometry, clock = peer.listen(Odometry, "/chaser/odom"), peer.listen(Clock, "/clock")
+            peer.until(lambda: bool(odometry and inertia and clock), "motion")
+            assert peer.node.count_publishers("/clock") == 1
+            process.send_signal(signal.SIGTERM)
+            assert process.wait(30) == 0
+        finally:
+            process.kill()
+    position = odometry[-1].pose.pose.position
+    assert (position.x, position.y, position.z, inertia[0].inertia.m) == (0.0, 1.5, 2.0, 3.0)
+    # Simulation time, as that of the clock.
+    assert odometry[-1].header.stamp.sec < 1000
+    assert read_bag(log).complete
+
+
+@pytest.mark.parametrize(
+    ("text", "arguments", "expected"),
+    [
+        ("bodies: 5", (), "expected bodies by name"),
+        ("bodies: {a: {scene: }}", (), "bodies.a: found a parameter without a value"),
+        ("bodies: {a: {mass: 1.0}}", ("--count", "3"), "--count: found it together with a file of bodies"),
+        ("bodies: {a: {scene: none.yaml}}", (), "none.yaml"),
+    ],
+)
+def test_a_file_of_bodies_that_is_none_is_refused(
+    tmp_path: Path, text: str, arguments: tuple[str, ...], expected: str
+) -> None:
+    file = tmp_path / "bodies.yaml"
+    file.write_text(text)
+    result = called(main, file, *arguments)
+    assert result.returncode == 2
+    assert expected in result.stderr.splitlines()[-1]
 
 
 def test_a_body_that_cannot_start_ends_them_all_with_one_message(tmp_path: Path) -> None:

@@ -22,6 +22,7 @@ from launch.launch_description_sources import get_launch_description_from_python
 from nav_msgs.msg import Odometry
 from ros_harness import ROOT, TRANSIENT, Peer
 from rosgraph_msgs.msg import Clock
+from std_srvs.srv import SetBool
 
 from rb_dynamics.formats.bag_reader import read_bag
 
@@ -107,7 +108,9 @@ def launched(prefix: Path, file: str, *arguments: str) -> Iterator[Launch]:
 
 
 def test_the_arguments_reach_the_node_and_ctrl_c_closes_the_log(scene: Path, peer: Peer, prefix: Path) -> None:
-    log = prefix / "run.mcap"
+    log, params = prefix / "run.mcap", prefix / "bringup.yaml"
+    # What is given goes before the file; the rest of it holds.
+    params.write_text("/**: {ros__parameters: {output_rate: 5.0, publish_accel: true, controller.gain: 2.0}}\n")
     with launched(
         prefix,
         "rigid_body.launch.py",
@@ -118,9 +121,13 @@ def test_the_arguments_reach_the_node_and_ctrl_c_closes_the_log(scene: Path, pee
         f"mcap:={log}",
         "publish_clock:=true",
         "launch-prefix:=nice -n 5",
+        "name:=ship",
+        f"params_file:={params}",
     ) as launch:
         odometry = peer.listen(Odometry, "/robot_1/odom")
         inertia, clock = peer.listen(InertiaStamped, "/robot_1/inertia", TRANSIENT), peer.listen(Clock, "/clock")
+        peer.until(lambda: peer.node.count_publishers("/robot_1/accel") > 0, "what the file asks for")
+        assert "/robot_1/ship/pause" in dict(peer.node.get_service_names_and_types())
         peer.until(lambda: len(odometry) > 5 and bool(inertia) and bool(clock), "motion")
         (pid,) = re.findall(r"process started with pid \[(\d+)\]", launch.said)
         assert os.getpriority(os.PRIO_PROCESS, int(pid)) == 5 + os.getpriority(os.PRIO_PROCESS, 0)
@@ -152,11 +159,31 @@ def test_the_clock_of_another_is_followed(scene: Path, peer: Peer, prefix: Path)
     assert odometry[-1].header.stamp.sec == 100
 
 
+def test_bodies_of_a_file_have_the_time_of_the_first(scene: Path, peer: Peer, prefix: Path) -> None:
+    file = prefix / "bodies.yaml"
+    chaser = f"{{scene: {scene}, initial: {{position_world: [0, 1.5, 2]}}, body.mass: 3}}"
+    file.write_text(f"bodies:\n  target: {{scene: {scene}}}\n  chaser: {chaser}\n")
+    with launched(prefix, "bodies.launch.py", f"scene:={file}", "publish_clock:=true") as launch:
+        inertia = peer.listen(InertiaStamped, "/chaser/inertia", TRANSIENT)
+        odometry = [peer.listen(Odometry, f"/{name}/odom") for name in ("target", "chaser")]
+        peer.until(lambda: all(odometry) and bool(inertia), "motion of both")
+        assert peer.call("/target/rigid_body/pause", SetBool.Request(data=True)).success
+        peer.spin(0.3)
+        stood = odometry[1][-1].header.stamp
+        peer.spin(0.2)
+        assert odometry[1][-1].header.stamp == stood
+        assert launch.stop() == 0, launch.said
+    position = odometry[1][0].pose.pose.position
+    assert (position.x, position.y, position.z) == (0.0, 1.5, 2.0)
+    assert inertia[0].inertia.m == 3.0
+    assert odometry[1][0].child_frame_id == "chaser"
+
+
 @pytest.mark.parametrize("namespace", ["", "fleet"])
 def test_bodies_have_namespaces_frames_and_logs_of_their_own(
     scene: Path, peer: Peer, prefix: Path, namespace: str
 ) -> None:
-    arguments = (f"scene:={scene}", "count:=2", "spacing:=3.0", "prefix:=robot_", f"namespace:={namespace}")
+    arguments = (f"scene:={scene}", "count:=2", "spacing:=[0, 3.0, 0.5]", "prefix:=robot_", f"namespace:={namespace}")
     logs = (f"mcap:={prefix}/run.mcap", f"overrides:={{body.mass: 4.0, sink: [bag={prefix}/flight]}}")
     root = f"/{namespace}" if namespace else ""
     with launched(prefix, "bodies.launch.py", *arguments, *logs) as launch:
@@ -165,6 +192,7 @@ def test_bodies_have_namespaces_frames_and_logs_of_their_own(
         assert launch.stop() == 0, launch.said
     assert launch.said.count("process has finished cleanly") == 2
     assert [each[0].pose.pose.position.y for each in odometry] == [0.0, 3.0]
+    assert odometry[1][0].pose.pose.position.z == 0.5
     assert [each[0].child_frame_id for each in odometry] == ["robot_1", "robot_2"]
     for k in (1, 2):
         for log in ("run_robot_{}.mcap", "flight_robot_{}"):
@@ -201,6 +229,7 @@ def test_rviz_opens_the_layout_on_the_topics_of_the_node(scene: Path, prefix: Pa
         ("rigid_body", "overrides:={body.mass: 1", "argument overrides: found"),
         ("rigid_body", "rviz:=true", "rviz2"),
         ("bodies", "count:=two", "argument count: found 'two', expected a whole number"),
+        ("bodies", "spacing:=[1, 2]", "argument spacing: found '[1, 2]', expected metres along y"),
         ("bodies", "count:=0", "argument count: found 0, expected a number of bodies, 1 or more"),
         ("bodies", "overrides:=5", "argument overrides: found '5', expected values by name"),
     ],

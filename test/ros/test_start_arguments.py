@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from rb_dynamics.ros.start_arguments import value_of, values_of
+from rb_dynamics.ros.start_arguments import side_by_side, spacing_of, value_of, values_of
 
 
 @pytest.mark.parametrize(
@@ -45,6 +45,18 @@ def test_what_means_no_values_is_named(text: str, named: str) -> None:
 
     assert named in str(caught.value)
     assert len(str(caught.value)) < 500
+
+
+def test_spacing_is_along_y_or_in_any_direction() -> None:
+    assert spacing_of("-2") == (0.0, -2.0, 0.0)
+    assert spacing_of("[1, 0, 0.5]") == (1.0, 0.0, 0.5)
+    assert side_by_side(2, "b", (1.0, 0.0, 0.5)) == {
+        "b1": {"initial.position_world": [0.0, 0.0, 0.0]},
+        "b2": {"initial.position_world": [1.0, 0.0, 0.5]},
+    }
+    for text in ("", "[1, 2]", "inf", "[1, 2, x]"):
+        with pytest.raises(ValueError, match="argument spacing: found"):
+            spacing_of(text)
 
 
 def test_a_number_is_a_plain_decimal() -> None:
