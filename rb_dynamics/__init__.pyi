@@ -22,6 +22,7 @@ from rb_dynamics.errors import PluginError as PluginError
 from rb_dynamics.errors import RigidBodyError as RigidBodyError
 from rb_dynamics.errors import SceneError as SceneError
 from rb_dynamics.errors import WrenchError as WrenchError
+from rb_dynamics.loads.actuator import Setpoint as Setpoint
 from rb_dynamics.loads.central_gravity import CentralGravity as CentralGravity
 from rb_dynamics.loads.channels import AppliedWrench as AppliedWrench
 from rb_dynamics.loads.channels import Channel as Channel
@@ -29,8 +30,10 @@ from rb_dynamics.loads.drag import LinearDrag as LinearDrag
 from rb_dynamics.loads.drag import QuadraticDrag as QuadraticDrag
 from rb_dynamics.loads.effect import Effect as Effect
 from rb_dynamics.loads.magnetic_field import MagneticField as MagneticField
+from rb_dynamics.loads.magnetorquer import Magnetorquer as Magnetorquer
 from rb_dynamics.loads.rotor import Rotor as Rotor
 from rb_dynamics.loads.scheduled_wrench import ScheduledWrench as ScheduledWrench
+from rb_dynamics.loads.thruster import Thruster as Thruster
 from rb_dynamics.loads.uniform_gravity import UniformGravity as UniformGravity
 from rb_dynamics.loads.wrench import FixedFrame as FixedFrame
 from rb_dynamics.loads.wrench import Wrench as Wrench

@@ -33,6 +33,7 @@ from rb_dynamics.cli import COMMANDS
 from rb_dynamics.errors import SceneError
 from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.formats.wrench_bags import read_wrenches
+from rb_dynamics.loads.actuator_types import ACTUATORS
 from rb_dynamics.loads.effect_types import EFFECTS
 from rb_dynamics.motion import METHODS
 from rb_dynamics.run.input_hash import InputHash
@@ -106,6 +107,7 @@ MEANING = {
     "initial": "state at time 0; by default at rest at the origin, with the identity orientation",
     "wrenches": "channels of wrench commands; their wrenches add up; `[]` for none",
     "effects": "what else acts on the body; an effect that is not listed is not modelled and costs nothing",
+    "actuators": "what is commanded by a number, each on the topic `<name>/command`",
     "sensors": "what measures the motion, each on a topic of its own; it changes nothing",
     "seed": "of the noise of the sensors: the same seed gives the same bits",
     "solver": "how the motion is computed",
@@ -169,6 +171,11 @@ MEANING = {
     "model": "`uniform` or `dipole`",
     "field_world": "T, of a uniform field",
     "moment_world": "A m², of a dipole",
+    "axis": "direction of its axis, body axes",
+    "max_dipole": "A m²; a larger command is clipped",
+    "force": "N, along the x axis of its frame",
+    "command": "what its commands mean: `on_time` (s) or `level` (0 to 1) of a thruster",
+    "minimum_on": "s; a shorter on-time is rejected",
     "name": "its topic, or the first part of its topics",
     "rate": "Hz, of samples in simulation time",
     "frame": "one of `body.frames`: its place and its axes; by default the body's",
@@ -199,6 +206,11 @@ ACTS = {
     "rotor": "A spinning wheel in the body (gyrostat). Its momentum and energy are included in the balances.",
     "scheduled_wrench": "Wrenches given in the scene as a function of time.",
     "magnetic_field": "A magnetic field, for magnetometers and magnetorquers. Exerts no force of its own.",
+}
+
+DRIVES = {
+    "thruster": "A force in pulses or at a level.",
+    "magnetorquer": "A dipole in the magnetic field; `effects` must have a `magnetic_field`.",
 }
 
 MEASURES = {
@@ -333,6 +345,7 @@ DEFAULTS: dict[str, Callable[[rb.Scene], object]] = {
     "world_frame": lambda scene: scene.frames.world_frame,
     "wrenches": lambda scene: f"[{{topic: {scene.channels[0].topic}}}]",
     "effects": lambda scene: list(scene.effects),
+    "actuators": lambda scene: list(scene.actuators),
     "sensors": lambda scene: list(scene.sensors),
     "seed": lambda scene: scene.seed,
     "output_rate": lambda scene: scene.output_rate,
@@ -381,6 +394,12 @@ def scene_page() -> str:
             table(("key", "meaning"), [(f"`{name}`", meaning(MEANING, name)) for name in names]),
         ]
     field = {"type": "magnetic_field", "model": "uniform", "field_world": [0.0, 0.0, 1.0]}
+    parts += ["## `actuators[]`\n", "[Add actuators](../how-to/actuators.md) explains them.\n"]
+    for kind in ACTUATORS:
+        tree = SMALLEST | {"effects": [field], "actuators": [{"type": kind}]}
+        names = [key for key in keys(tree, "actuators[0]") if key != "type"]
+        rows = [(f"`{name}`", meaning(MEANING, name)) for name in names]
+        parts += [f"### `{kind}`\n", f"{meaning(DRIVES, kind)}\n", table(("key", "meaning"), rows)]
     parts += ["## `sensors[]`\n", "[Add sensors](../how-to/sensors.md) explains them.\n"]
     parts.append(table(("key", "meaning"), [(f"`{name}`", meaning(MEANING, name)) for name in COMMON_KEYS]))
     for kind, sensor in SENSORS.items():

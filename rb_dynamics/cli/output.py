@@ -88,8 +88,7 @@ def warn_rejected(run: Run, commands: int) -> None:
         )
     if run.clipped:
         print(
-            f"note: {run.clipped} of {commands} wrench commands were clipped to max_force or max_torque of their "
-            "channel",
+            f"note: {run.clipped} of {commands} commands were clipped to the limits of their channel or actuator",
             file=sys.stderr,
         )
 

@@ -104,7 +104,7 @@ def read_with_commands(args: argparse.Namespace) -> tuple[Scene, RecordedWrenche
 
     scene, names = _read(args)
     repeated = not args.wrench and is_log(args.scene)
-    if not (args.wrench or (repeated and scene.channels)):
+    if not (args.wrench or (repeated and (scene.channels or scene.actuators))):
         return scene, []
     from rb_dynamics.formats.wrench_bags import RecordedWrenches
     from rb_dynamics.loads.channels import WrenchChannels
@@ -112,11 +112,12 @@ def read_with_commands(args: argparse.Namespace) -> tuple[Scene, RecordedWrenche
     end_ns = math.inf if scene.end_ns is None else scene.end_ns
     topics, start = [channel.topic for channel in scene.channels], args.wrench_start
     channels = WrenchChannels(scene.channels, scene.frames, body=scene.body)
+    actuators = [each.topic for each in scene.actuators]
     if repeated:
         # By the log: a command took effect when it says, whatever its stamp is.
-        return scene, RecordedWrenches([args.scene], topics, end_ns, names, 0, channels)
+        return scene, RecordedWrenches([args.scene], topics, end_ns, names, 0, channels, actuators)
     commands = RecordedWrenches(
-        args.wrench, topics, end_ns, mapping_of(args), "auto" if start is None else start, channels
+        args.wrench, topics, end_ns, mapping_of(args), "auto" if start is None else start, channels, actuators
     )
     output.note_start(commands)
     commands.require_some()

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, cast
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.mcap_records import McapChannel, Message, Schema
 from rb_dynamics.formats.ros2msg import TYPE_HASHES, schema_text
+from rb_dynamics.loads.thruster import Thruster
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, split_stamp
 from rb_dynamics.numerics.rotation import IDENTITY, Quaternion, rotate_inverse
@@ -124,6 +125,8 @@ def log_topics(scene: Scene, accel: bool) -> list[tuple[str, str, str]]:
         *((name, type_name, usual) for name, type_name in sample_topics(scene, accel)),
         *((name, WRENCH, command) for each in scene.channels for name in (each.topic, each.topic + APPLIED)),
         *((name + APPLIED, WRENCH, command) for name, _ in scene.combined_effects.schedules()),
+        *((each.topic, SCALAR, command) for each in scene.actuators),
+        *((each.name + APPLIED, WRENCH, command) for each in scene.actuators if isinstance(each, Thruster)),
         *((sensor.name, sensor.message, qos_profile(depth_at(sensor.rate))) for sensor in scene.sensors),
         (*MASS_PROPERTIES, latched),
         *([(*TF_STATIC, latched)] if scene.frames.fixed else []),
@@ -193,6 +196,21 @@ def decode_state_change(message: Message) -> StateChange:
     n = cdr.numbers(cdr.LAYOUTS[ODOMETRY], cdr.decode(ODOMETRY, message.data))
     p, q, v, w = (tuple(n[i:j]) for i, j in ((0, 3), (3, 7), (43, 46), (46, 49)))
     return StateChange(message.log_time, *cast("tuple[Vector, Quaternion, Vector, Vector]", (p, q, v, w)))
+
+
+def encode_setpoint(value: float) -> bytes:
+    """Return the message of a command to an actuator."""
+    return cdr.encode(SCALAR, (value,))
+
+
+def decode_setpoint(data: bytes) -> float:
+    """Return the command to an actuator in a message.
+
+    Raises:
+        LogError: the message is cut short or not CDR.
+    """
+    ((value,),) = cdr.decode(SCALAR, data)
+    return float(value)
 
 
 def encode_inertia(scene: Scene, time_ns: int) -> bytes:

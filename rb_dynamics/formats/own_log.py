@@ -20,10 +20,13 @@ from rb_dynamics.formats.messages import (
     MASS_PROPERTIES,
     POTENTIAL,
     SAMPLE_TOPICS,
+    SCALAR,
     TF_STATIC,
     WRENCH,
+    decode_setpoint,
     decode_wrench,
 )
+from rb_dynamics.loads.thruster import Thruster
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.run.provenance import RESULT, RUN, SCENE, TOPICS
 from rb_dynamics.scene.model import Scene
@@ -160,6 +163,8 @@ def require_types(source: Source, scene: Scene | None) -> dict[str, str]:
         for topic in [*(c.topic for c in scene.channels), *(name for name, _ in scene.combined_effects.schedules())]:
             types |= {topic: WRENCH, topic + APPLIED: WRENCH}
         types |= {sensor.name: sensor.message for sensor in scene.sensors}
+        types |= {actuator.topic: SCALAR for actuator in scene.actuators}
+        types |= {each.name + APPLIED: WRENCH for each in scene.actuators if isinstance(each, Thruster)}
     usual = {name: name if name.startswith("/") else f"/{name}" for name in types}
     names = usual | source.metadata.get(TOPICS, {})
     expected = {names[name]: type_name for name, type_name in types.items()}
@@ -181,6 +186,16 @@ def received_commands(
     for each in messages:
         if each.channel.topic in channels:
             yield channels[each.channel.topic], decode_wrench(WRENCH, each.log_time, each.data), each.log_time
+
+
+def received_setpoints(
+    scene: Scene, names: Mapping[str, str], messages: Iterable[Message]
+) -> Iterator[tuple[str, float, int]]:
+    """Yield topic, command and the time (ns) at which it came, for each command to an actuator."""
+    topics = {names[actuator.topic]: actuator.topic for actuator in scene.actuators}
+    for each in messages:
+        if each.channel.topic in topics:
+            yield topics[each.channel.topic], decode_setpoint(each.data), each.log_time
 
 
 def row_columns(scene: Scene, names: Mapping[str, str]) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ import os
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Literal, NamedTuple, TypeAlias
 
@@ -21,9 +22,10 @@ from rb_dynamics.errors import LogError, WrenchError
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_reader import WRENCHES, named_type
 from rb_dynamics.formats.bag_source import Source, open_source
-from rb_dynamics.formats.mcap_records import Block
-from rb_dynamics.formats.messages import SET_STATE, WRENCH
+from rb_dynamics.formats.mcap_records import Block, McapChannel
+from rb_dynamics.formats.messages import SCALAR, SET_STATE, WRENCH, decode_setpoint
 from rb_dynamics.formats.topic import Times, Topic
+from rb_dynamics.loads.actuator import Setpoint
 from rb_dynamics.loads.channels import WrenchChannels
 from rb_dynamics.loads.command_table import CommandBatch, Received
 from rb_dynamics.loads.wrench import Wrench
@@ -106,6 +108,7 @@ class _Recording:
         lost: what is missing of the bag; "" where it is whole.
         ours: a log of a run.
         moves: states in it to which the body was moved from outside.
+        drives: it has commands to actuators.
     """
 
     path: Path
@@ -121,6 +124,7 @@ class _Recording:
     lost: str = ""
     ours: bool = False
     moves: int = 0
+    drives: bool = False
     stamps: _Span = field(default_factory=_Span)
     log_times: _Span = field(default_factory=_Span)
 
@@ -169,6 +173,7 @@ class RecordedWrenches:
         mapping: Mapping[str, str] | None = None,
         start: Start = "stamp",
         channels: WrenchChannels | None = None,
+        actuators: Sequence[str] = (),
     ) -> None:
         """Look through the bags for the commands on `topics`; a leading slash makes no difference between names.
 
@@ -181,11 +186,13 @@ class RecordedWrenches:
             mapping: the channel that each topic of the bags drives, where their names differ.
             start: which time of the bags is time 0 of the run.
             channels: say which commands cannot be honoured.
+            actuators: topics of the commands to the scene's actuators, of type Float64.
 
         Raises:
-            LogError: a bag cannot be read or is damaged, `mapping` names what is not there, or none of a bag's wrench
-                topics is one of `topics`.
+            LogError: a bag cannot be read or is damaged, `mapping` names what is not there, or none of a bag's topics
+                is one of `topics` or `actuators`.
         """
+        self._actuators = {topic.removeprefix("/"): topic for topic in actuators}
         self._topics, self._mapping = topics, mapping or {}
         self._wanted, self._end_ns, self._channels = _wanted(topics, self._mapping), end_ns, channels
         self._bags = [self._looked_through(_Recording(Path(path))) for path in paths]
@@ -228,13 +235,32 @@ class RecordedWrenches:
 
     def __len__(self) -> int:
         """Return how many there are."""
-        return sum(bag.count for bag in self._bags)
+        return sum(bag.count for bag in self._bags) + len(self.setpoints)
 
     def __iter__(self) -> Iterator[tuple[str, Wrench]]:
         """Yield topic, as the scene writes it, and command."""
         for batch, _ in self.batches():
             for row, channel in enumerate(batch.channel.tolist()):
                 yield self._topics[channel], batch.received(row)
+
+    @cached_property
+    def setpoints(self) -> list[tuple[str, Setpoint]]:
+        """Commands to actuators, each at the time at which it was recorded: they have no stamps."""
+        found: list[tuple[str, Setpoint]] = []
+        for bag in self._bags:
+            # Where stamps tell the time of the run, log times need not: then the bag begins with it.
+            by_log = bag.by_log or bag.ours or bag.offset_ns
+            offset_ns = bag.offset_ns if by_log else bag.begin_ns or 0
+            found += (
+                (topic, Setpoint(decode_setpoint(message.data), message.log_time - offset_ns))
+                for message in (open_source(bag.path).messages() if bag.drives else ())
+                if (topic := self._drives(message.channel)) is not None
+            )
+        return found
+
+    def _drives(self, channel: McapChannel) -> str | None:
+        """Return the topic of an actuator, as the scene writes it, that the messages of a channel command."""
+        return self._actuators.get(channel.topic.removeprefix("/")) if named_type(channel) == SCALAR else None
 
     def batches(self) -> Iterator[tuple[CommandBatch, int | None]]:
         """Yield commands in the order in which they take effect, and the time (ns) before which all have come.
@@ -281,6 +307,7 @@ class RecordedWrenches:
         for channel in source.channels.values():
             if named_type(channel) in WRENCHES:
                 bag.found[channel.topic] += 0
+            bag.drives = bag.drives or self._drives(channel) is not None
         absent = source.metadata.get(INTERRUPTED, {}).get(MISSING_FILES) or next_file(source.metadata)
         bag.lost = "was cut off" if not source.complete else f"is without {absent}" if absent else ""
         bag.ours = RUN in source.metadata
@@ -324,7 +351,7 @@ class RecordedWrenches:
                 f"topics of the bag: {_listed(found)}; map one of these"
             )
         for bag in self._bags:
-            if not any(name.removeprefix("/") in self._wanted for name in bag.found):
+            if not bag.drives and not any(name.removeprefix("/") in self._wanted for name in bag.found):
                 raise LogError(_no_commands(bag, self._topics))
 
     def _begin(self, start: Start) -> None:

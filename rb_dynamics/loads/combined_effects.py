@@ -87,14 +87,18 @@ class CombinedEffects:
         """Return the times (s) at which steps have to end, in order."""
         return sorted({time for effect in self.effects for time in _knots(effect)})
 
-    def load_from(self, start: float) -> Callable[[Point], Load] | None:
+    def load_from(self, start: float, driven: Wrenching | None = None) -> Callable[[Point], Load] | None:
         """Return what gives the load of a step from its first point, from `start` (s) to the next knot.
+
+        `driven` is what actuators add.
 
         Raises:
             SceneError: an effect has a load inside the step and does not say so; or, when it is evaluated first, its
                 load is not two vectors.
         """
         parts = self._parts("load", lambda effect: _inside_the_step(effect, self.body, start), _require_load)
+        if driven is not None:
+            parts.append(driven)
         if not parts:
             return None
 

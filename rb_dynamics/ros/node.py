@@ -36,11 +36,20 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
 
 from rb_dynamics.errors import LogError, RigidBodyError, SceneError
 from rb_dynamics.formats.log_file import move_aside
-from rb_dynamics.formats.messages import ACCEL, COMMAND_DEPTH, PLAIN_WRENCH, SAMPLE_TOPICS, WRENCH, decode_wrench
+from rb_dynamics.formats.messages import (
+    ACCEL,
+    COMMAND_DEPTH,
+    PLAIN_WRENCH,
+    SAMPLE_TOPICS,
+    WRENCH,
+    decode_setpoint,
+    decode_wrench,
+)
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, split_stamp
 from rb_dynamics.ros import conversions
 from rb_dynamics.ros.arrivals import Losses
@@ -98,6 +107,7 @@ class RigidBodyNode(Node):
         self._settings = settings = read_settings(self, shared)
         scene = settings.scene
         self._topics = [channel.topic for channel in scene.channels]
+        self._actuators = [actuator.topic for actuator in scene.actuators]
         # Logs that were deleted, and have been reported.
         self._missing: set[Path] = set()
         # Under use_sim_time this clock is /clock, else that of the system.
@@ -108,7 +118,7 @@ class RigidBodyNode(Node):
         )
         remap_overrides(self)
         self._throttle = Throttle()
-        self._health = Health(self.get_fully_qualified_name(), self._topics, self._say)
+        self._health = Health(self.get_fully_qualified_name(), [*self._topics, *self._actuators], self._say)
         self.runner = Runner(scene, settings.mode, pacer, self._health, self)
         self._topic_sink = TopicSink(self, scene, settings.topics, self._health, self.runner)
         _warm_up(scene)
@@ -117,6 +127,17 @@ class RigidBodyNode(Node):
         # Channels that are heard as Wrench without a stamp.
         self._plain: set[str] = set()
         self._wrench_subscriptions = {topic: self._subscribe(topic) for topic in self._topics}
+        self._setpoint_subscriptions = {
+            topic: self.create_subscription(
+                Float64,
+                topic,
+                partial(self._on_setpoint, topic),
+                COMMAND_DEPTH,
+                raw=True,
+                qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+            )
+            for topic in self._actuators
+        }
         # Channels on which a publisher offers BEST_EFFORT and is not heard yet; readers that are being replaced for
         # that; and what was taken meanwhile, as both readers may get it.
         self._unheard: set[str] = set()
@@ -185,7 +206,7 @@ class RigidBodyNode(Node):
         if settings.use_sim_time:
             mode = "following /clock"
         stamps = "" if settings.use_sim_time else f", stamps in {'ROS' if settings.ros_stamps else 'simulation'} time"
-        heard = ", ".join(self.resolve_topic_name(topic) for topic in self._topics) or "no wrench"
+        heard = ", ".join(self.resolve_topic_name(topic) for topic in (*self._topics, *self._actuators)) or "no wrench"
         end = "until stopped" if scene.duration is None else f"for {scene.duration:g} s"
         logs = ", ".join(settings.logs.names)
         return (
@@ -195,7 +216,8 @@ class RigidBodyNode(Node):
 
     def sinks(self) -> list[Sink]:
         """Return the sinks of the next run: topics and logs, each guarded, so that a failure stops only that one."""
-        topics = (*self._topics, *self._settings.scene.sensor_topics)
+        scene = self._settings.scene
+        topics = (*self._topics, *self._actuators, *(each.name for each in scene.actuators), *scene.sensor_topics)
         names = ["inertia", *(name for name, _ in (*SAMPLE_TOPICS, ACCEL)), *topics]
         resolved = {name: self.resolve_topic_name(name) for name in names}
         sinks = self._settings.logs.sinks(self.get_namespace(), resolved)
@@ -317,6 +339,9 @@ class RigidBodyNode(Node):
         for topic, subscription in [*self._replaced.items(), *self._wrench_subscriptions.items()]:
             for message, facts in _waiting(subscription):
                 self._take(topic, message, facts)
+        for topic, subscription in self._setpoint_subscriptions.items():
+            for message, facts in _waiting(subscription):
+                self._on_setpoint(topic, message, facts)
 
     def _take(self, topic: str, message: bytes, facts: dict[str, Any]) -> None:
         number = facts.get("publication_sequence_number")
@@ -337,6 +362,15 @@ class RigidBodyNode(Node):
             self._health.warn(f"{topic}: rejected: {error}")
             return
         self.runner.command(topic, wrench, _age_ns(facts))
+
+    def _on_setpoint(self, topic: str, message: bytes, facts: dict[str, Any]) -> None:
+        try:
+            value = decode_setpoint(message)
+        except LogError as error:
+            self._health.rejected(topic)
+            self._health.warn(f"{topic}: rejected: {error}")
+            return
+        self.runner.actuate(topic, value, _age_ns(facts))
 
     def _on_lost(self, topic: str, lost: int) -> None:
         if not lost:

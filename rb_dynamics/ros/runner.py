@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 from rb_dynamics.body.state import State
-from rb_dynamics.errors import ConvergenceError, LogError, RigidBodyError, SceneError
+from rb_dynamics.errors import ConvergenceError, LogError, RigidBodyError, SceneError, WrenchError
 from rb_dynamics.loads.channels import CheckedWrench
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, seconds_text
@@ -251,6 +251,8 @@ class Runner:
                 raise SceneError(f"{name}: cannot be changed while the node runs; start it anew")
         if tuple(channel.topic for channel in scene.channels) != self._topics:
             raise SceneError("wrenches: topics cannot be changed while the node runs; start it anew")
+        if [(a.topic, a.kind) for a in scene.actuators] != [(a.topic, a.kind) for a in self._scene.actuators]:
+            raise SceneError("actuators: they cannot be changed while the node runs; start it anew")
         if [(s.name, s.message) for s in scene.sensors] != [(s.name, s.message) for s in self._scene.sensors]:
             raise SceneError("sensors: what they publish cannot be changed while the node runs; start it anew")
         if not all(name.startswith("initial.") for name in overrides):
@@ -321,6 +323,20 @@ class Runner:
                 f"{'' if self.lockstep else '; ROS time is that of -p stamps:=ros'}"
             )
 
+    def actuate(self, topic: str, value: float, age_ns: int = 0) -> None:
+        """Take a command to an actuator, which has no stamp: at its arrival `age_ns` ago."""
+        time_ns = max(self._arrived_ns(age_ns), self._latest_ns[topic])
+        try:
+            clipped = self.simulation.actuate(topic, value, time_ns)
+        except WrenchError as error:
+            self.health.rejected(topic)
+            self.health.warn(f"{topic}: rejected: {error}")
+            return
+        self._latest_ns[topic] = time_ns
+        self.health.accepted(topic, None)
+        if clipped:
+            self.health.clipped(topic)
+
     def fail(self, message: str) -> None:
         """Pause because of an error."""
         self.paused = True
@@ -354,7 +370,7 @@ class Runner:
         # Newest stamp of each channel that lockstep waits for (None before its first command), and the latest time at
         # which a command of each channel acts by its arrival: these keep their order.
         self._newest: dict[str, int | None] = {c.topic: None for c in self._scene.channels if not c.optional}
-        self._latest_ns = dict.fromkeys(self._topics, 0)
+        self._latest_ns = dict.fromkeys((*self._topics, *(each.topic for each in self._scene.actuators)), 0)
         self._arrivals = {topic: Arrivals() for topic in self._topics}
         # Time to advance to, time computed so far, and how much to compute before checking the clock.
         self._goal_ns = self._reached_ns = 0
@@ -405,6 +421,11 @@ class Runner:
         return max(self.simulation.time_ns, self._reached_ns)
 
     def _require_no_schedule(self, scene: Scene) -> None:
+        if scene.actuators:
+            raise SceneError(
+                "actuators: what they do now would start again; change state and body in the scene file, and start the "
+                "node anew"
+            )
         acting = scene.combined_effects
         if any(acting.knots()) or any(time for _, entries in acting.schedules() for time, _ in entries):
             raise SceneError(

@@ -12,6 +12,7 @@ from operator import itemgetter
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from rb_dynamics.loads.actuator import ActuatorCommand
     from rb_dynamics.loads.channels import AppliedWrench
     from rb_dynamics.loads.command_table import Changes
     from rb_dynamics.run.state_change import StateChange
@@ -74,6 +75,14 @@ class InputHash:
             six = numbers[96 * i : 96 * i + 96]
             line = f"{time_ns} {changes.topics[place]} {stamp_ns} {six} {came.frame_ids[frame]}\n"
             self._lines.append((place, line))
+
+    def actuate(self, command: ActuatorCommand) -> None:
+        """Add a command to an actuator, after those on channels of its nanosecond: `TIME TOPIC NUMBER`."""
+        if command.time_ns > self._time_ns:
+            self._end_nanosecond()
+            self._time_ns = command.time_ns
+        number = struct.pack("<d", command.value).hex()
+        self._lines.append((len(self._places), f"{command.time_ns} {command.topic} {number}\n"))
 
     def hexdigest(self) -> str:
         """Return the hash so far; later changes must not have the same nanosecond."""

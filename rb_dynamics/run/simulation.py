@@ -20,6 +20,8 @@ from typing import Protocol, cast, runtime_checkable
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import ConvergenceError, SceneError, WrenchError
+from rb_dynamics.loads.actuator import ActuatorCommand, Setpoint
+from rb_dynamics.loads.actuator_bank import ActuatorBank
 from rb_dynamics.loads.channels import AppliedWrench, CheckedWrench, ReceivedWrench, RejectedWrench, WrenchChannels
 from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.command_table import CommandBatch
@@ -47,6 +49,9 @@ from rb_dynamics.scene.plan import Plan
 from rb_dynamics.scene.read import with_true_text
 from rb_dynamics.sensors.sensor import Truth
 
+Command = tuple[str, "Wrench | Setpoint"]
+"""A topic and what is commanded on it."""
+
 _logger = logging.getLogger(__name__)
 
 _REMEDY = "give nanoseconds: round(1e9 * seconds)"
@@ -57,7 +62,13 @@ _NEVER = 2.0**-31
 
 @runtime_checkable
 class Batches(Protocol):
-    """Commands that come as arrays, such as those of a recording."""
+    """Commands that come as arrays, such as those of a recording.
+
+    Attributes:
+        setpoints: commands to actuators, by topic.
+    """
+
+    setpoints: Sequence[tuple[str, Setpoint]]
 
     def batches(self) -> Iterator[tuple[CommandBatch, int | None]]:
         """Yield them in the order in which they take effect, and the time (ns) before which all have come."""
@@ -122,6 +133,9 @@ class Simulation:
         self.plan = Plan(scene, begin_ns)
         self.time_ns = self._computed_ns = begin_ns
         self._channels = _channels(scene, self._effects, self._earlier_ns)
+        self._bank = None
+        if scene.actuators:
+            self._bank = ActuatorBank(scene.actuators, scene.body, scene.frames, self._effects.magnetic_field())
         self._knots = [nanoseconds(knot) - self._earlier_ns for knot in self._effects.knots()]
         self._steps = self._steps_before = 0
         self._used: dict[str, None] = {}
@@ -285,6 +299,23 @@ class Simulation:
             self._ahead.forget()
             self.clipped += command.clipped
 
+    def actuate(self, topic: str, value: float, time_ns: int = 0) -> bool:
+        """Let a command to an actuator take effect as `post` does; returns whether its limits reduce it.
+
+        Raises:
+            TypeError: an argument has the wrong type.
+            WrenchError: there is no such actuator, or it cannot honour the command; the run continues without it.
+        """
+        instance(topic, str, "topic", "write the topic of an actuator, such as wheel/command")
+        value, time_ns = Setpoint(value).value, max(self._computed_ns, whole_number(time_ns, "time_ns", _REMEDY))
+        if self._bank is None:
+            raise WrenchError(f"topic is {topic!r}, expected that of an actuator; the scene lists none")
+        if self.end_ns is None or time_ns <= self.end_ns:
+            self._bank.post(topic, value, time_ns)
+        clipped = self._bank.accept(topic, value)
+        self.clipped += clipped
+        return clipped
+
     def set_state(self, change: StateChange) -> None:
         """Move the body to another state at the time of `change`; a time in the past means now.
 
@@ -383,7 +414,13 @@ class Simulation:
         """Go from edge to edge up to `until_ns` by a kernel; return whether there is more to do."""
         # The last edge has more to it; and where this does not work, all are taken one by one.
         self._one_by_one_ns = until_ns
-        one_by_one = self._knots or self._moves or self._load_from is not None or self._sensing is not None
+        one_by_one = (
+            self._bank is not None
+            or self._knots
+            or self._moves
+            or self._load_from is not None
+            or self._sensing is not None
+        )
         if self._period_ns is None or one_by_one:
             return False
         horizon_ns = until_ns if self.end_ns is None else self.end_ns - 1
@@ -495,6 +532,8 @@ class Simulation:
     def _next_change_ns(self) -> int | None:
         """Return when the load changes next: a command, a timeout or a knot of an effect."""
         change = self._channels.next_change_ns()
+        if self._bank is not None and (driven := self._bank.next_change_ns()) is not None:
+            change = driven if change is None else min(change, driven)
         if self._moves and (change is None or self._moves[0].time_ns < change):
             change = self._moves[0].time_ns
         if self._knots and (change is None or self._knots[0] < change):
@@ -510,6 +549,12 @@ class Simulation:
         while self._channels.huge and not self._goes_on():
             changes = [*on_their_way, *self._channels.apply(self.time_ns)]
         self._write_changes(changes)
+        if self._bank is not None:
+            for told in self._bank.apply(self.time_ns):
+                if self._sinks and isinstance(told, ActuatorCommand) and not told.reason:
+                    self._inputs.actuate(told)
+                self.write(told)
+                self._stale = True
         # A rejected command leaves no trace in the motion, not even an edge.
         if kink or any(isinstance(change, AppliedWrench) for change in changes):
             self._stale = True
@@ -545,8 +590,12 @@ class Simulation:
         self._steps_before, self._stale = self._steps, False
 
     def _new_arc(self, plan: Plan) -> Arc:
-        self._held = held = in_principal_axes(self.scene.body, self._channels.total())
-        body, load_from = self.scene.body, self._effects.load_from((self.time_ns + self._earlier_ns) / NANOSECONDS)
+        acting, driven = self._channels.total(), None
+        if self._bank is not None:
+            acting, driven = acting + self._bank.held(), self._bank.wrenching()
+        self._held = held = in_principal_axes(self.scene.body, acting)
+        seconds = (self.time_ns + self._earlier_ns) / NANOSECONDS
+        body, load_from = self.scene.body, self._effects.load_from(seconds, driven)
         self._load_from = None if load_from is None else lambda phase: load_from(phase.point(body))
         arc = plan.arc(held, self.time_ns, self._phase, self._load_from)
         expected = [time for time in (self._next_change_ns(), self.end_ns) if time is not None]
@@ -610,7 +659,7 @@ class Run:
 
 def simulate(
     scene: Scene | str | os.PathLike[str],
-    commands: Iterable[tuple[str, Wrench]] = (),
+    commands: Iterable[Command] = (),
     sinks: Sequence[Sink] = (),
     progress: Callable[[float], None] | None = None,
     facts: Mapping[str, str] | None = None,
@@ -665,6 +714,11 @@ def simulate(
 
 def _post_batches(run: Simulation, commands: Batches, rejected: list[str]) -> Iterator[int]:
     """Do what `_post_ahead` does for commands that come as arrays."""
+    for topic, setpoint in commands.setpoints:
+        try:
+            run.actuate(topic, setpoint.value, setpoint.stamp_ns)
+        except WrenchError as error:
+            rejected.append(_rejection(topic, setpoint.stamp_ns, error))
     for batch, until_ns in commands.batches():
         rejected += run.post_batch(batch)
         if until_ns is not None and until_ns > 0 and not run.ended:
@@ -673,15 +727,15 @@ def _post_batches(run: Simulation, commands: Batches, rejected: list[str]) -> It
         yield run.end_ns
 
 
-def as_command(command: object) -> tuple[str, Wrench]:
+def as_command(command: object) -> Command:
     """Return `command`.
 
     Raises:
-        TypeError: it is not a pair of a topic and a wrench.
+        TypeError: it is not a pair of a topic and a wrench or a setpoint.
     """
     if isinstance(command, (tuple, list)) and len(command) == 2:
         topic, wrench = command
-        if isinstance(topic, str) and isinstance(wrench, Wrench):
+        if isinstance(topic, str) and isinstance(wrench, (Wrench, Setpoint)):
             whole_number(wrench.stamp_ns, "commands: stamp_ns", _REMEDY)
             return topic, wrench
     raise TypeError(
@@ -689,7 +743,7 @@ def as_command(command: object) -> tuple[str, Wrench]:
     )
 
 
-def post_all(run: Simulation, commands: Sequence[tuple[str, Wrench]]) -> list[str]:
+def post_all(run: Simulation, commands: Sequence[Command]) -> list[str]:
     """Post `commands` to a run in the order in which `simulate` does; return the reason for each rejected one.
 
     Raises:
@@ -709,7 +763,7 @@ LOOK_AHEAD = 1000
 """Commands that `simulate` reads ahead: within this number they may be in any order, and memory stays bounded."""
 
 
-def _post_ahead(run: Simulation, commands: Iterable[tuple[str, Wrench]], rejected: list[str]) -> Iterator[int]:
+def _post_ahead(run: Simulation, commands: Iterable[Command], rejected: list[str]) -> Iterator[int]:
     """Post commands, yielding repeatedly the time (ns) until which all have been posted; at last the end."""
     if isinstance(commands, Batches):
         yield from _post_batches(run, commands, rejected)
@@ -734,7 +788,10 @@ def _post_ahead(run: Simulation, commands: Iterable[tuple[str, Wrench]], rejecte
                 "order of their stamps; give a list, which may be in any order"
             )
         try:
-            run.post(topic, wrench, stamp_ns)
+            if isinstance(wrench, Setpoint):
+                run.actuate(topic, wrench.value, stamp_ns)
+            else:
+                run.post(topic, wrench, stamp_ns)
         except WrenchError as error:
             rejected.append(_rejection(topic, stamp_ns, error))
         waiting += 1

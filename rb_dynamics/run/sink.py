@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
+from rb_dynamics.loads.actuator import ActuatorCommand
 from rb_dynamics.loads.channels import AppliedWrench, ReceivedWrench, RejectedWrench
 from rb_dynamics.numerics.vector import Vector
 from rb_dynamics.run.sample import Sample
@@ -85,7 +86,17 @@ class Measurement:
     numbers: tuple[float, ...]
 
 
-Event = Sample | AppliedWrench | ReceivedWrench | RejectedWrench | Measurement | Status | Epoch | StateChange
+Event = (
+    Sample
+    | AppliedWrench
+    | ReceivedWrench
+    | RejectedWrench
+    | ActuatorCommand
+    | Measurement
+    | Status
+    | Epoch
+    | StateChange
+)
 
 
 class Sink(Protocol):
@@ -106,6 +117,7 @@ class Sink(Protocol):
 
 
 __all__ = [
+    "ActuatorCommand",
     "AppliedWrench",
     "Epoch",
     "Event",

@@ -109,6 +109,20 @@ class EffectEntry:
         field = self.section.get(name)
         return default if field is None else field.text(expected, lambda _: True, "write a name", default)
 
+    def choice(self, name: str, among: Sequence[str], default: str) -> str:
+        """Return one of several words."""
+        field, words = self.section.get(name), " or ".join(among)
+        return default if field is None else field.text(words, lambda text: text in among, f"write {words}", default)
+
+    def direction(self, name: str, remedy: str) -> Vector:
+        """Return a vector that is not zero; required."""
+        found = self.vector(name, "a finite number")
+        if found == ZERO:
+            if self.has(name):
+                self.reject("a direction, not zero", remedy, name)
+            return (0.0, 0.0, 1.0)
+        return found
+
     def timeline(self, name: str, keys: Sequence[str], expected: str, remedy: str) -> list[tuple[float, EffectEntry]]:
         """Return the entries of a list, each with its `time` (s) and `keys`, in ascending order of time."""
         field = self.section.get(name)

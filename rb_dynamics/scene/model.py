@@ -8,6 +8,7 @@ from rb_dynamics.body.plausibility import Finding
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import SceneError
+from rb_dynamics.loads.actuator import Actuator
 from rb_dynamics.loads.channels import Channel, ChannelBias, topic_fault
 from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.effect import Effect
@@ -90,6 +91,7 @@ class Scene:
             (mesh, URDF). It defines the scene completely.
         source: file name, for messages.
         effects: loads in addition to the wrenches, in the order of the scene.
+        actuators: what is commanded by a number, in the order of the scene.
         sensors: what measures the motion, in the order of the scene; their topics are their names.
         seed: of the noise of the sensors.
         past: the run that it goes on from; None for a scene that begins by itself.
@@ -108,6 +110,7 @@ class Scene:
     source: str = "<scene>"
     effects: tuple[Effect, ...] = ()
     sensors: tuple[Sensor, ...] = ()
+    actuators: tuple[Actuator, ...] = ()
     seed: int = 0
     past: Past | None = None
     findings: tuple[Finding, ...] = field(default=(), compare=False)
@@ -145,26 +148,42 @@ class Scene:
         for channel in self.channels:
             if fault := topic_fault(channel.topic):
                 raise SceneError(f"the topic of a channel is {shown(channel.topic)}, expected {fault[0]}; {fault[1]}")
-        object.__setattr__(self, "sensors", instances(self.sensors, Sensor, "sensors", "write one, as Imu(...)"))
+        self._check_sensors_and_actuators()
+        named = [topic for each in self.actuators for topic in (each.topic, each.name)]
+        commanded = [*(channel.topic for channel in self.channels), *named]
+        topics = [topic.removeprefix("/") for topic in (*commanded, *self.sensor_topics)]
+        if len(set(topics)) < len(topics):
+            raise SceneError(
+                f"channels, actuators and sensors have the topics {topics}, expected different ones: of two channels "
+                "with one topic, a command would reach the last alone; rename one"
+            )
+
+    def _check_sensors_and_actuators(self) -> None:
         seed = whole_number(self.seed, "seed", "write one, such as 1")
         if not 0 <= seed <= MOST_SEED:
             raise SceneError(f"seed is {seed}, expected a whole number from 0 to {MOST_SEED}; write another")
         object.__setattr__(self, "seed", seed)
-        for sensor in self.sensors:
+        sensors = instances(self.sensors, Sensor, "sensors", "write one, as Imu(...)")
+        actuators = instances(self.actuators, Actuator, "actuators", "write one, as Thruster(...)")
+        object.__setattr__(self, "sensors", sensors)
+        object.__setattr__(self, "actuators", actuators)
+        if actuators and self.past is not None:
+            raise SceneError(
+                "actuators: what they did in the run that the scene goes on from is not known, expected none; let the "
+                "scene begin by itself: leave out continues"
+            )
+        for sensor in sensors:
             sensor.fixed(self.frames)
             if fault := topic_fault(sensor.name):
                 raise SceneError(f"sensors: a name is {shown(sensor.name)}, expected {fault[0]}; {fault[1]}")
-            if sensor.needs_field and not self.combined_effects.magnetic:
+        magnetic = self.combined_effects.magnetic
+        for part, parts in (("sensors", sensors), ("actuators", actuators)):
+            lacking = [f"{each.kind} {each.name}" for each in parts if each.needs_field and not magnetic]
+            if lacking:
                 raise SceneError(
-                    f"sensors: {sensor.kind} {sensor.name} finds no magnetic field in the scene, expected one; "
-                    "add MagneticField(...) to effects"
+                    f"{part}: {lacking[0]} finds no magnetic field in the scene, expected one; add MagneticField(...) "
+                    "to effects"
                 )
-        topics = [topic.removeprefix("/") for topic in (*(c.topic for c in self.channels), *self.sensor_topics)]
-        if len(set(topics)) < len(topics):
-            raise SceneError(
-                f"channels and sensors have the topics {topics}, expected different ones: of two channels with one "
-                "topic, a command would reach the last alone; rename one"
-            )
 
     @property
     def end_ns(self) -> int | None:
@@ -178,9 +197,9 @@ class Scene:
 
     @property
     def combined_effects(self) -> CombinedEffects:
-        """The effects and the biases of channels combined, for this body."""
+        """The effects, the biases of channels and what actuators are, combined, for this body."""
         biases = tuple(ChannelBias(channel) for channel in self.channels if channel.bias is not None)
-        return CombinedEffects(self.body, (*self.effects, *biases), self.frames)
+        return CombinedEffects(self.body, (*self.effects, *biases, *self.actuators), self.frames)
 
 
 __all__ = ["Channel", "Scene", "Solver"]

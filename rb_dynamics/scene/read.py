@@ -19,6 +19,7 @@ from rb_dynamics.scene.fields import Field, Rule, Section
 from rb_dynamics.scene.model import DEFAULT_ACCURACY, MOST_SEED, Scene, Solver
 from rb_dynamics.scene.overrides import apply_overrides
 from rb_dynamics.scene.problems import Problems
+from rb_dynamics.scene.read_actuators import actuators
 from rb_dynamics.scene.read_body import body_and_frames
 from rb_dynamics.scene.read_channels import channels
 from rb_dynamics.scene.read_effects import effects
@@ -30,7 +31,7 @@ from rb_dynamics.scene.text_file import read_text
 _NO_OVERRIDES: Mapping[str, object] = MappingProxyType({})
 
 ROOT_KEYS = (
-    "world_frame", "body", "initial", "wrenches", "effects", "sensors", "seed", "solver", "duration",
+    "world_frame", "body", "initial", "wrenches", "effects", "actuators", "sensors", "seed", "solver", "duration",
     "output_rate", "continues",
 )  # fmt: skip
 """The keys of a scene, with which dotted parameters of the node begin."""
@@ -139,6 +140,7 @@ def scene_of(tree: document.Node, problems: Problems, text: str, changes: Sequen
     wrenches = channels(root.get("wrenches"), taken)
     acting = effects(root.get("effects"), reading.body, frames)
     magnetic = any(effect.magnetic_field() is not None for effect in acting)
+    driving = actuators(root.get("actuators"), reading.body, frames, magnetic, taken)
     measuring = sensors(root.get("sensors"), reading.body, frames, magnetic, taken)
     seed = int(root.number("seed", _SEED, 0.0))
     solver = _solver(root.section("solver", ("method", "accuracy", "step")))
@@ -163,6 +165,7 @@ def scene_of(tree: document.Node, problems: Problems, text: str, changes: Sequen
         problems.source,
         effects=acting,
         sensors=measuring,
+        actuators=driving,
         seed=seed,
         past=before,
         findings=reading.findings,

@@ -41,6 +41,7 @@ from rb_dynamics.formats.messages import (
     encode_fixed,
     encode_inertia,
     encode_received,
+    encode_setpoint,
     encode_state_change,
     encode_status,
     log_channel,
@@ -55,6 +56,7 @@ from rb_dynamics.run.block import Block
 from rb_dynamics.run.provenance import CHECKPOINT, EPOCH, INTERRUPTED, RESULT, RUN, SCENE, TOPICS, version
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.sink import (
+    ActuatorCommand,
     AppliedWrench,
     Event,
     Measurement,
@@ -254,6 +256,8 @@ class McapSink:
             self._write_applied(event)
         elif isinstance(event, (ReceivedWrench, RejectedWrench)):
             self._write_received(event)
+        elif isinstance(event, ActuatorCommand):
+            self._add(event.topic, encode_setpoint(event.value), event.time_ns)
         elif isinstance(event, Measurement):
             self._add(event.topic, self._encode_measurement[event.topic](event, event.taken_ns), event.time_ns)
         elif isinstance(event, Status):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from rb_dynamics.loads.channels import AppliedWrench, RejectedWrench
 from rb_dynamics.run.sample import Sample
-from rb_dynamics.run.sink import Event, Measurement, RunInfo
+from rb_dynamics.run.sink import ActuatorCommand, Event, Measurement, RunInfo
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -26,6 +26,7 @@ class MemorySink:
         samples: the samples themselves.
         applied: every change of a wrench channel.
         rejected: every command that was not honoured.
+        commands: every command to an actuator, rejected ones too.
         measurements: everything that sensors gave.
     """
 
@@ -34,11 +35,12 @@ class MemorySink:
         self.samples: list[Sample] = []
         self.applied: list[AppliedWrench] = []
         self.rejected: list[RejectedWrench] = []
+        self.commands: list[ActuatorCommand] = []
         self.measurements: list[Measurement] = []
 
     def open(self, run: RunInfo) -> None:
         """Forget an earlier run."""
-        self.samples, self.applied, self.rejected, self.measurements = [], [], [], []
+        self.samples, self.applied, self.rejected, self.commands, self.measurements = [], [], [], [], []
 
     def write(self, event: Event) -> None:
         """Keep an event; a status is no part of a run."""
@@ -48,6 +50,8 @@ class MemorySink:
             self.applied.append(event)
         elif isinstance(event, RejectedWrench):
             self.rejected.append(event)
+        elif isinstance(event, ActuatorCommand):
+            self.commands.append(event)
         elif isinstance(event, Measurement):
             self.measurements.append(event)
 

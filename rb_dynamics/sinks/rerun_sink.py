@@ -35,6 +35,7 @@ from rb_dynamics.numerics.rotation_arrays import rotate_all
 from rb_dynamics.numerics.vector import ZERO, Vector, add, subtract
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.sink import (
+    ActuatorCommand,
     AppliedWrench,
     Event,
     Measurement,
@@ -207,6 +208,10 @@ class Recorder:
         """Take one event."""
         self.time_ns = event.time_ns
         if isinstance(event, (Measurement, ReceivedWrench)):
+            return
+        if isinstance(event, ActuatorCommand):
+            if event.reason:
+                self._note("WARN", f"{event.topic}: rejected: {event.reason}")
             return
         if isinstance(event, Sample):
             self.newest = event

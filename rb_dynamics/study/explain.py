@@ -13,6 +13,7 @@ from dataclasses import asdict, dataclass, replace
 
 from rb_dynamics.body.plausibility import Symmetry, symmetry
 from rb_dynamics.errors import ConvergenceError, SceneError
+from rb_dynamics.loads.actuator_types import ACTUATORS
 from rb_dynamics.loads.effect_types import EFFECTS
 from rb_dynamics.loads.load import LoadDependence
 from rb_dynamics.loads.wrench import Wrench
@@ -24,7 +25,7 @@ from rb_dynamics.numerics.argument_checks import items, number
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import angle_between
 from rb_dynamics.numerics.vector import norm, scale, subtract
-from rb_dynamics.run.simulation import Simulation, as_command, post_all, without_outputs
+from rb_dynamics.run.simulation import Command, Simulation, as_command, post_all, without_outputs
 from rb_dynamics.scene import opened
 from rb_dynamics.scene.model import DEFAULT_ACCURACY, Scene, Solver
 from rb_dynamics.scene.plan import OPEN_END_HORIZON
@@ -59,7 +60,7 @@ NOT_MODELLED = (
     "harmonics, third bodies, ephemerides",
     "a moving or rotating world frame",
     "cameras, range sensors",
-    "actuators",
+    "imbalance of wheels, rise and fall of thrusters, propellant",
     "relativity, radiation of momentum",
 )
 """What no scene can describe; docs/limits.md names alternatives."""
@@ -150,7 +151,7 @@ def _speed(cost: float) -> str:
 
 
 def explain(
-    scene: Scene | str | os.PathLike[str], commands: Sequence[tuple[str, Wrench]] = (), budget: float = 2.0
+    scene: Scene | str | os.PathLike[str], commands: Sequence[Command] = (), budget: float = 2.0
 ) -> Explanation:
     """Return what `scene` models and leaves out, its cost and its error.
 
@@ -238,6 +239,8 @@ def _modelled(scene: Scene) -> tuple[str, ...]:
             items.append(f"rotation without torque: in closed form, {_FREE_ROTATION[kind]}")
             items.append("rotation about one principal axis: one angle, in closed form")
     items += [f"wrench channel {channel.topic}: held until its next command" for channel in scene.channels]
+    items += [f"actuator {each.name}: {each.kind}, commanded on {each.topic}" for each in scene.actuators]
+    items += [f"sensor {each.name}: {each.kind} at {each.rate:g} Hz; it changes no motion" for each in scene.sensors]
     held = {effect.kind for effect in scene.effects if effect.takes == LoadDependence.HELD}
     items += [
         f"effect {effect.kind}: "
@@ -255,6 +258,8 @@ def _left_out(scene: Scene) -> tuple[str, ...]:
         items.append("attitude and rotation: the body has no inertia")
     if not scene.channels:
         items.append("wrench commands: the scene has no channels")
+    if not scene.actuators:
+        items.append(f"{', '.join(ACTUATORS)}: the scene lists no actuators")
     listed = {effect.kind for effect in scene.effects}
     absent = [kind for kind in EFFECTS.own if kind not in listed]
     if absent:
@@ -262,9 +267,7 @@ def _left_out(scene: Scene) -> tuple[str, ...]:
     return (*items, *(f"{thing}: in no scene" for thing in NOT_MODELLED))
 
 
-def probed(
-    scene: Scene, commands: Sequence[tuple[str, Wrench]], length: float
-) -> tuple[Sequence[tuple[str, Wrench]], list[str]]:
+def probed(scene: Scene, commands: Sequence[Command], length: float) -> tuple[Sequence[Command], list[str]]:
     """Return `commands`, or a probe if there are none, and remarks about it.
 
     The probe is used if the scene has channels and no effects: a force of the body's weight and a torque that gives
@@ -279,10 +282,10 @@ def probed(
     return _probe(scene, length), [remark]
 
 
-def _probe(scene: Scene, length: float) -> list[tuple[str, Wrench]]:
+def _probe(scene: Scene, length: float) -> list[Command]:
     topic, body = scene.channels[0].topic, scene.body
     moment, weight = max(body.principal_moments), 9.80665 * body.mass
-    commands = []
+    commands: list[Command] = []
     for k in range(min(math.ceil(length), _PROBES)):
         size = (0.5 if k == 0 else 1.0) * (-1.0) ** k
         force, torque = scale(size * weight, (0.6, 0.0, 0.8)), scale(size * moment, (0.36, 0.48, 0.8))
@@ -292,7 +295,7 @@ def _probe(scene: Scene, length: float) -> list[tuple[str, Wrench]]:
 
 def _measured(
     scene: Scene,
-    commands: Sequence[tuple[str, Wrench]],
+    commands: Sequence[Command],
     length: float,
     budget: float,
     stopwatch: Stopwatch,
@@ -324,7 +327,7 @@ def _measured(
 
 def _timed(
     scene: Scene,
-    commands: Sequence[tuple[str, Wrench]],
+    commands: Sequence[Command],
     length: float,
     budget: float,
     stopwatch: Stopwatch,
@@ -352,7 +355,7 @@ def _timed(
         part *= 2 if 32.0 * wall > budget else 16
 
 
-def _start(scene: Scene, commands: Sequence[tuple[str, Wrench]]) -> Simulation:
+def _start(scene: Scene, commands: Sequence[Command]) -> Simulation:
     run = Simulation(scene)
     post_all(run, commands)
     run.start()
@@ -361,7 +364,7 @@ def _start(scene: Scene, commands: Sequence[tuple[str, Wrench]]) -> Simulation:
 
 def _errors(
     scene: Scene,
-    commands: Sequence[tuple[str, Wrench]],
+    commands: Sequence[Command],
     run: Simulation,
     length: float,
     budget: float,

@@ -42,6 +42,7 @@ from rb_dynamics.formats.messages import (
     encode_fixed,
     encode_inertia,
     encode_received,
+    encode_setpoint,
     encode_state_change,
     log_channel,
     log_topics,
@@ -50,8 +51,9 @@ from rb_dynamics.formats.messages import (
     sample_encoder,
     sample_topics,
 )
-from rb_dynamics.formats.own_log import received_commands, scene_and_names
+from rb_dynamics.formats.own_log import received_commands, received_setpoints, scene_and_names
 from rb_dynamics.loads.channels import AppliedWrench, ReceivedWrench, RejectedWrench
+from rb_dynamics.loads.thruster import Thruster
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import METHODS, REMOVED
 from rb_dynamics.numerics.argument_checks import shown
@@ -71,11 +73,14 @@ from rb_dynamics.run.provenance import (
     next_file,
 )
 from rb_dynamics.run.simulation import Simulation
-from rb_dynamics.run.sink import Event, Measurement, RunInfo, Sample, StateChange
+from rb_dynamics.run.sink import ActuatorCommand, Event, Measurement, RunInfo, Sample, StateChange
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.sinks.state_hash import StateHash
 
 _PARTS = 100
+
+# Numbers of samples, of which there may be many.
+_BOOKS = {f"/{name}" for name, kind in SAMPLE_TOPICS if kind == SCALAR}
 
 # Facts besides scene and commands on which bits depend.
 _SOFTWARE = ("version.rb_dynamics", "version.numpy", "version.scipy", "plugins", "platform", "machine")
@@ -189,13 +194,17 @@ def replay(path: str | Path, progress: Callable[[float], None] | None = None) ->
         ConvergenceError: a step could not be solved.
     """
     facts = _Facts.of(path)
-    found = Replay(commands=len(facts.commands), complete=facts.complete, torn=facts.records.torn)
+    count = len(facts.commands) + len(facts.setpoints)
+    found = Replay(commands=count, complete=facts.complete, torn=facts.records.torn)
     comparison = _Comparison(open_source(path), facts, found)
     run = Simulation(facts.scene, [comparison])
     for topic, wrench, time_ns in facts.commands:
         # A rejected command is rejected again.
         with contextlib.suppress(WrenchError):
             run.post(topic, wrench, time_ns)
+    for topic, value, time_ns in facts.setpoints:
+        with contextlib.suppress(WrenchError):
+            run.actuate(topic, value, time_ns)
     for change in facts.moves:
         run.set_state(change)
     run.start()
@@ -218,6 +227,7 @@ class _Facts:
     scene: Scene
     names: Mapping[str, str]
     commands: list[tuple[str, Wrench, int]]
+    setpoints: list[tuple[str, float, int]]
     moves: list[StateChange]
     metadata: dict[str, dict[str, str]]
     records: _Records
@@ -239,7 +249,7 @@ class _Facts:
         for number, message in enumerate(source.messages()):
             if number == 0:
                 begin_ns = message.log_time
-            if message.channel.type_name == WRENCH:
+            if message.channel.type_name in (WRENCH, SCALAR) and message.channel.topic not in _BOOKS:
                 received.append(message)
             elif _is_state_change(message):
                 moves.append(message)
@@ -255,6 +265,7 @@ class _Facts:
         if end_ns < 0:
             raise LogError(f"{source.path} holds no pose: there is nothing to compare; give the log of a run")
         commands = list(received_commands(scene, names, received))
+        setpoints = list(received_setpoints(scene, names, received))
         complete = source.complete and INTERRUPTED not in source.metadata
         if complete:
             result = source.metadata.get(RESULT, {})
@@ -269,7 +280,7 @@ class _Facts:
         if moves:
             names[SET_STATE[0]] = moves[0].channel.topic
         changes = [decode_state_change(message) for message in moves]
-        return cls(scene, names, commands, changes, source.metadata, said, complete, end_ns)
+        return cls(scene, names, commands, setpoints, changes, source.metadata, said, complete, end_ns)
 
 
 class _Records:
@@ -360,8 +371,9 @@ class _Comparison:
         self._body_frame = frames.body_frame
         commands = {channel.topic for channel in scene.channels}
         held = [*commands, *(name for name, _ in scene.combined_effects.schedules())]
+        held += [each.name for each in scene.actuators if isinstance(each, Thruster)]
         self._applied = {names[topic + APPLIED] for topic in held}
-        self._certain = {names[topic] for topic in commands}
+        self._certain = {names[topic] for topic in (*commands, *(each.topic for each in scene.actuators))}
         self._once = {names[MASS_PROPERTIES[0]]: lambda time_ns: encode_inertia(scene, time_ns)}
         if frames.fixed:
             self._once[names[TF_STATIC[0]]] = lambda time_ns: encode_fixed(frames, time_ns)
@@ -415,6 +427,8 @@ class _Comparison:
             self._compare_applied(event)
         elif isinstance(event, ReceivedWrench):
             self._compare_received(event)
+        elif isinstance(event, ActuatorCommand):
+            self._compare(self._facts.names[event.topic], event.time_ns, encode_setpoint(event.value))
         elif isinstance(event, Measurement):
             message = self._encode_measurement[event.topic](event, event.taken_ns)
             self._compare(self._facts.names[event.topic], event.time_ns, message)

@@ -12,10 +12,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from rb_dynamics.errors import SceneError
-from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import METHODS, remedy
 from rb_dynamics.numerics.argument_checks import items, number, shown
-from rb_dynamics.run.simulation import as_command
+from rb_dynamics.run.simulation import Command, as_command
 from rb_dynamics.scene import opened
 from rb_dynamics.scene.model import DEFAULT_ACCURACY, Scene
 from rb_dynamics.scene.plan import cannot_take
@@ -45,7 +44,7 @@ _KERNELS, _WHOLE = 1.0, 1.0 / 3.0
 
 def trade(
     scene: Scene | str | os.PathLike[str],
-    commands: Sequence[tuple[str, Wrench]] = (),
+    commands: Sequence[Command] = (),
     *,
     target: float | None = None,
     budget: float | None = None,

@@ -16,7 +16,7 @@ from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import angle_between
 from rb_dynamics.numerics.vector import norm, subtract
 from rb_dynamics.run.sample import Sample
-from rb_dynamics.run.simulation import Simulation, post_all
+from rb_dynamics.run.simulation import Command, Simulation, post_all
 from rb_dynamics.scene.model import Scene, Solver
 from rb_dynamics.scene.plan import OPEN_END_HORIZON
 from rb_dynamics.study.stopwatch import Stopwatch
@@ -74,7 +74,7 @@ class Excerpt:
     """
 
     scene: Scene
-    commands: Sequence[tuple[str, Wrench]]
+    commands: Sequence[Command]
     seconds: float
     whole: float
     clock: Stopwatch
@@ -230,18 +230,21 @@ def _plugin_failures_as_refusals(method: str) -> Iterator[None]:
         raise
 
 
-def accepted(scene: Scene, commands: Sequence[tuple[str, Wrench]]) -> list[tuple[str, Wrench]]:
+def accepted(scene: Scene, commands: Sequence[Command]) -> list[Command]:
     """Return the commands that the scene does not reject."""
     run = Simulation(replace(scene, solver=Solver("euler", step=1.0)))
-    honoured = []
+    honoured: list[Command] = []
     for topic, wrench in commands:
         with suppress(WrenchError):
-            run.check(topic, wrench).require()
+            if isinstance(wrench, Wrench):
+                run.check(topic, wrench).require()
+            else:
+                run.actuate(topic, wrench.value)
             honoured.append((topic, wrench))
     return honoured
 
 
-def trial_of(scene: Scene, commands: Sequence[tuple[str, Wrench]], limit: float, clock: Stopwatch) -> Excerpt:
+def trial_of(scene: Scene, commands: Sequence[Command], limit: float, clock: Stopwatch) -> Excerpt:
     """Return the longest excerpt that a general method runs in about `limit` s in plain Python.
 
     Plain Python, because not every method has a kernel, and because the errors of a longer run would be mostly

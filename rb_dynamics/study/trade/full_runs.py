@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from rb_dynamics.errors import ConvergenceError
-from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.run.simulation import Command
 from rb_dynamics.scene.model import Solver
 from rb_dynamics.study.trade.excerpt import Excerpt
 from rb_dynamics.study.trade.result import TradeRow, Verdict, grown
@@ -30,9 +30,7 @@ class FullRuns:
         checked_by: the row that others are compared with at the end of the scene; None if there was no time to run it.
     """
 
-    def __init__(
-        self, trial: Excerpt, commands: Sequence[tuple[str, Wrench]], rows: Sequence[TradeRow], seconds: float
-    ) -> None:
+    def __init__(self, trial: Excerpt, commands: Sequence[Command], rows: Sequence[TradeRow], seconds: float) -> None:
         """Run the most accurate of `rows` that the time allows, with `commands`; all judging takes about `seconds`."""
         self.checked_by: TradeRow | None = None
         self._foretold = True

@@ -1,4 +1,4 @@
-"""Sensors over DDS: a controller that hears an IMU alone closes the loop in lockstep; the log replays to the bit."""
+"""Sensors and actuators over DDS: a loop that hears an IMU alone, in lockstep; thrusters by topics; both replay."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 from geometry_msgs.msg import QuaternionStamped
-from ros_harness import Peer, running, stamp
+from ros_harness import Peer, running, stamp, values
 from sensor_msgs.msg import Imu
+from std_msgs.msg import Float64
 
 from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.study.replay import replay
@@ -50,3 +51,28 @@ def test_a_controller_that_hears_sensors_alone_closes_the_loop(tmp_path: Path, p
     assert replay(log).identical
     rates = read_bag(log).topics["/twist"].numbers[:, 3:]
     assert abs(rates[-1]).max() < 0.2 * abs(rates[0]).max()
+
+
+def test_actuators_are_commanded_by_topics_and_what_they_refuse_is_counted(tmp_path: Path, peer: Peer) -> None:
+    scene, log = tmp_path / "scene.yaml", tmp_path / "run.mcap"
+    scene.write_text("""
+body: {mass: 2, frames: {jet: {position: [0, 0, 0], orientation: {x: 0, y: 0, z: 0, w: 1}}}}
+wrenches: []
+actuators: [{type: thruster, name: jet, frame: jet, force: 2.0, minimum_on: 0.01}]
+""")
+    with running(scene, mcap=log) as node:
+        diagnostics = peer.diagnostics()
+        publisher = peer.node.create_publisher(Float64, "jet/command", 10)
+        peer.until(lambda: publisher.get_subscription_count() > 0, "a reader")
+        peer.spin(0.3)
+        for value in (0.05, 0.001):
+            publisher.publish(Float64(data=value))
+            peer.spin(0.3)
+        peer.until(lambda: diagnostics and values(diagnostics[-1]).get("jet/command: rejected") == "1", "a count")
+        assert values(diagnostics[-1])["jet/command: accepted"] == "1"
+        assert node.stop() == 0
+    assert replay(log).identical
+    bag = read_bag(log)
+    opened, closed = bag.topics["/jet/applied"].log_times
+    assert closed - opened == 50_000_000
+    assert bag.topics["/linear_momentum"].numbers[-1, 0] == pytest.approx(0.1, rel=1e-14)

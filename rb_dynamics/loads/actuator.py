@@ -1,0 +1,128 @@
+"""`Actuator`: what is commanded by a number: a thruster, a magnetorquer, a reaction wheel.
+
+An actuator is data from the scene, and an effect: what it depends on counts like that of any other. What it does now
+follows from its commands and is the business of `actuator_bank.py`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
+
+from rb_dynamics.errors import SceneError, WrenchError
+from rb_dynamics.loads.channels import topic_fault
+from rb_dynamics.loads.effect import Effect
+from rb_dynamics.numerics.argument_checks import instance, number, shown, whole_number
+
+COMMAND = "/command"
+"""What follows the name of an actuator in the topic of its commands."""
+
+
+@dataclass(frozen=True, slots=True)
+class Setpoint:
+    """A command to an actuator: `std_msgs/Float64`.
+
+    Attributes:
+        value: in the unit of the actuator.
+        stamp_ns: when it takes effect, integer nanoseconds since the start of the run.
+    """
+
+    value: float
+    stamp_ns: int = 0
+
+    def __post_init__(self) -> None:
+        """Keep a float; what makes no sense is rejected where it is to act.
+
+        Raises:
+            TypeError: it is no number, or the stamp no whole number.
+        """
+        if isinstance(self.value, bool) or not isinstance(self.value, (int, float)):
+            raise TypeError(f"setpoint: value is {shown(self.value)}, expected a number; write Setpoint(0.1)")
+        object.__setattr__(self, "value", float(self.value))
+        whole_number(self.stamp_ns, "setpoint: stamp_ns", "give nanoseconds: round(1e9 * seconds)")
+
+
+@dataclass(frozen=True, slots=True)
+class ActuatorCommand:
+    """A command to an actuator came.
+
+    Attributes:
+        time_ns: simulation time.
+        topic: of the command, as the scene writes the name of the actuator.
+        value: as it came.
+        reason: why it is rejected; "" where it is not.
+        clipped: whether the limits of the actuator made it smaller.
+    """
+
+    time_ns: int
+    topic: str
+    value: float
+    reason: str = ""
+    clipped: bool = False
+
+
+class Accepted(NamedTuple):
+    """What an actuator makes of a command: the value that acts, and whether its limits made it smaller."""
+
+    value: float
+    clipped: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Actuator(Effect):
+    """What is commanded by a number on the topic `<name>/command`.
+
+    Attributes:
+        needs_field: whether it acts in a magnetic field.
+        unit: of its commands.
+        name: the first part of its topics.
+    """
+
+    needs_field: ClassVar[bool] = False
+    delay: ClassVar[float] = 0.0
+
+    name: str
+
+    def __post_init__(self) -> None:
+        """Refuse a name that cannot be a topic.
+
+        Raises:
+            TypeError: it is no text.
+            SceneError: it is no topic.
+        """
+        instance(self.name, str, f"{self.kind}: name", "write a text")
+        if fault := topic_fault(self.name) or topic_fault(self.topic):
+            raise SceneError(f"{self.kind}: name is {shown(self.name)}, expected {fault[0]}; {fault[1]}")
+
+    @property
+    def topic(self) -> str:
+        """The topic of its commands."""
+        return self.name + COMMAND
+
+    @property
+    def unit(self) -> str:
+        """The unit of its commands."""
+        raise NotImplementedError
+
+    def accept(self, value: float) -> Accepted:
+        """Return what a command does.
+
+        Raises:
+            WrenchError: it cannot be honoured.
+        """
+        if not math.isfinite(value):
+            raise WrenchError(f"{self.topic}: {value!r} {self.unit}, expected a finite number; mend what commands it")
+        return self._accept(value)
+
+    def _accept(self, value: float) -> Accepted:
+        raise NotImplementedError
+
+    def _number(self, name: str, expected: str, **limits: float) -> None:
+        value = number(getattr(self, name), f"{self.kind}: {name}", expected, SceneError, **limits)
+        object.__setattr__(self, name, value)
+
+
+def clipped(value: float, limit: float) -> Accepted:
+    """Return a value within a limit either way."""
+    return Accepted(math.copysign(limit, value), clipped=True) if abs(value) > limit else Accepted(value)

@@ -1,0 +1,141 @@
+"""`ActuatorBank`: the actuators of one run: which command acts from when, and what they do now."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.errors import WrenchError
+from rb_dynamics.loads.actuator import COMMAND, Actuator, ActuatorCommand
+from rb_dynamics.loads.channels import AppliedWrench
+from rb_dynamics.loads.effect import Field, Point, Wrenching
+from rb_dynamics.loads.magnetorquer import Magnetorquer
+from rb_dynamics.loads.thruster import Thruster
+from rb_dynamics.loads.wrench import HeldWrench, WrenchFrames
+from rb_dynamics.numerics.nanoseconds import nanoseconds
+from rb_dynamics.numerics.rotation import rotate_inverse
+from rb_dynamics.numerics.vector import ZERO, Vector, add, cross
+
+
+class _Edge(NamedTuple):
+    """A command that comes, or an actuator that changes; at equal times in the order of the scene, then of arrival."""
+
+    time_ns: int
+    actuator: int
+    number: int
+    value: float
+    acts: bool = False
+
+
+class ActuatorBank:
+    """The actuators of one run, in the order of the scene, all at zero at the start."""
+
+    def __init__(self, actuators: Sequence[Actuator], body: RigidBody, frames: WrenchFrames, field: Field) -> None:
+        """Start without commands; `field` is the magnetic flux density (T)."""
+        self._actuators, self._body, self._frames, self._field = tuple(actuators), body, frames, field
+        self._index = {actuator.topic.lstrip("/"): k for k, actuator in enumerate(actuators)}
+        self._queue: list[_Edge] = []
+        self._number = 0
+        # What each does now, and the number of the command that opened a thruster, to which its closing belongs.
+        self._values = [0.0] * len(self._actuators)
+        self._opened = [0] * len(self._actuators)
+
+    def accept(self, topic: str, value: float) -> bool:
+        """Return whether the limits of an actuator make a command smaller; changes nothing.
+
+        Raises:
+            WrenchError: there is no such actuator, or it cannot honour the command.
+        """
+        return self._actuators[self._place(topic)].accept(value).clipped
+
+    def post(self, topic: str, value: float, time_ns: int) -> None:
+        """Let a command come at `time_ns`.
+
+        Raises:
+            WrenchError: there is no such actuator.
+        """
+        self._push(time_ns, self._place(topic), value)
+
+    def next_change_ns(self) -> int | None:
+        """Return when a command comes or an actuator changes next; None if that never happens."""
+        return self._queue[0].time_ns if self._queue else None
+
+    def apply(self, now_ns: int) -> list[ActuatorCommand | AppliedWrench]:
+        """Make every change that is due at `now_ns`, and return what came and which thruster changed, in order."""
+        told: list[ActuatorCommand | AppliedWrench] = []
+        while self._queue and self._queue[0].time_ns <= now_ns:
+            edge = heapq.heappop(self._queue)
+            if edge.acts:
+                told += self._act(edge)
+                continue
+            actuator = self._actuators[edge.actuator]
+            try:
+                value, clipped = actuator.accept(edge.value)
+            except WrenchError as error:
+                told.append(ActuatorCommand(now_ns, actuator.topic, edge.value, str(error)))
+                continue
+            told.append(ActuatorCommand(now_ns, actuator.topic, edge.value, "", clipped))
+            delay_ns = nanoseconds(actuator.delay)
+            heapq.heappush(self._queue, edge._replace(time_ns=now_ns + delay_ns, value=value, acts=True))
+        return told
+
+    def held(self) -> HeldWrench:
+        """Return what the thrusters do about the centre of mass, body axes."""
+        total = HeldWrench()
+        for actuator, value in zip(self._actuators, self._values, strict=True):
+            if isinstance(actuator, Thruster) and value > 0.0:
+                total = total + actuator.held(self._frames, value)
+        return total
+
+    def wrenching(self) -> Wrenching | None:
+        """Return what the magnetorquers do in the field, as they are now; None where they do nothing."""
+        dipole: Vector = ZERO
+        for actuator, value in zip(self._actuators, self._values, strict=True):
+            if isinstance(actuator, Magnetorquer):
+                dipole = add(dipole, actuator.dipole(value))
+        if dipole == ZERO:
+            return None
+        m, field = rotate_inverse(self._body.principal_orientation_xyzw, dipole), self._field
+
+        def torque(point: Point) -> tuple[Vector, Vector]:
+            return ZERO, cross(m, rotate_inverse(point.orientation, field(point.position)))
+
+        return torque
+
+    def _place(self, topic: str) -> int:
+        place = self._index.get(topic.lstrip("/"))
+        if place is None:
+            known = ", ".join(sorted(self._index)) or "none: the scene lists no actuators"
+            raise WrenchError(f"topic {topic!r}, expected that of an actuator, one of {known}; name it with {COMMAND}")
+        return place
+
+    def _push(self, time_ns: int, actuator: int, value: float) -> None:
+        self._number += 1
+        heapq.heappush(self._queue, _Edge(time_ns, actuator, self._number, value))
+
+    def _act(self, edge: _Edge) -> list[AppliedWrench]:
+        """Let an actuator do what was commanded; return what that does to the body as far as it is a wrench."""
+        k = edge.actuator
+        actuator, value = self._actuators[k], edge.value
+        if not isinstance(actuator, Thruster):
+            self._values[k] = value
+            return []
+        if value < 0.0:
+            # The end of a pulse, unless another command has come since.
+            if self._opened[k] != edge.number:
+                return []
+            value = 0.0
+        elif actuator.command == "on_time":
+            self._opened[k] = edge.number
+            if value > 0.0:
+                end_ns = edge.time_ns + max(1, nanoseconds(value))
+                heapq.heappush(self._queue, edge._replace(time_ns=end_ns, value=-1.0))
+            value = 1.0 if value > 0.0 else 0.0
+        if value == self._values[k]:
+            return []
+        self._values[k] = value
+        held = actuator.held(self._frames, value)
+        frame = self._frames.body_frame
+        return [AppliedWrench(edge.time_ns, actuator.name, None, frame, held.force_body, held.torque_body)]

@@ -1,0 +1,73 @@
+"""A magnetorquer: a coil or rod whose magnetic dipole turns the body in the scene's magnetic field."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+from rb_dynamics.errors import SceneError
+from rb_dynamics.loads.actuator import Accepted, Actuator, clipped
+from rb_dynamics.loads.load import LoadDependence
+from rb_dynamics.numerics.argument_checks import vector
+from rb_dynamics.numerics.vector import ZERO, Vector, norm, scale
+
+if TYPE_CHECKING:
+    from rb_dynamics.scene.effect_entry import EffectEntry
+
+
+@dataclass(frozen=True, kw_only=True)
+class Magnetorquer(Actuator):
+    """A dipole m along its axis, with the torque m x B in the field B at the centre of mass.
+
+    A command is a dipole (A m^2), which acts at once and is held until the next one. There is no force: the field
+    hardly changes over the body.
+
+    Attributes:
+        axis: body axes; its length does not count.
+        max_dipole: A m^2, either way; a larger command is clipped.
+    """
+
+    kind: ClassVar[str] = "magnetorquer"
+    takes: ClassVar[LoadDependence] = LoadDependence.FIELD
+    keys: ClassVar[tuple[str, ...]] = ("name", "axis", "max_dipole")
+    needs_field: ClassVar[bool] = True
+
+    axis: Vector
+    max_dipole: float
+
+    def __post_init__(self) -> None:
+        """Refuse what is no magnetorquer.
+
+        Raises:
+            TypeError: an argument is not of its type.
+            SceneError: a number is out of range, or there is no axis.
+        """
+        super().__post_init__()
+        axis = vector(self.axis, "magnetorquer: axis", "the direction of its axis", SceneError)
+        if axis == ZERO:
+            raise SceneError("magnetorquer: axis is zero, expected the direction of its axis; write one, as (0, 0, 1)")
+        object.__setattr__(self, "axis", axis)
+        self._number("max_dipole", "a dipole greater than 0 (A m^2)", above=0.0)
+
+    @classmethod
+    def read(cls, entry: EffectEntry) -> Magnetorquer:
+        """Return the actuator of an entry."""
+        return cls(
+            name=entry.name or "magnetorquer",
+            axis=entry.direction("axis", "write its axis in the body, such as [0, 0, 1]"),
+            max_dipole=entry.number(
+                "max_dipole", "a number greater than 0 (A m^2)", lambda v: v > 0.0, "write its largest dipole"
+            ),
+        )
+
+    @property
+    def unit(self) -> str:
+        """The unit of its commands."""
+        return "A m^2"
+
+    def dipole(self, value: float) -> Vector:
+        """Return its dipole (A m^2, body axes) under a command."""
+        return scale(value / norm(self.axis), self.axis)
+
+    def _accept(self, value: float) -> Accepted:
+        return clipped(value, self.max_dipole)

@@ -1,0 +1,95 @@
+"""A thruster: a force along the x axis of its frame, in pulses of a commanded length or at a commanded level."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+from rb_dynamics.errors import SceneError, WrenchError
+from rb_dynamics.loads.actuator import Accepted, Actuator
+from rb_dynamics.loads.wrench import HeldWrench, Wrench, WrenchFrames
+from rb_dynamics.numerics.argument_checks import instance, shown
+from rb_dynamics.numerics.nanoseconds import LONGEST
+
+if TYPE_CHECKING:
+    from rb_dynamics.scene.effect_entry import EffectEntry
+
+COMMANDS = ("on_time", "level")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Thruster(Actuator):
+    """Open, it exerts `force` along the x axis of its frame, at the frame's origin.
+
+    A command opens it `delay` after it came, for so many seconds (`on_time`) or at so much of its force (`level`, 0 to
+    1) until the next one. It replaces the one before: `on_time` 0 closes. Edges fall on their nanosecond, so that an
+    impulse is force times time. The force rises and falls at once.
+
+    Attributes:
+        frame: where it is, one of the body's fixed frames.
+        force: N.
+        command: `on_time` or `level`.
+        minimum_on: s; a shorter on-time greater than 0 is rejected.
+        delay: s from a command to its edge.
+    """
+
+    kind: ClassVar[str] = "thruster"
+    keys: ClassVar[tuple[str, ...]] = ("name", "frame", "force", "command", "minimum_on", "delay")
+
+    frame: str
+    force: float
+    command: str = "on_time"
+    minimum_on: float = 0.0
+    delay: float = 0.0  # type: ignore[misc]
+
+    def __post_init__(self) -> None:
+        """Refuse what is no thruster.
+
+        Raises:
+            TypeError: an argument is not of its type.
+            SceneError: a number is out of range, or there is no such command.
+        """
+        super().__post_init__()
+        instance(self.frame, str, "thruster: frame", "write the name of a frame")
+        self._number("force", "a force greater than 0 (N)", above=0.0)
+        self._number("minimum_on", "a time of 0 or more (s)", least=0.0)
+        self._number("delay", f"a time from 0 to {LONGEST:.1e} (s)", least=0.0, most=LONGEST)
+        if self.command not in COMMANDS:
+            raise SceneError(f"thruster: command is {shown(self.command)}, expected {' or '.join(COMMANDS)}")
+
+    @classmethod
+    def read(cls, entry: EffectEntry) -> Thruster:
+        """Return the actuator of an entry."""
+        frame, known = entry.text("frame", "the name of a frame", ""), ", ".join(entry.frames.fixed or {})
+        if not frame:
+            entry.section.missing("frame", "a fixed frame of the body", "declare one under body.frames and name it")
+        elif frame not in (entry.frames.fixed or {}):
+            entry.reject(f"a fixed frame of the body, one of: {known}", "declare it under body.frames", "frame")
+        return cls(
+            name=entry.name or "thruster",
+            frame=frame,
+            force=entry.number("force", "a number greater than 0 (N)", lambda v: v > 0.0, "write its force"),
+            command=entry.choice("command", COMMANDS, COMMANDS[0]),
+            minimum_on=entry.number("minimum_on", "0 or more (s)", lambda v: v >= 0.0, "write 0 for none", 0.0),
+            delay=entry.number("delay", "0 or more (s)", lambda v: 0.0 <= v <= LONGEST, "write 0 for none", 0.0),
+        )
+
+    @property
+    def unit(self) -> str:
+        """The unit of its commands."""
+        return "s" if self.command == "on_time" else "of its force"
+
+    def held(self, frames: WrenchFrames, level: float) -> HeldWrench:
+        """Return what it does about the centre of mass at so much of its force."""
+        return frames.hold(Wrench((level * self.force, 0.0, 0.0), frame_id=self.frame))
+
+    def _accept(self, value: float) -> Accepted:
+        if self.command == "level":
+            return Accepted(min(1.0, max(0.0, value)), not 0.0 <= value <= 1.0)
+        if value != 0.0 and not max(self.minimum_on, 0.0) <= value <= LONGEST:
+            least = f"minimum_on = {self.minimum_on!r} s" if self.minimum_on else "0 s"
+            raise WrenchError(
+                f"{self.topic}: an on-time of {value!r} s, expected 0 or from {least} to {LONGEST:.1e} s; command "
+                "0 for less"
+            )
+        return Accepted(value)
