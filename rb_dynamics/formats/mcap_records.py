@@ -149,16 +149,22 @@ class Block(NamedTuple):
 
 
 def in_blocks(messages: Iterable[Message]) -> Iterator[Block]:
-    """Yield messages in blocks, those of each channel in their order."""
+    """Yield messages in blocks, those of each channel in their order; those before a damage come before its error."""
     waiting: dict[int, list[Message]] = {}
     count = size = 0
-    for message in messages:
-        waiting.setdefault(id(message.channel), []).append(message)
-        count, size = count + 1, size + len(message.data)
-        if count >= _BLOCK_MESSAGES or size >= _BLOCK_BYTES:
-            yield from map(_block, waiting.values())
-            waiting, count, size = {}, 0, 0
+    damage: LogError | None = None
+    try:
+        for message in messages:
+            waiting.setdefault(id(message.channel), []).append(message)
+            count, size = count + 1, size + len(message.data)
+            if count >= _BLOCK_MESSAGES or size >= _BLOCK_BYTES:
+                yield from map(_block, waiting.values())
+                waiting, count, size = {}, 0, 0
+    except LogError as error:
+        damage = error
     yield from map(_block, waiting.values())
+    if damage is not None:
+        raise damage
 
 
 def _block(messages: list[Message]) -> Block:

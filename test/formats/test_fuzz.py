@@ -74,6 +74,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @MANY
 @given(changes=edits)
+@example(changes=[(0.75, 0, b"\x00"), (0.125, 6, b"\x00" * 6)])
 def test_a_log_with_bytes_replaced_added_or_removed(folder: Path, changes: list[tuple[float, int, bytes]]) -> None:
     path = folder / "fuzzed.mcap"
     path.write_bytes(edited(own_log(folder), changes))
