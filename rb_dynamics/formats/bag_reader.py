@@ -194,6 +194,10 @@ def read_bag(path: str | os.PathLike[str], repeated: bool = True) -> Bag:
         topic.join(alike)
     if RUN in file.metadata:
         require_types(file, logged_scene(file.attachments))
+        # In a bag of several files RUN is known only when the first one has been read.
+        for name in bag.pairs:
+            del bag.topics[name]
+        bag.pairs.clear()
     bag.whole = file.complete
     bag.boundaries = tuple(file.boundaries) if isinstance(file, SplitBag) else ()
     bag.complete = file.complete and INTERRUPTED not in file.metadata and not bag.next_file
