@@ -87,7 +87,7 @@ def missing(track: Track) -> str:
     told = [f"{'a piece is' if len(times) == 1 else 'pieces are'} missing {', '.join(times)}"] if times else []
     told += [f"the next file, {name}, is missing" for name in track.bag.missing_files]
     # A run begins at 0; a later file of a bag, alone, does not.
-    if track.own and start > 0 and not any(begin < start for begin, _ in track.bag.missing):
+    if track.own and start > 0 and not track.bag.cut and not any(begin < start for begin, _ in track.bag.missing):
         told = [f"the first {start * 1e-9:.9g} s are missing", *told]
     return "; ".join(told)
 

@@ -15,6 +15,7 @@ from rb_dynamics.analysis.read_track import TopicChoice, read_track
 from rb_dynamics.analysis.residual import Residual
 from rb_dynamics.analysis.summary import RunSummary, summarize
 from rb_dynamics.analysis.track import Track
+from rb_dynamics.analysis.window import Window, part_of
 from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.formats.own_log import opened_scene
 from rb_dynamics.numerics.argument_checks import number, shown
@@ -49,6 +50,7 @@ def inspect(
     scene: Scene | str | os.PathLike[str] | None = None,
     bound: float = BOUND,
     topics: TopicChoice | None = None,
+    window_s: Window = (None, None),
 ) -> Inspection:
     """Return the analysis of a log of this package, or of any ROS 2 bag of pose, twist and wrench.
 
@@ -57,6 +59,7 @@ def inspect(
         scene: body and frames for a bag without them, or its file.
         bound: largest defect accepted, relative to the largest energy or momentum.
         topics: which topics tell of the body; found by type and name where it does not say.
+        window_s: first and last time to inspect, s: simulation time, or since the start of the motion in a bag.
 
     Raises:
         TypeError: an argument has the wrong type.
@@ -69,6 +72,8 @@ def inspect(
         raise TypeError(f"log is {shown(log)}, expected the path of a log; write its name")
     known = None if scene is None else opened_scene(scene)
     track = read_track(read_bag(log, repeated=False), known, topics)
+    if window_s != (None, None):
+        track = read_track(part_of(track, window_s), known, topics)
     return Inspection(track, summarize(track, bound))
 
 

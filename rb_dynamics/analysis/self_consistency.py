@@ -47,8 +47,11 @@ def self_consistency(track: Track) -> list[Check]:
     if not track.own:
         return []
     scene = logged_scene(track.bag.attachments)
-    found = [_energy(track), _odometry(track), _momenta(track, scene)]
-    if scene is not None:
+    found = [_odometry(track), _momenta(track, scene)]
+    # Of a part, the rest cannot be told: where it begins, and what came before.
+    if not track.bag.cut:
+        found.insert(0, _energy(track))
+    if scene is not None and not track.bag.cut:
         found += [_applied(track, scene), _FitsScene(track, scene).check()]
     return [check for check in found if check is not None]
 

@@ -16,6 +16,7 @@ import argparse
 import sys
 from decimal import Decimal
 
+from rb_dynamics.cli.parser import add_window
 from rb_dynamics.cli.scene import add_start_and_topics, mapping_of
 from rb_dynamics.cli.topics import add_topics, chosen_topics
 from rb_dynamics.numerics.option_types import real
@@ -49,13 +50,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="write both bodies as a Rerun recording, or show them in a viewer (extra: log)",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object, floats in full")
-
-
-def add_window(parser: argparse.ArgumentParser, verb: str) -> None:
-    """Add `--from` and `--to`."""
-    seconds = real("a number of seconds")
-    parser.add_argument("--from", dest="from_s", type=seconds, metavar="S", help=f"{verb} from t = S on")
-    parser.add_argument("--to", dest="to_s", type=seconds, metavar="S", help=f"{verb} up to t = S")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -18,6 +18,7 @@ import sys
 from decimal import Decimal
 from typing import TYPE_CHECKING
 
+from rb_dynamics.cli.parser import add_window
 from rb_dynamics.numerics.option_types import real
 
 if TYPE_CHECKING:
@@ -37,6 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--at", type=real("a number of seconds, 0 or more", lambda v: v >= 0.0), metavar="S",
         help="of a .yaml: begin the scene with the state at S, so that it goes on with the same bits",
     )  # fmt: skip
+    add_window(parser, "convert")
     for kind in ("pose", "twist", "wrench"):
         parser.add_argument(
             f"--{kind}-topic", dest="topics", metavar="TOPIC", action="append", default=[],
@@ -63,6 +65,9 @@ def run(args: argparse.Namespace) -> int:
         args.parser.error(
             f"found --at for {target.name}, expected a scene; give OUT the ending .yaml, or leave out --at"
         )
+    window = (args.from_s, args.to_s)
+    if window != (None, None) and way not in (*tables, ("log", ".rrd")):
+        args.parser.error(f"found --from or --to for {target.name}, expected a .csv, .parquet or .rrd")
     if args.topics and way not in (*tables, ("log", ".rrd")):
         args.parser.error(f"found a topic for {target.name}, expected none; only .csv, .parquet and .rrd have topics")
 
@@ -71,9 +76,9 @@ def run(args: argparse.Namespace) -> int:
         print(f"rb-dynamics: left out: {error}", file=sys.stderr)
 
     if way in tables:
-        written = convert.to_table(sources, target, args.topics, skip)
+        written = convert.to_table(sources, target, args.topics, skip, window)
     elif way == ("log", ".rrd"):
-        written = [(target, convert.log_to_rerun(source, target, args.topics))]
+        written = [(target, convert.log_to_rerun(source, target, args.topics, window))]
     elif way in (("log", ".yaml"), ("log", ".yml")) and args.at is not None:
         return _scene_at(source, target, args.at)
     elif way in (("log", ".yaml"), ("log", ".yml")):

@@ -16,12 +16,13 @@ import argparse
 import sys
 from typing import TYPE_CHECKING
 
-from rb_dynamics.cli.parser import add_many
+from rb_dynamics.cli.parser import add_many, add_window
 from rb_dynamics.cli.topics import add_topics, chosen_topics
 from rb_dynamics.numerics.option_types import real
 
 if TYPE_CHECKING:
     from rb_dynamics.analysis.read_track import TopicChoice
+    from rb_dynamics.analysis.window import Window
     from rb_dynamics.cli.many import Row
 
 HELP = "analyse a recorded run"
@@ -41,6 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--video", metavar="F", help="write a video of the motion as .mp4 or .gif (extra: video)")
     parser.add_argument("--scene", metavar="SCENE", help="scene file whose body and frames belong to the bag")
     add_topics(parser)
+    add_window(parser, "inspect")
     parser.add_argument(
         "--bound",
         type=real("a number greater than 0 such as 1e-6", lambda v: v > 0.0),
@@ -72,6 +74,7 @@ def run(args: argparse.Namespace) -> int:
 
     if args.verify:
         require_library("--verify")
+    window = (args.from_s, args.to_s)
     bound, topics, logs = BOUND if args.bound is None else args.bound, chosen_topics(args), logs_of(args.log)
     require_apart(filter(None, (args.html, args.video)))
     for written in filter(None, (args.html, args.video)):
@@ -82,10 +85,10 @@ def run(args: argparse.Namespace) -> int:
             args.parser.error(f"found --video for {len(logs)} logs, expected one; a video shows one log")
         if args.scene:
             read_scene(args.scene)
-        work = partial(_row, scene=args.scene, bound=bound, topics=topics, verify=args.verify)
+        work = partial(_row, scene=args.scene, bound=bound, topics=topics, verify=args.verify, window=window)
         return report(args, logs, work, _COLUMNS, "Inspected logs")
     (log,) = args.log
-    found = inspect(log, args.scene, bound, topics)
+    found = inspect(log, args.scene, bound, topics, window)
     encoding = sys.stdout.encoding or "utf-8"
     text = json.dumps(found.as_dict(), allow_nan=False) if args.json else as_text(found.summary)
     print(text.encode(encoding, "backslashreplace").decode(encoding), flush=True)
@@ -117,7 +120,7 @@ def run(args: argparse.Namespace) -> int:
 _COLUMNS = ("duration [s]", "samples", "T defect", "L defect", "warnings")
 
 
-def _row(log: str, *, scene: str | None, bound: float, topics: TopicChoice, verify: bool) -> Row:
+def _row(log: str, *, scene: str | None, bound: float, topics: TopicChoice, verify: bool, window: Window) -> Row:
     """Return what is said of one of several logs."""
     from pathlib import Path
 
@@ -126,7 +129,7 @@ def _row(log: str, *, scene: str | None, bound: float, topics: TopicChoice, veri
     from rb_dynamics.errors import LogError
     from rb_dynamics.formats.mcap_integrity import verify_bag
 
-    found = inspect(log, scene, bound, topics)
+    found = inspect(log, scene, bound, topics, window)
     summary = found.summary
     wrong = [check.name for check in summary.checks if not check.passed]
     facts = {"path": log} | found.as_dict()

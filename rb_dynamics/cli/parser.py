@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 from typing import NoReturn
 
-from rb_dynamics.numerics.option_types import whole
+from rb_dynamics.numerics.option_types import real, whole
 
 
 class Parser(argparse.ArgumentParser):
@@ -53,3 +53,10 @@ def require_with(args: argparse.Namespace, option: str, is_given: bool, other: s
     """Refuse an option that would have no effect without the option `other`."""
     if is_given and not is_there:
         args.parser.error(f"found {option} without {other}, expected both; add {other}, or leave out {option}")
+
+
+def add_window(parser: argparse.ArgumentParser, verb: str) -> None:
+    """Add `--from` and `--to`."""
+    seconds = real("a number of seconds")
+    parser.add_argument("--from", dest="from_s", type=seconds, metavar="S", help=f"{verb} from t = S on")
+    parser.add_argument("--to", dest="to_s", type=seconds, metavar="S", help=f"{verb} up to t = S")

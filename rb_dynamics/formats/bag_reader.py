@@ -64,6 +64,7 @@ class Bag:
         boundaries: where one file ends and the next begins, of several in which nothing is missing between the two.
         pairs: names of the topics that are a pair of frames.
         faults: why the transforms of a topic cannot be read, by its name.
+        cut: a part of what was recorded was taken out of it.
 
     Each pair of frames on a topic of TFMessage is a topic of its own too, named "/tf PARENT:CHILD", of
     TransformStamped; but not in a log of this package, where /tf says what the pose says.
@@ -78,6 +79,7 @@ class Bag:
     boundaries: tuple[FileBoundary, ...] = ()
     pairs: set[str] = field(default_factory=set)
     faults: dict[str, LogError] = field(default_factory=dict)
+    cut: bool = False
 
     @property
     def ended(self) -> bool:

@@ -101,6 +101,22 @@ class Topic:
         times = alike.setdefault(tuple(map(id, self._times)), self.log_times)
         self._times = [times] if len(times) else []
 
+    def only(self, rows: NDArray[np.bool_]) -> Topic:
+        """Return the topic with these of its messages."""
+        self._taken()
+        kept = Topic(self.name, self.type_name, self._keeps)
+        kept.qos, kept.count = self.qos, int(rows.sum())
+        kept._times = [self.log_times[rows]]
+        if self._stamps is not None:
+            kept._stamps = array("q", self.stamps[rows].tobytes())
+        if self._width:
+            kept._numbers.frombytes(_view(self._numbers, "u8").reshape(self.count, self._width)[rows].tobytes())
+        before = np.concatenate([[0], np.cumsum(rows)]).tolist()
+        texts = {before[row]: text for row, text in self._texts}
+        kept._texts = [(row, text) for row, text in texts.items() if row < kept.count]
+        kept.messages = [message for message, keep in zip(self.messages, rows.tolist(), strict=False) if keep]
+        return kept
+
     @property
     def log_times(self) -> Times:
         """Times (ns) at which the messages were logged."""

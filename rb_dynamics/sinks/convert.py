@@ -12,12 +12,12 @@ import itertools
 import logging
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from rb_dynamics.errors import LogError
-from rb_dynamics.formats.bag_reader import named_type
+from rb_dynamics.formats.bag_reader import IMUS, POSES, TWISTS, named_type
 from rb_dynamics.formats.bag_source import Source, open_source
 from rb_dynamics.formats.log_file import LogFile, require_other
 from rb_dynamics.formats.mcap_records import Message
@@ -44,7 +44,7 @@ from rb_dynamics.numerics.rotation import rotate
 from rb_dynamics.run.provenance import RESULT, RUN, SCENE, version
 from rb_dynamics.run.sink import RunInfo, Sample
 from rb_dynamics.scene.model import Scene
-from rb_dynamics.sinks.convert_bag import columns_of, quantities_of, table_of
+from rb_dynamics.sinks.convert_bag import Span, columns_of, quantities_of, table_of
 
 _logger = logging.getLogger(__name__)
 
@@ -81,6 +81,12 @@ _COMMAND_COLUMNS = (
 
 Skip = Callable[[Path, LogError], None]
 
+Window = tuple[float | None, float | None]
+"""First and last time, s; None: from the start, or to the end."""
+
+_WHOLE: Window = (None, None)
+_MOTIONS = {*POSES, *TWISTS, *IMUS}
+
 
 @dataclass(frozen=True)
 class _Input:
@@ -89,6 +95,24 @@ class _Input:
     path: Path
     source: Source
     kinds: dict[str, str]
+    motion_ns: int
+
+    def span(self, window_s: Window) -> Span:
+        """Return the log times of a window: s of simulation time, or since the first message of a motion.
+
+        Raises:
+            LogError: there is no time in it.
+        """
+        begin_s, end_s = window_s
+        if begin_s is not None and end_s is not None and end_s < begin_s:
+            raise LogError(
+                f"{self.path}: found --from {begin_s:g} --to {end_s:g} s, expected a time in between; exchange them"
+            )
+        zero_ns = 0 if self.own else self.motion_ns
+        return Span(
+            -math.inf if begin_s is None else zero_ns + round(begin_s * 1e9),
+            math.inf if end_s is None else zero_ns + round(end_s * 1e9),
+        )
 
     @property
     def own(self) -> bool:
@@ -96,7 +120,11 @@ class _Input:
 
 
 def to_table(
-    paths: Sequence[str | Path], target: Path, topics: Sequence[str] = (), skip: Skip | None = None
+    paths: Sequence[str | Path],
+    target: Path,
+    topics: Sequence[str] = (),
+    skip: Skip | None = None,
+    window_s: Window = _WHOLE,
 ) -> list[tuple[Path, int]]:
     """Write logs or bags to one table, .csv or .parquet; returns the files with their rows.
 
@@ -108,6 +136,7 @@ def to_table(
         target: the table.
         topics: names of topics; all, if empty.
         skip: told of each log of several that cannot be read, with the reason; without it that is an error.
+        window_s: the part of the time that is wanted: simulation time, or since the first message of a motion.
 
     Raises:
         LogError: nothing can be converted, logs of this package are mixed with bags, or a file is read itself or cannot
@@ -126,10 +155,11 @@ def to_table(
             "for one table; convert them to two"
         )
     if own and not topics:
-        return _samples_to_table(own, target, beside, skip)
+        return _samples_to_table(own, target, beside, skip, window_s)
     kinds = {topic: kind for each in inputs for topic, kind in each.kinds.items()}
     quantities = quantities_of(kinds, ", ".join(str(each.path) for each in inputs), topics)
-    blocks = table_of([each.path for each in inputs], quantities, topics)
+    spans = {each.path: each.span(window_s) for each in inputs}
+    blocks = table_of([each.path for each in inputs], quantities, topics, spans)
     return [(target, write_table(target, columns_of(quantities), blocks))]
 
 
@@ -138,9 +168,12 @@ def _looked_through(paths: Sequence[str | Path], skip: Skip | None, split: bool)
     found = False
     for number, path in enumerate(map(Path, paths)):
         source, kinds = open_source(path), dict[str, str]()
+        first: dict[bool, int] = {}
         try:
             for block in source.blocks():
                 kinds[block.channel.topic] = kind = named_type(block.channel)
+                moves, begin_ns = kind in _MOTIONS, int(block.log_times.min())
+                first[moves] = min(first.get(moves, begin_ns), begin_ns)
                 if kind == TRANSFORMS and (split or RUN not in source.metadata):
                     kinds |= {part.channel.topic: TRANSFORM for part in transforms(block)}
         except LogError as error:
@@ -149,11 +182,14 @@ def _looked_through(paths: Sequence[str | Path], skip: Skip | None, split: bool)
             skip(path, error)
             continue
         found = True
-        yield _Input(source.path, source, kinds)
+        yield _Input(source.path, source, kinds, first.get(True, first.get(False, 0)))
 
 
-def _samples_to_table(logs: Sequence[_Input], target: Path, beside: Path, skip: Skip | None) -> list[tuple[Path, int]]:
+def _samples_to_table(
+    logs: Sequence[_Input], target: Path, beside: Path, skip: Skip | None, window_s: Window
+) -> list[tuple[Path, int]]:
     parts: list[tuple[Path, Scene, dict[str, str]]] = []
+    span = logs[0].span(window_s)
     for each in logs:
         try:
             scene, names = scene_and_names(each.source, _TO_CONVERT)
@@ -170,7 +206,8 @@ def _samples_to_table(logs: Sequence[_Input], target: Path, beside: Path, skip: 
     def samples() -> Iterator[Rows]:
         for path, scene, names in parts:
             place = {name: k + 1 for k, name in enumerate(row_columns(scene, names))}
-            lines = ((row.time_ns, *row.numbers) for row in rows(scene, names, open_source(path).messages()))
+            found = rows(scene, names, open_source(path).messages())
+            lines = ((row.time_ns, *row.numbers) for row in found if row.time_ns in span)
             for batch in _batches(lines):
                 by_column = list(zip(*batch, strict=True))
                 block = [by_column[0], *(by_column[place[name]] if name in place else None for name in wide)]
@@ -180,7 +217,9 @@ def _samples_to_table(logs: Sequence[_Input], target: Path, beside: Path, skip: 
         for path, scene, names in parts:
             received = received_commands(scene, names, open_source(path).messages())
             lines = (
-                (time_ns, topic, wrench.frame_id, *wrench.force, *wrench.torque) for topic, wrench, time_ns in received
+                (time_ns, topic, wrench.frame_id, *wrench.force, *wrench.torque)
+                for topic, wrench, time_ns in received
+                if time_ns in span
             )
             for batch in _batches(lines):
                 block = list(zip(*batch, strict=True))
@@ -197,7 +236,7 @@ def _unit(name: str) -> str:
     return next((unit for begin, unit in _UNITS.items() if name.startswith(begin)), "")
 
 
-def log_to_rerun(log: str | Path, target: Path, topics: Sequence[str] = ()) -> int:
+def log_to_rerun(log: str | Path, target: Path, topics: Sequence[str] = (), window_s: Window = _WHOLE) -> int:
     """Write a log as a Rerun recording; returns the samples, of a bag of another program the messages.
 
     Raises:
@@ -211,17 +250,17 @@ def log_to_rerun(log: str | Path, target: Path, topics: Sequence[str] = ()) -> i
     (found,) = _looked_through([log], None, bool(topics))
     if topics or not found.own:
         quantities_of(found.kinds, str(found.path), topics)
-        return bag_to_rerun(found.path, target, topics)
+        return bag_to_rerun(found.path, target, topics, found.span(window_s))
     source = found.source
     scene, names = scene_and_names(source, _TO_CONVERT)
     facts = source.metadata[RUN]
     applied = {names[each.topic + APPLIED]: each.topic for each in scene.channels}
     applied |= {names[name + APPLIED]: name for name, _ in scene.combined_effects.schedules()}
-    sink, count = RerunSink(target), 0
+    sink, count, span = RerunSink(target), 0, found.span(window_s)
     sink.open(RunInfo(scene, facts.get("method", ""), facts))
     try:
         columns = row_columns(scene, names)
-        for item in _events(scene, names, applied, open_source(log).messages()):
+        for item in _part(_events(scene, names, applied, open_source(log).messages()), span):
             if isinstance(item, SampleRow):
                 sink.write(_sample(dict(zip(columns, item.numbers, strict=True)), item.time_ns))
                 count += 1
@@ -364,6 +403,19 @@ def _events(
         del changes[: len(before)]
         yield row
     yield from changes
+
+
+def _part(events: Iterator[SampleRow | AppliedWrench], span: Span) -> Iterator[SampleRow | AppliedWrench]:
+    """Yield the events of a part of the time, with what is held when it begins."""
+    held: dict[str, AppliedWrench] = {}
+    for event in events:
+        if event.time_ns in span:
+            held.pop(event.topic if isinstance(event, AppliedWrench) else "", None)
+            yield event
+            yield from (replace(change, time_ns=event.time_ns) for change in held.values())
+            held = {}
+        elif isinstance(event, AppliedWrench) and event.time_ns < span.first_ns:
+            held[event.topic] = event
 
 
 def _sample(numbers: dict[str, float], time_ns: int) -> Sample:

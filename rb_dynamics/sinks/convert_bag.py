@@ -6,9 +6,11 @@ with its unit at the end of its name. What a message does not have is empty. Mem
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -123,12 +125,27 @@ class Messages:
     values: dict[Quantity, Values]
 
 
-def messages_of(path: Path, topics: Sequence[str] = ()) -> Iterator[Messages]:
+class Span(NamedTuple):
+    """First and last log time (ns) that are wanted."""
+
+    first_ns: float = -math.inf
+    last_ns: float = math.inf
+
+    def __contains__(self, time_ns: object) -> bool:
+        """Return whether a time is wanted."""
+        return isinstance(time_ns, int) and self.first_ns <= time_ns <= self.last_ns
+
+
+ALL = Span()
+
+
+def messages_of(path: Path, topics: Sequence[str] = (), span: Span = ALL) -> Iterator[Messages]:
     """Yield the messages of a bag that have quantities, in blocks of one topic.
 
     Args:
         path: of the bag.
         topics: names of those that are wanted; all, if empty.
+        span: log times that are wanted.
 
     Raises:
         LogError: the bag cannot be read, or a message is damaged.
@@ -139,7 +156,8 @@ def messages_of(path: Path, topics: Sequence[str] = ()) -> Iterator[Messages]:
         for part in transforms(block) if kind == TRANSFORMS else [block]:
             kind = named_type(part.channel)
             if kind in QUANTITIES and (not wanted or part.channel.topic.lstrip("/") in wanted):
-                yield _messages(part, kind)
+                found = _messages(part, kind)
+                yield found if span == ALL else _within(found, span)
 
 
 def _messages(block: Block, kind: str) -> Messages:
@@ -158,6 +176,17 @@ def _messages(block: Block, kind: str) -> Messages:
         ]
         frames = [pairs[k] for k in row.tolist()]
     return Messages(topic.name, kind, topic.log_times, stamps if topic.stamped else None, frames, values)
+
+
+def _within(found: Messages, span: Span) -> Messages:
+    rows = (found.log_times >= span.first_ns) & (found.log_times <= span.last_ns)
+    return replace(
+        found,
+        log_times=found.log_times[rows],
+        stamps=None if found.stamps is None else found.stamps[rows],
+        frames=found.frames and [pair for pair, wanted in zip(found.frames, rows.tolist(), strict=True) if wanted],
+        values={quantity: values[rows] for quantity, values in found.values.items()},
+    )
 
 
 def quantities_of(kinds: Mapping[str, str], where: str, topics: Sequence[str] = ()) -> list[Quantity]:
@@ -185,12 +214,20 @@ def quantities_of(kinds: Mapping[str, str], where: str, topics: Sequence[str] = 
     return [quantity for quantity in _ORDER if quantity in found]
 
 
-def table_of(bags: Iterable[Path], quantities: Sequence[Quantity], topics: Sequence[str] = ()) -> Iterator[Rows]:
-    """Yield the rows of a table of bags, one for each message, by log time within each block."""
+def table_of(
+    bags: Iterable[Path],
+    quantities: Sequence[Quantity],
+    topics: Sequence[str] = (),
+    spans: Mapping[Path, Span] = MappingProxyType({}),
+) -> Iterator[Rows]:
+    """Yield the rows of a table of bags, one for each message, by log time within each block.
+
+    `spans` says which log times are wanted of a bag; all, if it does not.
+    """
     for path in bags:
         waiting: list[Messages] = []
-        for each in messages_of(path, topics):
-            waiting.append(each)
+        for each in messages_of(path, topics, spans.get(path, ALL)):
+            waiting += [each] if len(each.log_times) else []
             if sum(len(part.log_times) for part in waiting) >= _ROWS:
                 yield _rows(str(path), waiting, quantities)
                 waiting = []

@@ -1,0 +1,66 @@
+"""`part_of`: a bag with the messages of a part of its time, and with what was held when that part begins."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from rb_dynamics.analysis.clocks import clock
+from rb_dynamics.analysis.track import Track
+from rb_dynamics.errors import LogError
+from rb_dynamics.formats.bag_reader import WRENCHES, Bag
+from rb_dynamics.formats.messages import INERTIA
+from rb_dynamics.formats.topic import KEPT, Topic
+
+Window = tuple[float | None, float | None]
+"""First and last time, s; None: from the start, or to the end."""
+
+
+def part_of(track: Track, window_s: Window) -> Bag:
+    """Return the bag of `track` with what lies in `window_s`.
+
+    Times are simulation time of a log of this package, else s since the start of the motion.
+    Of each wrench, what was held at the beginning is kept too, and so are mass properties.
+
+    Raises:
+        LogError: nothing of the motion lies in it.
+    """
+    start_ns, end_ns = track.span_ns
+    zero_ns = 0 if track.own else start_ns
+    first, last = (None if each is None else zero_ns + round(each * 1e9) for each in window_s)
+    if (first is not None and first > end_ns) or (last is not None and last < start_ns) or _reversed(window_s):
+        raise LogError(
+            f"{track.bag.path}: found nothing {_words(window_s)}, expected a part of the motion, which goes from "
+            f"{(start_ns - zero_ns) / 1e9:.9g} to {(end_ns - zero_ns) / 1e9:.9g} s; give --from and --to within it"
+        )
+    begin, end = (-(2**63) if first is None else first), (2**63 - 1 if last is None else last)
+    motion = [series.topic for series in (track.pose, track.twist) if series is not None]
+    stamped = [track.bag.topics[name] for name in motion if name in track.bag.topics]
+    # Topics without stamps go by log times, which may be of another clock.
+    later = round(clock(stamped[0]).offset_s * 1e9) if stamped and not track.own else 0
+    topics = {name: _part(topic, begin, end, later) for name, topic in track.bag.topics.items()}
+    return replace(track.bag, topics=topics, cut=True)
+
+
+def _part(topic: Topic, begin: int, end: int, later_ns: int) -> Topic:
+    if not topic.count:
+        return topic
+    known = topic.type_name in KEPT
+    times = topic.stamps if known and topic.stamps_given else topic.log_times - later_ns
+    rows = (times >= begin) & (times <= end)
+    if topic.type_name in WRENCHES:
+        before = np.flatnonzero(times < begin)
+        if len(before):
+            rows[before[times[before].argmax()]] = True
+    return topic.only(rows | (topic.type_name == INERTIA))
+
+
+def _reversed(window_s: Window) -> bool:
+    first, last = window_s
+    return first is not None and last is not None and last < first
+
+
+def _words(window_s: Window) -> str:
+    told = zip(("from", "to"), window_s, strict=True)
+    return " ".join(f"{word} {time:g} s" for word, time in told if time is not None)

@@ -1,0 +1,79 @@
+"""`--from` and `--to`: a part of a recording, inspected, converted or compared."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import pytest
+from foreign_flights import foreign
+from recorded_runs import Flight, flight
+
+import rb_dynamics as rb
+from rb_dynamics.cli import main
+
+__all__ = ["flight"]
+
+LATER = 1_700_000_000_000_000_000
+
+
+def rows(table: Path) -> list[dict[str, str]]:
+    with table.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_a_part_of_a_log_is_inspected_with_what_was_held(flight: Flight) -> None:
+    # The force that holds over the whole part came before it.
+    found = rb.inspect(flight.log, window_s=(1.1, 2.0))
+    assert found.passed, [check for check in found.summary.checks if not check.passed]
+    assert (found.summary.samples, found.summary.start_ns) == (46, 1_100_000_000)
+    assert "at simulation time 1.1" in found.summary.clock
+    momentum = found.summary.balance("linear momentum")
+    assert momentum is not None
+    assert momentum.covered == 1.0
+    assert momentum.relative < 1e-13
+    whole = rb.inspect(flight.log, window_s=(None, None))
+    assert whole.as_dict() == rb.inspect(flight.log).as_dict()
+
+
+def test_a_part_of_a_bag_counts_from_the_start_of_its_motion(flight: Flight, tmp_path: Path) -> None:
+    commands = [("/thrust", 0, (1.0, 0.0, 0.0, 0.0, 0.0, 0.0))]
+    bag = foreign(tmp_path / "bag.mcap", flight.log, later_ns=LATER, commands=commands)
+    found = rb.inspect(bag, window_s=(0.5, 1.5))
+    assert (found.summary.samples, found.summary.start_ns) == (51, LATER + 500_000_000)
+    assert len(found.track.wrenches[0].time_ns) == 1
+
+
+def test_a_part_is_converted(flight: Flight, tmp_path: Path) -> None:
+    table = tmp_path / "part.csv"
+    assert main(["convert", str(flight.log), str(table), "--from", "0.6", "--to", "2"]) == 0
+    times = [int(row["time_ns"]) for row in rows(table)]
+    assert (times[0], times[-1], len(times)) == (600_000_000, 2_000_000_000, 71)
+    commands = [int(row["time_ns"]) for row in rows(tmp_path / "part.wrenches.csv")]
+    assert commands == [700_000_000, 1_000_000_000]
+    bag = foreign(tmp_path / "bag.mcap", flight.log, later_ns=LATER)
+    assert main(["convert", str(bag), str(table), "--from", "2.9"]) == 0
+    stamps = [int(row["stamp_ns"]) - LATER for row in rows(table) if row["type"].endswith("PoseStamped")]
+    assert stamps == [2_900_000_000 + 20_000_000 * k for k in range(6)]
+
+
+def test_a_part_is_shown(flight: Flight, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["convert", str(flight.log), str(tmp_path / "part.rrd"), "--from", "1.1", "--to", "1.2"]) == 0
+    assert "6 rows" in capsys.readouterr().out
+
+
+def test_a_time_outside_is_one_line(flight: Flight, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for arguments in (
+        ["inspect", str(flight.log), "--from", "9"],
+        ["inspect", str(flight.log), "--from", "2", "--to", "1"],
+        ["compare", str(flight.log), str(flight.log), "--from", "9"],
+        ["convert", str(flight.log), str(tmp_path / "x.csv"), "--from", "2", "--to", "1"],
+    ):
+        assert main(arguments) == 2, arguments
+        said = capsys.readouterr()
+        assert said.out == ""
+        assert said.err.count("\n") == 1
+        assert "expected" in said.err
+    with pytest.raises(SystemExit) as stopped:
+        main(["convert", str(flight.log), str(tmp_path / "x.yaml"), "--from", "1"])
+    assert stopped.value.code == 2
