@@ -104,6 +104,10 @@ setup(
         "console_scripts": [
             "rb-dynamics = rb_dynamics.cli:main",
             "rigid_body = rb_dynamics.ros.node:main",
+            "bodies = rb_dynamics.ros.bodies:main",
+            "regulate = rb_dynamics.ros.examples:regulate",
+            "command = rb_dynamics.ros.examples:command",
+            "control = rb_dynamics.ros.examples:control",
         ],
     },
     zip_safe=False,

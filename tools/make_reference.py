@@ -245,14 +245,23 @@ TOPICS = {
     "wrench": "commands, one topic for each channel of the scene; [what a wrench means](../how-to/wrenches.md)",
     "wrench/applied": "the wrench that acted, and from when",
     "effects/TYPE/applied": "the same for an effect that is held like a wrench",
-    "/parameter_events": "",
-    "/rosout": "",
+    "/parameter_events": "by rclpy: every parameter that was set, of any node",
+    "/rosout": "by rclpy: the log of the node",
 }
 
 SERVICES = {
     "~/pause": "pauses or resumes",
     "~/step": "advances by one output period, while paused or in lockstep",
     "~/reset": "returns to time 0 and the initial state, without commands; begins new logs",
+    "~/set_parameters_atomically": "sets parameters as one change, checked as a whole; `state.*` move the body",
+    "~/set_parameters": "sets parameters one after the other: `ros2 param set`",
+    "~/get_parameters": "`ros2 param get`",
+    "~/get_parameter_types": "types of parameters",
+    "~/list_parameters": "`ros2 param list`",
+    "~/describe_parameters": "description and range of parameters: `ros2 param describe`",
+    "~/get_logger_levels": "levels of the node's log",
+    "~/set_logger_levels": "sets them: 10 debug, 20 info, 30 warn, 40 error",
+    "~/get_type_description": "by rcl: the definition of a message type",
 }
 
 METADATA = {
@@ -537,7 +546,7 @@ def ros_page() -> str:
         return f"`{package}/{rest.partition('.')[0]}/{kind.__name__}`"
 
     def short(name: str) -> str:
-        name = name.replace("/rigid_body/", "~/")
+        name = f"/{name.removeprefix('/')}".replace("/rigid_body/", "~/")
         return name if name in TOPICS or name in SERVICES else name.removeprefix("/")
 
     def row(name: str, direction: str, end: Any) -> tuple[str, ...]:
@@ -550,9 +559,10 @@ def ros_page() -> str:
         tf = "`tf2_msgs/msg/TFMessage`"
         rows += [("`/tf`", "out", tf, "volatile", meaning(TOPICS, "/tf"))]
         rows += [("`/tf_static`", "out", tf, "transient local", meaning(TOPICS, "/tf_static"))]
+    rows.append(("`/rosout`", "out", "`rcl_interfaces/msg/Log`", "transient local", meaning(TOPICS, "/rosout")))
     listed = [each for each in rows if each[-1]]
     parameters = [(f"`{name}`", shown(value), text) for name, value, text in settings.documented()]
-    own = [(short(name), type_name(kind)) for name, kind in sorted(services.items()) if short(name) in SERVICES]
+    own = [(short(name), type_name(kind)) for name, kind in sorted(services.items())]
     return "\n".join(
         (
             "# Topics, parameters and services\n",
@@ -564,7 +574,7 @@ def ros_page() -> str:
             table(("parameter", "default", "meaning"), parameters),
             PARAMETERS,
             "## Services\n",
-            table(("service", "type", "effect"), [(f"`{name}`", kind, SERVICES[name]) for name, kind in own]),
+            table(("service", "type", "effect"), [(f"`{name}`", kind, meaning(SERVICES, name)) for name, kind in own]),
             "If [simulation_interfaces](../ros.md#simulation_interfaces) is installed, the node has its services.\n",
         )
     )  # fmt: skip

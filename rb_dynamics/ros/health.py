@@ -142,6 +142,10 @@ class Health:
             self._say(WARN, message)
         self._conditions[condition] = message
 
+    def told(self, message: str) -> None:
+        """Log what was asked for and done; it is no problem."""
+        self._say(OK, message)
+
     def warn(self, message: str) -> None:
         """Record the newest warning."""
         self._warning = _cut(message)

@@ -53,7 +53,7 @@ from rb_dynamics.formats.messages import (
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, split_stamp
 from rb_dynamics.ros import conversions
 from rb_dynamics.ros.arrivals import Losses
-from rb_dynamics.ros.health import ERROR, Health, Throttle
+from rb_dynamics.ros.health import ERROR, OK, Health, Throttle
 from rb_dynamics.ros.neighbours import Neighbours
 from rb_dynamics.ros.pacing import ClockFollower, Pacer
 from rb_dynamics.ros.publishers import TopicSink
@@ -94,7 +94,7 @@ class RigidBodyNode(Node):
             RigidBodyError: a parameter, the scene or a log file is not valid.
         """
         # Accept undeclared parameters here; our own check names the valid ones.
-        super().__init__("rigid_body", allow_undeclared_parameters=True, **kwargs)
+        super().__init__("rigid_body", allow_undeclared_parameters=True, enable_logger_service=True, **kwargs)
         try:
             self._start(elsewhere)
         except BaseException:
@@ -414,6 +414,8 @@ class RigidBodyNode(Node):
             try:
                 self.runner.set_state(conversions.to_state(waiting.pop(), self.runner.scene.frames))
                 self._health.states.accepted += 1
+                if self._throttle.lets(moved := f"~/set_state: moved at {self.runner.shown_time}"):
+                    self._health.told(moved)
                 break
             except RigidBodyError as error:
                 self._health.states.rejected += 1
@@ -461,6 +463,8 @@ class RigidBodyNode(Node):
             state = changed_state(parameters, self.runner.state)
             if state is not None:
                 self.runner.set_state(state)
+            changes = ", ".join(f"{parameter.name} = {parameter.value}" for parameter in parameters)
+            self._health.told(f"parameters set at {self.runner.shown_time}: {changes}")
         except RigidBodyError as error:
             self._health.failed(f"the body is as it was: {error}")
 
@@ -472,7 +476,9 @@ class RigidBodyNode(Node):
 
     def _say(self, level: int, message: str) -> None:
         logger: Any = self.get_logger()
-        if level == ERROR:
+        if level == OK:
+            logger.info(message)
+        elif level == ERROR:
             logger.error(message)
         elif self._throttle.lets(message):
             logger.warning(message)

@@ -166,6 +166,8 @@ class Runner:
         if self.paused and not paused:
             self.pacer.restart(self._reached_ns)
             self.health.went_on()
+        if self.paused != paused:
+            self.health.told(f"{'paused' if paused else 'goes on'} at {self.shown_time}")
         self.paused, self.stopped = paused, False
         self._hold_still()
 
@@ -177,7 +179,9 @@ class Runner:
     def reset(self) -> str:
         """Restart with the initial state at time 0, without commands; return the error, or ""."""
         self.paused, self.stopped = self._mode.start_paused, False
+        before = self.shown_time
         self._restart(self._scene, 0, carry=False, forget=True)
+        self.health.told(f"reset at {before}{', paused' if self.paused else ''}")
         return self.health.failure
 
     def stop(self) -> str:

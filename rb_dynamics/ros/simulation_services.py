@@ -205,6 +205,7 @@ class SimulationServices:
                 self._runner.set_state(
                     conversions.with_entity_state(self._runner.state, request.state, set_pose, set_twist)
                 )
+                self._runner.health.told(f"set_entity_state: moved at {self._runner.shown_time}")
             except RigidBodyError as error:
                 response.result = _failed(str(error))
         return response

@@ -71,6 +71,13 @@ def test_node_starts(workspace: Path, bare_environment: dict[str, str]) -> None:
     assert int(read_bag(workspace / "flown.mcap").metadata["rb_dynamics.result"]["end_time_ns"]) == 2_000_000_000
 
 
+def test_ros2_run_finds_the_node_and_the_examples(workspace: Path, bare_environment: dict[str, str]) -> None:
+    folder = workspace / "install" / "rb_dynamics" / "lib" / "rb_dynamics"
+    for name in ("rigid_body", "bodies", "regulate", "command", "control"):
+        assert (folder / name).is_file()
+    assert "usage: control" in _sourced(workspace, f"{folder}/control --help", bare_environment)
+
+
 def test_workspace_shares_scenes_launch_file_and_index(workspace: Path, source: Path) -> None:
     share = workspace / "install" / "rb_dynamics" / "share"
 

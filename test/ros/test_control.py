@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,8 @@ import rclpy
 from command_line import command
 from geometry_msgs.msg import InertiaStamped, PoseStamped, WrenchStamped
 from nav_msgs.msg import Odometry
-from rcl_interfaces.srv import GetParameters, SetParametersAtomically
+from rcl_interfaces.msg import LoggerLevel
+from rcl_interfaces.srv import GetParameters, SetLoggerLevels, SetParametersAtomically
 from rclpy.context import Context
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -58,7 +60,15 @@ def test_mass_properties_change_together_and_only_while_paused(scene: Path, peer
         assert stamp(inertia[1]) >= paused_at, "stamps go on"
         peer.call("rigid_body/pause", SetBool.Request(data=False))
         peer.until(lambda: stamp(poses[-1]) > paused_at + 50_000_000, "motion again")
+        # Only what is worse than INFO from here on.
+        quiet = SetLoggerLevels.Request(levels=[LoggerLevel(name="rigid_body", level=30)])
+        assert peer.call("rigid_body/set_logger_levels", quiet, SetLoggerLevels).results[0].successful
+        assert set_together(peer, real_time_factor=2.0) == (True, "")
         assert node.stop() == 0
+    said = node.out + node.err
+    assert re.search(r"parameters set at .*: body.mass = 3, body.inertia.diagonal = ", said), said
+    assert "goes on at" in said
+    assert "real_time_factor" not in said
     again = read_bag(log.with_stem("run.1"))
     assert again.complete
     assert read_bag(log).complete

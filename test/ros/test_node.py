@@ -174,6 +174,8 @@ def test_pause_step_and_reset(scene: Path, peer: Peer, tmp_path: Path) -> None:
         assert peer.call("rigid_body/reset", Trigger.Request()).success
         peer.until(lambda: stamp(poses[-1]) < frozen, "time from 0 again")
         assert node.stop() == 0
+    said = node.out + node.err
+    assert all(f"{what} at simulation time" in said for what in ("paused", "reset")), said
     first, newest = read_bag(log.with_stem("run.1")), read_bag(log)
     assert first.complete
     assert newest.complete
