@@ -265,7 +265,7 @@ SERVICES = {
 }
 
 METADATA = {
-    "rb_dynamics": "method, versions, platform, hash of the scene",
+    "rb_dynamics": "method, versions, platform, hashes of the scene and of the code",
     "rb_dynamics.epoch": "ROS time of simulation time 0, if messages were stamped with ROS time; the last one holds",
     "rb_dynamics.topics": "names of the topics after remapping",
     "rb_dynamics.checkpoint": "after each chunk: the number of samples so far, and the SHA-256 of all of them",
@@ -281,6 +281,8 @@ HASHES = """
     - `inputs_sha256`: {inputs} `inputs_rule` is 2. A log without it uses rule 1: the hash is over every change of what
       acted, effects and timeouts included, in the order of the log; `replay` checks that too.
     - `scene_sha256`: SHA-256 over the attached scene.
+    - `code_sha256`: SHA-256 over the sources that compute runs (folders `body`, `loads`, `motion`, `numerics`, `run`,
+      `scene`, `sensors`), each after its path and length: two installations of one version may differ.
 """
 
 

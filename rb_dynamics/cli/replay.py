@@ -132,6 +132,8 @@ def _report(found: Replay, bound: float) -> list[str]:
     if found.software:
         lines.append("as the log says, it was made by another version or on another platform:")
     lines += [f"  {name} was {was or 'none'}, here {here or 'none'}" for name, (was, here) in found.software.items()]
+    if found.other_code and "version.rb_dynamics" not in found.software:
+        lines.append("  the version is the same but the code is not: one of the two was changed")
     lines += [*_differences(found), *found.missing, *found.torn]
     lines += [f"{topic}: {count} {what}: not compared" for (topic, what), count in found.uncompared.items()]
     lines += _facts(found)

@@ -62,6 +62,27 @@ def version(package: str = "rb_dynamics") -> str:
         return "not installed"
 
 
+# Folders of the package whose code determines the numbers of a run.
+_COMPUTES = ("body", "loads", "motion", "numerics", "run", "scene", "sensors")
+
+
+@functools.cache
+def code_hash() -> str:
+    """Return the SHA-256 of the source code that computes runs, paths included; "" where there are no sources.
+
+    Two installations of one version may differ by an edit. Line ends of Windows count as those of Unix.
+    """
+    from pathlib import Path
+
+    package = Path(__file__).parents[1]
+    files = sorted(path for folder in _COMPUTES for path in (package / folder).rglob("*.py"))
+    found = hashlib.sha256()
+    for path in files:
+        source = path.read_bytes().replace(b"\r\n", b"\n")
+        found.update(f"{path.relative_to(package).as_posix()} {len(source)}\n".encode() + source)
+    return found.hexdigest() if files else ""
+
+
 def run_metadata(scene: Scene, method: str, solver: str) -> dict[str, str]:
     """Return the facts at the start of a run: software, platform, method, hash of the scene. Values are text.
 
@@ -86,6 +107,7 @@ def run_metadata(scene: Scene, method: str, solver: str) -> dict[str, str]:
         "platform": platform.platform(),
         "machine": platform.machine(),
         "python": platform.python_version(),
+        "code_sha256": code_hash(),
         **{f"version.{package}": version(package) for package in _PACKAGES},
         **({"plugins": plugins} if plugins else {}),
     }

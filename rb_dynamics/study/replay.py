@@ -83,7 +83,8 @@ _PARTS = 100
 _BOOKS = {f"/{name}" for name, kind in SAMPLE_TOPICS if kind == SCALAR}
 
 # Facts besides scene and commands on which bits depend.
-_SOFTWARE = ("version.rb_dynamics", "version.numpy", "version.scipy", "plugins", "platform", "machine")
+_VERSION, _CODE = "version.rb_dynamics", "code_sha256"
+_SOFTWARE = (_VERSION, _CODE, "version.numpy", "version.scipy", "plugins", "platform", "machine")
 # Facts of a scene that are the same in every version.
 _BY_SCENE = ("scene_sha256", "method", "seed", "effects")
 # A pose consists of position and attitude, six numbers are two vectors, and mass properties are mass, centre and
@@ -148,6 +149,11 @@ class Replay:
     facts: dict[str, tuple[str, str]] = field(default_factory=dict)
     certain: set[str] = field(default_factory=set)
     software: dict[str, tuple[str, str]] = field(default_factory=dict)
+
+    @property
+    def other_code(self) -> bool:
+        """Whether the log was made by another version of the package, or by changed code of this one."""
+        return not self.software.keys().isdisjoint((_VERSION, _CODE))
 
     @property
     def corrupt(self) -> list[str]:
@@ -392,10 +398,12 @@ class _Comparison:
     def _hold_run(self, here: Mapping[str, str], topics: Sequence[str]) -> None:
         """Compare the metadata written at the start."""
         logged = self._facts.metadata[RUN]
-        both = {name: (logged.get(name, ""), here.get(name, "")) for name in _SOFTWARE}
+        # Logs up to 0.2.0 do not say which code made them.
+        asked = (name for name in _SOFTWARE if name != _CODE or _CODE in logged)
+        both = {name: (logged.get(name, ""), here.get(name, "")) for name in asked}
         self._found.software |= {name: (was, now) for name, (was, now) in both.items() if was != now}
         for name in {**here, **logged}:
-            if name in both:
+            if name in both or name == _CODE:
                 continue
             if name in here and name != "scene_file" and name.partition(".")[0] not in ("version", "python"):
                 self._hold(RUN, name, logged, here, certain=name in _BY_SCENE or None)
@@ -480,7 +488,7 @@ class _Comparison:
         rule = logged.get(INPUTS_RULE, "")
         if rule_1 is not None:
             here = {**here, "inputs_sha256": rule_1.hexdigest()}
-            if "version.rb_dynamics" in self._found.software:
+            if self._found.other_code:
                 here = {**here, INPUTS_RULE: ""}
         self._hold(RESULT, INPUTS_RULE, logged, here)
         if rule in ("", RULE):
@@ -500,7 +508,7 @@ class _Comparison:
         was = self._found.facts.get(fact)
         if was is None or was[0] == was[1]:
             self._found.facts[fact] = both
-        if certain or (certain is None and "version.rb_dynamics" not in self._found.software):
+        if certain or (certain is None and not self._found.other_code):
             self._found.certain.add(fact)
 
     def _hold_states(self, record: str, logged: Mapping[str, str]) -> None:

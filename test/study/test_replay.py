@@ -16,6 +16,7 @@ from edited_logs import edited
 from rb_dynamics import RigidBody, Wrench, parse_scene, simulate
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.summary import summarize
+from rb_dynamics.cli import main
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_reader import read_bag
@@ -436,6 +437,22 @@ def test_with_another_numpy_and_other_bits_a_log_must_agree_with_itself(tmp_path
     found = replay(edited(full, tmp_path / "e.mcap", off_by(1e-12, "/energy/work"), other))
     assert found.torn == found.corrupt == []
     assert found.within(1e-9)
+
+
+def test_other_code_under_the_same_version_is_told(
+    tmp_path: Path, full: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Whoever edits the package in place has another program of the same version."""
+    other = edited(full, tmp_path / "e.mcap", facts={"code_sha256": "0" * 64})
+    found = replay(other)
+    assert set(found.software) == {"code_sha256"}
+    assert found.other_code
+    assert found.identical
+    assert main(["replay", str(other)]) == 0
+    assert "the version is the same but the code is not: one of the two was changed" in capsys.readouterr().out
+    # What another version may say otherwise, other code may.
+    assert replay(edited(full, tmp_path / "e.mcap", facts={"code_sha256": "0", "steps": "1"})).within(1e-9)
+    assert not replay(edited(full, tmp_path / "e.mcap", facts={"steps": "1"})).within(1e-9)
 
 
 FORGED = {"version.rb_dynamics": "0.0.1"}
