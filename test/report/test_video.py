@@ -12,11 +12,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rb_dynamics import Wrench, parse_scene, simulate
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.track import Track
 from rb_dynamics.errors import LogError, MissingExtraError
 from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.report import video
 from rb_dynamics.report.video import write_video
+from rb_dynamics.sinks.mcap_sink import McapSink
 
 
 @pytest.fixture
@@ -72,3 +75,30 @@ def test_a_path_that_cannot_be_written_is_one_clear_error(track: Track, tmp_path
     (tmp_path / "run.gif").mkdir()
     with pytest.raises(LogError, match="cannot write"):
         write_video(tmp_path / "run.gif", track, rate=2)
+
+
+def test_no_plane_is_shown_as_invariable_while_a_torque_acts(tmp_path: Path) -> None:
+    """A torque for the first half of a run: the disc appears with its end, and both curves begin there."""
+    from PIL import Image, ImageSequence
+
+    scene = parse_scene(
+        "body: {frame: body, mass: 1, inertia: {diagonal: [1, 2, 3]}}\nwrenches: [{topic: wrench}]\n"
+        "initial: {angular_velocity_body: [0.1, 2, 0.1]}\nduration: 6\noutput_rate: 20\n"
+    )
+    none = (0.0, 0.0, 0.0)
+    commands = [("wrench", Wrench(none, torque, "body", t)) for torque, t in (((0.3, 0.0, 0.0), 0), (none, 3 * 10**9))]
+    simulate(scene, commands, [McapSink(tmp_path / "run.mcap")])
+    write_video(tmp_path / "run.gif", read_track(read_bag(tmp_path / "run.mcap")), rate=2)
+    disc = np.array([0x33, 0x3D, 0x4A])
+    with Image.open(tmp_path / "run.gif") as picture:
+        frames = [np.asarray(frame.convert("RGB"), dtype=int) for frame in ImageSequence.Iterator(picture)]
+    shown = [int((np.abs(frame[50:500, 480:] - disc).max(axis=2) < 6).sum()) > 2000 for frame in frames]
+    assert shown == [False] * 6 + [True] * 6
+
+
+def test_parallel_arrows_stand_side_by_side() -> None:
+    momentum = np.array([1.0, 0.0])
+    assert abs(video._beside(momentum, np.array([0.5, 0.01]))) == video._BESIDE
+    assert video._beside(momentum, np.array([0.5, 0.01])) == -video._beside(momentum, np.array([0.5, -0.01]))
+    assert video._beside(momentum, np.array([0.0, 1.0])) == 0.0
+    assert video._beside(momentum, np.zeros(2)) == 0.0
