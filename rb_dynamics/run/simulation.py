@@ -43,6 +43,7 @@ from rb_dynamics.run.provenance import INPUTS_RULE, run_metadata
 from rb_dynamics.run.sample import Sample, SampleBuilder, acceleration, kinetic_energy
 from rb_dynamics.run.sink import Event, RunInfo, Sink
 from rb_dynamics.run.state_change import StateChange, moved
+from rb_dynamics.run.stop_signals import interrupts_wait, uninterrupted
 from rb_dynamics.scene import opened
 from rb_dynamics.scene.model import Past, Scene
 from rb_dynamics.scene.plan import Plan
@@ -680,6 +681,7 @@ def simulate(
         SceneError: the file has no valid scene, or the scene has no duration.
         LogError: a log cannot be written.
         ConvergenceError: a step could not be solved; the log is complete up to there.
+        KeyboardInterrupt: Ctrl-C; the log is complete up to there, too.
         ValueError: `commands` is not a sequence, and one came after the run had passed its stamp.
     """
     started = time.perf_counter()
@@ -693,18 +695,20 @@ def simulate(
             "or give --duration"
         )
     rejected: list[str] = []
-    run.start()
-    try:
-        part = 0
-        # Advancing in pieces changes no bits, see `Arc`.
-        for known_ns in _post_ahead(run, commands, rejected):
-            while progress is not None and part < 100 and run.end_ns * (part + 1) // 100 <= known_ns:
-                part += 1
-                run.advance(run.end_ns * part // 100)
-                progress(part / 100.0)
-            run.advance(known_ns)
-    finally:
-        run.finish()
+    with interrupts_wait():
+        run.start()
+        try:
+            part = 0
+            # Advancing in pieces changes no bits, see `Arc`.
+            for known_ns in _post_ahead(run, commands, rejected):
+                while progress is not None and part < 100 and run.end_ns * (part + 1) // 100 <= known_ns:
+                    part += 1
+                    run.advance(run.end_ns * part // 100)
+                    progress(part / 100.0)
+                run.advance(known_ns)
+        finally:
+            with uninterrupted():
+                run.finish()
     wall_time_s = time.perf_counter() - started
     rejected += (
         f"{late.topic} at simulation time {late.time_ns / NANOSECONDS:.9f} s: {late.reason}" for late in run.taken_back

@@ -58,13 +58,33 @@ def interrupted_by_signals() -> Iterator[None]:
         yield
 
 
+@contextlib.contextmanager
+def interrupts_wait() -> Iterator[None]:
+    """Let Ctrl-C, where Python handles it, wait for the end of a block of `uninterrupted`, for users of the library."""
+    ours = threading.current_thread() is threading.main_thread()
+    if not ours or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield
+        return
+
+    def handle(number: int, _frame: object) -> None:
+        if not _depth[0]:
+            raise KeyboardInterrupt
+        _waiting.append(number)
+
+    before = signal.signal(signal.SIGINT, handle)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 # How many blocks of `uninterrupted` the main thread is in, and the signals that wait for their end.
 _depth, _waiting = [0], list[int]()
 
 
 @contextlib.contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Let signals of `interrupted_by_signals` wait until the block ends: a write half done would damage a log."""
+    """Let signals of the two contexts above wait until the block ends: a write half done would damage a log."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

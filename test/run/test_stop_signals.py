@@ -8,13 +8,16 @@ import pty
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import pytest
 
+from rb_dynamics import parse_scene, simulate
 from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.run.sink import Event, RunInfo
 from rb_dynamics.run.stop_signals import Stopped, interrupted_by_signals, uninterrupted
+from rb_dynamics.sinks.mcap_sink import McapSink
 
 pytestmark = pytest.mark.usefixtures("signals_of_a_terminal")
 
@@ -95,3 +98,36 @@ def test_a_signal_waits_for_the_end_of_a_write() -> None:
     with pytest.raises(Stopped), interrupted_by_signals():
         write()
     assert written == ["all"]
+
+
+class Interrupted:
+    """A sink that is interrupted within its third write, and within its closing."""
+
+    def __init__(self) -> None:
+        self.told: list[str] = []
+
+    def open(self, run: RunInfo) -> None:
+        """Begin."""
+
+    def write(self, event: Event) -> None:
+        with uninterrupted():
+            if len(self.told) == 2:
+                os.kill(os.getpid(), signal.SIGINT)
+            self.told.append("written")
+
+    def close(self, result: Mapping[str, str]) -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+        self.told.append("closed")
+
+
+def test_ctrl_c_leaves_users_of_the_library_a_finished_log(tmp_path: Path) -> None:
+    """Python raises KeyboardInterrupt wherever it is, in the middle of a write or of the closing too."""
+    sink = Interrupted()
+    scene = parse_scene(SCENE, overrides={"duration": 1.0})
+    with pytest.raises(KeyboardInterrupt):
+        simulate(scene, sinks=[McapSink(tmp_path / "run.mcap"), sink])
+    assert sink.told == ["written"] * 3 + ["closed"]
+    bag = read_bag(tmp_path / "run.mcap")
+    assert bag.complete
+    assert bag.topics["/pose"].count == 3
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
