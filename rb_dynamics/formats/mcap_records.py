@@ -136,6 +136,11 @@ class Block(NamedTuple):
     begins: Places
     ends: Places
 
+    def messages(self) -> list[Message]:
+        """Return the messages one by one, as published when they were logged."""
+        places = zip(self.log_times.tolist(), self.begins.tolist(), self.ends.tolist(), strict=True)
+        return [Message(self.channel, at, at, self.data[begin:end].tobytes()) for at, begin, end in places]
+
     def rows(self) -> list[NDArray[np.uint8]]:
         """Return the content of the messages: all in one array where they are of one length, else each in its own."""
         lengths = self.ends - self.begins

@@ -45,7 +45,7 @@ class Block(NamedTuple):
         """Yield one event after the other, as they come where edges are taken one by one; and the number in `order`."""
         samples = self._samples()
         for number in self.order.tolist():
-            yield number, next(samples) if number < self.taken else self._change(number - self.taken)
+            yield number, next(samples) if number < self.taken else self.change(number - self.taken)
 
     def _samples(self) -> Iterator[Sample]:
         columns: list[list[Any]] = []
@@ -57,7 +57,8 @@ class Block(NamedTuple):
                 columns.append([None] * self.taken if found is None else found.tolist())
         return (Sample(*row) for row in zip(*columns, strict=True))
 
-    def _change(self, i: int) -> AppliedWrench:
+    def change(self, i: int) -> AppliedWrench:
+        """Return change i by itself."""
         changes = self.changes
         row, (fx, fy, fz, tx, ty, tz) = int(changes.row[i]), changes.wrench[i].tolist()
         received = changes.came.received(row) if row >= 0 else None

@@ -19,6 +19,9 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
 
 from rb_dynamics.errors import LogError, WrenchError
 from rb_dynamics.formats import cdr
@@ -37,6 +40,7 @@ from rb_dynamics.formats.messages import (
     TF_STATIC,
     TYPE_HASH,
     WRENCH,
+    block_encoder,
     decode_state_change,
     encode_applied,
     encode_fixed,
@@ -53,12 +57,15 @@ from rb_dynamics.formats.messages import (
 )
 from rb_dynamics.formats.own_log import received_commands, received_setpoints, scene_and_names
 from rb_dynamics.loads.channels import AppliedWrench, ReceivedWrench, RejectedWrench
+from rb_dynamics.loads.command_table import CommandBatch, listed
 from rb_dynamics.loads.thruster import Thruster
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import METHODS, REMOVED
 from rb_dynamics.numerics.argument_checks import shown
 from rb_dynamics.numerics.decimals import whole_number
+from rb_dynamics.numerics.nanoseconds import split_stamp
 from rb_dynamics.numerics.vector import ZERO
+from rb_dynamics.run.block import Block
 from rb_dynamics.run.input_hash import RULE, AppliedHash
 from rb_dynamics.run.provenance import (
     CHECKPOINT,
@@ -75,7 +82,7 @@ from rb_dynamics.run.provenance import (
 from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.run.sink import ActuatorCommand, Event, Measurement, RunInfo, Sample, StateChange
 from rb_dynamics.scene.model import Scene
-from rb_dynamics.sinks.state_hash import StateHash
+from rb_dynamics.sinks.state_hash import StateHash, hashed_rows
 
 _PARTS = 100
 
@@ -204,10 +211,11 @@ def replay(path: str | Path, progress: Callable[[float], None] | None = None) ->
     found = Replay(commands=count, complete=facts.complete, torn=facts.records.torn)
     comparison = _Comparison(open_source(path), facts, found)
     run = Simulation(facts.scene, [comparison])
-    for topic, wrench, time_ns in facts.commands:
+    if facts.commands:
+        numbers = {channel.topic: number for number, channel in enumerate(facts.scene.channels)}
+        commands = [(numbers[topic], wrench, time_ns) for topic, wrench, time_ns in facts.commands]
         # A rejected command is rejected again.
-        with contextlib.suppress(WrenchError):
-            run.post(topic, wrench, time_ns)
+        run.post_batch(CommandBatch.of([listed(commands)]))
     for topic, value, time_ns in facts.setpoints:
         with contextlib.suppress(WrenchError):
             run.actuate(topic, value, time_ns)
@@ -249,18 +257,18 @@ class _Facts:
         """
         said = _Records()
         source = open_source(path, said.add)
-        begin_ns, end_ns = 0, -1
+        begin_ns, end_ns = math.inf, -1
         received: list[Message] = []
         moves: list[Message] = []
-        for number, message in enumerate(source.messages()):
-            if number == 0:
-                begin_ns = message.log_time
-            if message.channel.type_name in (WRENCH, SCALAR) and message.channel.topic not in _BOOKS:
-                received.append(message)
-            elif _is_state_change(message):
-                moves.append(message)
-            elif message.channel.type_name == SAMPLE_TOPICS[0][1]:
-                end_ns = max(end_ns, message.log_time)
+        for block in source.blocks():
+            begin_ns = min(begin_ns, int(block.log_times[0]))
+            if block.channel.type_name in (WRENCH, SCALAR) and block.channel.topic not in _BOOKS:
+                received += block.messages()
+            elif _is_state_change(block.channel):
+                moves += block.messages()
+            elif block.channel.type_name == SAMPLE_TOPICS[0][1]:
+                end_ns = max(end_ns, int(block.log_times.max()))
+        received.sort(key=lambda message: message.log_time)
         method = source.metadata.get(RUN, {}).get("method", "")
         if method in REMOVED and method not in METHODS:
             raise LogError(
@@ -332,9 +340,9 @@ class _Records:
             self.torn.append(line)
 
 
-def _is_state_change(message: Message) -> bool:
+def _is_state_change(channel: McapChannel) -> bool:
     name, type_name = SET_STATE
-    return message.channel.type_name == type_name and message.channel.topic.rpartition("/")[2] == name
+    return channel.type_name == type_name and channel.topic.rpartition("/")[2] == name
 
 
 def _end(source: Source, told: str) -> int:
@@ -374,6 +382,7 @@ class _Comparison:
         self._sample_topics = [names[name] for name, _ in samples]
         self._energies = {names[name] for name, kind in samples if kind == SCALAR}
         self._encode = sample_encoder(scene, run.acceleration if accel else None)
+        self._encode_block = None if accel else block_encoder(scene)
         self._body_frame = frames.body_frame
         commands = {channel.topic for channel in scene.channels}
         held = [*commands, *(name for name, _ in scene.combined_effects.schedules())]
@@ -412,23 +421,59 @@ class _Comparison:
         named = self._facts.metadata.get(TOPICS, {})
         self._hold(TOPICS, "names", {"names": ", ".join(sorted(named))}, {"names": ", ".join(sorted(topics))})
 
+    @property
+    def write_block(self) -> Callable[[Block], None] | None:
+        """Compare the messages of many events; None where each sample has its acceleration in the log."""
+        return None if self._encode_block is None else self._compare_block
+
+    def _compare_block(self, block: Block) -> None:
+        assert self._encode_block is not None
+        times, samples, hashed = cast("Any", block.samples.time_ns), block.samples, hashed_rows(block.samples)
+        messages = [(rows.tobytes(), rows.shape[1]) for rows in self._encode_block(samples, times)]
+        potential = () if samples.potential_energy is None else (samples.potential_energy,)
+        energies = np.abs([samples.kinetic_energy, samples.work, *potential]).max(axis=0).tolist()
+        change = _ChangesAsLogged(block, self._facts.names)
+        stamps = times.tolist()
+        for number in block.order.tolist():
+            if self._found.gap_ns is not None:
+                return
+            if number >= block.taken:
+                self._compare_change(number - block.taken, change)
+                continue
+            self._states.update_all(hashed[number : number + 1])
+            expected = [data[number * size : number * size + size] for data, size in messages]
+            self._compare_sample(stamps[number], expected, energies[number])
+
+    def _compare_change(self, i: int, changes: _ChangesAsLogged) -> None:
+        time_ns, topic, received, applied = changes.logged(i)
+        if received is not None and topic in self._certain:
+            self._compare(topic, time_ns, received)
+        acting = changes.applied_topic(i)
+        if self._in_order is None and self._fill(acting, 1) and self._waiting[acting][0].data == applied:
+            self._compare(acting, time_ns, applied)
+        else:
+            self._compare_applied(changes.block.change(i))
+
+    def _compare_sample(self, time_ns: int, expected: Sequence[bytes], energy: float) -> None:
+        """Compare the messages of a sample whose state has been hashed."""
+        self._found.samples += 1
+        if (checkpoint := self._checkpoints.pop(self._found.samples, None)) is not None:
+            self._hold_states(CHECKPOINT, dict(zip(("time_ns", "states_sha256"), checkpoint, strict=True)))
+        self._largest_energy = max(self._largest_energy, energy)
+        logged = [
+            self._compare(topic, time_ns, message) for topic, message in zip(self._sample_topics, expected, strict=True)
+        ]
+        if self._found.differences:
+            self._hold_together(time_ns, logged)
+
     def write(self, event: Event) -> None:
         """Compare the messages of this event with the log."""
         if self._found.gap_ns is not None:
             return
         if isinstance(event, Sample):
             self._states.update(event)
-            self._found.samples += 1
-            if (checkpoint := self._checkpoints.pop(self._found.samples, None)) is not None:
-                self._hold_states(CHECKPOINT, dict(zip(("time_ns", "states_sha256"), checkpoint, strict=True)))
             energies = event.kinetic_energy, event.work, event.potential_energy or 0.0
-            self._largest_energy = max(self._largest_energy, *map(abs, energies))
-            logged = [
-                self._compare(topic, event.time_ns, message)
-                for topic, message in zip(self._sample_topics, self._encode(event), strict=True)
-            ]
-            if self._found.differences:
-                self._hold_together(event.time_ns, logged)
+            self._compare_sample(event.time_ns, self._encode(event), max(map(abs, energies)))
         elif isinstance(event, AppliedWrench):
             if not event.delayed:
                 self._compare_received(event)
@@ -679,6 +724,32 @@ class _Comparison:
         line = f"{topic} at {time_ns / 1e9:.9f} s: the log has {what}"
         if not any(each.startswith(f"{topic} at ") for each in self._found.missing):
             self._found.missing.append(line)
+
+
+class _ChangesAsLogged:
+    """The messages that the changes of a block have in the log."""
+
+    def __init__(self, block: Block, names: Mapping[str, str]) -> None:
+        changes = self._changes = block.changes
+        self.block = block
+        self._topics = [(names.get(topic, ""), names[topic + APPLIED]) for topic in changes.topics]
+        self._packers = [cdr.stamped_packer(WRENCH, frame) for frame in changes.frames]
+        self._messages = changes.came.received.messages()
+        columns = changes.time_ns, changes.channel, changes.row, changes.in_world, changes.wrench
+        self._rows: list[Any] = list(zip(*(column.tolist() for column in columns), strict=True))
+
+    def logged(self, i: int) -> tuple[int, str, bytes | None, bytes]:
+        """Return time (ns), topic, the command as it came (None for a timeout) and as it acts."""
+        time_ns, channel, row, in_world, wrench = self._rows[i]
+        received = None
+        if row >= 0:
+            received = self._messages[row] or encode_received(self._changes.came.received(row))
+        return time_ns, self._topics[channel][0], received, self._packers[in_world](*split_stamp(time_ns), *wrench)
+
+    def applied_topic(self, i: int) -> str:
+        """Return the topic of what acts."""
+        channel: int = self._rows[i][1]
+        return self._topics[channel][1]
 
 
 class _InOrder:

@@ -10,10 +10,12 @@ from typing import Any
 
 import pytest
 from bag_rows import STAMPED, write_rows
+from edited_logs import edited
 
 from rb_dynamics import Solver, Wrench, parse_scene, simulate
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.formats import cdr
+from rb_dynamics.formats.mcap_records import Message
 from rb_dynamics.formats.wrench_bags import RecordedWrenches
 from rb_dynamics.motion import flight
 from rb_dynamics.run.sample import Sample
@@ -23,6 +25,7 @@ from rb_dynamics.sinks.failure_guard import GuardedSink
 from rb_dynamics.sinks.mcap_sink import LogSettings, McapSink
 from rb_dynamics.sinks.memory_sink import MemorySink
 from rb_dynamics.sinks.state_hash import HashSink
+from rb_dynamics.study.replay import replay
 
 pytest.importorskip("numba")
 pytest.importorskip("mcap")
@@ -133,6 +136,29 @@ def test_sinks_that_take_blocks_keep_what_they_keep_of_single_events(bag: Path, 
         kept.append((log.path.read_bytes(), states.hexdigest(), repr([memory.samples, memory.applied])))
     assert len(kept[0][0]) > 400_000
     assert kept[0] == kept[1]
+
+
+def test_a_replay_by_blocks_finds_what_one_by_events_finds(
+    bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In a log as it was written, and where each kind of message was changed or left out."""
+    scene = parse_scene(SCENE.text + "solver: {method: rk4, step: 0.015625}\n")
+    log = tmp_path / "run.mcap"
+    _run(scene, RecordedWrenches([bag], ["a", "b"], scene.end_ns or 0), McapSink(log))
+    assert replay(log).identical
+
+    def changed(message: Message, topic: str) -> Message | None:
+        if message.channel.topic != topic or message.log_time < 1_000_000_000:
+            return message
+        return None if message.log_time > 2_900_000_000 else message._replace(data=message.data[:-3] + b"\x01\x40\x40")
+
+    for topic in ("/pose", "/energy/work", "/a", "/b/applied"):
+        broken = edited(log, tmp_path / "edited.mcap", lambda message, topic=topic: changed(message, topic))
+        monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always")
+        by_blocks = replay(broken)
+        monkeypatch.setenv("RB_DYNAMICS_COMPILE", "never")
+        assert by_blocks == replay(broken)
+        assert topic in by_blocks.differences or by_blocks.missing
 
 
 def test_a_flight_that_cannot_go_on_ends_at_the_last_good_state_with_all_of_its_events(tmp_path: Path) -> None:
