@@ -205,8 +205,7 @@ def _refined(signals: list[_Signal], offset_ns: int, step_ns: int) -> _Valley:
     """Return the best offset about `offset_ns`: the lowest point of a parabola through what offsets near it leave.
 
     Noise makes the valley rough, and no single point of it is to be trusted, unless one leaves far less than its
-    neighbours: the one at which stamps coincide, or without noise the very lowest. The uncertainty is two standard
-    deviations of the fit of a shift to independent noise: what is left over the number of samples and the curvature.
+    neighbours: the one at which stamps coincide, or without noise the very lowest.
     """
     from scipy.optimize import minimize_scalar
 
@@ -231,8 +230,26 @@ def _refined(signals: list[_Signal], offset_ns: int, step_ns: int) -> _Valley:
             sharp = float(minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": 1e-6}).x)
             if cost(sharp) < left:
                 chosen, left = offset_ns + round(sharp * step_ns), cost(sharp)
-    count = min(min(len(each.a.time_ns), len(each.b.time_ns)) for each in signals)
-    return _Valley(chosen, 2e-9 * step_ns * float(np.sqrt(left / (curvature * count))))
+    return _Valley(chosen, _spread(signals, chosen, _AROUND * step_ns))
+
+
+def _spread(signals: list[_Signal], offset_ns: int, around_ns: int) -> float:
+    """Return two standard deviations (s) of a lag fitted to independent noise that may differ from sample to sample.
+
+    With slopes s (over `around_ns`, so that noise does not steepen them) and remainders r, the variance is
+    sum (s r)^2 / (sum s^2)^2 (White, Econometrica 48 (1980) 817).
+    """
+    scores = slopes = 0.0
+    for each in signals:
+        moved = each.b.later(-offset_ns)
+        (before, one), (after, other), (here, known) = (
+            each.a.at(moved.time_ns + by) for by in (-around_ns, around_ns, 0)
+        )
+        known &= one & other
+        slope = (after - before)[known] / (2e-9 * around_ns)
+        scores += float(np.sum(np.sum(slope * (moved.values - here)[known], axis=1) ** 2)) / each.usual**2
+        slopes += float(np.sum(slope**2)) / each.usual
+    return 2.0 * float(np.sqrt(scores)) / slopes if slopes > 0.0 else np.inf
 
 
 def _coinciding(signals: list[_Signal], offset_ns: int) -> int:

@@ -253,12 +253,12 @@ def difference(name: str, axes: str, a: Stream | None, b: Stream | None) -> Diff
     if a is None or b is None or not len(a.time_ns) or not len(b.time_ns):
         return None
     begin, end = max(a.time_ns[0], b.time_ns[0]), min(a.time_ns[-1], b.time_ns[-1])
-    a, b = a.within(begin, end), b.within(begin, end)
+    within = [stream.time_ns[(stream.time_ns >= begin) & (stream.time_ns <= end)] for stream in (a, b)]
     # The same choice whichever of the two comes first.
-    a_coarse = (len(a.time_ns), a.time_ns.tolist()) <= (len(b.time_ns), b.time_ns.tolist())
-    coarse, fine = (a, b) if a_coarse else (b, a)
+    a_coarse = (len(within[0]), within[0].tolist()) <= (len(within[1]), within[1].tolist())
+    coarse, fine = (within[0], b) if a_coarse else (within[1], a)
     common = np.intersect1d(a.time_ns, b.time_ns)
-    times = common if len(common) >= max(1.0, _COMMON * len(coarse.time_ns)) else coarse.time_ns
+    times = common if len(common) >= max(1.0, _COMMON * len(coarse)) else coarse
     _, known = fine.at(times)
     times = times[known]
     if not len(times):
@@ -374,9 +374,6 @@ def _nothing(
     zero_ns: int,
     window_s: tuple[float | None, float | None],
 ) -> str:
-    for each, motion in ((a, one), (b, other)):
-        if motion.attitude is None and motion.position is None and motion.velocity_body is None and motion.rate is None:
-            return f"{each.path} has no pose and no twist, expected a motion; with --scene SCENE its commands are flown"
     spans = [f"from {first:.6g} to {last:.6g} s" for first, last in (_span_s(m, zero_ns) for m in (one, other))]
     within = "" if window_s == (None, None) else ", or --from and --to leave nothing"
     return (
@@ -437,10 +434,11 @@ def _left_out(
                 f"from t = {(longest[0] - zero_ns) * 1e-9:.6g} s"
             )
         holes += mine
+    usual_ns = max(whole_one.interval_ns, whole_other.interval_ns)
     for side, motion in (("A", whole_one), ("B", whole_other)):
         first, last = motion.span_ns
         for length, where in ((span[0] - first, "before"), (last - span[1], "after")):
-            if length > 0:
+            if length > usual_ns:
                 told.append(f"{length * 1e-9:.6g} s of {side} {where} what both have")
     lost = sum(end - begin for begin, end in _joined(holes))
     return (span[1] - span[0] - lost) / 1e9, told

@@ -156,6 +156,12 @@ class MotionStreams:
         times = [stream.time_ns for stream in vars(self).values() if stream is not None and len(stream.time_ns)]
         return (int(min(t[0] for t in times)), int(max(t[-1] for t in times))) if times else (0, 0)
 
+    @property
+    def interval_ns(self) -> float:
+        """The usual interval between two samples, of the quantity in which it is longest."""
+        steps = [np.diff(stream.time_ns) for stream in vars(self).values() if stream is not None]
+        return max((float(np.median(step)) for step in steps if len(step)), default=0.0)
+
     def later(self, by_ns: int) -> MotionStreams:
         """Return the same with all times moved."""
         return MotionStreams(*(stream and stream.later(by_ns) for stream in vars(self).values()))

@@ -118,9 +118,9 @@ def _differences(found: Comparison) -> Section:
 
 def _momenta(found: Comparison) -> list[Section]:
     panels = _panels(found, ("angular_momentum", "linear_momentum", "kinetic_energy"))
-    return [Section("Momenta and energy", figures=[Figure(plots.overlays(panels), "A solid, B dashed.")])] * bool(
-        panels
-    )
+    if not panels:
+        return []
+    return [Section("Momenta and energy", figures=[Figure(plots.overlays(panels), "A solid, B dashed.")])]
 
 
 def _other(found: Comparison) -> Section:

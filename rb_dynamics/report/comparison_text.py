@@ -146,7 +146,7 @@ def verdict(found: Comparison) -> str:
     """Return the result in one sentence."""
     first = found.first_ns
     if first is None:
-        bits = f"the same to the last bit at all {found.samples} samples compared"
+        bits = f"the same to the last bit at every sample compared ({found.samples})"
     else:
         bits = f"the motions differ from t = {found.seconds(first):.9g} s on"
     if found.bound is None:

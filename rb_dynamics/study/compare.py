@@ -193,6 +193,12 @@ def _moves(track: Track) -> bool:
 def _aligned(a: Given, b: Given, flown_ns: int | None, align: Align) -> tuple[Alignment, list[str]]:
     """Return how the times belong together, and remarks on that."""
     one, other = MotionStreams.of(a.track), MotionStreams.of(b.track)
+    for each, motion in ((a, one), (b, other)):
+        if motion == MotionStreams():
+            raise LogError(
+                f"{each.path} has no pose and no twist, expected a motion to compare; to run the commands in it, give "
+                "the recording of a motion and --scene SCENE"
+            )
     if align == "start":
         return Alignment("start", other.span_ns[0] - one.span_ns[0]), []
     if align == "stamp":
@@ -208,7 +214,7 @@ def _aligned(a: Given, b: Given, flown_ns: int | None, align: Align) -> tuple[Al
     if flown_ns:
         return Alignment("commands", flown_ns), []
     (begin_a, end_a), (begin_b, end_b) = one.span_ns, other.span_ns
-    if max(begin_a, begin_b) < min(end_a, end_b) or flown_ns == 0:
+    if max(begin_a, begin_b) <= min(end_a, end_b) or flown_ns == 0:
         return Alignment("stamp", 0), [] if flown_ns == 0 else _off_stamps(a.track, b.track, one, other)
     return best_lag(one, other), []
 

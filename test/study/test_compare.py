@@ -292,3 +292,19 @@ def test_the_command_prints_json_text_page_and_recording(
     keys = "aligned_by offset_s samples attitude position angular_velocity linear_velocity first_difference_s commands"
     assert {*keys.split(), "body"} <= told.keys()
     assert {"max", "rms", "at_s"} <= told["attitude"].keys()
+
+
+@pytest.mark.parametrize("kind", ["poses", "itself", "bag"])
+def test_pages_and_recordings_show_what_there_is(kind: str, log: Path, folder: Path) -> None:
+    """Without momenta, without a twist or without any difference there is less to draw."""
+    from rb_dynamics.report.comparison_page import comparison_report
+    from rb_dynamics.report.comparison_rerun import write_comparison_recording
+    from rb_dynamics.report.html import render_html
+
+    other = log if kind == "itself" else foreign(folder / f"shown_{kind}.mcap", log, every=7, twist=kind == "bag")
+    found = rb.compare(log, other, align="stamp")
+    page = render_html(comparison_report(found))
+    assert ("Momenta and energy" in page) == (kind == "itself")
+    assert ("not in both" in page) == (kind == "poses")
+    write_comparison_recording(found, folder / f"{kind}.rrd")
+    assert (folder / f"{kind}.rrd").stat().st_size > 5_000
