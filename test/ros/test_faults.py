@@ -197,7 +197,7 @@ def test_a_storm_of_commands_leaves_the_last_one_acting_and_each_accounted_for(
     scene: Path, peer: Peer, tmp_path: Path
 ) -> None:
     log = tmp_path / "run.mcap"
-    with running(scene, mcap=log) as node:
+    with running(scene, mcap=log, stamps="simulation") as node:
         diagnostics, momenta = peer.diagnostics(), peer.listen(Vector3Stamped, "linear_momentum")
         with script(STORM, "20000", "1.5") as storm:
             assert storm.stdout is not None
@@ -300,7 +300,7 @@ def test_a_stopped_process_goes_on_from_where_it_was(scene: Path, peer: Peer) ->
 
 def test_a_killed_node_leaves_a_log_that_opens(scene: Path, peer: Peer, tmp_path: Path) -> None:
     log = tmp_path / "run.mcap"
-    with running(scene, mcap=log) as node:
+    with running(scene, mcap=log, stamps="simulation") as node:
         momenta = peer.listen(Vector3Stamped, "angular_momentum")
         peer.until(lambda: bool(momenta) and stamp(momenta[-1]) > 2_000_000_000, "two seconds of motion")
         heard = stamp(momenta[-1])
@@ -314,7 +314,7 @@ def test_a_killed_node_leaves_a_log_that_opens(scene: Path, peer: Peer, tmp_path
 
 def test_a_full_disk_stops_the_log_and_not_the_body(scene: Path, peer: Peer, tmp_path: Path) -> None:
     log = tmp_path / "run.mcap"
-    with running(scene, mcap=log) as node:
+    with running(scene, mcap=log, stamps="simulation") as node:
         diagnostics, momenta = peer.diagnostics(), peer.listen(Vector3Stamped, "angular_momentum")
         # The index takes the room of what was logged last, four flushes at most.
         peer.until(lambda: bool(momenta) and stamp(momenta[-1]) > 4_000_000_000, "four seconds of motion")
@@ -373,7 +373,7 @@ def test_a_log_that_cannot_be_opened_at_a_reset_was_not_removed(scene: Path, pee
 
 
 def test_a_scene_that_changes_on_disk_changes_nothing_until_the_next_start(scene: Path, peer: Peer) -> None:
-    with running(scene) as node:
+    with running(scene, stamps="simulation") as node:
         momenta = peer.listen(Vector3Stamped, "angular_momentum")
         peer.until(lambda: len(momenta) > 10, "motion")
         scene.write_text("no scene any more: [")
