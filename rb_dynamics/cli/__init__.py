@@ -21,7 +21,7 @@ from rb_dynamics.run.stop_signals import Stopped, interrupted_by_signals
 
 COMMANDS = (
     "simulate", "node", "replay", "inspect", "compare", "recover", "convert", "explain", "trade", "campaign", "body",
-    "compile", "demo",
+    "identify", "compile", "demo",
 )  # fmt: skip
 
 _EPILOG = """\

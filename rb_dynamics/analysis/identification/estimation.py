@@ -1,0 +1,284 @@
+"""Fit the parameters of a `Model`: least squares from several starts over a growing horizon, and what they then tell.
+
+A flight over many turns has many minima. Over its first turn it has few: each start is fitted there first, then over
+longer and longer pieces. Each sensor is weighted by its own noise, which the fit estimates along the way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rb_dynamics.analysis.identification import rotations
+from rb_dynamics.analysis.identification.flights import ATTITUDE, Flight, Stream
+from rb_dynamics.analysis.identification.prediction import Model, Predicted
+from rb_dynamics.analysis.track import Array
+
+LOSSES = ("linear", "soft_l1", "huber", "cauchy")
+
+Key = tuple[str, str]
+
+# Plausible values lie within this many units of a parameter. What no measurement tells stays at its start by it, and
+# what is told is not changed by it.
+_FAR = 30.0
+# rad turned in the first piece of a flight, and how much longer each piece is than the one before.
+_FIRST_PIECE = 3.0
+_LONGER = 3.0
+# Two fits are the same minimum if their costs differ by this fraction.
+_SAME = 1e-3
+_COARSE = 1e-3
+# Of its scale: no recording is believed to be more exact than that, not even one of a simulation without noise.
+_FLOOR = 1e-6
+# Residuals up to this many times the noise leave nothing to look for.
+_ENOUGH = 1.3
+_ITERATIONS = 80
+# Of the noise, what the error of the steps may be.
+_STEPS = 0.05
+_SMALLEST_TURN = 2e-3
+
+
+class Fit(NamedTuple):
+    """The outcome of `fitted`.
+
+    Attributes:
+        z: parameters.
+        noise: standard deviation of one component of a sample, by topic and kind.
+        predicted: what is left of each stream.
+        weighted: (n, p), derivatives over noise.
+        left: (n,), residuals over noise.
+        starts: fits that were tried.
+        agreeing: how many of them found the best minimum.
+        converged: whether the best came to rest.
+    """
+
+    z: Array
+    noise: dict[Key, float]
+    predicted: list[Predicted]
+    weighted: Array
+    left: Array
+    starts: int
+    agreeing: int
+    converged: bool
+
+
+@dataclass
+class _Progress:
+    """Tells how far a fit has come, 0 to 1."""
+
+    tell: Callable[[float], None] | None
+    total: int
+    done: int = 0
+
+    def step(self) -> None:
+        self.done += 1
+        if self.tell is not None:
+            self.tell(min(1.0, self.done / self.total))
+
+
+def fitted(model: Model, starts: int, loss: str, seed: int, progress: Callable[[float], None] | None = None) -> Fit:
+    """Return the best fit of several starts."""
+    random = np.random.default_rng(seed)
+    noise = {k: max(_noise_of(s), _FLOOR * _largest(model, k)) for k, s in _streams(model).items()}
+    first = np.zeros(model.layout.count)
+    shaped = "shape" in model.layout
+    tries = [first]
+    if shaped:
+        tries += [_elsewhere(model, random) for _ in range(starts - 1)]
+    pieces = _pieces(model)
+    bar = _Progress(progress, len(tries) * (len(pieces) + 1) + 2)
+    found = []
+    # A search need not be more exact than that, and a recording without noise would keep it long.
+    coarse = {key: max(level, _COARSE * _largest(model, key)) for key, level in noise.items()}
+    for start in tries:
+        at = start
+        for piece in [*pieces, None]:
+            at = _least_squares(model, at, coarse, loss, piece).x
+            bar.step()
+        whole = _least_squares(model, at, noise, loss, None)
+        found.append((whole.cost, whole))
+        # What noise alone explains is the minimum: no other start can better it.
+        if _explained(model, whole.x, noise):
+            break
+    costs = np.array([cost for cost, _ in found])
+    best = found[int(costs.argmin())][1]
+    agreeing = int((costs <= costs.min() * (1.0 + _SAME) + 1.0).sum())
+    z, converged = best.x, bool(best.status > 0)
+    for _ in range(6):
+        before = dict(noise)
+        noise = _estimated(model, z, noise, loss)
+        steady = all(abs(noise[key] / before[key] - 1.0) < 0.01 for key in noise)
+        finer = _refine(model, z, noise)
+        if steady and not finer:
+            break
+        again = _least_squares(model, z, noise, loss, None)
+        z, converged = again.x, bool(again.status > 0)
+    bar.step()
+    predicted = list(model.predict(z))
+    left, weighted = _stacked(predicted, noise)
+    return Fit(z, noise, predicted, weighted, left, len(found), agreeing, converged)
+
+
+def _explained(model: Model, z: Array, noise: dict[Key, float]) -> bool:
+    """Return whether what is left of each stream is about the noise that its differences show."""
+    return all(float(np.sqrt(np.mean(p.left**2))) <= _ENOUGH * noise[p.key] for p in model.predict(z))
+
+
+def _streams(model: Model) -> dict[Key, list[Stream]]:
+    found: dict[Key, list[Stream]] = {}
+    for flight in model.flights:
+        for stream in flight.streams:
+            if len(stream.time_ns):
+                found.setdefault((stream.topic, stream.kind), []).append(stream)
+    return found
+
+
+def _noise_of(streams: Sequence[Stream]) -> float:
+    """Return the noise that third differences show, which smooth motion hardly changes."""
+    squares = [_third_differences(stream).ravel() ** 2 for stream in streams]
+    every = np.concatenate(squares) if squares else np.zeros(0)
+    return float(np.sqrt(every.mean() / 20.0)) if len(every) else 0.0
+
+
+def _third_differences(stream: Stream) -> Array:
+    values = stream.values
+    if stream.kind == ATTITUDE:
+        steps = rotations.logarithms(rotations.products(rotations.conjugates(values[:-1]), values[1:]))
+        return np.diff(steps, n=2, axis=0)
+    return np.diff(values, n=3, axis=0)
+
+
+def _pieces(model: Model) -> list[list[int]]:
+    """Return the ends (ns) of ever longer pieces of the flights, without the whole."""
+    spans = [flight.span_ns for flight in model.flights]
+    angles = [start.fastest * (last - first) * 1e-9 for start, (first, last) in zip(model.starts, spans, strict=True)]
+    found, angle = [], _FIRST_PIECE
+    while angle < 0.7 * max(angles):
+        ends = [
+            min(last, max(_twelfth(flight, 12), first + round(1e9 * angle / start.fastest)))
+            for flight, start, (first, last) in zip(model.flights, model.starts, spans, strict=True)
+        ]
+        found.append(ends)
+        angle *= _LONGER
+    return found
+
+
+def _twelfth(flight: Flight, count: int) -> int:
+    """Return the time (ns) at which the fastest stream has this many samples: fewer tell nothing."""
+    return min(int(s.time_ns[min(count, len(s.time_ns)) - 1]) for s in flight.streams if len(s.time_ns))
+
+
+def _elsewhere(model: Model, random: np.random.Generator) -> Array:
+    """Return parameters with another shape of the body."""
+    z = np.zeros(model.layout.count)
+    z[model.layout["shape"].at] = random.normal(0.0, 0.5, 5)
+    return z
+
+
+def _least_squares(model: Model, z: Array, noise: dict[Key, float], loss: str, until: Sequence[int] | None) -> Any:
+    from scipy.optimize import least_squares
+
+    cache: dict[bytes, tuple[Array, Array]] = {}
+
+    def both(at: Array) -> tuple[Array, Array]:
+        name = at.tobytes()
+        if name not in cache:
+            cache.clear()
+            left, by = _stacked(list(model.predict(at, until)), noise)
+            bad = not np.isfinite(left).all()
+            left = np.where(np.isfinite(left), np.clip(left, -1e12, 1e12), 1e12) if bad else left
+            by = np.where(np.isfinite(by), by, 0.0) if bad or not np.isfinite(by).all() else by
+            # As much as noise leaves, a constant: an improvement counts against it, also where nothing is left.
+            constant = np.sqrt(len(left))
+            left = np.concatenate([left, at / _FAR, [constant]])
+            by = np.vstack([by, np.eye(len(at)) / _FAR, np.zeros((1, len(at)))])
+            if loss == "linear":
+                # Q^T of both: the same cost and the same step, from as few rows as there are parameters.
+                triangle = _triangle(np.column_stack([by, left]))
+                left, by = triangle[:, -1], triangle[:, :-1]
+            cache[name] = left, by
+        return cache[name]
+
+    return least_squares(
+        lambda at: both(at)[0],
+        z,
+        jac=lambda at: both(at)[1],
+        loss=loss,
+        xtol=1e-12,
+        ftol=1e-7 if until is None else 1e-3,
+        gtol=1e-12,
+        max_nfev=_ITERATIONS if until is None else 20,
+    )
+
+
+def _triangle(matrix: Array) -> Array:
+    """Return R of the QR decomposition, block by block: with small matrices LAPACK does not wait for threads."""
+    columns = matrix.shape[1]
+    block = 4 * columns
+    while len(matrix) > 2 * block:
+        padded = np.vstack([matrix, np.zeros((-len(matrix) % block, columns))])
+        matrix = np.asarray(np.linalg.qr(padded.reshape(-1, block, columns), mode="r")).reshape(-1, columns)
+    return np.asarray(np.linalg.qr(matrix, mode="r"), dtype=np.float64)
+
+
+def information(by: Array) -> Array:
+    """Return J^T J of derivatives over noise."""
+    root = _triangle(by)
+    found: Array = root.T @ root
+    return found
+
+
+def _stacked(predicted: Sequence[Predicted], noise: dict[Key, float]) -> tuple[Array, Array]:
+    left = [each.left.ravel() / noise[each.key] for each in predicted]
+    by = [each.by.reshape(-1, each.by.shape[2]) / noise[each.key] for each in predicted]
+    return np.concatenate(left), np.vstack(by)
+
+
+def _estimated(model: Model, z: Array, noise: dict[Key, float], loss: str) -> dict[Key, float]:
+    """Return the noise of each sensor that the residuals show, with the degrees of freedom that the fit took."""
+    predicted = list(model.predict(z))
+    left, by = _stacked(predicted, noise)
+    covariance = np.linalg.inv(information(by) + np.eye(by.shape[1]) / _FAR**2)
+    taken: dict[Key, list[float]] = {}
+    row = 0
+    for each in predicted:
+        size = each.left.size
+        part, rest = by[row : row + size], left[row : row + size]
+        leverage = float(np.sum((part @ covariance) * part))
+        total = taken.setdefault(each.key, [0.0, 0.0, 0.0, 0.0])
+        total[0] += float(np.sum(rest**2))
+        total[1] += size - leverage
+        total[2] = max(total[2], 1.4826 * float(np.median(np.abs(rest))))
+        row += size
+    found = {}
+    for key, (squares, freedom, typical, _) in taken.items():
+        level = np.sqrt(squares / max(freedom, 1.0)) if loss == "linear" else typical
+        floor = _FLOOR * _largest(model, key)
+        found[key] = max(float(level) * noise[key], floor)
+    return found
+
+
+def _largest(model: Model, key: Key) -> float:
+    """Return the largest number of a sensor, 1 rad of an attitude."""
+    sizes = [1.0 if s.kind == ATTITUDE else float(np.abs(s.values).max(initial=0.0)) for s in _streams(model)[key]]
+    return max(*sizes, 1e-9)
+
+
+def _refine(model: Model, z: Array, noise: dict[Key, float]) -> bool:
+    """Halve the steps where their error counts against the noise; return whether that was so."""
+    if model.turn <= _SMALLEST_TURN:
+        return False
+    before = {(p.key, p.flight): p.left for p in model.predict(z)}
+    kept = model.turn
+    model.turn = 0.5 * kept
+    worst = max(
+        float(np.sqrt(np.mean((p.left - before[p.key, p.flight]) ** 2))) / noise[p.key] for p in model.predict(z)
+    )
+    if worst <= _STEPS:
+        model.turn = kept
+        return False
+    # The error goes with the fourth power of the step.
+    model.turn = max(_SMALLEST_TURN, kept * min(0.5, (_STEPS / worst) ** 0.25))
+    return True

@@ -1,0 +1,232 @@
+"""`Flight`: what one recording measured of a body and what acted on it, in the time of its run, as arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from rb_dynamics.analysis.identification import rotations
+from rb_dynamics.analysis.read_track import read_track
+from rb_dynamics.analysis.track import Array, RecordedWrench, Times, TimeSeries, Track, frame_names, unit_rows
+from rb_dynamics.errors import LogError
+from rb_dynamics.formats.bag_reader import IMUS, read_bag
+from rb_dynamics.formats.messages import APPLIED
+from rb_dynamics.run.provenance import RUN
+from rb_dynamics.scene.model import Scene
+
+ATTITUDE, POSITION, VELOCITY, RATES, ACCELERATION = "attitude", "position", "velocity", "rates", "acceleration"
+UNITS = {ATTITUDE: "rad", POSITION: "m", VELOCITY: "m/s", RATES: "rad/s", ACCELERATION: "m/s^2"}
+
+_FEWEST = 4
+"""Samples of a stream without which it says nothing of its noise."""
+
+
+@dataclass(frozen=True)
+class Stream:
+    """What one sensor measured.
+
+    Attributes:
+        topic: as recorded.
+        kind: a key of `UNITS`; position and velocity are those of the body origin, acceleration is specific force.
+        time_ns: stamps, ascending, from time 0 of the run.
+        values: (n, 3); of attitude (n, 4), unit quaternions xyzw, body to world.
+        world: velocity or rates in world axes; otherwise in the axes of the sensor.
+        mount: (3, 3), from body axes to those of the sensor.
+        place: position of the sensor, body axes, m.
+        gyro: rates that may have a bias, a scale and an alignment of their own.
+    """
+
+    topic: str
+    kind: str
+    time_ns: Times
+    values: Array
+    world: bool = False
+    mount: Array = field(default_factory=lambda: np.eye(3))
+    place: Array = field(default_factory=lambda: np.zeros(3))
+    gyro: bool = False
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A wrench that acted: each row is held until the next; nothing before the first.
+
+    Attributes:
+        topic: as recorded.
+        time_ns: ascending, from time 0 of the run.
+        held: (k, 12), force and torque in body axes, force and torque in world axes, the force through the centre of
+            mass.
+    """
+
+    topic: str
+    time_ns: Times
+    held: Array
+
+
+@dataclass(frozen=True)
+class Flight:
+    """One recording.
+
+    Attributes:
+        name: of the recording.
+        streams: what was measured.
+        channels: what acted.
+        notes: what a person should know of how it was read.
+    """
+
+    name: str
+    streams: tuple[Stream, ...]
+    channels: tuple[Channel, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Refuse a recording that says nothing.
+
+        Raises:
+            LogError: no stream has enough samples.
+        """
+        if not any(len(stream.time_ns) >= _FEWEST for stream in self.streams):
+            most = max((len(stream.time_ns) for stream in self.streams), default=0)
+            raise LogError(
+                f"{self.name}: found {most} samples of the motion, expected at least {_FEWEST} of a pose, an odometry, "
+                "a twist or a gyro; record the flight again, or name another recording"
+            )
+
+    @property
+    def span_ns(self) -> tuple[int, int]:
+        """First and last time that was measured."""
+        times = [stream.time_ns for stream in self.streams if len(stream.time_ns)]
+        return min(int(time[0]) for time in times), max(int(time[-1]) for time in times)
+
+    def without(self, kinds: Sequence[str]) -> Flight:
+        """Return the same without some kinds of measurements."""
+        return replace(self, streams=tuple(stream for stream in self.streams if stream.kind not in kinds))
+
+    def until(self, end_ns: int) -> Flight:
+        """Return the same without what was measured after `end_ns`."""
+        return replace(self, streams=tuple(_cut(stream, end_ns) for stream in self.streams))
+
+
+def _cut(stream: Stream, end_ns: int) -> Stream:
+    count = int(np.searchsorted(stream.time_ns, end_ns, side="right"))
+    return replace(stream, time_ns=stream.time_ns[:count], values=stream.values[:count])
+
+
+def read_flight(path: str, scene: Scene, commands: Sequence[str] = ()) -> Flight:
+    """Return what the bag `path` measured; `commands` are bags with the wrenches, where they are not in it.
+
+    Raises:
+        LogError: a bag cannot be read, has no motion, or a wrench whose effect is not known.
+    """
+    bag = read_bag(path, repeated=False)
+    track = read_track(bag, None if RUN in bag.metadata else scene)
+    zero = 0 if track.own else track.span_ns[0]
+    notes = [note for note in track.notes if "inspected" not in note]
+    streams = [*_of_pose(track, zero, notes), *_of_twist(track, scene, zero, notes)]
+    wrenches = list(track.acting)
+    for other in commands:
+        found = read_track(read_bag(other), scene)
+        if not found.wrenches:
+            raise LogError(f"{other}: found no wrench topic, expected the commands of {path}; name another bag")
+        wrenches += found.acting
+    acting = [wrench for wrench in wrenches if not wrench.topic.startswith("effects/")]
+    end = track.span_ns[1]
+    channels = tuple(_channel(wrench, scene, zero, end, path) for wrench in acting if len(wrench.time_ns))
+    if not channels:
+        notes.append("no wrench is recorded: nothing but the effects of the scene is taken to act")
+    return Flight(str(path), tuple(streams), channels, tuple(notes))
+
+
+def _of_pose(track: Track, zero: int, notes: list[str]) -> list[Stream]:
+    series = track.pose
+    if series is None or not len(series.time_ns):
+        return []
+    if _is_imu(track, series):
+        notes.append(f"{series.topic}: its attitude is an estimate, not a measurement; left out")
+        return []
+    position, attitude = series.values[:, :3], series.values[:, 3:]
+    found = []
+    norms = np.linalg.norm(attitude, axis=1)
+    if (np.abs(norms - 1.0) < 1e-2).all():
+        found.append(Stream(series.topic, ATTITUDE, series.time_ns - zero, unit_rows(attitude)))
+    else:
+        notes.append(f"{series.topic}: its quaternions are no attitudes (lengths to {norms.max():.3g}); left out")
+    return found + _unless_blank(track, series, POSITION, position, zero, notes)
+
+
+def _of_twist(track: Track, scene: Scene, zero: int, notes: list[str]) -> list[Stream]:
+    series = track.twist
+    if series is None or not len(series.time_ns):
+        return []
+    parts = ((VELOCITY, series.values[:, :3]), (RATES, series.values[:, 3:]))
+    found = [s for kind, values in parts for s in _unless_blank(track, series, kind, values, zero, notes)]
+    if not _is_imu(track, series):
+        return [replace(stream, world=track.twist_in_world) for stream in found]
+    if track.specific_force is not None:
+        force = track.specific_force
+        found += _unless_blank(track, force, ACCELERATION, force.values, zero, notes)
+    fixed = (scene.frames.fixed or {}).get(series.frame)
+    if fixed is None:
+        return [replace(stream, gyro=True) for stream in found]
+    mount = rotations.matrices(np.array(fixed.orientation_xyzw)).T
+    return [replace(stream, gyro=True, mount=mount, place=np.array(fixed.position)) for stream in found]
+
+
+def _is_imu(track: Track, series: TimeSeries) -> bool:
+    topic = track.bag.topics.get(series.topic)
+    return topic is not None and topic.type_name in IMUS
+
+
+def _unless_blank(
+    track: Track, series: TimeSeries, kind: str, values: Array, zero: int, notes: list[str]
+) -> list[Stream]:
+    """Return the stream, none where another program left the field empty."""
+    measured = np.isfinite(values).all(axis=1)
+    if not measured.any():
+        return []
+    if not track.own and not values[measured].any():
+        notes.append(f"{series.topic}: its {kind} is zero throughout and taken as not measured")
+        return []
+    return [Stream(series.topic, kind, series.time_ns[measured] - zero, values[measured])]
+
+
+def _channel(wrench: RecordedWrench, scene: Scene, zero: int, end_ns: int, path: str) -> Channel:
+    """Return what acted of a recorded wrench, its timeout included.
+
+    Raises:
+        LogError: its effect is not known.
+    """
+    within = wrench.time_ns <= end_ns
+    if not wrench.known[within].all():
+        raise LogError(
+            f"{path}: {int((~wrench.known[within]).sum())} wrenches on {wrench.topic} are damaged or in "
+            f"a frame that is not declared (frames: {frame_names(wrench.frames)}), so that what acted is not known; "
+            "declare the frame under body.frames of the scene"
+        )
+    nothing = np.zeros_like(wrench.force)
+    world = wrench.world[:, None]
+    parts = (wrench.force, wrench.torque)
+    held = np.hstack([*(np.where(world, nothing, p) for p in parts), *(np.where(world, p, nothing) for p in parts)])
+    times = wrench.time_ns - zero
+    if not wrench.topic.endswith(APPLIED):
+        times, held = _timed_out(times, held, _timeout_ns(wrench.topic, scene))
+    return Channel(wrench.topic.removesuffix(APPLIED), times, held)
+
+
+def _timeout_ns(topic: str, scene: Scene) -> int:
+    """Return the timeout of the scene's channel of this name; 0 where it has none."""
+    name = topic.removeprefix("/")
+    return next((c.timeout_ns for c in scene.channels if c.topic.removeprefix("/") == name), 0)
+
+
+def _timed_out(times: Times, held: Array, timeout_ns: int) -> tuple[Times, Array]:
+    """Return commands with rows of nothing where one expires before the next."""
+    if not timeout_ns:
+        return times, held
+    following = np.append(times[1:], np.iinfo(np.int64).max)
+    expires = times[times + timeout_ns < following] + timeout_ns
+    all_times = np.concatenate([times, expires])
+    rows = np.vstack([held, np.zeros((len(expires), 12))])
+    order = np.argsort(all_times, kind="stable")
+    return all_times[order], rows[order]

@@ -1,0 +1,649 @@
+"""`identify`: what recordings tell about a body, and how surely; see `Identification`.
+
+What is told comes from the information matrix of the fit: beside the recordings each number is taken to be known to
+about its own size, and it counts as told if the recordings make that several times better.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from rb_dynamics.analysis.identification import rotations
+from rb_dynamics.analysis.identification.estimation import LOSSES, Fit, fitted, information
+from rb_dynamics.analysis.identification.flights import UNITS, Flight, read_flight
+from rb_dynamics.analysis.identification.parameters import AXES, PLACES
+from rb_dynamics.analysis.identification.prediction import Body, Model, Predicted
+from rb_dynamics.analysis.track import Array
+from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.errors import SceneError
+from rb_dynamics.numerics.argument_checks import shown, whole_number
+from rb_dynamics.scene import document
+from rb_dynamics.scene.model import Scene
+from rb_dynamics.scene.overrides import apply_overrides
+from rb_dynamics.scene.problems import Problems
+from rb_dynamics.scene.read import opened, scene_of
+
+GROUPS = (
+    "mass", "center_of_mass", "inertia", "inertia_ratios", "initial", "gyro_bias", "gyro_scale", "gyro_alignment",
+    "accelerometer", "delay", "wrench_scale",
+)  # fmt: skip
+"""What can be fitted, beside every number of an effect by its dotted key."""
+
+STARTS = 4
+"""Starts of a fit: the body of the scene, and others."""
+
+# A direction is told if its standard error is at most this part of what is plausible, and a number if at most this part
+# of its change is in directions that are not.
+_TOLD = 0.3
+_HIDDEN = 0.05
+# Residuals are not white if chance makes them look so in one of ten thousand recordings only.
+_CHANCE = 1e-4
+_LAGS = 10
+_UNITS = {
+    "mass": "kg", "center_of_mass": "m", "inertia": "kg m^2", "inertia_ratios": "", "rotation": "rad",
+    "angular_velocity_body": "rad/s", "position_world": "m", "linear_velocity_world": "m/s", "gyro_bias": "rad/s",
+    "gyro_scale": "", "gyro_alignment": "rad", "accelerometer_bias": "m/s^2", "accelerometer_position": "m",
+    "delay": "s", "wrench_scale": "", "acceleration_world": "m/s^2", "medium_velocity_world": "m/s",
+    "axial_inertia": "kg m^2", "axis_body": "", "spin_rate": "rad/s",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number.
+
+    Attributes:
+        name: as in `inertia.xx`.
+        value: in SI units; that of the scene where it is not known.
+        standard_error: None where it is not known.
+        interval: which holds the true value in 95 of 100 recordings; None where it is not known.
+        unit: of the value; "" for a ratio.
+        known: whether the recordings tell it.
+        asked: whether it was asked for by name.
+    """
+
+    name: str
+    value: float
+    standard_error: float | None
+    interval: tuple[float, float] | None
+    unit: str
+    known: bool
+    asked: bool
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """What the fit leaves of one kind of measurement of a topic.
+
+    Attributes:
+        topic: as recorded.
+        kind: what it measures.
+        unit: of `rms` and `noise`.
+        count: samples.
+        rms: of one component.
+        noise: of one component, as the fit estimates it.
+        white: whether neighbours are independent, as noise is.
+        correlation: of neighbouring samples.
+    """
+
+    topic: str
+    kind: str
+    unit: str
+    count: int
+    rms: float
+    noise: float
+    white: bool
+    correlation: float
+
+
+@dataclass(frozen=True)
+class Identification:
+    """What recordings tell about a body.
+
+    Attributes:
+        parameters: the numbers, and how surely they are known.
+        body: with the values that are known, and those of the scene for the others.
+        scene: with that body, the effects and the start of the first recording: it runs.
+        residuals: what is left, by topic and kind.
+        unknown_combinations: directions in which nothing is told, as text.
+        advice: what recording would tell them.
+        starts: fits that were tried.
+        agreeing: how many of them found the same best one.
+        converged: whether that came to rest.
+        principal_errors: standard errors of the principal moments, ascending; infinite where not known.
+        notes: on how the recordings were read.
+        predicted: residuals over time.
+        validation: residuals of recordings that were held out; of those the start alone is fitted.
+    """
+
+    parameters: tuple[Parameter, ...]
+    body: RigidBody
+    scene: Scene
+    residuals: tuple[Residuals, ...]
+    unknown_combinations: tuple[str, ...]
+    advice: tuple[str, ...]
+    starts: int
+    agreeing: int
+    converged: bool
+    principal_errors: tuple[float, float, float]
+    notes: tuple[str, ...]
+    predicted: tuple[Predicted, ...]
+    validation: tuple[Residuals, ...] = ()
+
+    @property
+    def passed(self) -> bool:
+        """Whether the fit came to rest and everything that was asked for is known; without names, anything at all."""
+        asked = [each.known for each in self.parameters if each.asked]
+        told = all(asked) if asked else any(each.known for each in self.parameters if _of_body(each.name))
+        return self.converged and told
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON."""
+        return {
+            "parameters": [
+                {
+                    "name": each.name,
+                    "value": each.value,
+                    "standard_error": each.standard_error,
+                    "interval": None if each.interval is None else list(each.interval),
+                    "unit": each.unit,
+                    "known": each.known,
+                }
+                for each in self.parameters
+            ],
+            "mass": self.body.mass,
+            "center_of_mass": list(self.body.center_of_mass),
+            "inertia": [list(row) for row in self.body.inertia],
+            "principal_moments": sorted(self.body.principal_moments),
+            "principal_moments_standard_error": [e if np.isfinite(e) else None for e in self.principal_errors],
+            "residuals": _by_topic(self.residuals),
+            "unknown_combinations": list(self.unknown_combinations),
+            "advice": list(self.advice),
+            "starts": self.starts,
+            "starts_agreeing": self.agreeing,
+            "converged": self.converged,
+            "validation": _by_topic(self.validation),
+            "notes": list(self.notes),
+        }
+
+
+def _of_body(name: str) -> bool:
+    return name.split(".", maxsplit=1)[0] in ("mass", "center_of_mass", "inertia", "inertia_ratios") or name.startswith(
+        "effects["
+    )
+
+
+def _by_topic(found: Sequence[Residuals]) -> dict[str, Any]:
+    topics: dict[str, Any] = {}
+    for each in found:
+        part = {name: getattr(each, name) for name in ("rms", "count", "unit", "noise", "white", "correlation")}
+        topics.setdefault(each.topic, {"rms": 0.0, "count": 0, "parts": {}})["parts"][each.kind] = part
+    for topic in topics.values():
+        parts = topic["parts"].values()
+        topic["rms"] = float(np.sqrt(np.mean([part["rms"] ** 2 for part in parts])))
+        topic["count"] = max(part["count"] for part in parts)
+    return topics
+
+
+def identify(
+    scene: Scene | str | os.PathLike[str],
+    recordings: Sequence[str | os.PathLike[str] | Flight] | str | os.PathLike[str],
+    fit: Sequence[str] | None = None,
+    *,
+    commands: Sequence[str | os.PathLike[str]] = (),
+    validate: Sequence[str | os.PathLike[str] | Flight] = (),
+    loss: str = "linear",
+    starts: int = STARTS,
+    seed: int = 0,
+    progress: Callable[[float], None] | None = None,
+) -> Identification:
+    """Return what `recordings` tell about the body of `scene`.
+
+    Args:
+        scene: the body as far as it is known, frames, channels and effects; or its file.
+        recordings: logs of this package, or bags of pose, odometry, twist or gyro, with the commands; of one body.
+        fit: what to fit, of `GROUPS` and dotted keys of effects; None for the mass properties, as far as they are told.
+        commands: bags with the commands, where the recordings have none; of the same clock.
+        validate: recordings that are not fitted but predicted, from a start that is fitted to each.
+        loss: of residuals: "linear", or one of scipy's that outliers hardly change.
+        starts: number of starts.
+        seed: of their choice.
+        progress: is told how much is done, 0 to 1.
+
+    Raises:
+        SceneError: the scene is not valid, has an effect that is not modelled, or `fit` names what there is not.
+        LogError: a recording cannot be read, or has no motion.
+        ValueError: `loss` or `starts` is none.
+    """
+    known = opened(scene)
+    given = [recordings] if isinstance(recordings, (str, os.PathLike)) else list(recordings)
+    if known.body.is_particle:
+        raise SceneError(f"{known.source}: body: found a particle, expected a body to identify; add body.inertia")
+    if loss not in LOSSES:
+        raise ValueError(f"loss is {shown(loss)}, expected one of {', '.join(LOSSES)}; linear is least squares")
+    if whole_number(starts, "starts", "write how many, such as 4") < 1:
+        raise ValueError(f"starts is {starts}, expected 1 or more; write how many, such as 4")
+    flights = [_flight(each, known, commands) for each in given]
+    names = tuple(fit) if fit else ()
+    _require_names(names, known)
+    model = Model(known, flights, names or _default(flights))
+    found = fitted(model, starts, loss, seed, progress)
+    result = _Report(model, found, names).identification()
+    held_out = [_flight(each, known, commands) for each in validate]
+    if held_out:
+        sensors = tuple(name for name in model.fit if name == "gyro_bias")
+        rest = Model(result.scene, held_out, ("initial", *sensors))
+        result = replace(result, validation=tuple(_residuals(fitted(rest, 1, loss, seed))))
+    return result
+
+
+def _flight(given: str | os.PathLike[str] | Flight, scene: Scene, commands: Sequence[str | os.PathLike[str]]) -> Flight:
+    if isinstance(given, Flight):
+        return given
+    if not isinstance(given, (str, os.PathLike)):
+        raise TypeError(f"a recording is {shown(given)}, expected the path of a log; write its name")
+    return read_flight(os.fspath(given), scene, [os.fspath(each) for each in commands])
+
+
+def _require_names(names: Sequence[str], scene: Scene) -> None:
+    import difflib
+
+    for name in names:
+        if name not in GROUPS and not name.startswith("effects["):
+            near = difflib.get_close_matches(str(name), GROUPS, n=1)
+            mend = f"did you mean {near[0]}?" if near else "write one of them"
+            raise SceneError(
+                f"{scene.source}: found {shown(name)} to be fitted, expected {', '.join(GROUPS)} or a number of an "
+                f"effect as effects[0].rotation; {mend}"
+            )
+
+
+def _default(flights: Sequence[Flight]) -> tuple[str, ...]:
+    gyro = any(stream.gyro for flight in flights for stream in flight.streams)
+    return ("inertia", "inertia_ratios", "mass", "center_of_mass", "initial", *(["gyro_bias"] if gyro else []))
+
+
+class _Report:
+    """What a fit tells, with errors."""
+
+    def __init__(self, model: Model, fit: Fit, names: Sequence[str]) -> None:
+        self.model, self.fit, self.names = model, fit, names
+        self.residuals = _residuals(fit)
+        count = model.layout.count
+        told = information(fit.weighted)
+        self.covariance: Array = np.asarray(np.linalg.inv(told + np.eye(count)), dtype=np.float64)
+        if not all(each.white for each in self.residuals):
+            self.covariance = _inflated(fit, self.covariance)
+        values, directions = np.linalg.eigh(self.covariance)
+        self.unseen = directions[:, values > _TOLD**2]
+        freedom = max(1.0, len(fit.left) - float(np.trace(self.covariance @ told)))
+        from scipy.special import stdtrit
+
+        self.quantile = float(stdtrit(freedom, 0.975))
+
+    def identification(self) -> Identification:
+        parameters = tuple(self._parameters())
+        body = self._body()
+        _, axes = np.linalg.eigh(np.array(body.inertia))
+        errors = [
+            self._error(np.einsum("i,ijk,j->k", axis, self._inertia_by(), axis))
+            if self._has("shape") and self._told("size")
+            else np.inf
+            for axis in axes.T
+        ]
+        first, second, third = (float(e) for e in errors)
+        return Identification(
+            parameters=parameters,
+            body=body,
+            scene=self._scene(body),
+            residuals=tuple(self.residuals),
+            unknown_combinations=tuple(self._unknown()),
+            advice=tuple(self._advice(parameters)),
+            starts=self.fit.starts,
+            agreeing=self.fit.agreeing,
+            converged=self.fit.converged,
+            principal_errors=(first, second, third),
+            notes=tuple(f"{flight.name}: {note}" for flight in self.model.flights for note in flight.notes),
+            predicted=tuple(self.fit.predicted),
+        )
+
+    def _has(self, block: str) -> bool:
+        return block in self.model.layout
+
+    def _error(self, by: Array) -> float:
+        """Return the standard error of a number that changes by `by` with the parameters; infinite if not told."""
+        hidden = float(np.linalg.norm(by @ self.unseen))
+        return float(np.sqrt(by @ self.covariance @ by)) if hidden <= _HIDDEN * float(np.linalg.norm(by)) else np.inf
+
+    def _parameter(self, name: str, value: float, by: Array, group: str) -> Parameter:
+        error = self._error(by)
+        known = bool(np.isfinite(error)) and bool(by.any())
+        asked = group in self.names
+        unit = _UNITS.get(name.split(".", maxsplit=1)[0], "") or _UNITS.get(
+            name.split(".")[1] if "." in name else "", ""
+        )
+        if not known:
+            return Parameter(name, value, None, None, unit, False, asked)
+        half = self.quantile * error
+        return Parameter(name, value, error, (value - half, value + half), unit, True, asked)
+
+    def _inertia_by(self) -> Array:
+        """Return the derivatives (3, 3, p) of the inertia by all parameters."""
+        layout, z = self.model.layout, self.fit.z
+        by = np.zeros((3, 3, layout.count))
+        _, by_six = self.model.inertia.derivative(float(z[layout["size"].at][0]), z[layout["shape"].at])
+        for (i, j), row in zip(PLACES, by_six, strict=True):
+            by[i, j, layout["size"].at] = by[j, i, layout["size"].at] = row[:1]
+            by[i, j, layout["shape"].at] = by[j, i, layout["shape"].at] = row[1:]
+        return by
+
+    def _parameters(self) -> list[Parameter]:
+        found: list[Parameter] = []
+        body, layout = self.model.body(self.fit.z), self.model.layout
+        if self._has("mass"):
+            by = np.zeros(layout.count)
+            by[layout["mass"].at] = body.mass
+            found.append(self._parameter("mass", body.mass, by, "mass"))
+        if self._has("center_of_mass"):
+            found += self._values("center_of_mass", "center_of_mass")
+        if self._has("shape"):
+            by = self._inertia_by()
+            trace = float(np.trace(body.inertia))
+            ratios = body.inertia / trace
+            ratios_by = (by - ratios[:, :, None] * np.trace(by)) / trace
+            for group, values, changes in (
+                ("inertia", body.inertia, by),
+                ("inertia_ratios", ratios, ratios_by),
+            ):
+                if group in self.model.fit or group == "inertia_ratios":
+                    # Without a scale no moment is known, not even a product that is zero: its error is not.
+                    told = group != "inertia" or self._told("size")
+                    found += [
+                        self._parameter(f"{group}.{axis}", float(values[i, j]), told * changes[i, j], group)
+                        for axis, (i, j) in zip(AXES, PLACES, strict=True)
+                    ]
+        for name in layout.blocks:
+            group = name.partition("[")[0].partition(".")[0]
+            if group == "initial" and "initial" in self.model.fit:
+                found += self._initial(name)
+            elif group == "effects":
+                found += self._values(name, name)
+            elif group not in ("initial", "mass", "center_of_mass", "size", "shape"):
+                found += self._values(name, "accelerometer" if group.startswith("accelerometer") else group)
+        return found
+
+    def _values(self, name: str, group: str) -> list[Parameter]:
+        """Return the numbers of a block that stands for itself."""
+        block = self.model.layout[name]
+        values = block.values(self.fit.z)
+        shown_name = self._shown(name)
+        found = []
+        for k, value in enumerate(values.tolist()):
+            by = np.zeros(self.model.layout.count)
+            by[block.at.start + k] = block.scale[k]
+            axis = f".{'xyz'[k]}" if len(values) == 3 else ""
+            found.append(self._parameter(shown_name + axis, value, by, group))
+        return found
+
+    def _shown(self, name: str) -> str:
+        """Return the name of a block: the number of the flight is left out where there is one alone."""
+        return name if len(self.model.flights) > 1 or name.startswith("effects[") else name.replace("[0].", ".")
+
+    def _initial(self, name: str) -> list[Parameter]:
+        if not name.endswith(".rotation"):
+            return self._values(name, "initial")
+        number = int(name.partition("[")[2].partition("]")[0])
+        attitude, by_start = self.model.start_of(self.fit.z, number)
+        vector = rotations.logarithms(attitude[:4])
+        by = np.linalg.inv(rotations.right_jacobians(vector)) @ by_start[:3]
+        names = (f"{self._shown(name)}.{axis}" for axis in "xyz")
+        return [self._parameter(n, float(v), row, "initial") for n, v, row in zip(names, vector, by, strict=True)]
+
+    def _unknown(self) -> list[str]:
+        """Return the directions of the body, effects and sensors in which the recordings tell nothing."""
+        layout = self.model.layout
+        kept = {
+            name: block
+            for name, block in layout.blocks.items()
+            if not name.startswith("initial[") or "initial" in self.names
+        }
+        if "inertia" not in self.model.fit:
+            kept.pop("size", None)
+        columns = np.concatenate([np.arange(b.at.start, b.at.stop) for b in kept.values()] or [np.zeros(0, int)])
+        names = [
+            _coordinate(self._shown(name), k, block) for name, block in kept.items() for k in range(len(block.scale))
+        ]
+        if not len(columns):
+            return []
+        values, vectors = np.linalg.eigh(self.covariance[np.ix_(columns, columns)])
+        directions = vectors[:, values > _TOLD**2]
+        return [_combination(vector, names) for vector in _simple(directions).T]
+
+    def _advice(self, parameters: Sequence[Parameter]) -> list[str]:
+        """Return what recording would tell what this one does not."""
+        unknown = {each.name.split(".")[0] for each in parameters if not each.known}
+        ratios = [p for p in parameters if p.name.startswith("inertia_ratios")]
+        found = []
+        if "mass" in unknown:
+            found.append(
+                "mass: record position or velocity while a known force acts; gravity alone does not tell it, and nor "
+                "does rotation"
+            )
+        if "center_of_mass" in unknown:
+            found.append("center_of_mass: record the position of the body origin while the body turns about two axes")
+        if "inertia" in unknown:
+            if all(p.known for p in ratios):
+                found.append(
+                    "inertia: the motion tells ratios only; record a flight in which a known torque acts, or a rotor "
+                    "of known momentum turns"
+                )
+            else:
+                found.append(f"inertia: {self._axis_to_excite()}")
+        if "initial" in unknown:
+            found.append("initial: record a pose; rates alone do not tell where the body is and how it is turned")
+        return found
+
+    def _axis_to_excite(self) -> str:
+        """Return about which axes the body hardly turned."""
+        spin = _rates_of(self.model)
+        values, axes = np.linalg.eigh(spin)
+        weak = [axis for value, axis in zip(values, axes.T, strict=True) if value < 0.05 * values[-1]]
+        if not weak:
+            return (
+                "the rates hardly change; throw it so that it tumbles, or turn it by known torques about three axes in "
+                "turn"
+            )
+        named = " and ".join("(" + ", ".join(f"{x:.2f}" for x in _upwards(axis)) + ")" for axis in weak)
+        return (
+            f"it hardly turned about the body axes {named}; spin it about these, or push it about them by known torques"
+        )
+
+    def _body(self) -> RigidBody:
+        found, given = self.model.body(self.fit.z), self.model.scene.body
+        # What is not told stays as it was given, to the bit.
+        mass = found.mass if self._has("mass") and self._told("mass") else given.mass
+        center = found.center_of_mass.tolist() if self._has("center_of_mass") else list(given.center_of_mass)
+        if not self._has("shape"):
+            return RigidBody.from_matrix(mass, given.inertia, center)
+        inertia = found.inertia
+        if not self._told("size"):
+            inertia = inertia * (np.trace(np.array(given.inertia)) / np.trace(inertia))
+        inertia = 0.5 * (inertia + inertia.T)
+        return RigidBody.from_matrix(mass, inertia.tolist(), center)
+
+    def _told(self, name: str) -> bool:
+        block = self.model.layout[name]
+        by = np.zeros(self.model.layout.count)
+        by[block.at] = 1.0
+        return bool(np.isfinite(self._error(by)))
+
+    def _scene(self, body: RigidBody) -> Scene:
+        """Return the scene with what was found, as text that runs."""
+        scene = self.model.scene
+        overrides: dict[str, object] = {}
+        if self._has("mass") or self._has("center_of_mass") or self._has("shape"):
+            overrides = {
+                "body.mass": body.mass,
+                "body.center_of_mass": list(body.center_of_mass),
+                "body.inertia": {"matrix": [list(row) for row in body.inertia]},
+            }
+        for name, values in self.model.effects(self.fit.z).items():
+            # Drag takes energy out: what noise makes negative is none.
+            least = 0.0 if name.endswith((".rotation", ".translation")) else -np.inf
+            kept = np.maximum(values, least).tolist()
+            overrides[name] = kept if len(kept) > 1 else kept[0]
+        state, _ = self.model.start_of(self.fit.z, 0)
+        layout = self.model.layout
+        overrides["initial.orientation"] = dict(
+            zip("xyzw", (state[:4] / np.linalg.norm(state[:4])).tolist(), strict=True)
+        )
+        overrides["initial.angular_velocity_body"] = state[4:7].tolist()
+        if self.model.moves[0]:
+            for key in ("position_world", "linear_velocity_world"):
+                overrides[f"initial.{key}"] = layout[f"initial[0].{key}"].values(self.fit.z).tolist()
+        problems = Problems(scene.source)
+        tree = document.parse(scene.text, problems)
+        apply_overrides(tree, overrides, problems)
+        return scene_of(tree, problems, scene.text, ["what was identified"])
+
+
+def _coordinate(name: str, k: int, block: Any) -> str:
+    if name == "size":
+        return "scale of the inertia (all moments by one factor)"
+    if name == "shape":
+        return f"shape of the inertia [{k}]"
+    return f"{name}.{'xyz'[k]}" if len(block.scale) == 3 else name
+
+
+def _simple(directions: Array) -> Array:
+    """Return a basis of the same space with as many zeros as there can be: its reduced row echelon form."""
+    rows = directions.T.copy()
+    count, place = len(rows), 0
+    for column in range(rows.shape[1]):
+        if place == count:
+            break
+        pivot = place + int(np.abs(rows[place:, column]).argmax())
+        if abs(rows[pivot, column]) < 1e-2:
+            continue
+        rows[[place, pivot]] = rows[[pivot, place]]
+        rows[place] /= rows[place, column]
+        for other in range(count):
+            if other != place:
+                rows[other] -= rows[other, column] * rows[place]
+        place += 1
+    found: Array = (rows / np.linalg.norm(rows, axis=1, keepdims=True)).T
+    return found
+
+
+def _combination(vector: Array, names: Sequence[str]) -> str:
+    order = np.argsort(-np.abs(vector), kind="stable")
+    kept = [k for k in order.tolist() if abs(vector[k]) >= 0.05]
+    if len(kept) == 1:
+        return str(names[kept[0]])
+    sign = 1.0 if vector[kept[0]] > 0.0 else -1.0
+    return " ".join(f"{sign * float(vector[k]):+.2f} {names[k]}" for k in kept)
+
+
+def _unit(vector: Array) -> Array:
+    found: Array = vector / np.linalg.norm(vector)
+    return found
+
+
+def _upwards(axis: Array) -> Array:
+    """Return an axis with its largest component positive."""
+    found: Array = axis * np.sign(axis[int(np.abs(axis).argmax())]) + 0.0
+    return found
+
+
+def _rates_of(model: Model) -> Array:
+    """Return the mean of w w^T over the measured rates, body axes."""
+    rows = [
+        stream.values @ stream.mount
+        for flight in model.flights
+        for stream in flight.streams
+        if stream.kind == "rates" and not stream.world
+    ]
+    for flight in model.flights if not rows else ():
+        for stream in flight.streams:
+            if stream.kind == "attitude":
+                steps = rotations.products(rotations.conjugates(stream.values[:-1]), stream.values[1:])
+                rows.append(rotations.logarithms(steps))
+    every = np.vstack(rows) if rows else np.zeros((1, 3))
+    found: Array = every.T @ every / len(every)
+    return found
+
+
+def _residuals(fit: Fit) -> list[Residuals]:
+    found = []
+    for key in dict.fromkeys(each.key for each in fit.predicted):
+        parts = [each.left for each in fit.predicted if each.key == key]
+        every = np.vstack(parts)
+        white, correlation = _whiteness(parts)
+        rms = float(np.sqrt(np.mean(every**2)))
+        topic, kind = key
+        found.append(Residuals(topic, kind, UNITS[kind], len(every), rms, fit.noise[key], white, correlation))
+    return found
+
+
+def _whiteness(parts: Sequence[Array]) -> tuple[bool, float]:
+    """Return whether residuals are white by the test of Ljung & Box, and the correlation of neighbours."""
+    from scipy.special import chdtrc
+
+    statistic, freedom, first, total = 0.0, 0, 0.0, 0.0
+    for left in parts:
+        n = len(left)
+        if n <= 2 * _LAGS:
+            continue
+        square = np.sum(left**2, axis=0)
+        used = square > 0.0
+        for lag in range(1, _LAGS + 1):
+            product = np.sum(left[lag:] * left[:-lag], axis=0)
+            statistic += float(np.sum(n * (n + 2.0) / (n - lag) * (product[used] / square[used]) ** 2))
+            if lag == 1:
+                first, total = first + float(product.sum()), total + float(square.sum())
+        freedom += _LAGS * int(used.sum())
+    white = freedom == 0 or float(chdtrc(freedom, statistic)) > _CHANCE
+    return white, first / total if total > 0.0 else 0.0
+
+
+def _inflated(fit: Fit, covariance: Array) -> Array:
+    """Return the covariance with residuals that hang together over some samples, or the given one where that is larger.
+
+    That of Newey & West (Econometrica 55 (1987) 703), whose weights are those of means over overlapping blocks.
+    """
+    gathered = np.zeros_like(covariance)
+    row = 0
+    for each in fit.predicted:
+        size = each.left.size
+        rows = slice(row, row + size)
+        row += size
+        push = (fit.weighted[rows] * fit.left[rows, None]).reshape(-1, 3, covariance.shape[0]).sum(axis=1)
+        block = _length(each.left)
+        sums = np.cumsum(np.vstack([np.zeros((block, push.shape[1])), push, np.zeros((block, push.shape[1]))]), axis=0)
+        blocks = sums[block:] - sums[:-block]
+        gathered += blocks.T @ blocks / block
+    wider = covariance @ gathered @ covariance
+    # Never smaller than for white noise, in any direction.
+    sizes, axes = np.linalg.eigh(0.5 * (covariance + covariance.T))
+    root = axes * np.sqrt(np.maximum(sizes, 1e-30))
+    inverse = (axes / np.sqrt(np.maximum(sizes, 1e-30))).T
+    values, vectors = np.linalg.eigh(inverse @ wider @ inverse.T)
+    found: Array = root @ ((vectors * np.maximum(values, 1.0)) @ vectors.T) @ root.T
+    return found
+
+
+def _length(left: Array) -> int:
+    """Return over how many samples residuals hang together: four times until their correlation is below a tenth."""
+    n, square = len(left), float(np.sum(left**2))
+    for lag in range(1, max(2, n // 20)):
+        if float(np.sum(left[lag:] * left[:-lag])) < 0.1 * square:
+            return 4 * lag
+    return max(1, n // 5)
+
+
+__all__ = ["GROUPS", "STARTS", "Body", "Identification", "Parameter", "identify"]

@@ -1,0 +1,113 @@
+"""Parameters of a fit: plain numbers without limits, and the body, effects and sensors that they stand for.
+
+Each is zero at the start and of the order of one where it changes what it stands for as much as it plausibly may. The
+inertia is that of second moments of mass S = (tr I / 2) 1 - I = L M M^T L^T, with L of the start and M lower triangular
+with a positive diagonal (log-Cholesky; Rucker & Wensing, IEEE RA-L 7 (2022) 2439): every value is that of a body. One
+number is the logarithm of the trace, and five are its shape, which is all that a motion without torque tells.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from rb_dynamics.analysis.track import Array
+from rb_dynamics.body.rigid_body import RigidBody
+
+# Of the largest second moment: a flat body has one that is zero, of which there is no logarithm.
+_FLATTEST = 1e-6
+
+
+@dataclass(frozen=True)
+class Block:
+    """Some parameters that stand together.
+
+    Attributes:
+        name: what they are; of one recording or sensor with that in brackets.
+        at: where they are in the vector of all.
+        scale: of each, in SI units.
+        start: (k,), values at zero, for those that are values themselves.
+    """
+
+    name: str
+    at: slice
+    scale: Array
+    start: Array = field(default_factory=lambda: np.zeros(0))
+
+    def values(self, z: Array) -> Array:
+        """Return the values in SI units of parameters that are values themselves."""
+        found: Array = self.start + self.scale * z[self.at]
+        return found
+
+
+class Layout:
+    """The blocks of a fit, one after the other."""
+
+    def __init__(self) -> None:
+        """Begin with none."""
+        self.blocks: dict[str, Block] = {}
+        self.count = 0
+
+    def add(self, name: str, scale: Sequence[float] | Array, start: Sequence[float] | Array | None = None) -> None:
+        """Add a block."""
+        scales = np.array(scale, dtype=np.float64)
+        starts = np.zeros(len(scales)) if start is None else np.array(start, dtype=np.float64)
+        self.blocks[name] = Block(name, slice(self.count, self.count + len(scales)), scales, starts)
+        self.count += len(scales)
+
+    def __contains__(self, name: str) -> bool:
+        """Return whether a block is there."""
+        return name in self.blocks
+
+    def __getitem__(self, name: str) -> Block:
+        """Return a block."""
+        return self.blocks[name]
+
+
+PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+"""Where Ixx, Iyy, Izz, Ixy, Ixz and Iyz stand in a matrix."""
+
+AXES = ("xx", "yy", "zz", "xy", "xz", "yz")
+
+
+class Inertia:
+    """Inertias of bodies around one of them."""
+
+    def __init__(self, body: RigidBody) -> None:
+        """Begin with that of `body`."""
+        inertia = np.array(body.inertia)
+        self.trace = float(np.trace(inertia))
+        second = 0.5 * self.trace * np.eye(3) - inertia
+        values, axes = np.linalg.eigh(second)
+        values = np.maximum(values, _FLATTEST * values.max())
+        self._root = np.linalg.cholesky((axes * values) @ axes.T)
+
+    def matrix(self, size: complex, shape: Any) -> Any:
+        """Return the inertia: `size` is the logarithm of its trace against that of the start, `shape` has 5 numbers."""
+        a, b, x, y, z = shape
+        one = np.array([[np.exp(a), 0.0, 0.0], [x, np.exp(b), 0.0], [y, z, np.exp(-a - b)]])
+        root = self._root @ one
+        second = root @ root.T
+        # With tr S = tr I / 2, I = tr S 1 - S.
+        return self.trace * np.exp(size) * 0.5 * (np.eye(3) - second / np.trace(second))
+
+    def derivative(self, size: float, shape: Array) -> tuple[Array, Array]:
+        """Return Ixx ... Iyz (6,) and their derivatives (6, 6) by size and shape, by complex steps: exact."""
+        step = 1e-30j
+        columns = []
+        for k in range(6):
+            moved = np.concatenate([[size], shape]).astype(np.complex128)
+            moved[k] += step
+            matrix = self.matrix(moved[0], moved[1:])
+            columns.append([matrix[i, j].imag / 1e-30 for i, j in PLACES])
+        here = self.matrix(size, shape)
+        return np.array([here[i, j] for i, j in PLACES]), np.array(columns).T
+
+
+def rows_of(six: Array) -> Array:
+    """Return the matrix of Ixx, Iyy, Izz, Ixy, Ixz and Iyz."""
+    xx, yy, zz, xy, xz, yz = six
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])

@@ -1,0 +1,655 @@
+"""`Model`: what the sensors of all flights should have measured for given parameters, and its exact derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from rb_dynamics.analysis.identification import rotations
+from rb_dynamics.analysis.identification.flights import (
+    ACCELERATION,
+    ATTITUDE,
+    POSITION,
+    RATES,
+    VELOCITY,
+    Flight,
+    Stream,
+)
+from rb_dynamics.analysis.identification.parameters import Inertia, Layout, rows_of
+from rb_dynamics.analysis.track import Array, Times
+from rb_dynamics.errors import SceneError
+from rb_dynamics.loads.drag import LinearDrag, QuadraticDrag
+from rb_dynamics.loads.effect import Effect
+from rb_dynamics.loads.rotor import Rotor
+from rb_dynamics.loads.scheduled_wrench import ScheduledWrench
+from rb_dynamics.loads.uniform_gravity import UniformGravity
+from rb_dynamics.loads.wrench import WORLD
+from rb_dynamics.motion.variational_flight import BODY, COLUMN, HELD, STATE, kernel
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
+from rb_dynamics.scene.model import Scene
+
+MODELLED = (UniformGravity, LinearDrag, QuadraticDrag, Rotor, ScheduledWrench)
+
+# Where the coefficients of an effect stand in the numbers of the body.
+_PLACES = {
+    (LinearDrag, "rotation"): 7,
+    (LinearDrag, "translation"): 10,
+    (QuadraticDrag, "rotation"): 13,
+    (QuadraticDrag, "translation"): 16,
+    (LinearDrag, "medium_velocity_world"): 19,
+    (QuadraticDrag, "medium_velocity_world"): 22,
+    (UniformGravity, "acceleration_world"): 25,
+}
+_ROTOR = ("axis_body", "axial_inertia", "spin_rate")
+
+# rad that a body turns in a step, at first; halved where the error of the steps counts.
+TURN = 0.06
+
+
+class Predicted(NamedTuple):
+    """What a stream should have measured against what it did.
+
+    Attributes:
+        key: topic and kind.
+        flight: number of the flight.
+        left: (n, 3), predicted less measured; of an attitude the turn between the two.
+        by: (n, 3, p), derivatives of `left`.
+        time_ns: (n,), of the samples.
+    """
+
+    key: tuple[str, str]
+    flight: int
+    left: Array
+    by: Array
+    time_ns: Times
+
+
+@dataclass(frozen=True)
+class Body:
+    """The body of a fit; see `RigidBody`."""
+
+    mass: float
+    center_of_mass: Array
+    inertia: Array
+
+
+@dataclass(frozen=True)
+class Start:
+    """State of the body origin at the first sample of a flight, roughly, and of what order its motion is."""
+
+    attitude: Array
+    rate: Array
+    position: Array
+    velocity: Array
+    fastest: float
+    extent: float
+
+
+class Model:
+    """The flights of a body.
+
+    Attributes:
+        layout: where the parameters are.
+    """
+
+    def __init__(self, scene: Scene, flights: Sequence[Flight], fit: Sequence[str]) -> None:
+        """Lay out the parameters that `fit` names.
+
+        Raises:
+            SceneError: an effect of the scene is not modelled here, or `fit` names what the scene does not have.
+        """
+        self.scene, self.fit = scene, tuple(fit)
+        # Where an accelerometer sits and how far it is off must be fitted for it to tell anything.
+        unused = () if "accelerometer" in fit else (ACCELERATION,)
+        self.flights = tuple(flight.without(unused) for flight in flights)
+        self._require_modelled()
+        self.inertia = Inertia(scene.body)
+        self.starts = [_start(flight) for flight in self.flights]
+        self.moves = [
+            any(s.kind in (POSITION, VELOCITY) or (s.kind == ACCELERATION and self._drags) for s in flight.streams)
+            for flight in self.flights
+        ]
+        self.turn = TURN
+        self.layout = Layout()
+        self._held_from = 0
+        self._lay_out()
+
+    def body(self, z: Array) -> Body:
+        """Return the body that parameters stand for."""
+        mass, size, shape = self.scene.body.mass, 0.0, np.zeros(5)
+        center = np.array(self.scene.body.center_of_mass)
+        if "mass" in self.layout:
+            mass *= float(np.exp(z[self.layout["mass"].at][0]))
+        if "shape" in self.layout:
+            size, shape = float(z[self.layout["size"].at][0]), z[self.layout["shape"].at]
+        if "center_of_mass" in self.layout:
+            center = self.layout["center_of_mass"].values(z)
+        return Body(mass, center, self.inertia.matrix(size, shape).real)
+
+    def predict(self, z: Array, end_ns: Sequence[int] | None = None) -> Iterator[Predicted]:
+        """Yield what each stream should have measured, up to `end_ns` of each flight."""
+        for number, flight in enumerate(self.flights):
+            seen = flight if end_ns is None else flight.until(end_ns[number])
+            yield from self._of_flight(z, number, seen)
+
+    @property
+    def _drags(self) -> bool:
+        return any(
+            isinstance(e, (LinearDrag, QuadraticDrag))
+            and (any(e.translation) or f"effects[{i}].translation" in self.fit)
+            for i, e in enumerate(self.scene.effects)
+        )
+
+    def _require_modelled(self) -> None:
+        kinds: list[type] = []
+        for effect in self.scene.effects:
+            if not isinstance(effect, MODELLED):
+                known = ", ".join(kind.kind for kind in MODELLED)
+                raise SceneError(
+                    f"{self.scene.source}: effects: found {effect.kind}, expected of a flight that is identified only "
+                    f"{known}; remove it where it hardly acts, with --set effects=[] or in the scene"
+                )
+            if isinstance(effect, (LinearDrag, QuadraticDrag)) and type(effect) in kinds:
+                raise SceneError(f"{self.scene.source}: effects: found {effect.kind} twice, expected once; add them up")
+            kinds.append(type(effect))
+
+    def _lay_out(self) -> None:
+        layout, body = self.layout, self.scene.body
+        arm = float(np.sqrt(np.trace(np.array(body.inertia)) / 2.0 / body.mass))
+        for number, start in enumerate(self.starts):
+            name = f"initial[{number}]"
+            layout.add(f"{name}.rotation", np.ones(3))
+            layout.add(f"{name}.angular_velocity_body", np.full(3, start.fastest), start.rate)
+            if self.moves[number]:
+                layout.add(f"{name}.position_world", np.full(3, start.extent), start.position)
+                speed = start.extent / max(1e-9, self._seconds(number)) + float(np.linalg.norm(start.velocity))
+                layout.add(f"{name}.linear_velocity_world", np.full(3, speed), start.velocity)
+        if "mass" in self.fit:
+            layout.add("mass", [1.0])
+        if "center_of_mass" in self.fit:
+            layout.add("center_of_mass", np.full(3, arm), body.center_of_mass)
+        if {"inertia", "inertia_ratios"} & set(self.fit):
+            layout.add("size", [1.0])
+            layout.add("shape", np.ones(5))
+        self._lay_out_delays()
+        self._lay_out_effects()
+        for number, flight in enumerate(self.flights):
+            for stream in flight.streams:
+                self._lay_out_sensor(number, stream, arm)
+
+    def _lay_out_delays(self) -> None:
+        layout = self.layout
+        if "delay" in self.fit:
+            if any(flight.channels for flight in self.flights):
+                layout.add("delay.commands", [0.1])
+            # One sensor is the clock.
+            for topic in self._topics()[1:]:
+                layout.add(f"delay.{topic}", [0.1])
+
+    def _lay_out_effects(self) -> None:
+        """Lay out effects and scales of wrenches; what changes what is held comes last."""
+        layout, keys = self.layout, [key for key in self.fit if key.startswith("effects[")]
+        for key in keys:
+            if self._place(key)[2] >= 0:
+                self._add_effect(key)
+        self._held_from = layout.count
+        for key in keys:
+            if self._place(key)[2] < 0:
+                self._add_effect(key)
+        if "wrench_scale" in self.fit:
+            for topic in sorted({channel.topic for flight in self.flights for channel in flight.channels}):
+                layout.add(f"wrench_scale.{topic}", [1.0], [1.0])
+        self._held_to = layout.count
+
+    def _lay_out_sensor(self, number: int, stream: Stream, arm: float) -> None:
+        """Lay out what one sensor of a flight adds; a bias is that of a flight, the rest of the sensor."""
+        layout, sensor = self.layout, f"[{number}].{stream.topic}"
+        of_rates = stream.gyro or not any(each.gyro for each in self.flights[number].streams)
+        wanted: list[tuple[str, str, Array, Array]] = []
+        if stream.kind == RATES and of_rates:
+            fastest = np.full(3, self.starts[number].fastest)
+            wanted += [
+                ("gyro_bias", f"gyro_bias{sensor}", fastest, np.zeros(3)),
+                ("gyro_scale", f"gyro_scale.{stream.topic}", np.ones(3), np.ones(3)),
+                ("gyro_alignment", f"gyro_alignment.{stream.topic}", np.ones(3), np.zeros(3)),
+            ]
+        elif stream.kind == ACCELERATION:
+            wanted += [
+                ("accelerometer", f"accelerometer_bias{sensor}", np.full(3, 9.81), np.zeros(3)),
+                ("accelerometer", f"accelerometer_position.{stream.topic}", np.full(3, arm), stream.place),
+            ]
+        for group, name, scale, start in wanted:
+            if group in self.fit and name not in layout:
+                layout.add(name, scale, start)
+
+    def _topics(self) -> list[str]:
+        return list(dict.fromkeys(stream.topic for flight in self.flights for stream in flight.streams))
+
+    def _seconds(self, number: int) -> float:
+        first, last = self.flights[number].span_ns
+        return (last - first) / NANOSECONDS
+
+    def _place(self, key: str) -> tuple[Effect, str, int]:
+        """Return effect, name and place in the numbers of the body (-1: none) of a dotted key.
+
+        Raises:
+            SceneError: the scene has no such number.
+        """
+        number, _, name = key.removeprefix("effects[").partition("].")
+        effects = self.scene.effects
+        if number.isdecimal() and int(number) < len(effects):
+            effect = effects[int(number)]
+            if (type(effect), name) in _PLACES:
+                return effect, name, _PLACES[type(effect), name]
+            if isinstance(effect, Rotor) and (
+                name in _ROTOR[:2] or (name == "spin_rate" and len(effect.spin_rate) == 1)
+            ):
+                return effect, name, -1
+        known = [
+            f"effects[{i}].{name}"
+            for i, effect in enumerate(effects)
+            for name in effect.keys
+            if (type(effect), name) in _PLACES or (isinstance(effect, Rotor) and name in _ROTOR)
+        ]
+        raise SceneError(
+            f"{self.scene.source}: found {key!r} to be fitted, expected a number of an effect of the scene: "
+            f"{', '.join(known) or 'it has none'}; add the effect to the scene, or correct the key"
+        )
+
+    def _add_effect(self, key: str) -> None:
+        effect, name, _ = self._place(key)
+        value = getattr(effect, name)
+        start = np.array([value[0][1]] if name == "spin_rate" else np.atleast_1d(value), dtype=np.float64)
+        body, start_of = self.scene.body, self.starts[0]
+        seconds = max(self._seconds(number) for number in range(len(self.flights)))
+        moment = max(body.principal_moments)
+        scale = {
+            "rotation": moment / seconds / (start_of.fastest if isinstance(effect, QuadraticDrag) else 1.0),
+            "translation": body.mass / seconds,
+            "axial_inertia": moment,
+            "acceleration_world": 9.81,
+            "axis_body": 1.0,
+        }.get(name, max(1.0, float(np.abs(start).max())))
+        self.layout.add(key, np.full(len(start), scale), start)
+
+    def effects(self, z: Array) -> dict[str, Array]:
+        """Return the fitted numbers of effects by their dotted keys."""
+        return {name: block.values(z) for name, block in self.layout.blocks.items() if name.startswith("effects[")}
+
+    def _numbers(self, z: Array) -> tuple[Array, Array]:
+        """Return the `BODY` numbers of the body and their derivatives by all parameters."""
+        numbers, by = np.zeros(BODY), np.zeros((BODY, self.layout.count))
+        body, layout = self.body(z), self.layout
+        size, shape = 0.0, np.zeros(5)
+        if "shape" in layout:
+            size, shape = float(z[layout["size"].at][0]), z[layout["shape"].at]
+        numbers[:6], by_six = self.inertia.derivative(size, shape)
+        if "shape" in layout:
+            by[:6, layout["size"].at], by[:6, layout["shape"].at] = by_six[:, :1], by_six[:, 1:]
+        numbers[6] = body.mass
+        if "mass" in layout:
+            by[6, layout["mass"].at] = body.mass
+        for i, effect in enumerate(self.scene.effects):
+            for (kind, name), place in _PLACES.items():
+                if isinstance(effect, kind):
+                    key = f"effects[{i}].{name}"
+                    value = layout[key].values(z) if key in layout else np.array(getattr(effect, name))
+                    numbers[place : place + 3] += value
+                    if key in layout:
+                        by[place : place + 3, layout[key].at] = np.diag(layout[key].scale)
+        return numbers, by
+
+    def start_of(self, z: Array, number: int) -> tuple[Array, Array]:
+        """Return the state of the centre of mass at the start of a flight and its columns by all parameters."""
+        layout, start = self.layout, self.starts[number]
+        state, by = np.zeros(STATE), np.zeros((COLUMN, layout.count))
+        name = f"initial[{number}]"
+        block = layout[f"{name}.rotation"]
+        turn = block.values(z)
+        state[:4] = rotations.products(start.attitude, rotations.quaternions(turn))
+        by[:3, block.at] = rotations.right_jacobians(turn)
+        block = layout[f"{name}.angular_velocity_body"]
+        state[4:7] = rate = block.values(z)
+        by[3:6, block.at] = np.diag(block.scale)
+        if self.moves[number]:
+            block = layout[f"{name}.position_world"]
+            state[7:10], by[6:9, block.at] = block.values(z), np.diag(block.scale)
+            block = layout[f"{name}.linear_velocity_world"]
+            state[10:13], by[9:12, block.at] = block.values(z), np.diag(block.scale)
+            # From the body origin to the centre of mass, and how that changes.
+            center, matrix = self.body(z).center_of_mass, rotations.matrices(state[:4])
+            hat, spin = rotations.hats(center), rotations.hats(rate)
+            state[7:10] += matrix @ center
+            state[10:13] += matrix @ np.cross(rate, center)
+            by[6:9] -= matrix @ hat @ by[:3]
+            by[9:12] -= matrix @ (rotations.hats(spin @ center) @ by[:3] + hat @ by[3:6])
+            if "center_of_mass" in layout:
+                at = layout["center_of_mass"]
+                by[6:9, at.at] += matrix * at.scale
+                by[9:12, at.at] += matrix @ spin * at.scale
+        return state, by
+
+    def _delay_ns(self, z: Array, name: str) -> int:
+        block = f"delay.{name}"
+        return round(float(self.layout[block].values(z)[0]) * NANOSECONDS) if block in self.layout else 0
+
+    def _of_flight(self, z: Array, number: int, flight: Flight) -> Iterator[Predicted]:
+        layout = self.layout
+        streams = [stream for stream in flight.streams if len(stream.time_ns)]
+        if not streams:
+            return
+        times = [stream.time_ns - self._delay_ns(z, stream.topic) for stream in streams]
+        slopes = any(stream.kind == ACCELERATION for stream in streams) or "delay" in self.fit
+        begin = self.flights[number].span_ns[0]
+        knots, held, held_by, shifts = self._grid(z, flight, begin, times)
+        numbers, by = self._numbers(z)
+        start, start_by = self.start_of(z, number)
+        mine = self._columns(number)
+        # A sensor that lags may have measured what was before the start: the first interval then goes back in time.
+        lengths = np.diff(knots, prepend=begin) / NANOSECONDS
+        fastest = self.starts[number].fastest
+        steps = np.maximum(1, np.ceil(np.abs(lengths) * fastest / self.turn)).astype(np.int64)
+        n, count = len(mine), len(knots)
+        states, columns = np.empty((count, STATE)), np.empty((count, COLUMN, n))
+        rates = np.empty((count if slopes else 0, STATE)), np.empty((count if slopes else 0, COLUMN, n))
+        where = {int(column): k for k, column in enumerate(mine)}
+        if "delay.commands" in layout:
+            shifts = np.where(shifts, where[layout["delay.commands"].at.start], -1)
+        else:
+            shifts = np.full(count, -1)
+        with np.errstate(all="ignore"):
+            kernel()(
+                start,
+                np.ascontiguousarray(start_by[:, mine]),
+                numbers,
+                np.linalg.inv(rows_of(numbers[:6])).ravel(),
+                np.ascontiguousarray(by[:, mine]),
+                held,
+                held_by,
+                lengths,
+                steps,
+                shifts.astype(np.int64),
+                int(self.moves[number] or slopes),
+                np.empty((4, STATE)),
+                np.empty((4, COLUMN, n)),
+                states,
+                columns,
+                *rates,
+            )
+        if "delay.commands" in layout:
+            for part in (columns, rates[1]):
+                part[:, :, where[layout["delay.commands"].at.start]] *= layout["delay.commands"].scale[0]
+        for stream, at in zip(streams, times, strict=True):
+            rows = np.searchsorted(knots, at)
+            seen = _Seen(states[rows], columns[rows], *(part[rows] if slopes else part for part in rates))
+            left, left_by = self._against(z, number, stream, seen, mine)
+            yield Predicted((stream.topic, stream.kind), number, left, left_by, stream.time_ns)
+
+    def _columns(self, number: int) -> Array:
+        """Return which parameters change the motion of a flight; those that change what is held come last."""
+        own = f"initial[{number}]"
+        taken = [
+            np.arange(block.at.start, block.at.stop)
+            for name, block in self.layout.blocks.items()
+            if block.at.start < self._held_to and (name.startswith(own + ".") or not name.startswith("initial["))
+        ]
+        found: Array = np.concatenate(taken)
+        return found
+
+    def _grid(self, z: Array, flight: Flight, begin: int, times: Sequence[Times]) -> tuple[Times, Array, Array, Array]:
+        """Return knots; of the interval up to each what is held, how it changes, and whether a command begins it."""
+        late = self._delay_ns(z, "commands")
+        scheduled = [_scheduled(effect, self.scene) for effect in self.scene.effects]
+        channels = [(c.time_ns + late, c.held, c.topic) for c in flight.channels]
+        channels += [(at, rows, "") for at, rows in filter(None, scheduled)]
+        end = max(int(at[-1]) for at in times)
+        rotors = [(i, e) for i, e in enumerate(self.scene.effects) if isinstance(e, Rotor)]
+        edges = [at[(at > begin) & (at < end)] for at, _, _ in channels]
+        turns = [np.array([nanoseconds(t) for t, _ in e.spin_rate], dtype=np.int64) for _, e in rotors]
+        inner = [at[(at > begin) & (at < end)] for at in turns]
+        knots = np.unique(np.concatenate([*times, *edges, *inner]))
+        starts = np.concatenate([[begin], knots[:-1]])
+        held = np.zeros((len(knots), HELD))
+        m = self._held_to - self._held_from
+        held_by = np.zeros((len(knots) if m else 1, HELD, m))
+        commanded = np.zeros(len(knots), dtype=bool)
+        for at, rows, topic in channels:
+            row = np.searchsorted(at, starts, side="right") - 1
+            if topic:
+                commanded |= np.isin(starts, at)
+                row[0] = np.searchsorted(at, starts[0], side="left") - 1
+            acting = np.where((row >= 0)[:, None], rows[row], 0.0)
+            name = f"wrench_scale.{topic}"
+            if name in self.layout:
+                block = self.layout[name]
+                held_by[:, :12, block.at.start - self._held_from] = acting
+                acting = block.values(z)[0] * acting
+            held[:, :12] += acting
+        seconds = starts / NANOSECONDS
+        for i, rotor in rotors:
+            self._add_rotor(z, i, rotor, seconds, knots, held, held_by)
+        return knots, held, held_by, commanded
+
+    def _add_rotor(
+        self, z: Array, i: int, rotor: Rotor, seconds: Array, knots: Times, held: Array, held_by: Array
+    ) -> None:
+        """Add the momentum of a rotor and its rate to each interval."""
+
+        def value(name: str, given: Array) -> Array:
+            key = f"effects[{i}].{name}"
+            return self.layout[key].values(z) if key in self.layout else given
+
+        direction = value("axis_body", np.array(rotor.axis_body))
+        length = float(np.linalg.norm(direction))
+        axis = direction / length
+        inertia = float(value("axial_inertia", np.array([rotor.axial_inertia]))[0])
+        at, spin = np.array(rotor.spin_rate).T
+        spin = value("spin_rate", spin) if len(spin) == 1 else spin
+        begin, end = np.interp(seconds, at, spin), np.interp(knots / NANOSECONDS, at, spin)
+        span = knots / NANOSECONDS - seconds
+        slope = np.divide(end - begin, span, out=np.zeros_like(span), where=span != 0.0)
+        unit = np.concatenate([begin[:, None] * axis, slope[:, None] * axis], axis=1)
+        held[:, 12:] += inertia * unit
+        across = (np.eye(3) - np.outer(axis, axis)) / length
+        turned = np.concatenate([begin[:, None, None] * across, slope[:, None, None] * across], axis=1)
+        for name, by in (
+            ("axial_inertia", unit[:, :, None]),
+            ("spin_rate", inertia * np.concatenate([axis, np.zeros(3)])[None, :, None]),
+            ("axis_body", inertia * turned),
+        ):
+            key = f"effects[{i}].{name}"
+            if key in self.layout:
+                block = self.layout[key]
+                place = slice(block.at.start - self._held_from, block.at.stop - self._held_from)
+                held_by[:, 12:, place] = by * block.scale
+
+    def _against(self, z: Array, number: int, stream: Stream, seen: _Seen, mine: Array) -> tuple[Array, Array]:
+        """Return predicted less measured of a stream, and its derivatives by all parameters."""
+        layout = self.layout
+        by = np.zeros((len(seen.states), 3, layout.count))
+        attitude, rate = seen.states[:, :4], seen.states[:, 4:7]
+        matrix = rotations.matrices(attitude)
+        turn, spin, shift, speed = (seen.columns[:, 3 * k : 3 * k + 3] for k in range(4))
+        center = self.body(z).center_of_mass
+        of_center = layout.blocks.get("center_of_mass")
+        delay = f"delay.{stream.topic}"
+        if stream.kind == ATTITUDE:
+            left = rotations.logarithms(rotations.products(rotations.conjugates(stream.values), attitude))
+            inverse = np.linalg.inv(rotations.right_jacobians(left))
+            by[:, :, mine] = inverse @ turn
+            change = inverse @ rate[:, :, None]
+        elif stream.kind == POSITION:
+            left = seen.states[:, 7:10] - matrix @ center - stream.values
+            by[:, :, mine] = shift + matrix @ rotations.hats(center) @ turn
+            if of_center is not None:
+                by[:, :, of_center.at] -= matrix * of_center.scale
+            change = (seen.states[:, 10:13] - np.einsum("nij,nj->ni", matrix, np.cross(rate, center)))[:, :, None]
+        elif stream.kind == VELOCITY:
+            arm, swept = rotations.hats(center), np.cross(rate, center)
+            inward = np.einsum("nji,nj->ni", matrix, seen.states[:, 10:13]) - swept
+            back = np.swapaxes(matrix, 1, 2)
+            # R^T v - w x c, in body axes, and how it turns into the world's.
+            by_body = back @ speed + rotations.hats(inward + swept) @ turn + arm @ spin
+            if of_center is not None:
+                by[:, :, of_center.at] -= rotations.hats(rate) * of_center.scale
+            by[:, :, mine] += by_body
+            left, change = inward, np.zeros((len(inward), 3, 1))
+            if len(seen.slopes):
+                bent, pushed = seen.slopes[:, 4:7], np.einsum("nji,nj->ni", matrix, seen.slopes[:, 10:13])
+                change = (pushed - np.cross(rate, inward + swept) - np.cross(bent, center))[:, :, None]
+            if stream.world:
+                change = matrix @ (change + np.cross(rate, inward)[:, :, None])
+                left = np.einsum("nij,nj->ni", matrix, inward)
+                by[:, :, mine] -= rotations.hats(inward) @ turn
+                by = matrix @ by
+            left = left - stream.values
+        elif stream.kind == RATES:
+            left, change = self._rates(z, number, stream, seen, matrix, mine, by)
+        else:
+            left, change = self._specific_force(z, number, stream, seen, matrix, mine, by)
+        if delay in layout:
+            by[:, :, layout[delay].at] -= change * layout[delay].scale
+        return left, by
+
+    def _rates(
+        self, z: Array, number: int, stream: Stream, seen: _Seen, matrix: Array, mine: Array, by: Array
+    ) -> tuple[Array, Array]:
+        """Return the same of rates; what a gyro shows is scale (turned rate) + bias."""
+        layout, rate = self.layout, seen.states[:, 4:7]
+        turn, spin = seen.columns[:, :3], seen.columns[:, 3:6]
+        change = seen.slopes[:, 4:7, None] if len(seen.slopes) else np.zeros((len(rate), 3, 1))
+        if stream.world:
+            by[:, :, mine] = matrix @ (spin - rotations.hats(rate) @ turn)
+            return np.einsum("nij,nj->ni", matrix, rate) - stream.values, matrix @ change
+        names = {name: f"{name}.{stream.topic}" for name in ("gyro_scale", "gyro_alignment")}
+        align = layout[names["gyro_alignment"]].values(z) if names["gyro_alignment"] in layout else np.zeros(3)
+        scale = layout[names["gyro_scale"]].values(z) if names["gyro_scale"] in layout else np.ones(3)
+        mount = rotations.matrices(rotations.quaternions(align)) @ stream.mount
+        turned = rate @ mount.T
+        by[:, :, mine] = scale[:, None] * (mount @ spin)
+        if names["gyro_alignment"] in layout:
+            outer = np.swapaxes(rotations.right_jacobians(align), -1, -2)
+            by[:, :, layout[names["gyro_alignment"]].at] = -scale[:, None] * (rotations.hats(turned) @ outer)
+        if names["gyro_scale"] in layout:
+            by[:, :, layout[names["gyro_scale"]].at] = turned[:, :, None] * np.eye(3)
+        left = scale * turned - stream.values
+        bias = f"gyro_bias[{number}].{stream.topic}"
+        if bias in layout:
+            left = left + layout[bias].values(z)
+            by[:, :, layout[bias].at] = np.diag(layout[bias].scale)
+        return left, scale[:, None] * (mount @ change)
+
+    def _specific_force(
+        self, z: Array, number: int, stream: Stream, seen: _Seen, matrix: Array, mine: Array, by: Array
+    ) -> tuple[Array, Array]:
+        """Return the same of an accelerometer at l from the centre of mass: R^T (v' - g) + w' x l + w x (w x l)."""
+        layout, rate, bent = self.layout, seen.states[:, 4:7], seen.slopes[:, 4:7]
+        turn, spin = seen.columns[:, :3], seen.columns[:, 3:6]
+        numbers, numbers_by = self._numbers(z)
+        place = f"accelerometer_position.{stream.topic}"
+        lever = (layout[place].values(z) if place in layout else stream.place) - self.body(z).center_of_mass
+        back = np.swapaxes(matrix, 1, 2)
+        pushed = np.einsum("nij,nj->ni", back, seen.slopes[:, 10:13] - numbers[25:28])
+        hat, hats = rotations.hats(lever), rotations.hats(rate)
+        inner = pushed + np.cross(bent, lever) + np.cross(rate, np.cross(rate, lever))
+        by[:, :, mine] = (
+            back @ (seen.slopes_by[:, 9:12] - numbers_by[25:28, mine])
+            + rotations.hats(pushed) @ turn
+            - hat @ seen.slopes_by[:, 3:6]
+            - (rotations.hats(np.cross(rate, lever)) + hats @ hat) @ spin
+        )
+        arms = rotations.hats(bent) + hats @ hats
+        if place in layout:
+            by[:, :, layout[place].at] += arms * layout[place].scale
+        if "center_of_mass" in layout:
+            by[:, :, layout["center_of_mass"].at] -= arms * layout["center_of_mass"].scale
+        by[:] = stream.mount @ by
+        left = inner @ stream.mount.T - stream.values
+        bias = f"accelerometer_bias[{number}].{stream.topic}"
+        if bias in layout:
+            left = left + layout[bias].values(z)
+            by[:, :, layout[bias].at] = np.diag(layout[bias].scale)
+        # Between samples the jerk is near enough.
+        change = np.gradient(inner @ stream.mount.T, stream.time_ns / NANOSECONDS, axis=0)[:, :, None]
+        return left, change
+
+
+class _Seen(NamedTuple):
+    """States, columns and their rates at the samples of a stream."""
+
+    states: Array
+    columns: Array
+    slopes: Array
+    slopes_by: Array
+
+
+def _scheduled(effect: Effect, scene: Scene) -> tuple[Times, Array] | None:
+    """Return when the wrenches of an effect begin and what they are, as in `Channel`; gravity is in the body."""
+    if not isinstance(effect, ScheduledWrench):
+        return None
+    schedule = effect.schedule(scene.body)
+    times = np.array([nanoseconds(time) for time, _ in schedule], dtype=np.int64)
+    rows = []
+    for _, wrench in schedule:
+        named = scene.frames.world_frame if wrench.frame_id == WORLD else wrench.frame_id
+        held = scene.frames.hold(
+            wrench if named == wrench.frame_id else type(wrench)(wrench.force, wrench.torque, named)
+        )
+        rows.append([*held.force_body, *held.torque_body, *held.force_world, *held.torque_world])
+    return times, np.array(rows, dtype=np.float64)
+
+
+def _start(flight: Flight) -> Start:
+    """Return a rough state at the start, from the first samples of each kind."""
+    attitude, rate = np.array([0.0, 0.0, 0.0, 1.0]), None
+    position, velocity = np.zeros(3), None
+    fastest, extent = 0.0, 0.0
+    found = {stream.kind: stream for stream in flight.streams if len(stream.time_ns) > 1}
+    if ATTITUDE in found:
+        stream = found[ATTITUDE]
+        attitude = stream.values[0]
+        turned = rotations.logarithms(rotations.products(rotations.conjugates(stream.values[:-1]), stream.values[1:]))
+        seconds = np.diff(stream.time_ns) / NANOSECONDS
+        speeds = np.linalg.norm(turned, axis=1)[seconds > 0.0] / seconds[seconds > 0.0]
+        fastest = float(np.quantile(speeds, 0.99)) if len(speeds) else 0.0
+        near = rotations.logarithms(rotations.products(rotations.conjugates(attitude[None]), stream.values))
+        rate = _slope(stream.time_ns, near, _within(np.linalg.norm(near, axis=1), 0.5))
+    if RATES in found:
+        stream = found[RATES]
+        speeds = np.linalg.norm(stream.values, axis=1)
+        fastest = max(float(np.quantile(speeds, 0.99)), 0.5 * fastest if fastest else 0.0)
+        seconds = (stream.time_ns - stream.time_ns[0]) / NANOSECONDS
+        few = max(1, min(20, int(np.searchsorted(seconds * max(fastest, 1e-9), 0.05))))
+        rate = stream.values[:few].mean(axis=0)
+        rate = rotations.matrices(attitude).T @ rate if stream.world else stream.mount.T @ rate
+    if POSITION in found:
+        stream = found[POSITION]
+        position = stream.values[0]
+        extent = float(np.ptp(stream.values, axis=0).max())
+        velocity = _slope(stream.time_ns, stream.values, max(3, len(stream.values) // 20))
+    if VELOCITY in found:
+        stream = found[VELOCITY]
+        velocity = stream.values[0] if stream.world else rotations.matrices(attitude) @ stream.values[0]
+        first, last = flight.span_ns
+        path = float(np.linalg.norm(stream.values, axis=1).mean()) * (last - first) / NANOSECONDS
+        extent = max(extent, path)
+    none = np.zeros(3)
+    rate, velocity = none if rate is None else rate, none if velocity is None else velocity
+    return Start(attitude, rate, position, velocity, max(fastest, 1e-6), max(extent, 1e-6))
+
+
+def _within(sizes: Array, most: float) -> int:
+    beyond = np.flatnonzero(sizes > most)
+    return max(2, int(beyond[0]) if len(beyond) else len(sizes))
+
+
+def _slope(time_ns: Times, values: Array, count: int) -> Array:
+    """Return the rate of the first `count` rows at their start, of a parabola through them."""
+    seconds = (time_ns[:count] - time_ns[0]) / NANOSECONDS
+    degree = 2 if len(np.unique(seconds)) > 5 else 1
+    span = max(float(seconds[-1]), 1e-9)
+    found: Array = np.polynomial.polynomial.polyfit(seconds / span, values[:count], degree)[1] / span
+    return found

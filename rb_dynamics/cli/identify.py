@@ -1,0 +1,134 @@
+"""Identify mass properties and more from recordings, with standard errors and 95 % intervals.
+
+A recording is a log of this package or any ROS 2 bag of pose, odometry, twist or gyro, with the commands in it or in
+another bag (--wrench). The scene says what is known: the body to begin with, frames, channels and effects. What the
+recordings cannot tell is said and keeps the value of the scene: a flight without torque tells ratios of the moments
+only, one without force no mass.
+
+Exit codes: 0 everything asked for is known; 1 something asked for cannot be known from these recordings, or the fit did
+not come to rest; 2 bad input.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from typing import TYPE_CHECKING
+
+from rb_dynamics.cli.scene import add_scene
+from rb_dynamics.numerics.option_types import whole
+
+if TYPE_CHECKING:
+    from rb_dynamics.analysis.identification.identify import Identification
+
+HELP = "tell mass properties from recordings, with error bars"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `identify`."""
+    add_scene(parser)
+    parser.add_argument("recordings", metavar="RECORDING", nargs="+", help="log or bag; several are of one body")
+    parser.add_argument(
+        "--fit", metavar="NAMES",
+        help="what to fit, separated by commas: mass, center_of_mass, inertia, inertia_ratios, initial, gyro_bias, "
+        "gyro_scale, gyro_alignment, accelerometer, delay, wrench_scale, or numbers of an effect such as "
+        "effects[0].rotation; default: the mass properties, as far as the recordings tell them",
+    )  # fmt: skip
+    parser.add_argument(
+        "--wrench", action="append", default=[], metavar="BAG",
+        help="bag with the commands, of the same clock, where the recordings have none; may be repeated",
+    )  # fmt: skip
+    parser.add_argument(
+        "--validate", action="append", default=[], metavar="BAG",
+        help="recording that is predicted with what was found, its start alone fitted; may be repeated",
+    )  # fmt: skip
+    parser.add_argument(
+        "--loss", choices=("linear", "soft_l1", "huber", "cauchy"), default="linear",
+        help="how large residuals count; all but linear, least squares, bear outliers",
+    )  # fmt: skip
+    starts = whole("a whole number of at least 1", lambda v: v >= 1)
+    parser.add_argument("--starts", type=starts, default=4, metavar="N", help="starts of the fit (default 4)")
+    parser.add_argument("--out", metavar="FITTED.yaml", help="write the scene with what was found")
+    parser.add_argument("--advise", action="store_true", help="also say what recording would tell what is not known")
+    parser.add_argument("--json", action="store_true", help="print the result as one JSON object, floats in full")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Fit and print; exit code 0, or 1 if something asked for is not known."""
+    import json
+    from pathlib import Path
+
+    from rb_dynamics.analysis.identification.identify import identify
+    from rb_dynamics.cli import output, scene
+    from rb_dynamics.formats.log_file import make_folder, require_other
+
+    if args.out:
+        require_other(args.out, args.scene, *args.recordings, *args.wrench, *args.validate)
+        make_folder(Path(args.out))
+    names = None if args.fit is None else [name.strip() for name in args.fit.split(",") if name.strip()]
+    with output.progress(args.scene) as progress:
+        found = identify(
+            scene.read(args),
+            args.recordings,
+            names,
+            commands=args.wrench,
+            validate=args.validate,
+            loss=args.loss,
+            starts=args.starts,
+            progress=progress,
+        )
+    print(json.dumps(found.as_dict(), allow_nan=False) if args.json else as_text(found, args.advise), flush=True)
+    if args.out:
+        Path(args.out).write_text(found.scene.text, encoding="utf-8")
+        print(f"wrote {args.out}", file=sys.stderr if args.json else sys.stdout)
+    for line in _missing(found):
+        print(f"rb-dynamics: {line}", file=sys.stderr)
+    return 0 if found.passed else 1
+
+
+def as_text(found: Identification, advise: bool) -> str:
+    """Return the result as a table."""
+    lines = [f"{'':34}{'value':>14} {'± s.e.':>11}   95 % interval"]
+    for each in found.parameters:
+        if each.interval is None:
+            lines.append(f"{each.name:34}{'not known':>14}{'':14}(kept: {each.value:.6g} {each.unit})".rstrip())
+        else:
+            low, high = each.interval
+            lines.append(
+                f"{each.name:34}{each.value:>14.7g} {each.standard_error:>11.2g}   "
+                f"{low:.7g} … {high:.7g} {each.unit}".rstrip()
+            )
+    lines += ["", f"{'residuals':34}{'samples':>8}{'rms':>13}{'noise':>13}"]
+    for each_left in (*found.residuals, *found.validation):
+        held = "" if each_left in found.residuals else " (held out)"
+        white = "" if each_left.white else f"   not white: neighbours correlate by {each_left.correlation:.2f}"
+        name = f"{each_left.topic} {each_left.kind}{held}"
+        lines.append(
+            f"{name:34}{each_left.count:>8}{each_left.rms:>13.4g}{each_left.noise:>13.4g} {each_left.unit}{white}"
+        )
+    lines += [
+        "",
+        f"{found.agreeing} of {found.starts} starts found this minimum"
+        + ("" if found.converged else "; it did not come to rest"),
+    ]
+    if found.unknown_combinations:
+        lines += ["not told by these recordings:", *(f"  {each}" for each in found.unknown_combinations)]
+    if advise and found.advice:
+        lines += ["what would tell it:", *(f"  {each}" for each in found.advice)]
+    lines += [f"note: {note}" for note in found.notes]
+    return "\n".join(lines)
+
+
+def _missing(found: Identification) -> list[str]:
+    """Return why the exit code is 1."""
+    lacks = [each.name for each in found.parameters if each.asked and not each.known]
+    lines = []
+    if not found.converged:
+        lines.append("the fit did not come to rest; give a scene nearer to the body, or more --starts")
+    if lacks:
+        told = f": {found.advice[0]}" if found.advice else ""
+        lines.append(f"not known from these recordings: {', '.join(lacks)}{told}")
+    elif not found.passed and found.converged:
+        told = f": {found.advice[0]}" if found.advice else ""
+        lines.append(f"these recordings tell nothing of the body{told}")
+    return lines

@@ -1,0 +1,282 @@
+"""Fly a body and the derivatives of its state: the variational equations on the group, compiled where possible.
+
+The state is attitude q, angular velocity w (body axes), and position p and velocity v of the centre of mass (world
+axes). A column of sensitivities is the change of the state with one parameter: a turn e of the attitude in body axes,
+R -> R exp(e), and the changes of w, p and v. State and columns take the same steps of the classical Runge-Kutta method.
+
+    R' = R hat(w)          I w' = t + R^T t_w - (k + k2 |w|) w - w x (I w + h) - h'
+    p' = v                 v' = (R (f - (c + c2 |u|) u) + f_w) / m + g,   u = R^T (v - wind)
+
+Each interval of the grid holds a wrench f, t (body axes), f_w, t_w (world axes) and has a rotor momentum h (body axes)
+that is linear in time.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import os
+from collections.abc import Callable
+from functools import cache
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from rb_dynamics.numerics.arrays import Numbers
+
+    Counts = npt.NDArray[np.int64]
+
+_log = logging.getLogger(__name__)
+
+STATE = 13
+"""Numbers of a state: x, y, z, w of the attitude, w, p, v."""
+
+COLUMN = 12
+"""Numbers of a column: turn, and changes of w, p and v."""
+
+HELD = 18
+"""Numbers of an interval: f, t, f_w, t_w, h at its start, h'."""
+
+BODY = 28
+"""Numbers of the body: Ixx, Iyy, Izz, Ixy, Ixz, Iyz, m, then k, c, k2, c2, wind of c, wind of c2 and g, three each."""
+
+_SIGNATURE = (
+    "void(float64[::1], float64[:, ::1], float64[::1], float64[::1], float64[:, ::1], float64[:, ::1], "
+    "float64[:, :, ::1], float64[::1], int64[::1], int64[::1], int64, float64[:, ::1], float64[:, :, ::1], "
+    "float64[:, ::1], float64[:, :, ::1], float64[:, ::1], float64[:, :, ::1])"
+)
+
+
+def rates(
+    x: Numbers,
+    s: Numbers,
+    body: Numbers,
+    inverse: Numbers,
+    body_by: Numbers,
+    held: Numbers,
+    held_by: Numbers,
+    time: float,
+    moves: int,
+    dx: Numbers,
+    ds: Numbers,
+) -> None:
+    """Write the rates of state `x` and columns `s`, `time` (s) after the start of the interval, to `dx` and `ds`.
+
+    `inverse` is that of the inertia, row by row. `body_by` (BODY, n) and `held_by` (HELD, m) say how `body` and `held`
+    change with the columns; `held_by` belongs to the last m of the n columns. With `moves` 0 p and v are left out.
+    """
+    qx, qy, qz, qw = x[0], x[1], x[2], x[3]
+    w1, w2, w3 = x[4], x[5], x[6]
+    i11, i22, i33, i12, i13, i23 = body[0], body[1], body[2], body[3], body[4], body[5]
+    # The rotation matrix, of a stage whose quaternion is of unit length only to the order of the method.
+    n = 2.0 / (qx * qx + qy * qy + qz * qz + qw * qw)
+    r11, r12, r13 = 1.0 - n * (qy * qy + qz * qz), n * (qx * qy - qw * qz), n * (qx * qz + qw * qy)
+    r21, r22, r23 = n * (qx * qy + qw * qz), 1.0 - n * (qx * qx + qz * qz), n * (qy * qz - qw * qx)
+    r31, r32, r33 = n * (qx * qz - qw * qy), n * (qy * qz + qw * qx), 1.0 - n * (qx * qx + qy * qy)
+    dx[0] = 0.5 * (qw * w1 + qy * w3 - qz * w2)
+    dx[1] = 0.5 * (qw * w2 + qz * w1 - qx * w3)
+    dx[2] = 0.5 * (qw * w3 + qx * w2 - qy * w1)
+    dx[3] = 0.5 * (-qx * w1 - qy * w2 - qz * w3)
+    # H = I w + h, and the torque in body axes.
+    h1 = i11 * w1 + i12 * w2 + i13 * w3 + held[12] + held[15] * time
+    h2 = i12 * w1 + i22 * w2 + i23 * w3 + held[13] + held[16] * time
+    h3 = i13 * w1 + i23 * w2 + i33 * w3 + held[14] + held[17] * time
+    g1 = r11 * held[9] + r21 * held[10] + r31 * held[11]
+    g2 = r12 * held[9] + r22 * held[10] + r32 * held[11]
+    g3 = r13 * held[9] + r23 * held[10] + r33 * held[11]
+    rate = math.sqrt(w1 * w1 + w2 * w2 + w3 * w3)
+    slope = 1.0 / rate if rate > 0.0 else 0.0
+    k1, k2, k3 = body[7] + body[13] * rate, body[8] + body[14] * rate, body[9] + body[15] * rate
+    t1 = held[3] + g1 - k1 * w1 - (w2 * h3 - w3 * h2) - held[15]
+    t2 = held[4] + g2 - k2 * w2 - (w3 * h1 - w1 * h3) - held[16]
+    t3 = held[5] + g3 - k3 * w3 - (w1 * h2 - w2 * h1) - held[17]
+    a1 = inverse[0] * t1 + inverse[1] * t2 + inverse[2] * t3
+    a2 = inverse[3] * t1 + inverse[4] * t2 + inverse[5] * t3
+    a3 = inverse[6] * t1 + inverse[7] * t2 + inverse[8] * t3
+    dx[4], dx[5], dx[6] = a1, a2, a3
+    m = body[6]
+    # Speeds against both media, body axes.
+    d1, d2, d3 = x[10] - body[19], x[11] - body[20], x[12] - body[21]
+    u1, u2, u3 = r11 * d1 + r21 * d2 + r31 * d3, r12 * d1 + r22 * d2 + r32 * d3, r13 * d1 + r23 * d2 + r33 * d3
+    d1, d2, d3 = x[10] - body[22], x[11] - body[23], x[12] - body[24]
+    z1, z2, z3 = r11 * d1 + r21 * d2 + r31 * d3, r12 * d1 + r22 * d2 + r32 * d3, r13 * d1 + r23 * d2 + r33 * d3
+    speed = math.sqrt(z1 * z1 + z2 * z2 + z3 * z3)
+    steep = 1.0 / speed if speed > 0.0 else 0.0
+    f1 = held[0] - body[10] * u1 - body[16] * speed * z1
+    f2 = held[1] - body[11] * u2 - body[17] * speed * z2
+    f3 = held[2] - body[12] * u3 - body[18] * speed * z3
+    p1 = r11 * f1 + r12 * f2 + r13 * f3 + held[6]
+    p2 = r21 * f1 + r22 * f2 + r23 * f3 + held[7]
+    p3 = r31 * f1 + r32 * f2 + r33 * f3 + held[8]
+    dx[7], dx[8], dx[9] = x[10], x[11], x[12]
+    dx[10], dx[11], dx[12] = p1 / m + body[25], p2 / m + body[26], p3 / m + body[27]
+    columns = s.shape[1]
+    first = columns - held_by.shape[1]
+    for j in range(columns):
+        e1, e2, e3 = s[0, j], s[1, j], s[2, j]
+        o1, o2, o3 = s[3, j], s[4, j], s[5, j]
+        ds[0, j] = o1 - (w2 * e3 - w3 * e2)
+        ds[1, j] = o2 - (w3 * e1 - w1 * e3)
+        ds[2, j] = o3 - (w1 * e2 - w2 * e1)
+        b11, b22, b33 = body_by[0, j], body_by[1, j], body_by[2, j]
+        b12, b13, b23 = body_by[3, j], body_by[4, j], body_by[5, j]
+        # Change of H.
+        y1 = b11 * w1 + b12 * w2 + b13 * w3 + i11 * o1 + i12 * o2 + i13 * o3
+        y2 = b12 * w1 + b22 * w2 + b23 * w3 + i12 * o1 + i22 * o2 + i23 * o3
+        y3 = b13 * w1 + b23 * w2 + b33 * w3 + i13 * o1 + i23 * o2 + i33 * o3
+        along = (w1 * o1 + w2 * o2 + w3 * o3) * slope
+        t1 = -k1 * o1 - (body_by[7, j] + body_by[13, j] * rate + body[13] * along) * w1
+        t2 = -k2 * o2 - (body_by[8, j] + body_by[14, j] * rate + body[14] * along) * w2
+        t3 = -k3 * o3 - (body_by[9, j] + body_by[15, j] * rate + body[15] * along) * w3
+        # R^T t_w turns back as the body turns.
+        t1 += g2 * e3 - g3 * e2
+        t2 += g3 * e1 - g1 * e3
+        t3 += g1 * e2 - g2 * e1
+        if j >= first:
+            i = j - first
+            y1 += held_by[12, i] + held_by[15, i] * time
+            y2 += held_by[13, i] + held_by[16, i] * time
+            y3 += held_by[14, i] + held_by[17, i] * time
+            l1, l2, l3 = held_by[9, i], held_by[10, i], held_by[11, i]
+            t1 += held_by[3, i] + r11 * l1 + r21 * l2 + r31 * l3 - held_by[15, i]
+            t2 += held_by[4, i] + r12 * l1 + r22 * l2 + r32 * l3 - held_by[16, i]
+            t3 += held_by[5, i] + r13 * l1 + r23 * l2 + r33 * l3 - held_by[17, i]
+        t1 -= o2 * h3 - o3 * h2 + w2 * y3 - w3 * y2 + b11 * a1 + b12 * a2 + b13 * a3
+        t2 -= o3 * h1 - o1 * h3 + w3 * y1 - w1 * y3 + b12 * a1 + b22 * a2 + b23 * a3
+        t3 -= o1 * h2 - o2 * h1 + w1 * y2 - w2 * y1 + b13 * a1 + b23 * a2 + b33 * a3
+        ds[3, j] = inverse[0] * t1 + inverse[1] * t2 + inverse[2] * t3
+        ds[4, j] = inverse[3] * t1 + inverse[4] * t2 + inverse[5] * t3
+        ds[5, j] = inverse[6] * t1 + inverse[7] * t2 + inverse[8] * t3
+        if moves != 0:
+            ds[6, j], ds[7, j], ds[8, j] = s[9, j], s[10, j], s[11, j]
+            c1, c2, c3 = s[9, j] - body_by[19, j], s[10, j] - body_by[20, j], s[11, j] - body_by[21, j]
+            v1 = r11 * c1 + r21 * c2 + r31 * c3 + u2 * e3 - u3 * e2
+            v2 = r12 * c1 + r22 * c2 + r32 * c3 + u3 * e1 - u1 * e3
+            v3 = r13 * c1 + r23 * c2 + r33 * c3 + u1 * e2 - u2 * e1
+            c1, c2, c3 = s[9, j] - body_by[22, j], s[10, j] - body_by[23, j], s[11, j] - body_by[24, j]
+            n1 = r11 * c1 + r21 * c2 + r31 * c3 + z2 * e3 - z3 * e2
+            n2 = r12 * c1 + r22 * c2 + r32 * c3 + z3 * e1 - z1 * e3
+            n3 = r13 * c1 + r23 * c2 + r33 * c3 + z1 * e2 - z2 * e1
+            grows = (z1 * n1 + z2 * n2 + z3 * n3) * steep
+            v1 = -body_by[10, j] * u1 - body[10] * v1 - body_by[16, j] * speed * z1
+            v2 = -body_by[11, j] * u2 - body[11] * v2 - body_by[17, j] * speed * z2
+            v3 = -body_by[12, j] * u3 - body[12] * v3 - body_by[18, j] * speed * z3
+            v1 -= body[16] * (grows * z1 + speed * n1) + f2 * e3 - f3 * e2
+            v2 -= body[17] * (grows * z2 + speed * n2) + f3 * e1 - f1 * e3
+            v3 -= body[18] * (grows * z3 + speed * n3) + f1 * e2 - f2 * e1
+            l1, l2, l3 = 0.0, 0.0, 0.0
+            if j >= first:
+                i = j - first
+                v1, v2, v3 = v1 + held_by[0, i], v2 + held_by[1, i], v3 + held_by[2, i]
+                l1, l2, l3 = held_by[6, i], held_by[7, i], held_by[8, i]
+            lighter = body_by[6, j] / m
+            ds[9, j] = (r11 * v1 + r12 * v2 + r13 * v3 + l1 - p1 * lighter) / m + body_by[25, j]
+            ds[10, j] = (r21 * v1 + r22 * v2 + r23 * v3 + l2 - p2 * lighter) / m + body_by[26, j]
+            ds[11, j] = (r31 * v1 + r32 * v2 + r33 * v3 + l3 - p3 * lighter) / m + body_by[27, j]
+
+
+def variational_flight(
+    start: Numbers,
+    start_by: Numbers,
+    body: Numbers,
+    inverse: Numbers,
+    body_by: Numbers,
+    held: Numbers,
+    held_by: Numbers,
+    lengths: Numbers,
+    steps: Counts,
+    shifts: Counts,
+    moves: int,
+    work: Numbers,
+    work_by: Numbers,
+    states: Numbers,
+    columns: Numbers,
+    slopes: Numbers,
+    slopes_by: Numbers,
+) -> None:
+    """Fly from `start` (STATE,) and `start_by` (COLUMN, n); write state and columns after each interval.
+
+    Args:
+        start: state.
+        start_by: columns.
+        body: (BODY,).
+        inverse: (9,), of the inertia.
+        body_by: (BODY, n).
+        held: (k, HELD), of each interval.
+        held_by: (k, HELD, m), for the last m of the columns; or (1, HELD, m), the same for all.
+        lengths: (k,), s.
+        steps: (k,), Runge-Kutta steps of each interval.
+        shifts: (k,), the column that is the time at which the interval starts, or -1.
+        moves: 1 if position and velocity count, else 0.
+        work: (4, STATE), overwritten.
+        work_by: (4, COLUMN, n), overwritten.
+        states: (k, STATE), to be written.
+        columns: (k, COLUMN, n), likewise.
+        slopes: (k, STATE), rates of the state, likewise; or (0, STATE), and they are left out.
+        slopes_by: (k, COLUMN, n), rates of the columns, likewise.
+    """
+    x, at, dx, end = work[0], work[1], work[2], work[3]
+    s, at_by, ds, end_by = work_by[0], work_by[1], work_by[2], work_by[3]
+    last = len(held_by) - 1
+    copy(start, start_by, x, s)
+    for k in range(len(lengths)):
+        if shifts[k] >= 0 and k > 0:
+            # Where the interval starts later, the rates of before act until then instead of those of after.
+            for side in range(2):
+                b, ahead = k - 1 + side, lengths[k - 1] * (1 - side)
+                rates(x, s, body, inverse, body_by, held[b], held_by[min(b, last)], ahead, moves, dx, ds)
+                for i in range(3):
+                    s[3 + i, shifts[k]] += (1 - 2 * side) * dx[4 + i]
+                    s[9 + i, shifts[k]] += (1 - 2 * side) * dx[10 + i]
+        h = lengths[k] / steps[k]
+        for step in range(steps[k]):
+            copy(x, s, at, at_by)
+            copy(x, s, end, end_by)
+            for stage in range(4):
+                ahead = (step + 0.5 * ((stage + 1) // 2)) * h
+                rates(at, at_by, body, inverse, body_by, held[k], held_by[min(k, last)], ahead, moves, dx, ds)
+                add(h / (3.0 if stage in (1, 2) else 6.0), dx, ds, end, end_by)
+                copy(x, s, at, at_by)
+                add(h * (1.0 if stage == 2 else 0.5), dx, ds, at, at_by)
+            copy(end, end_by, x, s)
+            length = math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2] + x[3] * x[3])
+            for i in range(4):
+                x[i] /= length
+        copy(x, s, states[k], columns[k])
+        if len(slopes) > 0:
+            ahead = lengths[k]
+            rates(x, s, body, inverse, body_by, held[k], held_by[min(k, last)], ahead, moves, slopes[k], slopes_by[k])
+
+
+def copy(x: Numbers, s: Numbers, to_x: Numbers, to_s: Numbers) -> None:
+    """Write a state and its columns to others."""
+    for i in range(len(x)):
+        to_x[i] = x[i]
+    for i in range(s.shape[0]):
+        for j in range(s.shape[1]):
+            to_s[i, j] = s[i, j]
+
+
+def add(h: float, dx: Numbers, ds: Numbers, x: Numbers, s: Numbers) -> None:
+    """Add h times the rates to a state and its columns."""
+    for i in range(len(x)):
+        x[i] += h * dx[i]
+    for i in range(s.shape[0]):
+        for j in range(s.shape[1]):
+            s[i, j] += h * ds[i, j]
+
+
+@cache
+def kernel() -> Callable[..., None]:
+    """Return `variational_flight`, compiled where numba is installed and `RB_DYNAMICS_COMPILE` does not forbid it."""
+    from rb_dynamics.numerics.compilation import available, compile_kernel
+
+    if os.environ.get("RB_DYNAMICS_COMPILE") == "never" or not available():
+        return variational_flight
+    try:
+        return compile_kernel(variational_flight, _SIGNATURE)
+    except (ImportError, OSError, RuntimeError) as error:
+        _log.warning("identify runs in plain Python: %s", error)
+        return variational_flight

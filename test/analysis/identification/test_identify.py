@@ -1,0 +1,136 @@
+"""What recordings tell about a body, and what they do not."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import Phase, given, settings
+from hypothesis import strategies as st
+from identified_flights import flown, guess, random_body
+
+from rb_dynamics import Identification, RigidBody, SceneError, identify, parse_scene
+from rb_dynamics.analysis.identification.parameters import Inertia
+
+AXES = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
+
+
+def known(found: Identification, group: str) -> list[bool]:
+    return [each.known for each in found.parameters if each.name.split(".")[0] == group]
+
+
+def within(found: Identification, group: str, truth: Any, errors: float = 5.0) -> None:
+    """Every known number of a group is within so many standard errors of the truth."""
+    for each in found.parameters:
+        name, _, axis = each.name.partition(".")
+        axis = axis.rpartition(".")[2]
+        if name == group and each.standard_error is not None:
+            value = (
+                np.array(truth)[AXES[axis]] if axis in AXES else np.atleast_1d(truth)["xyz".find(axis) if axis else 0]
+            )
+            assert abs(each.value - value) < errors * each.standard_error, each
+
+
+@settings(max_examples=2, deadline=None, phases=[Phase.generate])
+@given(seed=st.integers(0, 2**32 - 1))
+def test_a_random_body_is_found_within_its_error(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    body = random_body(random, center=0.05)
+    bias = 0.02 * random.standard_normal(3)
+    found = identify(guess(body), [flown(body, random, torque=1.0, force=2.0, pose=1e-3, bias=bias)])
+
+    assert found.passed
+    assert all(known(found, "inertia") + known(found, "mass") + known(found, "center_of_mass"))
+    within(found, "inertia", body.inertia)
+    within(found, "mass", body.mass)
+    within(found, "center_of_mass", body.center_of_mass)
+    within(found, "gyro_bias", bias)
+    assert all(each.white for each in found.residuals)
+
+
+def test_motion_without_torque_tells_ratios_only() -> None:
+    random = np.random.default_rng(5)
+    body = RigidBody.from_diagonal(2.0, (0.02, 0.03, 0.04))
+    flight = flown(body, random, seconds=6.0, spin=(0.3, 3.0, 0.5), gyro=1e-3)
+    found = identify(guess(body), [flight], ["inertia"])
+
+    assert not found.passed
+    assert not any(known(found, "inertia"))
+    assert all(known(found, "inertia_ratios"))
+    within(found, "inertia_ratios", np.diag([0.02, 0.03, 0.04]) / 0.09)
+    assert found.unknown_combinations == ("scale of the inertia (all moments by one factor)",)
+    assert identify(guess(body), [flight], ["inertia_ratios"]).passed
+
+
+def test_a_cube_tells_nothing_of_its_inertia() -> None:
+    body = RigidBody.from_diagonal(2.0, (0.02, 0.02, 0.02))
+    found = identify(guess(body), [flown(body, np.random.default_rng(6), spin=(1.0, 1.0, 1.0))], ["inertia_ratios"])
+
+    assert not found.passed
+    assert not any(known(found, "inertia_ratios"))
+
+
+@pytest.mark.parametrize("gravity", ["", "effects: [{type: uniform_gravity, acceleration_world: [0, 0, 0]}]"])
+def test_without_a_force_there_is_no_mass(gravity: str) -> None:
+    random = np.random.default_rng(7)
+    body = random_body(random, center=0.05)
+    scene = parse_scene(guess(body).text + gravity)
+    found = identify(scene, [flown(body, random, torque=1.0, pose=1e-3)], ["mass", "center_of_mass", "inertia"])
+
+    assert not found.passed
+    assert known(found, "mass") == [False]
+    assert found.body.mass == scene.body.mass
+    assert all(known(found, "center_of_mass"))
+
+
+def test_what_is_found_is_a_scene_that_flies_the_same() -> None:
+    random = np.random.default_rng(8)
+    body = random_body(random)
+    found = identify(guess(body), [flown(body, random, torque=1.0, force=1.0, pose=1e-4)])
+    again = parse_scene(found.scene.text)
+
+    assert again.body.inertia == found.body.inertia
+    np.testing.assert_allclose(again.body.inertia, body.inertia, rtol=0.0, atol=0.02 * max(body.principal_moments))
+    assert again.body.mass == pytest.approx(body.mass, rel=0.02)
+
+
+def test_several_recordings_are_of_one_body() -> None:
+    random = np.random.default_rng(9)
+    body = random_body(random)
+    flights = [flown(body, random, torque=1.0) for _ in range(3)]
+    one, three = (identify(guess(body), flights[:count], ["inertia"]) for count in (1, 3))
+
+    assert three.passed
+    within(three, "inertia", body.inertia)
+    errors = [[each.standard_error or np.inf for each in found.parameters if each.asked] for found in (one, three)]
+    assert np.all(np.array(errors[1]) < np.array(errors[0]))
+
+
+def test_held_out_recording_is_predicted_to_its_noise() -> None:
+    random = np.random.default_rng(10)
+    body = random_body(random)
+    flights = [flown(body, random, torque=1.0) for _ in range(2)]
+    (left,) = identify(guess(body), flights[:1], ["inertia"], validate=flights[1:]).validation
+
+    assert left.rms == pytest.approx(5e-3, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [("mas", "did you mean mass"), ("effects[0].rotation", "it has none"), ("nothing", "write one of them")],
+)
+def test_what_cannot_be_fitted_is_refused(name: str, expected: str) -> None:
+    random = np.random.default_rng(11)
+    body = random_body(random)
+    with pytest.raises(SceneError, match=expected):
+        identify(guess(body), [flown(body, random)], [name])
+
+
+@given(st.lists(st.floats(-3.0, 3.0), min_size=5, max_size=5))
+def test_every_number_is_an_inertia(shape: list[float]) -> None:
+    matrix = Inertia(RigidBody.from_diagonal(1.0, (1.0, 1.2, 1.5))).matrix(0.3, np.array(shape))
+    low, middle, high = np.linalg.eigvalsh(matrix)
+
+    assert low > 0.0
+    assert low + middle >= high * (1.0 - 1e-9)

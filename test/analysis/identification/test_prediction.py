@@ -1,0 +1,119 @@
+"""What sensors should have measured, against the engine; and its derivatives, against differences."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from identified_flights import flown, guess, random_body
+
+from rb_dynamics import parse_scene
+from rb_dynamics.analysis.identification import prediction
+from rb_dynamics.analysis.identification.flights import (
+    ACCELERATION,
+    ATTITUDE,
+    POSITION,
+    RATES,
+    VELOCITY,
+    Channel,
+    Flight,
+    Stream,
+)
+from rb_dynamics.analysis.identification.prediction import Model
+from rb_dynamics.analysis.identification.rotations import matrices, quaternions
+from rb_dynamics.motion import variational_flight
+
+SCENE = """
+body:
+  mass: 3.0
+  center_of_mass: [0.1, -0.05, 0.02]
+  inertia: {matrix: [[1.0, 0.1, -0.05], [0.1, 1.5, 0.07], [-0.05, 0.07, 1.2]]}
+effects:
+  - {type: uniform_gravity, acceleration_world: [0, 0.3, -9.8]}
+  - {type: linear_drag, rotation: [0.1, 0.2, 0.3], translation: [0.3, 0.2, 0.1], medium_velocity_world: [1, 0, 0]}
+  - {type: quadratic_drag, rotation: [0.01, 0.02, 0.03], translation: [0.03, 0.02, 0.01]}
+  - {type: rotor, axis_body: [0, 1, 2], axial_inertia: 0.01, spin_rate: 50}
+"""
+FIT = (
+    "mass", "center_of_mass", "inertia", "gyro_bias", "gyro_scale", "gyro_alignment", "accelerometer", "delay",
+    "wrench_scale", "effects[0].acceleration_world", "effects[1].rotation", "effects[1].translation",
+    "effects[1].medium_velocity_world", "effects[2].rotation", "effects[2].translation", "effects[3].axial_inertia",
+    "effects[3].axis_body", "effects[3].spin_rate",
+)  # fmt: skip
+
+
+def every_sensor() -> Flight:
+    random = np.random.default_rng(0)
+    count = 6
+    times = (np.arange(count) * 1e8).astype(np.int64)
+    attitude = random.standard_normal((count, 4))
+    attitude /= np.linalg.norm(attitude, axis=1, keepdims=True)
+    mount, place = matrices(quaternions(np.array([0.3, 0.2, -0.5]))), np.array([0.1, 0.2, 0.3])
+    rows = iter(random.standard_normal((9, count, 3)))
+    streams = (
+        Stream("pose", ATTITUDE, times, attitude),
+        Stream("pose", POSITION, times, next(rows)),
+        Stream("twist", VELOCITY, times, next(rows)),
+        Stream("twist", RATES, times, next(rows)),
+        Stream("other", VELOCITY, times, next(rows), world=True),
+        Stream("other", RATES, times, next(rows), world=True),
+        Stream("imu", RATES, times, next(rows), mount=mount, gyro=True),
+        Stream("imu", ACCELERATION, times, next(rows), mount=mount, place=place),
+    )
+    channels = (
+        Channel("a", np.array([-200, 125, 415], np.int64) * 10**6, random.standard_normal((3, 12))),
+        Channel("b", np.array([133, 377], np.int64) * 10**6, random.standard_normal((2, 12))),
+    )
+    return Flight("every", streams, channels)
+
+
+def test_derivatives_are_those_of_differences() -> None:
+    model = Model(parse_scene(SCENE), [every_sensor()], FIT)
+    model.turn = 0.01
+    z = 0.1 * np.random.default_rng(1).standard_normal(model.layout.count)
+    for name, block in model.layout.blocks.items():
+        if name.startswith("delay"):
+            z[block.at] = 0.1
+    here = {each.key: each.by for each in model.predict(z)}
+
+    for name, block in model.layout.blocks.items():
+        for k in range(block.at.start, block.at.stop):
+            step = np.zeros_like(z)
+            step[k] = 1e-4 if name.startswith("delay") else 1e-5
+            above, below = ({each.key: each.left for each in model.predict(z + sign * step)} for sign in (1, -1))
+            for key, by in here.items():
+                if name == "delay.imu" and key[1] == ACCELERATION:
+                    continue  # its jerk is taken between samples
+                difference = (above[key] - below[key]) / (2.0 * step[k])
+                scale = max(float(np.abs(by[:, :, k]).max()), 1e-3)
+                np.testing.assert_allclose(
+                    by[:, :, k], difference, rtol=0.0, atol=2e-5 * scale, err_msg=f"{name} {key}"
+                )
+
+
+def test_prediction_is_the_flight_of_the_engine() -> None:
+    random = np.random.default_rng(2)
+    body = random_body(random)
+    flight = flown(body, random, torque=1.0, force=1.0, gyro=0.0, pose=0.0)
+    scene = guess(body)
+    scene = type(scene)(body, scene.frames, scene.initial, text=scene.text)
+    model = Model(scene, [flight], ("mass",))
+    model.turn = 0.005
+
+    z = np.zeros(model.layout.count)
+    truth = {"angular_velocity_body": flight.streams[0].values[0], "position_world": 0.0, "linear_velocity_world": 0.0}
+    for name, value in truth.items():
+        block = model.layout[f"initial[0].{name}"]
+        z[block.at] = (value - block.start) / block.scale
+
+    assert max(float(np.abs(each.left).max()) for each in model.predict(z)) < 1e-6
+
+
+def test_plain_and_compiled_kernel_agree(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = Model(parse_scene(SCENE), [every_sensor()], FIT)
+    z = np.zeros(model.layout.count)
+    compiled = list(model.predict(z))
+    monkeypatch.setattr(prediction, "kernel", lambda: variational_flight.variational_flight)
+
+    for one, other in zip(compiled, model.predict(z), strict=True):
+        np.testing.assert_allclose(one.left, other.left, rtol=0.0, atol=1e-12)
+        np.testing.assert_allclose(one.by, other.by, rtol=0.0, atol=1e-9)

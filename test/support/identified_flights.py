@@ -1,0 +1,74 @@
+"""Flights of random bodies with noisy sensors, as `identify` takes them, and the scenes that it starts from."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from rb_dynamics import RigidBody, State, parse_scene
+from rb_dynamics.analysis.identification.flights import ATTITUDE, POSITION, RATES, Channel, Flight, Stream
+from rb_dynamics.analysis.identification.rotations import products, quaternions
+from rb_dynamics.run.ensemble import driven_motion
+from rb_dynamics.scene.model import Scene
+
+HOLD = 25
+"""Samples for which a wrench is held."""
+
+
+def random_body(random: Any, center: float = 0.0) -> RigidBody:
+    """Return a cloud of eight points of some shape."""
+    points = random.standard_normal((8, 3)) * random.uniform(0.1, 0.4, 3)
+    points -= points.mean(axis=0)
+    second = 2.0 * points.T @ points / 8
+    inertia = np.trace(second) * np.eye(3) - second
+    return RigidBody.from_matrix(2.0, inertia.tolist(), (center * random.standard_normal(3)).tolist())
+
+
+def flown(
+    body: RigidBody,
+    random: Any,
+    *,
+    seconds: float = 3.0,
+    rate: float = 100.0,
+    torque: float = 0.0,
+    force: float = 0.0,
+    spin: Any = None,
+    gyro: float = 5e-3,
+    pose: float | None = None,
+    bias: Any = 0.0,
+    recorded_torque: float = 1.0,
+) -> Flight:
+    """Return the flight of `body`: `torque` (rad/s^2) and `force` (m/s^2) are the size of what is commanded.
+
+    A gyro measures always, a pose where `pose` (rad, m) is its noise.
+    """
+    count = round(seconds * rate)
+    times = np.rint(np.arange(count + 1) * 1e9 / rate).astype(np.int64)
+    pushes = -(-count // HOLD)
+    torques = np.repeat(random.standard_normal((pushes, 3)) * torque * max(body.principal_moments), HOLD, 0)[:count]
+    forces = np.repeat(random.standard_normal((pushes, 3)) * force * body.mass, HOLD, 0)[:count]
+    omega = 2.0 * random.standard_normal(3) if spin is None else np.array(spin, dtype=np.float64)
+    state = State(angular_velocity_body=tuple(omega.tolist()))
+    motion = driven_motion(body, state, times[1:], method="rkmk4", step=0.005, torque_body=torques, force_body=forces)
+    rates = np.vstack([omega, np.asarray(motion.angular_velocity_body)])
+    noisy = rates + bias + gyro * random.standard_normal(rates.shape)
+    streams = [Stream("imu", RATES, times, noisy, gyro=True)]
+    if pose is not None:
+        attitude = np.vstack([[0.0, 0.0, 0.0, 1.0], np.asarray(motion.orientation_xyzw)])
+        position = np.vstack([np.zeros(3), np.asarray(motion.position_world)])
+        turned = products(attitude, quaternions(pose * random.standard_normal(rates.shape)))
+        streams += [
+            Stream("pose", ATTITUDE, times, turned),
+            Stream("pose", POSITION, times, position + pose * random.standard_normal(rates.shape)),
+        ]
+    held = np.hstack([forces, recorded_torque * torques, np.zeros((count, 6))])
+    channels = (Channel("wrench", times[:-1], held),) if torque or force else ()
+    return Flight("flight", tuple(streams), channels)
+
+
+def guess(body: RigidBody, moments: Any = (1.0, 1.0, 1.0)) -> Scene:
+    """Return the scene of a body whose mass is wrong by a half and whose inertia is near a ball's."""
+    size = float(np.trace(np.array(body.inertia))) / 3.0
+    diagonal = [0.8 * size * moment for moment in moments]
+    return parse_scene(f"body: {{mass: {1.5 * body.mass}, inertia: {{diagonal: {diagonal}}}}}\n")
