@@ -38,6 +38,8 @@ _FITS = 0.1
 _FLAT = 0.01
 # A torque is significant at this multiple of its noise; means are taken over as many samples as that needs.
 _STANDS_OUT = 8.0
+# A body turns about one axis if its rate about others is this fraction of the whole, or this multiple of its noise.
+_ONE_AXIS, _NOISE = 1e-3, 2.0
 # A mass is given if its relative standard deviation is less than this.
 _TOLD = 0.1
 TELLS = 0.5
@@ -85,6 +87,8 @@ class Residual:
         noise: standard deviation of the angular momentum relative to the largest; 0 if it is within `bound`.
         unseen: for each principal moment, ascending, the relative error that noise may hide.
         bias: the constant error of the rates that explains the residual, rad/s, body axes; None if none does.
+        axis: the only axis about which the body turns, body axes; None if about several.
+        recorded: whether the recording has the wrenches that acted.
     """
 
     start_ns: Times
@@ -103,6 +107,8 @@ class Residual:
     noise: float
     unseen: tuple[float, float, float]
     bias: Array | None
+    axis: Array | None
+    recorded: bool
 
     @property
     def told(self) -> bool:
@@ -196,6 +202,8 @@ def residual(track: Track, bound: float) -> Residual | None:
         noise=noise if relative > bound else 0.0,
         unseen=fit.unseen,
         bias=bias,
+        axis=_one_axis(omega, stretch),
+        recorded=track.acted,
     )
 
 
@@ -232,8 +240,9 @@ def _of_inertia(body: RigidBody, basis: Array, turned: Array, stretch: Labels) -
     noise = judge(left, stretch)
     felt = np.linalg.norm(centred(turned, stretch), axis=1).max()
     scaled = float(felt) > max(_FELT * scale, noise.level)
-    # Without a torque every multiple of an inertia fits as well, so only changes that keep the trace are fitted.
-    free = np.eye(6) if scaled else _keeping_trace()
+    # Without a torque every multiple of an inertia fits as well, so only changes that keep the size of the momentum
+    # are fitted: of a body that turns about one axis, none is left.
+    free = np.eye(6) if scaled else _across(np.einsum("nri,nr->i", basis, momentum))
     moved = centred(basis, stretch)
     between = _between(stretch)
     before, here, after = moved[:-2][between], moved[1:-1][between], moved[2:][between]
@@ -247,6 +256,8 @@ def _of_inertia(body: RigidBody, basis: Array, turned: Array, stretch: Labels) -
     seen = values > max(smallest, _ABOVE_NOISE * rates * np.sqrt(len(here)))
     vectors = free @ vectors[:, seen]
     best = given - vectors @ np.linalg.solve(vectors.T @ normal @ vectors, vectors.T @ pull)
+    if not scaled and best[:3].sum() > 0.0:
+        best *= given[:3].sum() / best[:3].sum()
     inertia: Array = np.tensordot(best, np.array(_UNITS), axes=1)
     best_left = centred(basis @ best - turned, stretch)
     return _Fit(left, best_left, inertia, scaled, scale, noise, _unseen(body, vectors, values[seen], noise))
@@ -279,12 +290,21 @@ def _bias(body: RigidBody, attitude: Array, left: Array, stretch: Labels) -> Arr
     return result if _rms(rest) <= _FITS * _rms(left) or not judge(rest, stretch).beyond else None
 
 
-def _keeping_trace() -> Array:
-    """Return a basis (6, 5) of changes of the inertia that keep its trace."""
-    basis = np.zeros((6, 5))
-    basis[:3, 0], basis[:3, 1] = np.array([1.0, -1.0, 0.0]) / np.sqrt(2.0), np.array([1.0, 1.0, -2.0]) / np.sqrt(6.0)
-    basis[3:, 2:] = np.eye(3)
+def _across(direction: Array) -> Array:
+    """Return an orthonormal basis (6, 5) of what is perpendicular to `direction` (6,)."""
+    basis: Array = np.linalg.svd(direction[None])[2][1:].T
     return basis
+
+
+def _one_axis(omega: Array, stretch: Labels) -> Array | None:
+    """Return the axis (unit, body axes) about which the body turns; None if about more than one, or none."""
+    _, sizes, axes = np.linalg.svd(omega, full_matrices=False)
+    beside = float(np.hypot(sizes[1], sizes[2]))
+    noise = _NOISE * typical(omega, stretch) * np.sqrt(len(omega))
+    if sizes[0] == 0.0 or beside > max(_ONE_AXIS * float(sizes[0]), min(noise, 0.5 * float(sizes[0]))):
+        return None
+    axis: Array = axes[0] * np.sign(axes[0][np.abs(axes[0]).argmax()])
+    return axis
 
 
 def _of_mass(speed: Array, pushed: Array, stretch: Labels) -> tuple[float | None, float]:

@@ -176,8 +176,21 @@ def residual_sentence(left: Residual, start_ns: int) -> str:
     elif left.bias is not None:
         verdict = f"NO inertia explains the motion.{_bias(left, 'does')}"
     else:
-        verdict = f"NO inertia explains the motion: a torque acted that was not commanded. {_strongest(left, start_ns)}"
-    return f"{verdict} {size}{_mass(left)}"
+        lacks = "commanded" if left.recorded else "recorded"
+        verdict = f"NO inertia explains the motion: a torque acted that was not {lacks}. {_strongest(left, start_ns)}"
+    return f"{verdict}{_one_axis(left)} {size}{_mass(left)}"
+
+
+def _one_axis(left: Residual) -> str:
+    """Return what cannot be known of a body that turns about one axis only, such as a robot on the ground."""
+    if left.axis is None:
+        return ""
+    about = f"The body turns about one axis only, {_vector(left.axis.tolist())} in body axes: "
+    if left.scaled:
+        return f" {about}the recording tells the moment about it, and nothing of the other moments and products."
+    return (
+        f" {about}without recorded torques, the recording tells nothing of its inertia, and any other would do as well."
+    )
 
 
 def _noise(left: Residual) -> str:

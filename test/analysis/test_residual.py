@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from noisy_recordings import scene_of
+from tumbling import Tumble, bag_of
 
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.residual import Residual, _of_mass, _possible, residual
@@ -130,3 +132,42 @@ def test_what_nobody_recorded_is_the_residual(flight: Any, judged: Any) -> None:
 
 def test_an_own_log_is_not_judged(flight: Any) -> None:
     assert residual(read_track(read_bag(flight.log)), 1e-6) is None
+
+
+def on_wheels(noise: float, rate: Callable[[np.ndarray], np.ndarray], wrench: bool) -> Residual:
+    """Return the residual of a robot that drives on the ground and turns about its vertical axis."""
+    random, t = np.random.default_rng(4), np.arange(1500) * 0.02
+    turn = rate(t)
+    yaw = np.concatenate([[0.0], np.cumsum(0.01 * (turn[1:] + turn[:-1]))])
+    flat = np.zeros_like(t)
+    attitude = np.column_stack([flat, flat, np.sin(0.5 * yaw), np.cos(0.5 * yaw)])
+    measured = np.column_stack([flat, flat, turn]) + noise * random.standard_normal((1500, 3))
+    motion = Tumble((t * 1e9).astype(np.int64), np.zeros((1500, 3)), attitude, np.zeros((1500, 3)), measured)
+    scene = scene_of(46.0, np.diag([0.6, 1.5, 1.7]), (0.0, 0.0, 0.1))
+    left = residual(read_track(bag_of(motion, wrench=wrench), scene), 1e-6)
+    assert left is not None
+    return left
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+@pytest.mark.parametrize("wrench", [True, False])
+def test_a_robot_on_the_ground_tells_of_a_torque_and_nothing_of_its_inertia(noise: float, wrench: bool) -> None:
+    """The best fit was an inertia of zero about the only axis, which leaves nothing."""
+    left = on_wheels(noise, lambda t: 0.5 * np.sin(0.4 * t), wrench)
+    assert left.axis is not None
+    np.testing.assert_allclose(left.axis, [0.0, 0.0, 1.0], atol=1e-3)
+    np.testing.assert_allclose(left.inertia, np.diag([0.6, 1.5, 1.7]), rtol=1e-4, atol=1e-4)
+    assert left.best == pytest.approx(left.relative, rel=1e-3)
+    said = residual_sentence(left, 0)
+    assert f"a torque acted that was not {'commanded' if wrench else 'recorded'}" in said
+    assert (
+        "turns about one axis only, (0, 0, 1) in body axes: without recorded torques, the recording tells nothing"
+        in said
+    )
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+def test_a_steady_turn_about_one_axis_tells_nothing_of_the_inertia(noise: float) -> None:
+    left = on_wheels(noise, lambda t: np.full_like(t, 0.5), True)
+    assert left.explained
+    assert "any other would do as well" in residual_sentence(left, 0)
