@@ -18,6 +18,7 @@ from rb_dynamics.analysis.balance import Balance, balances, sizes_of
 from rb_dynamics.analysis.checks import BOUND, Check, balanced, checks, cut, missing, off_unit, one_recording
 from rb_dynamics.analysis.command_outcomes import CommandOutcomes, outcomes_of
 from rb_dynamics.analysis.continuity import Continuity, continuity
+from rb_dynamics.analysis.latency import CommandLatency, command_latencies
 from rb_dynamics.analysis.read_track import mean_rate
 from rb_dynamics.analysis.residual import Residual, residual
 from rb_dynamics.analysis.self_consistency import self_consistency
@@ -116,6 +117,7 @@ class RunSummary:
         warnings: irregularities that are no failure.
         notes: remarks on the data for the reader.
         missing: what cannot be computed, and which data are needed for it.
+        latencies: of the commands of a node that logged them.
     """
 
     path: str
@@ -144,6 +146,7 @@ class RunSummary:
     warnings: tuple[str, ...]
     notes: tuple[str, ...]
     missing: tuple[str, ...]
+    latencies: tuple[CommandLatency, ...] = ()
 
     @property
     def passed(self) -> bool:
@@ -220,6 +223,7 @@ def summarize(track: Track, bound: float = BOUND) -> RunSummary:
         warnings=tuple(warnings(track, channels, health)),
         notes=track.notes,
         missing=tuple(_missing(track)),
+        latencies=tuple(command_latencies(bag)) if track.own else (),
     )
 
 

@@ -18,7 +18,7 @@ from rb_dynamics.numerics.nanoseconds import NANOSECONDS, split_stamp
 from rb_dynamics.numerics.rotation import IDENTITY, Quaternion, rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector
 from rb_dynamics.run.sample import Sample
-from rb_dynamics.run.sink import AppliedWrench, Measurement, StateChange, Status
+from rb_dynamics.run.sink import AppliedWrench, Latency, Measurement, StateChange, Status
 
 if TYPE_CHECKING:
     import numpy as np
@@ -64,6 +64,9 @@ SAMPLE_TOPICS = (
 
 APPLIED = "/applied"
 """What the name of a channel is followed by in the name of the topic that has what acted."""
+
+LATENCY = "/latency"
+"""What the name of a channel is followed by in the name of the topic that says how long each command was on its way."""
 
 POTENTIAL = ("energy/potential", SCALAR)
 """Where an effect has a potential energy."""
@@ -178,6 +181,13 @@ def measurement_packers(scene: Scene) -> dict[str, Callable[[Measurement, int], 
         return lambda measurement, stamp_ns: pack(*split_stamp(stamp_ns), *measurement.numbers)
 
     return {sensor.name: packer(sensor) for sensor in scene.sensors}
+
+
+def encode_latency(latency: Latency) -> bytes:
+    """Return the message of a latency, stamped when it was sent: s to receiving, s from there to acting, number."""
+    pack = cdr.stamped_packer(VECTOR, "")
+    transport, waiting = latency.received_ns - latency.sent_ns, latency.acted_ns - latency.received_ns
+    return pack(*split_stamp(latency.sent_ns), transport / NANOSECONDS, waiting / NANOSECONDS, float(latency.number))
 
 
 def encode_state_change(change: StateChange, frames: WrenchFrames) -> bytes:

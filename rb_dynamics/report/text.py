@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from rb_dynamics.analysis.checks import Check
+from rb_dynamics.analysis.latency import EDGES_S, CommandLatency
 from rb_dynamics.analysis.residual import TELLS, Residual
 from rb_dynamics.analysis.summary import RunSummary
 from rb_dynamics.analysis.track import frame_names
@@ -46,6 +47,8 @@ def as_text(summary: RunSummary) -> str:
         unknown = [UNKNOWN] if any("-" in row for row in rows) else []
         lines[-1:] = [*(line for each in (*apart, TORQUE, *unknown) for line in _wrap(f"  {each}", "    ")), ""]
     lines += _table("commands", command_rows(summary), (36, 16, 16, 16, 16))
+    lines += _table("latency", latency_rows(summary), (31, 10, 16, 16, 9, 9, 15))
+    lines += [line for each in summary.latencies for line in histogram(each)]
     if summary.health:
         lines += [*_wrap(f"diagnostics: {health_sentence(summary)}"), ""]
     for remark in (*summary.missing, *summary.notes):
@@ -148,6 +151,27 @@ def command_rows(summary: RunSummary) -> list[list[str]]:
         times = (c.first_s, c.last_s, c.usual_s, c.held_s)
         rows.append([c.topic, *("" if time is None else _short(time) for time in times)])
     return rows if any(c.first_s is not None for c in summary.channels) else []
+
+
+def latency_rows(summary: RunSummary) -> list[list[str]]:
+    """Return header and rows: how long commands were on their way; empty if the log does not say."""
+    rows = [["", "commands", "to receiving", "then to acting", "median", "p99", "largest [ms]"]]
+    for each in summary.latencies:
+        times = each.transport_s, each.waiting_s, each.median_s, each.p99_s, each.largest_s
+        rows.append([each.topic, str(each.count), *(f"{1e3 * time:.3f}" for time in times)])
+    return rows if summary.latencies else []
+
+
+def histogram(latency: CommandLatency) -> list[str]:
+    """Return the histogram of the latency of a channel, a line for each interval from the first to the last."""
+    used = [place for place, count in enumerate(latency.counts) if count]
+    lines = [f"  {latency.topic}, from sending to acting; {latency.skipped} sequence numbers are missing:"]
+    for place in range(used[0], used[-1] + 1):
+        count, low, high = latency.counts[place], 1e3 * EDGES_S[place], 1e3 * EDGES_S[place + 1]
+        interval = f"{low:g} to {high:g} ms" if math.isfinite(high) else f"from {low:g} ms"
+        bar = "#" * math.ceil(50 * count / max(latency.counts))
+        lines.append(f"    {interval:<16} {count:>8}  {bar}".rstrip())
+    return [*lines, ""]
 
 
 def residual_sentence(left: Residual, start_ns: int) -> str:

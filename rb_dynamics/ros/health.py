@@ -45,6 +45,7 @@ class _Counts:
     superseded: int = 0
     lost: int = 0
     clipped: int = 0
+    missed: int = 0
 
 
 class Throttle:
@@ -126,6 +127,10 @@ class Health:
     def clipped(self, topic: str) -> None:
         """Count a command reduced by the limits of its channel; it is also counted as accepted."""
         self._counts[topic].clipped += 1
+
+    def missed(self, topic: str) -> None:
+        """Count a command that missed its deadline; it is also counted as accepted."""
+        self._counts[topic].missed += 1
 
     def lost(self, topic: str, number: int) -> None:
         """Count lost commands."""

@@ -361,7 +361,10 @@ class RigidBodyNode(Node):
             self._health.rejected(topic)
             self._health.warn(f"{topic}: rejected: {error}")
             return
-        self.runner.command(topic, wrench, _age_ns(facts))
+        sent = None
+        if self.runner.times_commands:
+            sent = int(facts["source_timestamp"]), int(facts["received_timestamp"]), number or 0
+        self.runner.command(topic, wrench, _age_ns(facts), sent)
 
     def _on_setpoint(self, topic: str, message: bytes, facts: dict[str, Any]) -> None:
         try:

@@ -20,7 +20,7 @@ from rb_dynamics.ros.arrivals import Arrival, Arrivals
 from rb_dynamics.ros.health import Health
 from rb_dynamics.ros.pacing import ClockFollower, Pacer
 from rb_dynamics.run.simulation import Simulation
-from rb_dynamics.run.sink import Epoch, Sink, StateChange
+from rb_dynamics.run.sink import Epoch, Latency, Sink, StateChange
 from rb_dynamics.scene import parse_scene
 from rb_dynamics.scene.model import Scene
 
@@ -39,6 +39,8 @@ class Mode:
     lockstep: bool = False
     start_paused: bool = False
     apply_at: str = "arrival"
+    log_latency: bool = False
+    deadline_ns: int = 0
 
 
 class Host(Protocol):
@@ -283,8 +285,16 @@ class Runner:
             self._scene = before
             raise
 
-    def command(self, topic: str, wrench: Wrench, age_ns: int = 0) -> None:
-        """Take a command: at its stamp if stamps count and it has one, otherwise at its arrival `age_ns` ago."""
+    @property
+    def times_commands(self) -> bool:
+        """Whether `command` is to be told when a command was sent."""
+        return self._mode.log_latency or self._mode.deadline_ns > 0
+
+    def command(self, topic: str, wrench: Wrench, age_ns: int = 0, sent: tuple[int, int, int] | None = None) -> None:
+        """Take a command: at its stamp if stamps count and it has one, otherwise at its arrival `age_ns` ago.
+
+        `sent` is ROS time at which it was sent and came (ns), and its sequence number, if latencies matter.
+        """
         offset_ns = self.pacer.offset_ns
         by_stamp = self.lockstep or (self._mode.apply_at == "stamp" and wrench.stamp_ns != 0 and offset_ns is not None)
         stamp_ns = wrench.stamp_ns - (offset_ns or 0)
@@ -311,6 +321,8 @@ class Runner:
                 # It acts at its arrival: a stamped one for an earlier time must not undo it.
                 self._arrivals[topic].classify(max(time_ns, computed_ns), computed_ns)
         self.health.accepted(topic, arrival)
+        if sent is not None:
+            self._time(topic, sent, max(time_ns, computed_ns) - self._arrived_ns(age_ns))
         if self.lockstep and wrench.stamp_ns == 0 and arrival is Arrival.DUPLICATE:
             self.health.warn(
                 f"{topic}: two commands without a stamp; in lockstep time advances only to the newest stamp, so stamp "
@@ -326,6 +338,20 @@ class Runner:
                 f"{seconds_text(computed_ns + (offset_ns or 0))} s, expected the time that our stamps show"
                 f"{'' if self.lockstep else '; ROS time is that of -p stamps:=ros'}"
             )
+
+    def _time(self, topic: str, sent: tuple[int, int, int], waits_ns: int) -> None:
+        """Log how long a command was on its way, and hold it against the deadline."""
+        sent_ns, received_ns, number = sent
+        factor = self.pacer.factor if isinstance(self.pacer, Pacer) else 1.0
+        latency = Latency(
+            self.simulation.time_ns, topic, sent_ns, received_ns, received_ns + round(waits_ns / factor), number
+        )
+        if self._mode.log_latency:
+            self.simulation.write(latency)
+        late_ns = latency.acted_ns - sent_ns - self._mode.deadline_ns
+        if late_ns > 0 and self._mode.deadline_ns:
+            self.health.missed(topic)
+            self.health.warn(f"{topic}: a command missed its deadline by {late_ns / 1e6:.3f} ms")
 
     def actuate(self, topic: str, value: float, age_ns: int = 0) -> None:
         """Take a command to an actuator, which has no stamp: at its arrival `age_ns` ago."""

@@ -18,6 +18,7 @@ from rclpy.parameter import Parameter
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import SceneError
 from rb_dynamics.formats.messages import sample_depth
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.ros.publishers import Topics
 from rb_dynamics.ros.runner import Mode
 from rb_dynamics.scene import document, read_scene
@@ -45,6 +46,8 @@ _PARAMETERS: dict[str, tuple[object, str]] = {
         "time of header.stamp: ros, simulation, or auto (ros if time runs at factor 1 from the start, without /clock)",
     ),
     "apply_at": ("arrival", "when a command takes effect: at its arrival, or at its header.stamp"),
+    "log_latency": (False, "log for each command when it was sent, came and acts: <topic>/latency"),
+    "deadline": (0.0, "longest time (s) from sending a command to its effect, beyond which it is counted; 0 = none"),
     "mcap": ("", "write an MCAP log to this file; an earlier file is renamed, as for bag and rerun"),
     "bag": ("", "write the log as a rosbag2 folder instead"),
     "max_bag_size": (0, "size in bytes at which the bag starts a new file; 0 = no limit"),
@@ -140,7 +143,14 @@ def read_settings(node: Node, shared: Collection[str] = ()) -> Settings:
         _declare(node, name, list(value), f"{text}; setting it moves the body now, to what is set together")
     return Settings(
         scene,
-        Mode(factor, flags["lockstep"], flags["start_paused"], apply_at),
+        Mode(
+            factor,
+            flags["lockstep"],
+            flags["start_paused"],
+            apply_at,
+            flags["log_latency"],
+            round(number("deadline", values["deadline"]) * NANOSECONDS),
+        ),
         Topics(
             sample_depth(scene),
             flags["publish_clock"],

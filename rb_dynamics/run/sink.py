@@ -57,6 +57,27 @@ class Status:
 
 
 @dataclass(frozen=True, slots=True)
+class Latency:
+    """How long a command was on its way to a node; the times of the sender are those of its clock.
+
+    Attributes:
+        time_ns: simulation time at which it was taken.
+        topic: of the channel, as the scene writes it.
+        sent_ns: ROS time at which it was sent.
+        received_ns: ROS time at which it came.
+        acted_ns: ROS time at which it took or takes effect, without a delay of the channel.
+        number: the sender's sequence number; 0 if unknown.
+    """
+
+    time_ns: int
+    topic: str
+    sent_ns: int
+    received_ns: int
+    acted_ns: int
+    number: int
+
+
+@dataclass(frozen=True, slots=True)
 class Epoch:
     """From `time_ns` on, messages are stamped with simulation time + `epoch_ns`; logs keep simulation time.
 
@@ -96,6 +117,7 @@ Event = (
     | Status
     | Epoch
     | StateChange
+    | Latency
 )
 
 
@@ -121,6 +143,7 @@ __all__ = [
     "AppliedWrench",
     "Epoch",
     "Event",
+    "Latency",
     "Measurement",
     "ReceivedWrench",
     "RejectedWrench",

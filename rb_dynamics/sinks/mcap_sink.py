@@ -32,14 +32,17 @@ from rb_dynamics.formats.mcap_writer import InPieces, McapWriter, framed, framed
 from rb_dynamics.formats.messages import (
     APPLIED,
     COMMAND_DEPTH,
+    LATENCY,
     MASS_PROPERTIES,
     SET_STATE,
     TF_STATIC,
+    VECTOR,
     WRENCH,
     block_encoder,
     encode_applied,
     encode_fixed,
     encode_inertia,
+    encode_latency,
     encode_received,
     encode_setpoint,
     encode_state_change,
@@ -59,6 +62,7 @@ from rb_dynamics.run.sink import (
     ActuatorCommand,
     AppliedWrench,
     Event,
+    Latency,
     Measurement,
     ReceivedWrench,
     RejectedWrench,
@@ -263,10 +267,9 @@ class McapSink:
         elif isinstance(event, Status):
             self._write_status(event)
         elif isinstance(event, StateChange):
-            name, type_name = SET_STATE
-            if name not in self._ids:
-                self._register([(name, type_name, qos_profile(COMMAND_DEPTH))])
-            self._add(name, encode_state_change(event, self._frames), event.time_ns)
+            self._add_late(*SET_STATE, encode_state_change(event, self._frames), event.time_ns)
+        elif isinstance(event, Latency):
+            self._add_late(event.topic + LATENCY, VECTOR, encode_latency(event), event.time_ns)
         else:
             self._end_chunk()
             facts = {"epoch_ns": event.epoch_ns, "from_time_ns": event.time_ns}
@@ -334,6 +337,12 @@ class McapSink:
             acts.append(framed_one(applied[channel], packers[in_world](*split_stamp(time_ns), *wrench), time_ns))
         return came, acts
 
+    def _add_late(self, name: str, type_name: str, message: bytes, time_ns: int) -> None:
+        """Log on a channel that begins with its first message."""
+        if name not in self._ids:
+            self._register([(name, type_name, qos_profile(COMMAND_DEPTH))])
+        self._add(name, message, time_ns)
+
     def _end_chunk(self) -> None:
         """Write the chunk in progress, and the hash of the states up to here where there are new ones."""
         if self._file is None or self._file.closed:
@@ -375,8 +384,9 @@ class McapSink:
         """Return the name under which ROS knows a topic."""
         if name in self._remap:
             return self._remap[name]
-        if name.endswith(APPLIED) and name.removesuffix(APPLIED) in self._remap:
-            return self._remap[name.removesuffix(APPLIED)] + APPLIED
+        for suffix in (APPLIED, LATENCY):
+            if name.endswith(suffix) and name.removesuffix(suffix) in self._remap:
+                return self._remap[name.removesuffix(suffix)] + suffix
         return name if name.startswith("/") else f"{self._namespace}/{name}"
 
     def _register(self, topics: list[_Topic]) -> None:

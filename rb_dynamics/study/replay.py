@@ -32,6 +32,7 @@ from rb_dynamics.formats.messages import (
     APPLIED,
     COMMAND_DEPTH,
     DIAGNOSTICS,
+    LATENCY,
     MASS_PROPERTIES,
     QOS,
     SAMPLE_TOPICS,
@@ -697,7 +698,8 @@ class _Comparison:
             self._miss(topic, message.log_time, f"what stands behind {self._newest_ns / 1e9:.9f} s")
         self._newest_ns = max(self._newest_ns, message.log_time)
         if topic not in self._types:
-            what = "messages that say how a node was" if kind == DIAGNOSTICS else "messages of a topic of no run"
+            of_a_node = kind == DIAGNOSTICS or topic.endswith(LATENCY)
+            what = "messages that say how a node was" if of_a_node else "messages of a topic of no run"
             self._leave_out(topic, what)
         elif kind != self._types[topic]:
             self._miss(topic, message.log_time, f"the type {kind}, expected {self._types[topic]}")

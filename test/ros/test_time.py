@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -166,7 +167,7 @@ def test_in_real_time_stamps_are_ros_time_and_commands_stamped_in_it_act_at_thei
 ) -> None:
     log, now = tmp_path / "run.mcap", peer.node.get_clock().now
     begun = now().nanoseconds
-    with running(moving, apply_at="stamp", mcap=log) as node:
+    with running(moving, apply_at="stamp", mcap=log, log_latency=True, deadline=0.01) as node:
         poses, inertia = peer.listen(PoseStamped, "pose"), peer.listen(InertiaStamped, "inertia", TRANSIENT)
         diagnostics = peer.diagnostics()
         peer.until(lambda: bool(poses and inertia and diagnostics), "motion")
@@ -178,6 +179,8 @@ def test_in_real_time_stamps_are_ros_time_and_commands_stamped_in_it_act_at_thei
         peer.wrench(force=(2.0, 0.0, 0.0), frame_id="world", stamp_ns=acts[0])
         peer.wrench(stamp_ns=acts[1])
         peer.until(lambda: stamp(poses[-1]) > acts[1], "the end of the push")
+        # Each was sent more than 10 ms before its stamp.
+        peer.until(lambda: values(diagnostics[-1])["wrench: missed"] == "2", "the missed deadlines counted")
         assert peer.call("rigid_body/pause", SetBool.Request(data=True)).success
         peer.spin(0.3)
         resumed = now().nanoseconds
@@ -197,6 +200,17 @@ def test_in_real_time_stamps_are_ros_time_and_commands_stamped_in_it_act_at_thei
     moved = rows[-1, 0] - times[-1] / SECOND
     assert moved == pytest.approx(0.25 * (0.125 + (times[-1] - last) / SECOND), rel=1e-9)
     assert replay(log).identical
+    # When each was sent, came and acted; acting at the stamp is as punctual as the clocks.
+    sent, rows = bag.vectors("/wrench/latency")
+    assert all(begun < each < act for each, act in zip(sent, acts, strict=True))
+    assert (rows[:, 0] > 0.0).all()
+    for each, act, (transport, waiting, number) in zip(sent, acts, rows, strict=True):
+        assert (act - each) / SECOND == pytest.approx(transport + waiting, abs=0.05)
+        assert number > 0
+    looked = command("inspect", str(log))
+    assert looked.returncode == 0, looked.stdout
+    assert re.search(r"^LATENCY .* largest \[ms\]$", looked.stdout, re.MULTILINE)
+    assert re.search(r"/wrench, from sending to acting; 0 sequence numbers are missing:\n .*#", looked.stdout)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,67 @@
+"""`command_latencies`: how long the commands of a node were on their way, from `.../latency` in its log."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from rb_dynamics.formats.bag_reader import Bag
+from rb_dynamics.formats.messages import LATENCY, VECTOR
+
+EDGES_S = (0.0, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2, 1e-1, math.inf)
+"""Edges of the histogram, s."""
+
+
+@dataclass(frozen=True)
+class CommandLatency:
+    """The latency of the commands of one channel, s.
+
+    Attributes:
+        topic: the channel.
+        count: commands.
+        transport_s: median time from sending to receiving.
+        waiting_s: median time from receiving to acting, negative for one that acted from before.
+        median_s: from sending to acting, and the next two.
+        p99_s: not exceeded by 99 % of the commands.
+        largest_s: of all.
+        counts: commands from each of `EDGES_S` to the next.
+        skipped: sequence numbers that are missing between the smallest and the largest.
+    """
+
+    topic: str
+    count: int
+    transport_s: float
+    waiting_s: float
+    median_s: float
+    p99_s: float
+    largest_s: float
+    counts: tuple[int, ...]
+    skipped: int
+
+
+def command_latencies(bag: Bag) -> list[CommandLatency]:
+    """Return the latencies of each channel for which the log has them."""
+    found = []
+    for name, topic in sorted(bag.topics.items()):
+        if not (name.endswith(LATENCY) and topic.type_name == VECTOR and topic.count):
+            continue
+        transport, waiting, numbers = bag.vectors(name)[1].T
+        total = np.sort(transport + waiting)
+        # A clock of the sender that is ahead of ours makes times negative.
+        counts = np.histogram(np.maximum(total, 0.0), EDGES_S)[0]
+        found.append(
+            CommandLatency(
+                name.removesuffix(LATENCY),
+                len(total),
+                float(np.median(transport)),
+                float(np.median(waiting)),
+                float(np.median(total)),
+                float(total[min(len(total) - 1, int(0.99 * len(total)))]),
+                float(total[-1]),
+                tuple(counts.tolist()),
+                int(np.ptp(numbers)) + 1 - len(set(numbers.tolist())),
+            )
+        )
+    return found
