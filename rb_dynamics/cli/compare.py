@@ -57,6 +57,7 @@ def run(args: argparse.Namespace) -> int:
     import json
     from pathlib import Path
 
+    from rb_dynamics.cli import output
     from rb_dynamics.formats.log_file import make_folder, require_apart, require_other
     from rb_dynamics.report.comparison_text import as_text
     from rb_dynamics.study.compare import compare
@@ -92,7 +93,7 @@ def run(args: argparse.Namespace) -> int:
         from rb_dynamics.report.comparison_rerun import write_comparison_recording
 
         write_comparison_recording(found, args.rerun)
-        print(f"wrote {args.rerun}", file=said)
+        print(output.written(args.rerun), file=said)
     return 0 if found.passed else 1
 
 

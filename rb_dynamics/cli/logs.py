@@ -31,7 +31,8 @@ def add_log(parser: argparse.ArgumentParser) -> None:
         "--rerun",
         metavar="F",
         default="",
-        help="write it as a Rerun recording, or show it in the viewer at rerun+http://HOST:PORT/proxy (extra: log)",
+        help="write it as a Rerun recording; or show it in the viewer at rerun+http://HOST:PORT/proxy, or in a new one "
+        "with spawn (extra: log)",
     )
     parser.add_argument(
         "--sink", action="append", default=[], metavar="NAME=TARGET",

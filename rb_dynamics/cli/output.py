@@ -54,6 +54,11 @@ def _known(run: Run) -> dict[str, Any]:
     return {name: value for name, value in asdict(run.sample).items() if value is not None}
 
 
+def written(name: str) -> str:
+    """Return what to say of an output that is done: a file, or what a viewer shows."""
+    return "shown in the Rerun viewer" if name == "spawn" or "://" in name else f"wrote {name}"
+
+
 def note_coasting(scene: Scene) -> None:
     """Note on stderr that nothing acts, if the scene has channels."""
     if scene.channels and not scene.effects and "wrenches" in scene.text and scene.past is None:

@@ -58,5 +58,5 @@ def run(args: argparse.Namespace) -> int:
             write_run_report(mcap, args.html)
     for written in outputs:
         if written and not args.json:
-            print(f"wrote {written}")
+            print(output.written(written))
     return 1 if any(sink.error for sink in sinks) else 0

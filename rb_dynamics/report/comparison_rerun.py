@@ -17,7 +17,7 @@ from rb_dynamics.numerics.rotation import IDENTITY
 from rb_dynamics.numerics.vector import ZERO
 from rb_dynamics.report import comparison_text as text
 from rb_dynamics.sinks.appearance import BLUE, CYAN, EYE, GREEN, GREY, MAGENTA, ORANGE, RED, Color
-from rb_dynamics.sinks.rerun_sink import require_viewer, viewer_address
+from rb_dynamics.sinks.rerun_sink import SPAWN, require_viewer, started_viewer, viewer_address
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -46,7 +46,9 @@ def write_comparison_recording(found: Comparison, target: str | os.PathLike[str]
     import rerun as rr
 
     path, address = Path(target), viewer_address(os.fspath(target))
-    if address:
+    if address == SPAWN:
+        address = started_viewer()
+    elif address:
         require_viewer(address)
     else:
         make_folder(path)

@@ -18,6 +18,9 @@ import math
 import os
 import re
 import socket
+import subprocess
+import sys
+import time
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
 from importlib import import_module
@@ -59,6 +62,12 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Times = NDArray[np.int64]
+
+SPAWN = "spawn"
+"""In place of a file: start a viewer on this machine and show the run in it."""
+
+# Where a viewer listens by default, and how long one may take to start, s.
+_PORT, _STARTS_S = 9876, 30.0
 
 MAX_ROWS = 200_000
 BATCH_ROWS = 4096
@@ -113,7 +122,9 @@ class RerunSink:
             import_module("rerun")
         except ImportError as error:
             raise MissingExtraError("rerun-sdk", "log", "writing a .rrd file") from error
-        if self.address:
+        if self.address == SPAWN:
+            self.address = started_viewer()
+        elif self.address:
             require_viewer(self.address)
         recorder = Recorder(self.path, run, self._max_rows, self._batch_rows, self.address)
         with recorder.writing():
@@ -431,16 +442,18 @@ class Recorder:
 
 
 def viewer_address(target: str) -> str:
-    """Return the address of a viewer, "" of a file.
+    """Return the address of a viewer, `SPAWN` for one that is to be started, "" of a file.
 
     Raises:
         LogError: it is the address of something else.
     """
+    if target == SPAWN:
+        return SPAWN
     if "://" not in target:
         return ""
     if not re.fullmatch(r"rerun(\+https?)?://[^/:]+:[0-9]{1,5}/proxy", target):
         raise LogError(
-            f"rerun: found {target!r}, expected a file or the address of a viewer; write it as in "
+            f"rerun: found {target!r}, expected a file, spawn or the address of a viewer; write it as in "
             "rerun+http://127.0.0.1:9876/proxy"
         )
     return target
@@ -459,6 +472,36 @@ def require_viewer(address: str) -> None:
         raise LogError(
             f"cannot reach a Rerun viewer at {address}: {error}; start one with `rerun`, or give a file such as run.rrd"
         ) from error
+
+
+def started_viewer() -> str:
+    """Start a viewer, unless one is there, and return its address; it stays open after the run.
+
+    Raises:
+        LogError: none can be started, as where there is no display.
+    """
+    address = f"rerun+http://127.0.0.1:{_PORT}/proxy"
+    with contextlib.suppress(LogError):
+        require_viewer(address)
+        return address
+    viewer = subprocess.Popen(
+        [sys.executable, "-m", "rerun", f"--port={_PORT}"],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    give_up = time.monotonic() + _STARTS_S
+    while viewer.poll() is None and time.monotonic() < give_up:
+        with contextlib.suppress(LogError):
+            require_viewer(address)
+            return address
+        time.sleep(0.2)
+    viewer.kill()
+    raise LogError(
+        "rerun: found that spawn starts no viewer, expected a display to open it on; give a file such as run.rrd, or "
+        "the address of a viewer elsewhere"
+    )
 
 
 def _release() -> None:

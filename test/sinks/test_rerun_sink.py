@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import socket
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -385,12 +386,25 @@ def test_without_the_package_the_extra_is_named(tmp_path: Path, monkeypatch: pyt
     assert not (tmp_path / "run.rrd").exists()
 
 
+def test_a_viewer_that_cannot_be_started_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    monkeypatch.setattr("rb_dynamics.sinks.rerun_sink._PORT", port)
+    monkeypatch.chdir(tmp_path)
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(LogError, match="expected a display"):
+        simulate(parse_scene("body: {mass: 1}\nduration: 1\n"), sinks=[RerunSink("spawn")])
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.parametrize(
     ("target", "says"),
     [
         ("rerun+http://127.0.0.1:1/proxy", "cannot reach a Rerun viewer at rerun.http://127.0.0.1:1/proxy"),
-        ("rerun+http://127.0.0.1:9876", "expected a file or the address of a viewer"),
-        ("http://127.0.0.1:9876/proxy", "expected a file or the address of a viewer"),
+        ("rerun+http://127.0.0.1:9876", "expected a file, spawn or the address of a viewer"),
+        ("http://127.0.0.1:9876/proxy", "expected a file, spawn or the address of a viewer"),
         ("tcp://host/run.rrd", "write it as in rerun.http://127.0.0.1:9876/proxy"),
     ],
 )
