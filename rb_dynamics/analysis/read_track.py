@@ -7,6 +7,7 @@ are not guessed.
 
 from __future__ import annotations
 
+import contextlib
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -22,7 +23,7 @@ from rb_dynamics.errors import BodyError, LogError, WrenchError
 from rb_dynamics.formats.bag_reader import IMUS, POSES, TWISTS, WRENCHES, Bag
 from rb_dynamics.formats.messages import APPLIED, INERTIA, ODOMETRY, SCALAR, VECTOR
 from rb_dynamics.loads.wrench import WORLD, HeldWrench, Wrench, WrenchFrames
-from rb_dynamics.numerics.rotation_arrays import rotate_all
+from rb_dynamics.numerics.rotation_arrays import product, rotate_all
 from rb_dynamics.run.provenance import RUN
 from rb_dynamics.scene.model import Scene
 
@@ -181,8 +182,9 @@ class _TrackReader:
             return None
         topic = self._given(topic, (*TWISTS, *IMUS), "--twist-topic")
         if self.bag.topics[topic].type_name in IMUS:
-            self.specific_force = self._of_imu("specific force", topic, slice(7, 10), slice(0, 3), 3)
-            return self._of_imu("twist", topic, slice(4, 7), slice(3, 6), 6)
+            found = self._of_imu("twist", topic, slice(4, 7), slice(3, 6), 6)
+            self.specific_force = self._of_imu("accel", topic, slice(7, 10), slice(0, 3), 3)
+            return found
         return self._read("twist", topic, self.bag.twists)
 
     def _best(self, names: Sequence[str], types: Iterable[str]) -> str:
@@ -230,15 +232,40 @@ class _TrackReader:
             return None
         found = self._read(use, topic, lambda _: (times, measured))
         values = np.full((len(found.time_ns), width), np.nan)
-        values[:, places] = found.values
-        if use != "specific force" and found.frame not in ("", self._body_frame()):
-            note = (
-                f"The axes of {topic} ({found.frame}) are taken for those of the body: nothing here says how the "
-                "sensor is mounted."
-            )
-            self.notes += [note] if note not in self.notes else []
+        mounting = self._mounting(topic, found.frame)
+        if use == "pose":
+            values[:, places] = product(found.values, mounting * np.array([-1.0, -1.0, -1.0, 1.0]))
+        else:
+            values[:, places] = rotate_all(mounting, found.values)
         # The frame is that of the sensor, not the one in which its attitude is.
         return replace(found, values=values, frame="" if use == "pose" else found.frame)
+
+    def _mounting(self, topic: str, frame: str) -> Array:
+        """Return the rotation from the axes of a sensor to those of the body, as scene or /tf_static says."""
+        bodies = {self._body_frame(), self.choice.frames[1] if self.choice.frames else "", *self._child_frames()} - {""}
+        turn, note = np.array([0.0, 0.0, 0.0, 1.0]), ""
+        fixed = (self.scene.frames.fixed or {}) if self.scene else {}
+        if frame in fixed:
+            turn = np.array(fixed[frame].orientation_xyzw)
+            note = f"The axes of {topic} ({frame}) are turned to those of the body, as the scene says."
+        elif frame not in {"", *bodies}:
+            note = (
+                f"The axes of {topic} ({frame}) are taken for those of the body: nothing here says how the sensor is "
+                "mounted."
+            )
+            for body in sorted(bodies):
+                with contextlib.suppress(LogError):
+                    found = pose_between(self.bag, body, frame)
+                    if all(is_fixed(self.bag.topics[name]) for name in found.topics):
+                        turn = found.values[-1, 3:]
+                        note = f"The axes of {topic} ({frame}) are turned to those of {body}, as /tf_static says."
+        self.notes += [note] if note and note not in self.notes else []
+        return turn
+
+    def _child_frames(self) -> set[str]:
+        """Return the frame of the body as the topic of the pose names it."""
+        topics = [self.bag.topics[name] for name, use in self.uses.items() if "pose" in use]
+        return {texts[1] for topic in topics for _, texts in topic.texts[:1] if len(texts) > 1}
 
     def _body_frame(self) -> str:
         return self.scene.frames.body_frame if self.scene else ""

@@ -15,10 +15,10 @@ from rb_dynamics.report.svg import Array, Line, Panel, components, draw
 def position_and_attitude(time_s: Array, position_world: Array, orientation_xyzw: Array) -> str:
     """Return position (m) and quaternion; its sign is chosen to be continuous, since q and -q are the same attitude."""
     return draw(
-        [
+        _measured(
             Panel("Position of the body origin, world axes [m]", components(time_s, position_world)),
             Panel("Attitude, quaternion from body to world", components(time_s, continuous(orientation_xyzw), "xyzw")),
-        ],
+        ),
         "Position and attitude over time",
     )
 
@@ -26,12 +26,22 @@ def position_and_attitude(time_s: Array, position_world: Array, orientation_xyzw
 def rates_and_velocity(time_s: Array, angular_velocity: Array, linear_velocity: Array, axes: str = "body") -> str:
     """Return angular (rad/s) and linear velocity (m/s), both in the axes of the `axes` frame."""
     return draw(
-        [
+        _measured(
             Panel(f"Angular velocity, {axes} axes [rad/s]", components(time_s, angular_velocity)),
             Panel(f"Velocity of the body origin, {axes} axes [m/s]", components(time_s, linear_velocity)),
-        ],
+        ),
         "Angular and linear velocity over time",
     )
+
+
+def specific_force(time_s: Array, values: Array) -> str:
+    """Return what an accelerometer measures (m/s^2)."""
+    return draw([Panel("Specific force [m/s²]", components(time_s, values))], "Specific force over time")
+
+
+def _measured(*panels: Panel) -> list[Panel]:
+    """Return the panels without those of quantities that nothing measures."""
+    return [panel for panel in panels if not all(np.isnan(line.values).all() for line in panel.lines)] or [*panels]
 
 
 def momenta(time_s: Array, angular_momentum_world: Array, linear_momentum_world: Array) -> str:

@@ -211,6 +211,13 @@ def _motion(track: Track) -> list[Section]:
         source = track.moving.topic or "Computed from the pose"
         caption = f"{source}: in a good run these are continuous, with kinks only where a wrench changes."
         figures.append(Figure(plots.rates_and_velocity(time_s, rows[:, 3:], rows[:, :3], axes), caption))
+    if track.specific_force is not None:
+        time_s = track.seconds(track.specific_force.time_ns)
+        caption = (
+            f"{track.specific_force.topic}: acceleration of the sensor minus gravity. A body that falls freely without "
+            "turning shows zero, one at rest 9.8 m/s² upwards."
+        )
+        figures.append(Figure(plots.specific_force(time_s, track.specific_force.values), caption))
     return [Section("Motion", figures=figures)] if figures else []
 
 

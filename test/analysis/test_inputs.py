@@ -143,6 +143,30 @@ def test_an_imu_gives_what_it_measures(oriented: bool) -> None:
         assert found.as_dict()["moments"]
 
 
+@pytest.mark.parametrize("by", ["scene", "tf_static"])
+def test_the_axes_of_an_imu_are_turned_to_those_of_the_body(by: str, tmp_path: Path) -> None:
+    turn = Rotation.from_euler("xyz", [0.3, -0.2, 2.0])
+    force = np.array([0.1, -0.2, 9.8])
+    attitude = (Rotation.from_quat(MOTION.orientation_xyzw) * turn).as_quat()
+    parts = zip(TIMES, attitude, turn.inv().apply(MOTION.rate), [turn.inv().apply(force)] * COUNT, strict=True)
+    rows = rows_of("/imu", IMU, [imu(*part, (True, True, True)) for part in parts])
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(SCENE)
+    if by == "scene":
+        x, y, z, w = turn.as_quat().tolist()
+        frame = f"{{position: [0, 0, 0], orientation: {{x: {x!r}, y: {y!r}, z: {z!r}, w: {w!r}}}}}"
+        scene.write_text(SCENE.replace("inertia:", f"frames: {{imu_link: {frame}}}, inertia:"))
+    else:
+        mounted = transforms([transform(0, "base", "imu_link", [1.0, 2.0, 3.0, *turn.as_quat()])])
+        rows = [("/tf_static", TF, 0, mounted), *rows]
+    track = inspect(write_bag(tmp_path / "bag", rows), scene).track
+    np.testing.assert_allclose(track.twist.values[:, 3:], MOTION.rate, atol=1e-14)
+    np.testing.assert_allclose(track.specific_force.values, [force] * COUNT, atol=1e-14)
+    apart = Rotation.from_quat(track.pose.values[:, 3:]).inv()
+    assert (apart * Rotation.from_quat(MOTION.orientation_xyzw)).magnitude().max() < 1e-7
+    assert any(f"turned to those of {'the body' if by == 'scene' else 'base'}, as" in note for note in track.notes)
+
+
 def test_an_imu_without_gyro_is_no_twist() -> None:
     track = recorded(VICON, imu_rows((True, False, True)))
     assert track.twist is None
