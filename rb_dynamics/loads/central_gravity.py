@@ -16,7 +16,7 @@ from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, cross, do
 from rb_dynamics.numerics.vector import multiply as times
 
 if TYPE_CHECKING:
-    from rb_dynamics.scene.effect_entry import EffectEntry
+    from rb_dynamics.scene.scene_entry import SceneEntry
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class CentralGravity(Effect):
     gravity_gradient: bool = False
 
     @classmethod
-    def read(cls, entry: EffectEntry) -> CentralGravity:
+    def read(cls, entry: SceneEntry) -> CentralGravity:
         """Return the effect of an entry."""
         remedy = "write mu = G M, for the Earth 3.986004418e14"
         return cls(

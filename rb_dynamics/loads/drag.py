@@ -15,7 +15,7 @@ from rb_dynamics.numerics.vector import ZERO, Vector, norm, scale, subtract
 from rb_dynamics.numerics.vector import multiply as times
 
 if TYPE_CHECKING:
-    from rb_dynamics.scene.effect_entry import EffectEntry
+    from rb_dynamics.scene.scene_entry import SceneEntry
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class _Drag(Effect):
     medium_velocity_world: Vector = ZERO
 
     @classmethod
-    def read(cls, entry: EffectEntry) -> _Drag:
+    def read(cls, entry: SceneEntry) -> _Drag:
         """Return the effect of an entry."""
         rule = ("a number of 0 or more", lambda v: v >= 0.0, "drag takes energy out: write it without a sign")
         translation, rotation = (entry.per_axis(name, *rule) for name in ("translation", "rotation"))

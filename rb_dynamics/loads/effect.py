@@ -17,7 +17,7 @@ from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import Vector
 
 if TYPE_CHECKING:
-    from rb_dynamics.scene.effect_entry import EffectEntry
+    from rb_dynamics.scene.scene_entry import SceneEntry
 
 
 class Point(NamedTuple):
@@ -81,7 +81,7 @@ class Effect:
     keys: ClassVar[tuple[str, ...]] = ()
 
     @classmethod
-    def read(cls, entry: EffectEntry) -> Effect:
+    def read(cls, entry: SceneEntry) -> Effect:
         """Return the effect that an entry of a scene asks for; what is wrong with its values is noted there.
 
         Raises:

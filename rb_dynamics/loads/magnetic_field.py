@@ -11,7 +11,7 @@ from rb_dynamics.numerics.argument_checks import shown, vector
 from rb_dynamics.numerics.vector import ZERO, Vector, add_scaled, dot, norm, scale, subtract
 
 if TYPE_CHECKING:
-    from rb_dynamics.scene.effect_entry import EffectEntry
+    from rb_dynamics.scene.scene_entry import SceneEntry
 
 MODELS = ("uniform", "dipole")
 
@@ -42,7 +42,7 @@ class MagneticField(Effect):
     center_world: Vector = ZERO
 
     @classmethod
-    def read(cls, entry: EffectEntry) -> MagneticField:
+    def read(cls, entry: SceneEntry) -> MagneticField:
         """Return the effect of an entry."""
         model = entry.text("model", f"one of {', '.join(MODELS)}", "")
         if model not in MODELS:

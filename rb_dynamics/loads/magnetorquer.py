@@ -12,7 +12,7 @@ from rb_dynamics.numerics.argument_checks import vector
 from rb_dynamics.numerics.vector import ZERO, Vector, norm, scale
 
 if TYPE_CHECKING:
-    from rb_dynamics.scene.effect_entry import EffectEntry
+    from rb_dynamics.scene.scene_entry import SceneEntry
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +50,7 @@ class Magnetorquer(Actuator):
         self._number("max_dipole", "a dipole greater than 0 (A m^2)", above=0.0)
 
     @classmethod
-    def read(cls, entry: EffectEntry) -> Magnetorquer:
+    def read(cls, entry: SceneEntry) -> Magnetorquer:
         """Return the actuator of an entry."""
         return cls(
             name=entry.name or "magnetorquer",

@@ -17,7 +17,7 @@ from rb_dynamics.numerics.vector import ZERO, Vector, cross, dot, norm, scale, s
 from rb_dynamics.numerics.vector import multiply as times
 
 if TYPE_CHECKING:
-    from rb_dynamics.scene.effect_entry import EffectEntry
+    from rb_dynamics.scene.scene_entry import SceneEntry
 
 _RATE = "a finite number (rad/s)"
 
@@ -55,7 +55,7 @@ class Rotor(Effect):
     spin_rate: tuple[tuple[float, float], ...]
 
     @classmethod
-    def read(cls, entry: EffectEntry) -> Rotor:
+    def read(cls, entry: SceneEntry) -> Rotor:
         """Return the effect of an entry."""
         if entry.is_particle:
             entry.reject("no rotor, as a body without inertia is a particle", "add body.inertia or remove it")

@@ -13,7 +13,7 @@ from rb_dynamics.numerics.argument_checks import items, number, shown
 from rb_dynamics.numerics.vector import ZERO
 
 if TYPE_CHECKING:
-    from rb_dynamics.scene.effect_entry import EffectEntry
+    from rb_dynamics.scene.scene_entry import SceneEntry
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class ScheduledWrench(Effect):
         object.__setattr__(self, "entries", tuple(entries))
 
     @classmethod
-    def read(cls, entry: EffectEntry) -> ScheduledWrench:
+    def read(cls, entry: SceneEntry) -> ScheduledWrench:
         """Return the effect of an entry."""
         frame_id = entry.text("frame_id", "the name of a frame", "")
         entries = []

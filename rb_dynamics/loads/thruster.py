@@ -12,7 +12,7 @@ from rb_dynamics.numerics.argument_checks import instance, shown
 from rb_dynamics.numerics.nanoseconds import LONGEST
 
 if TYPE_CHECKING:
-    from rb_dynamics.scene.effect_entry import EffectEntry
+    from rb_dynamics.scene.scene_entry import SceneEntry
 
 COMMANDS = ("on_time", "level")
 
@@ -58,7 +58,7 @@ class Thruster(Actuator):
             raise SceneError(f"thruster: command is {shown(self.command)}, expected {' or '.join(COMMANDS)}")
 
     @classmethod
-    def read(cls, entry: EffectEntry) -> Thruster:
+    def read(cls, entry: SceneEntry) -> Thruster:
         """Return the actuator of an entry."""
         frame, known = entry.text("frame", "the name of a frame", ""), ", ".join(entry.frames.fixed or {})
         if not frame:

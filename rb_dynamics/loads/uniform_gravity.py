@@ -13,7 +13,7 @@ from rb_dynamics.numerics.argument_checks import vector
 from rb_dynamics.numerics.vector import Vector, dot, scale
 
 if TYPE_CHECKING:
-    from rb_dynamics.scene.effect_entry import EffectEntry
+    from rb_dynamics.scene.scene_entry import SceneEntry
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class UniformGravity(Effect):
         object.__setattr__(self, "acceleration_world", vector(self.acceleration_world, name, expected, SceneError))
 
     @classmethod
-    def read(cls, entry: EffectEntry) -> UniformGravity:
+    def read(cls, entry: SceneEntry) -> UniformGravity:
         """Return the effect of an entry."""
         return cls(entry.vector("acceleration_world", "a finite number (m/s^2)"))
 

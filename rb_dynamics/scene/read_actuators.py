@@ -7,10 +7,10 @@ from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.actuator import COMMAND, Actuator
 from rb_dynamics.loads.actuator_types import ACTUATORS
 from rb_dynamics.loads.wrench import WrenchFrames
-from rb_dynamics.scene.effect_entry import EffectEntry
 from rb_dynamics.scene.fields import Field
 from rb_dynamics.scene.read_channels import topic_in
 from rb_dynamics.scene.read_effects import kind_of
+from rb_dynamics.scene.scene_entry import SceneEntry
 
 
 def actuators(
@@ -40,7 +40,7 @@ def actuators(
         if kind.needs_field and not magnetic:
             entry.reject("a scene with a magnetic field", "add {type: magnetic_field, ...} to effects")
         try:
-            actuator = kind.read(EffectEntry(values, body, frames))
+            actuator = kind.read(SceneEntry(values, body, frames))
             if entry.problems.count == before and body is not None:
                 actuator.check(body)
             found.append(actuator)

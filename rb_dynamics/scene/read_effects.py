@@ -12,9 +12,9 @@ from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.effect import Effect
 from rb_dynamics.loads.effect_types import EFFECTS
 from rb_dynamics.loads.wrench import WrenchFrames
-from rb_dynamics.scene.effect_entry import EffectEntry
 from rb_dynamics.scene.fields import Field
 from rb_dynamics.scene.problems import printable
+from rb_dynamics.scene.scene_entry import SceneEntry
 
 T = TypeVar("T")
 
@@ -29,7 +29,7 @@ def effects(field: Field | None, body: RigidBody | None, frames: WrenchFrames) -
         if kind is not None:
             before = entry.problems.count
             try:
-                effect = kind.read(EffectEntry(entry.section(("type", *kind.keys)), body, frames))
+                effect = kind.read(SceneEntry(entry.section(("type", *kind.keys)), body, frames))
                 if body is not None:
                     CombinedEffects(body, (effect,))
                 found.append(effect)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.wrench import WrenchFrames
-from rb_dynamics.scene.effect_entry import EffectEntry
 from rb_dynamics.scene.fields import Field
 from rb_dynamics.scene.read_channels import topic_in
 from rb_dynamics.scene.read_effects import kind_of
+from rb_dynamics.scene.scene_entry import SceneEntry
 from rb_dynamics.sensors.sensor import COMMON_KEYS, Sensor
 from rb_dynamics.sensors.sensor_types import SENSORS
 
@@ -38,7 +38,7 @@ def sensors(
         if kind.needs_field and not magnetic:
             entry.reject("a scene with a magnetic field", "add {type: magnetic_field, ...} to effects")
         try:
-            found.append(kind.read(EffectEntry(values, body, frames)))
+            found.append(kind.read(SceneEntry(values, body, frames)))
         except SceneError as error:
             if entry.problems.count == before:
                 entry.reject("a sensor that can be built", str(error))

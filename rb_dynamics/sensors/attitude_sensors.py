@@ -15,12 +15,12 @@ from rb_dynamics.sensors.random_numbers import Four, RandomNumbers
 from rb_dynamics.sensors.sensor import Reading, Sensor, Truth, common, diagonal
 
 if TYPE_CHECKING:
-    from rb_dynamics.scene.effect_entry import EffectEntry
+    from rb_dynamics.scene.scene_entry import SceneEntry
 
 _SIZE, _NO_SIGN = "a number of 0 or more", "write a size without a sign"
 
 
-def _size(entry: EffectEntry, name: str, unit: str) -> float:
+def _size(entry: SceneEntry, name: str, unit: str) -> float:
     return entry.number(name, f"{_SIZE} ({unit})", lambda v: v >= 0.0, _NO_SIGN, 0.0)
 
 
@@ -50,7 +50,7 @@ class StarTracker(Sensor):
         self._number("noise", f"{_SIZE} (rad)", least=0.0)
 
     @classmethod
-    def read(cls, entry: EffectEntry) -> StarTracker:
+    def read(cls, entry: SceneEntry) -> StarTracker:
         """Return the sensor of an entry."""
         return cls(**common(entry)._asdict(), noise=_size(entry, "noise", "rad"))
 
@@ -88,7 +88,7 @@ class PoseSensor(Sensor):
         self._number("orientation_noise", f"{_SIZE} (rad)", least=0.0)
 
     @classmethod
-    def read(cls, entry: EffectEntry) -> PoseSensor:
+    def read(cls, entry: SceneEntry) -> PoseSensor:
         """Return the sensor of an entry."""
         noise = _size(entry, "position_noise", "m"), _size(entry, "orientation_noise", "rad")
         return cls(**common(entry)._asdict(), position_noise=noise[0], orientation_noise=noise[1])
@@ -142,7 +142,7 @@ class SunSensor(Sensor):
         self._number("field_of_view", "an angle greater than 0 and at most pi (rad)", above=0.0, most=math.pi)
 
     @classmethod
-    def read(cls, entry: EffectEntry) -> SunSensor:
+    def read(cls, entry: SceneEntry) -> SunSensor:
         """Return the sensor of an entry."""
         direction = entry.vector("direction_world", "a finite number")
         if direction == ZERO:

@@ -20,7 +20,7 @@ from rb_dynamics.sensors.random_numbers import Four, RandomNumbers
 from rb_dynamics.sensors.sensor import diagonal
 
 if TYPE_CHECKING:
-    from rb_dynamics.scene.effect_entry import EffectEntry
+    from rb_dynamics.scene.scene_entry import SceneEntry
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +62,7 @@ class AxisErrors:
             object.__setattr__(self, "range", number(self.range, "range", expected, SceneError, above=0.0))
 
     @classmethod
-    def read(cls, entry: EffectEntry | None) -> AxisErrors:
+    def read(cls, entry: SceneEntry | None) -> AxisErrors:
         """Return the errors in an entry of a scene; none without one."""
         if entry is None:
             return cls()

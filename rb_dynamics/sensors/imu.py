@@ -14,7 +14,7 @@ from rb_dynamics.sensors.random_numbers import RandomNumbers
 from rb_dynamics.sensors.sensor import Reading, Sensor, Truth, common
 
 if TYPE_CHECKING:
-    from rb_dynamics.scene.effect_entry import EffectEntry
+    from rb_dynamics.scene.scene_entry import SceneEntry
 
 # sensor_msgs/Imu: it gives no attitude, which a covariance that begins with -1 says.
 _NO_ATTITUDE = (0.0, 0.0, 0.0, 1.0, -1.0, *(0.0,) * 8)
@@ -47,7 +47,7 @@ class Imu(Sensor):
             instance(getattr(self, name), AxisErrors, f"imu: {name}", "write AxisErrors(noise_density=...)")
 
     @classmethod
-    def read(cls, entry: EffectEntry) -> Imu:
+    def read(cls, entry: SceneEntry) -> Imu:
         """Return the sensor of an entry."""
         gyro, accelerometer = (AxisErrors.read(entry.inner(name, AXIS_KEYS)) for name in cls.keys)
         return cls(**common(entry)._asdict(), gyro=gyro, accelerometer=accelerometer)

@@ -14,7 +14,7 @@ from rb_dynamics.sensors.random_numbers import RandomNumbers
 from rb_dynamics.sensors.sensor import Reading, Sensor, Truth, common
 
 if TYPE_CHECKING:
-    from rb_dynamics.scene.effect_entry import EffectEntry
+    from rb_dynamics.scene.scene_entry import SceneEntry
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +38,7 @@ class Magnetometer(Sensor):
         instance(self.errors, AxisErrors, "magnetometer: errors", "write AxisErrors(noise_density=...)")
 
     @classmethod
-    def read(cls, entry: EffectEntry) -> Magnetometer:
+    def read(cls, entry: SceneEntry) -> Magnetometer:
         """Return the sensor of an entry."""
         return cls(**common(entry)._asdict(), errors=AxisErrors.read(entry))
 

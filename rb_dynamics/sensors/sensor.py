@@ -19,7 +19,7 @@ from rb_dynamics.numerics.vector import Vector
 from rb_dynamics.sensors.random_numbers import RandomNumbers
 
 if TYPE_CHECKING:
-    from rb_dynamics.scene.effect_entry import EffectEntry
+    from rb_dynamics.scene.scene_entry import SceneEntry
 
 COMMON_KEYS = ("name", "rate", "frame", "delay", "dropout")
 """Keys of every sensor, beside `type`."""
@@ -96,7 +96,7 @@ class Sensor:
         self._number("dropout", "a probability of at least 0 and less than 1", least=0.0, most=1.0 - 2.0**-53)
 
     @classmethod
-    def read(cls, entry: EffectEntry) -> Sensor:
+    def read(cls, entry: SceneEntry) -> Sensor:
         """Return the sensor that an entry of a scene asks for; what is wrong with its values is noted there."""
         raise NotImplementedError
 
@@ -152,7 +152,7 @@ class Common(NamedTuple):
     dropout: float
 
 
-def common(entry: EffectEntry) -> Common:
+def common(entry: SceneEntry) -> Common:
     """Read `COMMON_KEYS` of an entry; `scene/read_sensors.py` has looked at its name."""
     slowest, fastest = 1.0 / LONGEST, 1.0 / SHORTEST
     rate = entry.number(

@@ -13,7 +13,7 @@ from rb_dynamics.numerics.argument_checks import number, vector
 from rb_dynamics.numerics.vector import ZERO, Vector, dot, scale, subtract
 
 if TYPE_CHECKING:
-    from rb_dynamics.scene.effect_entry import EffectEntry
+    from rb_dynamics.scene.scene_entry import SceneEntry
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Spring(Effect):
         object.__setattr__(self, "anchor_world", anchor)
 
     @classmethod
-    def read(cls, entry: EffectEntry) -> Spring:
+    def read(cls, entry: SceneEntry) -> Spring:
         """Return the effect of an entry of a scene."""
         remedy = "write the stiffness of the spring, such as 8.0"
         return cls(

@@ -1,4 +1,4 @@
-"""`EffectEntry`: one entry of a scene's list of effects, from which `Effect.read` reads its values.
+"""`SceneEntry`: one entry of a list of effects, actuators or sensors in a scene, from which each kind reads its values.
 
 Every problem is recorded with its line, so that one error reports all of them; the value returned for it is a
 placeholder.
@@ -24,12 +24,12 @@ def _any(_: float) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class EffectEntry:
+class SceneEntry:
     """The values of one entry, and what they are checked against.
 
     Attributes:
         section: the values by key.
-        body: the body that the effect acts on; None if the scene has no valid one.
+        body: that of the scene; None if the scene has no valid one.
         frames: resolve the frames of wrenches.
     """
 
@@ -84,10 +84,10 @@ class EffectEntry:
             self.section.missing(name, f"a list of 3 numbers, each {expected}", f"add {name}: [x, y, z]")
         return default or ZERO
 
-    def inner(self, name: str, keys: Sequence[str]) -> EffectEntry | None:
+    def inner(self, name: str, keys: Sequence[str]) -> SceneEntry | None:
         """Return the mapping at `name`, which may have these keys; None if it is absent."""
         field = self.section.get(name)
-        return None if field is None else EffectEntry(field.section(keys), self.body, self.frames)
+        return None if field is None else SceneEntry(field.section(keys), self.body, self.frames)
 
     def per_axis(self, name: str, expected: str, accepts: Callable[[float], bool] = _any, remedy: str = "") -> Vector:
         """Return one number per body axis, zero if `name` is absent; a single number applies to all axes."""
@@ -123,7 +123,7 @@ class EffectEntry:
             return (0.0, 0.0, 1.0)
         return found
 
-    def timeline(self, name: str, keys: Sequence[str], expected: str, remedy: str) -> list[tuple[float, EffectEntry]]:
+    def timeline(self, name: str, keys: Sequence[str], expected: str, remedy: str) -> list[tuple[float, SceneEntry]]:
         """Return the entries of a list, each with its `time` (s) and `keys`, in ascending order of time."""
         field = self.section.get(name)
         if field is None:
@@ -133,7 +133,7 @@ class EffectEntry:
         for item in field.items(expected, remedy):
             values = item.section(("time", *keys))
             time = values.number("time", _TIME, 0.0, required=True)
-            entries.append((time, EffectEntry(values, self.body, self.frames)))
+            entries.append((time, SceneEntry(values, self.body, self.frames)))
         times = [time for time, _ in entries]
         if not times:
             field.reject("at least one entry", "add one, or remove the effect")
