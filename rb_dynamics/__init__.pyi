@@ -33,6 +33,7 @@ from rb_dynamics.loads.drag import QuadraticDrag as QuadraticDrag
 from rb_dynamics.loads.effect import Effect as Effect
 from rb_dynamics.loads.magnetic_field import MagneticField as MagneticField
 from rb_dynamics.loads.magnetorquer import Magnetorquer as Magnetorquer
+from rb_dynamics.loads.reaction_wheel import ReactionWheel as ReactionWheel
 from rb_dynamics.loads.rotor import Rotor as Rotor
 from rb_dynamics.loads.scheduled_wrench import ScheduledWrench as ScheduledWrench
 from rb_dynamics.loads.thruster import Thruster as Thruster

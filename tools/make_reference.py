@@ -172,9 +172,14 @@ MEANING = {
     "field_world": "T, of a uniform field",
     "moment_world": "A m², of a dipole",
     "axis": "direction of its axis, body axes",
+    "inertia": "kg m², of the wheel about its axis; contained in `body.inertia`",
+    "max_torque": "N m of the motor; none by default, required for a commanded speed",
+    "max_speed": "rad/s relative to the body; none by default",
+    "friction": "`{coulomb: N m, viscous: N m s/rad}`; none by default",
+    "speed": "rad/s relative to the body at the start",
     "max_dipole": "A m²; a larger command is clipped",
     "force": "N, along the x axis of its frame",
-    "command": "what its commands mean: `on_time` (s) or `level` (0 to 1) of a thruster",
+    "command": "what a command means: `on_time` (s) or `level` (0 to 1); of a wheel `torque` or `speed` (N m, rad/s)",
     "minimum_on": "s; a shorter on-time is rejected",
     "name": "its topic, or the first part of its topics",
     "rate": "Hz, of samples in simulation time",
@@ -209,6 +214,7 @@ ACTS = {
 }
 
 DRIVES = {
+    "reaction_wheel": "A wheel whose speed is a state of the run, with friction and limits.",
     "thruster": "A force in pulses or at a level.",
     "magnetorquer": "A dipole in the magnetic field; `effects` must have a `magnetic_field`.",
 }
@@ -233,6 +239,7 @@ TOPICS = {
     "energy/work": "J, done by wrenches and effects",
     "energy/defect": "J, T − T₀ − work",
     "energy/potential": "J, if an effect has one",
+    "wheels": "speeds of the reaction wheels relative to the body, by name",
     "inertia": "mass properties; late subscribers receive them too",
     "accel": "of the body origin, body axes, from the equations of motion; with `publish_accel` (log: `--accel`)",
     "pose_with_covariance": "the pose and `pose_covariance`; with `publish_pose_with_covariance`",

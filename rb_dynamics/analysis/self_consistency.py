@@ -131,7 +131,7 @@ def _momenta(track: Track, scene: Scene | None) -> Check | None:
     spin = float(np.abs(np.array(body.inertia)).max()) * rate
     parts = [("p", "kg m/s", linear, found.linear, body.mass * speed)]
     effects = track.bag.metadata.get(RUN, {}).get("effects", "")
-    if (scene.combined_effects.storing() is None) if scene is not None else not effects:
+    if (scene.combined_effects.storing() is None and not scene.wheels) if scene is not None else not effects:
         parts += [
             ("L", "kg m²/s", angular, found.angular, spin),
             ("T", "J", kinetic, found.kinetic, body.mass * speed**2 + spin * rate),

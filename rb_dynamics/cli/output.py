@@ -27,6 +27,9 @@ _UNITS = {
     "energy_defect": "J",
     "angular_momentum_defect_world": "kg m^2/s",
     "linear_momentum_defect_world": "kg m/s",
+    "wheel_speeds": "rad/s",
+    "motor_work": "J",
+    "friction_heat": "J",
 }
 
 

@@ -41,6 +41,7 @@ WRENCH = "geometry_msgs/msg/WrenchStamped"
 PLAIN_WRENCH = "geometry_msgs/msg/Wrench"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 ACCELERATION = "geometry_msgs/msg/AccelStamped"
+JOINTS = "sensor_msgs/msg/JointState"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 CLOCK = "rosgraph_msgs/msg/Clock"
 PLAIN_POSE = "geometry_msgs/msg/Pose"
@@ -70,6 +71,9 @@ LATENCY = "/latency"
 
 POTENTIAL = ("energy/potential", SCALAR)
 """Where an effect has a potential energy."""
+
+WHEELS = ("wheels", JOINTS)
+"""Where the scene has reaction wheels."""
 
 ACCEL = ("accel", ACCELERATION)
 """Where it is asked for."""
@@ -117,7 +121,8 @@ def qos_profile(depth: int, durability: str = "volatile") -> str:
 def sample_topics(scene: Scene, accel: bool) -> tuple[tuple[str, str], ...]:
     """Return name and type of each topic that a sample of `scene` has, in order."""
     potential = () if scene.combined_effects.potential() is None else (POTENTIAL,)
-    return (*SAMPLE_TOPICS, *potential, *((ACCEL,) if accel else ()))
+    wheels = (WHEELS,) if scene.wheels else ()
+    return (*SAMPLE_TOPICS, *potential, *wheels, *((ACCEL,) if accel else ()))
 
 
 def log_topics(scene: Scene, accel: bool) -> list[tuple[str, str, str]]:
@@ -292,6 +297,14 @@ def sample_packers(scene: Scene, acceleration: Acceleration | None = None) -> di
         "/tf": lambda s: pack_transform(*s.stamp, s.pose),
         POTENTIAL[0]: lambda s: pack_scalar(s.sample.potential_energy),
     }
+    if names := [(wheel.name,) for wheel in scene.wheels]:
+        still = (0.0,) * len(names)
+
+        def pack_wheels(s: Stamped) -> bytes:
+            speeds = [((speed,),) for speed in s.sample.wheel_speeds or still]
+            return cdr.encode(JOINTS, s.stamp[0] * NANOSECONDS + s.stamp[1], "", names, [], speeds, [])
+
+        packers[WHEELS[0]] = pack_wheels
     if acceleration is not None:
         pack_accel = cdr.stamped_packer(ACCELERATION, body)
         packers[ACCEL[0]] = lambda s: pack_accel(*s.stamp, *chain(*acceleration()))

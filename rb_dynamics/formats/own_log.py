@@ -22,6 +22,7 @@ from rb_dynamics.formats.messages import (
     SAMPLE_TOPICS,
     SCALAR,
     TF_STATIC,
+    WHEELS,
     WRENCH,
     decode_setpoint,
     decode_wrench,
@@ -163,6 +164,7 @@ def require_types(source: Source, scene: Scene | None) -> dict[str, str]:
         for topic in [*(c.topic for c in scene.channels), *(name for name, _ in scene.combined_effects.schedules())]:
             types |= {topic: WRENCH, topic + APPLIED: WRENCH}
         types |= {sensor.name: sensor.message for sensor in scene.sensors}
+        types |= {WHEELS[0]: WHEELS[1]} if scene.wheels else {}
         types |= {actuator.topic: SCALAR for actuator in scene.actuators}
         types |= {each.name + APPLIED: WRENCH for each in scene.actuators if isinstance(each, Thruster)}
     usual = {name: name if name.startswith("/") else f"/{name}" for name in types}

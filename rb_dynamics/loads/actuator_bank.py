@@ -12,7 +12,9 @@ from rb_dynamics.loads.actuator import COMMAND, Actuator, ActuatorCommand
 from rb_dynamics.loads.channels import AppliedWrench
 from rb_dynamics.loads.effect import Field, Point, Wrenching
 from rb_dynamics.loads.magnetorquer import Magnetorquer
+from rb_dynamics.loads.reaction_wheel import ReactionWheel
 from rb_dynamics.loads.thruster import Thruster
+from rb_dynamics.loads.wheel_set import WheelSet
 from rb_dynamics.loads.wrench import HeldWrench, WrenchFrames
 from rb_dynamics.numerics.nanoseconds import nanoseconds
 from rb_dynamics.numerics.rotation import rotate_inverse
@@ -30,17 +32,28 @@ class _Edge(NamedTuple):
 
 
 class ActuatorBank:
-    """The actuators of one run, in the order of the scene, all at zero at the start."""
+    """The actuators of one run, in the order of the scene, all at zero at the start.
+
+    Attributes:
+        wheels: the reaction wheels; None where there is none.
+        changed: whether the last `apply` changed what an actuator does.
+    """
 
     def __init__(self, actuators: Sequence[Actuator], body: RigidBody, frames: WrenchFrames, field: Field) -> None:
         """Start without commands; `field` is the magnetic flux density (T)."""
         self._actuators, self._body, self._frames, self._field = tuple(actuators), body, frames, field
         self._index = {actuator.topic.lstrip("/"): k for k, actuator in enumerate(actuators)}
         self._queue: list[_Edge] = []
+        self.changed = False
         self._number = 0
         # What each does now, and the number of the command that opened a thruster, to which its closing belongs.
         self._values = [0.0] * len(self._actuators)
         self._opened = [0] * len(self._actuators)
+        wheels = [actuator for actuator in self._actuators if isinstance(actuator, ReactionWheel)]
+        self.wheels = WheelSet(wheels, body) if wheels else None
+        self._wheel = {actuator.name: k for k, actuator in enumerate(wheels)}
+        # Wheels that are commanded anew, with the command.
+        self._turning: list[tuple[int, float]] = []
 
     def accept(self, topic: str, value: float) -> bool:
         """Return whether the limits of an actuator make a command smaller; changes nothing.
@@ -65,6 +78,7 @@ class ActuatorBank:
     def apply(self, now_ns: int) -> list[ActuatorCommand | AppliedWrench]:
         """Make every change that is due at `now_ns`, and return what came and which thruster changed, in order."""
         told: list[ActuatorCommand | AppliedWrench] = []
+        self.changed = False
         while self._queue and self._queue[0].time_ns <= now_ns:
             edge = heapq.heappop(self._queue)
             if edge.acts:
@@ -80,6 +94,14 @@ class ActuatorBank:
             delay_ns = nanoseconds(actuator.delay)
             heapq.heappush(self._queue, edge._replace(time_ns=now_ns + delay_ns, value=value, acts=True))
         return told
+
+    def turn(self, omega: Vector, states: Sequence[float]) -> None:
+        """Let wheels do what they are commanded anew, while the body turns with `omega` (principal axes)."""
+        if self.wheels is not None:
+            speeds = self.wheels.speeds(omega, states)
+            for wheel, value in self._turning:
+                self.wheels.command(wheel, value, speeds[wheel])
+            self._turning.clear()
 
     def held(self) -> HeldWrench:
         """Return what the thrusters do about the centre of mass, body axes."""
@@ -119,7 +141,10 @@ class ActuatorBank:
         """Let an actuator do what was commanded; return what that does to the body as far as it is a wrench."""
         k = edge.actuator
         actuator, value = self._actuators[k], edge.value
+        if isinstance(actuator, ReactionWheel):
+            self._turning.append((self._wheel[actuator.name], value))
         if not isinstance(actuator, Thruster):
+            self.changed = True
             self._values[k] = value
             return []
         if value < 0.0:
@@ -135,6 +160,7 @@ class ActuatorBank:
             value = 1.0 if value > 0.0 else 0.0
         if value == self._values[k]:
             return []
+        self.changed = True
         self._values[k] = value
         held = actuator.held(self._frames, value)
         frame = self._frames.body_frame

@@ -50,7 +50,7 @@ _HUGE = 1e6
 _PUBLISHED = frozenset(
     {
         "pose", "twist", "odom", "accel", "angular_momentum", "linear_momentum", "energy/kinetic", "energy/work",
-        "energy/defect", "energy/potential", "inertia", "diagnostics", "tf", "tf_static", "clock",
+        "energy/defect", "energy/potential", "wheels", "inertia", "diagnostics", "tf", "tf_static", "clock",
     }
 )  # fmt: skip
 

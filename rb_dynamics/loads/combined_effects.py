@@ -56,7 +56,7 @@ class CombinedEffects:
     @property
     def varying(self) -> tuple[str, ...]:
         """Kinds of the effects whose load changes inside a step."""
-        return tuple(effect.kind for effect in self.effects if effect.takes > LoadDependence.HELD)
+        return tuple(dict.fromkeys(effect.kind for effect in self.effects if effect.takes > LoadDependence.HELD))
 
     def schedules(self) -> list[tuple[str, tuple[tuple[float, Wrench], ...]]]:
         """Return a channel name and the wrenches of each effect that holds some."""

@@ -41,6 +41,8 @@ class LoadDependence(IntEnum):
     """Time, place and attitude."""
     ANY = 2
     """The velocities too."""
+    STATES = 3
+    """States of its own besides, such as the speeds of wheels."""
 
 
 Takes = LoadDependence

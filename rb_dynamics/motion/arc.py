@@ -16,6 +16,7 @@ from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.adaptive_kernel import Progress, strides_by
 from rb_dynamics.motion.fixed_step_kernel import LONGEST_STRETCH, kernel
 from rb_dynamics.motion.flight import Standing
+from rb_dynamics.motion.inner_states import StagedLoad, staged
 from rb_dynamics.motion.method import Inertia, Load, Method
 from rb_dynamics.motion.phase_state import PhaseState
 from rb_dynamics.motion.step_control import AccuracyControl, FixedStep, OwnControl, StepControl, WholeArc
@@ -267,7 +268,9 @@ class Stepper:
 
     def __call__(self, phase: PhaseState, h: float) -> PhaseState:
         """Return the phase after a step of h s."""
-        return phase.after(self._method.step(*self._arguments(phase, h)), h)
+        arguments = self._arguments(phase, h)
+        after, load = phase.after(self._method.step(*arguments), h), arguments[-1]
+        return load.after(phase, after) if isinstance(load, StagedLoad) else after
 
     def stretch(self, phase: PhaseState, h: float, count: int, ahead: int, missed: int) -> PhaseState | None:
         """Return the phase after `count` steps of h s by a kernel; None if that is not possible."""
@@ -295,8 +298,12 @@ class Stepper:
         """Return the phase after a step of h s, and the embedded result of one order less."""
         if self._method.pair is None:
             raise TypeError(f"{self._method.name} is no embedded pair")
-        step, comparison = self._method.pair(*self._arguments(phase, h))
-        return phase.after(step, h), phase.after(comparison, h)
+        arguments = self._arguments(phase, h)
+        step, comparison = self._method.pair(*arguments)
+        after, other, load = phase.after(step, h), phase.after(comparison, h), arguments[-1]
+        if isinstance(load, StagedLoad):
+            return load.after(phase, after), load.compared(phase, other)
+        return after, other
 
     def longest_step(self, phase: PhaseState, accuracy: float, horizon: float) -> float:
         """Return the longest step (s) that adds at most accuracy * step / horizon to the error at the end."""
@@ -351,6 +358,8 @@ class Stepper:
         self, phase: PhaseState, h: float
     ) -> tuple[Inertia, HeldWrench, float, Vector, Quaternion, Vector, Load | None]:
         load = None if self._load_from is None else self._load_from(phase)
+        if load is not None and self._method.tableau is not None:
+            load = staged(load, h, self._method.tableau)
         velocity, omega = self._velocity(phase), phase.angular_velocity
         return self._inertia, self._held, h, velocity, phase.orientation, omega, load
 

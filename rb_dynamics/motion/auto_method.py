@@ -28,6 +28,7 @@ CANDIDATES: Mapping[LoadDependence, tuple[str, ...]] = MappingProxyType(
         LoadDependence.HELD: ("taylor", "dop853", "dmv104", "dlm6", "rk4"),
         LoadDependence.FIELD: ("dop853", "dlm6", "dmv864", "rk4"),
         LoadDependence.ANY: ("dop853", "rk4", "radau"),
+        LoadDependence.STATES: ("dop853",),
     }
 )
 """The methods on the front of speed and accuracy for each kind of load, in the order in which they are tried."""

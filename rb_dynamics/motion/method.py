@@ -43,6 +43,18 @@ class Increment(NamedTuple):
     work: float
 
 
+Weights = tuple[tuple[int, float], ...]
+"""Weights of stages, by their number from 0."""
+
+
+class Tableau(NamedTuple):
+    """An explicit Runge-Kutta method: one row of weights for each stage, those of the result, and of its two errors."""
+
+    rows: tuple[Weights, ...]
+    weights: Weights
+    errors: tuple[Weights, Weights]
+
+
 class Step(Protocol):
     """One step of a method."""
 
@@ -108,6 +120,7 @@ class Method:
         pair: for an embedded pair, the step with its comparison; None if steps must be compared.
         compiles: whether numba can compile `step`, `longest_step` and `pair` under a held wrench; the kernel cache
             identifies a step by the name of the method.
+        tableau: of a method that takes a load with states of its own.
     """
 
     name: str
@@ -118,6 +131,7 @@ class Method:
     takes: LoadDependence = LoadDependence.HELD
     pair: Pair | None = None
     compiles: bool = False
+    tableau: Tableau | None = None
 
 
 __all__ = ["Increment", "Inertia", "Load", "LoadDependence", "LongestStep", "Method", "Pair", "Step", "Takes"]

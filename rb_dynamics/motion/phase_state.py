@@ -62,6 +62,15 @@ class PhaseState(NamedTuple):
         return PhaseState(step.orientation, step.angular_velocity, high, low)
 
     @property
+    def inner(self) -> Sums:
+        """States beside those of the body, such as those of wheels."""
+        return tuple([a + b for a, b in zip(self.high[_SUMS:], self.low[_SUMS:], strict=True)])
+
+    def with_inner(self, states: Sums) -> PhaseState:
+        """Return the same with these states beside those of the body."""
+        return self._replace(high=(*self.high[:_SUMS], *states), low=(*self.low[:_SUMS], *(0.0,) * len(states)))
+
+    @property
     def center_of_mass_world(self) -> Vector:
         """Position of the centre of mass, m."""
         return total(self, POSITION)

@@ -46,6 +46,7 @@ from rb_dynamics.formats.messages import (
     COMMAND_DEPTH,
     PLAIN_WRENCH,
     SAMPLE_TOPICS,
+    WHEELS,
     WRENCH,
     decode_setpoint,
     decode_wrench,
@@ -218,7 +219,7 @@ class RigidBodyNode(Node):
         """Return the sinks of the next run: topics and logs, each guarded, so that a failure stops only that one."""
         scene = self._settings.scene
         topics = (*self._topics, *self._actuators, *(each.name for each in scene.actuators), *scene.sensor_topics)
-        names = ["inertia", *(name for name, _ in (*SAMPLE_TOPICS, ACCEL)), *topics]
+        names = ["inertia", *(name for name, _ in (*SAMPLE_TOPICS, WHEELS, ACCEL)), *topics]
         resolved = {name: self.resolve_topic_name(name) for name in names}
         sinks = self._settings.logs.sinks(self.get_namespace(), resolved)
         # A sink of a plug-in need not write a file.

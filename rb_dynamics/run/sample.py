@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, cast
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.load import Load
+from rb_dynamics.loads.wheel_set import WheelSet
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.equations_of_motion import differences_of, gyroscopic
 from rb_dynamics.motion.kernel_layout import phase_of
@@ -39,6 +40,9 @@ class Sample:
         angular_momentum_defect_world: L - L0 - integral of N dt, kg m^2/s.
         linear_momentum_defect_world: p - p0 - integral of F dt, kg m/s.
         potential_energy: of the effects that have one, J; None if no effect has one.
+        wheel_speeds: of the reaction wheels relative to the body, rad/s; None where there is none.
+        motor_work: of the motors of the wheels since the start, J; in `work` like all others.
+        friction_heat: of the wheels since the start, J; taken from `work`.
     """
 
     time_ns: int
@@ -54,6 +58,9 @@ class Sample:
     angular_momentum_defect_world: Vector
     linear_momentum_defect_world: Vector
     potential_energy: float | None = None
+    wheel_speeds: tuple[float, ...] | None = None
+    motor_work: float | None = None
+    friction_heat: float | None = None
 
 
 def kinetic_energy(body: RigidBody, phase: PhaseState) -> float:
@@ -65,8 +72,12 @@ def kinetic_energy(body: RigidBody, phase: PhaseState) -> float:
 class SampleBuilder:
     """Computes samples: state, momenta, energies and the defects of their balances."""
 
-    def __init__(self, effects: CombinedEffects, phase: PhaseState) -> None:
+    def __init__(self, effects: CombinedEffects, phase: PhaseState, wheels: WheelSet | None = None) -> None:
         """Measure the defects from `phase` on; `effects` act on their body in addition to the wrenches."""
+        self._wheels, self._inner = wheels, (0.0, ZERO)
+        if wheels is not None:
+            inner = wheels.stored(phase.angular_velocity, phase.inner)
+            self._inner = inner.energy, rotate(phase.orientation, inner.momentum)
         self._body = body = effects.body
         self._potential, self._storing = effects.potential(), effects.storing()
         self._energy = kinetic_energy(body, phase)
@@ -96,6 +107,16 @@ class SampleBuilder:
             stored = self._storing(phase.point(body))
             energy, work = energy + stored.energy, work + (stored.energy - self._stored)
             spin = add(spin, rotate(phase.orientation, stored.momentum))
+        speeds = motor = heat = None
+        if self._wheels is not None:
+            # Motors and friction do their work on body and wheels, whose inner torque moves momentum between them.
+            inner = self._wheels.stored(phase.angular_velocity, phase.inner)
+            motor, heat, power, impulse = self._wheels.booked(phase.inner)
+            held = rotate(phase.orientation, inner.momentum)
+            energy, work, spin = energy + inner.energy, work + power, add(spin, held)
+            energy_defect += inner.energy - self._inner[0] - power
+            spin_defect = add(spin_defect, add(subtract(held, self._inner[1]), impulse))
+            speeds = self._wheels.speeds(phase.angular_velocity, phase.inner)
         return Sample(
             time_ns=time_ns,
             position_world=state.position_world,
@@ -109,6 +130,9 @@ class SampleBuilder:
             energy_defect=energy_defect,
             angular_momentum_defect_world=spin_defect,
             linear_momentum_defect_world=subtract(subtract(momentum, self._momentum), phase.impulse_world),
+            wheel_speeds=speeds,
+            motor_work=motor,
+            friction_heat=heat,
         )
 
     def samples(self, phase: PhaseState, times_ns: npt.NDArray[np.int64]) -> Sample:

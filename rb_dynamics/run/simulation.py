@@ -25,6 +25,7 @@ from rb_dynamics.loads.actuator_bank import ActuatorBank
 from rb_dynamics.loads.channels import AppliedWrench, CheckedWrench, ReceivedWrench, RejectedWrench, WrenchChannels
 from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.command_table import CommandBatch
+from rb_dynamics.loads.wheel_set import WheelLoad, WheelSet
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, held_of
 from rb_dynamics.motion.arc import Arc, LoadFrom
 from rb_dynamics.motion.flight import Edges, Flown, pays
@@ -34,7 +35,7 @@ from rb_dynamics.motion.phase_state import PhaseState, RoundingHistory, in_princ
 from rb_dynamics.motion.step_control import WholeArc
 from rb_dynamics.numerics.argument_checks import instance, items, shown, time_count, whole_number
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
-from rb_dynamics.numerics.vector import Vector
+from rb_dynamics.numerics.vector import ZERO, Vector, scale
 from rb_dynamics.run.block import Block
 from rb_dynamics.run.edges_ahead import FEWEST, EdgesAhead
 from rb_dynamics.run.input_hash import RULE, InputHash
@@ -141,8 +142,13 @@ class Simulation:
         self._steps = self._steps_before = 0
         self._used: dict[str, None] = {}
         phase = PhaseState.of(scene.body, scene.initial)
+        self._wheels = None if self._bank is None else self._bank.wheels
+        if self._wheels is not None:
+            phase = phase.with_inner(self._wheels.begin(phase.angular_velocity))
+        # The end of the stride that was searched for a switch of a wheel, and the time of the switch in it.
+        self._searched_ns, self._switch_ns = -1, cast("int | None", None)
         _require_finite(scene.body, phase, begin_ns)
-        self._observer = SampleBuilder(self._effects, phase)
+        self._observer = SampleBuilder(self._effects, phase, self._wheels)
         self._phase = phase
         self._held, self._load_from = HeldWrench(), cast("LoadFrom | None", None)
         self._arc = self._new_arc(self.plan)
@@ -382,11 +388,10 @@ class Simulation:
             if change is not None and change <= self.time_ns:
                 self._apply_changes()
                 continue
-            edge = output if change is None else min(output, change)
-            if self._sensing is not None:
-                edge = min(edge, self._sensing.next_ns)
-            if self.end_ns is not None:
-                edge = min(edge, self.end_ns)
+            edge, switch = self._nearest_ns(output, change), None
+            if self._wheels is not None and not self.ended:
+                switch = self._next_switch_ns(self._wheels, min(edge, until_ns))
+                edge = edge if switch is None else switch
             if edge > until_ns or self.ended:
                 # No edge is reached, but the steps towards it are done, so the next call has less to do.
                 if not self.ended:
@@ -403,6 +408,8 @@ class Simulation:
             # Not later, when more may have been computed.
             self._steps = self._steps_before + self._arc.steps_to(edge)
             self._used.update(dict.fromkeys(self._arc.methods))
+            if edge == switch:
+                self._switch(phase)
             if edge == output:
                 self._outputs += 1
                 output = self.next_output_ns()
@@ -410,6 +417,11 @@ class Simulation:
             elif edge == self.end_ns or (self._period_ns is None and edge == change):
                 self.write(self.sample)
             self._measure()
+
+    def _nearest_ns(self, *times_ns: int | None) -> int:
+        """Return the earliest of some times, the end, and the next sample of a sensor."""
+        sensed = None if self._sensing is None else self._sensing.next_ns
+        return min(time_ns for time_ns in (*times_ns, sensed, self.end_ns) if time_ns is not None)
 
     def _fly(self, until_ns: int) -> bool:
         """Go from edge to edge up to `until_ns` by a kernel; return whether there is more to do."""
@@ -484,6 +496,49 @@ class Simulation:
             for sink in others:
                 sink.write(event)
 
+    def _with_wheels(self, wheels: WheelSet, held: HeldWrench, load_from: LoadFrom | None) -> LoadFrom:
+        return lambda phase: WheelLoad(wheels, held, None if load_from is None else load_from(phase), phase.inner)
+
+    def _torque(self, phase: PhaseState) -> Vector:
+        """Return the torque (principal axes) on body and wheels from outside."""
+        load = None if self._load_from is None else self._load_from(phase)
+        assert isinstance(load, WheelLoad)
+        velocity = scale(1.0 / self.scene.body.mass, phase.linear_momentum_world)
+        return load.outside(0.0, ZERO, velocity, phase.orientation, phase.angular_velocity)[2]
+
+    def _switching(self, wheels: WheelSet, phase: PhaseState) -> list[int]:
+        return wheels.switching(self._torque(phase), phase.angular_velocity, phase.inner)
+
+    def _switch(self, phase: PhaseState) -> None:
+        """Let the wheels that have come to a point of theirs turn otherwise from here on."""
+        if self._wheels is not None:
+            self._wheels.switch(self._switching(self._wheels, phase), phase.angular_velocity, phase.inner)
+            self._stale = True
+
+    def _next_switch_ns(self, wheels: WheelSet, until_ns: int) -> int | None:
+        """Return the first time up to `until_ns` at which a wheel begins to turn otherwise; None if none does.
+
+        Looked for in whole strides, so that it depends neither on outputs nor on how time advances.
+        """
+        while True:
+            end_ns = self._arc.next_grid_ns()
+            if end_ns != self._searched_ns:
+                first, last = max(self._searched_ns - 1, self.time_ns), end_ns - 1
+                self._searched_ns, self._switch_ns = end_ns, None
+                if last > first and self._switching(wheels, self._arc.at(last)):
+                    while last - first > 1:
+                        middle = (first + last) // 2
+                        if self._switching(wheels, self._arc.at(middle)):
+                            last = middle
+                        else:
+                            first = middle
+                    self._switch_ns = last
+            if self._switch_ns is not None:
+                return self._switch_ns if self._switch_ns <= until_ns else None
+            if end_ns > until_ns:
+                return None
+            self._arc.advance(end_ns)
+
     def _measure(self) -> None:
         """Let the sensors read the motion at `time_ns`, and tell the sinks what has come by then."""
         sensing = self._sensing
@@ -555,13 +610,20 @@ class Simulation:
                 if self._sinks and isinstance(told, ActuatorCommand) and not told.reason:
                     self._inputs.actuate(told)
                 self.write(told)
+            if self._bank.changed:
+                self._bank.turn(self._phase.angular_velocity, self._phase.inner)
                 self._stale = True
         # A rejected command leaves no trace in the motion, not even an edge.
         if kink or any(isinstance(change, AppliedWrench) for change in changes):
             self._stale = True
         while self._moves and self._moves[0].time_ns <= self.time_ns:
             move = self._moves.pop(0)
-            self._phase = moved(self.scene.body, self._phase, move)
+            before = self._phase
+            self._phase = moved(self.scene.body, before, move)
+            if self._wheels is not None:
+                there = (self._phase.orientation, self._phase.angular_velocity)
+                states = self._wheels.moved((before.orientation, before.angular_velocity), there, before.inner)
+                self._phase = self._phase.with_inner(states)
             if self._sinks:
                 self._inputs.move(move)
             self.write(move)
@@ -570,6 +632,7 @@ class Simulation:
     def _goes_on(self) -> bool:
         """Return whether one step can be taken under the present load; if not, reject the largest command."""
         before = self._held, self._load_from
+        turning = None if self._wheels is None else self._wheels.now
         try:
             # With a separate plan: the other one remembers its step sizes.
             arc = self._new_arc(Plan(*self._planned))
@@ -583,12 +646,15 @@ class Simulation:
             return False
         finally:
             self._held, self._load_from = before
+            if self._wheels is not None and turning is not None:
+                self._wheels.restore(turning)
         return True
 
     def _renew(self) -> None:
         """Begin a new arc at `time_ns`."""
         self._arc = self._new_arc(self.plan)
         self._steps_before, self._stale = self._steps, False
+        self._searched_ns, self._switch_ns = -1, None
 
     def _new_arc(self, plan: Plan) -> Arc:
         acting, driven = self._channels.total(), None
@@ -598,6 +664,9 @@ class Simulation:
         seconds = (self.time_ns + self._earlier_ns) / NANOSECONDS
         body, load_from = self.scene.body, self._effects.load_from(seconds, driven)
         self._load_from = None if load_from is None else lambda phase: load_from(phase.point(body))
+        if self._wheels is not None:
+            self._load_from = self._with_wheels(self._wheels, held, self._load_from)
+            self._wheels.settle(self._torque(self._phase), self._phase.angular_velocity, self._phase.inner)
         arc = plan.arc(held, self.time_ns, self._phase, self._load_from)
         expected = [time for time in (self._next_change_ns(), self.end_ns) if time is not None]
         arc.expected_ns = min(expected, default=self.time_ns)

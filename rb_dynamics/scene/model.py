@@ -12,6 +12,7 @@ from rb_dynamics.loads.actuator import Actuator
 from rb_dynamics.loads.channels import Channel, ChannelBias, topic_fault
 from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.effect import Effect
+from rb_dynamics.loads.reaction_wheel import ReactionWheel
 from rb_dynamics.loads.wrench import Wrench, WrenchFrames
 from rb_dynamics.numerics.argument_checks import instance, instances, number, shown, whole_number
 from rb_dynamics.numerics.nanoseconds import LONGEST, SHORTEST, nanoseconds
@@ -189,6 +190,11 @@ class Scene:
     def end_ns(self) -> int | None:
         """`duration` in whole nanoseconds, the end of a run."""
         return None if self.duration is None else nanoseconds(self.duration)
+
+    @property
+    def wheels(self) -> tuple[ReactionWheel, ...]:
+        """The actuators that are reaction wheels."""
+        return tuple(each for each in self.actuators if isinstance(each, ReactionWheel))
 
     @property
     def sensor_topics(self) -> tuple[str, ...]:

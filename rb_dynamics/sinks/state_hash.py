@@ -60,6 +60,9 @@ class StateHash:
         )
         if sample.potential_energy is not None:
             self._hash.update(struct.pack("<d", sample.potential_energy))
+        if sample.wheel_speeds is not None:
+            inner = *sample.wheel_speeds, sample.motor_work, sample.friction_heat
+            self._hash.update(struct.pack(f"<{len(inner)}d", *inner))
 
     def update_all(self, rows: npt.NDArray[np.uint8]) -> None:
         """Add samples, from `hashed_rows`."""

@@ -60,10 +60,12 @@ NOT_MODELLED = (
     "harmonics, third bodies, ephemerides",
     "a moving or rotating world frame",
     "cameras, range sensors",
-    "imbalance of wheels, rise and fall of thrusters, propellant",
+    "imbalance and gimbals of wheels, rise and fall of thrusters, propellant",
     "relativity, radiation of momentum",
 )
 """What no scene can describe; docs/limits.md names alternatives."""
+
+_EVALUATED = "evaluated inside every step"
 
 _FREE_ROTATION = {
     Symmetry.SPHERE: "uniform rotation, since all three moments are equal",
@@ -244,7 +246,7 @@ def _modelled(scene: Scene) -> tuple[str, ...]:
     held = {effect.kind for effect in scene.effects if effect.takes == LoadDependence.HELD}
     items += [
         f"effect {effect.kind}: "
-        + ("held like a wrench" if effect.kind in held else "evaluated inside every step")
+        + ("a field" if effect.magnetic_field() else "held like a wrench" if effect.kind in held else _EVALUATED)
         + (", with its potential energy" if effect.potential(body) is not None else "")
         for effect in scene.effects
     ]

@@ -232,7 +232,8 @@ def _plugin_failures_as_refusals(method: str) -> Iterator[None]:
 
 def accepted(scene: Scene, commands: Sequence[Command]) -> list[Command]:
     """Return the commands that the scene does not reject."""
-    run = Simulation(replace(scene, solver=Solver("euler", step=1.0)))
+    solver = Solver("euler", step=1.0) if not scene.wheels else Solver()
+    run = Simulation(replace(scene, solver=solver))
     honoured: list[Command] = []
     for topic, wrench in commands:
         with suppress(WrenchError):

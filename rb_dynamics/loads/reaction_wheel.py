@@ -1,0 +1,146 @@
+"""A reaction wheel: a motor turns it against the body, by a commanded torque or to a commanded speed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.errors import SceneError
+from rb_dynamics.loads.actuator import Accepted, Actuator, clipped
+from rb_dynamics.loads.load import LoadDependence
+from rb_dynamics.numerics.argument_checks import number, shown, vector
+from rb_dynamics.numerics.rotation import rotate_inverse
+from rb_dynamics.numerics.vector import ZERO, Vector, dot, norm, scale
+from rb_dynamics.numerics.vector import multiply as times
+
+if TYPE_CHECKING:
+    from rb_dynamics.scene.effect_entry import EffectEntry
+
+COMMANDS = ("torque", "speed")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReactionWheel(Actuator):
+    """A wheel whose speed relative to the body is a state of the run.
+
+    Its inertia J about its axis a is contained in the body's inertia I, as CAD gives it. With the speed W relative to
+    the body, L = I w + J W a, T = w . I w / 2 + J W a . w + J W^2 / 2, and J (W' + a . w') = u + f: the torque of motor
+    and friction on the wheel, whose reaction acts on the body (Hughes, Spacecraft Attitude Dynamics, section 3.4).
+
+    The friction is f = -c sign W - v W; at rest it holds the wheel up to c. A commanded torque u is held until the next
+    command; at `max_speed` the drive gives no more than keeps the speed. A commanded speed is approached with
+    `max_torque`, and held with what that takes, up to `max_torque`.
+
+    Attributes:
+        axis: body axes; its length does not count.
+        inertia: J, kg m^2.
+        command: `torque` (N m, on the wheel about its axis) or `speed` (rad/s relative to the body).
+        max_torque: N m of the motor, either way; infinite for no limit, which a commanded speed must have.
+        max_speed: rad/s relative to the body, either way.
+        coulomb: c, N m.
+        viscous: v, N m s/rad.
+        speed: W at the start, rad/s.
+    """
+
+    kind: ClassVar[str] = "reaction_wheel"
+    takes: ClassVar[LoadDependence] = LoadDependence.STATES
+    keys: ClassVar[tuple[str, ...]] = (
+        *("name", "axis", "inertia", "command", "max_torque", "max_speed", "friction", "speed"),
+    )
+
+    axis: Vector
+    inertia: float
+    command: str = "torque"
+    max_torque: float = math.inf
+    max_speed: float = math.inf
+    coulomb: float = 0.0
+    viscous: float = 0.0
+    speed: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse what is no reaction wheel.
+
+        Raises:
+            TypeError: an argument is not of its type.
+            SceneError: a number is out of range, or there is no axis or no such command.
+        """
+        super().__post_init__()
+        axis = vector(self.axis, "reaction_wheel: axis", "the direction of its axis", SceneError)
+        if axis == ZERO:
+            raise SceneError("reaction_wheel: axis is zero, expected the direction of its axis; write one: (0, 0, 1)")
+        object.__setattr__(self, "axis", axis)
+        self._number("inertia", "its inertia about its axis, greater than 0 (kg m^2)", above=0.0)
+        for name in ("max_torque", "max_speed"):
+            if (limit := getattr(self, name)) != math.inf:
+                expected = "a number greater than 0, infinite for no limit"
+                object.__setattr__(
+                    self, name, number(limit, f"reaction_wheel: {name}", expected, SceneError, above=0.0)
+                )
+        self._number("coulomb", "a torque of 0 or more (N m)", least=0.0)
+        self._number("viscous", "a number of 0 or more (N m s/rad)", least=0.0)
+        expected = "a speed within max_speed (rad/s)"
+        self._number("speed", expected, least=-self.max_speed, most=self.max_speed)
+        if self.command not in COMMANDS:
+            raise SceneError(f"reaction_wheel: command is {shown(self.command)}, expected {' or '.join(COMMANDS)}")
+        if self.command == "speed" and self.max_torque == math.inf:
+            raise SceneError(
+                "reaction_wheel: max_torque is infinite, expected a finite one for a commanded speed: a wheel cannot "
+                "reach a speed at once; write one"
+            )
+
+    @classmethod
+    def read(cls, entry: EffectEntry) -> ReactionWheel:
+        """Return the actuator of an entry."""
+        if entry.is_particle:
+            entry.reject("no reaction wheel, as a body without inertia is a particle", "add body.inertia or remove it")
+        friction = entry.inner("friction", ("coulomb", "viscous"))
+        sizes = {"coulomb": 0.0, "viscous": 0.0}
+        if friction is not None:
+            for name, unit in (("coulomb", "N m"), ("viscous", "N m s/rad")):
+                size = friction.number(name, f"0 or more ({unit})", lambda v: v >= 0.0, "write 0 for none", 0.0)
+                sizes[name] = size
+        limits = {
+            name: entry.number(name, f"a number greater than 0 ({unit})", lambda v: v > 0.0, "leave it out for none")
+            for name, unit in (("max_torque", "N m"), ("max_speed", "rad/s"))
+            if entry.has(name)
+        }
+        return cls(
+            name=entry.name or "wheel",
+            axis=entry.direction("axis", "write its axis in the body, such as [1, 0, 0]"),
+            inertia=entry.number(
+                "inertia", "a number greater than 0 (kg m^2)", lambda v: v > 0.0, "write its inertia about its own axis"
+            ),
+            command=entry.choice("command", COMMANDS, COMMANDS[0]),
+            speed=entry.number("speed", "a finite number (rad/s)", default=0.0),
+            **limits,
+            **sizes,
+        )
+
+    @property
+    def unit(self) -> str:
+        """The unit of its commands."""
+        return "N m" if self.command == "torque" else "rad/s"
+
+    def check(self, body: RigidBody) -> None:
+        """Refuse a wheel that is no part of `body`.
+
+        Raises:
+            SceneError: the body is a particle, or its inertia about the axis is not greater than the wheel's.
+        """
+        axis = self.axis_in(body)
+        whole = 0.0 if body.is_particle else dot(axis, times(body.principal_moments, axis))
+        if not self.inertia < whole:
+            raise SceneError(
+                f"reaction_wheel: inertia is {self.inertia!r}, expected less than {whole:.6g} kg m^2, the inertia of "
+                "the body about that axis, in which the wheel is contained; add the wheel to body.inertia"
+            )
+
+    def axis_in(self, body: RigidBody) -> Vector:
+        """Return its axis, of length 1, in principal axes."""
+        axis = rotate_inverse(body.principal_orientation_xyzw, self.axis)
+        return scale(1.0 / norm(axis), axis)
+
+    def _accept(self, value: float) -> Accepted:
+        return clipped(value, self.max_torque if self.command == "torque" else self.max_speed)

@@ -1,0 +1,315 @@
+"""`WheelSet`: the reaction wheels of one run: which of them turn freely, and what they and the body do to each other.
+
+A wheel is free, or it is held: its speed relative to the body stays, by friction at rest, by the drive at its largest
+or its commanded speed. That changes only at certain times, between which all is smooth; the engine looks for these
+times (`switching`) and ends a step there.
+
+The states of a run are one momentum about its axis for each wheel, H = J (W + a . w), then the work of the motors and
+the heat of friction (J), and, for the books, what the inner torque adds to those of the body: work (J) and impulse
+(N m s, world axes).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.loads.effect import Stored
+from rb_dynamics.loads.load import Load
+from rb_dynamics.loads.reaction_wheel import ReactionWheel
+from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.numerics.rotation import Matrix, Quaternion, rotate, rotate_inverse
+from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, cross, divide, dot, scale, subtract
+from rb_dynamics.numerics.vector import multiply as times
+
+_BOOKS = 6
+"""States behind the momenta: motor work, friction heat, work and impulse of the inner torque."""
+
+
+class _Wheel(NamedTuple):
+    """How a wheel turns now.
+
+    Attributes:
+        command: its torque (N m) or speed (rad/s).
+        point: the speed at which it may stay: rest, its largest or its commanded speed; None elsewhere.
+        held: whether it stays there.
+        motor: torque of the motor while it is free, N m.
+        coulomb: constant part of the friction's torque while it is free, N m.
+        low: rad/s, the speed below which it is no longer as free as it is.
+        high: rad/s, the speed above which that is so.
+    """
+
+    command: float
+    point: float | None = None
+    held: bool = False
+    motor: float = 0.0
+    coulomb: float = 0.0
+    low: float = -math.inf
+    high: float = math.inf
+
+
+class WheelSet:
+    """The wheels of one run, in the order of the scene."""
+
+    def __init__(self, wheels: Sequence[ReactionWheel], body: RigidBody) -> None:
+        """Start at the speeds of the scene, without torques; where a speed is commanded, that of the start."""
+        self.wheels = tuple(wheels)
+        self._moments = body.principal_moments
+        self._axes = tuple(wheel.axis_in(body) for wheel in wheels)
+        self._now = [_Wheel(wheel.speed if wheel.command == "speed" else 0.0) for wheel in wheels]
+        for k, wheel in enumerate(wheels):
+            self._place(k, wheel.speed)
+        self._inverse = self._inverted()
+
+    @property
+    def now(self) -> list[_Wheel]:
+        """How each turns now, for `restore`."""
+        return list(self._now)
+
+    def restore(self, now: Sequence[_Wheel]) -> None:
+        """Turn as then."""
+        self._now = list(now)
+        self._inverse = self._inverted()
+
+    def begin(self, omega: Vector) -> tuple[float, ...]:
+        """Return the states at the start, while the body turns with `omega` (principal axes)."""
+        momenta = [w.inertia * (w.speed + dot(a, omega)) for w, a in zip(self.wheels, self._axes, strict=True)]
+        return (*momenta, *(0.0,) * _BOOKS)
+
+    def command(self, k: int, value: float, speed: float) -> None:
+        """Let wheel k, which turns with `speed`, do as commanded; `settle` sees what comes of it."""
+        point = self._now[k].point
+        self._now[k] = self._now[k]._replace(command=value)
+        # At rest or at its largest speed it still is; a speed that was commanded is none to stay at.
+        if point is None or point not in self._points(k):
+            self._place(k, speed)
+
+    def speeds(self, omega: Vector, states: Sequence[float]) -> tuple[float, ...]:
+        """Return the speeds relative to the body, rad/s."""
+        parts = zip(states, self.wheels, self._axes, strict=False)
+        return tuple([momentum / wheel.inertia - dot(axis, omega) for momentum, wheel, axis in parts])
+
+    def stored(self, omega: Vector, states: Sequence[float]) -> Stored:
+        """Return what the wheels add to L = I w (principal axes) and to T = w . I w / 2."""
+        momentum, energy = ZERO, 0.0
+        for wheel, axis, speed in zip(self.wheels, self._axes, self.speeds(omega, states), strict=True):
+            momentum = add_scaled(momentum, wheel.inertia * speed, axis)
+            energy += wheel.inertia * speed * (dot(axis, omega) + 0.5 * speed)
+        return Stored(momentum, energy)
+
+    def booked(self, states: Sequence[float]) -> tuple[float, float, float, Vector]:
+        """Return work of the motors, heat of friction, and what the inner torque added to work and impulse."""
+        motor, heat, work, x, y, z = states[len(self.wheels) :]
+        return motor, heat, work, (x, y, z)
+
+    def moved(
+        self, before: tuple[Quaternion, Vector], after: tuple[Quaternion, Vector], states: Sequence[float]
+    ) -> tuple[float, ...]:
+        """Return the states when the body is moved to attitude and rate `after`: wheels keep their speeds."""
+        speeds = zip(self.wheels, self._axes, self.speeds(before[1], states), strict=True)
+        momenta = [wheel.inertia * (speed + dot(axis, after[1])) for wheel, axis, speed in speeds]
+        was, became = self.stored(before[1], states), self.stored(after[1], momenta)
+        turned = subtract(rotate(after[0], became.momentum), rotate(before[0], was.momentum))
+        motor, heat, work, impulse = self.booked(states)
+        return (*momenta, motor, heat, work + (became.energy - was.energy), *subtract(impulse, turned))
+
+    def settle(self, torque: Vector, omega: Vector, states: Sequence[float]) -> None:
+        """Decide which wheels are held, under a torque from outside (principal axes).
+
+        First all that are where they may stay are held; one that cannot be is let go, until all others can.
+        """
+        speeds = self.speeds(omega, states)
+        self._now = [wheel._replace(held=wheel.point is not None) for wheel in self._now]
+        while True:
+            self._inverse = self._inverted()
+            spin_up = self._spin_up(torque, omega, speeds)
+            going = [(k, way) for k in range(len(speeds)) if (way := self._way_out(k, spin_up, speeds[k]))]
+            if not going:
+                return
+            self._let_go(*going[0], speeds[going[0][0]])
+
+    def switching(self, torque: Vector, omega: Vector, states: Sequence[float]) -> list[int]:
+        """Return the wheels that no longer turn as they do now."""
+        speeds = self.speeds(omega, states)
+        spin_up = self._spin_up(torque, omega, speeds) if any(wheel.held for wheel in self._now) else ZERO
+        return [
+            k
+            for k, (wheel, speed) in enumerate(zip(self._now, speeds, strict=True))
+            if (self._way_out(k, spin_up, speed) if wheel.held else not wheel.low <= speed <= wheel.high)
+        ]
+
+    def switch(self, wheels: Sequence[int], omega: Vector, states: Sequence[float]) -> None:
+        """Put free wheels from `switching` to the point that they have just passed."""
+        speeds = self.speeds(omega, states)
+        for k in wheels:
+            wheel = self._now[k]
+            if not wheel.held:
+                passed = wheel.low if speeds[k] < wheel.low else wheel.high
+                points = self._points(k)
+                self._now[k] = wheel._replace(point=min(points, key=lambda point: abs(point - passed)))
+
+    def stage(
+        self, torque: Vector, orientation: Quaternion, omega: Vector, states: Sequence[float]
+    ) -> tuple[Vector, tuple[float, ...]]:
+        """Return the inner torque on the body (principal axes), and the rates of the states, under `torque`."""
+        speeds = self.speeds(omega, states)
+        spin_up = self._spin_up(torque, omega, speeds)
+        inner, rates = cross(self.stored(omega, states).momentum, omega), []
+        motor = heat = power = 0.0
+        for k, (wheel, axis, speed) in enumerate(zip(self.wheels, self._axes, speeds, strict=True)):
+            now, carried = self._now[k], self.wheels[k].inertia * dot(axis, spin_up)
+            if now.held:
+                on_wheel, friction = carried, 0.0 if now.point == 0.0 else self._sliding(k, speed)
+            else:
+                friction = now.coulomb - wheel.viscous * speed
+                on_wheel = now.motor + friction
+                inner = add_scaled(inner, carried - on_wheel, axis)
+            rates.append(on_wheel)
+            motor, heat = motor + (on_wheel - friction) * speed, heat - friction * speed
+            power += on_wheel * speed
+        return inner, (*rates, motor, heat, power - dot(inner, omega), *rotate(orientation, inner))
+
+    def turned(self, states: Sequence[float]) -> Vector:
+        """Return the angular velocity (principal axes) that a difference of momenta may mean to the body."""
+        off = ZERO
+        for momentum, axis in zip(states, self._axes, strict=False):
+            off = add_scaled(off, momentum, axis)
+        return divide(off, self._moments)
+
+    def _points(self, k: int) -> tuple[float, ...]:
+        """Return the speeds at which a wheel may stay."""
+        wheel = self.wheels[k]
+        points = [-wheel.max_speed, wheel.max_speed] if wheel.max_speed < math.inf else []
+        points += [0.0] if wheel.coulomb > 0.0 else []
+        return (*points, *([self._now[k].command] if wheel.command == "speed" else []))
+
+    def _place(self, k: int, speed: float) -> None:
+        """Put a wheel where it is by its speed alone."""
+        points = self._points(k)
+        if speed in points:
+            self._now[k] = self._now[k]._replace(point=speed)
+            return
+        low = max((point for point in points if point < speed), default=-math.inf)
+        high = min((point for point in points if point > speed), default=math.inf)
+        self._free(k, low, high, math.copysign(1.0, speed))
+
+    def _let_go(self, k: int, way: float, speed: float) -> None:
+        """Let a wheel go from its point, up (1) or down (-1)."""
+        point, points = self._now[k].point, self._points(k)
+        assert point is not None
+        # It was caught within a nanosecond, and is past its point by that much.
+        if way > 0.0:
+            high = min((other for other in points if other > point), default=math.inf)
+            self._free(k, min(point, speed), high, math.copysign(1.0, point) if point else way)
+        else:
+            low = max((other for other in points if other < point), default=-math.inf)
+            self._free(k, low, max(point, speed), math.copysign(1.0, point) if point else way)
+
+    def _free(self, k: int, low: float, high: float, sign: float) -> None:
+        """Let a wheel turn freely between two speeds, with speeds of this sign."""
+        wheel, now = self.wheels[k], self._now[k]
+        motor = now.command
+        if wheel.command == "speed":
+            motor = -wheel.max_torque if low + high > 2.0 * now.command else wheel.max_torque
+        self._now[k] = now._replace(
+            point=None, held=False, motor=motor, coulomb=-sign * wheel.coulomb, low=low, high=high
+        )
+
+    def _sliding(self, k: int, speed: float) -> float:
+        wheel = self.wheels[k]
+        return -math.copysign(wheel.coulomb, speed) - wheel.viscous * speed
+
+    def _way_out(self, k: int, spin_up: Vector, speed: float) -> float:
+        """Return which way a held wheel goes, as nothing can hold it: up (1), down (-1) or not at all (0)."""
+        wheel, now = self.wheels[k], self._now[k]
+        if not now.held or now.point is None:
+            return 0.0
+        needed = wheel.inertia * dot(self._axes[k], spin_up)
+        least = most = now.command
+        if wheel.command == "speed":
+            least = most = math.copysign(wheel.max_torque, now.command - now.point)
+            if now.point == now.command:
+                least, most = -wheel.max_torque, wheel.max_torque
+        if now.point == 0.0:
+            least, most = least - wheel.coulomb, most + wheel.coulomb
+        else:
+            friction = self._sliding(k, speed)
+            least, most = least + friction, most + friction
+        if now.point == wheel.max_speed:
+            least = -math.inf
+        elif now.point == -wheel.max_speed:
+            most = math.inf
+        return -1.0 if needed > most else 1.0 if needed < least else 0.0
+
+    def _spin_up(self, torque: Vector, omega: Vector, speeds: Sequence[float]) -> Vector:
+        """Return w' (principal axes) under a torque from outside, with the wheels as they turn now."""
+        momentum = times(self._moments, omega)
+        push = torque
+        for k, (wheel, axis) in enumerate(zip(self.wheels, self._axes, strict=True)):
+            momentum = add_scaled(momentum, wheel.inertia * speeds[k], axis)
+            now = self._now[k]
+            if not now.held:
+                push = add_scaled(push, -(now.motor + now.coulomb - wheel.viscous * speeds[k]), axis)
+        x, y, z = add(push, cross(momentum, omega))
+        return add(add(scale(x, self._inverse[0]), scale(y, self._inverse[1])), scale(z, self._inverse[2]))
+
+    def _inverted(self) -> Matrix:
+        """Return the inverse of the inertia without the free wheels: I - sum of J a a^T, symmetric."""
+        (a, b, c), d, e, f = self._moments, 0.0, 0.0, 0.0
+        for wheel, (x, y, z), now in zip(self.wheels, self._axes, self._now, strict=True):
+            j = 0.0 if now.held else wheel.inertia
+            a, b, c, d, e, f = a - j * x * x, b - j * y * y, c - j * z * z, d - j * x * y, e - j * x * z, f - j * y * z
+        one, two, three = b * c - f * f, e * f - d * c, d * f - e * b
+        s = 1.0 / (a * one + d * two + e * three)
+        four, five, six = s * (a * c - e * e), s * (d * e - a * f), s * (a * b - d * d)
+        one, two, three = s * one, s * two, s * three
+        return ((one, two, three), (two, four, five), (three, five, six))
+
+
+class WheelLoad:
+    """The load of one step with wheels: what else acts, and the wheels on the body.
+
+    Attributes:
+        states: at the start of the step.
+    """
+
+    def __init__(self, wheels: WheelSet, held: HeldWrench, load: Load | None, states: tuple[float, ...]) -> None:
+        """Begin a step under a held wrench (principal axes) and another load."""
+        self._wheels, self._held, self._load, self.states = wheels, held, load, states
+
+    def __call__(
+        self, t: float, displacement: Vector, velocity: Vector, orientation: Quaternion, angular_velocity: Vector
+    ) -> tuple[Vector, Vector]:
+        """Return force and torque with the wheels as they are at the start of the step."""
+        force, torque, _ = self.stage(t, displacement, velocity, orientation, angular_velocity, self.states)
+        return force, torque
+
+    def outside(
+        self, t: float, displacement: Vector, velocity: Vector, orientation: Quaternion, angular_velocity: Vector
+    ) -> tuple[Vector, Vector, Vector]:
+        """Return force and torque of the other load, and the torque of all that acts from outside."""
+        force, torque = ZERO, ZERO
+        if self._load is not None:
+            force, torque = self._load(t, displacement, velocity, orientation, angular_velocity)
+        held = add(self._held.torque_body, rotate_inverse(orientation, self._held.torque_world))
+        return force, torque, add(held, torque)
+
+    def stage(
+        self,
+        t: float,
+        displacement: Vector,
+        velocity: Vector,
+        orientation: Quaternion,
+        angular_velocity: Vector,
+        states: tuple[float, ...],
+    ) -> tuple[Vector, Vector, tuple[float, ...]]:
+        """Return force and torque, the inner one included, and the rates of the states."""
+        force, torque, outside = self.outside(t, displacement, velocity, orientation, angular_velocity)
+        inner, rates = self._wheels.stage(outside, orientation, angular_velocity, states)
+        return force, add(torque, inner), rates
+
+    def turned(self, states: tuple[float, ...]) -> Vector:
+        """Return what a difference of states may mean to the body."""
+        return self._wheels.turned(states)

@@ -1,0 +1,104 @@
+"""States beside those of the body, such as the speeds of wheels: integrated by the stages of the same method.
+
+They stand behind the sums of a `PhaseState`. A load with states of its own is evaluated at each stage with the states
+there, which follow from the rates at the stages before by the method's own tableau: that is the method itself, applied
+to body and states as one system.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol, runtime_checkable
+
+from rb_dynamics.motion.method import Load, Tableau, Weights
+from rb_dynamics.motion.phase_state import PhaseState, Sums
+from rb_dynamics.numerics.rotation import Quaternion
+from rb_dynamics.numerics.vector import Vector, add_scaled
+
+
+@runtime_checkable
+class StatefulLoad(Protocol):
+    """A load with states of its own.
+
+    Attributes:
+        states: at the start of the step.
+    """
+
+    states: Sums
+
+    def stage(
+        self,
+        t: float,
+        displacement: Vector,
+        velocity: Vector,
+        orientation: Quaternion,
+        angular_velocity: Vector,
+        states: Sums,
+    ) -> tuple[Vector, Vector, Sums]:
+        """Return force and torque, as a `Load` does, and the rates of the states."""
+
+    def turned(self, states: Sums) -> Vector:
+        """Return the angular velocity (rad/s, principal axes) that a difference of states may mean to the body."""
+
+
+class StagedLoad:
+    """A stateful load in one step: a `Load` that a method evaluates stage by stage, in the order of its tableau."""
+
+    def __init__(self, load: StatefulLoad, h: float, tableau: Tableau) -> None:
+        """Begin a step of h s."""
+        self._load, self._h, self._tableau = load, h, tableau
+        self._rates: list[Sums] = []
+
+    def __call__(
+        self, t: float, displacement: Vector, velocity: Vector, orientation: Quaternion, angular_velocity: Vector
+    ) -> tuple[Vector, Vector]:
+        """Return force and torque at the next stage."""
+        gained = self._sum(self._tableau.rows[len(self._rates)])
+        states = tuple([a + b for a, b in zip(self._load.states, gained, strict=True)])
+        force, torque, rates = self._load.stage(t, displacement, velocity, orientation, angular_velocity, states)
+        self._rates.append(rates)
+        return force, torque
+
+    def after(self, before: PhaseState, after: PhaseState) -> PhaseState:
+        """Return the phase at the end of the step with the states there."""
+        return _with_states(before, after, self._sum(self._tableau.weights))
+
+    def compared(self, before: PhaseState, other: PhaseState) -> PhaseState:
+        """Return the comparison of an embedded pair, off by the estimated error of the states too.
+
+        That is added to the angular velocity, by which alone steps are judged.
+        """
+        fifth, third = (self._sum(weights) for weights in self._tableau.errors)
+        off = tuple([_error(a, b) for a, b in zip(fifth, third, strict=True)])
+        gained = tuple([a - b for a, b in zip(self._sum(self._tableau.weights), off, strict=True)])
+        omega = add_scaled(other.angular_velocity, 1.0, self._load.turned(off))
+        return _with_states(before, other._replace(angular_velocity=omega), gained)
+
+    def _sum(self, weights: Weights) -> Sums:
+        totals = [0.0] * len(self._load.states)
+        for stage, weight in weights:
+            for k, rate in enumerate(self._rates[stage]):
+                totals[k] += weight * rate
+        return tuple([self._h * total for total in totals])
+
+
+def staged(load: Load, h: float, tableau: Tableau) -> Load:
+    """Return `load` for a step of h s: itself where it has no states."""
+    return StagedLoad(load, h, tableau) if isinstance(load, StatefulLoad) else load
+
+
+def _error(fifth: float, third: float) -> float:
+    size = (fifth * fifth + 0.01 * third * third) ** 0.5
+    return fifth * abs(fifth) / size if size > 0.0 else 0.0
+
+
+def _with_states(before: PhaseState, after: PhaseState, gained: Sequence[float]) -> PhaseState:
+    """Return `after` with the states of `before` and what they have gained, by two-sum as other sums."""
+    count = len(after.high)
+    high, low = list(after.high), list(after.low)
+    for a, rest, b in zip(before.high[count:], before.low[count:], gained, strict=True):
+        total = a + b
+        part = total - a
+        high.append(total)
+        low.append(rest + ((a - (total - part)) + (b - part)))
+    return after._replace(high=tuple(high), low=tuple(low))

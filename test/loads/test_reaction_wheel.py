@@ -1,0 +1,239 @@
+"""Reaction wheels: against other equations and closed forms, at rest and at their limits; books, log and replay."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+import rb_dynamics as rb
+from rb_dynamics.formats import cdr
+from rb_dynamics.formats.bag_source import open_source
+from rb_dynamics.loads.actuator import Setpoint
+from rb_dynamics.sinks.mcap_sink import McapSink
+from rb_dynamics.study.replay import replay
+
+BODY = """
+body: {mass: 10, inertia: {matrix: [[0.05, 0.001, 0], [0.001, 0.12, 0.002], [0, 0.002, 0.14]]}}
+initial: {angular_velocity_body: [0.1, -0.2, 0.3]}
+"""
+THREE = f"""{BODY}
+wrenches: [{{topic: wrench}}]
+actuators:
+  - {{type: reaction_wheel, name: wheel_x, axis: [1, 0, 0], inertia: 1.0e-4, command: torque, max_torque: 5.0e-3,
+     max_speed: 600.0, friction: {{coulomb: 1.0e-5, viscous: 1.0e-7}}, speed: 50.0}}
+  - {{type: reaction_wheel, name: wheel_y, axis: [0, 1, 0.2], inertia: 2.0e-4, max_speed: 100.0,
+     friction: {{coulomb: 1.0e-4}}}}
+  - {{type: reaction_wheel, name: wheel_z, axis: [0, 0, 1], inertia: 2.0e-4, command: speed, max_torque: 5.0e-3,
+     max_speed: 100.0, friction: {{coulomb: 1.0e-4, viscous: 1.0e-6}}}}
+duration: 40
+output_rate: 4
+"""
+COMMANDS = [
+    ("wheel_z/command", Setpoint(30.0, 500_000_000)),
+    ("wheel_x/command", Setpoint(-1e-3, 1_000_000_000)),
+    ("wheel_y/command", Setpoint(0.5e-4, 2_000_000_000)),
+    ("wheel_y/command", Setpoint(2e-3, 3_000_000_000)),
+    ("wheel_x/command", Setpoint(0.0, 12_000_000_000)),
+    ("wheel_z/command", Setpoint(-10.0, 15_000_000_000)),
+    ("wheel_y/command", Setpoint(-2e-3, 23_000_000_000)),
+]
+
+
+def flown(text: str, commands: object = (), **overrides: object) -> rb.MemorySink:
+    sink = rb.MemorySink()
+    rb.simulate(rb.parse_scene(text, overrides=overrides), commands, [sink])  # type: ignore[arg-type]
+    return sink
+
+
+def require_books(sink: rb.MemorySink, energy: float, momentum: float) -> None:
+    """Check that T, L, the work of motors and the heat of friction close, by their defects and against each other."""
+    assert np.abs(sink.energy_defect).max() < energy
+    assert np.abs(sink.angular_momentum_defect_world).max() < momentum
+    done = sink.motor_work - sink.friction_heat
+    assert np.abs(sink.work - done).max() < energy, "nothing but motors and friction does work"
+    assert np.abs(sink.kinetic_energy - sink.kinetic_energy[0] - done).max() < energy
+    assert np.abs(sink.angular_momentum_world - sink.angular_momentum_world[0]).max() < momentum
+    assert (np.diff(sink.friction_heat) >= 0.0).all()
+
+
+def test_wheels_with_friction_follow_other_equations() -> None:
+    """Hamilton's way: momenta in the body, with the attitude as a matrix, by another integrator."""
+    text = f"""{BODY}
+wrenches: []
+actuators:
+  - {{type: reaction_wheel, name: a, axis: [1, 2, 0], inertia: 1.0e-3, speed: 40,
+     friction: {{coulomb: 2.0e-5, viscous: 3.0e-5}}}}
+  - {{type: reaction_wheel, name: b, axis: [0, 1, 1], inertia: 2.0e-3, friction: {{coulomb: 1.0e-5}}, speed: -20}}
+duration: 20
+output_rate: 1
+solver: {{accuracy: 1.0e-11}}
+"""
+    inertia = np.array([[0.05, 0.001, 0.0], [0.001, 0.12, 0.002], [0.0, 0.002, 0.14]])
+    axes = np.array([[1.0, 2.0, 0.0], [0.0, 1.0, 1.0]]) / np.sqrt([[5.0], [2.0]])
+    j, coulomb, viscous, motor = np.array([1e-3, 2e-3]), np.array([2e-5, 1e-5]), np.array([3e-5, 0.0]), [1e-3, -5e-4]
+    core = inertia - np.einsum("k,ki,kj->ij", j, axes, axes)
+
+    def rates(_: float, state: Any) -> Any:
+        whole, spin, turn = state[:3], state[3:5], state[5:].reshape(3, 3)
+        omega = np.linalg.solve(core, whole - spin @ axes)
+        speed = spin / j - axes @ omega
+        torque = motor - coulomb * np.sign(speed) - viscous * speed
+        hat = np.cross(np.eye(3), omega)
+        return np.concatenate([np.cross(whole, omega), torque, (turn @ hat).ravel()])
+
+    omega = np.array([0.1, -0.2, 0.3])
+    speed = np.array([40.0, -20.0])
+    whole = inertia @ omega + (j * speed) @ axes
+    start = np.concatenate([whole, j * (speed + axes @ omega), np.eye(3).ravel()])
+    found = solve_ivp(rates, (0.0, 20.0), start, method="DOP853", rtol=1e-12, atol=1e-14).y[:, -1]
+    sink = flown(text, [("a/command", Setpoint(1e-3)), ("b/command", Setpoint(-5e-4))])
+    ended = np.linalg.solve(core, found[:3] - found[3:5] @ axes)
+    assert sink.wheel_speeds[-1] == pytest.approx(found[3:5] / j - axes @ ended, abs=1e-8)
+    assert sink.angular_velocity_body[-1] == pytest.approx(ended, abs=1e-10)
+    turned = Rotation.from_quat(sink.orientation_xyzw[-1]).inv() * Rotation.from_matrix(found[5:].reshape(3, 3))
+    assert turned.magnitude() < 1e-9
+    require_books(sink, 1e-11, 1e-10)
+
+
+def test_a_free_wheel_on_the_axis_of_symmetry_nutates_in_closed_form() -> None:
+    """I1 = I2: the rate across turns in the body by ((I3 - I1) w3 + J W) / I1 (Hughes, section 6.6)."""
+    text = """
+body: {mass: 1, inertia: {diagonal: [0.3, 0.3, 0.2]}}
+initial: {angular_velocity_body: [0.05, 0, 0.1]}
+wrenches: []
+actuators: [{type: reaction_wheel, name: wheel, axis: [0, 0, 1], inertia: 0.01, speed: 100}]
+duration: 10
+output_rate: 1
+solver: {accuracy: 1.0e-11}
+"""
+    sink = flown(text)
+    angle = ((0.2 - 0.3) * 0.1 + 0.01 * 100.0) / 0.3 * sink.time_ns * 1e-9
+    expected = np.column_stack([0.05 * np.cos(angle), 0.05 * np.sin(angle), np.full(len(angle), 0.1)])
+    assert sink.angular_velocity_body == pytest.approx(expected, abs=1e-10)
+    assert sink.wheel_speeds[:, 0] == pytest.approx(100.0, abs=1e-10)
+    require_books(sink, 1e-12, 1e-12)
+
+
+def test_friction_brings_a_wheel_to_rest_and_holds_it() -> None:
+    """About one axis: J_r W' = -c - v W with the reduced inertia, to rest at a time in closed form; then it stays."""
+    text = """
+body: {mass: 1, inertia: {diagonal: [0.3, 0.3, 0.2]}}
+wrenches: [{topic: wrench}]
+actuators:
+  - {type: reaction_wheel, name: wheel, axis: [0, 0, 1], inertia: 0.01, speed: 10,
+     friction: {coulomb: 2.0e-3, viscous: 1.0e-3}}
+duration: 30
+output_rate: 10
+"""
+    push = rb.Wrench(torque=(0.0, 0.0, 0.05), stamp_ns=25_000_000_000)
+    sink = flown(text, [("wrench", push)])
+    reduced = 0.01 * (1.0 - 0.01 / 0.2)
+    seconds, speed = sink.time_ns * 1e-9, sink.wheel_speeds[:, 0]
+    falling = 12.0 * np.exp(-1e-3 / reduced * seconds) - 2.0
+    stops = reduced / 1e-3 * math.log(6.0)
+    assert 5.0 < stops < 25.0
+    assert speed[seconds < stops] == pytest.approx(falling[seconds < stops], abs=1e-8)
+    assert np.abs(speed[(seconds > stops) & (seconds <= 25.0)]).max() < 1e-8
+    # 0.05 N m on body and wheel: the wheel needs 0.01 / 0.2 of it, more than the friction at rest gives.
+    assert speed[-1] < -0.01
+    assert sink.angular_velocity_body[-1, 2] > 0.5
+    assert np.abs(sink.energy_defect).max() < 1e-11
+
+
+def test_limits_commanded_speeds_and_reversals_close_their_books() -> None:
+    sink = flown(THREE, COMMANDS)
+    x, y, z = sink.wheel_speeds.T
+    seconds = sink.time_ns * 1e-9
+    assert np.abs(y[seconds <= 3.0]).max() < 1e-8, "a torque less than the friction turns no wheel"
+    assert y[(seconds > 14.0) & (seconds < 23.0)] == pytest.approx(100.0, abs=1e-6)
+    assert z[(seconds > 3.0) & (seconds <= 15.0)] == pytest.approx(30.0, abs=1e-6)
+    assert z[seconds > 18.0] == pytest.approx(-10.0, abs=1e-6)
+    assert x.max() == pytest.approx(50.0)
+    assert x.min() < -50.0
+    require_books(sink, 1e-13, 1e-11)
+
+
+def test_replay_pieces_and_output_rates_have_the_same_bits(tmp_path: Path) -> None:
+    path, scene = tmp_path / "run.mcap", rb.parse_scene(THREE, overrides={"duration": 16.0})
+    run = rb.simulate(scene, COMMANDS, [McapSink(path)])
+    assert replay(path).identical
+    assert rb.inspect(path).passed
+    (wheels, *_) = [each for each in open_source(path).messages() if each.channel.topic == "/wheels"][-1:]
+    _, _, names, _, speeds, _ = cdr.decode("sensor_msgs/msg/JointState", wheels.data)
+    assert names == [("wheel_x",), ("wheel_y",), ("wheel_z",)]
+    assert tuple(speed for ((speed,),) in speeds) == run.sample.wheel_speeds
+    fine = rb.parse_scene(THREE, overrides={"duration": 16.0, "output_rate": 37.0})
+    assert rb.simulate(fine, COMMANDS, [rb.MemorySink()]).sample == run.sample
+    pieces = rb.Simulation(scene)
+    for topic, setpoint in COMMANDS:
+        pieces.actuate(topic, setpoint.value, setpoint.stamp_ns)
+    pieces.start()
+    for k in range(161):
+        pieces.advance(k * 100_000_000 + k)
+    pieces.advance(16 * 10**9)
+    assert pieces.sample == run.sample
+
+
+def test_a_state_from_outside_keeps_the_speeds_of_wheels_and_the_books() -> None:
+    scene, sink = rb.parse_scene(THREE, overrides={"duration": 4.0}), rb.MemorySink()
+    run = rb.Simulation(scene, [sink])
+    run.start()
+    run.advance(2 * 10**9)
+    speeds = run.sample.wheel_speeds
+    state = rb.State(2 * 10**9, (1.0, 0.0, 0.0), (0.6, 0.0, 0.0, 0.8), (0.0, 0.0, 0.0), (0.0, 0.5, 0.0))
+    run.set_state(rb.run.state_change.StateChange.to(state, scene.body))
+    run.advance(2 * 10**9 + 1)
+    assert run.look().wheel_speeds == pytest.approx(speeds, abs=1e-6)
+    run.advance(4 * 10**9)
+    assert np.abs(sink.energy_defect).max() < 1e-13
+    assert np.abs(sink.angular_momentum_defect_world).max() < 1e-12
+
+
+def test_gravity_gradient_and_a_thruster_beside_wheels_close_their_books() -> None:
+    text = """
+body:
+  mass: 10
+  inertia: {diagonal: [0.05, 0.12, 0.14]}
+  frames: {jet: {position: [0, 0.1, 0], orientation: {x: 0, y: 0, z: 0, w: 1}}}
+initial: {position_world: [7.0e+6, 0, 0], linear_velocity_world: [0, 7.5e+3, 0], angular_velocity_body: [0, 0, 0.01]}
+wrenches: []
+effects:
+  - {type: central_gravity, gravitational_parameter: 3.986004418e+14, gravity_gradient: true}
+  - {type: magnetic_field, model: dipole, moment_world: [0, 0, -7.8e+22]}
+actuators:
+  - {type: reaction_wheel, name: wheel, axis: [0, 0, 1], inertia: 1.0e-4, friction: {coulomb: 1.0e-6}, speed: 20}
+  - {type: thruster, name: jet, frame: jet, force: 0.01}
+  - {type: magnetorquer, name: rod, axis: [1, 0, 0], max_dipole: 1}
+duration: 20
+output_rate: 1
+"""
+    commands = [("jet/command", Setpoint(0.002, 10**9 * k)) for k in range(1, 9)]
+    sink = flown(text, [*commands, ("rod/command", Setpoint(0.5)), ("wheel/command", Setpoint(1e-5, 10**9))])
+    assert np.abs(sink.angular_momentum_defect_world).max() < 1e-12
+    assert np.abs(sink.energy_defect).max() < 1e-15 * sink.kinetic_energy[0] * 10
+
+
+@pytest.mark.parametrize(
+    ("change", "to"),
+    [
+        ("inertia: 1.0e-4", "inertia: 0.06"),
+        ("axis: [1, 0, 0]", "axis: [0, 0, 0]"),
+        ("command: torque", "command: level"),
+        ("speed: 50.0", "speed: 700.0"),
+        ("coulomb: 1.0e-5", "coulomb: -1.0e-5"),
+        ("{coulomb: 1.0e-5, viscous", "{coulob: 1.0e-5, viscous"),
+        ("command: speed, max_torque: 5.0e-3,", "command: speed,"),
+        ("duration: 40", "duration: 40\nsolver: {method: rk4}"),
+    ],
+)
+def test_what_is_no_wheel_is_one_clear_error(change: str, to: str) -> None:
+    assert change in THREE
+    with pytest.raises(rb.SceneError, match="expected") as error:
+        rb.Simulation(rb.parse_scene(THREE.replace(change, to)))
+    assert len(str(error.value).splitlines()) <= 2
