@@ -26,6 +26,8 @@ import rclpy
 from geometry_msgs.msg import Wrench, WrenchStamped
 from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.clock import Clock as RosClock
+from rclpy.clock import ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidParameterTypeException, NameValidationException
 from rclpy.executors import SingleThreadedExecutor, TimeoutException
@@ -81,6 +83,10 @@ _LONGEST_SLEEP, _BETWEEN_SPINS, _LONGEST_SPIN = 0.006, 0.1, 0.005
 _LAST_LOOK = 0.0004
 # prctl(2): by how many ns Linux may delay the end of a sleep to merge wake-ups; the default is 50 000.
 _PR_SET_TIMERSLACK, _SLACK_NS = 29, 1
+
+
+# ns between the ticks of a timer: so soon are commands and services noticed, and so seldom is the executor woken.
+_SHORTEST_TICK_NS, _LONGEST_TICK_NS = 500_000, 10_000_000
 
 
 class RigidBodyNode(Node):
@@ -180,6 +186,26 @@ class RigidBodyNode(Node):
             self._miss_logs()
             if self._settings.logs.names or self._topic_sink.status_is_read:
                 self.runner.report()
+
+    def run_by_timer(self) -> None:
+        """Let time run by a timer, in whatever single-threaded executor spins this node; see docs/ros.md for the cost.
+
+        At the end of the scene the logs are closed and the timer ends; before that, call `finish`.
+        """
+        runner = self.runner
+        period_ns = max(1, runner.simulation.next_output_ns() - runner.simulation.time_ns)
+        # Ticks fall on the outputs, and at most _LONGEST_TICK_NS apart.
+        period_ns //= -(-period_ns // _LONGEST_TICK_NS)
+        period = 1e-9 * max(_SHORTEST_TICK_NS, period_ns)
+
+        def tick() -> None:
+            self.tick()
+            if runner.done:
+                timer.cancel()
+                self.finish()
+
+        timer = self.create_timer(period, tick, clock=RosClock(clock_type=ClockType.STEADY_TIME))
+        runner.go()
 
     def _miss_logs(self) -> None:
         """Warn once of each log that was deleted while it is being written."""

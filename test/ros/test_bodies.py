@@ -11,18 +11,20 @@ from pathlib import Path
 import pytest
 import rclpy
 from command_line import called
-from geometry_msgs.msg import InertiaStamped, Vector3Stamped
+from geometry_msgs.msg import InertiaStamped, Vector3Stamped, WrenchStamped
 from nav_msgs.msg import Odometry
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from ros_harness import TRANSIENT, Peer
 from rosgraph_msgs.msg import Clock
 
 from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.ros.bodies import main
-from rb_dynamics.ros.node import spin_some
+from rb_dynamics.ros.node import RigidBodyNode, spin_some
 from rb_dynamics.ros.start_arguments import apart
+from rb_dynamics.study.replay import replay
 
 pytestmark = pytest.mark.ros
 
@@ -50,6 +52,33 @@ def test_each_body_hears_its_own_commands_and_keeps_its_own_log(scene: Path, pee
         assert bag.complete
         assert len(bag.wrenches(f"/body_{k}/wrench")) == (k == 2)
         assert read_bag(tmp_path / f"flight_body_{k}").complete
+
+
+def test_a_node_runs_beside_others_in_an_executor_of_ones_own(scene: Path, peer: Peer, tmp_path: Path) -> None:
+    log, heard = tmp_path / "run.mcap", list[Odometry]()
+    given = {"scene": str(scene), "mcap": str(log), "duration": 1.5, "stamps": "simulation"}
+    body = RigidBodyNode(context=peer.context, parameter_overrides=[Parameter(k, value=v) for k, v in given.items()])
+    # Heard and commanded by another node of the same executor.
+    commands = peer.node.create_publisher(WrenchStamped, "wrench", 10)
+
+    def regulate(odom: Odometry) -> None:
+        heard.append(odom)
+        command = WrenchStamped()
+        command.header.frame_id = "world"
+        command.wrench.force.x = 1.0
+        commands.publish(command)
+
+    peer.node.create_subscription(Odometry, "odom", regulate, 10)
+    peer.executor.add_node(body)
+    body.run_by_timer()
+    peer.until(lambda: body.runner.done, "the end of the scene")
+    body.destroy_node()
+    assert heard[-1].twist.twist.linear.x > 0.0
+    bag = read_bag(log)
+    assert bag.complete
+    assert bag.metadata["rb_dynamics.result"]["end_time_ns"] == "1500000000"
+    assert len(bag.wrenches("/wrench")) > 1
+    assert replay(log).identical
 
 
 @pytest.mark.parametrize(
