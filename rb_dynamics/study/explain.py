@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 
 from rb_dynamics.body.plausibility import Symmetry, symmetry
@@ -50,6 +50,9 @@ _LOADING_ALONE = 1e300
 
 # Simulated time run before the stopwatch starts, for imports and tables.
 _WARM_UP_NS = 1000
+
+# Set-up that takes a smaller fraction of a run is not worth a remark.
+_LITTLE = 0.1
 
 NOT_MODELLED = (
     "contact, collision, friction",
@@ -187,6 +190,7 @@ def explain(
         remarks.append(
             f"cost: measured over the first {reached:g} s of {length:g} s, as far as the time budget allowed"
         )
+    remarks += fixed_costs(scene, commands, stopwatch, cost * length)
     is_compiled = bool(tally.used)
     # Outputs do not change the motion; without them the run gets further in the same time.
     with counted_by(bare_tally):
@@ -213,6 +217,21 @@ def explain(
         basis,
         tuple(remarks),
     )
+
+
+def fixed_costs(scene: Scene, commands: Sequence[Command], clock: Callable[[], float], run_s: float) -> list[str]:
+    """Return a remark on what a run of `run_s` costs besides its motion; none if that is little."""
+    begin = clock()
+    run = Simulation(scene)
+    post_all(run, commands)
+    run.start()
+    run.finish()
+    took = clock() - begin
+    if took < _LITTLE * run_s:
+        return []
+    return [
+        f"the times leave out set-up: {1e3 * took:.2g} ms for a whole run of {1e3 * run_s:.2g} ms, and process start"
+    ]
 
 
 def measured_length(scene: Scene) -> float:

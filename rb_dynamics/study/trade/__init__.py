@@ -18,7 +18,7 @@ from rb_dynamics.run.simulation import Command, as_command
 from rb_dynamics.scene import opened
 from rb_dynamics.scene.model import DEFAULT_ACCURACY, Scene
 from rb_dynamics.scene.plan import cannot_take
-from rb_dynamics.study.explain import measured_length, probed
+from rb_dynamics.study.explain import fixed_costs, measured_length, probed
 from rb_dynamics.study.stopwatch import Clock, Stopwatch
 from rb_dynamics.study.trade.excerpt import accepted, trial_of
 from rb_dynamics.study.trade.full_runs import FullRuns, enough
@@ -117,12 +117,16 @@ def trade(
     whole = FullRuns(trial, accepted_commands, rows, _WHOLE * time_s) if rows and trial.seconds < trial.whole else None
     if progress is not None:
         progress(1.0)
+    taken = recommend(rows, target, budget, whole.judge if whole else as_measured, trial.seconds)
+    if taken is not None:
+        chosen = replace(scene, solver=taken.row.as_solver)
+        remarks += fixed_costs(chosen, accepted_commands, stopwatch, taken.row.time_per_s * trial.whole)
     return Trade(
         scene.source,
         trial.seconds,
         reference,
         rows,
-        recommend(rows, target, budget, whole.judge if whole else as_measured, trial.seconds),
+        taken,
         target,
         budget,
         {refinement.method: refinement.ended for refinement in refinements},

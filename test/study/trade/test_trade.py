@@ -6,6 +6,7 @@ import importlib
 import itertools
 import json
 import math
+import re
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import fields, replace
@@ -113,7 +114,9 @@ def test_a_driven_scene_has_the_true_errors_and_no_closed_form() -> None:
     found = trade(scene, case.commands, time_s=2.0, clock=CLOCK)
 
     assert found.trial_s == 1
-    assert not found.remarks
+    # Of so short a run that is most of the cost.
+    (remark,) = found.remarks
+    assert re.fullmatch(r"the times leave out set-up: .* ms for a whole run of .* ms, and process start", remark)
     assert "exact" not in {one.method for one in found.rows}
     assert found.ended["exact"].startswith("refused: exact:")
     assert found.target == 1e-8
