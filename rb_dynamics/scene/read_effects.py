@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TypeVar
 
 from rb_dynamics.body.rigid_body import RigidBody
@@ -17,29 +17,55 @@ from rb_dynamics.scene.problems import printable
 from rb_dynamics.scene.scene_entry import SceneEntry
 
 T = TypeVar("T")
+E = TypeVar("E")
 
 
 def effects(field: Field | None, body: RigidBody | None, frames: WrenchFrames) -> tuple[Effect, ...]:
     """Return the effects in the order of the scene, empty if the section is absent; records problems."""
+
+    def read(kind: type[Effect], entry: Field) -> Effect:
+        effect = kind.read(SceneEntry(entry.section(("type", *kind.keys)), body, frames))
+        if body is not None:
+            CombinedEffects(body, (effect,))
+        return effect
+
+    example = "{type: uniform_gravity, ...}"
+    return each_entry(field, EFFECTS, "an effect", example, "that can act on this body", read)
+
+
+def each_entry(
+    field: Field | None,
+    kinds: Mapping[str, type[T]],
+    what: str,
+    example: str,
+    expected: str,
+    read: Callable[[type[T], Field], E],
+) -> tuple[E, ...]:
+    """Return what `read` makes of each entry of a list, empty if the list is absent; records problems.
+
+    `what` names an entry, with its article. If `read` raises a SceneError, the entry is rejected as not `expected`.
+    """
     if field is None:
         return ()
     found = []
-    for entry in field.items("a list of effects", "write a list such as [{type: uniform_gravity, ...}], or []"):
-        kind = kind_of(entry, EFFECTS, "an effect")
+    for entry in field.items(f"a list of {what.split()[1]}s", f"write a list such as [{example}], or []"):
+        kind, before = _kind_of(entry, kinds, what), entry.problems.count
         if kind is not None:
-            before = entry.problems.count
             try:
-                effect = kind.read(SceneEntry(entry.section(("type", *kind.keys)), body, frames))
-                if body is not None:
-                    CombinedEffects(body, (effect,))
-                found.append(effect)
+                found.append(read(kind, entry))
             except SceneError as error:
                 if entry.problems.count == before:
-                    entry.reject("an effect that can act on this body", str(error))
+                    entry.reject(f"{what} {expected}", str(error))
     return tuple(found)
 
 
-def kind_of(entry: Field, kinds: Mapping[str, type[T]], what: str) -> type[T] | None:
+def require_field(entry: Field, needed: bool, magnetic: bool) -> None:
+    """Reject an entry that needs a magnetic field in a scene without one."""
+    if needed and not magnetic:
+        entry.reject("a scene with a magnetic field", "add {type: magnetic_field, ...} to effects")
+
+
+def _kind_of(entry: Field, kinds: Mapping[str, type[T]], what: str) -> type[T] | None:
     """Return the class that the `type` of an entry of a list names; None, after a problem, where it names none."""
     values = entry.node.value
     node = values.get("type") if isinstance(values, dict) else None

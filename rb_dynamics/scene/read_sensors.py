@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from rb_dynamics.body.rigid_body import RigidBody
-from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.wrench import WrenchFrames
 from rb_dynamics.scene.fields import Field
 from rb_dynamics.scene.read_channels import topic_in
-from rb_dynamics.scene.read_effects import kind_of
+from rb_dynamics.scene.read_effects import each_entry, require_field
 from rb_dynamics.scene.scene_entry import SceneEntry
 from rb_dynamics.sensors.sensor import COMMON_KEYS, Sensor
 from rb_dynamics.sensors.sensor_types import SENSORS
@@ -25,21 +24,11 @@ def sensors(
         magnetic: whether the scene has a magnetic field.
         taken: the topics of the scene, each with its key; those of the sensors come into it.
     """
-    if field is None:
-        return ()
-    found = []
-    for entry in field.items("a list of sensors", "write a list such as [{type: imu, name: imu, rate: 100}], or []"):
-        kind = kind_of(entry, SENSORS, "a sensor")
-        if kind is None:
-            continue
-        before = entry.problems.count
+
+    def read(kind: type[Sensor], entry: Field) -> Sensor:
         values = entry.section(("type", *COMMON_KEYS, *kind.keys))
         topic_in(values, "name", kind.kind, taken)
-        if kind.needs_field and not magnetic:
-            entry.reject("a scene with a magnetic field", "add {type: magnetic_field, ...} to effects")
-        try:
-            found.append(kind.read(SceneEntry(values, body, frames)))
-        except SceneError as error:
-            if entry.problems.count == before:
-                entry.reject("a sensor that can be built", str(error))
-    return tuple(found)
+        require_field(entry, kind.needs_field, magnetic)
+        return kind.read(SceneEntry(values, body, frames))
+
+    return each_entry(field, SENSORS, "a sensor", "{type: imu, name: imu, rate: 100}", "that can be built", read)
