@@ -52,7 +52,8 @@ def compare(
     Args:
         a: a log of this package, a bag of another program, or a scene, which is flown under the commands of `b`.
         b: likewise; None: `scene`, flown under the commands of `a`.
-        scene: body and frames for recordings without them; it is also flown where a recording has commands only.
+        scene: body and frames for recordings without them; it is also flown where a recording has commands only, and
+            where both are one bag.
         align: "start": both motions begin at one time; "stamp": the stamps are of one clock; seconds: B's time less
             A's at one instant. None: the commands, if one was flown from the other; stamps, if the recordings then
             overlap; otherwise the lag that fits best.
@@ -117,6 +118,9 @@ class _Flights:
         """Return the two."""
         a, b = (None if _is_scene(source) else self._read(source) for source in self._sources)
         if a is not None and b is not None:
+            if self._scene is not None and not a.track.own and Path(a.path).samefile(b.path):
+                # A bag against itself says nothing: the scene is to be flown.
+                return self._flown(self._scene, a, 0), b
             if self._scene is not None and not (_moves(a.track) and _moves(b.track)):
                 if not _moves(b.track):
                     return a, self._flown(self._scene, b, 1)

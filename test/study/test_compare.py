@@ -238,6 +238,7 @@ def test_a_scene_flown_against_a_bag(log: Path, scene: Path, folder: Path) -> No
     for other in (rb.compare(bag, scene), rb.compare(bag, scene=scene)):
         assert other.alignment.offset_ns == -LATER
         assert other.first_ns is None
+    assert rb.compare(bag, bag, scene=scene).a.flown
     named = foreign(folder / "named.mcap", log, later_ns=LATER, commands=bag_commands("/cmd"))
     assert rb.compare(scene, named, mapping={"/cmd": "thrust"}).first_ns is None
     with pytest.raises(rb.LogError, match="--topic"):
