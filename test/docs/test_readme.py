@@ -15,7 +15,6 @@ import yaml
 from command_line import command
 
 from rb_dynamics import parse_scene
-from rb_dynamics.motion import METHODS
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [
@@ -217,11 +216,6 @@ def anchors(page: Path) -> set[str]:
     """Return the anchors of the headings, as GitHub and the site make them."""
     titles = re.findall(r"^#+ (.+)$", page.read_text("utf-8"), re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", title.lower()).strip().replace(" ", "-") for title in titles}
-
-
-def test_the_number_of_methods_is_that_of_those_there_are() -> None:
-    text = (ROOT / "docs" / "tutorials" / "choose-a-method.md").read_text("utf-8")
-    assert re.findall(r"There are (\d+) methods", text) == [str(len(METHODS.own))]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name)

@@ -156,9 +156,3 @@ def test_the_page_shows_the_lines_of_the_sink(python: Path, folder: Path) -> Non
 def test_python_of_the_page(code: str, python: Path, folder: Path) -> None:
     done = in_folder(python, folder, "-c", code)
     assert done.returncode == 0, done.stderr
-
-
-def test_links_of_the_page(root: Path) -> None:
-    targets = re.findall(r"\]\(([^)#]+)\)", PAGE)
-    assert targets
-    assert [target for target in targets if not (root / "docs" / target).exists()] == []
