@@ -25,6 +25,7 @@ from rb_dynamics.errors import RigidBodyError as RigidBodyError
 from rb_dynamics.errors import SceneError as SceneError
 from rb_dynamics.errors import WrenchError as WrenchError
 from rb_dynamics.loads.actuator import Setpoint as Setpoint
+from rb_dynamics.loads.buoyancy import Buoyancy as Buoyancy
 from rb_dynamics.loads.central_gravity import CentralGravity as CentralGravity
 from rb_dynamics.loads.channels import AppliedWrench as AppliedWrench
 from rb_dynamics.loads.channels import Channel as Channel

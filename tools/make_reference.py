@@ -157,7 +157,10 @@ MEANING = {
     "solver.method": "`auto` or the name of a method: [Set the solver](../how-to/solver.md)",
     "solver.accuracy": "error accepted at the end: attitude in rad, position relative to the distance travelled",
     "solver.step": "s; instead of an accuracy",
-    "acceleration_world": "m/s²; acts like a held force and has a potential energy",
+    "volume": "m³, of the displaced fluid",
+    "density": "kg/m³, of the fluid",
+    "center_body": "m, the centre of buoyancy, from the body origin, body axes",
+    "acceleration_world": "m/s², of gravity; the force has a potential energy",
     "gravitational_parameter": "μ = G M, m³/s²",
     "center_world": "m, position of the attracting centre, or of the dipole",
     "gravity_gradient": "also apply the torque and the force that the gradient of gravity over the body causes",
@@ -210,6 +213,7 @@ ACTS = {
     "quadratic_drag": "Drag proportional to the square of the speed through a medium. Varies within a step.",
     "rotor": "A spinning wheel in the body (gyrostat). Its momentum and energy are included in the balances.",
     "scheduled_wrench": "Wrenches given in the scene as a function of time.",
+    "buoyancy": "The weight of the displaced fluid at the centre of buoyancy: may right the body. Has a potential.",
     "magnetic_field": "A magnetic field, for magnetometers and magnetorquers. Exerts no force of its own.",
 }
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from rb_dynamics.loads.buoyancy import Buoyancy
 from rb_dynamics.loads.central_gravity import CentralGravity
 from rb_dynamics.loads.drag import LinearDrag, QuadraticDrag
 from rb_dynamics.loads.effect import Effect
@@ -14,6 +15,7 @@ from rb_dynamics.plugins import Registry
 _ALL: tuple[type[Effect], ...] = (
     UniformGravity,
     CentralGravity,
+    Buoyancy,
     LinearDrag,
     QuadraticDrag,
     Rotor,

@@ -240,6 +240,48 @@ class TestDrag:
         assert dot(force, velocity) + dot(torque, omega) <= 1e-12 * (norm(velocity) + norm(omega)) ** 3
 
 
+class TestBuoyancy:
+    GRAVITY = "{type: uniform_gravity, acceleration_world: [0, 0, -9.8]}"
+    LIFT = "{type: buoyancy, volume: 0.002, density: 1000, acceleration_world: [0, 0, -9.8], center_body: [0, 0, %s]}"
+    BODY = "body: {mass: 2.0, center_of_mass: [0, 0, -0.04], inertia: {diagonal: [0.5, 0.5, 0.5]}}\n"
+
+    def of(self, height: float, tilt: float, duration: float) -> Run:
+        x, w = math.sin(tilt / 2), math.cos(tilt / 2)
+        initial = f"initial: {{orientation: {{x: {x!r}, y: 0, z: 0, w: {w!r}}}}}\n"
+        return run(f"{self.BODY}{initial}effects: [{self.GRAVITY}, {self.LIFT % height}]", duration)
+
+    def test_a_neutral_body_swings_like_a_pendulum_about_its_centre_of_mass(self) -> None:
+        # The centre of buoyancy is 0.1 m above the centre of mass: I a = -m g h sin(tilt).
+        quarter = math.pi / 2 * math.sqrt(0.5 / (2.0 * 9.8 * 0.1))
+        found = self.of(0.06, 1e-4, quarter).sample
+        assert found.orientation_xyzw[0] == pytest.approx(0.0, abs=1e-11)
+        assert found.angular_velocity_body[0] == pytest.approx(-1e-4 * math.pi / 2 / quarter, rel=1e-7)
+        assert found.linear_momentum_world == pytest.approx((0.0, 0.0, 0.0), abs=1e-13)
+
+    def test_what_it_gives_comes_from_its_potential_and_it_turns_over_if_it_is_below(self) -> None:
+        for height, turned in ((0.06, False), (-0.14, True)):
+            found = self.of(height, 0.5, 1.0)
+            begun = self.of(height, 0.5, 1e-9)
+            gained = found.sample.kinetic_energy
+            assert found.sample.potential_energy is not None
+            assert begun.sample.potential_energy is not None
+            assert begun.sample.potential_energy - found.sample.potential_energy == pytest.approx(gained, rel=1e-8)
+            assert (found.sample.orientation_xyzw[0] > math.sin(0.25)) == turned
+
+    @pytest.mark.parametrize(
+        ("text", "expected"),
+        [
+            ("{type: buoyancy, volume: 0, density: 1000, acceleration_world: [0, 0, -9.8]}", "greater than 0"),
+            ("{type: buoyancy, density: 1000, acceleration_world: [0, 0, -9.8]}", "volume"),
+        ],
+    )
+    def test_what_displaces_nothing_is_refused(self, text: str, expected: str) -> None:
+        with pytest.raises(SceneError, match=expected):
+            parse_scene(f"{BALL}\neffects: [{text}]")
+        with pytest.raises(SceneError, match="particle and does not turn"):
+            parse_scene(f"body: {{mass: 1}}\neffects: [{self.LIFT % 1}]")
+
+
 class TestRotor:
     def test_spinning_up_at_rest_turns_the_body_back(self) -> None:
         """Nothing acts from outside: J s + I w = 0 at any time, and the angle is that of the integral of w."""

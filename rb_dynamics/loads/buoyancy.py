@@ -1,0 +1,99 @@
+"""Buoyancy of a submerged body: a constant force through a point of it, which rights it if that is above the mass.
+
+The fluid is at rest and has no surface; its resistance is drag, and its added mass is not modelled.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.errors import SceneError
+from rb_dynamics.loads.effect import Effect, Point, Potential, Wrenching
+from rb_dynamics.loads.load import LoadDependence
+from rb_dynamics.numerics.argument_checks import number, vector
+from rb_dynamics.numerics.rotation import rotate, rotate_inverse
+from rb_dynamics.numerics.vector import ZERO, Vector, add, cross, dot, scale, subtract
+
+if TYPE_CHECKING:
+    from rb_dynamics.scene.scene_entry import SceneEntry
+
+
+@dataclass(frozen=True)
+class Buoyancy(Effect):
+    """The weight of the displaced fluid, -rho V g (N, world axes), at the centre of buoyancy. Energy: U = rho V g . x.
+
+    Attributes:
+        volume: V, displaced, m^3.
+        density: rho, of the fluid, kg/m^3.
+        acceleration_world: g, of gravity, m/s^2; the weight of the body itself is uniform_gravity.
+        center_body: the centre of buoyancy x, from the body origin, body axes, m.
+    """
+
+    kind: ClassVar[str] = "buoyancy"
+    takes: ClassVar[LoadDependence] = LoadDependence.FIELD
+    keys: ClassVar[tuple[str, ...]] = ("volume", "density", "acceleration_world", "center_body")
+
+    volume: float
+    density: float
+    acceleration_world: Vector
+    center_body: Vector = ZERO
+
+    @classmethod
+    def read(cls, entry: SceneEntry) -> Buoyancy:
+        """Return the effect of an entry."""
+        return cls(
+            entry.number("volume", "a number greater than 0 (m^3)", lambda v: v > 0.0, "write what is displaced"),
+            entry.number("density", "a number greater than 0 (kg/m^3)", lambda v: v > 0.0, "for sea water 1025"),
+            entry.vector("acceleration_world", "a finite number (m/s^2)"),
+            entry.vector("center_body", "a finite number (m)", ZERO),
+        )
+
+    def __post_init__(self) -> None:
+        """Refuse what displaces nothing.
+
+        Raises:
+            TypeError: an argument is not of its type.
+            SceneError: a number is not finite, or volume or density not greater than 0.
+        """
+        for name, expected in (("volume", "a volume (m^3)"), ("density", "a density (kg/m^3)")):
+            found = number(
+                getattr(self, name), f"buoyancy: {name}", f"{expected} greater than 0", SceneError, above=0.0
+            )
+            object.__setattr__(self, name, found)
+        for name, expected in (("acceleration_world", "an acceleration (m/s^2)"), ("center_body", "a point (m)")):
+            object.__setattr__(self, name, vector(getattr(self, name), f"buoyancy: {name}", expected, SceneError))
+
+    def check(self, body: RigidBody) -> None:
+        """Refuse to turn a particle.
+
+        Raises:
+            SceneError: the body is one, and the force does not go through its centre.
+        """
+        if body.is_particle and self.center_body != body.center_of_mass:
+            raise SceneError(
+                f"buoyancy: center_body is {self.center_body}, expected the centre of mass: a body without inertia is "
+                "a particle and does not turn; remove it, or add body.inertia"
+            )
+
+    def wrenching(self, body: RigidBody, start: float) -> Wrenching:
+        """Return the force, and its torque about the centre of mass."""
+        force, arm = self._force(), self._arm(body)
+        return lambda point: (force, cross(arm, rotate_inverse(point.orientation, force)))
+
+    def potential(self, body: RigidBody) -> Potential:
+        """Return U = rho V g . x (J), zero at the origin."""
+        force, arm = self._force(), self._arm(body)
+
+        def at(point: Point) -> float:
+            return -dot(force, add(point.position, rotate(point.orientation, arm)))
+
+        return at
+
+    def _force(self) -> Vector:
+        return scale(-self.density * self.volume, self.acceleration_world)
+
+    def _arm(self, body: RigidBody) -> Vector:
+        """Return the centre of buoyancy from the centre of mass, principal axes (m)."""
+        return rotate_inverse(body.principal_orientation_xyzw, subtract(self.center_body, body.center_of_mass))
