@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,14 @@ from recorded_runs import Flight
 
 import rb_dynamics as rb
 from rb_dynamics.cli import main
+from rb_dynamics.sinks.mcap_sink import McapSink
+
+SPIN = """
+body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}
+initial: {angular_velocity_body: [0.1, 2, 0.1]}
+solver: {method: exact}
+output_rate: 100
+"""
 
 
 def test_of_our_own_log(flight: Flight) -> None:
@@ -45,3 +54,18 @@ def test_json_has_what_python_has(flight: Flight, capsys: pytest.CaptureFixture[
 def test_what_is_no_scene_is_named(flight: Flight) -> None:
     with pytest.raises(TypeError, match="scene"):
         rb.inspect(flight.log, 3)  # type: ignore[arg-type]
+
+
+def test_memory_grows_no_faster_than_the_numbers_of_a_log(tmp_path: Path) -> None:
+    """What is kept of a sample is its some 70 numbers, 600 bytes; as messages they would be several kB."""
+    peaks = []
+    for samples in (1000, 6000):
+        scene = rb.parse_scene(SPIN, overrides={"duration": 0.01 * samples})
+        rb.simulate(scene, sinks=[McapSink(tmp_path / "run.mcap")])
+        tracemalloc.start()
+        try:
+            rb.inspect(tmp_path / "run.mcap")
+            peaks.append(tracemalloc.get_traced_memory()[1])
+        finally:
+            tracemalloc.stop()
+    assert (peaks[1] - peaks[0]) / 5000 < 1000
