@@ -78,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
     if way in tables:
         written = convert.to_table(sources, target, args.topics, skip, window)
     elif way == ("log", ".rrd"):
-        written = [(target, convert.log_to_rerun(source, target, args.topics, window))]
+        written = [convert.Written(target, convert.log_to_rerun(source, target, args.topics, window), "rows")]
     elif way in (("log", ".yaml"), ("log", ".yml")) and args.at is not None:
         return _scene_at(source, target, args.at)
     elif way in (("log", ".yaml"), ("log", ".yml")):
@@ -86,14 +86,14 @@ def run(args: argparse.Namespace) -> int:
         print(f"wrote {target}: the scene of {source}")
         return 0
     elif way == ("table", ".mcap"):
-        written = [(target, convert.table_to_bag(source, target))]
+        written = [convert.Written(target, convert.table_to_bag(source, target), "commands")]
     else:
         raise LogError(
-            f"cannot convert {source.name} to {target.name}, expected a log or bag to .rrd, .csv, .parquet or .yaml, "
-            "or a .csv of wrenches to .mcap; give OUT such an ending"
+            f"cannot convert {source.name} to {target.name}, expected a log to .rrd, .csv, .parquet or .yaml, a "
+            "bag to .rrd, .csv or .parquet, or a .csv of wrenches to .mcap; give OUT such an ending"
         )
-    for path, count in written:
-        print(f"wrote {path}: {count} rows")
+    for path, count, what in written:
+        print(f"wrote {path}: {count} {what}")
     return 1 if bad else 0
 
 

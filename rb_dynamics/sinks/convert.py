@@ -14,7 +14,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_reader import IMUS, POSES, TWISTS, named_type
@@ -79,6 +79,15 @@ _COMMAND_COLUMNS = (
     *(Column(name, unit="N" if name.startswith("force") else "N m") for name in _NUMBERS),
 )
 
+
+class Written(NamedTuple):
+    """A table that was written: the file, how many rows it has, and what they are."""
+
+    path: Path
+    rows: int
+    what: str
+
+
 Skip = Callable[[Path, LogError], None]
 
 Window = tuple[float | None, float | None]
@@ -125,7 +134,7 @@ def to_table(
     topics: Sequence[str] = (),
     skip: Skip | None = None,
     window_s: Window = _WHOLE,
-) -> list[tuple[Path, int]]:
+) -> list[Written]:
     """Write logs or bags to one table, .csv or .parquet; returns the files with their rows.
 
     Of logs of this package: their samples, and their commands, if any, to `*.wrenches.*` beside it; of several, with a
@@ -160,7 +169,7 @@ def to_table(
     quantities = quantities_of(kinds, ", ".join(str(each.path) for each in inputs), topics)
     spans = {each.path: each.span(window_s) for each in inputs}
     blocks = table_of([each.path for each in inputs], quantities, topics, spans)
-    return [(target, write_table(target, columns_of(quantities), blocks))]
+    return [Written(target, write_table(target, columns_of(quantities), blocks), "messages")]
 
 
 def _looked_through(paths: Sequence[str | Path], skip: Skip | None, split: bool) -> Iterator[_Input]:
@@ -187,7 +196,7 @@ def _looked_through(paths: Sequence[str | Path], skip: Skip | None, split: bool)
 
 def _samples_to_table(
     logs: Sequence[_Input], target: Path, beside: Path, skip: Skip | None, window_s: Window
-) -> list[tuple[Path, int]]:
+) -> list[Written]:
     parts: list[tuple[Path, Scene, dict[str, str]]] = []
     span = logs[0].span(window_s)
     for each in logs:
@@ -225,10 +234,11 @@ def _samples_to_table(
                 block = list(zip(*batch, strict=True))
                 yield [[str(path)] * len(batch), *block] if run else block
 
-    written = [(target, write_table(target, columns, samples()))]
+    written = [Written(target, write_table(target, columns, samples()), "samples")]
     blocks = commands()
     if first := list(itertools.islice(blocks, 1)):
-        written.append((beside, write_table(beside, [*run, *_COMMAND_COLUMNS], itertools.chain(first, blocks))))
+        count = write_table(beside, [*run, *_COMMAND_COLUMNS], itertools.chain(first, blocks))
+        written.append(Written(beside, count, "commands"))
     return written
 
 

@@ -52,7 +52,7 @@ def check(columns: dict[str, list[float]]) -> None:
 
 def test_csv_has_every_digit(tmp_path: Path, log: Path) -> None:
     written = to_table([log], tmp_path / "run.csv")
-    assert written == [(tmp_path / "run.csv", 61), (tmp_path / "run.wrenches.csv", 3)]
+    assert written == [(tmp_path / "run.csv", 61, "samples"), (tmp_path / "run.wrenches.csv", 3, "commands")]
     with (tmp_path / "run.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     check({name: [int(row[name]) if name == "time_ns" else float(row[name]) for row in rows] for name in rows[0]})
@@ -61,7 +61,7 @@ def test_csv_has_every_digit(tmp_path: Path, log: Path) -> None:
 def test_parquet_has_the_same_numbers(tmp_path: Path, log: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     written = to_table([log], tmp_path / "run.parquet")
-    assert [count for _, count in written] == [61, 3]
+    assert [each.rows for each in written] == [61, 3]
     check(parquet.read_table(tmp_path / "run.parquet").to_pydict())
     commands = parquet.read_table(tmp_path / "run.wrenches.parquet").to_pydict()
     assert commands["topic"] == ["push", "a/turn", "push"]
@@ -86,7 +86,7 @@ def test_several_runs_are_one_table_with_a_column_for_the_run(tmp_path: Path, lo
     other = tmp_path / "free.mcap"
     simulate(parse_scene("body: {mass: 1}\nduration: 1\noutput_rate: 10\n"), (), [McapSink(other)])
     written = to_table([log, other], tmp_path / "all.parquet")
-    assert [count for _, count in written] == [61 + 11, 3]
+    assert [each.rows for each in written] == [61 + 11, 3]
     table = dataset.dataset(tmp_path / "all.parquet").to_table(filter=pc.field("run") == str(other))
     assert table.num_rows == 11
     # This run has no potential.
