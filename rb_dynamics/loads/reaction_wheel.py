@@ -16,7 +16,7 @@ from rb_dynamics.numerics.vector import ZERO, Vector, dot, norm, scale
 from rb_dynamics.numerics.vector import multiply as times
 
 if TYPE_CHECKING:
-    from rb_dynamics.scene.effect_entry import EffectEntry
+    from rb_dynamics.scene.scene_entry import SceneEntry
 
 COMMANDS = ("torque", "speed")
 
@@ -91,7 +91,7 @@ class ReactionWheel(Actuator):
             )
 
     @classmethod
-    def read(cls, entry: EffectEntry) -> ReactionWheel:
+    def read(cls, entry: SceneEntry) -> ReactionWheel:
         """Return the actuator of an entry."""
         if entry.is_particle:
             entry.reject("no reaction wheel, as a body without inertia is a particle", "add body.inertia or remove it")

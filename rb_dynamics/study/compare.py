@@ -174,13 +174,20 @@ class _Flights:
 
     def _commands(self, scene: Scene, bag: Bag) -> RecordedWrenches | None:
         """Return the commands for the scene; None if the recording has none at all."""
-        if not any(topic.type_name in WRENCH_TYPES and topic.count for topic in bag.topics.values()):
+        actuators = [each.topic for each in scene.actuators]
+        driven = {name.lstrip("/") for name in actuators}
+        commanding = [
+            topic
+            for topic in bag.topics.values()
+            if topic.count and (topic.type_name in WRENCH_TYPES or topic.name.lstrip("/") in driven)
+        ]
+        if not commanding:
             self.notes.append(f"{bag.path} has no commands: {scene.source} is flown without any.")
             return None
         channels = WrenchChannels(scene.channels, scene.frames, body=scene.body)
         end_ns = float("inf") if scene.end_ns is None else scene.end_ns
         topics = [channel.topic for channel in scene.channels]
-        commands = RecordedWrenches([bag.path], topics, end_ns, self._mapping, self._start, channels)
+        commands = RecordedWrenches([bag.path], topics, end_ns, self._mapping, self._start, channels, actuators)
         commands.require_some()
         return commands
 

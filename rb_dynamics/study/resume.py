@@ -8,7 +8,7 @@ well, so that every later number is that of the run; the part before is computed
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +17,7 @@ import numpy as np
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import LogError, SceneError, WrenchError
 from rb_dynamics.formats.bag_source import open_source
+from rb_dynamics.formats.mcap_records import Message
 from rb_dynamics.formats.messages import SET_STATE
 from rb_dynamics.formats.own_log import received_commands, row_columns, rows, scene_and_names
 from rb_dynamics.loads.wrench import Wrench
@@ -49,7 +50,8 @@ def scene_at(log: str | os.PathLike[str], time_ns: int) -> SceneAt:
     that time goes on without them.
 
     Raises:
-        LogError: it is no log of this package, does not reach `time_ns`, or the body was moved from outside before.
+        LogError: it is no log of this package, does not reach `time_ns`, the body was moved from outside before, or the
+            scene has actuators.
         SceneError: the scene in it is not valid.
     """
     source = open_source(Path(log))
@@ -61,17 +63,7 @@ def scene_at(log: str | os.PathLike[str], time_ns: int) -> SceneAt:
         last_ns = row.time_ns
         if row.time_ns == time_ns:
             logged = dict(zip(columns, row.numbers, strict=True))
-    moved = any(each.channel.topic == names.get(SET_STATE[0]) and each.log_time < time_ns for each in messages)
-    if not 0 <= time_ns <= last_ns:
-        raise LogError(
-            f"--at: found {time_ns / 1e9:.9g} s, expected a time from 0 to {last_ns / 1e9:.9g} s, where the samples of "
-            f"{source.path} end; give one of these"
-        )
-    if moved:
-        raise LogError(
-            f"{source.path}: the body was moved from outside (set_state) before {time_ns / 1e9:.9g} s, and no scene "
-            "says that; give a time before it"
-        )
+    _require_possible(source.path, scene, names, messages, time_ns, last_ns)
     received = [command for command in received_commands(scene, names, iter(messages)) if command[2] < time_ns]
     state = _state_at(scene, received, time_ns)
     end_ns, notes = scene.end_ns, []
@@ -101,6 +93,32 @@ def scene_at(log: str | os.PathLike[str], time_ns: int) -> SceneAt:
         "and books begin anew, so that later bits differ"
     )
     return SceneAt(_text(scene, changes), tuple(notes), bool(scene.channels))
+
+
+def _require_possible(
+    path: Path, scene: Scene, names: Mapping[str, str], messages: Sequence[Message], time_ns: int, last_ns: int
+) -> None:
+    """Refuse what no scene can go on from.
+
+    Raises:
+        LogError: says what it is.
+    """
+    moved = any(each.channel.topic == names.get(SET_STATE[0]) and each.log_time < time_ns for each in messages)
+    if not 0 <= time_ns <= last_ns:
+        raise LogError(
+            f"--at: found {time_ns / 1e9:.9g} s, expected a time from 0 to {last_ns / 1e9:.9g} s, where the samples of "
+            f"{path} end; give one of these"
+        )
+    if moved:
+        raise LogError(
+            f"{path}: the body was moved from outside (set_state) before {time_ns / 1e9:.9g} s, and no scene "
+            "says that; give a time before it"
+        )
+    if scene.actuators:
+        raise LogError(
+            f"{path} has actuators, whose commands and speeds no scene takes over, expected a body without; run "
+            f"it from its beginning: simulate {path}"
+        )
 
 
 def _state_at(scene: Scene, commands: list[tuple[str, Wrench, int]], time_ns: int) -> State:

@@ -152,3 +152,10 @@ def test_the_log_of_it_says_what_it_is(flight: Flight, tmp_path: Path) -> None:
     rb.simulate(rb.parse_scene(scene_at(flight.log, 1_500_000_000).text), sinks=[McapSink(log)])
     assert b"continues:" in read_bag(log).attachments["scene.yaml"]
     assert json.loads(json.dumps(rb.inspect(log).as_dict()))["passed"]
+
+
+def test_actuators_are_refused(scene_dir: Path, tmp_path: Path) -> None:
+    log = tmp_path / "wheels.mcap"
+    rb.simulate(rb.read_scene(scene_dir / "wheels.yaml", {"duration": 0.2}), sinks=[McapSink(log)])
+    with pytest.raises(rb.LogError, match="has actuators"):
+        scene_at(log, 100_000_000)
