@@ -439,6 +439,22 @@ def test_with_another_numpy_and_other_bits_a_log_must_agree_with_itself(tmp_path
     assert found.within(1e-9)
 
 
+@pytest.mark.parametrize("place", [3, 24])
+def test_bytes_that_hold_no_number_are_compared_too(tmp_path: Path, full: Path, place: int) -> None:
+    """The options of CDR, and the padding behind the frame `world`."""
+
+    def changed(message: Message) -> Message:
+        if message.channel.topic != "/pose":
+            return message
+        data = bytearray(message.data)
+        data[place] ^= 1
+        return message._replace(data=bytes(data))
+
+    found = replay(edited(full, tmp_path / "e.mcap", changed))
+    assert list(found.differences) == ["/pose"]
+    assert not found.identical
+
+
 def test_other_code_under_the_same_version_is_told(
     tmp_path: Path, full: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
