@@ -63,7 +63,7 @@ def scene_at(log: str | os.PathLike[str], time_ns: int) -> SceneAt:
         last_ns = row.time_ns
         if row.time_ns == time_ns:
             logged = dict(zip(columns, row.numbers, strict=True))
-    _require_possible(source.path, scene, names, messages, time_ns, last_ns)
+    _require_possible(source.path, scene, messages, time_ns, last_ns)
     received = [command for command in received_commands(scene, names, iter(messages)) if command[2] < time_ns]
     state = _state_at(scene, received, time_ns)
     end_ns, notes = scene.end_ns, []
@@ -95,15 +95,15 @@ def scene_at(log: str | os.PathLike[str], time_ns: int) -> SceneAt:
     return SceneAt(_text(scene, changes), tuple(notes), bool(scene.channels))
 
 
-def _require_possible(
-    path: Path, scene: Scene, names: Mapping[str, str], messages: Sequence[Message], time_ns: int, last_ns: int
-) -> None:
+def _require_possible(path: Path, scene: Scene, messages: Sequence[Message], time_ns: int, last_ns: int) -> None:
     """Refuse what no scene can go on from.
 
     Raises:
         LogError: says what it is.
     """
-    moved = any(each.channel.topic == names.get(SET_STATE[0]) and each.log_time < time_ns for each in messages)
+    name, kind = SET_STATE
+    moves = [each for each in messages if each.channel.type_name == kind and each.channel.topic.endswith(f"/{name}")]
+    moved = any(each.log_time < time_ns for each in moves)
     if not 0 <= time_ns <= last_ns:
         raise LogError(
             f"--at: found {time_ns / 1e9:.9g} s, expected a time from 0 to {last_ns / 1e9:.9g} s, where the samples of "

@@ -159,3 +159,18 @@ def test_actuators_are_refused(scene_dir: Path, tmp_path: Path) -> None:
     rb.simulate(rb.read_scene(scene_dir / "wheels.yaml", {"duration": 0.2}), sinks=[McapSink(log)])
     with pytest.raises(rb.LogError, match="has actuators"):
         scene_at(log, 100_000_000)
+
+
+def test_a_state_from_outside_is_refused(tmp_path: Path) -> None:
+    from rb_dynamics.run.state_change import StateChange
+
+    log = tmp_path / "moved.mcap"
+    run = rb.Simulation(rb.parse_scene(SCENE), [McapSink(log)])
+    run.start()
+    run.advance(500_000_000)
+    run.set_state(StateChange(500_000_000, (0.0, 0.0, 1.0), (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0), (0.1, 0.0, 0.0)))
+    run.advance(3_000_000_000)
+    run.finish()
+    assert scene_at(log, 400_000_000).notes == ()
+    with pytest.raises(rb.LogError, match="moved from outside"):
+        scene_at(log, 1_000_000_000)
