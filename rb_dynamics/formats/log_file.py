@@ -142,6 +142,11 @@ def require_apart(targets: Iterable[str | os.PathLike[str]]) -> None:
         taken[place] = target
 
 
+def is_log(path: str | os.PathLike[str]) -> bool:
+    """Return whether a path where a scene is expected is that of a log: an MCAP file, an SQLite file or a folder."""
+    return Path(path).suffix in (".mcap", ".db3") or Path(path).is_dir()
+
+
 def move_aside(path: Path) -> Path | None:
     """Rename an earlier log, a file or the folder of a bag, to the next free number: run.mcap to run.1.mcap.
 

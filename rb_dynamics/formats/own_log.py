@@ -13,6 +13,7 @@ from typing import NamedTuple
 from rb_dynamics.errors import LogError, RigidBodyError
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_source import Source, open_source
+from rb_dynamics.formats.log_file import is_log
 from rb_dynamics.formats.mcap_records import Message
 from rb_dynamics.formats.messages import (
     ACCEL,
@@ -101,11 +102,6 @@ def scene_and_names(
         )
     scene = replace(parse_scene(text, f"{source.path}: {SCENE}", overrides), text=text)
     return scene, require_types(source, scene)
-
-
-def is_log(path: str | os.PathLike[str]) -> bool:
-    """Return whether a path where a scene is expected is that of a log: an MCAP file, an SQLite file or a folder."""
-    return Path(path).suffix in (".mcap", ".db3") or Path(path).is_dir()
 
 
 def scene_of_log(
