@@ -191,7 +191,13 @@ class Health:
             states = asdict(self.states).items()
             values |= {f"~/set_state: {name.replace('_', ' ')}": str(count) for name, count in states}
         values |= {f"{topic}: incompatible QoS": str(count) for topic, count in self._mismatches.items()}
+        full = []
+        for wheel, speed in zip(simulation.scene.wheels, sample.wheel_speeds or (), strict=False):
+            values[f"{wheel.name}: speed"] = f"{speed:.6g} rad/s"
+            if abs(speed) >= 0.95 * wheel.max_speed:
+                full.append((WARN, f"{wheel.name} turns with {speed:.4g} rad/s, its max_speed is {wheel.max_speed:g}"))
         wrong = [
+            *full,
             (ERROR, self._pause),
             (ERROR, self._failure),
             (WARN, self._warning or pacer.warning()),

@@ -525,7 +525,10 @@ class Simulation:
             if end_ns != self._searched_ns:
                 first, last = max(self._searched_ns - 1, self.time_ns), end_ns - 1
                 self._searched_ns, self._switch_ns = end_ns, None
-                if last > first and self._switching(wheels, self._arc.at(last)):
+                # The end of a stride is known where it was taken to choose it.
+                standing = self._arc.standing
+                unlike = standing.stride == 0 or self._switching(wheels, standing.after)
+                if unlike and last > first and self._switching(wheels, self._arc.at(last)):
                     while last - first > 1:
                         middle = (first + last) // 2
                         if self._switching(wheels, self._arc.at(middle)):
