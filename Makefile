@@ -55,6 +55,7 @@ docs: $(VENV)/installed-docs
 # out; gcc is used if available.
 bench: $(VENV)/installed-bench
 	$(BIN)/python benchmarks/compare.py $(BENCH_ARGS)
+	$(BIN)/python benchmarks/whole_runs.py
 
 out/demo.rrd: | $(VENV)/installed-demo
 	$(BIN)/rb-dynamics demo

@@ -244,8 +244,8 @@ The goals of the project, as ratios of times in one run.
 
 {losses}
 - Compilation: without numba this package compiles nothing, and a step takes 30 to 100 us. With numba, the very first
-  run of a method takes some seconds longer, and later processes half a second to load the cache. MuJoCo, Basilisk,
-  Drake and Pinocchio are compiled programs.
+  run of a method is in plain Python while another process compiles, and later ones load that in some milliseconds
+  ([whole runs](whole-runs.md)). MuJoCo, Basilisk, Drake and Pinocchio are compiled programs.
 - Contact, joints, connected bodies, sensors, optics, environments: MuJoCo, Drake, Basilisk and Pinocchio have them.
   This package has one free rigid body.
 - Accelerators: diffrax and MuJoCo (MJX, Warp) run ensembles on a GPU; this package does not.

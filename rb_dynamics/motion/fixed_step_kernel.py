@@ -56,6 +56,9 @@ WORTH_LOADING = 2_000
 # And for loading another.
 _WORTH_ANOTHER = 50
 
+# How often a kernel is asked for until it is looked whether another process has compiled it.
+_ASKS = 200
+
 # Time of a step in plain Python relative to rk4, if different: the plain column of `benchmarks/kernels.py`.
 _PLAIN_PRICE = {
     name: price
@@ -205,6 +208,8 @@ class OnDemand:
         self._price = price * _PLAIN_PRICE.get(method, 1.0)
         self._compiled: Callable[..., Any] | None = None
         self._given_up = False
+        # How often it may still be asked for until it is looked for again.
+        self._look_after = 0
 
     @property
     def name(self) -> str:
@@ -244,9 +249,14 @@ class OnDemand:
             return False
         steps = tally.expected(self, ahead)
         if steps >= (_WORTH_ANOTHER if tally.used else WORTH_LOADING):
+            # To look for a file takes as long as half a step.
+            self._look_after -= 1
+            if self._look_after > 0 and tally.beside:
+                return False
             if is_cached(self.name):
                 return True
             if tally.beside and ask_for(self.name):
+                self._look_after = _ASKS
                 if reason := failure_of(self.name):
                     self._give_up(reason)
                 return False

@@ -1,0 +1,165 @@
+"""What people run, as a whole: `rb-dynamics simulate SCENE --wrench BAG`, with logs, and `replay`; docs/whole-runs.md.
+
+    python benchmarks/whole_runs.py            # `make bench` runs it too; writes the page
+    python benchmarks/whole_runs.py --quick    # a hundredth of the commands, once, and nothing is written
+
+The commands are those of the problem "driven" of `compare.py`: force and torque in body axes on one topic, a force in
+world axes on another, each 10 000 times in 100 s. Times are processor time of processes, start of Python and imports
+included, run in turn (A B C A B C); medians. Beside them is what heyoka and MuJoCo take for the integration alone,
+where they are installed.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import resource
+import subprocess
+import sys
+import tempfile
+from dataclasses import replace
+from importlib import metadata
+from pathlib import Path
+from statistics import median
+
+from compare import ladder, started
+from peers.problem import Problem, problem
+from peers.reference import reference
+from written import processor, table
+
+from rb_dynamics.formats import cdr
+from rb_dynamics.formats.log_file import LogFile
+from rb_dynamics.formats.mcap_writer import McapWriter
+from rb_dynamics.formats.messages import WRENCH, log_channel, qos_profile
+from rb_dynamics.numerics.compilation import available
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGE = ROOT / "docs" / "whole-runs.md"
+TURNS = 7
+PLAIN = "simulate SCENE --wrench BAG"
+COMMANDS = {
+    PLAIN: ["simulate", "scene.yaml", "--wrench", "bag.mcap"],
+    "the same, `--mcap`": ["simulate", "scene.yaml", "--wrench", "bag.mcap", "--mcap", "run.mcap"],
+    "the same, `--mcap` and `--rerun`": [
+        *("simulate", "scene.yaml", "--wrench", "bag.mcap", "--mcap", "run.mcap", "--rerun", "run.rrd"),
+    ],
+    "`replay` of the log": ["replay", "run.mcap"],
+}
+
+
+def write_inputs(task: Problem, folder: Path) -> None:
+    """Write a problem as a scene and a bag."""
+    (folder / "scene.yaml").write_text(
+        f"body: {{mass: {task.mass}, inertia: {{matrix: {task.inertia.tolist()}}}}}\n"
+        f"initial: {{linear_velocity_world: {list(task.linear_velocity_world)}, "
+        f"angular_velocity_body: {task.angular_velocities[0].tolist()}}}\n"
+        "wrenches: [{topic: thrusters}, {topic: wind}]\n"
+        f"solver: {{method: auto, accuracy: {task.wanted!r}}}\nduration: {task.duration!r}\noutput_rate: 100\n"
+    )
+    file = LogFile(folder / "bag.mcap")
+    writer = McapWriter(file, "benchmark")
+    writer.begin()
+    channels = [log_channel(f"/{name}", WRENCH, qos_profile(10)) for name in ("thrusters", "wind")]
+    ids = [writer.add_channel(c.topic, c.encoding, writer.add_schema(*c.schema), c.metadata) for c in channels]
+    for k in range(task.holds):
+        time_ns = round(k * task.hold * 1e9)
+        in_body = cdr.encode(WRENCH, time_ns, "body", (*task.force_body[k], *task.torque_body[k]))
+        in_world = cdr.encode(WRENCH, time_ns, "world", (*task.force_world[k], 0.0, 0.0, 0.0))
+        writer.add_messages(ids, (in_body, in_world), time_ns, time_ns)
+    writer.finish()
+    file.close()
+
+
+def spent(arguments: list[str], folder: Path, **environment: str) -> float:
+    """Return the processor time (s) of the command line, in a process of its own."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    command = [sys.executable, "-m", "rb_dynamics", *arguments]
+    path = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
+    around = {**os.environ, "PYTHONPATH": path, "PYTHONDONTWRITEBYTECODE": "", **environment}
+    subprocess.run(command, cwd=folder, env=around, capture_output=True, check=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
+
+
+def measured(folder: Path, turns: int) -> dict[str, list[float]]:
+    """Return what each command takes, turn by turn, with compiled kernels; and one run in plain Python."""
+    if available():
+        spent(["compile"], folder)
+    found: dict[str, list[float]] = {name: [] for name in COMMANDS}
+    for _ in range(turns):
+        for name, arguments in COMMANDS.items():
+            found[name].append(spent(arguments, folder))
+    found["the same in plain Python"] = [spent(COMMANDS[PLAIN], folder, RB_DYNAMICS_COMPILE="never")]
+    # At last: it leaves a process behind that compiles.
+    with tempfile.TemporaryDirectory() as fresh:
+        found["the same, the first run ever"] = [spent(COMMANDS[PLAIN], folder, XDG_CACHE_HOME=fresh)]
+    return found
+
+
+def peers(task: Problem) -> dict[str, float]:
+    """Return the time (s) of the integration alone, by those that are installed."""
+    workers, _ = started(("heyoka", "mujoco"), print)
+    expected, found = reference(task) if workers else None, {}
+    for worker in workers:
+        rows = [ladder(worker, task, way, expected) for way in worker.ways(task)]
+        best = min((row for row in rows if row.chosen), key=lambda row: row.chosen.seconds, default=None)
+        if best is not None:
+            found[best.name] = best.chosen.seconds
+        worker.close()
+    return found
+
+
+def rows(found: dict[str, list[float]]) -> list[tuple[str, str, str]]:
+    """Return the rows of the table: command, processor time, ratio to the plain command."""
+    plain, lines = found[PLAIN], []
+    for name, mine in found.items():
+        ratio = median(a / b for a, b in zip(mine, plain if len(mine) == len(plain) else [median(plain)], strict=True))
+        lines.append((f"`{name}`" if name == PLAIN else name, f"{median(mine):.2f} s", f"{ratio:.1f}"))
+    return lines
+
+
+def page(found: dict[str, list[float]], others: dict[str, float]) -> str:
+    """Return the page."""
+    versions = ", ".join(f"{name} {metadata.version(name)}" for name in ("numpy", "numba") if _is_there(name))
+    text = (
+        "# What a whole run costs\n\n"
+        "Written by `python benchmarks/whole_runs.py` (`make bench`) on "
+        f"Python {platform.python_version()}, {processor()}, {versions}.\n\n"
+        "Ten thousand pairs of held wrenches in 100 s, attitude to 1e-9 rad, 100 outputs a second, read from a bag. "
+        "Processor time of the whole process: start of Python, imports, scene, bag, motion and logs. Median of "
+        f"{len(found[PLAIN])} turns; the two last rows are one run each. The kernels were compiled before "
+        "(`rb-dynamics compile`), but for the first run ever, which goes on in plain Python while another process "
+        "compiles.\n\n"
+    )
+    text += table(["command", "processor time", "ratio"], rows(found))
+    if others:
+        listed = ", ".join(f"{name} {1e3 * seconds:.0f} ms" for name, seconds in others.items())
+        text += f"\nThe integration alone, without scene, bag and outputs, takes {listed}.\n"
+    return text
+
+
+def _is_there(name: str) -> bool:
+    try:
+        metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return False
+    return True
+
+
+def main(arguments: list[str]) -> None:
+    quick = "--quick" in arguments
+    task = problem("driven")
+    if quick:
+        few = {name: getattr(task, name)[:100] for name in ("force_body", "torque_body", "force_world")}
+        task = replace(task, duration=1.0, **few)
+    with tempfile.TemporaryDirectory() as name:
+        write_inputs(task, Path(name))
+        found = measured(Path(name), 1 if quick else TURNS)
+    text = page(found, {} if quick else peers(task))
+    print(text)
+    if not quick:
+        PAGE.write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
