@@ -1,0 +1,70 @@
+"""Identify a racket thrown in the air with a phone on it, and print the table of docs/identify.md.
+
+    python tools/identify_racket.py FOLDER
+
+FOLDER is "data/round4" of the recordings of https://github.com/fbubbar/sci1-t2 (gyro of a phone at 100 Hz, one file of
+several throws per folder, and the times of each throw), which have no licence and are not part of this package.
+"""
+
+from __future__ import annotations
+
+import csv
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from rb_dynamics import identify, parse_scene
+from rb_dynamics.analysis.identification.flights import RATES, Flight, Stream
+
+# A racket of 0.457 kg: a rod with a head, along y; what drag there is will be found.
+SCENE = """
+body: {mass: 0.457, inertia: {diagonal: [0.019, 0.0015, 0.020]}}
+effects: [{type: linear_drag, rotation: [0, 0, 0]}]
+"""
+GOOD = 0.25
+
+
+def throws(folder: Path) -> list[Flight]:
+    """Return the throws that the authors kept."""
+    found = []
+    for path in sorted(folder.glob("*/Raw Data.csv")):
+        rows = np.loadtxt(path, delimiter=",", skiprows=1)
+        with (path.parent / "meta" / "segments.csv").open(encoding="utf-8") as text:
+            segments = list(csv.DictReader(text, skipinitialspace=True))
+        for segment in segments:
+            if segment["keep"] == "false":
+                continue
+            within = (rows[:, 0] >= float(segment["start"])) & (rows[:, 0] <= float(segment["end"]))
+            times = np.rint(rows[within, 0] * 1e9).astype(np.int64)
+            stream = Stream("gyro", RATES, times - times[0], rows[within, 1:4], gyro=True)
+            found.append(Flight(f"{path.parent.name[-8:]} {segment['segment']}", (stream,)))
+    return found
+
+
+def main() -> None:
+    """Print the table."""
+    ratios, good = [], 0
+    print("| throw | s | rad/s at most | rms, rad/s | moments over the largest | starts that agree |")
+    print("|---|---|---|---|---|---|")
+    flights = throws(Path(sys.argv[1]))
+    for flight in flights:
+        found = identify(parse_scene(SCENE), [flight], ["inertia_ratios", "effects[0].rotation"], starts=8)
+        (left,) = found.residuals
+        moments = np.linalg.eigvalsh(np.array(found.body.inertia))
+        stream = flight.streams[0]
+        seconds, fastest = stream.time_ns[-1] * 1e-9, np.linalg.norm(stream.values, axis=1).max()
+        shares = moments / moments[-1]
+        if left.rms < GOOD:
+            good += 1
+            ratios.append(shares)
+        shown = ", ".join(f"{share:.4f}" for share in shares)
+        name, agree = flight.name, f"{found.agreeing} of {found.starts}"
+        print(f"| {name} | {seconds:.2f} | {fastest:.1f} | {left.rms:.3f} | {shown} | {agree} |", flush=True)
+    spread = np.std(ratios, axis=0) / np.mean(ratios, axis=0)
+    print(f"\n{good} of {len(flights)} throws are fitted to less than {GOOD} rad/s; between them the ratios spread by")
+    print(", ".join(f"{100 * part:.1f} %" for part in spread[:2]))
+
+
+if __name__ == "__main__":
+    main()
