@@ -2,10 +2,10 @@
 
     python tools/calibrate_identify.py 1000
 
-Half of the flights have a gyro with noise of 5e-4 rad/s, half of 5e-3 rad/s; all have a bias, a pose with noise of
-1e-3 (rad, m) at 100 Hz, commands of force and torque that act 20 ms later than recorded, and a scene whose mass is wrong
-by a half and whose inertia is a ball's. Coverage is of 95 % intervals; scatter is that of the errors over the standard
-errors, which are those of the Cramér-Rao bound at the solution.
+Half of the flights have a gyro with noise of 5e-4 rad/s, half of 5e-3 rad/s. All have a bias, a pose with noise of 1e-3
+(rad, m) at 100 Hz, commands that act 20 ms later than recorded, and a scene whose mass is wrong by a half and whose
+inertia is a ball's. Coverage is of 95 % intervals; scatter is that of the errors over the standard errors, which are
+those of the Cramér-Rao bound at the solution. Ctrl-C ends it with the flights so far.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ WRONG = 6.0
 GROUPS = ("mass", "center_of_mass", "inertia", "inertia_ratios", "gyro_bias", "delay")
 
 
-def flight(seed: int) -> tuple[dict[str, list[float]], int, bool]:
+def flight(seed: int) -> tuple[dict[str, list[tuple[float, bool]]], int, bool]:
     """Return (value - truth) / standard error and whether the interval holds the truth, by group."""
     random = np.random.default_rng(seed)
     body = random_body(random, center=0.05)
@@ -67,8 +67,13 @@ def main() -> None:
     every: dict[str, list[tuple[float, bool]]] = {}
     wrong = unknown = restless = 0
     begin = time.monotonic()
+    done = 0
     for seed in range(first, first + count):
-        errors, missing, converged = flight(seed)
+        try:
+            errors, missing, converged = flight(seed)
+        except KeyboardInterrupt:
+            break
+        done += 1
         unknown, restless = unknown + missing, restless + (not converged)
         if max(abs(off) for group in errors.values() for off, _ in group) > WRONG:
             wrong += 1
@@ -76,7 +81,7 @@ def main() -> None:
             continue
         for name, group in errors.items():
             every.setdefault(name, []).extend(group)
-    print(f"{count} flights; wrong minima: {wrong}; not at rest: {restless}; numbers not known: {unknown}\n")
+    print(f"{done} flights; wrong minima: {wrong}; not at rest: {restless}; numbers not known: {unknown}\n")
     print("| number | values | coverage of 95 % | scatter over Cramér–Rao |\n|---|---|---|---|")
     for name in GROUPS:
         off = np.array([value for value, _ in every[name]])

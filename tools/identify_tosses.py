@@ -2,8 +2,8 @@
 
     python tools/identify_tosses.py FOLDER
 
-FOLDER has toss_*.csv: time (s), position (m) and attitude (x, y, z, w) by motion capture at 148 Hz, velocity (m/s), as of
-the tosses of ContactNets (Pfrommer, Halm & Posa, CoRL 2020). Each flies free and then hits a table.
+FOLDER has toss_*.csv: time (s), position (m) and attitude (x, y, z, w) by motion capture at 148 Hz, velocity (m/s), as
+of the tosses of ContactNets (Pfrommer, Halm & Posa, CoRL 2020). Each flies free and then hits a table.
 """
 
 from __future__ import annotations
@@ -36,7 +36,10 @@ def main() -> None:
         # The velocity of a sample is smoothed over its neighbours.
         free = rows[: max(hit - 2, 0)]
         times = np.rint(free[:, 0] * 1e9).astype(np.int64)
-        streams = (Stream("pose", ATTITUDE, times, unit_rows(free[:, 4:8])), Stream("pose", POSITION, times, free[:, 1:4]))
+        streams = (
+            Stream("pose", ATTITUDE, times, unit_rows(free[:, 4:8])),
+            Stream("pose", POSITION, times, free[:, 1:4]),
+        )
         found = identify(
             parse_scene(SCENE), [Flight(path.stem, streams)], ["inertia_ratios", "effects[0].acceleration_world"]
         )

@@ -7,11 +7,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from rb_dynamics.analysis.identification import rotations
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.track import Array, RecordedWrench, Times, TimeSeries, Track, frame_names, unit_rows
 from rb_dynamics.errors import LogError
-from rb_dynamics.formats.bag_reader import IMUS, read_bag
+from rb_dynamics.formats.bag_reader import IMUS, Bag, read_bag
 from rb_dynamics.formats.messages import APPLIED
 from rb_dynamics.run.provenance import RUN
 from rb_dynamics.scene.model import Scene
@@ -119,7 +118,12 @@ def read_flight(path: str, scene: Scene, commands: Sequence[str] = ()) -> Flight
     Raises:
         LogError: a bag cannot be read, has no motion, or a wrench whose effect is not known.
     """
-    bag = read_bag(path, repeated=False)
+    return flight_of(read_bag(path, repeated=False), scene, commands)
+
+
+def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = ()) -> Flight:
+    """Return what `bag` measured; see `read_flight`."""
+    path = str(bag.path)
     track = read_track(bag, None if RUN in bag.metadata else scene)
     zero = 0 if track.own else track.span_ns[0]
     notes = [note for note in track.notes if "inspected" not in note]
@@ -135,7 +139,7 @@ def read_flight(path: str, scene: Scene, commands: Sequence[str] = ()) -> Flight
     channels = tuple(_channel(wrench, scene, zero, end, path) for wrench in acting if len(wrench.time_ns))
     if not channels:
         notes.append("no wrench is recorded: nothing but the effects of the scene is taken to act")
-    return Flight(str(path), tuple(streams), channels, tuple(notes))
+    return Flight(path, tuple(streams), channels, tuple(notes))
 
 
 def _of_pose(track: Track, zero: int, notes: list[str]) -> list[Stream]:
@@ -169,8 +173,7 @@ def _of_twist(track: Track, scene: Scene, zero: int, notes: list[str]) -> list[S
     fixed = (scene.frames.fixed or {}).get(series.frame)
     if fixed is None:
         return [replace(stream, gyro=True) for stream in found]
-    mount = rotations.matrices(np.array(fixed.orientation_xyzw)).T
-    return [replace(stream, gyro=True, mount=mount, place=np.array(fixed.position)) for stream in found]
+    return [replace(stream, gyro=True, place=np.array(fixed.position)) for stream in found]
 
 
 def _is_imu(track: Track, series: TimeSeries) -> bool:

@@ -292,7 +292,7 @@ class _Report:
         _, axes = np.linalg.eigh(np.array(body.inertia))
         errors = [
             self._error(np.einsum("i,ijk,j->k", axis, self._inertia_by(), axis))
-            if self._has("shape") and self._told("size")
+            if self._has("shape") and self._shape_told and self._told("size")
             else np.inf
             for axis in axes.T
         ]
@@ -353,16 +353,18 @@ class _Report:
             found += self._values("center_of_mass", "center_of_mass")
         if self._has("shape"):
             by = self._inertia_by()
-            trace = float(np.trace(body.inertia))
-            ratios = body.inertia / trace
+            kept = body.inertia if self._shape_told else np.array(self.model.scene.body.inertia)
+            trace = float(np.trace(kept))
+            ratios = kept / trace
             ratios_by = (by - ratios[:, :, None] * np.trace(by)) / trace
             for group, values, changes in (
-                ("inertia", body.inertia, by),
+                ("inertia", kept, by),
                 ("inertia_ratios", ratios, ratios_by),
             ):
                 if group in self.model.fit or group == "inertia_ratios":
-                    # Without a scale no moment is known, not even a product that is zero: its error is not.
-                    told = group != "inertia" or self._told("size")
+                    # Without a scale no moment is known, not even a product that is zero: its error is not. And where
+                    # a direction of the shape is not told, each number depends on where the fit stopped in it.
+                    told = self._shape_told and (group != "inertia" or self._told("size"))
                     found += [
                         self._parameter(f"{group}.{axis}", float(values[i, j]), told * changes[i, j], group)
                         for axis, (i, j) in zip(AXES, PLACES, strict=True)
@@ -468,13 +470,18 @@ class _Report:
         # What is not told stays as it was given, to the bit.
         mass = found.mass if self._has("mass") and self._told("mass") else given.mass
         center = found.center_of_mass.tolist() if self._has("center_of_mass") else list(given.center_of_mass)
-        if not self._has("shape"):
+        if not self._has("shape") or not self._shape_told:
             return RigidBody.from_matrix(mass, given.inertia, center)
         inertia = found.inertia
         if not self._told("size"):
             inertia = inertia * (np.trace(np.array(given.inertia)) / np.trace(inertia))
         inertia = 0.5 * (inertia + inertia.T)
         return RigidBody.from_matrix(mass, inertia.tolist(), center)
+
+    @property
+    def _shape_told(self) -> bool:
+        """Whether every direction of the shape of the inertia is told."""
+        return float(np.linalg.norm(self.unseen[self.model.layout["shape"].at])) <= _HIDDEN
 
     def _told(self, name: str) -> bool:
         block = self.model.layout[name]

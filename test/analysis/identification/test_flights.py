@@ -1,0 +1,67 @@
+"""What a bag of another program says, as `identify` takes it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bag_rows import add
+from identified_flights import flown, guess
+from noisy_recordings import recording
+
+from rb_dynamics import LogError, RigidBody, identify
+from rb_dynamics.analysis.identification.flights import ATTITUDE, POSITION, RATES, VELOCITY, Flight, flight_of
+from rb_dynamics.formats import cdr
+from rb_dynamics.formats.bag_reader import Bag, Topic
+
+IMU = "sensor_msgs/msg/Imu"
+
+
+def imu_bag(flight: Flight) -> Bag:
+    """Return a bag with the rates of `flight` in an IMU that measures nothing else."""
+    topic, unknown = Topic("/imu", IMU), (-1.0, *[0.0] * 8)
+    stream = flight.streams[0]
+    for stamp, rate in zip(stream.time_ns.tolist(), stream.values.tolist(), strict=True):
+        nothing = (unknown[:1], unknown[1:])
+        data = cdr.encode(
+            IMU, stamp + 10**9, "imu", (0.0, 0.0, 0.0, 1.0), *nothing, rate, (0.0,), [0.0] * 8, [0.0] * 3, *nothing
+        )
+        add(topic, stamp + 10**9, data)
+    return Bag(Path("imu.mcap"), True, {topic.name: topic}, {}, {})
+
+
+def test_gyro_alone_tells_ratios_and_its_bias() -> None:
+    body, bias = RigidBody.from_diagonal(2.0, (0.02, 0.03, 0.04)), np.array([0.02, -0.01, 0.03])
+    random = np.random.default_rng(3)
+    made = flown(body, random, seconds=6.0, spin=(0.3, 3.0, 0.5), gyro=1e-3, bias=bias)
+    flight = flight_of(imu_bag(made), guess(body))
+    found = identify(guess(body), [flight], ["inertia_ratios", "gyro_bias"])
+
+    assert [(stream.kind, stream.gyro) for stream in flight.streams] == [(RATES, True)]
+    assert flight.span_ns[0] == 0
+    assert found.passed
+    for each in found.parameters:
+        if each.name.startswith("gyro_bias"):
+            assert each.standard_error is not None
+            assert abs(each.value - bias["xyz".index(each.name[-1])]) < 5.0 * each.standard_error
+
+
+def test_a_bag_of_pose_twist_and_commands_tells_the_body() -> None:
+    made = next(each for each in map(recording, range(20)) if each.facts["commanded"] and each.facts["with_pose"])
+    flight = flight_of(made.bag, made.scene(moments=1.5, mass=1.5))
+    found = identify(made.scene(moments=1.5, mass=1.5), [flight], ["inertia", "mass"])
+
+    assert {stream.kind for stream in flight.streams} == {ATTITUDE, POSITION, RATES, VELOCITY}
+    assert found.passed
+    np.testing.assert_allclose(
+        found.body.inertia, made.body.inertia, rtol=0.0, atol=0.1 * max(made.body.principal_moments)
+    )
+    assert found.body.mass == pytest.approx(made.body.mass, rel=0.1)
+
+
+def test_a_bag_with_too_few_samples_is_refused() -> None:
+    body = RigidBody.from_diagonal(2.0, (0.02, 0.03, 0.04))
+    made = flown(body, np.random.default_rng(4), seconds=0.1)
+    with pytest.raises(LogError, match="found 3 samples of the motion, expected at least 4"):
+        flight_of(imu_bag(made), guess(body)).until(2 * 10**7)
