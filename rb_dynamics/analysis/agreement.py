@@ -67,6 +67,7 @@ class Agreement:
         reason: why `error` is unknown, "" if it is known.
         partly: fraction of the windows that contradict each other, if that of the median does not; 0 for a single one.
         aligned: lag, factor and turn of the twist relative to the pose.
+        odd: whether they contradict each other in any window, be it a single one.
     """
 
     of: str
@@ -80,6 +81,12 @@ class Agreement:
     reason: str = ""
     partly: float = 0.0
     aligned: TwistFit = TwistFit()
+    odd: bool = False
+
+    @property
+    def doubt(self) -> str:
+        """Why a torque must not be concluded from the twist; "" if nothing speaks against it."""
+        return self.aligned.words or ("pose and twist contradict each other for a moment" if self.odd else "")
 
 
 def agreements(track: Track) -> tuple[Agreement, ...]:
@@ -133,13 +140,17 @@ def _with_alignment(
 
 
 class _Found(NamedTuple):
-    """Median relative error, median error per second, number and length (s) of windows, fraction that contradict."""
+    """Median relative error, median error per second, number and length (s) of windows, fraction that contradict.
+
+    `odd` is whether any is far from the best.
+    """
 
     error: float
     speed: float
     windows: int
     window_s: float
     beyond: float
+    odd: bool
 
 
 @dataclass(frozen=True)
@@ -229,12 +240,12 @@ def _judged(of: str, both: _Both, readings: list[Reading]) -> Agreement:
     if found is None:
         moves = "turns" if of == "attitude" else "moves"
         return Agreement(of, None, reason=f"the body {moves} too little above the noise of the pose")
-    error, speed, count, window_s, beyond = found
+    error, speed, count, window_s, beyond, odd = found
     if not both.twist[:, part].any():
         return Agreement(of, error, window_s, count, True, nothing=True)
     if error <= _CONTRADICTS:
         partly = beyond if beyond * count > 1.5 else 0.0
-        return Agreement(of, error, window_s, count, partly > 0.0, partly=partly)
+        return Agreement(of, error, window_s, count, partly > 0.0, partly=partly, odd=odd)
     remedy, remaining = _remedy(given, others, compared)
     contradicts = bool(remedy) or speed > _SENSORS
     if not contradicts:
@@ -274,6 +285,8 @@ def _windows(both: _Both, gone: Array, said: Array, floor: float) -> _Found | No
             ratio, speed = error[kept] / size[kept], error[kept] / seconds[kept]
             limit = max(_PART, _ABOVE_USUAL * float(np.quantile(ratio, 0.25)))
             beyond = float(((ratio > limit) & (speed > _SENSORS)).mean())
-            return _Found(float(np.median(ratio)), float(np.median(speed)), int(kept.sum()), length * 1e-9, beyond)
+            far = (ratio > max(_PART, _ABOVE_USUAL * float(ratio.min()))) & (speed > _SENSORS)
+            middle = float(np.median(ratio)), float(np.median(speed))
+            return _Found(*middle, int(kept.sum()), length * 1e-9, beyond, bool(far.any()))
         length *= 10
     return None

@@ -183,7 +183,7 @@ def summarize(track: Track, bound: float = BOUND) -> RunSummary:
     steady, agreed = continuity(track), agreements(track)
     unsure = _unsure(track, steady, agreed)
     found, left = tuple(balances(track, bound)), None if unsure else residual(track, bound)
-    doubt = next((each.aligned.words for each in agreed if each.aligned.words), "")
+    doubt = next((each.doubt for each in agreed if each.doubt), "")
     judged = [*(balanced(track, each, bound) for each in found), *_explained(left)]
     # Differences of pose and twist that matter nowhere else would be taken for a torque.
     if doubt and not unsure and not all(check.passed for check in judged):

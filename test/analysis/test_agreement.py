@@ -99,6 +99,18 @@ def test_a_twist_of_another_scale_is_told_also_of_a_part(of: slice, factor: floa
     assert ("the twist has 1.2 ±" if whole else "for a while one of the two stood still, had another scale") in detail
 
 
+def test_a_moment_in_degrees_is_not_taken_for_a_torque() -> None:
+    """A single window is too little for a contradiction, and a torque too much of a conclusion."""
+    motion = precessing()
+    rows = body_twist(motion)
+    rows[910:, 3:] *= 180.0 / np.pi
+    summary = summarize(read_track(bag_of(motion, twist_rows=rows, wrench=True), BALL))
+    assert summary.passed
+    assert summary.residual is None
+    detail = {check.name: check.detail for check in summary.checks}["inertia explains the motion"]
+    assert detail == "not judged; pose and twist contradict each other for a moment"
+
+
 def test_a_twist_in_axes_of_its_own_is_told() -> None:
     """A misaligned gyro implies a torque that does not exist."""
     motion = precessing()
