@@ -126,9 +126,9 @@ def _missing(found: Identification) -> list[str]:
     if not found.converged:
         lines.append("the fit did not come to rest; give a scene nearer to the body, or more --starts")
     if lacks:
-        told = f": {found.advice[0]}" if found.advice else ""
+        told = f"; to know {found.advice[0]}" if found.advice else ""
         lines.append(f"not known from these recordings: {', '.join(lacks)}{told}")
     elif not found.passed and found.converged:
-        told = f": {found.advice[0]}" if found.advice else ""
+        told = f"; to know {found.advice[0]}" if found.advice else ""
         lines.append(f"these recordings tell nothing of the body{told}")
     return lines
