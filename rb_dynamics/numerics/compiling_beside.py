@@ -66,4 +66,7 @@ def asked_for() -> Iterator[str]:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         os.nice(19)
         for line in sys.stdin:
+            # A folder that was removed, as those of tests are, wants no more.
+            if not cache_folder().is_dir():
+                return
             yield line.strip()

@@ -12,6 +12,7 @@ from rb_dynamics.analysis.track import Array, RecordedWrench, Times, TimeSeries,
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_reader import IMUS, Bag, read_bag
 from rb_dynamics.formats.messages import APPLIED
+from rb_dynamics.loads.channels import Channel as WrenchChannel
 from rb_dynamics.run.provenance import RUN
 from rb_dynamics.scene.model import Scene
 
@@ -213,14 +214,15 @@ def _channel(wrench: RecordedWrench, scene: Scene, zero: int, end_ns: int, path:
     held = np.hstack([*(np.where(world, nothing, p) for p in parts), *(np.where(world, p, nothing) for p in parts)])
     times = wrench.time_ns - zero
     if not wrench.topic.endswith(APPLIED):
-        times, held = _timed_out(times, held, _timeout_ns(wrench.topic, scene))
+        channel = _channel_of(wrench.topic, scene)
+        times, held = _timed_out(times + channel.delay_ns, held, channel.timeout_ns)
     return Channel(wrench.topic.removesuffix(APPLIED), times, held)
 
 
-def _timeout_ns(topic: str, scene: Scene) -> int:
-    """Return the timeout of the scene's channel of this name; 0 where it has none."""
+def _channel_of(topic: str, scene: Scene) -> WrenchChannel:
+    """Return the scene's channel of this name; one without timeout or delay where it has none."""
     name = topic.removeprefix("/")
-    return next((c.timeout_ns for c in scene.channels if c.topic.removeprefix("/") == name), 0)
+    return next((c for c in scene.channels if c.topic.removeprefix("/") == name), WrenchChannel(name))
 
 
 def _timed_out(times: Times, held: Array, timeout_ns: int) -> tuple[Times, Array]:

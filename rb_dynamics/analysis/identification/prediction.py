@@ -144,6 +144,18 @@ class Model:
         )
 
     def _require_modelled(self) -> None:
+        source, left_out = self.scene.source, "they would be taken for a torque of the body"
+        if self.scene.actuators:
+            names = ", ".join(actuator.name for actuator in self.scene.actuators)
+            raise SceneError(
+                f"{source}: actuators: found {names}, expected none of a flight that is identified, as {left_out}; "
+                "leave them out with --set actuators=[] if they stood still"
+            )
+        if biased := [channel.topic for channel in self.scene.channels if channel.bias is not None]:
+            raise SceneError(
+                f"{source}: wrenches: found a bias of {', '.join(biased)}, expected none, as {left_out}; write it as "
+                "an effect of type scheduled_wrench"
+            )
         kinds: list[type] = []
         for effect in self.scene.effects:
             if not isinstance(effect, MODELLED):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from bag_rows import add
 from identified_flights import flown, guess
 from noisy_recordings import recording
 
-from rb_dynamics import LogError, RigidBody, identify
+from rb_dynamics import Channel, LogError, ReactionWheel, RigidBody, SceneError, identify
 from rb_dynamics.analysis.identification.flights import ATTITUDE, POSITION, RATES, VELOCITY, Flight, flight_of
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_reader import Bag, Topic
@@ -65,3 +66,28 @@ def test_a_bag_with_too_few_samples_is_refused() -> None:
     made = flown(body, np.random.default_rng(4), seconds=0.1)
     with pytest.raises(LogError, match="found 3 samples of the motion, expected at least 4"):
         flight_of(imu_bag(made), guess(body)).until(2 * 10**7)
+
+
+@pytest.mark.parametrize(
+    ("part", "expected"),
+    [
+        (
+            {"actuators": (ReactionWheel(name="wheel", axis=(0.0, 0.0, 1.0), inertia=1e-4),)},
+            "actuators: found wheel, expected none",
+        ),
+        ({"channels": (Channel("push", bias_torque=(0.0, 0.0, 1e-3)),)}, "found a bias of push, expected none"),
+    ],
+)
+def test_what_would_be_taken_for_a_torque_is_refused(part: dict[str, object], expected: str) -> None:
+    body = RigidBody.from_diagonal(2.0, (0.02, 0.03, 0.04))
+    made = flown(body, np.random.default_rng(3), seconds=1.0, spin=(0.3, 3.0, 0.5), gyro=1e-3)
+    with pytest.raises(SceneError, match=expected):
+        identify(replace(guess(body), **part), [made], ["inertia_ratios"])
+
+
+def test_commands_act_after_the_delay_of_their_channel() -> None:
+    made = next(each for each in map(recording, range(20)) if each.facts["commanded"] and each.facts["with_pose"])
+    scene = made.scene(moments=1.0, mass=1.0)
+    late = replace(scene, channels=tuple(replace(channel, delay=0.125) for channel in scene.channels))
+    for prompt, delayed in zip(flight_of(made.bag, scene).channels, flight_of(made.bag, late).channels, strict=True):
+        assert (delayed.time_ns == prompt.time_ns + 125_000_000).all()
