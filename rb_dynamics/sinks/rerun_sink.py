@@ -68,6 +68,8 @@ SPAWN = "spawn"
 
 # Where a viewer listens by default, and how long one may take to start, s.
 _PORT, _STARTS_S = 9876, 30.0
+# s that a viewer may take to receive what is sent.
+_VIEWER_S = 30.0
 
 MAX_ROWS = 200_000
 BATCH_ROWS = 4096
@@ -213,7 +215,7 @@ class Recorder:
         self.stream.log(CLOSE_UP, rr.Transform3D(scale=self.size), static=True)
         self._send_overview()
         self._send_facts({})
-        self.stream.flush()
+        self._deliver()
 
     def take(self, event: Event) -> None:
         """Take one event."""
@@ -274,8 +276,15 @@ class Recorder:
         self._send_facts(result)
         # The same layout again, now that the extent of the path and the duration are known; the last one counts.
         self.stream.send_blueprint(self._blueprint(self.time_ns * 1e-9), make_active=False, make_default=True)
-        self.stream.flush()
+        self._deliver()
         self.stream.disconnect()
+
+    def _deliver(self) -> None:
+        """Wait until all is written, or the viewer has it; one that has gone would be waited for forever."""
+        if self.address:
+            self.stream.flush(timeout_sec=_VIEWER_S)
+        else:
+            self.stream.flush()
 
     @contextlib.contextmanager
     def writing(self) -> Iterator[None]:
@@ -311,7 +320,7 @@ class Recorder:
         for part, changes in self.rows.wrenches.fetch():
             times = _times([change.time_ns for change in changes], [change.sample for change in changes])
             self._send_scalars(_wrench_entity(part), times, np.array([change.value for change in changes]))
-        self.stream.flush()
+        self._deliver()
 
     def send_columns(self, columns: Columns) -> None:
         """Send rows to every entity that moves or is plotted."""
@@ -484,6 +493,13 @@ def started_viewer() -> str:
     with contextlib.suppress(LogError):
         require_viewer(address)
         return address
+    nowhere = (
+        "rerun: found that spawn starts no viewer, expected a display to open it on; give a file such as run.rrd, or "
+        "the address of a viewer elsewhere"
+    )
+    if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        # It would listen for a moment before it ends.
+        raise LogError(nowhere)
     viewer = subprocess.Popen(
         [sys.executable, "-m", "rerun", f"--port={_PORT}"],
         stdin=subprocess.DEVNULL,
@@ -498,10 +514,7 @@ def started_viewer() -> str:
             return address
         time.sleep(0.2)
     viewer.kill()
-    raise LogError(
-        "rerun: found that spawn starts no viewer, expected a display to open it on; give a file such as run.rrd, or "
-        "the address of a viewer elsewhere"
-    )
+    raise LogError(nowhere)
 
 
 def _release() -> None:

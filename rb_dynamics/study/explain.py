@@ -59,11 +59,13 @@ NOT_MODELLED = (
     "joints, several bodies that act on each other",
     "flexible parts, slosh, cables",
     "mass that leaves: propellant, staging",
-    "atmosphere models, aerodynamic tables, solar pressure, a magnetic field other than uniform or of a dipole",
+    "a magnetic field beyond a uniform one or a dipole that stands still",
+    "free surfaces, waves, added mass",
+    "atmosphere models, aerodynamic tables, solar pressure",
     "harmonics, third bodies, ephemerides",
     "a moving or rotating world frame",
     "cameras, range sensors",
-    "imbalance and gimbals of wheels, rise and fall of thrusters, propellant",
+    "imbalance and gimbals of wheels, rise and fall of thrust, lag of a channel",
     "relativity, radiation of momentum",
 )
 """What no scene can describe; docs/limits.md names alternatives."""
@@ -91,7 +93,8 @@ class Explanation:
         steps_per_s: steps per simulated second.
         cost_per_s: computing time per simulated second of a whole run with all outputs, on this machine; without
             writing a log, and without compiling and loading kernels.
-        bare_cost_per_s: the same without outputs, if only the end is needed.
+        bare_cost_per_s: the same without outputs, if only the end is needed; either is NaN where the budget allowed
+            too few steps to tell.
         compiled: whether kernels took some of the steps.
         attitude_error: after `error_s`, rad; the difference from a run by another method, or the bound of the closed
             form; None if unknown.
@@ -119,8 +122,8 @@ class Explanation:
     remarks: tuple[str, ...]
 
     def as_dict(self) -> dict[str, object]:
-        """Return the fields by name."""
-        return asdict(self)
+        """Return the fields by name; None for a cost that is not known."""
+        return {name: None if value != value else value for name, value in asdict(self).items()}
 
     def as_text(self) -> str:
         """Return the explanation as text."""
@@ -152,6 +155,8 @@ class Explanation:
 
 def _speed(cost: float) -> str:
     """Return a cost (s per s) as text."""
+    if math.isnan(cost):
+        return "not known: the time budget was spent before the run had taken a few steps"
     return f"{cost:.2g} s per simulated s, {1.0 / cost if cost > 0.0 else math.inf:.2g} x real time"
 
 
@@ -333,9 +338,12 @@ def _measured(
         tally = stopwatch.tally()
         with counted_by(tally):
             run, reached, wall = _timed(scene, commands, length, budget, stopwatch, with_outputs)
-        if reached >= length or run.steps_computed >= _LEAST_STEPS:
+        # Outputs count too: a closed form takes one step for any number of them.
+        if reached >= length or max(run.steps_computed, reached * scene.output_rate) >= _LEAST_STEPS:
             break
         # The budget went on parts of a few steps, which tell no cost: the machine may have been busy.
+    else:
+        return run, math.nan, tally
     again = _REPEATS - 1 if wall < _SHORT else int(reached < length)
     if reached < length and tally.asked:
         # A longer run would use kernels that this one did not: what was timed does not represent it.

@@ -21,6 +21,9 @@ from rb_dynamics.sinks.mcap_sink import McapSink
 
 FREE = "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\ninitial: {angular_velocity_body: [0.1, 2, 0.1]}\nduration: 3\n"
 
+# Keys of scenes whose effects have a potential, and of those with reaction wheels.
+OF_SOME_SCENES = {"potential_energy", "wheel_speeds", "motor_work", "friction_heat"}
+
 
 def process(*arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
@@ -86,7 +89,7 @@ def test_demo_flies_as_the_recorded_body_did(tmp_path: Path, scene_dir: Path, ex
 
 def test_json_has_the_promised_keys_in_full_precision(scene: Path) -> None:
     result = json.loads(command("simulate", scene, "--method", "rk4", "--step", "0.01", "--json").stdout)
-    always = {field.name for field in fields(Sample)} - {"potential_energy"}
+    always = {field.name for field in fields(Sample)} - OF_SOME_SCENES
     assert set(result) == always | {"method", "steps", "wall_time_s"}
     assert (result["time_ns"], result["method"], result["steps"]) == (3_000_000_000, "rk4", 300)
     run = Simulation(read_scene(scene, {"solver.method": "rk4", "solver.step": 0.01}))

@@ -146,7 +146,10 @@ class TestSample:
             "energy_defect",
             "angular_momentum_defect_world",
             "linear_momentum_defect_world",
-            "potential_energy",  # which the contract leaves open
+            "potential_energy",  # which the contract leaves open, as it does what follows, of scenes with wheels
+            "wheel_speeds",
+            "motor_work",
+            "friction_heat",
         ]
 
 

@@ -50,7 +50,12 @@ def test_every_shipped_scene_can_be_explained(path: Path) -> None:
         assert any(f"effect {kind}:" in item for item in found.modelled) == (kind in listed)
         assert any(kind in item and "not listed" in item for item in found.left_out) == (kind not in listed)
     assert found.trial_s > 0.0
-    assert found.attitude_error >= 0.0
+    # Wheels are moved by one method alone, and a budget may be too short for another: then nothing is said.
+    if found.attitude_error is None:
+        assert "attitude error      not known" in found.as_text()
+    else:
+        assert not scene.wheels
+        assert found.attitude_error >= 0.0
 
 
 def test_a_free_body_is_in_closed_form() -> None:

@@ -21,7 +21,7 @@ from rb_dynamics.analysis.identification.prediction import Body, Model, Predicte
 from rb_dynamics.analysis.track import Array
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
-from rb_dynamics.numerics.argument_checks import shown, whole_number
+from rb_dynamics.numerics.argument_checks import items, shown, whole_number
 from rb_dynamics.scene import document
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.scene.overrides import apply_overrides
@@ -221,16 +221,19 @@ def identify(
         ValueError: `loss` or `starts` is none.
     """
     known = opened(scene)
-    given = [recordings] if isinstance(recordings, (str, os.PathLike)) else list(recordings)
+    expected = "paths of logs, one at least"
+    given = [recordings] if isinstance(recordings, (str, os.PathLike)) else items(recordings, "recordings", expected)
+    if not given:
+        raise ValueError(f"recordings is empty, expected {expected}; name the log of a flight")
     if known.body.is_particle:
         raise SceneError(f"{known.source}: body: found a particle, expected a body to identify; add body.inertia")
     if loss not in LOSSES:
         raise ValueError(f"loss is {shown(loss)}, expected one of {', '.join(LOSSES)}; linear is least squares")
     if whole_number(starts, "starts", "write how many, such as 4") < 1:
         raise ValueError(f"starts is {starts}, expected 1 or more; write how many, such as 4")
-    flights = [_flight(each, known, commands) for each in given]
-    names = tuple(fit) if fit else ()
+    names = () if fit is None else tuple(items(fit, "fit", "names of what to fit"))
     _require_names(names, known)
+    flights = [_flight(each, known, commands) for each in given]
     model = Model(known, flights, names or _default(flights))
     found = fitted(model, starts, loss, seed, progress)
     result = _Report(model, found, names).identification()
@@ -246,7 +249,7 @@ def _flight(given: str | os.PathLike[str] | Flight, scene: Scene, commands: Sequ
     if isinstance(given, Flight):
         return given
     if not isinstance(given, (str, os.PathLike)):
-        raise TypeError(f"a recording is {shown(given)}, expected the path of a log; write its name")
+        raise TypeError(f"one of the recordings is {shown(given)}, expected the path of a log; write its name")
     return read_flight(os.fspath(given), scene, [os.fspath(each) for each in commands])
 
 
@@ -254,12 +257,12 @@ def _require_names(names: Sequence[str], scene: Scene) -> None:
     import difflib
 
     for name in names:
-        if name not in GROUPS and not name.startswith("effects["):
+        if name not in GROUPS and not str(name).startswith("effects["):
             near = difflib.get_close_matches(str(name), GROUPS, n=1)
             mend = f"did you mean {near[0]}?" if near else "write one of them"
             raise SceneError(
-                f"{scene.source}: found {shown(name)} to be fitted, expected {', '.join(GROUPS)} or a number of an "
-                f"effect as effects[0].rotation; {mend}"
+                f"{scene.source}: fit: found {shown(name)} to be fitted, expected {', '.join(GROUPS)} or a number of "
+                f"an effect as effects[0].rotation; {mend}"
             )
 
 
