@@ -58,6 +58,12 @@ def test_every_shipped_scene_can_be_explained(path: Path) -> None:
         assert found.attitude_error >= 0.0
 
 
+def test_a_budget_for_less_than_a_few_steps_tells_no_cost() -> None:
+    found = explain(read_scene(ROOT / "config" / "linear_drag.yaml"), budget=1e-9)
+    assert found.as_dict()["bare_cost_per_s"] is None
+    assert "computing           not known" in found.as_text()
+
+
 def test_a_free_body_is_in_closed_form() -> None:
     text = said(RIGID + "wrenches: []\nduration: 10")
     assert "auto: exact, as nothing turns the body" in text
