@@ -123,6 +123,17 @@ def _missing(error: BaseException, printed: str) -> str:
     return asked[1] if asked and find_spec(MODULES.get(asked[1], asked[1])) is None else ""
 
 
+@pytest.fixture(autouse=True)
+def _engine_stays() -> Iterator[None]:
+    """Refuse a test that leaves the next ones to another engine: they would take minutes, or test nothing."""
+    before = os.environ.get("RB_DYNAMICS_COMPILE")
+    yield
+    after = os.environ.pop("RB_DYNAMICS_COMPILE", None)
+    if before is not None:
+        os.environ["RB_DYNAMICS_COMPILE"] = before
+    assert after == before
+
+
 @pytest.fixture(scope="session")
 def root() -> Path:
     """Return the root of the source tree."""

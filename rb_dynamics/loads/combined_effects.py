@@ -18,7 +18,7 @@ from rb_dynamics.loads.load import Load, LoadDependence
 from rb_dynamics.loads.wrench import WORLD, Wrench, WrenchFrames
 from rb_dynamics.numerics.argument_checks import shown
 from rb_dynamics.numerics.rotation import Quaternion
-from rb_dynamics.numerics.vector import ZERO, Vector, add
+from rb_dynamics.numerics.vector import ZERO, Vector, add, norm
 
 if TYPE_CHECKING:
     from typing import TypeGuard
@@ -157,6 +157,16 @@ class CombinedEffects:
         """Return for how long (s) the load at a point tells what comes; None where it always does."""
         parts = self._parts("sight", lambda effect: _ahead(effect, effect.sight(self.body)))
         return (lambda point: min(part(point) for part in parts)) if parts else None
+
+    def strength(self) -> Callable[[Point], float] | None:
+        """Return the sum of the magnitudes (N) of the forces that change inside a step; None if none does."""
+        changing = [effect for effect in self.effects if _inside_the_step(effect, self.body, 0.0) is not None]
+
+        def strength(point: Point) -> float:
+            parts = (_inside_the_step(effect, self.body, point.time) for effect in changing)
+            return math.fsum(norm(part(point)[0]) for part in parts if part is not None)
+
+        return strength if changing else None
 
     def storing(self) -> Callable[[Point], Stored] | None:
         """Return what moves inside the body, of all; None where nothing does."""

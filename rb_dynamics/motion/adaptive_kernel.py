@@ -38,7 +38,7 @@ from rb_dynamics.motion.step_control import (
 )
 from rb_dynamics.numerics.compilation import specialise
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
-from rb_dynamics.numerics.vector import Vector, scale
+from rb_dynamics.numerics.vector import Vector, norm, scale
 
 if TYPE_CHECKING:
     from rb_dynamics.numerics.arrays import Numbers
@@ -127,6 +127,12 @@ def _pair_of_steps(constants: Constants, phase: PhaseState, h: float) -> tuple[P
     return _grown(phase, step, h), _grown(phase, comparison, h)
 
 
+def _held_strength(constants: Constants, _: PhaseState) -> float:
+    """Return the sum of the magnitudes (N) of the forces."""
+    held = constants[1]
+    return norm(held.force_world) + norm(held.force_body)
+
+
 def _longest(constants: Constants, phase: PhaseState, accuracy: float, horizon: float) -> float:
     inertia, held = constants
     velocity = _velocity(inertia, phase)
@@ -177,6 +183,8 @@ def _run_on_numbers(numbers: Numbers, room: int, count: int) -> tuple[int, int, 
     return progress.strides, progress.reached, progress.next_stride
 
 
+_STRENGTH = specialise(_held_strength, "strength_of_held")
+
 # Plain Python, like the function that chooses it.
 _STEPS_IN_A_STRIDE = {"doubling": 3.0, "pair": 1.5, "own": 1.5}
 
@@ -198,7 +206,7 @@ class Strides(OnDemand):
             else:
                 attempt = specialise(_halves_and_whole, f"{name}_trial", _stepped=step)
             longer = specialise(taught, f"{name}_taught", _attempt=attempt)
-            choose = specialise(by_trial, f"{name}_choice", _attempt=attempt, taught=longer)
+            choose = specialise(by_trial, f"{name}_choice", _attempt=attempt, taught=longer, _strength=_STRENGTH)
         on_numbers = specialise(_run_on_numbers, name, run=specialise(run, f"{name}_run", _choose=choose))
         super().__init__(method.name, on_numbers, _SIGNATURE, _STEPS_IN_A_STRIDE[kind])
 

@@ -36,10 +36,12 @@ class Outlook(NamedTuple):
     Attributes:
         slowing: the rate (1/s) at which differences of velocity decay in a phase.
         sight: for how long (s) the load in a phase is a guide to the load ahead.
+        strength: the sum of the magnitudes (N) of their forces in a phase.
     """
 
     slowing: OfPhase | None = None
     sight: OfPhase | None = None
+    strength: OfPhase | None = None
 
 
 Choose = Callable[[PhaseState, Callable[[Method], "Stepper"]], tuple[Method, StepControl]]
@@ -326,6 +328,11 @@ class Stepper:
     def sight(self, phase: PhaseState) -> float:
         """Return for how long (s) from `phase` on the load there is a guide to the load ahead."""
         return math.inf if self._outlook.sight is None else self._outlook.sight(phase)
+
+    def strength(self, phase: PhaseState) -> float:
+        """Return the sum of the magnitudes (N) of the forces in `phase`, which may cancel."""
+        held = norm(self._held.force_world) + norm(self._held.force_body)
+        return held if self._outlook.strength is None else held + self._outlook.strength(phase)
 
     def steady(self, phase: PhaseState, longest: float) -> float:
         """Return for how long (s), at most `longest`, the load stays close to that in `phase`.

@@ -40,6 +40,9 @@ class Advance(Protocol):
     def sight(self, phase: PhaseState) -> float:
         """Return for how long (s) from `phase` on the load there is a guide to the load ahead."""
 
+    def strength(self, phase: PhaseState) -> float:
+        """Return the sum of the magnitudes (N) of the forces in `phase`, which may cancel."""
+
 
 MOST_STEPS = 10**12
 """Largest number of fixed steps in one run: compiled, they take days."""
@@ -54,6 +57,9 @@ _SHARE = 0.2
 # half of the strides differ by 0.6 to 2.6 with that one, none of a thousand by more than 10. Those of a pair are
 # rounded alike.
 _NOISE = 9.0
+
+# Forces of which less than this share is left cancel: what is left of their rounding may then look like an error.
+_CANCELLED = 1e-3
 
 # ns; an integer as a float.
 _LONGEST = 2.0**62
@@ -348,14 +354,14 @@ _TOO_FAST = (
 
 
 class _Trials:
-    """Takes trial strides, and keeps the last refusal of the method."""
+    """Takes trial strides, and keeps the refusal of the last one, if the method refused it."""
 
     def __init__(self, advance: Advance, embedded: bool) -> None:
         self._advance, self._embedded = advance, embedded
         self.refused: ConvergenceError | None = None
 
     def attempt(self, phase: PhaseState, h: float) -> tuple[PhaseState, PhaseState]:
-        advance = self._advance
+        advance, self.refused = self._advance, None
         try:
             if self._embedded:
                 return advance.pair(phase, h)
@@ -364,6 +370,9 @@ class _Trials:
             self.refused = refused
             nowhere = phase._replace(orientation=NO_ATTITUDE)
             return nowhere, nowhere
+
+    def strength(self, phase: PhaseState) -> float:
+        return self._advance.strength(phase)
 
 
 def by_trial(goal: Goal, learnt: Learnt, phase: PhaseState, trials: Any) -> Stride:
@@ -376,8 +385,11 @@ def by_trial(goal: Goal, learnt: Learnt, phase: PhaseState, trials: Any) -> Stri
         length = max(1, round(min(h * NANOSECONDS, _LONGEST)))
         h = length / NANOSECONDS
         kept, other = _attempt(trials, phase, h)
-        attitude, position, farthest, noise = _estimate(goal, learnt.farthest, phase, kept, other, h)
+        attitude, position, farthest, noise = _estimate(goal, learnt.farthest, phase, kept, other, h, 0.0)
         allowed = goal.share * goal.accuracy * h / goal.horizon
+        if position > allowed:
+            strength = _strength(trials, phase)
+            attitude, position, farthest, noise = _estimate(goal, learnt.farthest, phase, kept, other, h, strength)
         if attitude <= noise and noise > allowed:
             if learnt.until <= elapsed(phase):
                 learnt = taught(goal, learnt, phase, trials, h, noise)
@@ -408,7 +420,7 @@ def taught(goal: Goal, learnt: Learnt, phase: PhaseState, trials: Any, h: float,
     found = False
     while trial <= goal.horizon:
         kept, other = _attempt(trials, phase, trial)
-        attitude, _, _, hidden = _estimate(goal, learnt.farthest, phase, kept, other, trial)
+        attitude, _, _, hidden = _estimate(goal, learnt.farthest, phase, kept, other, trial, 0.0)
         if not found and trial > 2.0 * h and not math.isfinite(attitude):
             trial = max(2.0 * h, 0.5 * trial)
             continue
@@ -460,6 +472,11 @@ def _attempt(trials: _Trials, phase: PhaseState, h: float) -> tuple[PhaseState, 
     return trials.attempt(phase, h)
 
 
+def _strength(trials: _Trials, phase: PhaseState) -> float:
+    """Return the sum of the magnitudes (N) of the forces in `phase`. A kernel has its own version."""
+    return trials.strength(phase)
+
+
 def _longest_step(advance: Advance, phase: PhaseState, accuracy: float, horizon: float) -> float:
     """Return the method's longest step. A kernel has its own version."""
     return advance.longest_step(phase, accuracy, horizon)
@@ -471,12 +488,12 @@ def _first(goal: Goal, phase: PhaseState) -> float:
 
 
 def _estimate(
-    goal: Goal, farthest: float, phase: PhaseState, kept: PhaseState, other: PhaseState, h: float
+    goal: Goal, farthest: float, phase: PhaseState, kept: PhaseState, other: PhaseState, h: float, strength: float
 ) -> tuple[float, float, float, float]:
     """Return the error that the stride of h s from `phase` to `kept` adds, and the largest distance.
 
     Its errors of attitude and position, infinite if it is refused, and the error of the attitude that rounding may
-    hide.
+    hide. `strength` is the sum of the magnitudes of the forces (N), 0 if they are known not to cancel.
     """
     if not (is_finite(kept) and is_finite(other)):
         return math.inf, math.inf, farthest, 0.0
@@ -491,6 +508,9 @@ def _estimate(
     # The decay rate may fall like 1/t while the body comes to rest, and errors with it.
     grows = math.log1p(goal.slowing * rest) / goal.slowing if goal.slowing > 0.0 else rest
     drift = norm(gain(kept, other, POSITION)) + norm(gain(kept, other, MOMENTUM)) * per_mass * grows
+    at_work = strength * per_mass * h
+    if gained < _CANCELLED * at_work:
+        gained = at_work
     drift -= 4.0 * _EPSILON * (moved + gained * grows)
     farthest = max(farthest, norm(_away(goal, phase)), norm(_away(goal, kept)))
     travelled = max(moved * goal.horizon / h, farthest)

@@ -268,12 +268,16 @@ def add(h: float, dx: Numbers, ds: Numbers, x: Numbers, s: Numbers) -> None:
             s[i, j] += h * ds[i, j]
 
 
-@cache
 def kernel() -> Callable[..., None]:
     """Return `variational_flight`, compiled where numba is installed and `RB_DYNAMICS_COMPILE` does not forbid it."""
+    return variational_flight if os.environ.get("RB_DYNAMICS_COMPILE") == "never" else _compiled()
+
+
+@cache
+def _compiled() -> Callable[..., None]:
     from rb_dynamics.numerics.compilation import available, compile_kernel
 
-    if os.environ.get("RB_DYNAMICS_COMPILE") == "never" or not available():
+    if not available():
         return variational_flight
     try:
         return compile_kernel(variational_flight, _SIGNATURE)

@@ -544,10 +544,12 @@ def spin(
     Raises:
         RigidBodyError: a node could not start.
     """
-    # Compilation takes seconds, and pays if there are many steps between two outputs.
-    os.environ.setdefault("RB_DYNAMICS_COMPILE", "never")
     stop: list[int] = []
     with stop_signals(stop.append, signal.SIGINT), contextlib.ExitStack() as stack:
+        if "RB_DYNAMICS_COMPILE" not in os.environ:
+            # Compilation takes seconds, and pays if there are many steps between two outputs.
+            os.environ["RB_DYNAMICS_COMPILE"] = "never"
+            stack.callback(os.environ.pop, "RB_DYNAMICS_COMPILE", None)
         try:
             # rclpy's own handlers would shut the context down before the logs are closed.
             rclpy.init(args=None if args is None else list(args), signal_handler_options=SignalHandlerOptions.NO)

@@ -48,9 +48,8 @@ class Plan:
         self._ends = bool(scene.duration)
         self._horizon = scene.duration or OPEN_END_HORIZON
         effects, body = scene.combined_effects, scene.body
-        self._outlook = Outlook(
-            *(None if part is None else _of_phase(part, body) for part in (effects.slowing(), effects.sight()))
-        )
+        outlook = effects.slowing(), effects.sight(), effects.strength()
+        self._outlook = Outlook(*(None if part is None else _of_phase(part, body) for part in outlook))
         self.takes = scene.combined_effects.takes
         self._method = None if scene.solver.method == "auto" else METHODS[scene.solver.method]
         if self._method is not None and self._method.takes < self.takes:

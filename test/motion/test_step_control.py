@@ -572,3 +572,29 @@ class Atmosphere(Effect):
             return scale(-10.0 * math.exp(-0.1 * max(0.0, point.position[0])), point.velocity), ZERO
 
         return drag
+
+
+@pytest.mark.parametrize("method", ["dop853", "dverk", "rkmk54", "radau", "rk4"])
+def test_the_rounding_of_forces_that_cancel_is_no_error(method: str) -> None:
+    heeled = """
+body: {mass: 11.5, inertia: {diagonal: [0.16, 0.17, 0.18]}, center_of_mass: [0, 0, -0.01]}
+initial: {orientation: {x: 0.3420201433256687, y: 0, z: 0, w: 0.9396926207859084}}
+effects:
+  - {type: uniform_gravity, acceleration_world: [0, 0, -9.80665]}
+  - {type: buoyancy, volume: 0.0115, density: 1000.0, acceleration_world: [0, 0, -9.80665], center_body: [0, 0, 0.005]}
+solver: {method: METHOD, accuracy: 1.0e-9}
+duration: 2.0
+""".replace("METHOD", method)
+    end = simulate(parse_scene(heeled)).sample
+    assert norm(end.linear_momentum_world) < 1e-11
+    close = simulate(parse_scene(heeled.replace("1.0e-9", "1.0e-12"))).sample
+    assert norm(subtract(end.angular_velocity_body, close.angular_velocity_body)) < 1e-8
+
+
+@pytest.mark.parametrize("method", ["dverk", "radau"])
+def test_a_thrust_that_holds_a_turning_body_up_is_no_error(method: str) -> None:
+    body, turning = RigidBody.from_diagonal(1.3, (0.1, 0.2, 0.25)), State(angular_velocity_body=(0.0, 0.0, 1.3))
+    up, down = (0.0, 0.0, 12.748645), (0.0, 0.0, -12.748645)
+    held = HeldWrench(force_body=up, force_world=down)
+    phase = driven(Case(body, turning, held, {}), method, 1e-9, 10.0).at(10 * NANOSECONDS)
+    assert norm(phase.center_of_mass_world) < 1e-11
