@@ -17,7 +17,7 @@ from rb_dynamics.numerics.rotation import IDENTITY
 from rb_dynamics.numerics.vector import ZERO
 from rb_dynamics.report import comparison_text as text
 from rb_dynamics.sinks.appearance import BLUE, CYAN, EYE, GREEN, GREY, MAGENTA, ORANGE, RED, Color
-from rb_dynamics.sinks.rerun_sink import SPAWN, require_viewer, started_viewer, viewer_address
+from rb_dynamics.sinks.rerun_sink import SPAWN, require_viewer, sending_to, started_viewer, viewer_address
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -53,7 +53,7 @@ def write_comparison_recording(found: Comparison, target: str | os.PathLike[str]
     else:
         make_folder(path)
     try:
-        with rr.RecordingStream("rb_dynamics compare") as stream:
+        with sending_to(address), rr.RecordingStream("rb_dynamics compare") as stream:
             if address:
                 stream.connect_grpc(address, default_blueprint=_blueprint(found, _length(found)))
             else:
@@ -64,6 +64,7 @@ def write_comparison_recording(found: Comparison, target: str | os.PathLike[str]
             stream.log(
                 "about", rr.TextDocument(f"```\n{text.as_text(found)}\n```", media_type="text/markdown"), static=True
             )
+            stream.disconnect()
     except (OSError, RuntimeError) as error:
         raise LogError(f"cannot write {path}: {error}; give a file you may write to") from error
 

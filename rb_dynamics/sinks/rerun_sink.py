@@ -20,6 +20,7 @@ import re
 import socket
 import subprocess
 import sys
+import threading
 import time
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
@@ -68,7 +69,7 @@ SPAWN = "spawn"
 
 # Where a viewer listens by default, and how long one may take to start, s.
 _PORT, _STARTS_S = 9876, 30.0
-# s that a viewer may take to receive what is sent.
+# s that a viewer may take to receive what is sent; then the connection is closed, as Rerun would wait forever.
 _VIEWER_S = 30.0
 
 MAX_ROWS = 200_000
@@ -129,7 +130,7 @@ class RerunSink:
         elif self.address:
             require_viewer(self.address)
         recorder = Recorder(self.path, run, self._max_rows, self._batch_rows, self.address)
-        with recorder.writing():
+        with recorder.writing(), sending_to(recorder.address):
             recorder.begin()
         self._recorder = recorder
 
@@ -152,7 +153,7 @@ class RerunSink:
         """
         recorder, self._recorder = self._recorder, None
         if recorder is not None:
-            with recorder.writing():
+            with recorder.writing(), sending_to(recorder.address):
                 recorder.end(result)
             del recorder
             _release()
@@ -215,7 +216,7 @@ class Recorder:
         self.stream.log(CLOSE_UP, rr.Transform3D(scale=self.size), static=True)
         self._send_overview()
         self._send_facts({})
-        self._deliver()
+        self.stream.flush()
 
     def take(self, event: Event) -> None:
         """Take one event."""
@@ -241,7 +242,8 @@ class Recorder:
         elif isinstance(event, Status) and event.level > 0:
             self._note("WARN" if event.level == 1 else "ERROR", _sentence(event))
         if self.rows.unsent() + len(self.notes) >= self.batch_rows:
-            self._flush()
+            with sending_to(self.address):
+                self._flush()
 
     def _note(self, level: str, text: str) -> None:
         if self.note_count < self.max_rows:
@@ -276,15 +278,8 @@ class Recorder:
         self._send_facts(result)
         # The same layout again, now that the extent of the path and the duration are known; the last one counts.
         self.stream.send_blueprint(self._blueprint(self.time_ns * 1e-9), make_active=False, make_default=True)
-        self._deliver()
+        self.stream.flush()
         self.stream.disconnect()
-
-    def _deliver(self) -> None:
-        """Wait until all is written, or the viewer has it; one that has gone would be waited for forever."""
-        if self.address:
-            self.stream.flush(timeout_sec=_VIEWER_S)
-        else:
-            self.stream.flush()
 
     @contextlib.contextmanager
     def writing(self) -> Iterator[None]:
@@ -320,7 +315,7 @@ class Recorder:
         for part, changes in self.rows.wrenches.fetch():
             times = _times([change.time_ns for change in changes], [change.sample for change in changes])
             self._send_scalars(_wrench_entity(part), times, np.array([change.value for change in changes]))
-        self._deliver()
+        self.stream.flush()
 
     def send_columns(self, columns: Columns) -> None:
         """Send rows to every entity that moves or is plotted."""
@@ -474,13 +469,63 @@ def require_viewer(address: str) -> None:
     Raises:
         LogError: names the remedy.
     """
-    host, _, port = address.split("/")[2].rpartition(":")
     try:
-        socket.create_connection((host, int(port)), timeout=3.0).close()
+        socket.create_connection(_host_and_port(address), timeout=3.0).close()
     except (OSError, OverflowError) as error:
         raise LogError(
             f"cannot reach a Rerun viewer at {address}: {error}; start one with `rerun`, or give a file such as run.rrd"
         ) from error
+
+
+@contextlib.contextmanager
+def sending_to(address: str) -> Iterator[None]:
+    """Close the connections to a viewer that takes too long: nothing else ends Rerun's waiting. A file ("") may.
+
+    Raises:
+        LogError: that happened.
+    """
+    if not address:
+        yield
+        return
+    late = threading.Event()
+
+    def hang_up() -> None:
+        late.set()
+        _close_connections(address)
+
+    timer = threading.Timer(_VIEWER_S, hang_up)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    except (RuntimeError, OSError):
+        # Else the stream would wait when it is deleted.
+        _close_connections(address)
+        if not late.is_set():
+            raise
+    finally:
+        timer.cancel()
+    if late.is_set():
+        raise LogError(
+            f"the Rerun viewer at {address} received nothing for {_VIEWER_S:g} s; start another one, or give a file "
+            "such as run.rrd"
+        )
+
+
+def _close_connections(address: str) -> None:
+    """Close this process's connections to the server at `address`."""
+    host, port = _host_and_port(address)
+    with contextlib.suppress(OSError):
+        peers = {found[4][:2] for found in socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)}
+        for name in os.listdir("/dev/fd"):
+            with contextlib.suppress(OSError), socket.socket(fileno=os.dup(int(name))) as connection:
+                if connection.getpeername()[:2] in peers:
+                    connection.shutdown(socket.SHUT_RDWR)
+
+
+def _host_and_port(address: str) -> tuple[str, int]:
+    host, _, port = address.split("/")[2].rpartition(":")
+    return host.strip("[]"), int(port)
 
 
 def started_viewer() -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import socket
 import sys
 from dataclasses import replace
@@ -397,6 +398,14 @@ def test_a_viewer_that_cannot_be_started_is_an_error(tmp_path: Path, monkeypatch
     with pytest.raises(LogError, match="expected a display"):
         simulate(parse_scene("body: {mass: 1}\nduration: 1\n"), sinks=[RerunSink("spawn")])
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_viewer_that_takes_nothing_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rb_dynamics.sinks.rerun_sink._VIEWER_S", 0.5)
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        address = f"rerun+http://127.0.0.1:{silent.getsockname()[1]}/proxy"
+        with pytest.raises(LogError, match=re.escape(f"viewer at {address} received nothing for 0.5 s")):
+            simulate(parse_scene("body: {mass: 1}\nduration: 1\n"), sinks=[RerunSink(address)])
 
 
 @pytest.mark.parametrize(

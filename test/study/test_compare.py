@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import socket
 from pathlib import Path
 from typing import Any
 
@@ -293,6 +294,16 @@ def test_the_command_prints_json_text_page_and_recording(
     keys = "aligned_by offset_s samples attitude position angular_velocity linear_velocity first_difference_s commands"
     assert {*keys.split(), "body"} <= told.keys()
     assert {"max", "rms", "at_s"} <= told["attitude"].keys()
+
+
+def test_a_viewer_that_takes_nothing_is_given_up(
+    log: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("rb_dynamics.sinks.rerun_sink._VIEWER_S", 0.5)
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        address = f"rerun+http://127.0.0.1:{silent.getsockname()[1]}/proxy"
+        assert main(["compare", str(log), str(log), "--rerun", address]) == 2
+    assert f"viewer at {address} received nothing for 0.5 s" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("kind", ["poses", "itself", "bag"])
