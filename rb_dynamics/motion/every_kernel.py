@@ -13,12 +13,14 @@ from rb_dynamics.motion.fixed_step_kernel import OnDemand, kernel
 from rb_dynamics.motion.flight_kernel import CLOSED_FORM, FLY, NO_STRIDES
 from rb_dynamics.motion.free_motion import FREE_STATES
 from rb_dynamics.motion.method import Method
+from rb_dynamics.motion.variational_flight import VARIATIONAL
 
 
 def usual_kernels() -> dict[str, OnDemand]:
-    """Return those of runs by `auto` under wrenches."""
+    """Return those of runs by `auto` under wrenches, and of `identify`."""
     methods = (METHODS[name] for name in CANDIDATES[LoadDependence.HELD])
-    return _by_name([NO_STRIDES, FLY, CLOSED_FORM, *(each for method in methods for each in _of(method))])
+    of_methods = (each for method in methods for each in _of(method))
+    return _by_name([NO_STRIDES, FLY, CLOSED_FORM, *of_methods, VARIATIONAL])
 
 
 def every_kernel() -> dict[str, OnDemand]:

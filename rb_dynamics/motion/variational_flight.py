@@ -13,12 +13,12 @@ that is linear in time.
 
 from __future__ import annotations
 
-import logging
 import math
-import os
-from collections.abc import Callable
-from functools import cache
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Any
+
+from rb_dynamics.motion.fixed_step_kernel import OnDemand
+from rb_dynamics.numerics.compilation import specialise
 
 if TYPE_CHECKING:
     import numpy as np
@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from rb_dynamics.numerics.arrays import Numbers
 
     Counts = npt.NDArray[np.int64]
-
-_log = logging.getLogger(__name__)
 
 STATE = 13
 """Numbers of a state: x, y, z, w of the attitude, w, p, v."""
@@ -112,9 +110,8 @@ def rates(
     p3 = r31 * f1 + r32 * f2 + r33 * f3 + held[8]
     dx[7], dx[8], dx[9] = x[10], x[11], x[12]
     dx[10], dx[11], dx[12] = p1 / m + body[25], p2 / m + body[26], p3 / m + body[27]
-    columns = s.shape[1]
-    first = columns - held_by.shape[1]
-    for j in range(columns):
+    first = s.shape[1] - held_by.shape[1]
+    for j in columns_of(s, first):
         e1, e2, e3 = s[0, j], s[1, j], s[2, j]
         o1, o2, o3 = s[3, j], s[4, j], s[5, j]
         ds[0, j] = o1 - (w2 * e3 - w3 * e2)
@@ -134,8 +131,8 @@ def rates(
         t1 += g2 * e3 - g3 * e2
         t2 += g3 * e1 - g1 * e3
         t3 += g1 * e2 - g2 * e1
-        if j >= first:
-            i = j - first
+        if is_held(j, first):
+            i = of_held(j, first)
             y1 += held_by[12, i] + held_by[15, i] * time
             y2 += held_by[13, i] + held_by[16, i] * time
             y3 += held_by[14, i] + held_by[17, i] * time
@@ -167,8 +164,8 @@ def rates(
             v2 -= body[17] * (grows * z2 + speed * n2) + f3 * e1 - f1 * e3
             v3 -= body[18] * (grows * z3 + speed * n3) + f1 * e2 - f2 * e1
             l1, l2, l3 = 0.0, 0.0, 0.0
-            if j >= first:
-                i = j - first
+            if is_held(j, first):
+                i = of_held(j, first)
                 v1, v2, v3 = v1 + held_by[0, i], v2 + held_by[1, i], v3 + held_by[2, i]
                 l1, l2, l3 = held_by[6, i], held_by[7, i], held_by[8, i]
             lighter = body_by[6, j] / m
@@ -268,19 +265,59 @@ def add(h: float, dx: Numbers, ds: Numbers, x: Numbers, s: Numbers) -> None:
             s[i, j] += h * ds[i, j]
 
 
-def kernel() -> Callable[..., None]:
-    """Return `variational_flight`, compiled where numba is installed and `RB_DYNAMICS_COMPILE` does not forbid it."""
-    return variational_flight if os.environ.get("RB_DYNAMICS_COMPILE") == "never" else _compiled()
+def columns_of(s: Numbers, _first: int) -> Iterable[Any]:
+    """Return the places of the columns, one by one."""
+    return range(s.shape[1])
 
 
-@cache
-def _compiled() -> Callable[..., None]:
-    from rb_dynamics.numerics.compilation import available, compile_kernel
+def is_held(j: Any, first: int) -> bool:
+    """Return whether what is held changes with a column."""
+    return bool(j >= first)
 
-    if not available():
-        return variational_flight
-    try:
-        return compile_kernel(variational_flight, _SIGNATURE)
-    except (ImportError, OSError, RuntimeError) as error:
-        _log.warning("identify runs in plain Python: %s", error)
-        return variational_flight
+
+def of_held(j: Any, first: int) -> Any:
+    """Return the place of such a column among its like."""
+    return j - first
+
+
+# Without a compiler numpy takes all columns in one go: the same bits, ten times sooner.
+
+
+def _columns_in_two(s: Numbers, first: int) -> Iterable[Any]:
+    return [part for part in (slice(0, first), slice(first, s.shape[1])) if part.start < part.stop]
+
+
+def _is_held_slice(j: Any, first: int) -> bool:
+    return bool(j.start >= first)
+
+
+def _slice_of_held(j: Any, first: int) -> Any:
+    return slice(0, j.stop - first)
+
+
+def _copy_whole(x: Numbers, s: Numbers, to_x: Numbers, to_s: Numbers) -> None:
+    to_x[:], to_s[:] = x, s
+
+
+def _add_whole(h: float, dx: Numbers, ds: Numbers, x: Numbers, s: Numbers) -> None:
+    x += h * dx
+    s += h * ds
+
+
+plain = specialise(
+    variational_flight,
+    "variational_flight_of_rows",
+    rates=specialise(
+        rates, "rates_of_rows", columns_of=_columns_in_two, is_held=_is_held_slice, of_held=_slice_of_held
+    ),
+    copy=_copy_whole,
+    add=_add_whole,
+)
+
+# In plain Python a step takes as long as so many of rk4, whatever the number of columns.
+VARIATIONAL = OnDemand("identify", variational_flight, _SIGNATURE, price=50.0)
+
+
+def kernel(steps: int, calls: int) -> Callable[..., None]:
+    """Return `variational_flight`, compiled where that pays for so many calls of so many steps."""
+    return VARIATIONAL.get(steps * calls, steps) or plain

@@ -41,6 +41,8 @@ STARTS = 4
 # of its change is in directions that are not.
 _TOLD = 0.3
 _HIDDEN = 0.05
+# Against the direction in which the inertia changes most: less is rounding.
+_FLAT = 1e-10
 # Residuals are not white if chance makes them look so in one of ten thousand recordings only.
 _CHANCE = 1e-4
 _LAGS = 10
@@ -277,11 +279,12 @@ class _Report:
     def __init__(self, model: Model, fit: Fit, names: Sequence[str]) -> None:
         self.model, self.fit, self.names = model, fit, names
         self.residuals = _residuals(fit)
-        count = model.layout.count
-        told = information(fit.weighted)
-        self.covariance: Array = np.asarray(np.linalg.inv(told + np.eye(count)), dtype=np.float64)
+        self.local = self._local()
+        weighted = fit.weighted @ self.local
+        told = information(weighted)
+        self.covariance: Array = np.asarray(np.linalg.inv(told + np.eye(len(told))), dtype=np.float64)
         if not all(each.white for each in self.residuals):
-            self.covariance = _inflated(fit, self.covariance)
+            self.covariance = _inflated(fit, weighted, self.covariance)
         values, directions = np.linalg.eigh(self.covariance)
         self.unseen = directions[:, values > _TOLD**2]
         freedom = max(1.0, len(fit.left) - float(np.trace(self.covariance @ told)))
@@ -315,11 +318,28 @@ class _Report:
             predicted=tuple(self.fit.predicted),
         )
 
+    def _local(self) -> Array:
+        """Return the derivatives of the parameters by coordinates near the solution in which all plausibly change by 1.
+
+        They differ in the shape of the inertia: near a flat body its parameters run away while the inertia rests. Its
+        coordinates are relative changes of the inertia.
+        """
+        found = np.eye(self.model.layout.count)
+        if self._has("shape"):
+            at = self.model.layout["shape"].at
+            values, axes = np.linalg.eigh(self.model.body(self.fit.z).inertia)
+            root = axes / np.sqrt(values)
+            relative = np.einsum("ia,ijk,jb->abk", root, self._inertia_by()[:, :, at], root).reshape(9, -1)
+            _, sizes, turned = np.linalg.svd(relative, full_matrices=False)
+            found[at, at] = turned.T / np.maximum(sizes, _FLAT * sizes[0])
+        return found
+
     def _has(self, block: str) -> bool:
         return block in self.model.layout
 
     def _error(self, by: Array) -> float:
         """Return the standard error of a number that changes by `by` with the parameters; infinite if not told."""
+        by = by @ self.local
         hidden = float(np.linalg.norm(by @ self.unseen))
         return float(np.sqrt(by @ self.covariance @ by)) if hidden <= _HIDDEN * float(np.linalg.norm(by)) else np.inf
 
@@ -621,7 +641,7 @@ def _whiteness(parts: Sequence[Array]) -> tuple[bool, float]:
     return white, first / total if total > 0.0 else 0.0
 
 
-def _inflated(fit: Fit, covariance: Array) -> Array:
+def _inflated(fit: Fit, weighted: Array, covariance: Array) -> Array:
     """Return the covariance with residuals that hang together over some samples, or the given one where that is larger.
 
     That of Newey & West (Econometrica 55 (1987) 703), whose weights are those of means over overlapping blocks.
@@ -632,7 +652,7 @@ def _inflated(fit: Fit, covariance: Array) -> Array:
         size = each.left.size
         rows = slice(row, row + size)
         row += size
-        push = (fit.weighted[rows] * fit.left[rows, None]).reshape(-1, 3, covariance.shape[0]).sum(axis=1)
+        push = (weighted[rows] * fit.left[rows, None]).reshape(-1, 3, covariance.shape[0]).sum(axis=1)
         block = _length(each.left)
         sums = np.cumsum(np.vstack([np.zeros((block, push.shape[1])), push, np.zeros((block, push.shape[1]))]), axis=0)
         blocks = sums[block:] - sums[:-block]

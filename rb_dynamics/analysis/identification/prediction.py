@@ -45,6 +45,9 @@ _PLACES = {
 }
 _ROTOR = ("axis_body", "axial_inertia", "spin_rate")
 
+# How often a flight is predicted in a fit, at least.
+_CALLS = 20
+
 # rad that a body turns in a step, at first; halved where the error of the steps counts.
 TURN = 0.06
 
@@ -373,7 +376,7 @@ class Model:
         else:
             shifts = np.full(count, -1)
         with np.errstate(all="ignore"):
-            kernel()(
+            kernel(int(steps.sum()), _CALLS)(
                 start,
                 np.ascontiguousarray(start_by[:, mine]),
                 numbers,

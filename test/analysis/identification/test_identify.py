@@ -63,6 +63,16 @@ def test_motion_without_torque_tells_ratios_only() -> None:
     assert identify(guess(body), [flight], ["inertia_ratios"]).passed
 
 
+def test_a_flat_body_is_found_though_it_lies_on_the_edge_of_what_is_possible() -> None:
+    body = RigidBody.from_diagonal(2.0, (0.02, 0.03, 0.05))
+    flight = flown(body, np.random.default_rng(3), torque=1.0, gyro=1e-3)
+    found = identify(guess(body), [flight], ["inertia"])
+
+    assert found.passed
+    within(found, "inertia", body.inertia)
+    np.testing.assert_allclose(found.body.inertia, body.inertia, rtol=0.0, atol=2e-4)
+
+
 def test_a_cube_tells_nothing_of_its_inertia() -> None:
     body = RigidBody.from_diagonal(2.0, (0.02, 0.02, 0.02))
     found = identify(guess(body), [flown(body, np.random.default_rng(6), spin=(1.0, 1.0, 1.0))], ["inertia_ratios"])

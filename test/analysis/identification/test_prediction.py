@@ -21,6 +21,9 @@ from rb_dynamics.analysis.identification.flights import (
 from rb_dynamics.analysis.identification.prediction import Model
 from rb_dynamics.analysis.identification.rotations import matrices, quaternions
 from rb_dynamics.motion import variational_flight
+from rb_dynamics.motion.every_kernel import usual_kernels
+from rb_dynamics.motion.fixed_step_kernel import Tally, counted_by
+from rb_dynamics.numerics.compilation import available
 
 SCENE = """
 body:
@@ -108,12 +111,29 @@ def test_prediction_is_the_flight_of_the_engine() -> None:
     assert max(float(np.abs(each.left).max()) for each in model.predict(z)) < 1e-6
 
 
-def test_plain_and_compiled_kernel_agree(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_plain_and_compiled_kernel_have_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
     model = Model(parse_scene(SCENE), [every_sensor()], FIT)
+    model.turn = 0.3
     z = np.zeros(model.layout.count)
-    compiled = list(model.predict(z))
-    monkeypatch.setattr(prediction, "kernel", lambda: variational_flight.variational_flight)
+    predicted = []
+    # Column by column, as it is compiled, and row by row.
+    for when in ("auto", "never"):
+        monkeypatch.setenv("RB_DYNAMICS_COMPILE", when)
+        predicted.append(list(model.predict(z)))
+    one_by_one = variational_flight.variational_flight
+    monkeypatch.setattr(prediction, "kernel", lambda *_: one_by_one)
+    predicted.append(list(model.predict(z)))
 
-    for one, other in zip(compiled, model.predict(z), strict=True):
-        np.testing.assert_allclose(one.left, other.left, rtol=0.0, atol=1e-12)
-        np.testing.assert_allclose(one.by, other.by, rtol=0.0, atol=1e-9)
+    for each in zip(*predicted, strict=True):
+        assert len({(one.left.tobytes(), one.by.tobytes()) for one in each}) == 1
+
+
+def test_the_kernel_is_made_ahead_and_used_once_it_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "never")
+    assert variational_flight.kernel(10**6, 1) is variational_flight.plain
+    monkeypatch.delenv("RB_DYNAMICS_COMPILE")
+    with counted_by(Tally()):
+        # What was decided while it was forbidden holds no longer.
+        found = variational_flight.kernel(10**6, 1)
+    assert (found is not variational_flight.plain) == available()
+    assert variational_flight.VARIATIONAL.name in usual_kernels()
