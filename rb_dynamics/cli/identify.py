@@ -1,9 +1,9 @@
 """Identify mass properties and more from recordings, with standard errors and 95 % intervals.
 
-A recording is a log of this package or any ROS 2 bag of pose, odometry, twist or gyro, with the commands in it or in
-another bag (--wrench). The scene says what is known: the body to begin with, frames, channels and effects. What the
-recordings cannot tell is said and keeps the value of the scene: a flight without torque tells ratios of the moments
-only, one without force no mass.
+A recording is a log of this package, any ROS 2 bag of pose, odometry, twist or gyro, or a .csv (--columns), with the
+commands in it or in another bag (--wrench). The scene says what is known: the body to begin with, frames, channels and
+effects. What the recordings cannot tell is said and keeps the value of the scene: a flight without torque tells ratios
+of the moments only, one without force no mass.
 
 Exit codes: 0 everything asked for is known; 1 something asked for cannot be known from these recordings, or the fit did
 not come to rest; 2 bad input.
@@ -19,6 +19,8 @@ from rb_dynamics.cli.scene import add_scene
 from rb_dynamics.numerics.option_types import whole
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from rb_dynamics.analysis.identification.identify import Identification
 
 HELP = "tell mass properties from recordings, with error bars"
@@ -27,7 +29,7 @@ HELP = "tell mass properties from recordings, with error bars"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `identify`."""
     add_scene(parser)
-    parser.add_argument("recordings", metavar="RECORDING", nargs="+", help="log or bag; several are of one body")
+    parser.add_argument("recordings", metavar="RECORDING", nargs="+", help="log, bag or .csv; several are of one body")
     parser.add_argument(
         "--fit", metavar="NAMES",
         help="what to fit, separated by commas: mass, center_of_mass, inertia, inertia_ratios, initial, gyro_bias, "
@@ -37,6 +39,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--wrench", action="append", default=[], metavar="BAG",
         help="bag with the commands, of the same clock, where the recordings have none; may be repeated",
+    )  # fmt: skip
+    parser.add_argument(
+        "--columns", action="append", default=[], metavar="QUANTITY=NAMES",
+        help="columns of .csv recordings, in SI units, as in gyro=wx,wy,wz: time_s (or _ms, _us, _ns), attitude "
+        "(x, y, z, w), position, velocity_world, velocity_body, rates, gyro, accelerometer, force, torque; may be "
+        "repeated",
     )  # fmt: skip
     parser.add_argument(
         "--validate", action="append", default=[], metavar="BAG",
@@ -72,6 +80,7 @@ def run(args: argparse.Namespace) -> int:
             args.recordings,
             names,
             commands=args.wrench,
+            columns=_columns(args.columns),
             validate=args.validate,
             loss=args.loss,
             starts=args.starts,
@@ -84,6 +93,20 @@ def run(args: argparse.Namespace) -> int:
     for line in _missing(found):
         print(f"rb-dynamics: {line}", file=sys.stderr)
     return 0 if found.passed else 1
+
+
+def _columns(texts: Sequence[str]) -> dict[str, list[str]]:
+    """Return the names of columns by what they hold."""
+    from rb_dynamics.errors import LogError
+
+    found: dict[str, list[str]] = {}
+    for text in texts:
+        quantity, _, names = (part.strip() for part in text.partition("="))
+        if not (quantity and names) or quantity in found:
+            told = f"{quantity} twice" if quantity in found else repr(text)
+            raise LogError(f"--columns: found {told}, expected QUANTITY=NAMES once each; write it as in gyro=wx,wy,wz")
+        found[quantity] = [name.strip() for name in names.split(",")]
+    return found
 
 
 def as_text(found: Identification, advise: bool) -> str:

@@ -70,6 +70,7 @@ def test_what_is_asked_for_and_not_told_is_code_1(
             "central_gravity",
         ),
         (["--starts", "0"], "whole number of at least 1"),
+        (["--columns", "gyro"], "--columns: found 'gyro', expected QUANTITY=NAMES"),
     ],
 )
 def test_bad_input_is_one_line_and_code_2(

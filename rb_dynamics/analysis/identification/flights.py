@@ -19,6 +19,8 @@ from rb_dynamics.scene.model import Scene
 ATTITUDE, POSITION, VELOCITY, RATES, ACCELERATION = "attitude", "position", "velocity", "rates", "acceleration"
 UNITS = {ATTITUDE: "rad", POSITION: "m", VELOCITY: "m/s", RATES: "rad/s", ACCELERATION: "m/s^2"}
 
+NO_WRENCH = "no wrench is recorded: nothing but the effects of the scene is taken to act"
+
 _FEWEST = 4
 """Samples of a stream without which it says nothing of its noise."""
 
@@ -129,18 +131,29 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = ()) -> Flight:
     zero = 0 if track.own else track.span_ns[0]
     notes = [note for note in track.notes if "inspected" not in note]
     streams = [*_of_pose(track, zero, notes), *_of_twist(track, scene, zero, notes)]
-    wrenches = list(track.acting)
+    end = track.span_ns[1]
+    channels = _channels(track, scene, zero, end, path) + acting_elsewhere(commands, scene, zero, end, path)
+    return Flight(path, tuple(streams), tuple(channels), (*notes, *([] if channels else [NO_WRENCH])))
+
+
+def acting_elsewhere(commands: Sequence[str], scene: Scene, zero: int, end_ns: int, path: str) -> list[Channel]:
+    """Return the wrenches of bags of the same clock, up to `end_ns`, from `zero`; `path` is the flight's.
+
+    Raises:
+        LogError: a bag cannot be read or has no wrench, or one whose effect is not known.
+    """
+    channels = []
     for other in commands:
         found = read_track(read_bag(other), scene)
         if not found.wrenches:
             raise LogError(f"{other}: found no wrench topic, expected the commands of {path}; name another bag")
-        wrenches += found.acting
-    acting = [wrench for wrench in wrenches if not wrench.topic.startswith("effects/")]
-    end = track.span_ns[1]
-    channels = tuple(_channel(wrench, scene, zero, end, path) for wrench in acting if len(wrench.time_ns))
-    if not channels:
-        notes.append("no wrench is recorded: nothing but the effects of the scene is taken to act")
-    return Flight(path, tuple(streams), channels, tuple(notes))
+        channels += _channels(found, scene, zero, end_ns, path)
+    return channels
+
+
+def _channels(track: Track, scene: Scene, zero: int, end_ns: int, path: str) -> list[Channel]:
+    acting = [wrench for wrench in track.acting if not wrench.topic.startswith("effects/")]
+    return [_channel(wrench, scene, zero, end_ns, path) for wrench in acting if len(wrench.time_ns)]
 
 
 def _of_pose(track: Track, zero: int, notes: list[str]) -> list[Stream]:
@@ -213,10 +226,15 @@ def _channel(wrench: RecordedWrench, scene: Scene, zero: int, end_ns: int, path:
     parts = (wrench.force, wrench.torque)
     held = np.hstack([*(np.where(world, nothing, p) for p in parts), *(np.where(world, p, nothing) for p in parts)])
     times = wrench.time_ns - zero
-    if not wrench.topic.endswith(APPLIED):
-        channel = _channel_of(wrench.topic, scene)
-        times, held = _timed_out(times + channel.delay_ns, held, channel.timeout_ns)
-    return Channel(wrench.topic.removesuffix(APPLIED), times, held)
+    if wrench.topic.endswith(APPLIED):
+        return Channel(wrench.topic.removesuffix(APPLIED), times, held)
+    return commanded(wrench.topic, times, held, scene)
+
+
+def commanded(topic: str, times: Times, held: Array, scene: Scene) -> Channel:
+    """Return what acts of commands, with the delay and the timeout of the scene's channel of this name."""
+    channel = _channel_of(topic, scene)
+    return Channel(topic, *_timed_out(times + channel.delay_ns, held, channel.timeout_ns))
 
 
 def _channel_of(topic: str, scene: Scene) -> WrenchChannel:

@@ -7,13 +7,14 @@ about its own size, and it counts as told if the recordings make that several ti
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from rb_dynamics.analysis.identification import rotations
+from rb_dynamics.analysis.identification.csv_flight import read_csv_flight
 from rb_dynamics.analysis.identification.estimation import LOSSES, Fit, fitted, information
 from rb_dynamics.analysis.identification.flights import UNITS, Flight, read_flight
 from rb_dynamics.analysis.identification.parameters import AXES, PLACES
@@ -198,6 +199,7 @@ def identify(
     fit: Sequence[str] | None = None,
     *,
     commands: Sequence[str | os.PathLike[str]] = (),
+    columns: Mapping[str, Sequence[str]] | None = None,
     validate: Sequence[str | os.PathLike[str] | Flight] = (),
     loss: str = "linear",
     starts: int = STARTS,
@@ -208,9 +210,11 @@ def identify(
 
     Args:
         scene: the body as far as it is known, frames, channels and effects; or its file.
-        recordings: logs of this package, or bags of pose, odometry, twist or gyro, with the commands; of one body.
+        recordings: logs of this package, or bags of pose, odometry, twist or gyro, with the commands, or .csv; of one
+            body.
         fit: what to fit, of `GROUPS` and dotted keys of effects; None for the mass properties, as far as they are told.
         commands: bags with the commands, where the recordings have none; of the same clock.
+        columns: of .csv recordings, by what they hold, as in {"gyro": ("wx", "wy", "wz")}; see `QUANTITIES`.
         validate: recordings that are not fitted but predicted, from a start that is fitted to each.
         loss: of residuals: "linear", or one of scipy's that outliers hardly change.
         starts: number of starts.
@@ -235,11 +239,11 @@ def identify(
         raise ValueError(f"starts is {starts}, expected 1 or more; write how many, such as 4")
     names = () if fit is None else tuple(items(fit, "fit", "names of what to fit"))
     _require_names(names, known)
-    flights = [_flight(each, known, commands) for each in given]
+    flights = [_flight(each, known, commands, columns) for each in given]
     model = Model(known, flights, names or _default(flights))
     found = fitted(model, starts, loss, seed, progress)
     result = _Report(model, found, names).identification()
-    held_out = [_flight(each, known, commands) for each in validate]
+    held_out = [_flight(each, known, commands, columns) for each in validate]
     if held_out:
         sensors = tuple(name for name in model.fit if name == "gyro_bias")
         rest = Model(result.scene, held_out, ("initial", *sensors))
@@ -247,12 +251,20 @@ def identify(
     return result
 
 
-def _flight(given: str | os.PathLike[str] | Flight, scene: Scene, commands: Sequence[str | os.PathLike[str]]) -> Flight:
+def _flight(
+    given: str | os.PathLike[str] | Flight,
+    scene: Scene,
+    commands: Sequence[str | os.PathLike[str]],
+    columns: Mapping[str, Sequence[str]] | None,
+) -> Flight:
     if isinstance(given, Flight):
         return given
     if not isinstance(given, (str, os.PathLike)):
         raise TypeError(f"one of the recordings is {shown(given)}, expected the path of a log; write its name")
-    return read_flight(os.fspath(given), scene, [os.fspath(each) for each in commands])
+    path, others = os.fspath(given), [os.fspath(each) for each in commands]
+    if path.lower().endswith(".csv"):
+        return read_csv_flight(path, scene, others, columns)
+    return read_flight(path, scene, others)
 
 
 def _require_names(names: Sequence[str], scene: Scene) -> None:

@@ -1,0 +1,216 @@
+"""`read_csv_flight`: a flight from a CSV file with named columns, in SI units.
+
+Each row has a time; a cell that is empty was not measured then, so that sensors may have rates of their own.
+"""
+
+from __future__ import annotations
+
+import csv
+import difflib
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rb_dynamics.analysis.identification.flights import (
+    ACCELERATION,
+    ATTITUDE,
+    NO_WRENCH,
+    POSITION,
+    RATES,
+    VELOCITY,
+    Channel,
+    Flight,
+    Stream,
+    acting_elsewhere,
+    commanded,
+)
+from rb_dynamics.analysis.track import Array, Times, unit_rows
+from rb_dynamics.errors import LogError
+from rb_dynamics.numerics.argument_checks import shown
+from rb_dynamics.numerics.decimals import exact_number, real_number
+from rb_dynamics.scene.model import Scene
+
+# ns in the unit of each column of times.
+_TIMES = {"time_s": 10**9, "time_ms": 10**6, "time_us": 10**3, "time_ns": 1}
+_XYZ = ("x", "y", "z")
+
+Mask = NDArray[np.bool_]
+
+QUANTITIES = {
+    "time_s": ("time_s",),
+    "time_ms": ("time_ms",),
+    "time_us": ("time_us",),
+    "time_ns": ("time_ns",),
+    "attitude": ("orientation_x", "orientation_y", "orientation_z", "orientation_w"),
+    "position": tuple(f"position_world_{axis}" for axis in _XYZ),
+    "velocity_world": tuple(f"linear_velocity_world_{axis}" for axis in _XYZ),
+    "velocity_body": tuple(f"linear_velocity_body_{axis}" for axis in _XYZ),
+    "rates": tuple(f"angular_velocity_body_{axis}" for axis in _XYZ),
+    "gyro": tuple(f"gyro_{axis}" for axis in _XYZ),
+    "accelerometer": tuple(f"accelerometer_{axis}" for axis in _XYZ),
+    "force": tuple(f"force_{axis}" for axis in _XYZ),
+    "torque": tuple(f"torque_{axis}" for axis in _XYZ),
+}
+"""What columns may hold, and their names unless others are given; those that `convert` writes, and of sensors."""
+
+_KINDS = {
+    "attitude": ATTITUDE, "position": POSITION, "velocity_world": VELOCITY, "velocity_body": VELOCITY, "rates": RATES,
+    "gyro": RATES, "accelerometer": ACCELERATION,
+}  # fmt: skip
+
+
+def read_csv_flight(
+    path: str, scene: Scene, commands: Sequence[str] = (), columns: Mapping[str, Sequence[str]] | None = None
+) -> Flight:
+    """Return what the table measured; `columns` are the names of its columns by `QUANTITIES`, where they are others.
+
+    Position and velocity are those of the body origin; `gyro`, `rates`, `accelerometer`, `force` and `torque` are in
+    body axes. A wrench is held until the next; `commands` are bags with wrenches of the same clock.
+
+    Raises:
+        LogError: the file cannot be read, lacks a column or has a cell that is no number, or times that go back.
+    """
+    times, found = _read(path, dict(columns or {}))
+    measured: dict[str, Mask] = {name: np.asarray(np.isfinite(v).all(axis=1)) for name, v in found.items()}
+    moving = [quantity for quantity in _KINDS if quantity in found and measured[quantity].any()]
+    if not moving:
+        raise LogError(
+            f"{path}: found no motion in its columns, expected some of {', '.join(_KINDS)}; name the columns, as in "
+            "--columns gyro=wx,wy,wz"
+        )
+    seen = np.logical_or.reduce([measured[quantity] for quantity in moving])
+    zero, end = (int(each) for each in times[seen][[0, -1]])
+    streams = []
+    for quantity in moving:
+        at, values = times[measured[quantity]] - zero, found[quantity][measured[quantity]]
+        if quantity == "attitude":
+            _require_unit(path, values)
+            values = unit_rows(values)
+        world, gyro = quantity == "velocity_world", quantity == "gyro"
+        streams.append(Stream(quantity, _KINDS[quantity], at, values, world=world, gyro=gyro))
+    channels = [*_wrench(found, measured, times - zero, scene), *acting_elsewhere(commands, scene, zero, end, path)]
+    return Flight(path, tuple(streams), tuple(channels), () if channels else (NO_WRENCH,))
+
+
+def _wrench(found: Mapping[str, Array], measured: Mapping[str, Mask], times: Times, scene: Scene) -> Iterator[Channel]:
+    parts = [name for name in ("force", "torque") if name in found]
+    if parts:
+        given = np.logical_and.reduce([measured[name] for name in parts])
+        nothing = np.zeros((int(given.sum()), 3))
+        held = [found[name][given] if name in found else nothing for name in ("force", "torque")]
+        acting = commanded("wrench", times[given], np.hstack([*held, nothing, nothing]), scene)
+        # Only a change is a command.
+        changes = np.append(True, (np.diff(acting.held, axis=0) != 0.0).any(axis=1))[: len(acting.held)]
+        yield Channel(acting.topic, acting.time_ns[changes], acting.held[changes])
+
+
+def _require_unit(path: str, attitudes: Array) -> None:
+    norms = np.linalg.norm(attitudes, axis=1)
+    if len(norms) and float(np.abs(norms - 1.0).max()) > 1e-2:
+        worst = float(norms[int(np.abs(norms - 1.0).argmax())])
+        raise LogError(
+            f"{path}: found a quaternion of length {worst:.3g} in the columns of attitude, expected 1; name those of "
+            "x, y, z, w"
+        )
+
+
+def _read(path: str, columns: dict[str, Sequence[str]]) -> tuple[Times, dict[str, Array]]:
+    """Return the times (ns) and the values (n, 3 or 4) of each quantity; NaN where a cell is empty."""
+    try:
+        with Path(path).open(newline="", encoding="utf-8-sig") as file:
+            header = file.readline()
+            # As spreadsheets of some countries write it.
+            separator = max(",;\t", key=header.count)
+            names = [name.strip() for name in next(csv.reader([header], delimiter=separator), [])]
+            wanted = _places(path, names, columns)
+            rows = [
+                _numbers(path, number, cells, names, wanted)
+                for number, cells in enumerate(csv.reader(file, delimiter=separator), start=2)
+                if cells
+            ]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise LogError(f"cannot read {path}: {reason}; check the path, and give a CSV file in UTF-8") from error
+    if not rows:
+        raise LogError(f"{path}: found a header and no row, expected one for each sample; record the flight again")
+    times = np.array([time for time, _ in rows], dtype=np.int64)
+    steps = np.diff(times)
+    if back := np.flatnonzero(steps < 0).tolist():
+        raise LogError(
+            f"{path}, row {back[0] + 2} of numbers: found a time {-steps[back[0]] * 1e-9:.6g} s before that of the row "
+            "above, expected ascending times; sort the rows, or name the column of the time that counts up"
+        )
+    table = np.array([numbers for _, numbers in rows], dtype=np.float64)
+    found, at = {}, 0
+    for quantity, places in wanted.items():
+        if quantity not in _TIMES:
+            found[quantity] = table[:, at : at + len(places)]
+            at += len(places)
+    return times, found
+
+
+def _places(path: str, names: Sequence[str], columns: dict[str, Sequence[str]]) -> dict[str, list[int]]:
+    """Return where the columns of each quantity stand, one of times among them."""
+    for quantity, given in columns.items():
+        usual = QUANTITIES.get(quantity)
+        if usual is None:
+            near = difflib.get_close_matches(quantity, QUANTITIES, n=1)
+            mend = f"did you mean {near[0]}?" if near else "write one of them"
+            raise LogError(f"columns: found {quantity!r}, expected some of {', '.join(QUANTITIES)}; {mend}")
+        if isinstance(given, str) or len(given) != len(usual):
+            raise LogError(
+                f"columns: found {shown(given)} for {quantity}, expected {len(usual)} "
+                f"name{'s' if len(usual) > 1 else ''} of columns; give them in the order of {', '.join(usual)}"
+            )
+    # Where columns are named, no others count; but the time need not be named.
+    times = [name for name in _TIMES if name in columns] or [name for name in _TIMES if name in names]
+    if len(times) != 1:
+        raise LogError(
+            f"{path}: found {len(times) or 'no'} column{'s' * (len(times) != 1)} of time among {', '.join(names)}, "
+            f"expected one of {', '.join(_TIMES)}; name it, as in --columns time_s=stamp"
+        )
+    asked = {q: tuple(given) for q, given in columns.items() if q not in _TIMES} or {
+        q: own for q, own in QUANTITIES.items() if q not in _TIMES and set(own) <= set(names)
+    }
+    asked[times[0]] = tuple(columns.get(times[0], QUANTITIES[times[0]]))
+    if "gyro" in asked and not columns:
+        # Of a table with both, the gyro is what was measured.
+        asked.pop("rates", None)
+    for quantity, given in asked.items():
+        for name in given:
+            if names.count(name) != 1:
+                raise LogError(
+                    f"{path}: found {names.count(name) or 'no'} columns {name!r} for {quantity} among "
+                    f"{', '.join(names)}, expected one; name another column"
+                )
+    return {quantity: [names.index(name) for name in given] for quantity, given in asked.items()}
+
+
+def _numbers(
+    path: str, line: int, cells: Sequence[str], names: Sequence[str], wanted: Mapping[str, Sequence[int]]
+) -> tuple[int, list[float]]:
+    """Return the time (ns) and the numbers of a row."""
+    if len(cells) != len(names):
+        raise LogError(
+            f"{path}, line {line}: found {len(cells)} cells, expected {len(names)}, as many as columns; write numbers "
+            "with a decimal point, and cells with a comma in quotes"
+        )
+    time_ns, found = 0, []
+    for quantity, places in wanted.items():
+        for place in places:
+            cell = cells[place].strip()
+            try:
+                if quantity in _TIMES:
+                    # As the decimal number that was written: a float would lose nanoseconds of a wall clock.
+                    time_ns = round(exact_number(cell) * _TIMES[quantity])
+                else:
+                    found.append(real_number(cell) if cell else math.nan)
+            except ValueError:
+                raise LogError(
+                    f"{path}, line {line}, {names[place]}: found {shown(cells[place])}, expected a number; correct the "
+                    "cell" + ("" if quantity in _TIMES else ", or leave it empty where nothing was measured")
+                ) from None
+    return time_ns, found

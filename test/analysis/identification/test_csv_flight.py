@@ -1,0 +1,90 @@
+"""Flights from tables with named columns."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from identified_flights import flown, guess
+
+from rb_dynamics import LogError, RigidBody, identify
+from rb_dynamics.analysis.identification.csv_flight import read_csv_flight
+from rb_dynamics.analysis.identification.flights import ATTITUDE, POSITION, RATES, Flight
+
+BODY = RigidBody.from_diagonal(2.0, (0.02, 0.03, 0.04))
+PHONE = {"time_s": ["Time (s)"], "gyro": ["Gyroscope x (rad/s)", "Gyroscope y (rad/s)", "Gyroscope z (rad/s)"]}
+
+
+def write(path: Path, header: str, rows: list[str]) -> str:
+    path.write_text("\n".join([header, *rows]) + "\n", encoding="utf-8")
+    return str(path)
+
+
+def phone(path: Path, flight: Flight) -> str:
+    """Return a table as the app phyphox writes it, from some time of the day on."""
+    stream = flight.streams[0]
+    rows = [
+        ",".join([f"{12.5 + time * 1e-9:.9f}", *map(repr, rate)])
+        for time, rate in zip(stream.time_ns.tolist(), stream.values.tolist(), strict=True)
+    ]
+    return write(path, ",".join(f'"{name}"' for names in PHONE.values() for name in names), rows)
+
+
+def test_a_gyro_in_a_table_tells_what_the_same_flight_does(tmp_path: Path) -> None:
+    made = flown(BODY, np.random.default_rng(3), seconds=2.0, spin=(0.3, 5.0, 0.5), gyro=1e-3)
+    found, same = (
+        identify(guess(BODY), [given], ["inertia_ratios"], columns=PHONE)
+        for given in (phone(tmp_path / "phone.csv", made), made)
+    )
+
+    assert found.passed
+    assert [each.value for each in found.parameters] == [each.value for each in same.parameters]
+
+
+def test_sensors_have_rates_of_their_own_and_only_changes_are_commands(tmp_path: Path) -> None:
+    parts = {"gyro": "xyz", "orientation": "xyzw", "torque": "xyz"}
+    header = ";".join(["time_ns", *(f"{part}_{axis}" for part, axes in parts.items() for axis in axes)])
+    rows = [f"{k}0000000;0.{k};0;0;{'0;0;0;1' if k % 2 else ';;;'};{k // 4};0;0" for k in range(1, 9)]
+    flight = read_csv_flight(write(tmp_path / "mixed.csv", header, rows), guess(BODY))
+
+    assert [(stream.kind, len(stream.time_ns), stream.gyro) for stream in flight.streams] == [
+        (ATTITUDE, 4, False),
+        (RATES, 8, True),
+    ]
+    assert flight.span_ns == (0, 70_000_000)
+    (channel,) = flight.channels
+    assert channel.time_ns.tolist() == [0, 30_000_000, 70_000_000]
+    assert channel.held[:, 3].tolist() == [0.0, 1.0, 2.0]
+
+
+def test_columns_that_convert_writes_need_no_names(tmp_path: Path) -> None:
+    header = "time_ns," + ",".join(
+        f"{part}_{axis}" for part in ("position_world", "angular_velocity_body") for axis in "xyz"
+    )
+    flight = read_csv_flight(write(tmp_path / "log.csv", header, [f"{k},0,0,{k},1,2,3" for k in range(5)]), guess(BODY))
+
+    assert [stream.kind for stream in flight.streams] == [POSITION, RATES]
+    assert flight.streams[1].values[0].tolist() == [1.0, 2.0, 3.0]
+
+
+@pytest.mark.parametrize(
+    ("columns", "rows", "expected"),
+    [
+        ({"gyr": ["a"]}, [], "found 'gyr', expected some of .*; did you mean gyro?"),
+        ({"gyro": ["wx", "wy"]}, [], "for gyro, expected 3 names of columns"),
+        ({"gyro": ["wx", "wy", "wq"]}, [], "found no columns 'wq' for gyro among time_s, wx"),
+        ({"time_s": ["stamp"]}, ["0,1,2,3"] * 5, "found no columns 'stamp'"),
+        ({"gyro": ["wx", "wy", "wz"]}, ["0,1,2,x"], "line 2, wz: found 'x', expected a number"),
+        ({"gyro": ["wx", "wy", "wz"]}, ["0,1,2"], "line 2: found 3 cells, expected 4"),
+        ({"gyro": ["wx", "wy", "wz"]}, ["1,1,2,3", "0,1,2,3"], "row 2 of numbers: found a time 1 s before"),
+        ({"gyro": ["wx", "wy", "wz"]}, [], "a header and no row"),
+        ({"gyro": ["wx", "wy", "wz"]}, ["0,1,2,3"], "found 1 samples of the motion"),
+        ({}, ["0,1,2,3"], "found no motion in its columns"),
+    ],
+)
+def test_tables_that_tell_nothing_are_refused(
+    tmp_path: Path, columns: dict[str, list[str]], rows: list[str], expected: str
+) -> None:
+    with pytest.raises(LogError, match=expected):
+        read_csv_flight(write(tmp_path / "bad.csv", "time_s,wx,wy,wz", rows), guess(BODY), columns=columns)
