@@ -93,8 +93,8 @@ def _fly(args: argparse.Namespace, campaign: Campaign, store: Store) -> int:
     if not flies_side_by_side(campaign):
         print(
             "note: these runs go one by one, some hundred times slower than side by side, which needs a scene without "
-            "effects, a solver.step, and delays that are whole multiples of it, as with step: in the distribution (see "
-            "docs/campaigns.md)",
+            "effects, actuators or sensors, a solver.step, and delays that are whole multiples of it, as with step: in "
+            "the distribution (see docs/campaigns.md)",
             file=sys.stderr,
         )
     with counting(args.campaign, "run", store.done, campaign.runs) as progress:

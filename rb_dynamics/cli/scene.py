@@ -21,8 +21,8 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scene", metavar="SCENE", help="scene file (YAML), or a log: its scene with its commands")
     parser.add_argument(
         "--set", action="append", default=[], metavar="KEY=VALUE",
-        help="override any key of the scene, such as body.mass=2, wrenches[0].timeout=0.5 or effects=[]; may "
-        "be repeated",
+        help="override any key of the scene, such as body.mass=2, wrenches[0].timeout=0.5, "
+        "sensors.imu.rate=50 or effects=[]; may be repeated",
     )  # fmt: skip
 
 

@@ -50,7 +50,14 @@ class Samples:
 
     Attributes:
         time_ns: of all bodies, or one for each row; integer nanoseconds.
+        wheel_speeds: (N, wheels), relative to the body, rad/s: in campaigns with reaction wheels.
+        rejected_commands: (N,), so far: in campaigns.
+        clipped_commands: (N,), so far, reduced by the limits of a channel or an actuator: in campaigns.
     """
+
+    wheel_speeds: Numbers
+    rejected_commands: Numbers
+    clipped_commands: Numbers
 
     def __init__(self, body: RigidBody, start: Numbers, state: Numbers, time_ns: int | Times) -> None:
         """Describe `body` (of arrays) in `state`, with balances from `start` on: (..., `PHASE`)."""

@@ -12,8 +12,9 @@ from rb_dynamics.numerics.argument_checks import mapping
 from rb_dynamics.scene.document import Node, from_python, join, show
 from rb_dynamics.scene.problems import Problems
 
-# A dotted key, with [n] for an item of a list, as messages write it: wrenches[0].timeout
-PART = re.compile(r"([^.\[\]]+)((?:\[[0-9]{1,6}\])*)")
+# A dotted key, with [n] for an item of a list, as messages write it: wrenches[0].timeout. An item that has a name is
+# found by it, too: actuators.wheel_x.max_torque
+_PART = re.compile(r"([^.\[\]]+)((?:\[[0-9]{1,6}\])*)")
 
 
 def apply_overrides(document: Node, overrides: Mapping[str, object], problems: Problems) -> None:
@@ -57,18 +58,36 @@ def _enter(node: Node, step: str | int, new: Node | None) -> Node | None:
         if new is not None:
             node.value[step] = new
         return node.value.setdefault(step, Node({}))
-    if isinstance(step, int) and isinstance(node.value, list) and step < len(node.value):
-        if new is not None:
-            node.value[step] = new
-        return node.value[step]
+    if isinstance(node.value, list):
+        index = step if isinstance(step, int) else _named(node.value, step)
+        if index < len(node.value):
+            if new is not None:
+                node.value[index] = new
+            return node.value[index]
     return None
+
+
+def _named(items: list[Node], name: str) -> int:
+    """Return the place of the item that has this name, the number of items if there is none."""
+    names = (item.value.get("name") if isinstance(item.value, dict) else None for item in items)
+    return next((i for i, found in enumerate(names) if found is not None and found.value == name), len(items))
+
+
+def find(document: Node, key: str) -> Node | None:
+    """Return what stands under a dotted key, None if there is nothing."""
+    node: Node | None = document
+    for step in _steps(key):
+        if node is None or (isinstance(node.value, dict) and step not in node.value):
+            return None
+        node = _enter(node, step, None)
+    return node if _steps(key) else None
 
 
 def _steps(key: str) -> list[str | int]:
     """Return the names and indices in `key`; empty if it is not a dotted key."""
     steps: list[str | int] = []
     for part in key.split("."):
-        match = PART.fullmatch(part)
+        match = _PART.fullmatch(part)
         if match is None:
             return []
         steps.append(match[1])

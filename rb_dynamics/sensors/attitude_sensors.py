@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
@@ -41,6 +42,7 @@ class StarTracker(Sensor):
     message: ClassVar[str] = "geometry_msgs/msg/QuaternionStamped"
     in_world: ClassVar[bool] = True
     keys: ClassVar[tuple[str, ...]] = ("noise",)
+    values: ClassVar[Mapping[str, slice]] = {"orientation_xyzw": slice(0, 4)}
 
     noise: float = 0.0
 
@@ -77,6 +79,7 @@ class PoseSensor(Sensor):
     message: ClassVar[str] = "geometry_msgs/msg/PoseWithCovarianceStamped"
     in_world: ClassVar[bool] = True
     keys: ClassVar[tuple[str, ...]] = ("position_noise", "orientation_noise")
+    values: ClassVar[Mapping[str, slice]] = {"position_world": slice(0, 3), "orientation_xyzw": slice(3, 7)}
 
     position_noise: float = 0.0
     orientation_noise: float = 0.0
@@ -120,6 +123,7 @@ class SunSensor(Sensor):
     kind: ClassVar[str] = "sun_sensor"
     message: ClassVar[str] = "geometry_msgs/msg/Vector3Stamped"
     keys: ClassVar[tuple[str, ...]] = ("direction_world", "noise", "field_of_view")
+    values: ClassVar[Mapping[str, slice]] = {"direction": slice(0, 3)}
 
     direction_world: Vector
     noise: float = 0.0
@@ -140,6 +144,11 @@ class SunSensor(Sensor):
         object.__setattr__(self, "direction_world", direction)
         self._number("noise", f"{_SIZE} (rad)", least=0.0)
         self._number("field_of_view", "an angle greater than 0 and at most pi (rad)", above=0.0, most=math.pi)
+
+    @property
+    def may_be_silent(self) -> bool:
+        """Whether the sun can be out of its view."""
+        return self.field_of_view < math.pi
 
     @classmethod
     def read(cls, entry: SceneEntry) -> SunSensor:

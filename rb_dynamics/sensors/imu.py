@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
@@ -36,6 +37,7 @@ class Imu(Sensor):
     kind: ClassVar[str] = "imu"
     message: ClassVar[str] = "sensor_msgs/msg/Imu"
     keys: ClassVar[tuple[str, ...]] = ("gyro", "accelerometer")
+    values: ClassVar[Mapping[str, slice]] = {"angular_velocity": slice(13, 16), "specific_force": slice(25, 28)}
 
     gyro: AxisErrors = AxisErrors()
     accelerometer: AxisErrors = AxisErrors()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
@@ -29,6 +30,7 @@ class Magnetometer(Sensor):
     message: ClassVar[str] = "sensor_msgs/msg/MagneticField"
     needs_field: ClassVar[bool] = True
     keys: ClassVar[tuple[str, ...]] = AXIS_KEYS
+    values: ClassVar[Mapping[str, slice]] = {"magnetic_field": slice(0, 3)}
 
     errors: AxisErrors = AxisErrors()
 

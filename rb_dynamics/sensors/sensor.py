@@ -5,7 +5,7 @@ A sensor is data from the scene. For each run it begins a `Reading`, which is as
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
@@ -62,6 +62,7 @@ class Sensor:
         in_world: whether their `frame_id` is the world, not the sensor's own frame.
         needs_field: whether it measures a magnetic field.
         keys: of its entry in the scene, beside `type` and `COMMON_KEYS`.
+        values: what it measures, each by its place in the numbers of a message.
         name: its topic.
         rate: samples per second of simulation time.
         frame: its frame, fixed on the body; "" for the body frame.
@@ -74,6 +75,7 @@ class Sensor:
     in_world: ClassVar[bool] = False
     needs_field: ClassVar[bool] = False
     keys: ClassVar[tuple[str, ...]] = ()
+    values: ClassVar[Mapping[str, slice]]
 
     name: str
     rate: float
@@ -94,6 +96,11 @@ class Sensor:
         self._number("rate", f"a number from {low:.1e} to {high:g} (Hz)", least=low, most=high)
         self._number("delay", f"a time from 0 to {LONGEST:.1e} (s)", least=0.0, most=LONGEST)
         self._number("dropout", "a probability of at least 0 and less than 1", least=0.0, most=1.0 - 2.0**-53)
+
+    @property
+    def may_be_silent(self) -> bool:
+        """Whether it gives nothing for as long as what it looks for is out of its view."""
+        return False
 
     @classmethod
     def read(cls, entry: SceneEntry) -> Sensor:

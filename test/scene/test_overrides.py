@@ -54,6 +54,19 @@ def test_items_of_lists_are_replaced() -> None:
     assert parse_scene(TEXT, overrides={"body.inertia.diagonal[0]": 1.5}).body.principal_moments == (1.5, 2.0, 3.0)
 
 
+def test_an_item_with_a_name_is_found_by_it() -> None:
+    text = (
+        TEXT + "sensors: [{type: pose, name: cam, rate: 5}, {type: imu, name: imu, rate: 10, gyro: {bias: [1, 2, 3]}}]"
+    )
+    scene = parse_scene(text, overrides={"sensors.imu.rate": 50, "sensors.imu.gyro.bias[1]": 0, "sensors[0].delay": 1})
+    assert [(each.rate, each.delay) for each in scene.sensors] == [(5.0, 1.0), (50.0, 0.0)]
+    assert "[1.0, 0.0, 3.0]" in scene.text
+    with pytest.raises(
+        SceneError, match=r"sensors.gyro.rate: found sensors to be .*, expected it to hold the key gyro"
+    ):
+        parse_scene(text, overrides={"sensors.gyro.rate": 50})
+
+
 def test_numpy_values() -> None:
     overrides = {
         "body.mass": np.float64(3.0),

@@ -6,20 +6,24 @@ in closed form); every other scene runs alone.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
+from rb_dynamics.errors import WrenchError
+from rb_dynamics.loads.actuator import COMMAND
+from rb_dynamics.loads.channels import Channel
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.exact import EXACT
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
-from rb_dynamics.numerics.vector import subtract
+from rb_dynamics.numerics.vector import ZERO, Vector, subtract
 from rb_dynamics.run.ensemble import Ensemble
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.sample_arrays import Samples
 from rb_dynamics.run.simulation import Simulation, without_outputs
 from rb_dynamics.scene.model import Scene
+from rb_dynamics.study.campaign.onboard import Hearing, Onboard
 
 if TYPE_CHECKING:
     import numpy as np
@@ -31,6 +35,12 @@ if TYPE_CHECKING:
 CHANNEL = "control"
 """The wrench channel of the controller's commands."""
 
+TORQUE, FORCE = "torque", "force"
+"""What a controller commands beside actuators: a wrench on `CHANNEL`, body axes."""
+
+Commands = Mapping[str, "Numbers"]
+"""`TORQUE` and `FORCE`, (N, 3), and commands to actuators by their names, (N,)."""
+
 
 def go_side_by_side(scenes: Sequence[Scene], driven: bool) -> bool:
     """Return whether the runs can go side by side; `driven`: by a controller."""
@@ -38,9 +48,16 @@ def go_side_by_side(scenes: Sequence[Scene], driven: bool) -> bool:
     shared = first.solver, first.duration, ()
     if any((scene.solver, scene.duration, scene.combined_effects.effects) != shared for scene in scenes):
         return False
+    if driven and any(scene.sensors or not _plain(scene) for scene in scenes):
+        return False
     if first.solver.method in ("auto", "exact"):
         return not driven
     return first.solver.step is not None
+
+
+def _plain(scene: Scene) -> bool:
+    """Return whether the channel of the controller does nothing to its commands."""
+    return all(channel == Channel(CHANNEL) for channel in scene.channels if channel.topic == CHANNEL)
 
 
 def step_ns(scene: Scene) -> int | None:
@@ -57,8 +74,11 @@ class Bodies(Protocol):
     def samples(self) -> Samples:
         """Return their present state and bookkeeping."""
 
-    def hold(self, torque: Numbers, changed: npt.NDArray[np.bool_]) -> None:
-        """Hold the torques (N, 3), body axes, N m, from now on; only those marked in `changed` (N,) are new."""
+    def onboard(self) -> Onboard:
+        """Return what is there for a controller."""
+
+    def hold(self, commands: Commands, new: Commands, changed: npt.NDArray[np.bool_]) -> None:
+        """Hold `commands` from now on, of which `new` come now, for the bodies marked in `changed` (N,)."""
 
     def advance_to(self, time_ns: int) -> None:
         """Advance to a later time.
@@ -83,9 +103,13 @@ class SideBySide:
         """Return their state; see `Bodies`."""
         return self._ensemble.samples()
 
-    def hold(self, torque: Numbers, changed: npt.NDArray[np.bool_]) -> None:
-        """Hold the torques; see `Bodies`. On the grid of steps, holding the same torque again changes nothing."""
-        self._ensemble.hold(torque_body=torque)
+    def onboard(self) -> Onboard:
+        """Return nothing; see `Bodies`: with sensors, a field or wheels, each body goes alone."""
+        return Onboard()
+
+    def hold(self, commands: Commands, new: Commands, changed: npt.NDArray[np.bool_]) -> None:
+        """Hold the wrenches; see `Bodies`. On the grid of steps, holding the same ones again changes nothing."""
+        self._ensemble.hold(commands.get(FORCE, 0.0), commands.get(TORQUE, 0.0))
 
     def advance_to(self, time_ns: int) -> None:
         """Advance; see `Bodies`."""
@@ -98,9 +122,12 @@ _FIELDS = [name for name in Sample.__slots__ if name in vars(Samples)]
 class Alone:
     """One body, in the loop that `simulate` runs; `sinks` receive its outputs."""
 
-    def __init__(self, scene: Scene, sinks: Sequence[Sink] = ()) -> None:
-        """Start at the initial state of the scene."""
-        self._run = Simulation(scene if sinks else without_outputs(scene), sinks)
+    def __init__(self, scene: Scene, sinks: Sequence[Sink] = (), driven: bool = False) -> None:
+        """Start at the initial state of the scene; `driven`: by a controller, which hears its sensors."""
+        self._scene, self._hearing = scene, Hearing(scene) if driven and scene.sensors else None
+        hearing = [self._hearing] if self._hearing else []
+        self._run = Simulation(scene if sinks else without_outputs(scene), [*sinks, *hearing])
+        self._rejected = 0
         self._now_ns, self._body_frame = 0, scene.frames.body_frame
         self._first = self._run.sample
         self._run.start()
@@ -121,14 +148,48 @@ class Alone:
         }  # fmt: skip
         for name, (now, before, defect) in impulses.items():
             columns[name] = np.array([subtract(subtract(now, before), defect)])
+        if sample.wheel_speeds is not None:
+            columns["wheel_speeds"] = np.array([sample.wheel_speeds])
+        columns["clipped_commands"] = np.array([float(self._run.clipped)])
+        columns["rejected_commands"] = np.array([float(self._rejected + len(self._run.taken_back))])
         return Samples.known(sample.time_ns, **columns)
 
-    def hold(self, torque: Numbers, changed: npt.NDArray[np.bool_]) -> None:
-        """Hold the torque; see `Bodies`."""
-        if changed[0]:
-            x, y, z = torque[0].tolist()
-            torque_body = Wrench(torque=(x, y, z), frame_id=self._body_frame, stamp_ns=self._now_ns)
-            self._run.post(CHANNEL, torque_body, self._now_ns)
+    def onboard(self) -> Onboard:
+        """Return what is there for a controller; see `Bodies`."""
+        import numpy as np
+
+        sample, effects, hearing = self._run.look(), self._scene.combined_effects, self._hearing
+        speeds = zip(self._scene.wheels, sample.wheel_speeds or (), strict=True)
+        field = np.array([effects.magnetic_field()(sample.position_world)]) if effects.magnetic else None
+        found = Onboard({}, {wheel.name: np.array([speed]) for wheel, speed in speeds}, field)
+        if hearing is None:
+            return found
+        attitude, rate = hearing.orientation(), hearing.angular_velocity()
+        return found._replace(
+            sensors=hearing.sensors(),
+            orientation_xyzw=None if attitude is None else np.array([attitude]),
+            angular_velocity_body=None if rate is None else np.array([rate]),
+            awake=hearing.awake,
+        )
+
+    def hold(self, commands: Commands, new: Commands, changed: npt.NDArray[np.bool_]) -> None:
+        """Hold the commands; see `Bodies`. What a channel or an actuator rejects is counted, as in the node."""
+        if not new.keys().isdisjoint((TORQUE, FORCE)):
+            force, torque = (self._vector(commands, name) for name in (FORCE, TORQUE))
+            self._count(self._run.post, CHANNEL, Wrench(force, torque, self._body_frame, self._now_ns))
+        for name, values in new.items():
+            if name not in (TORQUE, FORCE):
+                self._count(self._run.actuate, name + COMMAND, float(values[0]))
+
+    def _vector(self, commands: Commands, name: str) -> Vector:
+        x, y, z = commands[name][0].tolist() if name in commands else ZERO
+        return x, y, z
+
+    def _count(self, command: Callable[[str, Any, int], bool], topic: str, value: Wrench | float) -> None:
+        try:
+            command(topic, value, self._now_ns)
+        except WrenchError:
+            self._rejected += 1
 
     def advance_to(self, time_ns: int) -> None:
         """Advance; see `Bodies`."""

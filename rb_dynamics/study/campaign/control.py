@@ -1,4 +1,4 @@
-"""The closed loop of a block of bodies: measure with noise, evaluate the law, saturate, and apply after a delay.
+"""The closed loop of a block of bodies: measure, evaluate the law, limit its torque; commands apply after a delay.
 
 `flight.py` moves the bodies.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import re
+import sys
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -14,10 +15,15 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.wrench import largest_wrench
 from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS
+from rb_dynamics.numerics.vector import Vector, cross, dot, norm, scale
 from rb_dynamics.scene.fields import Rule
-from rb_dynamics.study.campaign.laws import LAWS, Measurement, Parameters
+from rb_dynamics.scene.model import Scene
+from rb_dynamics.study.campaign.bodies import FORCE, TORQUE, Commands
+from rb_dynamics.study.campaign.laws import LAWS, Measurement, Parameters, RandomStreams
 from rb_dynamics.study.campaign.model import Campaign, Control
-from rb_dynamics.study.campaign.sampling import NOISE, generator
+from rb_dynamics.study.campaign.onboard import Onboard
+from rb_dynamics.study.campaign.sampling import LAW, NOISE, generator
+from rb_dynamics.study.campaign.scenes import scenes_of
 from rb_dynamics.study.campaign.user_functions import called, called_for_numbers, find_function
 
 if TYPE_CHECKING:
@@ -40,8 +46,18 @@ RULES: Mapping[str, Rule] = {
 }
 """Limits of the numbers of `Control`, by key; any other may be any `NUMBER`."""
 
+_NONE: Mapping[str, float] = {
+    "control.saturation": math.inf,
+    **{f"control.bias[{i}]": 0.0 for i in range(3)},
+    "control.noise.attitude": 0.0,
+    "control.noise.rate": 0.0,
+}
+
 _AHEAD = 64
 """Noise is drawn for this many samples at a time."""
+
+_FLAT = 1e-6
+"""Volume that the axes of wheels must span, of 1 for three that are perpendicular."""
 
 
 def check_values(values: Mapping[str, float]) -> None:
@@ -67,7 +83,7 @@ class ControlLoop:
     """The controllers of N runs.
 
     Attributes:
-        failed: why the law gave a body no torque, by its index; the body coasts from then on and counts as failed.
+        failed: why the law gave a body no command, by its index; the body coasts from then on and counts as failed.
     """
 
     def __init__(
@@ -94,7 +110,8 @@ class ControlLoop:
         import numpy as np
 
         count = len(runs)
-        numbers = {key: values[key] if key in values else np.full(count, value) for key, value in control.numbers}
+        given = {**_NONE, **dict(control.numbers)}
+        numbers = {key: values[key] if key in values else np.full(count, value) for key, value in given.items()}
         try:
             make = find_function(control.law, LAWS, campaign.modules)
         except SceneError as error:
@@ -106,65 +123,128 @@ class ControlLoop:
                 f"{self._name} returned {self._law!r}, expected a function of the measurement; correct the law"
             )
         self.failed: dict[int, str] = {}
+        self._share = sharing(scenes_of(campaign).base, control.through)
+        self._units = {each.name: each.unit for each in scenes_of(campaign).base.actuators}
         self._largest = [largest_wrench(body) for body in bodies]
-        self._possible = np.array([[torque] for _, torque in self._largest])
         self._most = numbers["control.saturation"][:, None]
         self._bias = np.stack([numbers[f"control.bias[{i}]"] for i in range(3)], axis=-1)
         self._sizes = np.stack([numbers["control.noise.attitude"], numbers["control.noise.rate"]], axis=-1)
         self._noise = [generator(campaign.seed, run, NOISE) for run in runs] if self._sizes.any() else []
+        self._random = RandomStreams(lambda: [generator(campaign.seed, run, LAW) for run in runs])
         self._drawn: Numbers = np.empty((0, count, 2, 3))
         self._sample = 0
 
-    def torque(self, samples: Samples) -> Numbers:
-        """Return the torques (N, 3), body axes, N m, commanded at the sample that is due now.
+    def commands(self, samples: Samples, onboard: Onboard) -> Commands:
+        """Return what is commanded at the sample that is due now: nothing before the sensors have spoken.
 
         Raises:
             FunctionError: the law raised.
-            SceneError: the law did not return an array of the right shape.
+            SceneError: the law did not return an array of the right shape, or commands what is not there.
         """
-        import numpy as np
-
-        measured = self._measure(samples)
+        if not onboard.awake:
+            return {}
+        measured = self._measure(samples, onboard)
         # The law gets arrays of its own, which it may overwrite.
-        torque = called_for_numbers(self._name, self._law, measured)
-        if torque.shape != measured.angular_velocity_body.shape:
-            raise SceneError(
-                f"{self._name} returned an array of shape {torque.shape}, expected "
-                f"{measured.angular_velocity_body.shape}: a torque for each body; correct the law"
-            )
-        limited: Numbers = np.minimum(np.maximum(torque, -self._most), self._most)
-        biased: Numbers = limited + self._bias
-        # What is no number is not within it, either.
-        lost = ~np.all(np.abs(biased) <= self._possible, axis=-1, keepdims=True)
-        for place in np.flatnonzero(lost).tolist():
-            x, y, z = torque[place].tolist()
-            why = "no finite torque"
-            if np.isfinite(biased[place]).all():
-                with_bias = "" if (biased[place] == torque[place]).all() else ", saturated and with its bias"
-                size = f"{float(np.abs(biased[place]).max()):.3g} N m{with_bias}"
-                why = f"{size}, is more than the {self._largest[place][1]:.3g} N m that the body can be simulated under"
-            self.failed.setdefault(
-                place,
-                f"{self._name} returned ({x!r}, {y!r}, {z!r}) N m at simulation time {measured.time_s!r} s, {why}",
-            )
-        return np.where(lost, 0.0, biased) if lost.any() else biased
+        found = called(self._name, self._law, measured)
+        given = found if isinstance(found, Mapping) else {TORQUE: found}
+        commands = {name: self._checked(name, value, measured.time_s) for name, value in given.items()}
+        if self._share and TORQUE in commands:
+            x, y, z = commands.pop(TORQUE).T
+            commands |= {wheel: a * x + b * y + c * z for wheel, (a, b, c) in self._share.items()}
+        return commands
 
-    def _measure(self, samples: Samples) -> Measurement:
+    def _checked(self, name: str, value: object, time_s: float) -> Numbers:
+        """Return one command as numbers, a torque limited and biased; a body fails if they make no sense."""
         import numpy as np
 
-        time_s = samples.time_ns / NANOSECONDS
-        if not self._noise:
-            return Measurement(float(time_s), samples.orientation_xyzw.copy(), samples.angular_velocity_body.copy())
-        k = self._sample % _AHEAD
-        if k == 0:
-            # Sample first, so that what is used together lies together in memory.
-            self._drawn = np.stack([each.standard_normal((_AHEAD, 2, 3)) for each in self._noise], axis=1)
-        self._sample += 1
-        noise = self._drawn[k] * self._sizes[:, :, None]
-        attitude = samples.orientation_xyzw.copy()
-        if self._sizes[:, 0].any():
-            attitude = _turned(attitude, noise[:, 0])
-        return Measurement(float(time_s), attitude, samples.angular_velocity_body + noise[:, 1])
+        unit = {TORQUE: "N m", FORCE: "N", **self._units}.get(name)
+        if unit is None:
+            known = ", ".join([TORQUE, FORCE, *self._units])
+            raise SceneError(f"{self._name} returned a command for {name!r}, expected one of {known}; correct the law")
+        numbers = called_for_numbers(self._name, lambda: value)
+        is_wrench = name in (TORQUE, FORCE)
+        shape = (len(self._largest), 3) if is_wrench else (len(self._largest),)
+        if numbers.shape != shape:
+            what = f"a {name}" if is_wrench else f"a command to {name}"
+            raise SceneError(
+                f"{self._name} returned an array of shape {numbers.shape}, expected {shape}: {what} for each body; "
+                "correct the law"
+            )
+        found: Numbers = numbers
+        if name == TORQUE:
+            found = np.minimum(np.maximum(numbers, -self._most), self._most) + self._bias
+        possible = [each[name == TORQUE] if is_wrench else sys.float_info.max for each in self._largest]
+        # What is no number is not within it, either.
+        within = np.abs(found).reshape(len(possible), -1) <= np.array(possible)[:, None]
+        lost = ~np.all(within, axis=-1)
+        for place in np.flatnonzero(lost).tolist():
+            came, acts = np.atleast_1d(numbers[place]), np.atleast_1d(found[place])
+            why = f"no finite {name}" if is_wrench else f"no finite command to {name}"
+            if np.isfinite(acts).all():
+                with_bias = "" if (acts == came).all() else ", saturated and with its bias"
+                size = f"{float(np.abs(acts).max()):.3g} {unit}{with_bias}"
+                why = f"{size}, is more than the {possible[place]:.3g} {unit} that the body can be simulated under"
+            shown = ", ".join(map(repr, came.tolist()))
+            shown = f"({shown})" if is_wrench else shown
+            self.failed.setdefault(
+                place, f"{self._name} returned {shown} {unit} at simulation time {time_s!r} s, {why}"
+            )
+        if lost.any():
+            found = np.where(lost[:, None] if is_wrench else lost, 0.0, found)
+        return found
+
+    def _measure(self, samples: Samples, onboard: Onboard) -> Measurement:
+        import numpy as np
+
+        time_s = float(samples.time_ns / NANOSECONDS)
+        if onboard.sensors:
+            return Measurement(time_s, onboard.orientation_xyzw, onboard.angular_velocity_body, self._random, onboard)
+        attitude, rate = samples.orientation_xyzw.copy(), samples.angular_velocity_body.copy()
+        if self._noise:
+            k = self._sample % _AHEAD
+            if k == 0:
+                # Sample first, so that what is used together lies together in memory.
+                self._drawn = np.stack([each.standard_normal((_AHEAD, 2, 3)) for each in self._noise], axis=1)
+            self._sample += 1
+            noise = self._drawn[k] * self._sizes[:, :, None]
+            attitude = _turned(attitude, noise[:, 0]) if self._sizes[:, 0].any() else attitude
+            rate += noise[:, 1]
+        return Measurement(time_s, attitude, rate, self._random, onboard)
+
+
+def sharing(scene: Scene, through: Sequence[str]) -> Mapping[str, Vector]:
+    """Return the row, by wheel, that makes its torque from that on the body, with the least sum of squares.
+
+    With the axes a of the base scene: u = -a . (sum of a a^T)^-1 torque. Empty if the torque acts by itself.
+
+    Raises:
+        SceneError: there are no such wheels, or their axes lie in a plane.
+    """
+    wheels = {wheel.name: wheel for wheel in scene.wheels if wheel.command == "torque"}
+    if any(name not in wheels for name in through):
+        raise SceneError(
+            f"names of reaction wheels of which a torque is commanded, known: {', '.join(wheels) or 'none'}"
+        )
+    axes = [scale(1.0 / norm(wheels[name].axis), wheels[name].axis) for name in through]
+    if not axes:
+        return {}
+    one, two, three = (_row(axes, i) for i in range(3))
+    across = cross(two, three), cross(three, one), cross(one, two)
+    volume = dot(one, across[0])
+    if volume < _FLAT:
+        raise SceneError("three wheels or more, with axes that do not lie in one plane")
+    # The matrix is symmetric, and so is its inverse.
+    x, y, z = (scale(-1.0 / volume, each) for each in across)
+    return {name: (dot(axis, x), dot(axis, y), dot(axis, z)) for name, axis in zip(through, axes, strict=True)}
+
+
+def _row(axes: Sequence[Vector], i: int) -> Vector:
+    """Return row i of the sum of a a^T."""
+    return (
+        math.fsum(axis[i] * axis[0] for axis in axes),
+        math.fsum(axis[i] * axis[1] for axis in axes),
+        math.fsum(axis[i] * axis[2] for axis in axes),
+    )
 
 
 def _parameters(numbers: Mapping[str, Numbers]) -> Parameters:

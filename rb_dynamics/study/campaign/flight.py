@@ -15,10 +15,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.run.sample_arrays import Samples
 from rb_dynamics.scene.model import Scene
-from rb_dynamics.study.campaign.bodies import Alone, Bodies, SideBySide, go_side_by_side, step_ns
+from rb_dynamics.study.campaign.bodies import Alone, Bodies, Commands, SideBySide, go_side_by_side, step_ns
 from rb_dynamics.study.campaign.control import ControlLoop, check_values, delay_ns
 from rb_dynamics.study.campaign.metrics import MetricAccumulator
 from rb_dynamics.study.campaign.model import Campaign
+from rb_dynamics.study.campaign.onboard import Onboard
 from rb_dynamics.study.campaign.sampling import inputs
 from rb_dynamics.study.campaign.scenes import scenes_of
 from rb_dynamics.study.campaign.user_functions import FunctionError
@@ -56,7 +57,7 @@ def fly_block(campaign: Campaign, first: int, last: int, threads: int | None = N
         values = dict(zip(names, row, strict=True))
         try:
             check_values(values)
-            runs.append(_Run(number, values, scenes.scene(values)))
+            runs.append(_Run(number, values, scenes.scene(values, number)))
         except SceneError as error:
             errors[number] = str(error)
     metrics = {metric.name: np.full(last - first, math.nan) for metric in campaign.metrics}
@@ -85,15 +86,15 @@ def fly_alone(
     Raises:
         SceneError: the scene is not valid with its inputs.
         ConvergenceError: a step cannot be solved.
-        FunctionError: a user function raised, or the law returned no finite torque.
+        FunctionError: a user function raised, or the law returned no finite command.
         LogError: a log cannot be written.
     """
     values = _values(campaign, number)
     check_values(values)
     # A log, and the page made from it, names the scene by its source.
     name = f"{campaign.source}, run {number}, seed {campaign.seed}"
-    run = _Run(number, values, replace(scenes_of(campaign).whole(values), source=name))
-    bodies, metrics = Alone(run.scene, sinks), MetricAccumulator(campaign, 1)
+    run = _Run(number, values, replace(scenes_of(campaign).whole(values, number), source=name))
+    bodies, metrics = Alone(run.scene, sinks, campaign.control is not None), MetricAccumulator(campaign, 1)
     try:
         failed = _advance(campaign, bodies, [run], metrics, watch)
     finally:
@@ -115,7 +116,7 @@ def watch_runs(campaign: Campaign, numbers: Sequence[int], watch: Callable[[Samp
     runs = []
     for number in numbers:
         values = _values(campaign, number)
-        runs.append(_Run(number, values, scenes_of(campaign).scene(values)))
+        runs.append(_Run(number, values, scenes_of(campaign).scene(values, number)))
     if not _together(campaign, runs):
         raise ValueError("these runs cannot go side by side; execute each of them alone")
     bodies = SideBySide([run.scene for run in runs], None)
@@ -169,7 +170,11 @@ def _fly(campaign: Campaign, runs: list[_Run], threads: int | None) -> list[_Par
     """Execute `runs`; if one of them stops all, split them."""
     metrics, scenes = MetricAccumulator(campaign, len(runs)), [run.scene for run in runs]
     try:
-        bodies = SideBySide(scenes, threads) if _together(campaign, runs) else Alone(scenes[0])
+        bodies = (
+            SideBySide(scenes, threads)
+            if _together(campaign, runs)
+            else Alone(scenes[0], driven=campaign.control is not None)
+        )
         failed = _advance(campaign, bodies, runs, metrics)
     except (ConvergenceError, FunctionError) as error:
         if len(runs) == 1:
@@ -209,7 +214,7 @@ def _advance(
                     watch(samples)
                 next_look_ns = time_ns + campaign.observe_ns
             if sampling and loop is not None:
-                loop.sample(time_ns, samples)
+                loop.sample(time_ns, samples, bodies.onboard())
                 next_sample_ns += loop.period_ns
         if time_ns >= end_ns or (loop is not None and len(loop.failed) == len(runs)):
             return {} if loop is None else loop.failed
@@ -218,7 +223,7 @@ def _advance(
 
 
 class _Closed:
-    """Controllers, and the torques that wait for their delay."""
+    """Controllers, and the commands that wait for their delay."""
 
     def __init__(self, loop: ControlLoop, period_ns: int, delays_ns: Sequence[int]) -> None:
         import numpy as np
@@ -227,35 +232,42 @@ class _Closed:
         self._loop = loop
         self._groups = [(delay, np.array(delays_ns) == delay) for delay in sorted(set(delays_ns))]
         self._waiting: list[tuple[int, int, int]] = []
-        self._torques: dict[int, Numbers] = {}
-        self._held: Numbers = np.zeros((len(delays_ns), 3))
+        self._commands: dict[int, Commands] = {}
+        self._held: dict[str, Numbers] = {}
         self._count = 0
 
-    def sample(self, time_ns: int, samples: Samples) -> None:
-        """Evaluate the law; its torques wait for the delay."""
-        self._torques[self._count] = self._loop.torque(samples)
+    def sample(self, time_ns: int, samples: Samples, onboard: Onboard) -> None:
+        """Evaluate the law; its commands wait for the delay."""
+        commands = self._loop.commands(samples, onboard)
+        if not commands:
+            return
+        self._commands[self._count] = commands
         for group, (delay, _) in enumerate(self._groups):
             heapq.heappush(self._waiting, (time_ns + delay, self._count, group))
         self._count += 1
 
     def next_command_ns(self, end_ns: int) -> int:
-        """Return when the next torque takes effect, `end_ns` if none waits."""
+        """Return when the next command takes effect, `end_ns` if none waits."""
         return self._waiting[0][0] if self._waiting else end_ns
 
-    def commanded(self, time_ns: int) -> tuple[Numbers, npt.NDArray[np.bool_]] | None:
-        """Return the torques of all runs from now on, and which of them change now; None if none does."""
+    def commanded(self, time_ns: int) -> tuple[Commands, Commands, npt.NDArray[np.bool_]] | None:
+        """Return all that is commanded from now on, what of it comes now, and to which runs; None if nothing does."""
         import numpy as np
 
-        changed = np.zeros(len(self._held), dtype=np.bool_)
+        new: Commands = {}
+        changed = np.zeros(len(self._groups[0][1]), dtype=np.bool_)
         while self._waiting and self._waiting[0][0] == time_ns:
             _, number, group = heapq.heappop(self._waiting)
             of_group = self._groups[group][1]
-            self._held = np.where(of_group[:, None], self._torques[number], self._held)
+            for name, values in self._commands[number].items():
+                to = of_group.reshape(-1, *[1] * (values.ndim - 1))
+                self._held[name] = np.where(to, values, self._held.get(name, 0.0))
+                new = {**new, name: self._held[name]}
             changed |= of_group
             if group == len(self._groups) - 1:
                 # The longest delay has passed.
-                del self._torques[number]
-        return (self._held, changed) if changed.any() else None
+                del self._commands[number]
+        return (self._held, new, changed) if new else None
 
 
 def _closed(campaign: Campaign, runs: Sequence[_Run]) -> _Closed | None:

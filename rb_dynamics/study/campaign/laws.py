@@ -1,4 +1,4 @@
-"""Control laws: from the measurements of many bodies to the commanded torques, arrays in and arrays out.
+"""Control laws: from the measurements of many bodies to commands, arrays in and arrays out.
 
 A law is created once from its parameters for a block of bodies and then called at each sample; it may keep state. It
 works element by element, so that a body gets the same bits alone and in a block. `control.py` adds delay, noise and
@@ -8,34 +8,101 @@ saturation.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING
 
+from rb_dynamics.study.campaign.onboard import Onboard
+
 if TYPE_CHECKING:
+    import numpy as np
+
     from rb_dynamics.numerics.arrays import Numbers
 
 Parameters = Mapping[str, "Numbers"]
 """By name: (N,) for a number, (N, k) for a list of k."""
 
 
-@dataclass(frozen=True)
+class RandomStreams:
+    """A stream of random numbers for each of N runs, which depends on the seed of the campaign and the run alone."""
+
+    def __init__(self, make: Callable[[], Sequence[np.random.Generator]]) -> None:
+        """Draw from the generators that `make` returns, one for each run."""
+        self._make = make
+
+    def normal(self, count: int) -> Numbers:
+        """Return the next `count` numbers of each run, of the standard normal distribution, (N, `count`)."""
+        import numpy as np
+
+        return np.stack([each.standard_normal(count) for each in self._streams])
+
+    def uniform(self, count: int) -> Numbers:
+        """Return the next `count` numbers of each run, evenly distributed from 0 to 1, (N, `count`)."""
+        import numpy as np
+
+        return np.stack([each.random(count) for each in self._streams])
+
+    @cached_property
+    def _streams(self) -> Sequence[np.random.Generator]:
+        return self._make()
+
+
 class Measurement:
     """Input of a law for N bodies.
 
     Attributes:
         time_s: of the sample, s.
-        orientation_xyzw: (N, 4), body to world.
-        angular_velocity_body: (N, 3), rad/s.
+        sensors: newest message of each sensor of the scene, by its name: `time_s` (N,) when it was taken, and what it
+            measures: `angular_velocity`, `specific_force`, `magnetic_field`, `direction` (N, 3) in the axes of the
+            sensor, `orientation_xyzw` (N, 4) sensor to world, `position_world` (N, 3). NaN before the first message.
+        wheel_speeds: of each reaction wheel, relative to the body, rad/s, (N,), by its name.
+        magnetic_field_world: flux density of the scene's field at the body origin, T, (N, 3); None without a field.
+        random: streams of random numbers.
     """
 
-    time_s: float
-    orientation_xyzw: Numbers
-    angular_velocity_body: Numbers
+    def __init__(
+        self,
+        time_s: float,
+        orientation_xyzw: Numbers | None,
+        angular_velocity_body: Numbers | None,
+        random: RandomStreams,
+        onboard: Onboard,
+    ) -> None:
+        """Give a law these; None is what no sensor measures."""
+        self.time_s, self.random = time_s, random
+        self.sensors, self.wheel_speeds = onboard.sensors, onboard.wheel_speeds
+        self.magnetic_field_world = onboard.magnetic_field_world
+        self._orientation, self._rate = orientation_xyzw, angular_velocity_body
+
+    @property
+    def orientation_xyzw(self) -> Numbers:
+        """(N, 4), body to world: the true one with noise, or as the first sensor that measures it says.
+
+        Raises:
+            LookupError: the scene has sensors, of which none measures it.
+        """
+        if self._orientation is None:
+            raise LookupError("no sensor of the scene measures the attitude; add a star_tracker or a pose to sensors")
+        return self._orientation
+
+    @property
+    def angular_velocity_body(self) -> Numbers:
+        """(N, 3), rad/s: the true one with noise, or as the first sensor that measures it says.
+
+        Raises:
+            LookupError: the scene has sensors, of which none measures it.
+        """
+        if self._rate is None:
+            raise LookupError("no sensor of the scene measures the angular velocity; add an imu to sensors")
+        return self._rate
 
 
-Law = Callable[[Measurement], "Numbers"]
-"""Returns the torque about the centre of mass, (N, 3), body axes, N m."""
+Law = Callable[[Measurement], "Numbers | Mapping[str, Numbers]"]
+"""Returns the torque about the centre of mass, (N, 3), body axes, N m; or commands by name.
+
+These are `torque` and `force` (N, through the centre of mass, body axes), (N, 3), and actuators of the scene, (N,), in
+their units. What is left out stays as it was.
+"""
 
 
 def rate_damping(parameters: Parameters) -> Law:
@@ -118,3 +185,10 @@ REQUIRED: Mapping[str, tuple[str, ...]] = {
 """Required parameters of a law."""
 
 OPTIONAL: Mapping[str, tuple[str, ...]] = {"attitude_pd": ("target",)}
+
+HEARS: Mapping[str, Mapping[str, str]] = {
+    "rate_damping": {"angular_velocity": "an imu"},
+    "b_dot": {"angular_velocity": "an imu", "orientation_xyzw": "a star_tracker or a pose"},
+    "attitude_pd": {"angular_velocity": "an imu", "orientation_xyzw": "a star_tracker or a pose"},
+}
+"""What a sensor must measure for a law, and what does."""

@@ -10,6 +10,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from rb_dynamics.errors import SceneError
+from rb_dynamics.loads.actuator import Actuator
+from rb_dynamics.loads.reaction_wheel import ReactionWheel
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.study.campaign.model import Campaign, Metric
 from rb_dynamics.study.campaign.user_functions import called_for_numbers, find_function
@@ -44,6 +46,24 @@ def energy_defect(samples: Samples) -> Numbers:
     return np.abs(samples.energy_defect)
 
 
+def wheel_speed(samples: Samples) -> Numbers:
+    """Return the largest |speed| of a reaction wheel, rad/s."""
+    import numpy as np
+
+    speed: Numbers = np.abs(samples.wheel_speeds).max(axis=-1)
+    return speed
+
+
+def rejected_commands(samples: Samples) -> Numbers:
+    """Return how many commands were rejected so far, such as an on-time below `minimum_on`."""
+    return samples.rejected_commands
+
+
+def clipped_commands(samples: Samples) -> Numbers:
+    """Return how many commands limits have reduced so far."""
+    return samples.clipped_commands
+
+
 def attitude_from(target_xyzw: Sequence[float]) -> Quantity:
     """Return the function that gives the rotation angle from `target_xyzw`, rad, 0 to pi."""
     a, b, c, d = target_xyzw
@@ -70,6 +90,9 @@ QUANTITIES: Mapping[str, tuple[str, str]] = {
     "angular_momentum": ("angular momentum", "kg m²/s"),
     "energy": ("kinetic energy", "J"),
     "energy_defect": ("defect of the energy", "J"),
+    "wheel_speed": ("largest speed of a wheel", "rad/s"),
+    "rejected_commands": ("rejected commands", ""),
+    "clipped_commands": ("clipped commands", ""),
 }
 """Description and unit of each quantity."""
 
@@ -78,7 +101,18 @@ _FUNCTIONS: Mapping[str, Quantity] = {
     "angular_momentum": angular_momentum,
     "energy": energy,
     "energy_defect": energy_defect,
+    "wheel_speed": wheel_speed,
+    "rejected_commands": rejected_commands,
+    "clipped_commands": clipped_commands,
 }
+
+
+OF_ACTUATORS: Mapping[str, type[Actuator]] = {
+    "wheel_speed": ReactionWheel,
+    "rejected_commands": Actuator,
+    "clipped_commands": Actuator,
+}
+"""Quantities for which the scene must list actuators, and of which type."""
 
 
 def _length(vectors: Numbers) -> Numbers:

@@ -29,7 +29,7 @@ class Input:
 
 @dataclass(frozen=True)
 class Control:
-    """A closed loop: a law that is sampled at its own rate and commands a torque.
+    """A closed loop: a law that is sampled at its own rate and commands a torque, a force and actuators.
 
     Attributes:
         law: a name in `laws.LAWS`, or the dotted name of a user function.
@@ -37,11 +37,13 @@ class Control:
         numbers: dotted key and value of everything that may be dispersed: `control.delay` (s), `control.saturation` (N
             m, per axis), `control.bias[i]` (N m), `control.noise.attitude` (rad, per axis), `control.noise.rate`
             (rad/s, per axis), and `control.parameters.*` of the law.
+        through: names of the reaction wheels that give the torque; none where it acts by itself.
     """
 
     law: str
     period_ns: int
     numbers: tuple[tuple[str, float], ...]
+    through: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

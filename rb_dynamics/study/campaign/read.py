@@ -10,9 +10,12 @@ import math
 import os
 import re
 from collections.abc import Container, Mapping, Sequence
+from dataclasses import replace
 from types import MappingProxyType
 
 from rb_dynamics.errors import SceneError
+from rb_dynamics.loads.actuator import Actuator
+from rb_dynamics.loads.channels import Channel
 from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS, SHORTEST
 from rb_dynamics.numerics.rotation import IDENTITY, unit
 from rb_dynamics.scene import document
@@ -23,9 +26,9 @@ from rb_dynamics.scene.problems import Problems
 from rb_dynamics.scene.read import parse_scene, read_scene
 from rb_dynamics.scene.text_file import read_text
 from rb_dynamics.study.campaign import laws
-from rb_dynamics.study.campaign.bodies import CHANNEL, step_ns
-from rb_dynamics.study.campaign.control import DELAY, NOT_NEGATIVE, NUMBER, POSITIVE, RULES
-from rb_dynamics.study.campaign.metrics import QUANTITIES, REDUCTIONS, MetricAccumulator
+from rb_dynamics.study.campaign.bodies import CHANNEL, FORCE, TORQUE, step_ns
+from rb_dynamics.study.campaign.control import DELAY, NOT_NEGATIVE, NUMBER, POSITIVE, RULES, sharing
+from rb_dynamics.study.campaign.metrics import OF_ACTUATORS, QUANTITIES, REDUCTIONS, MetricAccumulator
 from rb_dynamics.study.campaign.model import SAMPLINGS, Campaign, Control, Metric, Requirement
 from rb_dynamics.study.campaign.read_dispersions import correlations, inputs
 from rb_dynamics.study.campaign.user_functions import find_function
@@ -37,7 +40,7 @@ _ROOT_KEYS = (
     "scene", "set", "runs", "seed", "sampling", "disperse", "correlate", "control", "observe_rate", "metrics",
     "require",
 )  # fmt: skip
-_CONTROL_KEYS = ("law", "rate", "delay", "saturation", "bias", "noise", "parameters")
+_CONTROL_KEYS = ("law", "rate", "delay", "through", "saturation", "bias", "noise", "parameters")
 
 _COLUMNS = ("run", "seed", "passed", "error")
 
@@ -85,13 +88,15 @@ def parse_campaign(text: str, source: str = "<campaign>", overrides: Mapping[str
     base = _base(root, control is not None, problems)
     if base is None:
         raise problems.error()
+    if control is not None and not problems:
+        control = _on_board(root.section("control", _CONTROL_KEYS), control, base)
     seed, sampling = int(root.number("seed", _SEED, 0.0)), _sampling(root.get("sampling"))
     runs = int(root.number("runs", _RUNS, 1.0, required=True))
     found = inputs(root.get("disperse"), base, dict(control.numbers) if control else {})
     if sampling == "sobol" and runs > _MOST_SOBOL and (field := root.get("runs")):
         field.reject(f"at most {_MOST_SOBOL} with sobol", "write fewer, or sampling: random")
     mixing = correlations(root.get("correlate"), found)
-    metrics = _metrics(root, control, {*_COLUMNS, *(each.name for each in found)})
+    metrics = _metrics(root, control, base, {*_COLUMNS, *(each.name for each in found)})
     period_ns = control.period_ns if control else round(NANOSECONDS / (base.output_rate or 1.0))
     observe = root.get("observe_rate")
     if observe is not None:
@@ -144,17 +149,11 @@ def _base(root: Section, controlled: bool, problems: Problems) -> Scene | None:
         if base.body.is_particle:
             field.reject("a body that turns", "add body.inertia to the scene, or remove control", "a particle")
             return None
-        channels = [
-            {
-                "topic": each.topic,
-                "timeout": each.timeout,
-                "optional": each.optional,
-                "bias": {"force": list(each.bias_force), "torque": list(each.bias_torque)},
-            }
-            for each in base.channels
-            if each.topic != CHANNEL
-        ]
-        apply_overrides(tree, {"wrenches": [*channels, {"topic": CHANNEL}]}, problems)
+        if CHANNEL not in {each.topic for each in base.channels}:
+            listed = tree.value.get("wrenches") if isinstance(tree.value, dict) else None
+            given = listed.value if listed is not None and isinstance(listed.value, list) else None
+            entries = [{"topic": Channel().topic}] if given is None else [document.plain(each) for each in given]
+            apply_overrides(tree, {"wrenches": [*entries, {"topic": CHANNEL}]}, problems)
     return parse_scene(document.to_text(tree, f"{title}, as a campaign runs it"), title)
 
 
@@ -194,7 +193,67 @@ def _control(field: Field | None) -> Control | None:
     for key, value in parameters.items():
         numbers.update(_parameter(value, f"control.parameters.{key}"))
     _check_parameters(section, name, parameters)
-    return Control(name, period_ns, tuple(numbers.items()))
+    through = section.get("through")
+    names = (
+        [each.node.value for each in through.items("names of reaction wheels", "write [wheel_x]")] if through else []
+    )
+    return Control(name, period_ns, tuple(numbers.items()), tuple(map(str, names)))
+
+
+def _on_board(section: Section, control: Control, base: Scene) -> Control:
+    """Return `control` without the errors that sensors and actuators of the scene have themselves."""
+    numbers, through = dict(control.numbers), section.get("through")
+    if base.sensors:
+        _refuse(section, "noise", "the noise of the scene's sensors, which the law hears", _noise_lines(control))
+        numbers = {key: value for key, value in numbers.items() if not key.startswith("control.noise.")}
+        measured = {name for sensor in base.sensors for name in sensor.values}
+        for name, kind in laws.HEARS.get(control.law, {}).items():
+            if name not in measured:
+                section.field.reject(f"{kind} in the scene for {control.law}", "add it to sensors", f"no {name}")
+    if base.actuators and through is None and control.law in laws.LAWS:
+        names = ", ".join(wheel.name for wheel in base.wheels)
+        section.field.reject(
+            "what gives the torque of the law",
+            f"add through: [{names}], or through: [] for a torque that acts by itself",
+            f"{control.law} and actuators in the scene",
+        )
+    if base.actuators and (through is None or control.through):
+        limit = numbers["control.saturation"]
+        lines = f"max_torque: {limit!r} for reaction wheels, or wrenches: [{{topic: {CHANNEL}, max_torque: {limit!r}, "
+        _refuse(section, "saturation", "the limits of the scene's actuators and channels", lines + "on_excess: clip}]")
+        bias = [numbers[f"control.bias[{i}]"] for i in range(3)]
+        lines = f"wrenches: [{{topic: {CHANNEL}, bias: {{torque: {bias!r}}}}}]"
+        _refuse(section, "bias", "the bias of a channel of the scene", lines)
+        numbers = {key: value for key, value in numbers.items() if not key.startswith(_OF_TORQUE)}
+    for each in base.actuators:
+        if each.name in (TORQUE, FORCE):
+            section.field.reject(f"no actuator called {TORQUE} or {FORCE}", "rename it", f"an actuator {each.name}")
+    if through is not None:
+        try:
+            sharing(base, control.through)
+        except SceneError as error:
+            through.reject(str(error), "correct the names")
+    return replace(control, numbers=tuple(numbers.items()))
+
+
+_OF_TORQUE = ("control.saturation", "control.bias[")
+
+
+def _refuse(section: Section, name: str, expected: str, lines: str) -> None:
+    """Refuse a key of `control` for which the scene has better ones."""
+    field = section.get(name)
+    if field is not None:
+        field.reject(expected, f"remove {name}, and write in the scene {lines}")
+
+
+def _noise_lines(control: Control) -> str:
+    """Return sensors with the noise of `control`."""
+    numbers, rate = dict(control.numbers), NANOSECONDS / control.period_ns
+    density, noise = numbers["control.noise.rate"] / math.sqrt(rate), numbers["control.noise.attitude"]
+    return (
+        f"sensors: [{{type: imu, name: imu, rate: {rate:.6g}, gyro: {{noise_density: {density:.6g}}}}}, "
+        f"{{type: star_tracker, name: tracker, rate: {rate:.6g}, noise: {noise:.6g}}}]"
+    )
 
 
 def _name(field: Field, known: Sequence[str]) -> str:
@@ -260,7 +319,7 @@ def _check_grid(root: Section, base: Scene, control: Control | None) -> None:
         )
 
 
-def _metrics(root: Section, control: Control | None, taken: Container[str]) -> tuple[Metric, ...]:
+def _metrics(root: Section, control: Control | None, base: Scene, taken: Container[str]) -> tuple[Metric, ...]:
     field = root.get("metrics")
     if field is None:
         root.missing("metrics", "a mapping from names to metrics", "add metrics: {final_rate: {final: rate}}")
@@ -277,6 +336,9 @@ def _metrics(root: Section, control: Control | None, taken: Container[str]) -> t
         if name in taken:
             entry.reject("a name that no other column has", "rename the metric", f"the name {name}")
         quantity = section.get(given[0])
+        kind = OF_ACTUATORS.get(str(quantity.node.value), Actuator) if quantity else Actuator
+        if quantity and quantity.node.value in OF_ACTUATORS and not any(isinstance(a, kind) for a in base.actuators):
+            quantity.reject("a quantity that the scene has", "list what it is of under actuators of the scene")
         aim, stays = section.get("target"), section.get("stays")
         if not aim and target and quantity and quantity.node.value == "attitude" and not _is_attitude(target):
             entry.reject(

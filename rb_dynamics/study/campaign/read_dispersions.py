@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Mapping, Sequence
 
 from rb_dynamics.scene import document
 from rb_dynamics.scene.document import Node
 from rb_dynamics.scene.fields import Field, Rule, Section
 from rb_dynamics.scene.model import Scene
-from rb_dynamics.scene.overrides import PART
+from rb_dynamics.scene.overrides import find
 from rb_dynamics.scene.problems import Problems
 from rb_dynamics.study.campaign.control import NOT_NEGATIVE, NUMBER, POSITIVE
 from rb_dynamics.study.campaign.distributions import (
@@ -39,12 +38,16 @@ def inputs(field: Field | None, base: Scene, control: Mapping[str, float]) -> tu
     for key, entry in field.mapping("distributions by dotted key").items():
         if key == INERTIA:
             found += _inertia(entry, base)
+        elif key == "seed":
+            entry.reject("another key", "each run has a seed of its own, from that of the campaign", "the seed")
         elif key == ORIENTATION:
             found += _orientation(entry)
         else:
             found += _numbers(key, entry, _values(key, tree, control))
     names = [each.name for each in found]
-    if len(names) != len(set(names)):
+    # Items of lists are known by place and by name.
+    places = [id(find(tree, each.name)) if find(tree, each.name) else each.name for each in found]
+    if len(names) != len(set(names)) or len(places) != len(set(places)):
         field.reject("each number once", "remove one of them", "a number and the list that contains it")
     return tuple(found)
 
@@ -75,13 +78,7 @@ def _values(key: str, tree: Node, control: Mapping[str, float]) -> dict[str, flo
     found = {name: value for name, value in control.items() if name == key or name.startswith(f"{key}[")}
     if found or key.startswith("control."):
         return found
-    node: Node | None = tree
-    for part in key.split("."):
-        match = PART.fullmatch(part)
-        node = node.value.get(match[1]) if match and node and isinstance(node.value, dict) else None
-        for index in re.findall(r"\d+", match[2]) if match else ():
-            items = node.value if node else None
-            node = items[int(index)] if isinstance(items, list) and int(index) < len(items) else None
+    node = find(tree, key)
     if node is None:
         return {}
     if isinstance(node.value, list):

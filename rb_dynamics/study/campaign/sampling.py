@@ -10,6 +10,7 @@ import warnings
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
+from rb_dynamics.sensors.random_numbers import philox
 from rb_dynamics.study.campaign.model import Campaign
 
 if TYPE_CHECKING:
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
     from rb_dynamics.numerics.arrays import Numbers
 
-INPUTS, NOISE = 0, 1
+INPUTS, NOISE, LAW, SENSORS = range(4)
 """Independent streams of random numbers per run."""
 
 # The normal quantiles of 0 and 1 are infinite.
@@ -33,6 +34,11 @@ def generator(seed: int, run: int, stream: int) -> np.random.Generator:
 
     key, counter = np.array([seed, run], dtype=np.uint64), np.array([0, 0, 0, stream], dtype=np.uint64)
     return np.random.Generator(np.random.Philox(key=key, counter=counter))
+
+
+def seed_of_run(seed: int, run: int) -> int:
+    """Return the seed of the sensors of a run, from 0 to 2^53 - 1."""
+    return philox((0, 0, 0, SENSORS), (seed, run))[0] >> 11
 
 
 def inputs(campaign: Campaign, first: int, last: int) -> Numbers:

@@ -19,6 +19,7 @@ from rb_dynamics.scene.overrides import apply_overrides
 from rb_dynamics.scene.problems import Problems
 from rb_dynamics.scene.read import parse_scene, scene_of
 from rb_dynamics.study.campaign.model import Campaign
+from rb_dynamics.study.campaign.sampling import seed_of_run
 
 INERTIA, ORIENTATION = "body.inertia", "initial.orientation"
 FACTORS = tuple(f"{INERTIA}.second_moment[{i}]" for i in range(3))
@@ -43,25 +44,25 @@ class Scenes:
         self._keys = {each.name for each in campaign.inputs if not each.whole and not each.name.startswith("control.")}
         self._wholes = {each.whole for each in campaign.inputs}
 
-    def scene(self, values: Mapping[str, float]) -> Scene:
+    def scene(self, values: Mapping[str, float], run: int = 0) -> Scene:
         """Return the scene of a run with these inputs, without its text.
 
         Raises:
             SceneError: the scene is not valid with these inputs.
         """
         problems, tree = Problems(self._campaign.source), _copy(self._tree)
-        apply_overrides(tree, self.overrides(values), problems)
+        apply_overrides(tree, self.overrides(values, run), problems)
         return scene_of(tree, problems, "")
 
-    def whole(self, values: Mapping[str, float]) -> Scene:
+    def whole(self, values: Mapping[str, float], run: int = 0) -> Scene:
         """Return the scene of a run with these inputs, with its complete text.
 
         Raises:
             SceneError: the scene is not valid with these inputs.
         """
-        return parse_scene(self._campaign.scene_text, self._campaign.source, self.overrides(values))
+        return parse_scene(self._campaign.scene_text, self._campaign.source, self.overrides(values, run))
 
-    def overrides(self, values: Mapping[str, float]) -> dict[str, object]:
+    def overrides(self, values: Mapping[str, float], run: int = 0) -> dict[str, object]:
         """Return the changes to the base scene for a run with these inputs, by dotted key."""
         changes: dict[str, object] = {}
         if INERTIA in self._wholes:
@@ -71,6 +72,9 @@ class Scenes:
             changes[INERTIA] = self._inertia(values)
         if ORIENTATION in self._wholes:
             changes[ORIENTATION] = dict(zip("xyzw", self._orientation(values), strict=True))
+        if self.base.sensors:
+            # Each run has noise of its own.
+            changes["seed"] = seed_of_run(self._campaign.seed, run)
         return changes | {key: values[key] for key in values if key in self._keys}
 
     def _inertia(self, values: Mapping[str, float]) -> dict[str, object]:
