@@ -6,7 +6,8 @@ The fluid is at rest and has no surface; its resistance is drag, and its added m
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from functools import partial
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
@@ -18,6 +19,18 @@ from rb_dynamics.numerics.vector import ZERO, Vector, add, cross, dot, scale, su
 
 if TYPE_CHECKING:
     from rb_dynamics.scene.scene_entry import SceneEntry
+
+
+class Lift(NamedTuple):
+    """A force (N, world axes) at the end of an arm from the centre of mass (m, principal axes)."""
+
+    force: Vector
+    arm: Vector
+
+
+def lifted(lift: Lift, point: Point) -> tuple[Vector, Vector]:
+    """Return the force, and its torque about the centre of mass."""
+    return lift.force, cross(lift.arm, rotate_inverse(point.orientation, lift.force))
 
 
 @dataclass(frozen=True)
@@ -79,21 +92,18 @@ class Buoyancy(Effect):
 
     def wrenching(self, body: RigidBody, start: float) -> Wrenching:
         """Return the force, and its torque about the centre of mass."""
-        force, arm = self._force(), self._arm(body)
-        return lambda point: (force, cross(arm, rotate_inverse(point.orientation, force)))
+        return partial(lifted, self.lift(body))
+
+    def lift(self, body: RigidBody) -> Lift:
+        """Return what its load depends on."""
+        arm = rotate_inverse(body.principal_orientation_xyzw, subtract(self.center_body, body.center_of_mass))
+        return Lift(scale(-self.density * self.volume, self.acceleration_world), arm)
 
     def potential(self, body: RigidBody) -> Potential:
         """Return U = rho V g . x (J), zero at the origin."""
-        force, arm = self._force(), self._arm(body)
+        force, arm = self.lift(body)
 
         def at(point: Point) -> float:
             return -dot(force, add(point.position, rotate(point.orientation, arm)))
 
         return at
-
-    def _force(self) -> Vector:
-        return scale(-self.density * self.volume, self.acceleration_world)
-
-    def _arm(self, body: RigidBody) -> Vector:
-        """Return the centre of buoyancy from the centre of mass, principal axes (m)."""
-        return rotate_inverse(body.principal_orientation_xyzw, subtract(self.center_body, body.center_of_mass))

@@ -4,19 +4,73 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from functools import partial
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.effect import Effect, Field, Point, Potential, Sight, Wrenching
 from rb_dynamics.loads.load import LoadDependence
 from rb_dynamics.numerics.argument_checks import number, truth, vector
+from rb_dynamics.numerics.compilation import compiled_as
 from rb_dynamics.numerics.rotation import rotate, rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, cross, dot, norm, scale, subtract
 from rb_dynamics.numerics.vector import multiply as times
 
 if TYPE_CHECKING:
     from rb_dynamics.scene.scene_entry import SceneEntry
+
+
+class Attraction(NamedTuple):
+    """What the load of one body by one centre depends on: mu, the centre, mass and moments, whether with gradient."""
+
+    parameter: float
+    center: Vector
+    mass: float
+    moments: Vector
+    gradient: float
+
+
+def attracted(a: Attraction, point: Point) -> tuple[Vector, Vector]:
+    """Return force and torque at a point.
+
+    Raises:
+        ConvergenceError: the body reaches the centre.
+    """
+    distance, direction = _to(a.center, point.position)
+    pull = scale(-a.parameter * a.mass / distance / distance, direction)
+    if a.gradient == 0.0:
+        return pull, ZERO
+    trace = a.moments[0] + a.moments[1] + a.moments[2]
+    n = rotate_inverse(point.orientation, direction)
+    i_n = times(a.moments, n)
+    cubed = a.parameter / distance / distance / distance
+    tide = add_scaled(scale(trace - 5.0 * dot(n, i_n), n), 2.0, i_n)
+    force = rotate(point.orientation, scale(-1.5 * cubed / distance, tide))
+    return add(pull, force), scale(3.0 * cubed, cross(n, i_n))
+
+
+def time_to_fall(a: Attraction, point: Point) -> float:
+    """Return half of the time (s) in which the body could reach the centre, while it comes nearer."""
+    distance, direction = _to(a.center, point.position)
+    coming = dot(point.velocity, direction) < 0.0
+    return 0.5 * distance / norm(point.velocity) if coming else math.inf
+
+
+def _to(center: Vector, place: Vector) -> tuple[float, Vector]:
+    away = subtract(place, center)
+    distance = norm(away)
+    if distance == 0.0:
+        return _arrived(center)
+    return distance, scale(1.0 / distance, away)
+
+
+@compiled_as((math.nan, (math.nan, math.nan, math.nan)))
+def _arrived(center: Vector) -> tuple[float, Vector]:
+    raise ConvergenceError(
+        f"central_gravity: the body has reached the centre at {list(center)}, where the attraction is infinite; start "
+        "it further away, with more angular momentum about the centre, or end the run before"
+    )
 
 
 @dataclass(frozen=True)
@@ -65,34 +119,24 @@ class CentralGravity(Effect):
         gradient = truth(self.gravity_gradient, "central_gravity: gravity_gradient")
         object.__setattr__(self, "gravity_gradient", gradient)
 
+    def attraction(self, body: RigidBody) -> Attraction:
+        """Return what its load depends on."""
+        gradient = 1.0 if self.gravity_gradient else 0.0
+        return Attraction(self.gravitational_parameter, self.center_world, body.mass, body.principal_moments, gradient)
+
     def wrenching(self, body: RigidBody, start: float) -> Wrenching:
         """Return force and torque at a point.
 
         Raises:
             ConvergenceError: the body reaches the centre.
         """
-        mu, mass, moments = self.gravitational_parameter, body.mass, body.principal_moments
-        trace = moments[0] + moments[1] + moments[2]
-
-        def attraction(point: Point) -> tuple[Vector, Vector]:
-            distance, direction = self._to(point.position)
-            pull = scale(-mu * mass / distance / distance, direction)
-            if not self.gravity_gradient:
-                return pull, ZERO
-            n = rotate_inverse(point.orientation, direction)
-            i_n = times(moments, n)
-            cubed = mu / distance / distance / distance
-            tide = add_scaled(scale(trace - 5.0 * dot(n, i_n), n), 2.0, i_n)
-            force = rotate(point.orientation, scale(-1.5 * cubed / distance, tide))
-            return add(pull, force), scale(3.0 * cubed, cross(n, i_n))
-
-        return attraction
+        return partial(attracted, self.attraction(body))
 
     def gravity(self) -> Field:
         """Return -mu n / r^2 at a place."""
 
         def at(place: Vector) -> Vector:
-            distance, direction = self._to(place)
+            distance, direction = _to(self.center_world, place)
             return scale(-self.gravitational_parameter / distance / distance, direction)
 
         return at
@@ -103,7 +147,7 @@ class CentralGravity(Effect):
         trace = moments[0] + moments[1] + moments[2]
 
         def at(point: Point) -> float:
-            distance, direction = self._to(point.position)
+            distance, direction = _to(self.center_world, point.position)
             energy = -mu * mass / distance
             if not self.gravity_gradient:
                 return energy
@@ -114,20 +158,4 @@ class CentralGravity(Effect):
 
     def sight(self, body: RigidBody) -> Sight:
         """Return half of the time in which the body could reach the centre, while it comes nearer."""
-
-        def ahead(point: Point) -> float:
-            distance, direction = self._to(point.position)
-            coming = dot(point.velocity, direction) < 0.0
-            return 0.5 * distance / norm(point.velocity) if coming else math.inf
-
-        return ahead
-
-    def _to(self, place: Vector) -> tuple[float, Vector]:
-        away = subtract(place, self.center_world)
-        distance = norm(away)
-        if distance == 0.0:
-            raise ConvergenceError(
-                f"central_gravity: the body has reached the centre at {list(self.center_world)}, where the attraction "
-                "is infinite; start it further away, with more angular momentum about the centre, or end the run before"
-            )
-        return distance, scale(1.0 / distance, away)
+        return partial(time_to_fall, self.attraction(body))

@@ -6,13 +6,16 @@ A part that no effect has is None, so that no code runs for it.
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from numbers import Integral
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import ConvergenceError, SceneError
+from rb_dynamics.loads.compiled_load import effect_numbers
 from rb_dynamics.loads.effect import Effect, Field, Point, Sight, Slowing, Stored, Wrenching
 from rb_dynamics.loads.load import Load, LoadDependence
 from rb_dynamics.loads.wrench import WORLD, Wrench, WrenchFrames
@@ -121,6 +124,10 @@ class CombinedEffects:
 
         return at
 
+    def numbers(self, start: float) -> tuple[float, ...] | None:
+        """Return the same load for kernels; None if there is none, or an effect has no numbers."""
+        return None if self.takes == LoadDependence.HELD else effect_numbers(self.effects, self.body, start)
+
     def potential(self) -> Callable[[Point], float] | None:
         """Return the potential energy (J) of all; None where none has one."""
         parts = self._parts("potential", lambda effect: _real(effect, "potential", "J", effect.potential(self.body)))
@@ -151,7 +158,7 @@ class CombinedEffects:
     def slowing(self) -> Slowing | None:
         """Return the rate (1/s) at which differences of velocity die down; None where they need not."""
         parts = self._parts("slowing", lambda effect: _real(effect, "slowing", "1/s", effect.slowing(self.body), 0.0))
-        return (lambda point: math.fsum(part(point) for part in parts)) if parts else None
+        return (lambda point: _total(part(point) for part in parts)) if parts else None
 
     def sight(self) -> Sight | None:
         """Return for how long (s) the load at a point tells what comes; None where it always does."""
@@ -164,7 +171,7 @@ class CombinedEffects:
 
         def strength(point: Point) -> float:
             parts = (_inside_the_step(effect, self.body, point.time) for effect in changing)
-            return math.fsum(norm(part(point)[0]) for part in parts if part is not None)
+            return _total(norm(part(point)[0]) for part in parts if part is not None)
 
         return strength if changing else None
 
@@ -182,6 +189,11 @@ class CombinedEffects:
             return Stored(momentum, energy)
 
         return stored
+
+
+def _total(values: Iterable[float]) -> float:
+    """Return the sum in their order, as kernels add up; `sum` does not in all versions of Python."""
+    return reduce(operator.add, values, 0.0)
 
 
 def _added(fields: Sequence[Field | None]) -> Field:

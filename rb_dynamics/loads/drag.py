@@ -3,19 +3,57 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from functools import partial
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.effect import Effect, Point, Slowing, Wrenching
 from rb_dynamics.loads.load import LoadDependence
 from rb_dynamics.numerics.argument_checks import vector
-from rb_dynamics.numerics.rotation import conjugate, multiply, rotate, rotate_inverse
+from rb_dynamics.numerics.rotation import Quaternion, conjugate, multiply, rotate, rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector, norm, scale, subtract
 from rb_dynamics.numerics.vector import multiply as times
 
 if TYPE_CHECKING:
     from rb_dynamics.scene.scene_entry import SceneEntry
+
+
+class Resistance(NamedTuple):
+    """What the drag of one body depends on.
+
+    Attributes:
+        power: of the speed, beyond the first: 0 or 1.
+        translation, rotation: coefficients along and about the body axes.
+        medium: its velocity, world axes, m/s.
+        axes: principal to body axes.
+        slowing: the rate at which all differences of velocity die down by it, over the speed to `power`; else 0.
+    """
+
+    power: float
+    translation: Vector
+    rotation: Vector
+    medium: Vector
+    axes: Quaternion
+    slowing: float
+
+
+def resisted(r: Resistance, point: Point) -> tuple[Vector, Vector]:
+    """Return force and torque at a point."""
+    wind, omega = subtract(point.velocity, r.medium), point.angular_velocity
+    to_world = multiply(point.orientation, conjugate(r.axes))
+    force = rotate(to_world, scale(-_size(r, wind), times(r.translation, rotate_inverse(to_world, wind))))
+    torque = rotate_inverse(r.axes, scale(-_size(r, omega), times(r.rotation, rotate(r.axes, omega))))
+    return force, torque
+
+
+def slowed(r: Resistance, point: Point) -> float:
+    """Return the rate (1/s) at which all differences of velocity die down by it; 0 where they need not."""
+    return r.slowing * _size(r, subtract(point.velocity, r.medium)) if r.slowing > 0.0 else 0.0
+
+
+def _size(r: Resistance, velocity: Vector) -> float:
+    return norm(velocity) if r.power != 0.0 else 1.0
 
 
 @dataclass(frozen=True)
@@ -83,28 +121,18 @@ class _Drag(Effect):
 
         Else the speed along the axis of most drag, which the others share, fades before it has slowed the rest.
         """
-        least, medium = min(self.translation) / body.mass, self.medium_velocity_world
-        if least == 0.0 or (self.power and min(self.translation) < max(self.translation)):
-            return None
-        return lambda point: least * (norm(subtract(point.velocity, medium)) if self.power else 1.0)
+        resistance = self.resistance(body)
+        return partial(slowed, resistance) if resistance.slowing > 0.0 else None
+
+    def resistance(self, body: RigidBody) -> Resistance:
+        """Return what its load depends on."""
+        axes, least = body.principal_orientation_xyzw, min(self.translation)
+        slowing = 0.0 if self.power and least < max(self.translation) else least / body.mass
+        return Resistance(self.power, self.translation, self.rotation, self.medium_velocity_world, axes, slowing)
 
     def wrenching(self, body: RigidBody, start: float) -> Wrenching:
         """Return force and torque at a point."""
-        axes = body.principal_orientation_xyzw
-        translation, rotation, medium = self.translation, self.rotation, self.medium_velocity_world
-
-        def size(velocity: Vector) -> float:
-            return norm(velocity) if self.power else 1.0
-
-        def resistance(point: Point) -> tuple[Vector, Vector]:
-            wind = subtract(point.velocity, medium)
-            to_world = multiply(point.orientation, conjugate(axes))
-            force = rotate(to_world, scale(-size(wind), times(translation, rotate_inverse(to_world, wind))))
-            omega = point.angular_velocity
-            torque = rotate_inverse(axes, scale(-size(omega), times(rotation, rotate(axes, omega))))
-            return force, torque
-
-        return resistance
+        return partial(resisted, self.resistance(body))
 
 
 @dataclass(frozen=True)

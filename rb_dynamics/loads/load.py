@@ -29,6 +29,13 @@ class Load(Protocol):
         """
 
 
+def evaluated(
+    load: Load, t: float, displacement: Vector, velocity: Vector, orientation: Quaternion, angular_velocity: Vector
+) -> tuple[Vector, Vector]:
+    """Return what `load` returns; in a kernel, where a load is numbers, what `compiled_load.py` makes of them."""
+    return load(t, displacement, velocity, orientation, angular_velocity)
+
+
 class LoadDependence(IntEnum):
     """What a load depends on: an effect declares it, and a method declares the most it takes.
 

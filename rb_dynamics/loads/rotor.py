@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from itertools import count, pairwise
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
@@ -30,6 +31,22 @@ def _knot(k: int, pair: object) -> tuple[float, float]:
         raise TypeError(f"{name} is {shown(pair)}, expected {expected}; write (0.0, 100.0)")
     time, rate = (number(value, name, expected, SceneError) for value in found)
     return on_nanosecond(time), rate
+
+
+class Spin(NamedTuple):
+    """A rotor between two knots: its axis (principal axes), inertia, and its rate from `begin` (s) on."""
+
+    axis: Vector
+    inertia: float
+    begin: float
+    rate: float
+    slope: float
+
+
+def reaction(s: Spin, point: Point) -> tuple[Vector, Vector]:
+    """Return what the rotor does to the body, -w x h - h': an inner torque, no force."""
+    h = scale(s.inertia * (s.rate + s.slope * (point.time - s.begin)), s.axis)
+    return ZERO, subtract(scale(-s.inertia * s.slope, s.axis), cross(point.angular_velocity, h))
 
 
 @dataclass(frozen=True)
@@ -112,15 +129,11 @@ class Rotor(Effect):
 
     def wrenching(self, body: RigidBody, start: float) -> Wrenching:
         """Return what the rotor does to the body, -w x h - h': an inner torque, no force."""
-        axis = self._axis(body)
-        begin, rate, slope = self._piece(start)
-        reaction = scale(-self.axial_inertia * slope, axis)
+        return partial(reaction, self.spin(body, start))
 
-        def torque(point: Point) -> tuple[Vector, Vector]:
-            h = scale(self.axial_inertia * (rate + slope * (point.time - begin)), axis)
-            return ZERO, subtract(reaction, cross(point.angular_velocity, h))
-
-        return torque
+    def spin(self, body: RigidBody, start: float) -> Spin:
+        """Return what its load depends on from `start` (s) to the next knot."""
+        return Spin(self._axis(body), self.axial_inertia, *self._piece(start))
 
     def storing(self, body: RigidBody) -> Storing:
         """Return h and J s a . w + J s^2 / 2 at a point."""

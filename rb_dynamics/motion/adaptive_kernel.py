@@ -10,7 +10,17 @@ from functools import cache
 from struct import Struct
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from rb_dynamics.motion.fixed_step_kernel import OnDemand
+from rb_dynamics.loads.compiled_load import outlook, strength
+from rb_dynamics.loads.effect import Point
+from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.motion.fixed_step_kernel import (
+    PRICE_OF_EFFECTS,
+    WITH_EFFECTS,
+    OnDemand,
+    compiles,
+    load_of_effects,
+    no_load,
+)
 from rb_dynamics.motion.kernel_layout import (
     CONSTANTS,
     PHASE,
@@ -23,7 +33,7 @@ from rb_dynamics.motion.kernel_layout import (
     write_phase,
 )
 from rb_dynamics.motion.method import Increment, Inertia, Method
-from rb_dynamics.motion.phase_state import MOMENTUM, PhaseState, grown, is_finite, total
+from rb_dynamics.motion.phase_state import MOMENTUM, POSITION, PhaseState, elapsed, grown, is_finite, total
 from rb_dynamics.motion.step_control import (
     AccuracyControl,
     Goal,
@@ -79,7 +89,11 @@ class Progress(NamedTuple):
     following: Learnt
 
 
-def run(constants: Constants, goal: Goal, learnt: Learnt, phase: PhaseState, room: int, count: int) -> Progress:
+# Body and held wrench, and the numbers that `_load` reads.
+_Acting = tuple[Inertia, HeldWrench, "Numbers"]
+
+
+def run(constants: _Acting, goal: Goal, learnt: Learnt, phase: PhaseState, room: int, count: int) -> Progress:
     """Take at most `count` strides from `phase` on, as far as they end within `room` ns.
 
     Stops, with `next_stride` 0, before a stride that cannot be taken or whose accuracy cannot be reached.
@@ -97,18 +111,28 @@ def run(constants: Constants, goal: Goal, learnt: Learnt, phase: PhaseState, roo
     return Progress(strides, reached, phase, learnt, 0, phase, learnt)
 
 
-def _choose(goal: Goal, learnt: Learnt, phase: PhaseState, constants: Constants) -> Stride:
+def _choose(goal: Goal, learnt: Learnt, phase: PhaseState, constants: _Acting) -> Stride:
     """Placeholder for `by_trial` or the next function."""
     raise NotImplementedError
 
 
-def _by_method(goal: Goal, learnt: Learnt, phase: PhaseState, constants: Constants) -> Stride:
+def _by_trial_in_sight(goal: Goal, learnt: Learnt, phase: PhaseState, constants: _Acting) -> Stride:
+    """Do what `AccuracyControl.stride` does under the load of effects."""
+    inertia, _, effects = constants
+    slowing, sight = outlook(effects, _here(inertia, phase))
+    g, known = goal, learnt
+    goal = Goal(g.accuracy, g.horizon, g.ends, g.mass, g.order, g.errors, g.share, g.x, g.y, g.z, slowing, g.noise)
+    step = min(known.step, max(sight, 1.0 / NANOSECONDS))
+    return by_trial(goal, Learnt(step, known.farthest, known.telling, known.told, known.until), phase, constants)
+
+
+def _by_method(goal: Goal, learnt: Learnt, phase: PhaseState, constants: _Acting) -> Stride:
     """Return a stride chosen by the method itself, and take it."""
     chosen = by_method(goal, learnt, phase, constants)
     return Stride(chosen.length, _stepped(constants, phase, chosen.length / NANOSECONDS), learnt, 0.0)
 
 
-def _halves_and_whole(constants: Constants, phase: PhaseState, h: float) -> tuple[PhaseState, PhaseState]:
+def _halves_and_whole(constants: _Acting, phase: PhaseState, h: float) -> tuple[PhaseState, PhaseState]:
     """Return the phase after two steps of h/2 s and after one of h s."""
     kept = other = phase
     # A loop, so that only one step is compiled.
@@ -119,30 +143,41 @@ def _halves_and_whole(constants: Constants, phase: PhaseState, h: float) -> tupl
     return kept, other
 
 
-def _pair_of_steps(constants: Constants, phase: PhaseState, h: float) -> tuple[PhaseState, PhaseState]:
+def _pair_of_steps(constants: _Acting, phase: PhaseState, h: float) -> tuple[PhaseState, PhaseState]:
     """Return the phase after a step of h s, and the embedded result of one order less."""
-    inertia, held = constants
-    velocity = _velocity(inertia, phase)
-    step, comparison = _pair(inertia, held, h, velocity, phase.orientation, phase.angular_velocity, None)
+    inertia, held, effects = constants
+    velocity, load = _velocity(inertia, phase), _load(effects, phase.high, phase.low)
+    step, comparison = _pair(inertia, held, h, velocity, phase.orientation, phase.angular_velocity, load)
     return _grown(phase, step, h), _grown(phase, comparison, h)
 
 
-def _held_strength(constants: Constants, _: PhaseState) -> float:
+def _held_strength(constants: _Acting, _: PhaseState) -> float:
     """Return the sum of the magnitudes (N) of the forces."""
     held = constants[1]
     return norm(held.force_world) + norm(held.force_body)
 
 
-def _longest(constants: Constants, phase: PhaseState, accuracy: float, horizon: float) -> float:
-    inertia, held = constants
+def _whole_strength(constants: _Acting, phase: PhaseState) -> float:
+    """Return the same with those of effects."""
+    inertia, held, effects = constants
+    return norm(held.force_world) + norm(held.force_body) + strength(effects, _here(inertia, phase))
+
+
+def _here(inertia: Inertia, phase: PhaseState) -> Point:
+    velocity, place = _velocity(inertia, phase), total(phase, POSITION)
+    return Point(elapsed(phase), place, velocity, phase.orientation, phase.angular_velocity)
+
+
+def _longest(constants: _Acting, phase: PhaseState, accuracy: float, horizon: float) -> float:
+    inertia, held, _ = constants
     velocity = _velocity(inertia, phase)
     return _longest_step(inertia, held, velocity, phase.orientation, phase.angular_velocity, accuracy, horizon)
 
 
-def _stepped(constants: Constants, phase: PhaseState, h: float) -> PhaseState:
-    inertia, held = constants
-    velocity = _velocity(inertia, phase)
-    return _grown(phase, _step(inertia, held, h, velocity, phase.orientation, phase.angular_velocity, None), h)
+def _stepped(constants: _Acting, phase: PhaseState, h: float) -> PhaseState:
+    inertia, held, effects = constants
+    velocity, load = _velocity(inertia, phase), _load(effects, phase.high, phase.low)
+    return _grown(phase, _step(inertia, held, h, velocity, phase.orientation, phase.angular_velocity, load), h)
 
 
 def _velocity(inertia: Inertia, phase: PhaseState) -> Vector:
@@ -152,6 +187,9 @@ def _velocity(inertia: Inertia, phase: PhaseState) -> Vector:
 def _grown(phase: PhaseState, step: Increment, h: float) -> PhaseState:
     high, low = grown(phase.high, phase.low, step, h)
     return PhaseState(step.orientation, step.angular_velocity, high, low)
+
+
+_load = no_load
 
 
 def _step(*arguments: Any) -> Increment:
@@ -175,7 +213,8 @@ def _run_on_numbers(numbers: Numbers, room: int, count: int) -> tuple[int, int, 
     share, x, y, z = c[g + 6], c[g + 7], c[g + 8], c[g + 9]
     goal = Goal(c[g], c[g + 1], c[g + 2] != 0.0, c[g + 3], c[g + 4], c[g + 5], share, x, y, z, c[g + 10], c[g + 11])
     learnt = Learnt(c[i + PHASE], c[i + PHASE + 1], c[i + PHASE + 2], c[i + PHASE + 3], c[i + PHASE + 4])
-    progress = run(constants_at(c), goal, learnt, phase_at(c, i), room, count)
+    inertia, held = constants_at(c)
+    progress = run((inertia, held, c), goal, learnt, phase_at(c, i), room, count)
     write_phase(c, i, progress.phase)
     c[i + PHASE], c[i + PHASE + 1], c[i + PHASE + 2], c[i + PHASE + 3], c[i + PHASE + 4] = progress.learnt
     write_phase(c, k, progress.after)
@@ -184,6 +223,7 @@ def _run_on_numbers(numbers: Numbers, room: int, count: int) -> tuple[int, int, 
 
 
 _STRENGTH = specialise(_held_strength, "strength_of_held")
+_WHOLE_STRENGTH = specialise(_whole_strength, "strength_of_all")
 
 # Plain Python, like the function that chooses it.
 _STEPS_IN_A_STRIDE = {"doubling": 3.0, "pair": 1.5, "own": 1.5}
@@ -192,32 +232,39 @@ _STEPS_IN_A_STRIDE = {"doubling": 3.0, "pair": 1.5, "own": 1.5}
 class Strides(OnDemand):
     """The strides of one method with one kind of control."""
 
-    def __init__(self, method: Method, kind: str) -> None:
-        """Compile nothing yet; `kind` is "doubling", "pair" or "own"."""
-        name = f"strides_by_{kind}_{method.name}"
-        step = specialise(_stepped, f"{name}_step", _step=method.step)
+    def __init__(self, method: Method, kind: str, *, effects: bool = False) -> None:
+        """Compile nothing yet; `kind` is "doubling", "pair" or "own"; with `effects` for scenes that have some."""
+        name = f"strides_by_{kind}_{method.name}{WITH_EFFECTS if effects else ''}"
+        load = load_of_effects if effects else no_load
+        step = specialise(_stepped, f"{name}_step", _step=method.step, _load=load)
         if kind == "own":
             longest = specialise(_longest, f"{name}_longest", _longest_step=method.longest_step)
             known = specialise(by_method, f"{name}_known", _longest_step=longest)
             choose = specialise(_by_method, f"{name}_choice", by_method=known, _stepped=step)
         else:
             if kind == "pair":
-                attempt = specialise(_pair_of_steps, f"{name}_trial", _pair=method.pair)
+                attempt = specialise(_pair_of_steps, f"{name}_trial", _pair=method.pair, _load=load)
             else:
                 attempt = specialise(_halves_and_whole, f"{name}_trial", _stepped=step)
             longer = specialise(taught, f"{name}_taught", _attempt=attempt)
-            choose = specialise(by_trial, f"{name}_choice", _attempt=attempt, taught=longer, _strength=_STRENGTH)
+            whole = _WHOLE_STRENGTH if effects else _STRENGTH
+            choose = specialise(by_trial, f"{name}_choice", _attempt=attempt, taught=longer, _strength=whole)
+            if effects:
+                choose = specialise(_by_trial_in_sight, f"{name}_choice_in_sight", by_trial=choose)
         on_numbers = specialise(_run_on_numbers, name, run=specialise(run, f"{name}_run", _choose=choose))
-        super().__init__(method.name, on_numbers, _SIGNATURE, _STEPS_IN_A_STRIDE[kind])
+        price = _STEPS_IN_A_STRIDE[kind] * (PRICE_OF_EFFECTS if effects else 1.0)
+        super().__init__(method.name, on_numbers, _SIGNATURE, price)
 
     def after(
         self,
         constants: Constants,
-        control: OwnControl | AccuracyControl,
+        goal: Goal,
+        learnt: Learnt,
         phase: PhaseState,
         room: int,
         count: int,
         ahead: int,
+        effects: tuple[float, ...] = (),
     ) -> Progress | None:
         """Return the result of `run` if about `ahead` strides are expected; None if that is not worth compiling."""
         compiled = self.get(ahead, 1)
@@ -225,8 +272,8 @@ class Strides(OnDemand):
             return None
         import numpy as np
 
-        numbers = np.empty(_AFTER_AT + _KNOWN)
-        goal, learnt = control.goal, control.learnt
+        numbers = np.empty(_AFTER_AT + _KNOWN + len(effects))
+        numbers[_AFTER_AT + _KNOWN :] = effects
         _HANDED.pack_into(numbers.data, 0, *constant_numbers(*constants), *goal, *phase_numbers(phase), *learnt)
         strides, reached, next_stride = compiled(numbers, min(room, FOREVER), count)
         s = _PUT_BACK.unpack_from(numbers.data, 8 * _PHASE_AT)
@@ -238,24 +285,23 @@ def _known(numbers: tuple[float, ...]) -> tuple[PhaseState, Learnt]:
     return phase_of(numbers[:PHASE]), Learnt(*numbers[PHASE:])
 
 
-def strides_of(method: Method) -> Strides | None:
+def strides_of(method: Method, *, effects: bool = False) -> Strides | None:
     """Return the kernel for `method` with the control that suits it, None if there is none."""
-    if not method.compiles or method.order is None:
+    if method.order is None:
         return None
-    return _strides(method, "own" if method.longest_step else "pair" if method.pair else "doubling")
+    return _strides(method, "own" if method.longest_step else "pair" if method.pair else "doubling", effects=effects)
 
 
-def strides_by(method: Method, control: StepControl) -> Strides | None:
-    """Return the kernel for `method` with `control`, None if there is none."""
-    if not method.compiles:
-        return None
+def strides_by(method: Method, control: StepControl, *, effects: bool = False) -> Strides | None:
+    """Return the kernel for `method` with `control`, for scenes with or without effects; None if there is none."""
     if isinstance(control, OwnControl):
-        return _strides(method, "own")
+        return _strides(method, "own", effects=effects)
     if isinstance(control, AccuracyControl):
-        return _strides(method, "pair" if control.embedded else "doubling")
+        return _strides(method, "pair" if control.embedded else "doubling", effects=effects)
     return None
 
 
 @cache
-def _strides(method: Method, kind: str) -> Strides:
-    return Strides(method, kind)
+def _strides(method: Method, kind: str, *, effects: bool) -> Strides | None:
+    able = compiles(method, effects=effects) and not (effects and kind == "own")
+    return Strides(method, kind, effects=effects) if able else None

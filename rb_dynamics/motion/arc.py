@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion.adaptive_kernel import Progress, strides_by
+from rb_dynamics.motion.adaptive_kernel import Progress, Strides, strides_by
 from rb_dynamics.motion.fixed_step_kernel import LONGEST_STRETCH, kernel
 from rb_dynamics.motion.flight import Standing
 from rb_dynamics.motion.inner_states import StagedLoad, staged
@@ -37,11 +37,13 @@ class Outlook(NamedTuple):
         slowing: the rate (1/s) at which differences of velocity decay in a phase.
         sight: for how long (s) the load in a phase is a guide to the load ahead.
         strength: the sum of the magnitudes (N) of their forces in a phase.
+        numbers: the load and all of this for kernels, see `compiled_load.py`; none if that is not known.
     """
 
     slowing: OfPhase | None = None
     sight: OfPhase | None = None
     strength: OfPhase | None = None
+    numbers: tuple[float, ...] = ()
 
 
 Choose = Callable[[PhaseState, Callable[[Method], "Stepper"]], tuple[Method, StepControl]]
@@ -101,7 +103,7 @@ class Arc:
     def _use(self, method: Method, control: StepControl) -> None:
         self._method, self._control = method, control
         self._advance = self._stepper(method)
-        self._kernel = strides_by(method, control) if self._what_acts[2] is None else None
+        self._kernel = self._advance.strides(control)
 
     def _stepper(self, method: Method) -> Stepper:
         return Stepper(method, *self._what_acts)
@@ -205,12 +207,13 @@ class Arc:
         control = self._control
         if self._kernel is None or not isinstance(control, (AccuracyControl, OwnControl)):
             return None
-        inertia, held, *_ = self._what_acts
-        progress = self._kernel.after((inertia, held), control, self._phase, room, count, ahead)
+        progress = self._advance.progress(self._kernel, control, self._phase, room, count, ahead)
         if progress is not None:
             self._phase, self._stride = progress.phase, progress.next_stride or None
             self._after = progress.after if self._stride is not None else None
-            control.learnt, control.following = progress.learnt, progress.following
+            control.following = progress.following
+            if progress.strides:
+                control.learnt = progress.learnt
         return progress
 
     def _most_strides(self) -> int:
@@ -266,7 +269,9 @@ class Stepper:
     ) -> None:
         self._outlook = outlook
         self._method, self._inertia, self._held, self._load_from = method, inertia, held, load_from
-        self._kernel = kernel(method) if load_from is None else None
+        self._effects = () if load_from is None else outlook.numbers
+        self._compiles = load_from is None or bool(outlook.numbers)
+        self._kernel = kernel(method, effects=bool(self._effects)) if self._compiles else None
 
     def __call__(self, phase: PhaseState, h: float) -> PhaseState:
         """Return the phase after a step of h s."""
@@ -278,7 +283,26 @@ class Stepper:
         """Return the phase after `count` steps of h s by a kernel; None if that is not possible."""
         if self._kernel is None:
             return None
-        return self._kernel.after(self._inertia, self._held, h, count, phase, ahead, missed)
+        return self._kernel.after(self._inertia, self._held, h, count, phase, ahead, missed, self._effects)
+
+    def strides(self, control: StepControl) -> Strides | None:
+        """Return the kernel for strides by `control`; None if there is none."""
+        return strides_by(self._method, control, effects=bool(self._effects)) if self._compiles else None
+
+    def progress(
+        self,
+        strides: Strides,
+        control: AccuracyControl | OwnControl,
+        phase: PhaseState,
+        room: int,
+        count: int,
+        ahead: int,
+    ) -> Progress | None:
+        """Return what a kernel for strides comes to; None if it is not worth compiling."""
+        acting, goal, learnt = (self._inertia, self._held), control.goal, control.learnt
+        if self._effects and isinstance(control, AccuracyControl):
+            learnt = control.guess(phase, self)
+        return strides.after(acting, goal, learnt, phase, room, count, ahead, self._effects)
 
     def stride(self, control: StepControl, phase: PhaseState) -> tuple[int, PhaseState | None]:
         """Return the next stride that `control` chooses in `phase` and, if known, the phase at its end.
@@ -288,9 +312,9 @@ class Stepper:
         Raises:
             ConvergenceError: no stride meets the accuracy.
         """
-        strides = strides_by(self._method, control) if self._load_from is None else None
+        strides = self.strides(control)
         if strides is not None and strides.at_hand and isinstance(control, (AccuracyControl, OwnControl)):
-            progress = strides.after((self._inertia, self._held), control, phase, 0, 1, 1)
+            progress = self.progress(strides, control, phase, 0, 1, 1)
             if progress is not None and progress.next_stride:
                 control.following = progress.following
                 return progress.next_stride, progress.after

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from rb_dynamics.loads.load import evaluated
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Load, LoadDependence, Method
 from rb_dynamics.motion.rkmk import StageContext, stage_context
@@ -85,7 +86,7 @@ def _slope(context: StageContext, at: _Reached, load: Load | None) -> _Slope:
     if load is not None:
         place = add_scaled(rotate(axes, at.moved), at.ahead, context.velocity)
         v = add(context.velocity, rotate(axes, gain))
-        force, more = load(at.ahead, place, v, multiply(axes, at.turn), omega)
+        force, more = evaluated(load, at.ahead, place, v, multiply(axes, at.turn), omega)
         push, torque = add(push, rotate_inverse(axes, force)), add(torque, more)
     power = dot(add(push, context.force_0), add(context.velocity_0, gain)) + dot(torque, omega)
     power += dot(context.torque_0, rotate(at.turn, omega))

@@ -104,7 +104,7 @@ def compose(name: str, order: int, base: Method, coefficients: tuple[float, ...]
     Raises:
         ConvergenceError: a step of `{base.name}` cannot be solved.
     """
-    return Method(name, order, base.invariants, step, takes=base.takes, compiles=base.compiles)
+    return Method(name, order, base.invariants, step, takes=base.takes, compiles=base.compiles, compiles_loads=False)
 
 
 def _seen_from(load: Load, start: float, moved: Vector, drift: Vector, axes: Quaternion) -> Load:

@@ -31,7 +31,7 @@ def every_kernel() -> dict[str, OnDemand]:
 
 
 def _of(method: Method) -> Iterable[OnDemand | None]:
-    return kernel(method), strides_of(method)
+    return kernel(method), strides_of(method), kernel(method, effects=True), strides_of(method, effects=True)
 
 
 def _by_name(kernels: Iterable[OnDemand | None]) -> dict[str, OnDemand]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from rb_dynamics.loads.load import evaluated
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.equations_of_motion import differences_of, gyroscopic, half_product, turned
 from rb_dynamics.motion.method import Increment, Inertia, Load
@@ -194,7 +195,7 @@ def _slope(f: StepConstants, node: float, reached: Turn, carried: Carried, load:
         turn = normalize(q)
         place = add_scaled(rotate(f.orientation, shifted), ahead, f.velocity)
         v = add(f.velocity, rotate(f.orientation, gain))
-        force, more = load(ahead, place, v, multiply(f.orientation, turn), omega)
+        force, more = evaluated(load, ahead, place, v, multiply(f.orientation, turn), omega)
         push, torque = add(push, rotate_inverse(f.orientation, force)), add(torque, more)
     all_torque = torque
     # Rare; checking first would delay everything that follows in the stage.

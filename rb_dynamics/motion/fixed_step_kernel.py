@@ -1,12 +1,14 @@
-"""Kernels for fixed steps: many steps of one length under a held wrench in one compiled call.
+"""Kernels for fixed steps: many steps of one length in one compiled call.
 
 The same function runs in plain Python and, if numba is installed (extra `fast`) and it pays, compiled, with the same
 bits. It pays once the steps taken and known to come would take plain Python as long as loading the kernel from the
 cache (a tenth of a second). What is not there yet another process compiles meanwhile. The environment variable
 `RB_DYNAMICS_COMPILE` overrides that: `never`, `always` (at the first step, by this process) or `auto` (the default).
 
-A kernel does not support a load that varies in the step, and does not raise: non-finite numbers propagate to its end,
-where the caller notices them and repeats the steps in plain Python, which raises the error.
+Effects of the package have kernels of their own (`loads/compiled_load.py`); other loads that vary in the step do not.
+
+A kernel does not raise: non-finite numbers propagate to its end, where the caller notices them and repeats the steps in
+plain Python, which raises the error.
 """
 
 from __future__ import annotations
@@ -23,6 +25,8 @@ from struct import Struct
 from typing import TYPE_CHECKING, Any
 
 from rb_dynamics.errors import MissingExtraError, RigidBodyError
+from rb_dynamics.loads.compiled_load import EffectLoad
+from rb_dynamics.loads.load import LoadDependence
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.kernel_layout import (
     CONSTANTS,
@@ -43,6 +47,12 @@ from rb_dynamics.numerics.vector import Vector, scale
 
 if TYPE_CHECKING:
     from rb_dynamics.numerics.arrays import Numbers
+
+WITH_EFFECTS = "_with_effects"
+"""Ends the names of kernels for scenes that have some."""
+
+PRICE_OF_EFFECTS = 1.5
+"""How much dearer they make a step in plain Python."""
 
 LONGEST_STRETCH = 10_000
 """Steps per call: more would save nothing, and all are repeated if one of them is refused."""
@@ -90,8 +100,11 @@ def run(
     angular_velocity: Vector,
     high: Sums,
     low: Sums,
+    effects: Any = (),
 ) -> tuple[Quaternion, Vector, Sums, Sums]:
     """Return attitude, angular velocity, books (see `PhaseState`) after n steps of h s under `held`; principal axes.
+
+    `effects` are the numbers that `_load` reads.
 
     Raises:
         ConvergenceError: a step cannot be solved; a compiled kernel returns NaN instead.
@@ -99,7 +112,8 @@ def run(
     for _ in range(n):
         momentum = (high[3] + low[3], high[4] + low[4], high[5] + low[5])
         velocity = scale(1.0 / inertia.mass, momentum)
-        step = _step(inertia, held, h, velocity, orientation, angular_velocity, None)
+        load = _load(effects, high, low)
+        step = _step(inertia, held, h, velocity, orientation, angular_velocity, load)
         orientation, angular_velocity = step.orientation, step.angular_velocity
         high, low = grown(high, low, step, h)
     return orientation, angular_velocity, high, low
@@ -110,11 +124,26 @@ def _step(*arguments: Any) -> Increment:
     raise NotImplementedError
 
 
+def no_load(_effects: Any, _high: Sums, _low: Sums) -> EffectLoad | None:
+    """Return none; a kernel for scenes with effects has `load_of_effects` in its place."""
+    return None
+
+
+_load = no_load
+
+
+def load_of_effects(effects: Numbers, high: Sums, low: Sums) -> EffectLoad:
+    """Return the load of a step that starts with these sums; the numbers of the effects are at the end of `effects`."""
+    return EffectLoad(effects, high[13] + low[13], (high[0] + low[0], high[1] + low[1], high[2] + low[2]))
+
+
 def _run_on_numbers(numbers: Numbers, h: float, n: int) -> None:
     """Like `run`, on an array, which is 25 times faster to pass than tuples."""
     inertia, held = constants_at(numbers)
     start = phase_at(numbers, CONSTANTS)
-    q, w, high, low = run(inertia, held, h, n, start.orientation, start.angular_velocity, start.high, start.low)
+    q, w, high, low = run(
+        inertia, held, h, n, start.orientation, start.angular_velocity, start.high, start.low, numbers
+    )
     write_phase(numbers, CONSTANTS, PhaseState(q, w, high, low))
 
 
@@ -283,13 +312,25 @@ class OnDemand:
 class Kernel(OnDemand):
     """The stretches of one method."""
 
-    def __init__(self, method: Method) -> None:
-        """Compile nothing yet."""
-        name = f"{_run_on_numbers.__name__}_{method.name}"
-        super().__init__(method.name, specialise(_run_on_numbers, name, run=plain(method)), _SIGNATURE)
+    def __init__(self, method: Method, *, effects: bool = False) -> None:
+        """Compile nothing yet; with `effects` it is for scenes that have some."""
+        name, run = f"{_run_on_numbers.__name__}_{method.name}", plain(method)
+        if effects:
+            name += WITH_EFFECTS
+            run = specialise(run, f"{run.__name__}{WITH_EFFECTS}", _load=load_of_effects)
+        price = PRICE_OF_EFFECTS if effects else 1.0
+        super().__init__(method.name, specialise(_run_on_numbers, name, run=run), _SIGNATURE, price)
 
     def after(
-        self, inertia: Inertia, held: HeldWrench, h: float, n: int, phase: PhaseState, ahead: int, missed: int
+        self,
+        inertia: Inertia,
+        held: HeldWrench,
+        h: float,
+        n: int,
+        phase: PhaseState,
+        ahead: int,
+        missed: int,
+        effects: tuple[float, ...] = (),
     ) -> PhaseState | None:
         """Return the phase after n steps of h s; None if they must be taken in plain Python.
 
@@ -301,17 +342,23 @@ class Kernel(OnDemand):
             return None
         import numpy as np
 
-        numbers = np.empty(CONSTANTS + PHASE)
+        numbers = np.empty(CONSTANTS + PHASE + len(effects))
+        numbers[CONSTANTS + PHASE :] = effects
         _NUMBERS.pack_into(numbers.data, 0, *constant_numbers(inertia, held), *phase_numbers(phase))
         compiled(numbers, h, n)
         end = _PHASE.unpack_from(numbers.data, 8 * CONSTANTS)
         return phase_of(end) if all(map(math.isfinite, end)) else None
 
 
+def compiles(method: Method, *, effects: bool = False) -> bool:
+    """Return whether `method` can be compiled for scenes with or without effects."""
+    return method.compiles and not (effects and (method.takes == LoadDependence.HELD or not method.compiles_loads))
+
+
 @cache
-def kernel(method: Method) -> Kernel | None:
-    """Return the kernel of `method`, None if it cannot be compiled."""
-    return Kernel(method) if method.compiles else None
+def kernel(method: Method, *, effects: bool = False) -> Kernel | None:
+    """Return the kernel of `method`, for scenes with or without effects; None if it cannot be compiled."""
+    return Kernel(method, effects=effects) if compiles(method, effects=effects) else None
 
 
 def longest_in_plain(method: Method, worth: float) -> float:

@@ -120,6 +120,7 @@ class Method:
         pair: for an embedded pair, the step with its comparison; None if steps must be compared.
         compiles: whether numba can compile `step`, `longest_step` and `pair` under a held wrench; the kernel cache
             identifies a step by the name of the method.
+        compiles_loads: if it can, whether also under the loads that it takes.
         tableau: of a method that takes a load with states of its own.
     """
 
@@ -132,6 +133,7 @@ class Method:
     pair: Pair | None = None
     compiles: bool = False
     tableau: Tableau | None = None
+    compiles_loads: bool = True
 
 
 __all__ = ["Increment", "Inertia", "Load", "LoadDependence", "LongestStep", "Method", "Pair", "Step", "Takes"]

@@ -256,4 +256,5 @@ MIDPOINT = Method(
     step=step,
     takes=LoadDependence.ANY,
     compiles=True,
+    compiles_loads=False,
 )

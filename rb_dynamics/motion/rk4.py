@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from rb_dynamics.loads.load import evaluated
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.equations_of_motion import differences_of, gyroscopic, half_product, turned
 from rb_dynamics.motion.method import Increment, Inertia, Load, LoadDependence, Method
@@ -109,7 +110,7 @@ def _slope(
     if held.torque_world != ZERO:
         torque = add(torque, turned((-x, -y, -z, w), twice, held.torque_world))
     if load is not None:
-        push, twist = load(t, displacement, velocity, normalize(q), omega)
+        push, twist = evaluated(load, t, displacement, velocity, normalize(q), omega)
         force, torque = add(force, push), add(torque, twist)
     return _Slope(
         half_product(q, omega),

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from rb_dynamics.loads.load import evaluated
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia, Load, LoadDependence, Method
 from rb_dynamics.motion.step_checks import LARGEST_TURN, require_finite, turns_too_far
@@ -144,7 +145,7 @@ def _slope(context: StageContext, at: _Reached, load: Load | None) -> _Slope:
 
     push, torque, axes = rotate(turn, context.held.force_body), context.held.torque_body, context.orientation
     if load is not None:
-        force, more = load(at.ahead, rotate(axes, at.place), rotate(axes, v), multiply(axes, turn), omega)
+        force, more = evaluated(load, at.ahead, rotate(axes, at.place), rotate(axes, v), multiply(axes, turn), omega)
         push, torque = add(push, rotate_inverse(axes, force)), add(torque, more)
     theta_dot = dexpinv(scale(-1.0, at.theta), omega)
     rate = norm(theta_dot)

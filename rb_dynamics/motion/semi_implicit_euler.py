@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from rb_dynamics.loads.load import evaluated
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.equations_of_motion import differences_of, gyroscopic
 from rb_dynamics.motion.method import Increment, Inertia, Load, LoadDependence, Method
@@ -31,7 +32,7 @@ def step(
     force = add(rotate(orientation, held.force_body), held.force_world)
     torque = add(held.torque_body, rotate_inverse(orientation, held.torque_world))
     if load is not None:
-        push, twist = load(0.0, ZERO, velocity, orientation, angular_velocity)
+        push, twist = evaluated(load, 0.0, ZERO, velocity, orientation, angular_velocity)
         force, torque = add(force, push), add(torque, twist)
     free = gyroscopic(differences_of(inertia.moments), angular_velocity)
     omega = add_scaled(angular_velocity, h, divide(add(torque, free), inertia.moments))

@@ -13,6 +13,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from rb_dynamics.errors import ConvergenceError
+from rb_dynamics.loads.load import evaluated
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import exact
 from rb_dynamics.motion.composition import KAHAN_LI6
@@ -158,7 +159,8 @@ def kick_and_free(
         if load is not None:
             gained = add_scaled(rotate(orientation, pushed), kicked, held.force_world)
             gone = add_scaled(rotate(orientation, moved), moment, held.force_world)
-            force, torque = load(
+            force, torque = evaluated(
+                load,
                 elapsed,
                 add_scaled(scale(elapsed, velocity), 1.0 / mass, gone),
                 add_scaled(velocity, 1.0 / mass, gained),

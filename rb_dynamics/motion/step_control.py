@@ -319,8 +319,8 @@ class AccuracyControl:
         """
         trials = _Trials(advance, self.embedded)
         goal = self.goal._replace(slowing=advance.slowing(phase))
-        step = self.learnt.step or advance.steady(phase, _first(goal, phase))
-        known = self.learnt._replace(step=min(step, max(advance.sight(phase), 1.0 / NANOSECONDS)))
+        known = self.guess(phase, advance)
+        known = known._replace(step=min(known.step, max(advance.sight(phase), 1.0 / NANOSECONDS)))
         length, after, learnt, error = by_trial(goal, known, phase, trials)
         if length == 0 and trials.refused is not None:
             raise ConvergenceError(
@@ -335,6 +335,10 @@ class AccuracyControl:
         _require_reachable(self.goal, phase, max(length, learnt.step * NANOSECONDS))
         self.following = learnt
         return length, after
+
+    def guess(self, phase: PhaseState, advance: Advance) -> Learnt:
+        """Return what is learnt, with a guess for the next stride from `phase` on."""
+        return self.learnt._replace(step=self.learnt.step or advance.steady(phase, _first(self.goal, phase)))
 
     def start(self) -> None:
         """Forget what applies only to the last arc: another wrench has other errors."""

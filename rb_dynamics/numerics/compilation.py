@@ -26,12 +26,14 @@ _PACKAGE = Path(__file__).parents[1]
 # The folders whose functions kernels may call.
 _MADE_OF = ("numerics", "body", "loads", "motion")
 _F = TypeVar("_F", bound=Callable[..., Any])
-_MARK = "__compiled_as__"
+_MARK, _BY = "__compiled_as__", "__compiled_by__"
 _MONTH = 30 * 86400.0
 _log = logging.getLogger(__name__)
 
 # Division by zero gives inf or NaN: callers check for non-finite results. Without inlining, tuples go through memory.
 _OPTIONS = {"error_model": "numpy", "forceinline": True}
+
+_APART = {"error_model": "numpy", "forceinline": False}
 
 
 def compiled_as(value: object = None) -> Callable[[_F], _F]:
@@ -43,6 +45,19 @@ def compiled_as(value: object = None) -> Callable[[_F], _F]:
     def mark(function: _F) -> _F:
         setattr(function, _MARK, value)
         return function
+
+    return mark
+
+
+def compiled_by(function: Callable[..., Any]) -> Callable[[_F], _F]:
+    """Mark a function that compiled code runs in place of `function`, whose arguments are others there.
+
+    It is not inlined: it may be large, and is called at every stage of a method.
+    """
+
+    def mark(compiled: _F) -> _F:
+        setattr(function, _BY, compiled)
+        return compiled
 
     return mark
 
@@ -286,10 +301,15 @@ def _register(function: Any) -> None:
     from numba.extending import overload
 
     _registered[id(function)] = function
-    implementation = getattr(function, "__wrapped__", function)
+    implementation = _implementation(function)
     if hasattr(function, _MARK):
         implementation = _constant(getattr(function, _MARK))
-    overload(function, jit_options=_OPTIONS, strict=False)(lambda *_, **__: implementation)
+    options = _APART if hasattr(function, _BY) else _OPTIONS
+    overload(function, jit_options=options, strict=False)(lambda *_, **__: implementation)
+
+
+def _implementation(function: Any) -> Any:
+    return getattr(function, _BY, None) or getattr(function, "__wrapped__", function)
 
 
 def _constant(value: object) -> Callable[..., Any]:
@@ -312,12 +332,12 @@ def _reach(function: Any) -> list[Any]:
 
 
 def _callees(function: Any) -> Iterator[Any]:
-    plain = getattr(function, "__wrapped__", function)
+    plain = _implementation(function)
     cells = [cell.cell_contents for cell in plain.__closure__ or ()]
     names = plain.__code__.co_names
     values = [plain.__globals__[name] for name in names if name in plain.__globals__]
     values += [getattr(v, n) for v in values if isinstance(v, ModuleType) for n in names if hasattr(v, n)]
     for value in (*values, *cells):
-        inner = getattr(value, "__wrapped__", value)
+        inner = _implementation(value)
         if isinstance(inner, FunctionType) and inner.__module__.startswith(f"{_PACKAGE.name}."):
             yield value

@@ -670,7 +670,8 @@ class Simulation:
         if self._wheels is not None:
             self._load_from = self._with_wheels(self._wheels, held, self._load_from)
             self._wheels.settle(self._torque(self._phase), self._phase.angular_velocity, self._phase.inner)
-        arc = plan.arc(held, self.time_ns, self._phase, self._load_from)
+        numbers = self._effects.numbers(seconds) if driven is None and self._wheels is None else None
+        arc = plan.arc(held, self.time_ns, self._phase, self._load_from, numbers)
         expected = [time for time in (self._next_change_ns(), self.end_ns) if time is not None]
         arc.expected_ns = min(expected, default=self.time_ns)
         return arc

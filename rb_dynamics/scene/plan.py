@@ -48,8 +48,11 @@ class Plan:
         self._ends = bool(scene.duration)
         self._horizon = scene.duration or OPEN_END_HORIZON
         effects, body = scene.combined_effects, scene.body
-        outlook = effects.slowing(), effects.sight(), effects.strength()
-        self._outlook = Outlook(*(None if part is None else _of_phase(part, body) for part in outlook))
+        slowing, sight, strength = (
+            None if part is None else _of_phase(part, body)
+            for part in (effects.slowing(), effects.sight(), effects.strength())
+        )
+        self._outlook = Outlook(slowing, sight, strength)
         self.takes = scene.combined_effects.takes
         self._method = None if scene.solver.method == "auto" else METHODS[scene.solver.method]
         if self._method is not None and self._method.takes < self.takes:
@@ -69,15 +72,25 @@ class Plan:
             closed = "exact where the motion has a closed form; elsewhere " if self.takes == LoadDependence.HELD else ""
             self.description = f"auto: {closed}the cheapest of {names}, {self._steps(None)}"
 
-    def arc(self, held: HeldWrench, start_ns: int, phase: PhaseState, load_from: LoadFrom | None) -> Arc:
+    def arc(
+        self,
+        held: HeldWrench,
+        start_ns: int,
+        phase: PhaseState,
+        load_from: LoadFrom | None,
+        numbers: tuple[float, ...] | None = None,
+    ) -> Arc:
         """Return the motion from `start_ns` on, with `held` (body parts in principal axes) and the load of `load_from`.
+
+        `numbers` are the same load for kernels.
 
         Raises:
             ConvergenceError: no method meets the accuracy here.
         """
+        outlook = self._outlook._replace(numbers=numbers or ())
 
         def stepper(method: Method) -> Stepper:
-            return Stepper(method, self._inertia, held, load_from, self._outlook)
+            return Stepper(method, self._inertia, held, load_from, outlook)
 
         # Several commands may come at the same time, each with an arc that time never enters.
         if start_ns > self._from_ns:
@@ -85,7 +98,7 @@ class Plan:
             self._from_ns, self._from = start_ns, phase
         method, control = self._choose(held, start_ns, phase, load_from is None, stepper)
         again = None if self._method is not None or method is EXACT else self._cheapest
-        return Arc(method, self._inertia, held, control, start_ns, phase, load_from, again, self._outlook)
+        return Arc(method, self._inertia, held, control, start_ns, phase, load_from, again, outlook)
 
     def fly(self, arc: Arc, edges: Edges) -> tuple[Arc, Flown] | None:
         """Go from edge to edge by the flight kernel; None if it does not take that, or is not worth compiling.

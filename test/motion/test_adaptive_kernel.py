@@ -172,12 +172,14 @@ def test_short_arcs_come_to_be_worth_it(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr("rb_dynamics.motion.fixed_step_kernel.ask_for", lambda name: False)
     arc, _ = case(KINDS["doubling"], 5)
     (inertia, held, *_), control, phase = arc._what_acts, arc._control, arc._phase
+    assert isinstance(control, AccuracyControl)
+    what = (inertia, held), control.goal, control.learnt
     runs = adaptive_kernel.Strides(KINDS["doubling"], "doubling")
 
-    found = [runs.after((inertia, held), control, phase, 10**6, 5, 1) is not None for _ in range(102)]
+    found = [runs.after(*what, phase, 10**6, 5, 1) is not None for _ in range(102)]
 
     assert found == [False] * 99 + [True] * 3
-    assert adaptive_kernel.Strides(KINDS["doubling"], "doubling").after((inertia, held), control, phase, 10**6, 5, 100)
+    assert adaptive_kernel.Strides(KINDS["doubling"], "doubling").after(*what, phase, 10**6, 5, 100)
 
 
 def test_what_has_no_kernel_runs_in_plain_python() -> None:

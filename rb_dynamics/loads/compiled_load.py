@@ -1,0 +1,159 @@
+"""`EffectLoad`: the effects of the package as numbers, and their load as a kernel evaluates it.
+
+The functions are those of the effects themselves, so the bits are those of plain Python. What is not here, such as the
+effects of plug-ins and actuators, has no numbers: its scenes run in plain Python.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.loads.buoyancy import Buoyancy, Lift, lifted
+from rb_dynamics.loads.central_gravity import Attraction, CentralGravity, attracted, time_to_fall
+from rb_dynamics.loads.drag import LinearDrag, QuadraticDrag, Resistance, resisted, slowed
+from rb_dynamics.loads.effect import Effect, Point
+from rb_dynamics.loads.load import evaluated
+from rb_dynamics.loads.magnetic_field import MagneticField
+from rb_dynamics.loads.rotor import Rotor, Spin, reaction
+from rb_dynamics.loads.scheduled_wrench import ScheduledWrench
+from rb_dynamics.loads.uniform_gravity import UniformGravity
+from rb_dynamics.numerics.compilation import compiled_by
+from rb_dynamics.numerics.rotation import Quaternion
+from rb_dynamics.numerics.vector import Vector, add, norm
+
+if TYPE_CHECKING:
+    from rb_dynamics.numerics.arrays import Numbers
+
+# Numbers of one effect: its kind, and what its load depends on. Behind the last effect stands how many there are; all
+# stand at the end of what a kernel is given, whatever is before them.
+_WIDTH = 16
+_ATTRACTION, _RESISTANCE, _SPIN, _LIFT = 1.0, 2.0, 3.0, 4.0
+_WITHOUT_LOAD = (UniformGravity, ScheduledWrench, MagneticField)
+
+NO_EFFECTS = (0.0,)
+"""The numbers of no effect."""
+
+
+class EffectLoad(NamedTuple):
+    """A load in a kernel.
+
+    Attributes:
+        numbers: that end with those of the effects.
+        time: at the start of the step, s since the start of the run.
+        position: of the centre of mass there, world axes, m.
+    """
+
+    numbers: Numbers
+    time: float
+    position: Vector
+
+
+def effect_numbers(effects: Iterable[Effect], body: RigidBody, start: float) -> tuple[float, ...] | None:
+    """Return the numbers of `effects` from `start` (s) to the next knot; None if one of them has none."""
+    found: list[float] = []
+    count = 0
+    for effect in effects:
+        # Not those derived from them, which may do anything else.
+        kind = type(effect)
+        if kind in _WITHOUT_LOAD:
+            continue
+        numbers = _numbers(effect, body, start) if kind in _WITH_LOAD else None
+        if numbers is None:
+            return None
+        found += (*numbers, *(0.0,) * (_WIDTH - len(numbers)))
+        count += 1
+    return (*found, float(count))
+
+
+_WITH_LOAD = (CentralGravity, LinearDrag, QuadraticDrag, Rotor, Buoyancy)
+
+
+def _numbers(effect: Effect, body: RigidBody, start: float) -> Sequence[float] | None:
+    if isinstance(effect, CentralGravity):
+        return (_ATTRACTION, *_flat(effect.attraction(body)))
+    if isinstance(effect, (LinearDrag, QuadraticDrag)):
+        return (_RESISTANCE, *_flat(effect.resistance(body)))
+    if isinstance(effect, Rotor):
+        return (_SPIN, *_flat(effect.spin(body, start)))
+    if isinstance(effect, Buoyancy):
+        return (_LIFT, *_flat(effect.lift(body)))
+    return None
+
+
+def _flat(parts: Iterable[float | tuple[float, ...]]) -> list[float]:
+    return [float(number) for part in parts for number in (part if isinstance(part, tuple) else (part,))]
+
+
+@compiled_by(evaluated)
+def evaluated_by_numbers(
+    load: EffectLoad,
+    t: float,
+    displacement: Vector,
+    velocity: Vector,
+    orientation: Quaternion,
+    angular_velocity: Vector,
+) -> tuple[Vector, Vector]:
+    """Return force (N, world axes) and torque (N m, principal axes), added up as in plain Python."""
+    c = load.numbers
+    count = int(c[len(c) - 1])
+    i = len(c) - 1 - count * _WIDTH
+    here = Point(load.time + t, add(load.position, displacement), velocity, orientation, angular_velocity)
+    force, torque = _load(c, i, here)
+    for k in range(1, count):
+        more_force, more_torque = _load(c, i + k * _WIDTH, here)
+        force, torque = add(force, more_force), add(torque, more_torque)
+    return force, torque
+
+
+def outlook(c: Numbers, here: Point) -> tuple[float, float]:
+    """Return slowing (1/s) and sight (s) of the effects at the end of `c`; see `CombinedEffects`."""
+    count = int(c[len(c) - 1])
+    slowing, sight = 0.0, math.inf
+    for k in range(count):
+        i = len(c) - 1 - (count - k) * _WIDTH
+        if c[i] == _RESISTANCE:
+            slowing += slowed(_resistance_at(c, i + 1), here)
+        elif c[i] == _ATTRACTION:
+            sight = min(sight, time_to_fall(_attraction_at(c, i + 1), here))
+    return slowing, sight
+
+
+def strength(c: Numbers, here: Point) -> float:
+    """Return the sum of the magnitudes (N) of the forces of the effects at the end of `c`."""
+    count = int(c[len(c) - 1])
+    total = 0.0
+    for k in range(count):
+        force, _ = _load(c, len(c) - 1 - (count - k) * _WIDTH, here)
+        total += norm(force)
+    return total
+
+
+def _load(c: Numbers, i: int, here: Point) -> tuple[Vector, Vector]:
+    kind = c[i]
+    if kind == _ATTRACTION:
+        return attracted(_attraction_at(c, i + 1), here)
+    if kind == _RESISTANCE:
+        return resisted(_resistance_at(c, i + 1), here)
+    if kind == _SPIN:
+        return reaction(_spin_at(c, i + 1), here)
+    return lifted(Lift(_vector_at(c, i + 1), _vector_at(c, i + 4)), here)
+
+
+def _attraction_at(c: Numbers, i: int) -> Attraction:
+    return Attraction(c[i], _vector_at(c, i + 1), c[i + 4], _vector_at(c, i + 5), c[i + 8])
+
+
+def _resistance_at(c: Numbers, i: int) -> Resistance:
+    axes = (c[i + 10], c[i + 11], c[i + 12], c[i + 13])
+    return Resistance(c[i], _vector_at(c, i + 1), _vector_at(c, i + 4), _vector_at(c, i + 7), axes, c[i + 14])
+
+
+def _spin_at(c: Numbers, i: int) -> Spin:
+    return Spin(_vector_at(c, i), c[i + 3], c[i + 4], c[i + 5], c[i + 6])
+
+
+def _vector_at(c: Numbers, i: int) -> Vector:
+    return (c[i], c[i + 1], c[i + 2])
