@@ -102,7 +102,7 @@ $(VENV)/created:
 
 # Ignore the warning of setuptools about editable installs.
 INSTALL := PYTHONWARNINGS=ignore::UserWarning $(PIP) install --quiet --no-build-isolation --editable
-EXTRAS_demo := ros,log,plot,fast
+EXTRAS_demo := ros,log,plot,interactive,fast
 EXTRAS_test := $(EXTRAS_demo),scale,test,dev,docs
 EXTRAS_docs := docs
 

@@ -26,6 +26,7 @@ EXTRAS = {
     "fast": ["numba>=0.59"],
     "log": ["mcap>=1.6", "rerun-sdk>=0.39,<0.42", "rosbags>=0.10", "zstandard>=0.22"],
     "ros": [f"ros-jazzy-{name}" for name in ROS_PACKAGES],
+    "interactive": ["plotly>=6"],
     "mesh": ["trimesh>=4"],
     "plot": ["jinja2>=3.1", "matplotlib>=3.8", "tqdm>=4.66"],
     "scale": ["dask>=2024.8", "distributed>=2024.8", "pyarrow>=15"],
@@ -92,7 +93,9 @@ setup(
     **METADATA,
     python_requires=">=3.10",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["py.typed", "*.pyi", "**/*.css", "**/*.html.j2", "**/*.json", "**/*.msg", "**/*.yaml"]},
+    package_data={
+        NAME: ["py.typed", "*.pyi", "**/*.css", "**/*.html.j2", "**/*.js", "**/*.json", "**/*.msg", "**/*.yaml"]
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),

@@ -1,4 +1,4 @@
-"""Figures of a campaign as inline SVG: metrics over time, their distributions, and their sensitivities."""
+"""Figures of a campaign: metrics over time, their distributions, and their sensitivities."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rb_dynamics.report.svg import COLORS, TEXT, document_of, inline, tick
+from rb_dynamics.report.live import Picture, time_axis
+from rb_dynamics.report.svg import COLORS, TEXT, picture, tick, time_unit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,25 +24,28 @@ _MOST_POINTS = 1500
 _BINS = 60
 
 
-def over_time(time_s: Numbers, title: str, values: Numbers, failed: NDArray[np.bool_]) -> str:
+def over_time(time_s: Numbers, title: str, values: Numbers, failed: NDArray[np.bool_]) -> Picture:
     """Return the values (K, N) of N runs over time: median, the middle 90 %, and the failed runs."""
+    second, unit = time_unit(float(time_s[-1] - time_s[0]))
+    shown = time_s * second
 
     def plot(axes: Any) -> None:
         log = _is_wide(values)
         low, middle, high = np.nanquantile(values, (0.05, 0.5, 0.95), axis=1)
-        axes.fill_between(time_s, low, high, color=ACCENT, alpha=0.25, linewidth=0)
-        for column in values[:, failed].T[:8]:
-            axes.plot(time_s, column, color=BAD, linewidth=0.9)
-        axes.plot(time_s, middle, color=ACCENT, linewidth=1.6)
+        axes.fill_between(shown, low, high, color=ACCENT, alpha=0.25, linewidth=0, label="middle 90 %")
+        for number, column in enumerate(values[:, failed].T[:8]):
+            axes.plot(shown, column, color=BAD, linewidth=0.9, label=f"failed {number + 1}")
+        axes.plot(shown, middle, color=ACCENT, linewidth=1.6, label="median")
         if log:
             axes.set_yscale("log")
-        axes.set_xlabel("time [s]", color=TEXT)
-        axes.set_xlim(time_s[0], time_s[-1])
+        axes.set_xlabel(f"time [{unit}]", color=TEXT)
+        axes.set_xlim(shown[0], shown[-1])
+        time_axis(axes, second)
 
     return _draw([(title, plot)], f"{title} over time", 1)
 
 
-def histograms(columns: Sequence[tuple[str, Numbers, NDArray[np.bool_], float | None]]) -> str:
+def histograms(columns: Sequence[tuple[str, Numbers, NDArray[np.bool_], float | None]]) -> Picture:
     """Return a histogram for each (title, values, passed, limit)."""
 
     def panel(values: Numbers, passed: NDArray[np.bool_], limit: float | None) -> Callable[[Any], None]:
@@ -51,9 +55,8 @@ def histograms(columns: Sequence[tuple[str, Numbers, NDArray[np.bool_], float | 
                 axes.text(0.5, 0.5, "no numbers", transform=axes.transAxes, color=TEXT, ha="center")
                 return
             edges = _edges(values[shown])
-            axes.hist(
-                [values[shown & passed], values[shown & ~passed]], edges, stacked=True, color=[ACCENT, BAD], linewidth=0
-            )
+            parts, labels = [values[shown & passed], values[shown & ~passed]], ["passed", "failed"]
+            axes.hist(parts, edges, stacked=True, color=[ACCENT, BAD], linewidth=0, label=labels)
             if edges[0] > 0.0 and not np.allclose(np.diff(edges), edges[1] - edges[0]):
                 axes.set_xscale("log")
             if limit is not None:
@@ -69,7 +72,7 @@ def histograms(columns: Sequence[tuple[str, Numbers, NDArray[np.bool_], float | 
     )
 
 
-def sensitivities(metrics: Sequence[tuple[str, Sequence[tuple[str, float]]]], noise: float) -> str:
+def sensitivities(metrics: Sequence[tuple[str, Sequence[tuple[str, float]]]], noise: float) -> Picture:
     """Return for each (metric, [(input, rank correlation), ...]) bars of the strongest."""
 
     def panel(pairs: Sequence[tuple[str, float]]) -> Callable[[Any], None]:
@@ -91,7 +94,7 @@ def sensitivities(metrics: Sequence[tuple[str, Sequence[tuple[str, float]]]], no
     return _draw([(title, panel(pairs)) for title, pairs in metrics], "Rank correlation of inputs and metrics", 2)
 
 
-def scatters(pairs: Sequence[tuple[str, str, Numbers, Numbers, NDArray[np.bool_]]]) -> str:
+def scatters(pairs: Sequence[tuple[str, str, Numbers, Numbers, NDArray[np.bool_]]]) -> Picture:
     """Return for each (input, metric, values, values, passed) one dot per run, up to a limit."""
 
     def panel(name: str, x: Numbers, y: Numbers, passed: NDArray[np.bool_]) -> Callable[[Any], None]:
@@ -99,8 +102,12 @@ def scatters(pairs: Sequence[tuple[str, str, Numbers, Numbers, NDArray[np.bool_]
             # Failed runs first: they are few, and of interest.
             order = np.argsort(passed, kind="stable")[:_MOST_POINTS]
             order = order[np.isfinite(y[order])]
-            for chosen, color, size, alpha in ((passed[order], ACCENT, 4.0, 0.55), (~passed[order], BAD, 12.0, 0.9)):
-                axes.scatter(x[order][chosen], y[order][chosen], s=size, color=color, alpha=alpha, linewidths=0)
+            good = passed[order]
+            for chosen, look in (
+                (good, {"label": "passed", "color": ACCENT, "s": 4.0, "alpha": 0.55}),
+                (~good, {"label": "failed", "color": BAD, "s": 12.0, "alpha": 0.9}),
+            ):
+                axes.scatter(x[order][chosen], y[order][chosen], linewidths=0, **look)
             if len(order) and _is_wide(y[order]):
                 axes.set_yscale("log")
             axes.set_xlabel(_short(name), color=TEXT)
@@ -111,20 +118,20 @@ def scatters(pairs: Sequence[tuple[str, str, Numbers, Numbers, NDArray[np.bool_]
     return _draw(panels, "Each metric against its strongest input", 2)
 
 
-def _draw(panels: Sequence[tuple[str, Callable[[Any], None]]], name: str, columns: int) -> str:
+def _draw(panels: Sequence[tuple[str, Callable[[Any], None]]], name: str, columns: int) -> Picture:
     columns = min(columns, len(panels))
     rows = math.ceil(len(panels) / columns)
     height = rows * (_ROW if columns > 1 else 190.0)
 
-    def fill(figure: Figure) -> None:
+    def fill(figure: Figure, _most: int) -> None:
         for number, (title, plot) in enumerate(panels):
             axes = figure.add_subplot(rows, columns, number + 1)
             plot(axes)
             axes.set_title(title, loc="left", color=TEXT, fontsize=10.5)
             _quiet(axes)
 
-    salt = "|".join([name, *(title for title, _ in panels)])
-    return inline(document_of(fill, (_WIDTH, height), salt, "constrained"), name)
+    titles = [title for title, _ in panels]
+    return picture(fill, (_WIDTH, height), name, titles, layout="constrained", columns=columns)
 
 
 def _quiet(axes: Axes) -> None:

@@ -91,8 +91,8 @@ def campaign_report(
             Section("What drives them", figures=[Figure(drivers, _DRIVERS), *_scatters(campaign, summary, rows)])
         )
     sections += [
-        Section("The worst runs", _worst_text(campaign, summary, options)),
-        Section("Runs that failed", _failed_text(campaign, summary, options), table=_failures(campaign, summary, rows)),
+        _worst(campaign, summary, options),
+        _failed(campaign, summary, rows, options),
         Section("The campaign", source=campaign.text, source_title="The campaign file"),
         Section("The scene", source=campaign.scene_text, source_title="The base scene, as simulated"),
     ]
@@ -219,23 +219,27 @@ def _scatters(campaign: Campaign, summary: CampaignSummary, rows: Columns) -> li
     return [Figure(campaign_figures.scatters(pairs), _SCATTER)] if pairs else []
 
 
-def _worst_text(campaign: Campaign, summary: CampaignSummary, options: Sequence[str]) -> str:
+def _worst(campaign: Campaign, summary: CampaignSummary, options: Sequence[str]) -> Section:
     found = [metric for metric in summary.metrics if metric.worst]
     runs = dict.fromkeys(metric.worst.run for metric in found if metric.worst)
-    return "\n\n".join([*map(worst_text, found), *rerun_commands(campaign, list(runs), options)])
+    commands = rerun_commands(campaign, list(runs), options)
+    return Section("The worst runs", "\n\n".join(map(worst_text, found)), lines=commands)
 
 
-def _failed_text(campaign: Campaign, summary: CampaignSummary, options: Sequence[str]) -> str:
+def _failed(campaign: Campaign, summary: CampaignSummary, rows: Columns, options: Sequence[str]) -> Section:
+    heading = "Runs that failed"
     if not summary.failed:
         most = percent(1.0 - summary.pass_low, summary.runs)
-        return f"None. With {CONFIDENCE:.0%} confidence fewer than {most} of all possible runs would fail."
+        none = f"None. With {CONFIDENCE:.0%} confidence fewer than {most} of all possible runs would fail."
+        return Section(heading, none)
     failed = summary.runs - summary.passed
     rest = f" {_LISTED} of {failed} are listed; the rows have all, where passed is false." if failed > _LISTED else ""
-    (command,) = rerun_commands(campaign, summary.failed[:1], options)
-    return (
+    text = (
         f"The command below flies run {summary.failed[0]} again, to the bit, with a full log of its motion and of its "
-        f"commands; with another number, any other.{rest}\n\n{command}"
+        f"commands; with another number, any other.{rest}"
     )
+    commands = rerun_commands(campaign, summary.failed[:1], options)
+    return Section(heading, text, lines=commands, table=_failures(campaign, summary, rows))
 
 
 def _failures(campaign: Campaign, summary: CampaignSummary, rows: Columns) -> Table | None:

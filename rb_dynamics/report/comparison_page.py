@@ -10,6 +10,7 @@ from rb_dynamics.analysis.comparison import MOTION, UNITS, Comparison, Differenc
 from rb_dynamics.report import comparison_text as text
 from rb_dynamics.report import plots
 from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, made_by, write_html
+from rb_dynamics.report.path_figure import path_in_space
 from rb_dynamics.report.svg import Array, Panel
 
 _TITLES = {
@@ -46,7 +47,10 @@ def comparison_report(found: Comparison) -> Report:
         Section(
             "Both motions",
             f"t is {found.clock}.",
-            figures=[Figure(plots.overlays(_panels(found, MOTION)), "A solid, B dashed in the same colours.")],
+            figures=[
+                Figure(plots.overlays(_panels(found, MOTION)), "A solid, B dashed in the same colours."),
+                *_paths(found),
+            ],
         ),
         _differences(found),
         *_momenta(found),
@@ -84,6 +88,16 @@ def _panels(found: Comparison, names: tuple[str, ...]) -> list[Panel]:
         for name in names
         if (each := found.differences.get(name)) is not None
     ]
+
+
+def _paths(found: Comparison) -> list[Figure]:
+    position, attitude = found.differences.get("position"), found.differences.get("attitude")
+    if position is None:
+        return []
+    unknown = np.full((len(position.first), 4), np.nan)
+    turned = attitude.first if attitude is not None and len(attitude.first) == len(unknown) else unknown
+    path = path_in_space([("A", position.first, turned), ("B", position.second, unknown)])
+    return [Figure(path, "The dots are the starts; at some places stand the body axes of A.")] if path else []
 
 
 def _shown(each: Difference) -> tuple[Array, Array]:

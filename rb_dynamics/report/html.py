@@ -1,7 +1,8 @@
 """`Report`: sections of text, figures and tables, written as one self-contained HTML file.
 
 The file loads no script, font or picture from elsewhere, follows the reader's light or dark setting, and can be
-printed. All text is escaped; figures are inserted unchanged.
+printed. All text is escaped; figures are inserted unchanged. If plotly is installed, the page contains its script, and
+each figure becomes one that answers when touched; scripts off, and on paper, it is the picture.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from pathlib import Path
 
 from rb_dynamics.errors import LogError, MissingExtraError
 from rb_dynamics.formats.log_file import make_folder
+from rb_dynamics.report.live import EXTRA, Picture, encode, library
 from rb_dynamics.run.provenance import version
 
 # All characters except text: those that HTML forbids, and marks that change the writing direction (202a.., 2066..).
@@ -24,9 +26,9 @@ _UNSHOWABLE = re.compile(
 
 @dataclass(frozen=True)
 class Figure:
-    """A picture as inline SVG, with a caption."""
+    """A picture with a caption."""
 
-    svg: str
+    picture: Picture
     caption: str
 
 
@@ -58,6 +60,7 @@ class Section:
         text: paragraphs, separated by empty lines.
         tiles: numbers at a glance.
         figures: below one another.
+        lines: text to copy, each with a button for it.
         table: one table, or None.
         source: preformatted text, collapsed; "" for none.
         source_title: label to click on for `source`.
@@ -67,6 +70,7 @@ class Section:
     text: str = ""
     tiles: Sequence[Tile] = ()
     figures: Sequence[Figure] = ()
+    lines: Sequence[str] = ()
     table: Table | None = None
     source: str = ""
     source_title: str = ""
@@ -108,6 +112,7 @@ def render_html(report: Report) -> str:
     """
     try:
         from jinja2 import Environment, FileSystemLoader, StrictUndefined
+        from markupsafe import Markup
     except ImportError:
         raise MissingExtraError("jinja2", "plot", "an HTML report") from None
     folder = Path(__file__).parent / "templates"
@@ -119,7 +124,17 @@ def render_html(report: Report) -> str:
         lstrip_blocks=True,
         finalize=lambda value: printable(value) if type(value) is str else value,
     )
-    return environment.get_template("report.html.j2").render(report=report)
+    pictures = [figure.picture for section in report.sections for figure in section.figures]
+    script = library() if pictures else ""
+    return environment.get_template("report.html.j2").render(
+        report=report,
+        page_script=Markup((folder / "page.js").read_text(encoding="utf-8")),
+        plotly=Markup(script),
+        plots=Markup(encode(pictures) if script else ""),
+        static=f"The figures are pictures: install the extra '{EXTRA}' to zoom, read values and turn paths in them."
+        if pictures and not script
+        else "",
+    )
 
 
 def write_html(path: str | os.PathLike[str], report: Report) -> None:

@@ -1,18 +1,23 @@
-"""The figures of a report: motion, momenta, energy, defects, wrenches and comparison, each as inline SVG.
+"""The figures of a report: motion, momenta, energy, defects, wrenches and comparison.
 
 Takes arrays over time in s; `svg.py` does the drawing.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from rb_dynamics.report.live import Picture
 from rb_dynamics.report.svg import Array, Line, Panel, components, draw
 
+# Relative defects below this are in units of 1e-16, about half the spacing of the numbers next to 1.
+_ROUND_OFF = 1e-12
 
-def position_and_attitude(time_s: Array, position_world: Array, orientation_xyzw: Array) -> str:
+
+def position_and_attitude(time_s: Array, position_world: Array, orientation_xyzw: Array) -> Picture:
     """Return position (m) and quaternion; its sign is chosen to be continuous, since q and -q are the same attitude."""
     return draw(
         _measured(
@@ -23,7 +28,7 @@ def position_and_attitude(time_s: Array, position_world: Array, orientation_xyzw
     )
 
 
-def rates_and_velocity(time_s: Array, angular_velocity: Array, linear_velocity: Array, axes: str = "body") -> str:
+def rates_and_velocity(time_s: Array, angular_velocity: Array, linear_velocity: Array, axes: str = "body") -> Picture:
     """Return angular (rad/s) and linear velocity (m/s), both in the axes of the `axes` frame."""
     return draw(
         _measured(
@@ -34,7 +39,7 @@ def rates_and_velocity(time_s: Array, angular_velocity: Array, linear_velocity: 
     )
 
 
-def specific_force(time_s: Array, values: Array) -> str:
+def specific_force(time_s: Array, values: Array) -> Picture:
     """Return what an accelerometer measures (m/s^2)."""
     return draw([Panel("Specific force [m/s²]", components(time_s, values))], "Specific force over time")
 
@@ -44,7 +49,7 @@ def _measured(*panels: Panel) -> list[Panel]:
     return [panel for panel in panels if not all(np.isnan(line.values).all() for line in panel.lines)] or [*panels]
 
 
-def momenta(time_s: Array, angular_momentum_world: Array, linear_momentum_world: Array) -> str:
+def momenta(time_s: Array, angular_momentum_world: Array, linear_momentum_world: Array) -> Picture:
     """Return angular (kg m^2/s, about the centre of mass) and linear momentum (kg m/s), world axes."""
     return draw(
         [
@@ -58,7 +63,7 @@ def momenta(time_s: Array, angular_momentum_world: Array, linear_momentum_world:
     )
 
 
-def energy(time_s: Array, kinetic: Array, work: Array | None = None) -> str:
+def energy(time_s: Array, kinetic: Array, work: Array | None = None) -> Picture:
     """Return kinetic energy and, if known, the initial energy plus the work done since (J)."""
     lines = [Line("kinetic energy", time_s, kinetic)]
     if work is not None:
@@ -66,19 +71,34 @@ def energy(time_s: Array, kinetic: Array, work: Array | None = None) -> str:
     return draw([Panel("Energy [J]", lines)], "Kinetic energy and work over time")
 
 
-def energy_defect(time_s: Array, defect: Array) -> str:
-    """Return T - T0 - work (J)."""
-    return draw([Panel("Energy defect T − T₀ − W [J]", [Line("defect", time_s, defect)])], "Energy defect over time")
+def energy_defect(time_s: Array, defect: Array, scale: float) -> Picture:
+    """Return T - T0 - work, relative to `scale`, both in J."""
+    title, shown = _relative("Energy defect T − T₀ − W", defect, scale, "J")
+    return draw([Panel(title, [Line("defect", time_s, shown)])], "Energy defect over time")
 
 
-def momentum_defects(angular: tuple[Array, Array] | None, linear: tuple[Array, Array] | None) -> str:
-    """Return L - L0 - int N dt and p - p0 - int F dt, each as (time, rows); None if unknown."""
-    titles = ("Angular momentum defect, world axes [kg m²/s]", "Linear momentum defect, world axes [kg m/s]")
-    given = [(title, series) for title, series in zip(titles, (angular, linear), strict=True) if series is not None]
-    return draw([Panel(title, components(*series)) for title, series in given], "Momentum defects over time")
+def momentum_defects(angular: tuple[Array, Array, float] | None, linear: tuple[Array, Array, float] | None) -> Picture:
+    """Return L - L0 - int N dt and p - p0 - int F dt, each as (time, rows, scale); None if unknown."""
+    panels = []
+    for name, unit, given in (("Angular", "kg m²/s", angular), ("Linear", "kg m/s", linear)):
+        if given is not None:
+            time_s, rows, scale = given
+            title, shown = _relative(f"{name} momentum defect, world axes", rows, scale, unit)
+            panels.append(Panel(title, components(time_s, shown)))
+    return draw(panels, "Momentum defects over time")
 
 
-def wrench_history(steps: Sequence[tuple[str, Array, Array]], span_s: Array) -> str:
+def _relative(name: str, values: Array, scale: float, unit: str) -> tuple[str, Array]:
+    """Return the title and the values relative to `scale`, in units of a power of ten: 1e-16 if they are round-off."""
+    if not scale > 0.0:
+        return f"{name} [{unit}]", values
+    relative = values / scale
+    most = float(np.nanmax(np.abs(relative), initial=0.0))
+    power = -16 if most < _ROUND_OFF else 3 * math.floor(math.log10(most) / 3.0)
+    return f"{name}, relative to {scale:.3g} {unit} [1e{power}]".replace("[1e0]", "[1]"), relative / 10.0**power
+
+
+def wrench_history(steps: Sequence[tuple[str, Array, Array]], span_s: Array) -> Picture:
     """Return held wrenches over time, each value until the next and the last to the end.
 
     Args:
@@ -89,7 +109,7 @@ def wrench_history(steps: Sequence[tuple[str, Array, Array]], span_s: Array) -> 
     return draw(panels, "Applied wrenches over time", span_s)
 
 
-def residual_wrench(time_s: Array, force_world: Array, torque_world: Array, torque_body: Array) -> str:
+def residual_wrench(time_s: Array, force_world: Array, torque_world: Array, torque_body: Array) -> Picture:
     """Return the unexplained force (N, world axes) and torque (N m, in both axes)."""
     return draw(
         [
@@ -101,7 +121,7 @@ def residual_wrench(time_s: Array, force_world: Array, torque_world: Array, torq
     )
 
 
-def comparison(time_s: Array, differences: Mapping[str, Array]) -> str:
+def comparison(time_s: Array, differences: Mapping[str, Array]) -> Picture:
     """Return magnitudes of differences from a reference, one logarithmic panel per title.
 
     Vectors (rows) are shown by their norm; zero, exact agreement, leaves a gap.
@@ -123,7 +143,7 @@ def overlay(title: str, time_s: Array, first: Array, second: Array, labels: Sequ
     return Panel(title, lines)
 
 
-def overlays(panels: Sequence[Panel]) -> str:
+def overlays(panels: Sequence[Panel]) -> Picture:
     """Return panels of `overlay`, one above the other."""
     return draw(panels, "Both motions over time")
 

@@ -11,7 +11,8 @@ import numpy as np
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.numerics.rotation import matrix
-from rb_dynamics.report.svg import COLORS, MAX_POINTS, TEXT, Array, document_of, inline
+from rb_dynamics.report.live import Picture
+from rb_dynamics.report.svg import COLORS, MAX_POINTS, TEXT, Array, picture
 from rb_dynamics.theory.rolling_ellipsoid import LARGEST_CHORD, contact, half_axes, separatrices
 
 if TYPE_CHECKING:
@@ -21,17 +22,19 @@ if TYPE_CHECKING:
 _FROM = np.array([0.62, 0.36, 0.70])
 
 
-def poinsot_view(body: RigidBody, time_s: Array, orientation_xyzw: Array, angular_velocity_body: Array) -> str:
+def poinsot_view(
+    body: RigidBody, time_s: Array, orientation_xyzw: Array, angular_velocity_body: Array
+) -> Picture | None:
     """Return both curves of samples at `time_s` (n,): attitudes (n, 4), angular velocities (n, 3), rad/s, body axes.
 
-    "" for a particle, and for a body that does not rotate.
+    None for a particle, and for a body that does not rotate.
 
     Raises:
         MissingExtraError: matplotlib is not installed.
     """
     turns = angular_velocity_body.any(axis=1)
     if body.is_particle or not turns.any():
-        return ""
+        return None
     time_s, attitude, rates = time_s[turns], orientation_xyzw[turns], angular_velocity_body[turns]
     kept = np.unique(np.linspace(0, len(time_s) - 1, 10 * MAX_POINTS).astype(int))
     touch = contact(body, attitude[kept], rates[kept])
@@ -66,8 +69,8 @@ def outline(half: Array, seen: Array) -> Array:
     return outline
 
 
-def _draw(ellipsoid: list[Array], polhode: Array, herpolhode: Array, look: str) -> str:
-    def fill(figure: Figure) -> None:
+def _draw(ellipsoid: list[Array], polhode: Array, herpolhode: Array, look: str) -> Picture:
+    def fill(figure: Figure, _most: int) -> None:
         left, right = figure.add_axes((0.0, 0.0, 0.5, 0.9)), figure.add_axes((0.5, 0.0, 0.5, 0.9))
         for curve in ellipsoid:
             left.plot(*curve.T, color="#808080", linewidth=0.8)
@@ -83,4 +86,4 @@ def _draw(ellipsoid: list[Array], polhode: Array, herpolhode: Array, look: str) 
             axes.set_title(title, color=TEXT, fontsize=11.0)
 
     name = "Poinsot's construction: polhode and herpolhode"
-    return inline(document_of(fill, (690.0, 300.0), "Poinsot"), name)
+    return picture(fill, (690.0, 300.0), name, columns=2)

@@ -20,6 +20,7 @@ from rb_dynamics.body.plausibility import Symmetry, symmetry
 from rb_dynamics.formats.messages import APPLIED
 from rb_dynamics.report import plots, text
 from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, write_html
+from rb_dynamics.report.path_figure import path_in_space
 from rb_dynamics.report.poinsot_figure import poinsot_view
 from rb_dynamics.run.provenance import RUN
 
@@ -151,7 +152,7 @@ def _check_tiles(summary: RunSummary) -> list[Tile]:
 def _size_tiles(summary: RunSummary) -> list[Tile]:
     shown = ("angular rate", "angular momentum", "linear momentum", "kinetic energy")
     return [
-        Tile(f"Largest {name}", f"{r.high:.4g}", f"{r.unit}, at {r.high_at_s:.4g} s; smallest {r.low:.4g}")
+        Tile(f"Largest {name}", f"{r.high:.4g}", f"{r.unit}, at {r.high_at_s:.4g} s; smallest {text.smallest(r, 4)}")
         for r in summary.ranges
         for name in shown
         if r.name.startswith(name)
@@ -205,6 +206,8 @@ def _motion(track: Track) -> list[Section]:
             "or a reset. The sign of the quaternion is chosen to be continuous: q and -q are the same attitude."
         )
         figures.append(Figure(plots.position_and_attitude(time_s, rows[:, :3], rows[:, 3:]), caption))
+        if path := path_in_space([("path", rows[:, :3], rows[:, 3:])]):
+            figures.append(Figure(path, "The dot is the start; at some places stand the body axes x, y and z."))
     if track.moving is not None:
         time_s, rows = track.seconds(track.moving.time_ns), track.moving.values
         axes = "world" if track.twist_in_world else "body"
@@ -319,8 +322,8 @@ def _defects(track: Track, summary: RunSummary) -> list[Figure]:
     return figures
 
 
-def _series(track: Track, balance: Balance) -> tuple[Array, Array]:
-    return track.seconds(balance.time_ns), balance.defect
+def _series(track: Track, balance: Balance) -> tuple[Array, Array, float]:
+    return track.seconds(balance.time_ns), balance.defect, balance.scale
 
 
 def _wrenches(track: Track, summary: RunSummary) -> list[Section]:

@@ -1,4 +1,4 @@
-"""Time series as inline SVG: stacks of panels over one time axis, readable on light and on dark pages.
+"""Pictures as inline SVG, readable on light and on dark pages; time series as stacks of panels over one time axis.
 
 `draw` thins long series while keeping their peaks, writes titles and legends as plain text (names from a log are not
 markup), and gives the same bytes for the same numbers. Must not open a window or change matplotlib's settings for the
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from rb_dynamics.analysis.gaps import longest_usual
 from rb_dynamics.errors import MissingExtraError
 from rb_dynamics.report.html import printable
+from rb_dynamics.report.live import Picture, Plot, read, time_axis
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,11 +33,17 @@ Array: TypeAlias = NDArray[np.float64]
 # robotics. Three more for more lines. All have a contrast of at least 3:1 against white and near-black.
 COLORS = ("#d9591b", "#12916a", "#3b86d1", "#a86fc0", "#c7508f", "#8a7a1f", "#0e8f9e")
 
-# Per line; four points per bucket.
+# Per line, in a picture and in a plot that can be zoomed; four points per bucket.
 MAX_POINTS = 2000
+MOST_TOUCHED = 4000
+
+# Axes of at least this many seconds are in hours, or days.
+_UNITS = ((3.0 * 86400.0, 86400.0, "d"), (3.0 * 3600.0, 3600.0, "h"), (0.0, 1.0, "s"))
 
 _WIDTH, _PANEL, _TOP, _BOTTOM, _LEFT, _RIGHT = 690.0, 112.0, 32.0, 36.0, 72.0, 14.0
 _FONT = 9.5
+# Height of a row of a legend, most rows, and a width that a screen of 360 px shows of the picture.
+_ROW, _MOST_ROWS, _LEGEND = 14.0, 3, 400.0
 # Replaced by currentColor, which matplotlib does not support.
 TEXT = "#010203"
 SETTINGS = {"font.size": _FONT, "svg.fonttype": "none"}
@@ -92,8 +99,8 @@ def thin(values: Array, max_points: int = MAX_POINTS) -> NDArray[np.intp]:
     return np.array(sorted(kept))
 
 
-def draw(panels: Sequence[Panel], name: str, span_s: Array | None = None) -> str:
-    """Return the panels, one above the other, as an SVG element for use inside HTML.
+def draw(panels: Sequence[Panel], name: str, span_s: Array | None = None) -> Picture:
+    """Return the panels, one above the other.
 
     Args:
         panels: at least one.
@@ -103,31 +110,59 @@ def draw(panels: Sequence[Panel], name: str, span_s: Array | None = None) -> str
     Raises:
         MissingExtraError: matplotlib is not installed.
     """
-    height = _BOTTOM + len(panels) * (_TOP + _PANEL)
+    headings = [_heading(panel) for panel in panels]
+    tops = [_TOP + _ROW * len(legend) for _, legend in headings]
+    height = _BOTTOM + sum(tops) + len(panels) * _PANEL
     start, end = _span(panels, span_s)
+    second, unit = time_unit(end - start)
 
-    def fill(figure: Figure) -> None:
-        for row, panel in enumerate(panels):
-            bottom = height - (row + 1) * (_TOP + _PANEL)
+    def fill(figure: Figure, most: int) -> None:
+        bottom = height
+        for panel, top in zip(panels, tops, strict=True):
+            bottom -= top + _PANEL
             box = (_LEFT / _WIDTH, bottom / height, (_WIDTH - _LEFT - _RIGHT) / _WIDTH, _PANEL / height)
-            axes = figure.add_axes(box)
-            _plot(axes, panel, end)
-            axes.set_xlim(start, end)
-            if row + 1 < len(panels):
+            axes = figure.add_axes(box, label=panel.title)
+            _plot(axes, panel, end, second, most)
+            axes.set_xlim(start * second, end * second)
+            time_axis(axes, second)
+            if panel is not panels[-1]:
                 axes.tick_params(labelbottom=False)
-        axes.set_xlabel("time [s]", color=TEXT, labelpad=2.0)
+        axes.set_xlabel(f"time [{unit}]", color=TEXT, labelpad=2.0)
 
-    document = document_of(fill, (_WIDTH, height), "|".join([name, *(panel.title for panel in panels)]))
-    headings = [_heading(panel, row * (_TOP + _PANEL) + _TOP - 9.0) for row, panel in enumerate(panels)]
-    return inline(document, name, [element for heading in headings for element in heading])
+    above, y = [], 0.0
+    for (title, legend), top in zip(headings, tops, strict=True):
+        for number, element in enumerate([title, *legend]):
+            element.set("y", f"{y + _TOP - 9.0 + number * _ROW:g}")
+            above.append(element)
+        y += top + _PANEL
+    return picture(fill, (_WIDTH, height), name, [panel.title for panel in panels], above=above)
 
 
-def document_of(
-    fill: Callable[[Figure], None], size: tuple[float, float], salt: str, layout: Literal["constrained"] | None = None
-) -> bytes:
-    """Return the SVG document of a figure of `size` (pt) drawn by `fill`.
+def time_unit(span_s: float) -> tuple[float, str]:
+    """Return the length of a second, and the unit, on an axis of `span_s`: seconds, hours or days."""
+    return next((1.0 / size, unit) for least, size, unit in _UNITS if span_s >= least)
 
-    Ids depend only on `salt`: the same in every run, different within a page if the salts are.
+
+def picture(
+    fill: Callable[[Figure, int], None],
+    size: tuple[float, float],
+    name: str,
+    titles: Sequence[str] = (),
+    *,
+    above: Sequence[ElementTree.Element] = (),
+    layout: Literal["constrained"] | None = None,
+    columns: int = 1,
+) -> Picture:
+    """Return the figure of `size` (pt) that `fill` draws, with at most so many points per line.
+
+    Args:
+        fill: draws on an empty figure: once for the picture, once for the plots.
+        size: of the picture.
+        name: description for readers who cannot see it; with `titles` it makes the ids, the same in every run.
+        titles: of the plots.
+        above: elements drawn last.
+        layout: of matplotlib.
+        columns: in how many columns the plots stand.
 
     Raises:
         MissingExtraError: matplotlib is not installed.
@@ -137,13 +172,21 @@ def document_of(
         from matplotlib.figure import Figure
     except ImportError:
         raise MissingExtraError("matplotlib", "plot", "a figure") from None
+
+    def drawn(most: int) -> Figure:
+        figure = Figure(figsize=(size[0] / 72.0, size[1] / 72.0), layout=layout)
+        fill(figure, most)
+        return figure
+
+    def plots() -> list[Plot]:
+        with style.context(["default", SETTINGS]):
+            return read(drawn(MOST_TOUCHED))
+
     buffer = io.BytesIO()
     # The settings are also needed while drawing; the context restores the caller's.
-    with style.context(["default", {**SETTINGS, "svg.hashsalt": salt}]):
-        figure = Figure(figsize=(size[0] / 72.0, size[1] / 72.0), layout=layout)
-        fill(figure)
-        figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
-    return buffer.getvalue()
+    with style.context(["default", {**SETTINGS, "svg.hashsalt": "|".join([name, *titles])}]):
+        drawn(MAX_POINTS).savefig(buffer, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
+    return Picture(_inline(buffer.getvalue(), name, above), plots, columns)
 
 
 def _span(panels: Sequence[Panel], span_s: Array | None) -> tuple[float, float]:
@@ -153,14 +196,16 @@ def _span(panels: Sequence[Panel], span_s: Array | None) -> tuple[float, float]:
     return (start, end) if end > start else (start - 0.5, start + 0.5)
 
 
-def _plot(axes: Axes, panel: Panel, end: float) -> None:
+def _plot(axes: Axes, panel: Panel, end: float, second: float, most: int) -> None:
     from matplotlib.ticker import FuncFormatter, MaxNLocator
 
     for line, (color, dashed) in zip(panel.lines, _looks(panel.lines), strict=True):
-        time_s, values = _points(line, panel.log, end)
+        time_s, values = _points(line, panel.log, end, most)
         look = (0, (4, 3)) if dashed else "solid"
         drawn = "steps-post" if line.step else "default"
-        axes.plot(time_s, values, color=color, linewidth=1.3, linestyle=look, drawstyle=drawn)
+        axes.plot(
+            time_s * second, values, color=color, linewidth=1.3, linestyle=look, drawstyle=drawn, label=line.label
+        )
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color("#808080")
     axes.grid(axis="y", color="#808080", alpha=0.25, linewidth=0.6)
@@ -181,14 +226,14 @@ def _looks(lines: Sequence[Line]) -> list[tuple[str, bool]]:
     return [(COLORS[i], line.dashed or turn % 2 == 1) for line, (turn, i) in zip(lines, rounds, strict=True)]
 
 
-def _points(line: Line, log: bool, end: float) -> tuple[Array, Array]:
+def _points(line: Line, log: bool, end: float, most: int = MAX_POINTS) -> tuple[Array, Array]:
     values = np.abs(line.values) if log else line.values
     time_s = line.time_s
     if not line.step:
         # No line across a gap, in which the values are unknown.
         holes = np.flatnonzero(np.diff(time_s) > longest_usual(time_s)) + 1
         time_s, values = np.insert(time_s, holes, time_s[holes - 1]), np.insert(values, holes, np.nan)
-    kept = thin(values)
+    kept = thin(values, most)
     time_s, values = time_s[kept], values[kept]
     if line.step and len(time_s):
         # The last value holds to the end of the figure; before its first value a channel is zero, without a line.
@@ -238,7 +283,7 @@ def tick(value: float, places: Sequence[float] | Array) -> str:
     return text.replace("-", "\N{MINUS SIGN}")
 
 
-def inline(document: bytes, name: str, above: Sequence[ElementTree.Element] = ()) -> str:
+def _inline(document: bytes, name: str, above: Sequence[ElementTree.Element]) -> str:
     """Return the svg element without namespaces, unused ids and fonts; `above` is drawn last."""
     root = ElementTree.fromstring(document)
     for element in root.iter():
@@ -272,31 +317,32 @@ def _style(text: str) -> str:
     return "; ".join(part for part in kept if part and not part.startswith("font-family"))
 
 
-def _heading(panel: Panel, y: float) -> list[ElementTree.Element]:
-    common = {"y": f"{y:g}", "fill": "currentColor"}
-    title = ElementTree.Element("text", {**common, "x": "2", "style": "font-size: 11px; font-weight: 600"})
+def _heading(panel: Panel) -> tuple[ElementTree.Element, list[ElementTree.Element]]:
+    """Return the title, and the rows of the legend below it: on the left, where a narrow screen shows them."""
+    title = ElementTree.Element(
+        "text", {"x": "2", "fill": "currentColor", "style": "font-size: 11px; font-weight: 600"}
+    )
     title.text = printable(panel.title)
     if len(panel.lines) < 2:
-        return [title]
-    style = f"font-size: {_FONT:g}px; text-anchor: end"
-    legend = ElementTree.Element("text", {**common, "x": f"{_WIDTH - _RIGHT:g}", "style": style})
-    count = _named(panel)
-    for line, (color, dashed) in zip(panel.lines[:count], _looks(panel.lines), strict=False):
-        swatch = ElementTree.SubElement(legend, "tspan", {"fill": color, "style": "font-weight: 700"})
+        return title, []
+    rows: list[ElementTree.Element] = []
+    room = 0.0
+    for line, (color, dashed) in zip(panel.lines, _looks(panel.lines), strict=True):
+        width = 0.55 * _FONT * (len(printable(line.label)) + 5)
+        if width > room:
+            if len(rows) == _MOST_ROWS:
+                last = rows[-1][-1]
+                more = len(panel.lines) - sum(len(row) for row in rows)
+                last.tail = (
+                    f"{(last.tail or '').rstrip()},\N{NO-BREAK SPACE}and\N{NO-BREAK SPACE}{more}\N{NO-BREAK SPACE}more"
+                )
+                break
+            style = f"font-size: {_FONT:g}px"
+            rows.append(ElementTree.Element("text", {"x": "2", "fill": "currentColor", "style": style}))
+            room = _LEGEND
+        room -= width
+        swatch = ElementTree.SubElement(rows[-1], "tspan", {"fill": color, "style": "font-weight: 700"})
         swatch.text = "\N{EN DASH}\N{EN DASH}" if dashed else "\N{EM DASH}"
         # Non-breaking spaces: a shift by dx would be ignored at the end of the text.
         swatch.tail = f"\N{NO-BREAK SPACE}{printable(line.label)}" + 3 * "\N{NO-BREAK SPACE}"
-    legend[-1].tail = (legend[-1].tail or "").rstrip()
-    if more := len(panel.lines) - count:
-        legend[-1].tail += f",\N{NO-BREAK SPACE}and\N{NO-BREAK SPACE}{more}\N{NO-BREAK SPACE}more"
-    return [title, legend]
-
-
-def _named(panel: Panel) -> int:
-    """Return how many lines of `panel`, at least one, fit in a legend beside the title."""
-    labels = [len(printable(line.label)) + 5 for line in panel.lines]
-    room = (_WIDTH - _RIGHT - 0.6 * 11.0 * len(printable(panel.title))) / (0.55 * _FONT)
-    ends = list(itertools.accumulate(labels))
-    if ends[-1] <= room:
-        return len(ends)
-    return max(1, sum(end + len(", and 99 more") <= room for end in ends))
+    return title, rows

@@ -11,7 +11,7 @@ import numpy as np
 from rb_dynamics.analysis.checks import Check
 from rb_dynamics.analysis.latency import EDGES_S, CommandLatency
 from rb_dynamics.analysis.residual import TELLS, Residual
-from rb_dynamics.analysis.summary import RunSummary
+from rb_dynamics.analysis.summary import Range, RunSummary
 from rb_dynamics.analysis.track import frame_names
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.report.html import printable
@@ -118,10 +118,18 @@ def range_rows(summary: RunSummary) -> list[list[str]]:
     """Return header and rows: extremes; empty if there is no motion."""
     rows = [["", "smallest", "at t [s]", "largest", "at t [s]"]]
     rows += [
-        [f"{r.name} [{r.unit}]", f"{r.low:.8g}", _short(r.low_at_s), f"{r.high:.8g}", _short(r.high_at_s)]
+        [f"{r.name} [{r.unit}]", smallest(r, 8), _short(r.low_at_s), f"{r.high:.8g}", _short(r.high_at_s)]
         for r in summary.ranges
     ]
     return rows if summary.ranges else []
+
+
+def smallest(found: Range, digits: int) -> str:
+    """Return the smallest value; where it would look like the largest, how much less than that it is."""
+    if found.low == found.high:
+        return "the same"
+    alike = f"{found.low:.{digits}g}" == f"{found.high:.{digits}g}"
+    return f"{found.high - found.low:.2g} less" if alike else f"{found.low:.{digits}g}"
 
 
 def balance_rows(summary: RunSummary) -> list[list[str]]:

@@ -11,7 +11,10 @@ import os
 from collections.abc import Callable, Iterable, Sequence
 from xml.etree.ElementTree import Element, SubElement, tostring
 
+import numpy as np
+
 from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, made_by, printable, write_html
+from rb_dynamics.report.live import Array, Curve, Picture, Plot
 from rb_dynamics.report.svg import COLORS
 from rb_dynamics.study.trade import Trade, TradeRow
 
@@ -58,8 +61,16 @@ def trade_report(found: Trade) -> Report:
     remarks = [f"{remark[0].upper()}{remark[1:]}." for remark in found.remarks]
     ended = [[method, why] for method, why in found.ended.items()]
     sections = [
-        Section("Recommendation", "\n\n".join([*_taken(found), *_compiled(found), *remarks]), tiles=_tiles(found)),
-        Section("Speed and accuracy", figures=[Figure(work_precision(found), _CAPTION)] if found.rows else ()),
+        Section(
+            "Recommendation",
+            "\n\n".join([*_taken(found), *_compiled(found), *remarks]),
+            tiles=_tiles(found),
+            lines=[found.recommended.solver] if found.recommended else (),
+        ),
+        Section(
+            "Speed and accuracy",
+            figures=[Figure(Picture(work_precision(found), lambda: [_plot(found)]), _CAPTION)] if found.rows else (),
+        ),
         Section("The front", _COLUMNS, table=_table(found, found.front)),
         Section("The reference", trusted),
         Section("All runs", table=_table(found, found.rows)),
@@ -84,11 +95,11 @@ _COLUMNS = (
 
 
 def _taken(found: Trade) -> list[str]:
-    """Return the line to write in the scene."""
+    """Return why the line for the scene is recommended."""
     if found.recommended is None:
         return [found.shortfall]
     whole = found.recommended.whole
-    said = [found.recommended.solver, f"This is {found.recommended.reason}."]
+    said = [f"This is {found.recommended.reason}."]
     if not whole.measured:
         said.append(
             f"Its error is known after {found.trial_s:g} s of {found.whole:g} s only. At the end it is "
@@ -202,6 +213,32 @@ def work_precision(found: Trade) -> str:
         _ring(root, *at[found.recommended.row], 8.5)
     _legend(root, styles)
     return tostring(root, encoding="unicode")
+
+
+def _plot(found: Trade) -> Plot:
+    """Return the same as a plot; what is beyond the axes of the picture is beyond those of the plot."""
+    times, errors = _columns(found.rows)
+    curves = []
+    for number, method in enumerate(dict.fromkeys(row.method for row in found.rows)):
+        rows = [row for row in found.rows if row.method == method]
+        color = _COLORS[number % len(_COLORS)]
+        names = [f"{_name(row)}: {row.real_time_factor:.3g} times real time" for row in rows]
+        curves.append(Curve(method, _columns(rows), color, more={"mode": "lines+markers", "text": names}))
+    front = Curve(
+        "front", _columns(found.front), "#808080", more={"line": {"color": "#808080", "width": 5}, "opacity": 0.4}
+    )
+    limits = [(0.7 * float(each.min()), 1.4 * float(each.max())) for each in (times, errors)]
+    return Plot(
+        "Error [rad, or relative to the path]",
+        [front, *curves],
+        ["computing for each simulated second, with all outputs [s]", ""],
+        limits,
+        (True, True),
+    )
+
+
+def _columns(rows: Sequence[TradeRow]) -> tuple[Array, Array]:
+    return np.array([row.time_per_s for row in rows]), np.array([min(row.error, _WORST) for row in rows])
 
 
 def _name(row: TradeRow) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rb_dynamics.errors import LogError
-from rb_dynamics.report import svg
+from rb_dynamics.report import html, svg
 from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, printable, render_html, write_html
 
 HOSTILE = "<script>alert('1')</script>\"><img src=x onerror=alert(2)>&amp;{{ 7*7 }}\x1b[31m\x00\u202e]]>"
@@ -18,11 +18,13 @@ HOSTILE = "<script>alert('1')</script>\"><img src=x onerror=alert(2)>&amp;{{ 7*7
 
 def assert_self_contained(page: str) -> None:
     root = ElementTree.fromstring(page.removeprefix("<!DOCTYPE html>"))
-    assert not {"script", "link", "iframe", "img", "object", "embed", "base"} & {element.tag for element in root.iter()}
+    assert not {"link", "iframe", "img", "object", "embed", "base"} & {element.tag for element in root.iter()}
     for element in root.iter():
         assert not {name for name in element.attrib if name.startswith("on") or name == "src"}
         assert element.get("href", "#").startswith("#")
-    assert "http" not in page
+    # plotly.js, compressed, is letters without meaning.
+    packed = root.findtext(".//script[@id='plotly-script']", "")
+    assert "http" not in page.replace(packed or "\0", "")
     assert "@import" not in page
     assert not re.search(r"url\((?!#)", page)
     ids = re.findall(r'\sid="([^"]+)"', page)
@@ -47,6 +49,26 @@ def example(text: str) -> Report:
 @pytest.mark.parametrize("text", ["plain", HOSTILE, "推力 🚀 é"])
 def test_page_is_well_formed_and_self_contained(text: str) -> None:
     assert_self_contained(render_html(example(text)))
+
+
+def test_without_plotly_the_page_is_static_and_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    with_it = render_html(example("plain"))
+    monkeypatch.setattr(html, "library", lambda: "")
+    page = render_html(example("plain"))
+    assert_self_contained(page)
+    assert 'id="plot-data"' not in page
+    assert len(page) < 40_000
+    footer = ElementTree.fromstring(page.removeprefix("<!DOCTYPE html>")).findtext(".//footer", "")
+    assert "install the extra 'interactive'" in footer
+    pytest.importorskip("plotly", reason="extra 'interactive' is not installed")
+    assert 'id="plot-data"' in with_it
+    assert "the extra" not in with_it
+
+
+def test_lines_to_copy_are_kept_as_they_are() -> None:
+    line = "solver: {method: rk4, step: 0.01}  # <b>"
+    root = ElementTree.fromstring(render_html(Report("t", "l", [Section("s", lines=[line])])).partition("\n")[2])
+    assert [pre.text for pre in root.iter("pre") if pre.get("class") == "copy"] == [line]
 
 
 def test_hostile_text_is_shown_as_text() -> None:

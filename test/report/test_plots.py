@@ -54,8 +54,8 @@ def strokes(picture: str) -> int:
 def test_a_line_breaks_at_a_hole(every: int, uneven: float) -> None:
     time_s = TIME[::every] + uneven * TIME[every] * np.random.default_rng(1).random(len(TIME[::every]))
     there = (time_s < 4.0) | (time_s > 7.0)
-    whole = plots.energy(time_s, np.sin(time_s))
-    broken = plots.energy(time_s[there], np.sin(time_s[there]))
+    whole = plots.energy(time_s, np.sin(time_s)).svg
+    broken = plots.energy(time_s[there], np.sin(time_s[there])).svg
     assert (strokes(whole), strokes(broken)) == (1, 2)
 
 
@@ -63,14 +63,14 @@ def test_the_same_numbers_give_the_same_bytes_and_settings_stay() -> None:
     before = dict(mpl.rcParams)
     mpl_style = {"axes.facecolor": "red", "font.size": 40.0}
     with mpl.rc_context(mpl_style):
-        styled = plots.momenta(TIME, WAVE, WAVE)
+        styled = plots.momenta(TIME, WAVE, WAVE).svg
         assert mpl.rcParams["font.size"] == 40.0
-    assert plots.momenta(TIME, WAVE, WAVE) == styled
+    assert plots.momenta(TIME, WAVE, WAVE).svg == styled
     assert dict(mpl.rcParams) == before
 
 
 def test_svg_stands_alone() -> None:
-    picture = plots.position_and_attitude(TIME, WAVE, np.column_stack([WAVE, TIME]))
+    picture = plots.position_and_attitude(TIME, WAVE, np.column_stack([WAVE, TIME])).svg
     root = ElementTree.fromstring(picture)
     assert root.tag == "svg"
     assert root.get("viewBox")
@@ -85,14 +85,14 @@ def test_svg_stands_alone() -> None:
 
 
 def test_figures_of_one_page_share_no_id() -> None:
-    first, second = plots.momenta(TIME, WAVE, WAVE), plots.rates_and_velocity(TIME, WAVE, WAVE)
+    first, second = plots.momenta(TIME, WAVE, WAVE).svg, plots.rates_and_velocity(TIME, WAVE, WAVE).svg
     assert not set(re.findall(r' id="([^"]+)"', first)) & set(re.findall(r' id="([^"]+)"', second))
 
 
 @pytest.mark.parametrize("title", ["$x_{", "_hidden", "<script>alert(1)</script>", "推力 🚀", 'a"b&c', "\x1b[31mred"])
 def test_titles_and_labels_are_plain_text(title: str) -> None:
     lines = [svg.Line(title, TIME, TIME), svg.Line("other", TIME, 2 * TIME, dashed=True)]
-    picture = svg.draw([svg.Panel(title, lines)], title)
+    picture = svg.draw([svg.Panel(title, lines)], title).svg
     shown = title.replace("\x1b", "\\u001b")
     root = ElementTree.fromstring(picture)
     assert shown in texts(picture)
@@ -102,7 +102,7 @@ def test_titles_and_labels_are_plain_text(title: str) -> None:
 
 
 def test_text_takes_the_colour_of_the_page() -> None:
-    picture = plots.energy_defect(TIME, WAVE[:, 0])
+    picture = plots.energy_defect(TIME, WAVE[:, 0], 1.0).svg
     assert "currentColor" in picture
     assert svg.TEXT not in picture
     assert "#ffffff" not in picture
@@ -117,14 +117,14 @@ def test_text_takes_the_colour_of_the_page() -> None:
 def test_any_series_can_be_drawn(values: np.ndarray) -> None:
     time_s = np.linspace(0.0, 1.0, len(values))
     for log in (False, True):
-        picture = svg.draw([svg.Panel("any", [svg.Line("", time_s, values)], log)], "any")
+        picture = svg.draw([svg.Panel("any", [svg.Line("", time_s, values)], log)], "any").svg
         assert ElementTree.fromstring(picture).tag == "svg"
 
 
 def test_comparison_is_logarithmic_and_shows_lengths() -> None:
     difference = np.outer(np.logspace(-15, -9, 200), [3.0, 0.0, 4.0])
     difference[0] = 0.0
-    labels = texts(plots.comparison(np.arange(200.0), {"position [m]": difference}))
+    labels = texts(plots.comparison(np.arange(200.0), {"position [m]": difference}).svg)
     assert "position [m]" in labels
     assert "1e\N{MINUS SIGN}10" in labels
     assert not [label for label in labels if label.startswith("$")]
@@ -167,10 +167,40 @@ def test_lines_of_one_panel_all_look_different() -> None:
     assert svg._looks([svg.Line("x", np.zeros(1), np.zeros(1), dashed=True)]) == [(svg.COLORS[0], True)]
 
 
-@pytest.mark.parametrize(("count", "more"), [(2, 0), (15, 10), (30, 25)])
-def test_a_legend_stays_beside_its_title(count: int, more: int) -> None:
+@pytest.mark.parametrize(("count", "more"), [(2, 0), (12, 0), (30, 16)])
+def test_a_legend_stands_on_the_left_below_its_title(count: int, more: int) -> None:
     time_s = np.linspace(0.0, 1.0, 3)
     lines = [svg.Line(f"wrench/{k} x", time_s, time_s) for k in range(count)]
-    legend = " ".join(svg.draw([svg.Panel("Force of each channel [N]", lines)], "forces").split("\N{NO-BREAK SPACE}"))
+    picture = svg.draw([svg.Panel("Force of each channel [N]", lines)], "forces").svg
+    legend = " ".join(picture.split("\N{NO-BREAK SPACE}"))
     assert legend.count("wrench/") == count - more
     assert (f", and {more} more" in legend) is bool(more)
+    rows = [text for text in ElementTree.fromstring(picture).iter("text") if len(text)]
+    # A screen of 360 px shows 400 of the 690 units; a letter is about half as wide as it is high.
+    assert all(row.get("x") == "2" and 0.5 * 9.5 * len("".join(row.itertext()).rstrip()) < 440.0 for row in rows)
+    assert len({row.get("y") for row in rows}) == len(rows)
+
+
+@pytest.mark.parametrize(
+    ("end", "label", "tick"), [(7200.0, "time [s]", "2000"), (36000.0, "time [h]", "6"), (864000.0, "time [d]", "8")]
+)
+def test_long_axes_are_in_hours_and_days(end: float, label: str, tick: str) -> None:
+    time_s = np.linspace(0.0, end, 50)
+    picture = plots.energy(time_s, time_s)
+    assert {label, tick} <= set(texts(picture.svg))
+    (plot,) = picture.plots()
+    assert plot.curves[0].points[0][-1] / plot.second == pytest.approx(end)
+
+
+@pytest.mark.parametrize(
+    ("size", "unit"), [(3e-15, "1e-16"), (4e-8, "1e-9"), (0.02, "1e-3"), (2.0, "1"), (0.0, "1e-16")]
+)
+def test_defects_are_relative_in_units_that_can_be_read(size: float, unit: str) -> None:
+    picture = plots.energy_defect(np.arange(3.0), np.array([0.0, 5.0 * size, np.nan]), 5.0)
+    assert f"Energy defect T − T₀ − W, relative to 5 J [{unit}]" in texts(picture.svg)
+    (plot,) = picture.plots()
+    assert plot.curves[0].points[1][1] * float(unit) == pytest.approx(size)
+
+
+def test_a_defect_without_a_scale_is_shown_as_it_is() -> None:
+    assert "Energy defect T − T₀ − W [J]" in texts(plots.energy_defect(np.arange(3.0), np.zeros(3), 0.0).svg)

@@ -69,7 +69,7 @@ def test_report_of_a_run_has_everything(flight: Any, tmp_path: Path) -> None:
     assert f"{flight.result.steps} steps" in text
     assert "mass: 4.0" in text
     assert "/thrust timed out 1×, first at t = 1.05 s." in text
-    assert len(list(page.iter("svg"))) == len(list(page.iter("figcaption"))) == 8
+    assert len(list(page.iter("svg"))) == len(list(page.iter("figcaption"))) == 9
     assert all(words(caption) for caption in page.iter("figcaption"))
     for figure in (
         "Torque of /thrust about the centre of mass, body axes [N m]",
@@ -159,7 +159,7 @@ def test_failures_stand_at_the_top(flight: Any, tmp_path: Path) -> None:
     assert "; cut off at t = " in lead
     assert "Failed: file is whole" in lead
     # All of them, although some topics have one sample more than others.
-    assert len(list(page.iter("svg"))) == 8
+    assert len(list(page.iter("svg"))) == 9
 
 
 def test_scene_text_and_names_are_escaped(bagger: Any, tmp_path: Path) -> None:
@@ -191,4 +191,4 @@ def test_comparison_tells_the_worst_and_when() -> None:
     section = comparison_section(time_s, {"position (m)": np.array([[0.0, 0, 0], [3e-9, 4e-9, 0], [0, 0, 1e-10]])})
     assert section.table is not None
     assert section.table.rows == [["position (m)", "5.000e-09", "1", "1.000e-10"]]
-    assert "position (m)" in section.figures[0].svg
+    assert "position (m)" in section.figures[0].picture.svg

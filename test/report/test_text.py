@@ -5,11 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from rb_dynamics.analysis.read_track import read_track
-from rb_dynamics.analysis.summary import summarize
+from rb_dynamics.analysis.summary import Range, summarize
 from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.loads.wrench import Wrench
-from rb_dynamics.report.text import WIDTH, as_text
+from rb_dynamics.report.text import WIDTH, as_text, smallest
 
 POSE = "geometry_msgs/msg/PoseStamped"
 
@@ -86,3 +88,10 @@ def test_frames_that_do_not_fit_are_told_in_full_and_the_empty_one_in_quotes(bag
     assert '  Frames of /thrust: "", base_link, world, wrold.' in lines
     rows = [("/cmd", "geometry_msgs/msg/WrenchStamped", k, (k, f, (0.1,) * 6)) for k, f in enumerate(frames)]
     assert '(frames: "", base_link, world, wrold)' in " ".join(text_of(bagger(rows)).split())
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "shown"), [(1.0, 2.0, "1"), (2.0, 2.0 + 4e-9, "4e-09 less"), (2.0, 2.0, "the same")]
+)
+def test_the_smallest_value_is_told_apart_from_the_largest(low: float, high: float, shown: str) -> None:
+    assert smallest(Range("speed", "m/s", low, 0.0, high, 1.0), 8) == shown

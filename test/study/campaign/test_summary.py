@@ -254,13 +254,13 @@ def test_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert headings[:4] == ["At a glance", "Over time", "Distributions of the metrics", "What drives them"]
     for section in report.sections:
         for figure in section.figures:
-            assert ElementTree.fromstring(figure.svg).tag == "svg"
+            assert ElementTree.fromstring(figure.picture.svg).tag == "svg"
     failed = next(section for section in report.sections if section.heading == "Runs that failed")
     failures = failed.table
     assert failures is not None
     # One command for all of them.
-    assert failed.text.count("--rerun") == 1
-    assert failed.text.endswith(f"campaign.yaml --rerun {failures.rows[0][0]}")
+    (command,) = failed.lines
+    assert command.endswith(f"campaign.yaml --rerun {failures.rows[0][0]}")
     assert [row[0] for row in failures.rows] == [str(run) for run in rows["run"][~rows["passed"]]]
     monkeypatch.setattr(campaign_page, "campaign_report", lambda *_: report)
     campaign_page.write_campaign_page(campaign, rows, tmp_path / "page.html")

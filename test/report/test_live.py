@@ -1,0 +1,119 @@
+"""Plots that answer when touched have the numbers of the pictures, and nothing in them is markup."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rb_dynamics.report import campaign_figures, live, plots, svg
+from rb_dynamics.report.path_figure import path_in_space
+
+pytest.importorskip("matplotlib", reason="extra 'plot' is not installed")
+
+TIME = np.linspace(0.0, 10.0, 301)
+WAVE = np.stack([np.sin(TIME), np.cos(TIME), 0.1 * TIME], axis=1)
+STILL = np.tile([0.0, 0.0, 0.0, 1.0], (len(TIME), 1))
+
+
+def decoded(data: dict[str, Any], place: int) -> np.ndarray:
+    return np.frombuffer(base64.b64decode(data["arrays"][place]), "<f8")
+
+
+def test_a_plot_has_every_sample_to_the_last_bit_and_time_once() -> None:
+    data = json.loads(live.encode([plots.momenta(TIME, WAVE, 2.0 * WAVE)]))
+    (figure,) = data["figures"]
+    angular, linear = figure["plots"]
+    assert [curve["label"] for curve in angular["curves"]] == ["x", "y", "z"]
+    assert angular["second"] == 1.0
+    for plot, factor in ((angular, 1.0), (linear, 2.0)):
+        for curve, column in zip(plot["curves"], factor * WAVE.T, strict=True):
+            assert decoded(data, curve["points"][0]).tolist() == TIME.tolist()
+            assert decoded(data, curve["points"][1]).tolist() == column.tolist()
+    assert len(data["arrays"]) == 7
+
+
+def test_long_series_are_thinned_but_less_than_in_the_picture() -> None:
+    time_s = np.linspace(0.0, 10.0, 50_000)
+    noise = np.random.default_rng(1).normal(size=len(time_s))
+    (plot,) = plots.energy(time_s, noise).plots()
+    shown, values = plot.curves[0].points
+    assert svg.MAX_POINTS < len(shown) <= svg.MOST_TOUCHED
+    assert set(zip(shown, values, strict=True)) <= set(zip(time_s, noise, strict=True))
+
+
+def test_steps_dashes_holes_and_logarithms_are_kept() -> None:
+    (plot,) = plots.wrench_history([("Force [N]", np.array([0.0, 1.0]), np.eye(3)[:2])], np.array([0.0, 4.0])).plots()
+    assert {curve.look for curve in plot.curves} == {"step"}
+    assert plot.curves[0].points[0].tolist() == [0.0, 1.0, 4.0]
+    (plot,) = plots.energy(TIME, WAVE[:, 0], WAVE[:, 0]).plots()
+    assert [curve.look for curve in plot.curves] == ["line", "dash"]
+    there = (TIME < 4.0) | (TIME > 7.0)
+    (plot,) = plots.energy(TIME[there], WAVE[there, 0]).plots()
+    assert np.isnan(plot.curves[0].points[1]).sum() == 1
+    (plot,) = plots.comparison(TIME, {"x": TIME}).plots()
+    assert plot.log == [False, True]
+
+
+@pytest.mark.parametrize("text", ["</script><b>", "a & b", "\x1b\u202e"])
+def test_names_are_no_markup(text: str) -> None:
+    figure = svg.draw([svg.Panel(text, [svg.Line(text, TIME, TIME), svg.Line("y", TIME, TIME)])], "any")
+    encoded = live.encode([figure])
+    assert not set("<>&") & set(encoded)
+    assert encoded.isascii()
+    assert json.loads(encoded)["figures"][0]["plots"][0]["title"] == text
+
+
+def test_figures_of_a_campaign_can_be_read() -> None:
+    values = np.linspace(1.0, 2.0, 40)
+    passed = values < 1.8
+    (histogram,) = campaign_figures.histograms([("settling [s]", values, passed, 1.8)]).plots()
+    assert [(curve.label, curve.look) for curve in histogram.curves] == [("passed", "bars"), ("failed", "bars")]
+    assert sum(curve.points[1].sum() for curve in histogram.curves) == len(values)
+    assert [shape["x0"] for shape in histogram.shapes] == [1.8]
+    (bars,) = campaign_figures.sensitivities([("settling", [("body.mass", 0.5), ("control.gain", -0.2)])], 0.1).plots()
+    assert sorted(bars.curves[0].points[0].tolist()) == [-0.2, 0.5]
+    assert {note["text"] for note in bars.notes} == {"mass", "gain"}
+    (dots,) = campaign_figures.scatters([("body.mass", "settling [s]", values, 2.0 * values, passed)]).plots()
+    assert [len(curve.points[0]) for curve in dots.curves] == [passed.sum(), (~passed).sum()]
+    (over,) = campaign_figures.over_time(
+        TIME, "rate", np.tile(TIME, (4, 1)).T + np.arange(4.0), np.eye(4)[0] > 0
+    ).plots()
+    assert [(curve.label, curve.look) for curve in over.curves] == [
+        ("middle 90 %", "fill"),
+        ("failed 1", "line"),
+        ("median", "line"),
+    ]
+
+
+def test_a_path_in_space_has_the_positions_and_the_body_axes() -> None:
+    found = path_in_space([("A", WAVE, STILL), ("B", WAVE + 1.0, STILL)])
+    assert found is not None
+    (plot,) = found.plots()
+    curves = {curve.label: np.column_stack(list(curve.points)) for curve in plot.curves}
+    np.testing.assert_array_equal(curves["A"], WAVE)
+    np.testing.assert_array_equal(curves["start of B"], WAVE[:1] + 1.0)
+    foot, tip, gap = curves["body y"][:3]
+    np.testing.assert_allclose((tip - foot) / np.linalg.norm(tip - foot), [0.0, 1.0, 0.0], atol=1e-12)
+    assert np.isnan(gap).all()
+    assert "1 m long" in found.svg
+
+
+@pytest.mark.parametrize(
+    "position", [np.zeros((5, 3)), np.full((5, 3), np.nan), np.full((5, 3), 1e6), np.zeros((0, 3))]
+)
+def test_what_does_not_move_has_no_path(position: np.ndarray) -> None:
+    assert path_in_space([("A", position, STILL[: len(position)])]) is None
+
+
+def test_the_library_is_plotly_compressed_and_always_the_same() -> None:
+    pytest.importorskip("plotly", reason="extra 'interactive' is not installed")
+    packed = live.library()
+    assert b"Plotly" in gzip.decompress(base64.b64decode(packed))[:300]
+    assert len(packed) < 2_500_000
+    live.library.cache_clear()
+    assert live.library() == packed
