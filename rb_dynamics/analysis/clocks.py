@@ -85,6 +85,17 @@ def clock(topic: Topic) -> Clock:
     )
 
 
+def log_time_of_start(track: Track) -> int:
+    """Return the log time (ns) at the start of the motion, whose stamps may be those of another clock."""
+    start = track.span_ns[0]
+    for series in (track.pose, track.twist):
+        topic = track.bag.topics.get(series.topic) if series is not None and not track.own else None
+        if topic is not None and topic.count and topic.stamps_given:
+            later = int(topic.log_times[0] - topic.stamps[0])
+            return start + later if abs(later) > APART * 1e9 else start
+    return start
+
+
 def remarks(track: Track) -> list[str]:
     """Return remarks on the clocks for the reader."""
     found, told = clocks(track), []

@@ -16,6 +16,7 @@ import numpy as np
 from rb_dynamics.analysis.agreement import Agreement, agreements
 from rb_dynamics.analysis.balance import Balance, balances, sizes_of
 from rb_dynamics.analysis.checks import BOUND, Check, balanced, checks, cut, missing, off_unit, one_recording
+from rb_dynamics.analysis.clocks import log_time_of_start
 from rb_dynamics.analysis.command_outcomes import CommandOutcomes, outcomes_of
 from rb_dynamics.analysis.continuity import Continuity, continuity
 from rb_dynamics.analysis.latency import CommandLatency, command_latencies
@@ -178,7 +179,8 @@ def summarize(track: Track, bound: float = BOUND) -> RunSummary:
     facts, result = bag.metadata.get(RUN, {}), bag.metadata.get(RESULT, {})
     start, end = track.span_ns
     motion = track.pose or track.moving
-    topics = tuple(_topic(topic, start, _use(track, topic)) for _, topic in sorted(bag.topics.items()))
+    logged = log_time_of_start(track)
+    topics = tuple(_topic(topic, logged, _use(track, topic)) for _, topic in sorted(bag.topics.items()))
     health = _health(bag)
     steady, agreed = continuity(track), agreements(track)
     unsure = _unsure(track, steady, agreed)

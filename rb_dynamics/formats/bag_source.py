@@ -77,10 +77,17 @@ def open_source(path: str | Path, on_fact: OnFact | None = None) -> Source:
     if not path.is_dir():
         return _opened(path, on_fact=on_fact)
     mode, files = _files(path)
-    if files:
+    there = sorted(each.name for each in path.iterdir() if each.suffix in (".db3", ".mcap"))
+    if files and (not there or any(file.exists() for file in files)):
         return SplitBag(path, files, mode, on_fact)
+    if files:
+        raise LogError(
+            f"{path} has none of the files that its {METADATA_FILE} names ({files[0].name}), but {there[0]}: it was "
+            f"renamed; give {path / there[0]} itself, or correct the name"
+        )
+    itself = f"; give {path / there[0]} itself" if there else ""
     raise LogError(
-        f"{path} holds no bag: expected {METADATA_FILE} or .mcap files in it, as `ros2 bag record` leaves them"
+        f"{path} holds no bag: expected {METADATA_FILE} or .mcap files in it, as `ros2 bag record` leaves them{itself}"
     )
 
 

@@ -71,6 +71,7 @@ _NEEDED = frozenset(
 )
 # What stands for the opcode of a chunk of which the end of the file has cut off the rest; no record has it.
 _CUT_CHUNK = -1
+_GIT_LFS = b"version https://git-lfs.github.com/spec/"
 _ROS_1, _SQLITE = b"#ROSBAG V", b"SQLite format 3\0"
 _RECORD = struct.Struct("<BQ")
 # Of a chunk: its record, its times, what is in it in bytes and their checksum, the length of the compression's name.
@@ -567,17 +568,23 @@ class McapFile:
 
 
 def require_file(path: Path) -> None:
-    """Refuse a pipe, which would be waited for, and a device, which may have no end.
+    """Refuse a pipe, which would be waited for, a device, which may have no end, and what stands for a file in git.
 
     Raises:
         LogError: it is one of them; what is not there, or cannot be looked at, is for its reader to say.
     """
     try:
-        regular = stat.S_ISREG(path.stat().st_mode) or path.is_dir()
+        regular = stat.S_ISREG(path.stat().st_mode)
+        if not (regular or path.is_dir()):
+            raise LogError(f"{path} is a pipe or a device, expected a file, which can be read again; give one")
+        with contextlib.ExitStack() as opened:
+            begin = opened.enter_context(path.open("rb")).read(len(_GIT_LFS)) if regular else b""
     except OSError:
         return
-    if not regular:
-        raise LogError(f"{path} is a pipe or a device, expected a file, which can be read again; give one")
+    if begin == _GIT_LFS:
+        raise LogError(
+            f"{path} only stands for a file that Git LFS keeps elsewhere, expected it; fetch it with: git lfs pull"
+        )
 
 
 def _next_chunk(file: BinaryIO, start: int, size: int) -> int | None:

@@ -34,7 +34,7 @@ def as_text(summary: RunSummary) -> str:
     lines += _wrap(f"solver: {summary.solver}") if summary.solver else []
     lines += [line for fact in summary.body for line in _wrap(fact)]
     lines += [""]
-    lines += _table("topic", topic_rows(summary), (25, 16, 9, 10, 16, 9, 15))
+    lines += _table("topic", topic_rows(summary), (21, 16, 9, 10, 16, 9, 19))
     lines += _table("state", state_rows(summary), (37, 6, 14, 14, 14, 14))
     lines += _table("extremes", range_rows(summary), (35, 16, 16, 16, 16))
     lines += _table("balance", balance_rows(summary), (30, 14, 14, 14, 14, 14))
@@ -97,7 +97,7 @@ def topic_rows(summary: RunSummary) -> list[list[str]]:
                 str(t.count),
                 _short(t.rate) if t.rate else "",
                 _short(t.longest_s) if spaced else "",
-                _short(t.longest_at_s) if spaced else "",
+                _short(round(t.longest_at_s, 3)) if spaced else "",
                 t.use,
             ]
         )

@@ -33,6 +33,15 @@ def test_a_clock_that_was_set_is_told_with_time_and_size() -> None:
     assert any("/b/twist do not run alike" in each and "+3.2 s at once at t = 5.99 s" in each for each in told)
 
 
+@pytest.mark.parametrize("apart_s", [0.0, 1.7e9])
+def test_the_longest_gap_is_placed_in_the_time_of_the_motion(apart_s: float) -> None:
+    """Whatever the clock of the log times: that of a simulation may begin at 0, and the log in 1970."""
+    logged = later(apart_s + np.where(np.arange(COUNT) < 600, 0.0, 0.5))
+    summary = summary_of(bag_of(spin(), logged_later_ns=logged))
+    (pose,) = (topic for topic in summary.topics if topic.use == "pose")
+    assert pose.longest_at_s == pytest.approx(5.99, abs=0.02)
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_what_messages_take_to_come_is_no_drift(seed: int) -> None:
     random = np.random.default_rng(seed)

@@ -140,6 +140,27 @@ def test_what_does_not_fit_unpacked_is_refused(tmp_path: Path, monkeypatch: pyte
         read_bag(bag)
 
 
+@pytest.mark.parametrize("storage", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
+def test_a_file_that_was_renamed_is_named(tmp_path: Path, storage: StoragePlugin) -> None:
+    bag = record(tmp_path / "bag", storage)
+    (file,) = (each for each in bag.iterdir() if each.suffix in (".db3", ".mcap"))
+    renamed = file.rename(file.with_stem("my_run"))
+    with pytest.raises(LogError, match=rf"it was renamed; give .*{renamed.name} itself"):
+        read_bag(bag)
+    assert read_bag(renamed).topics
+    (bag / "metadata.yaml").unlink()
+    if storage is StoragePlugin.SQLITE3:
+        with pytest.raises(LogError, match=rf"holds no bag: .*; give .*{renamed.name} itself"):
+            read_bag(bag)
+
+
+@pytest.mark.parametrize("name", ["bag.db3", "bag.mcap"])
+def test_what_stands_for_a_file_of_git_lfs_is_told(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_text("version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 491278336\n")
+    with pytest.raises(LogError, match=r"Git LFS keeps elsewhere.*git lfs pull"):
+        read_bag(tmp_path / name)
+
+
 def test_a_folder_without_a_bag_and_a_damaged_database_are_refused(tmp_path: Path) -> None:
     with pytest.raises(LogError, match=r"holds no bag: expected metadata\.yaml"):
         read_bag(tmp_path)

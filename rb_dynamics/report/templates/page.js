@@ -89,9 +89,9 @@
 
   function layoutOf(plot, last) {
     const three = plot.axes.length === 3;
-    const named = plot.axes[0] || plot.second;
+    const bottom = plot.equal || (plot.second && !last) ? 12 : plot.axes[0] ? 40 : 26;
     const layout = {
-      margin: { l: plot.notes.length || plot.equal ? 14 : LEFT, r: RIGHT, t: TOP, b: (plot.second ? last : named) ? 40 : 12 },
+      margin: { l: plot.notes.length || plot.equal ? 14 : LEFT, r: RIGHT, t: TOP, b: bottom },
       paper_bgcolor: "rgba(0, 0, 0, 0)", plot_bgcolor: "rgba(0, 0, 0, 0)",
       font: { color: style("--text"), size: 11, family: getComputedStyle(document.body).fontFamily },
       hovermode: plot.second ? false : "closest", dragmode: three ? "turntable" : dragging ? "zoom" : false,
@@ -211,9 +211,10 @@
         const box = canvas.getBoundingClientRect();
         const at = first + ((event.clientX - box.left - LEFT) / (box.width - LEFT - RIGHT)) * (end - first);
         // To the nearest sample, whose values are shown.
-        const time = arrays[plot.curves[0].points[0]];
+        const curve = plot.curves.find((each) => each.look !== "fill");
+        const time = arrays[curve.points[0]];
         const found = sampleAt(time, at, false);
-        point((found === -1 || plot.curves[0].look === "step" ? at : time[found]) / plot.second);
+        point((found === -1 || curve.look === "step" ? at : time[found]) / plot.second);
       };
       canvas.addEventListener("pointermove", look);
       canvas.addEventListener("pointerdown", look);
