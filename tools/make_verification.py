@@ -728,8 +728,8 @@ brick to the east, which is the 1e-6 rad of 01 and 04.
 Basilisk flew a 6U satellite with what `actuators` has: wheels at 100 rad/s, with and without Coulomb and viscous
 friction, a torque rod, a thruster, the gravity gradient. `tools/compare_basilisk.py` flies each case with a step of its
 RK4 and with half of it; what the two differ by is about its own error. We differ from the finer one by less, except
-with the thruster: its edges cost RK4 the order, and Basilisk the digits. Ours fall on their nanosecond, and the impulse is
-exact ([test](../test/loads/test_actuators.py)).
+with the thruster: its edges cost RK4 the order, and Basilisk the digits. Ours fall on their nanosecond, and the impulse
+is exact ([test](../test/loads/test_actuators.py)).
 
 | flight | s | its step, s | we differ, rad | half the step, rad | its two steps, rad | wheels, rad/s |
 | --- | ---: | ---: | ---: | ---: | ---: | ---: |
