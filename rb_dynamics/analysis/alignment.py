@@ -17,7 +17,7 @@ from rb_dynamics.analysis.track import Array, Times
 from rb_dynamics.errors import LogError
 from rb_dynamics.numerics.rotation_arrays import rotation_vectors
 
-# Grid points at most, for the search.
+# Grid points at most, for the search, and samples at which two recordings are held against each other.
 _GRID = 1 << 16
 # At least this part of the shorter recording lies within the other at a lag.
 _OVERLAP = 0.5
@@ -26,8 +26,12 @@ _FLAT = 1e-6
 # The best lag leaves at most this part of the usual difference; another one that leaves less than this many times what
 # the best leaves, or this part of the usual, is a rival.
 _FITS, _TIMES, _RIVAL = 0.25, 4.0, 0.02
-# Steps to either side in which the lowest point is looked for, and what one that stands out leaves of what is usual.
-_AROUND, _SHARP = 4, 0.5
+# Steps to either side over which a slope is taken, and how many reaches of it are tried, each four times the last.
+_AROUND, _REACHES = 4, 4
+# Steps of Newton's method at most, and steps of the search within which a lag is told, or else it is not.
+_ROUNDS, _FARTHEST = 20, 400
+# What an offset at which stamps coincide leaves, at most, of what the best one does.
+_SHARP = 0.5
 _SECOND = 1e9
 
 
@@ -138,6 +142,8 @@ def _lag(signals: list[_Signal]) -> Alignment | None:
     best = int(np.nanargmin(costs))
     usual = float(np.nanmedian(costs))
     valley = _refined(signals, int(lags[best]), step_ns)
+    if not np.isfinite(valley.uncertainty_s):
+        return None
     offset_ns = valley.offset_ns
     least = _cost(signals, offset_ns)
     least = float(costs[best]) if least is None else least
@@ -195,61 +201,94 @@ def _cost(signals: list[_Signal], offset_ns: int) -> float | None:
 
 
 class _Valley(NamedTuple):
-    """The lowest point of what offsets near the best one leave, ns, and how far it may be off."""
+    """The offset near the best of the search at which the two agree, ns, and how far it may be off."""
 
     offset_ns: int
     uncertainty_s: float
 
 
 def _refined(signals: list[_Signal], offset_ns: int, step_ns: int) -> _Valley:
-    """Return the best offset about `offset_ns`: the lowest point of a parabola through what offsets near it leave.
+    """Return the offset about `offset_ns` at which what remains goes with the slopes no more.
 
-    Noise makes the valley rough, and no single point of it is to be trusted, unless one leaves far less than its
-    neighbours: the one at which stamps coincide, or without noise the very lowest.
+    Not the lowest point of what offsets leave: between two samples interpolation averages their noise, so that it is
+    lower at some offsets than at others whatever the motion. An offset at which stamps coincide and which leaves far
+    less than its neighbours is believed, for the two are then of one recording.
     """
-    from scipy.optimize import minimize_scalar
-
-    def cost(by: float) -> float:
-        found = _cost(signals, offset_ns + round(by * step_ns))
-        return np.inf if found is None else found
-
-    places = np.linspace(-_AROUND, _AROUND, 4 * _AROUND + 1)
-    costs = np.array([cost(place) for place in places])
-    if not np.isfinite(costs).all():
-        return _Valley(offset_ns, np.inf)
-    curvature, slope, _ = np.polyfit(places, costs, 2).tolist()
-    if curvature <= 0.0:
-        return _Valley(offset_ns, np.inf)
-    lowest = float(np.clip(-slope / (2.0 * curvature), -_AROUND, _AROUND))
-    chosen = _coinciding(signals, offset_ns + round(lowest * step_ns))
-    left = _cost(signals, chosen) or 0.0
-    if left > _SHARP * cost(lowest):
-        chosen, left = offset_ns + round(lowest * step_ns), cost(lowest)
-        if left < 1e-3 * curvature * _AROUND**2:
-            bounds = (lowest - 1.0, lowest + 1.0)
-            sharp = float(minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": 1e-6}).x)
-            if cost(sharp) < left:
-                chosen, left = offset_ns + round(sharp * step_ns), cost(sharp)
-    return _Valley(chosen, _spread(signals, chosen, _AROUND * step_ns))
+    reaches = [_AROUND * step_ns * 4**k for k in range(_REACHES)]
+    reach_ns = min(reaches, key=lambda reach: _deviations(*_scores(signals, offset_ns, step_ns, reach)))
+    valley = _balanced(signals, offset_ns, step_ns, reach_ns)
+    chosen = _coinciding(signals, valley.offset_ns)
+    left, least = _cost(signals, chosen), _cost(signals, valley.offset_ns)
+    if left is None or least is None or left > _SHARP * least:
+        return valley
+    return _Valley(chosen, _within(signals, chosen, step_ns, reach_ns))
 
 
-def _spread(signals: list[_Signal], offset_ns: int, around_ns: int) -> float:
-    """Return two standard deviations (s) of a lag fitted to independent noise that may differ from sample to sample.
+def _balanced(signals: list[_Signal], offset_ns: int, step_ns: int, reach_ns: int) -> _Valley:
+    """Return the offset found by Newton's method, with slopes over `reach_ns` as weights."""
+    near = _AROUND * step_ns
+    at = offset_ns
+    for _ in range(_ROUNDS):
+        scores, slope = _scores(signals, at, step_ns, reach_ns)
+        if slope <= 0.0:
+            break
+        by = round(min(max(-_SECOND * float(scores.sum()) / slope, -near), near))
+        at += by
+        if abs(by) <= 1:
+            break
+    return _Valley(at, _within(signals, at, step_ns, reach_ns))
 
-    With slopes s (over `around_ns`, so that noise does not steepen them) and remainders r, the variance is
-    sum (s r)^2 / (sum s^2)^2 (White, Econometrica 48 (1980) 817).
+
+def _within(signals: list[_Signal], offset_ns: int, step_ns: int, reach_ns: int) -> float:
+    """Return how far (s) from an offset the others lie that noise of independent samples excludes; infinite for none.
+
+    An offset is excluded if the sum of its scores is beyond two standard deviations, the root of the sum of their
+    squares (White, Econometrica 48 (1980) 817), and so without the slope, which noise may hide (Anderson & Rubin,
+    Annals of Mathematical Statistics 20 (1949) 46).
     """
-    scores = slopes = 0.0
+
+    def excluded(at_ns: int) -> bool:
+        scores, _ = _scores(signals, at_ns, step_ns, reach_ns)
+        return float(scores.sum()) ** 2 > 4.0 * float(np.sum(scores**2))
+
+    deviations = _deviations(*_scores(signals, offset_ns, step_ns, reach_ns))
+    by_ns = max(1.0, _SECOND * deviations if np.isfinite(deviations) else 1e-3 * step_ns)
+    while by_ns < _FARTHEST * step_ns:
+        if all(excluded(offset_ns + side * round(by_ns)) for side in (-1, 1)):
+            return by_ns / _SECOND
+        by_ns *= 1.25
+    return np.inf
+
+
+def _deviations(scores: Array, slope: float) -> float:
+    """Return two standard deviations (s) of an offset; infinite without a slope."""
+    return 2.0 * float(np.sqrt(np.sum(scores**2))) / slope if slope > 0.0 else np.inf
+
+
+def _scores(signals: list[_Signal], offset_ns: int, step_ns: int, reach_ns: int) -> tuple[Array, float]:
+    """Return for each sample what remains at an offset times the slopes over `reach_ns`, and the slope of their sum.
+
+    No factor shares a sample with the other, nor do those of the slope of the sum, so that noise does not add up in
+    either (instrumental variables).
+    """
+    parts: list[Array] = []
+    total = 0.0
     for each in signals:
         moved = each.b.later(-offset_ns)
-        (before, one), (after, other), (here, known) = (
-            each.a.at(moved.time_ns + by) for by in (-around_ns, around_ns, 0)
-        )
-        known &= one & other
-        slope = (after - before)[known] / (2e-9 * around_ns)
-        scores += float(np.sum(np.sum(slope * (moved.values - here)[known], axis=1) ** 2)) / each.usual**2
-        slopes += float(np.sum(slope**2)) / each.usual
-    return 2.0 * float(np.sqrt(scores)) / slopes if slopes > 0.0 else np.inf
+        times = min(each.a.time_ns, moved.time_ns, key=len)
+        times = times[:: 1 + len(times) // _GRID]
+        (a, known), (b, here) = each.a.at(times), moved.at(times)
+        known &= here
+        slopes = []
+        for stream in (each.a, moved):
+            for by_ns in (reach_ns, _AROUND * step_ns):
+                (before, one), (after, other) = stream.at(times - by_ns), stream.at(times + by_ns)
+                known &= one & other
+                slopes.append((after - before) / (2e-9 * by_ns))
+        weight_a, slope_a, weight_b, slope_b = (slope[known] for slope in slopes)
+        parts.append(np.sum((weight_a + weight_b) * (b - a)[known], axis=1) / each.usual)
+        total += float(np.sum(weight_a * slope_b + weight_b * slope_a)) / each.usual
+    return np.concatenate(parts), total
 
 
 def _coinciding(signals: list[_Signal], offset_ns: int) -> int:
@@ -263,7 +302,8 @@ def _coinciding(signals: list[_Signal], offset_ns: int) -> int:
 def _uncertainty(signals: list[_Signal], valley: _Valley, step_ns: int) -> float:
     """Return how far the lag may be off, s: as the noise says, or half of what the halves alone differ."""
     halves = [_refined(half, valley.offset_ns, step_ns) for half in _halves(signals, valley.offset_ns)]
-    apart = abs(halves[0].offset_ns - halves[1].offset_ns) / _SECOND / 2.0 if len(halves) == 2 else 0.0
+    told = len(halves) == 2 and all(np.isfinite(half.uncertainty_s) for half in halves)
+    apart = abs(halves[0].offset_ns - halves[1].offset_ns) / _SECOND / 2.0 if told else 0.0
     # Stamps are whole nanoseconds.
     return max(valley.uncertainty_s, apart, 1e-9)
 

@@ -45,6 +45,31 @@ def test_the_lag_is_found_in_noise_at_other_stamps_and_as_well_as_is_said(later_
     assert not found.doubtful
 
 
+def test_as_many_lags_of_slow_noisy_motions_lie_within_what_is_said_as_should() -> None:
+    # A slow motion tells little from one sample to the next: noise and interpolation then hide its slopes.
+    generator, beyond = np.random.default_rng(11), 0
+    for _ in range(10):
+        later_ns = int(generator.integers(-(10**9), 10**9))
+        part = np.sort(generator.choice(TIMES, 420, replace=False))
+        phases, frequencies = generator.uniform(0.0, 6.0, (3, 7)), generator.uniform(0.0125, 0.2, (3, 7))
+        both = []
+        for times in (TIMES, part + 7_000_000):
+            rates = np.sin(frequencies * times[:, None, None] * 1e-9 + phases).sum(axis=2)
+            rates += 0.1 * generator.standard_normal(rates.shape)
+            both.append(MotionStreams(rate=Stream.of(times, rates)))
+        found = best_lag(both[0], both[1].later(later_ns))
+        assert found.uncertainty_s is not None
+        beyond += abs(found.offset_ns - later_ns) * 1e-9 > 1.5 * found.uncertainty_s  # three standard deviations
+    assert beyond <= 1
+
+
+def test_noise_alone_cannot_be_aligned() -> None:
+    generator = np.random.default_rng(12)
+    one, other = (MotionStreams(rate=Stream.of(TIMES, generator.standard_normal((600, 3)))) for _ in range(2))
+    with pytest.raises(LogError, match="--align start"):
+        best_lag(one, other)
+
+
 def test_a_part_of_a_motion_is_found_within_the_whole() -> None:
     motion = wandering(TIMES)
     part = motion.within(4_000_000_000, 9_000_000_000).later(55_000_000_000)
