@@ -19,6 +19,7 @@ from rb_dynamics.numerics.vector import Vector, scale
 
 BODIES = 150
 LANE_METHODS = [name for name in METHODS if name in batch_kernel._LANE_STEPS]
+LONG = {"dlm4", "dlm6"}
 needs_numba = pytest.mark.skipif(not compilation.available(), reason="nothing to compare with: numba is not installed")
 
 
@@ -80,7 +81,7 @@ def test_a_step_for_lanes_is_the_step(name: str) -> None:
 
 
 @needs_numba
-@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n == "dlm6")) for n in LANE_METHODS])
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in LONG)) for n in LANE_METHODS])
 class TestLanes:
     def test_have_the_bits_of_a_body_alone(self, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
         """The number of bodies is no multiple of the block, one thread and several; alone in plain Python."""

@@ -33,6 +33,8 @@ from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.scene.model import Solver
 
 COMPILED = [name for name, method in METHODS.items() if method.compiles]
+# Made of the steps of the others, and long to compile.
+COMPOSED = {"strang6", "dmv82", "midpoint4", "midpoint6", "dlm4"}
 needs_numba = pytest.mark.skipif(not compilation.available(), reason="nothing to compare with: numba is not installed")
 
 
@@ -80,7 +82,7 @@ def compare(monkeypatch: pytest.MonkeyPatch, name: str, longest: float, seed: in
 
 
 @needs_numba
-@pytest.mark.parametrize("name", COMPILED)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in COMPOSED)) for n in COMPILED])
 class TestCompiled:
     def test_has_the_bits_of_plain_python(self, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
         ends = compare(monkeypatch, name, 0.1, seed=1)
