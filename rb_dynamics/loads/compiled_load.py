@@ -108,6 +108,11 @@ def evaluated_by_numbers(
     return force, torque
 
 
+def has_effects(c: Numbers) -> bool:
+    """Return whether there are any at the end of `c`."""
+    return bool(c[len(c) - 1] != 0.0)
+
+
 def outlook(c: Numbers, here: Point) -> tuple[float, float]:
     """Return slowing (1/s) and sight (s) of the effects at the end of `c`; see `CombinedEffects`."""
     count = int(c[len(c) - 1])

@@ -109,6 +109,16 @@ class Arc:
         return Stepper(method, *self._what_acts)
 
     @property
+    def load(self) -> tuple[LoadFrom | None, Outlook]:
+        """What acts in addition to the held wrench."""
+        return self._what_acts[2], self._what_acts[3]
+
+    def guess(self) -> None:
+        """Let its control guess the next stride, as a kernel cannot where it has learnt nothing."""
+        if isinstance(self._control, AccuracyControl):
+            self._control.learnt = self._control.guess(self._phase, self._advance)
+
+    @property
     def standing(self) -> Standing:
         """Where it stands."""
         # A stride that has been chosen and not taken is chosen again.

@@ -17,21 +17,21 @@ from rb_dynamics.motion.variational_flight import VARIATIONAL
 
 
 def usual_kernels() -> dict[str, OnDemand]:
-    """Return those of runs by `auto` under wrenches, and of `identify`."""
-    methods = (METHODS[name] for name in CANDIDATES[LoadDependence.HELD])
-    of_methods = (each for method in methods for each in _of(method))
+    """Return those of runs by `auto` under wrenches and under all effects, and of `identify`."""
+    of_methods = [each for name in CANDIDATES[LoadDependence.HELD] for each in _of(METHODS[name])]
+    of_methods += [each for name in CANDIDATES[LoadDependence.ANY] for each in _of(METHODS[name], effects=True)]
     return _by_name([NO_STRIDES, FLY, CLOSED_FORM, *of_methods, VARIATIONAL])
 
 
 def every_kernel() -> dict[str, OnDemand]:
     """Return all that there are, those of plug-ins included."""
     methods = METHODS.usable()
-    others = (each for method in methods for each in (*_of(method), *mover(method).kernels))
+    others = (each for m in methods for each in (*_of(m), *_of(m, effects=True), *mover(m).kernels))
     return usual_kernels() | _by_name([FREE_STATES, *others])
 
 
-def _of(method: Method) -> Iterable[OnDemand | None]:
-    return kernel(method), strides_of(method), kernel(method, effects=True), strides_of(method, effects=True)
+def _of(method: Method, *, effects: bool = False) -> Iterable[OnDemand | None]:
+    return kernel(method, effects=effects), strides_of(method, effects=effects)
 
 
 def _by_name(kernels: Iterable[OnDemand | None]) -> dict[str, OnDemand]:

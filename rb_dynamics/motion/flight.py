@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from rb_dynamics.loads.compiled_load import NO_EFFECTS
 from rb_dynamics.loads.wrench import HeldWrench, held_of
 from rb_dynamics.motion import flight_kernel as layout
 from rb_dynamics.motion.adaptive_kernel import strides_by
@@ -140,18 +141,23 @@ def pays(edges: int) -> bool:
     return layout.FLY.get(edges * _PRICE_OF_AN_EDGE, 0) is not None
 
 
-def fly(inertia: Inertia, standing: Standing, arcs: Arcs, edges: Edges) -> Flown | None:
-    """Go from edge to edge as far as the kernel gets; None if it is not worth compiling or cannot count so far."""
+def fly(
+    inertia: Inertia, standing: Standing, arcs: Arcs, edges: Edges, effects: tuple[float, ...] = ()
+) -> Flown | None:
+    """Go from edge to edge as far as the kernel gets; None if it is not worth compiling or cannot count so far.
+
+    `effects` are the numbers of those that act all the way.
+    """
     import numpy as np
 
     closed, driven_by = isinstance(standing.control, WholeArc), arcs.driven_by
     grid = driven_by[1] if driven_by else standing.control
     if not _countable(grid, int(edges.at[-1]) - standing.start_ns, int(edges.at[-1])):
         return None
-    kernels = _kernels(driven_by, closed or arcs.may_close, len(edges.at))
+    kernels = _kernels(driven_by, closed or (arcs.may_close and not effects), len(edges.at), effects=bool(effects))
     if kernels is None:
         return None
-    f, w = _numbers(inertia, standing, arcs, grid), _whole_numbers(standing, arcs, grid, closed)
+    f, w = _numbers(inertia, standing, arcs, grid, effects or NO_EFFECTS), _whole_numbers(standing, arcs, grid, closed)
     rows = np.empty((int(np.count_nonzero(edges.kinds & layout.LOOK)), PHASE))
     run, *handed = kernels
     reason = run(f, w, edges.at, edges.kinds, edges.held, rows, *handed)
@@ -166,24 +172,30 @@ def _countable(grid: StepControl, length_ns: int, time_ns: int) -> bool:
     )
 
 
-def _kernels(driven_by: tuple[Method, StepControl] | None, closed: bool, edges: int) -> list[Callable[..., Any]] | None:
+def _kernels(
+    driven_by: tuple[Method, StepControl] | None, closed: bool, edges: int, *, effects: bool
+) -> list[Callable[..., Any]] | None:
     """Return the kernel for flights and those that it is handed; None if one is not worth compiling."""
     steps: OnDemand | None = layout.CLOSED_FORM
     strides: OnDemand | None = layout.NO_STRIDES
     if driven_by is not None:
         method, control = driven_by
-        steps = kernel(method)
-        strides = layout.NO_STRIDES if isinstance(control, FixedStep) else strides_by(method, control)
+        steps = kernel(method, effects=effects)
+        fixed = isinstance(control, FixedStep)
+        strides = layout.NO_STRIDES if fixed else strides_by(method, control, effects=effects)
     wanted = (layout.FLY, steps, strides, layout.CLOSED_FORM if closed else steps)
     # All are asked for, so that all are there the next time.
     found = [None if each is None else each.get(edges * _PRICE_OF_AN_EDGE, 0) for each in wanted]
     return [each for each in found if each is not None] if None not in found else None
 
 
-def _numbers(inertia: Inertia, standing: Standing, arcs: Arcs, grid: StepControl) -> Numbers:
+def _numbers(
+    inertia: Inertia, standing: Standing, arcs: Arcs, grid: StepControl, effects: tuple[float, ...]
+) -> Numbers:
     import numpy as np
 
-    f = np.zeros(layout.NUMBERS)
+    f = np.zeros(layout.NUMBERS + len(effects))
+    f[layout.NUMBERS :] = effects
     goal, learnt, following = Goal(math.inf, 1.0, ends=False), Learnt(), Learnt()
     if isinstance(grid, (AccuracyControl, OwnControl)):
         goal, learnt, following = grid.goal, grid.learnt, grid.following

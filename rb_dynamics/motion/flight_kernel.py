@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from rb_dynamics.loads.compiled_load import has_effects
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import exact, planar_motion
 from rb_dynamics.motion.adaptive_kernel import FOREVER
@@ -43,7 +44,7 @@ DONE, CHOOSE, STOPPED = 0, 1, 2
 # Where things stand among the numbers that the kernel is handed, and puts back. The first are those of a kernel of
 # strides by accuracy: body and wrench, goal, the phase at the grid point, what is learnt, and both after the next
 # stride. Then what closed forms may round away, what lies behind, the phases where the arc began and at the last edge,
-# and room for the numbers of a kernel for fixed steps.
+# and room for the numbers of a kernel for fixed steps. At the end come those of the effects, where all kernels look.
 _LEARNT = len(Learnt._fields)
 GOAL = CONSTANTS
 GRID_POINT = GOAL + len(Goal._fields)
@@ -103,7 +104,11 @@ def fly(
         if kind & CHANGE:
             k, driven = w[CHANGES], w[DRIVEN_ARCS] + 1 - w[CLOSED]
             following = _held(held, k)
-            closed = w[MAY_CLOSE] != 0 and exact.has_closed_form(following, here.orientation, here.angular_velocity)
+            closed = (
+                w[MAY_CLOSE] != 0
+                and not has_effects(f)
+                and exact.has_closed_form(following, here.orientation, here.angular_velocity)
+            )
             if w[MAY_CLOSE] != 0 and not closed and driven & (driven - 1) == 0:
                 return CHOOSE
         w[BY_METHOD if w[CLOSED] == 0 else BY_CLOSED_FORM] = 1

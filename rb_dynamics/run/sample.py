@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.loads.combined_effects import CombinedEffects
+from rb_dynamics.loads.effect import Stored
 from rb_dynamics.loads.load import Load
 from rb_dynamics.loads.wheel_set import WheelSet
 from rb_dynamics.loads.wrench import HeldWrench
@@ -93,18 +94,18 @@ class SampleBuilder:
         the others; integrated by parts it gives the change of their own momentum and the work of their motor, which
         therefore cancel in the defects.
         """
-        found = self._without_potential(phase, time_ns)
+        stored = None if self._storing is None else self._storing(phase.point(self._body))
+        found = self._without_potential(phase, time_ns, stored)
         return replace(found, potential_energy=self._potential(phase.point(self._body))) if self._potential else found
 
-    def _without_potential(self, phase: PhaseState, time_ns: int) -> Sample:
+    def _without_potential(self, phase: PhaseState, time_ns: int, stored: Stored | None) -> Sample:
         body = self._body
         state = phase.state(body, time_ns)
         energy, work = kinetic_energy(body, phase), phase.work
         spin, momentum = phase.angular_momentum_world(body), phase.linear_momentum_world
         energy_defect = energy - self._energy - work
         spin_defect = subtract(subtract(spin, self._spin), phase.torque_impulse_world)
-        if self._storing is not None:
-            stored = self._storing(phase.point(body))
+        if stored is not None:
             energy, work = energy + stored.energy, work + (stored.energy - self._stored)
             spin = add(spin, rotate(phase.orientation, stored.momentum))
         speeds = motor = heat = None
@@ -138,18 +139,23 @@ class SampleBuilder:
     def samples(self, phase: PhaseState, times_ns: npt.NDArray[np.int64]) -> Sample:
         """Return the samples of the body in many phases, as one with arrays: the same bits as one by one.
 
-        `phase` has an array in the place of each number. Effects that have parts moving inside the body are for
-        `sample` alone.
+        `phase` has an array in the place of each number. Wheels are for `sample` alone.
         """
         import numpy as np
 
+        columns: Any = (*phase.orientation, *phase.angular_velocity, *phase.high, *phase.low)
+        points = []
+        if self._storing is not None or self._potential is not None:
+            points = [phase_of(row).point(self._body) for row in zip(*(n.tolist() for n in columns), strict=True)]
+        stored: Any = None
+        if self._storing is not None:
+            momenta, energies = zip(*map(self._storing, points), strict=True)
+            stored = Stored(cast("Vector", tuple(np.array(momenta).T)), cast("float", np.array(energies)))
         # An energy beyond the range of doubles becomes infinite, as elsewhere.
         with np.errstate(all="ignore"):
-            found = self._without_potential(phase, cast("int", times_ns))
+            found = self._without_potential(phase, cast("int", times_ns), stored)
         if self._potential is None:
             return found
-        columns: Any = (*phase.orientation, *phase.angular_velocity, *phase.high, *phase.low)
-        points = (phase_of(row).point(self._body) for row in zip(*(n.tolist() for n in columns), strict=True))
         return replace(found, potential_energy=cast("float", np.array([self._potential(point) for point in points])))
 
 

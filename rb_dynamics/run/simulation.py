@@ -427,16 +427,14 @@ class Simulation:
         """Go from edge to edge up to `until_ns` by a kernel; return whether there is more to do."""
         # The last edge has more to it; and where this does not work, all are taken one by one.
         self._one_by_one_ns = until_ns
-        one_by_one = (
-            self._bank is not None
-            or self._knots
-            or self._moves
-            or self._load_from is not None
-            or self._sensing is not None
-        )
-        if self._period_ns is None or one_by_one:
+        load_from, outlook = self._arc.load
+        one_by_one = self._bank is not None or self._moves or self._sensing is not None
+        if self._period_ns is None or one_by_one or (load_from is not None and not outlook.numbers):
             return False
         horizon_ns = until_ns if self.end_ns is None else self.end_ns - 1
+        if self._knots:
+            horizon_ns = min(horizon_ns, self._knots[0] - 1)
+            self._one_by_one_ns = min(until_ns, self._knots[0])
         count = self._ahead.count(self.time_ns, min(until_ns, horizon_ns))
         if count < FEWEST or not pays(count):
             return False

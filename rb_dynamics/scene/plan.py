@@ -105,6 +105,9 @@ class Plan:
 
         Returns the arc that has been reached, and how far it has come.
         """
+        load_from, outlook = arc.load
+        if outlook.numbers:
+            arc.guess()
         standing, auto = arc.standing, self._method is None
         closed, driven_by = isinstance(standing.control, WholeArc), self._chosen
         if closed and not auto:
@@ -119,7 +122,7 @@ class Plan:
             return None
         accuracy = self._accuracy if auto and self._ends else math.inf
         behind = Arcs(self._course, self._from, self._driven_arcs, driven_by, auto or closed, accuracy)
-        flown = fly(self._inertia, standing, behind, edges)
+        flown = fly(self._inertia, standing, behind, edges, outlook.numbers)
         if flown is None:
             return None
         if flown.changes:
@@ -131,7 +134,8 @@ class Plan:
             if flown.closed:
                 method, control = EXACT, WholeArc(accuracy, self._course.turned)
             again = self._cheapest if auto and method is not EXACT else None
-            arc = Arc(method, self._inertia, new.held, control, new.start_ns, behind.origin, None, again)
+            what = method, self._inertia, new.held, control
+            arc = Arc(*what, new.start_ns, behind.origin, load_from, again, outlook)
         arc.resume(flown.standing)
         return arc, flown
 

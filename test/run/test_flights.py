@@ -43,6 +43,14 @@ output_rate: 70
 """)
 
 
+EFFECTS = """
+effects:
+  - {type: central_gravity, gravitational_parameter: 3.0, center_world: [4, 1, -2], gravity_gradient: true}
+  - {type: quadratic_drag, translation: 0.05, rotation: 0.02}
+  - {type: rotor, axis_body: [0, 1, 0], axial_inertia: 0.02, spin_rate: [{time: 0.5, rate: 0}, {time: 1.7, rate: 60}]}
+"""
+
+
 class _Everything:
     """Records all events, and the acceleration at each sample."""
 
@@ -122,6 +130,34 @@ def test_a_bag_flies_as_its_commands_one_by_one(bag: Path, solver: Solver, monke
     assert (unseen.sample, unseen.steps, unseen.method) == (one.sample, one.steps, one.method)
     # Of some 600 edges, all but those beside a command that has to be checked by itself.
     assert sum(flown) - alone > 300
+
+
+@pytest.mark.parametrize(
+    "solver",
+    [Solver(method="rk4", step=1 / 256), Solver(method="dop853", accuracy=1e-9), Solver(method="auto", accuracy=1e-7)],
+    ids=str,
+)
+def test_so_it_does_under_effects(bag: Path, solver: Solver, monkeypatch: pytest.MonkeyPatch) -> None:
+    """To the bits of plain Python, across the knots of a rotor, with its energy and the potential in the books."""
+    scene = replace(parse_scene(SCENE.text + EFFECTS), solver=solver)
+    recorded, kept = RecordedWrenches([bag], ["a", "b"], scene.end_ns or 0), []
+    flown: list[int] = []
+    whole = flight.fly
+
+    def counted(*arguments: Any) -> Any:
+        found = whole(*arguments)
+        flown.append(0 if found is None else found.edges)
+        return found
+
+    monkeypatch.setattr("rb_dynamics.scene.plan.fly", counted)
+    for when, commands in (("never", list(recorded)), ("always", list(recorded)), ("always", recorded)):
+        monkeypatch.setenv("RB_DYNAMICS_COMPILE", when)
+        flown.clear()
+        everything = _Everything()
+        run = _run(scene, commands, everything)
+        kept.append((repr(everything.events), everything.result, run.steps, run.method, sorted(run.rejected)))
+    assert kept[0] == kept[1] == kept[2]
+    assert sum(flown) > 300
 
 
 @pytest.mark.parametrize("gravity", [False, True])
