@@ -10,6 +10,7 @@ import numpy as np
 
 from rb_dynamics.analysis.track import RecordedWrench, Times, Track
 from rb_dynamics.formats.messages import APPLIED
+from rb_dynamics.formats.wrench_bags import driven_of
 
 
 @dataclass(frozen=True)
@@ -46,13 +47,13 @@ def command_differences(
 ) -> tuple[list[CommandDifference] | None, list[str]]:
     """Return what differs within `span_ns` of A's clock, and remarks; None if one of the two does not tell.
 
-    Channels of one name belong together; if one is left on each side, so do these.
+    Channels of one name belong together, and those of which a log says that the topic drove the channel; if one is left
+    on each side, so do these.
     """
     unknown = [name for name, track in (("A", a), ("B", b)) if not (track.own or track.wrenches)]
     if unknown:
         return None, [f"Commands are not compared: {' and '.join(unknown)} without them."]
-    one = {_channel(steps): steps for steps in a.acting}
-    other = {_channel(steps): steps for steps in b.acting}
+    one, other = _channels(a, b), _channels(b, a)
     pairs = [(name, one.get(name), other.get(name)) for name in dict.fromkeys((*one, *other))]
     told = []
     left = [[name for name in names if name not in others] for names, others in ((one, other), (other, one))]
@@ -64,8 +65,12 @@ def command_differences(
     return [each for each in found if each is not None], told
 
 
-def _channel(steps: RecordedWrench) -> str:
-    return steps.topic.removesuffix(APPLIED).removeprefix("/")
+def _channels(track: Track, flown: Track) -> dict[str, RecordedWrench]:
+    """Return the wrenches by channel; topics of a bag by the channel that they drove in what was `flown` from it."""
+    driven = {} if track.own else driven_of(flown.bag.metadata)
+    channels = {topic.removeprefix("/"): channel.removeprefix("/") for topic, channel in driven.items()}
+    names = [steps.topic.removesuffix(APPLIED).removeprefix("/") for steps in track.acting]
+    return {channels.get(name, name): steps for name, steps in zip(names, track.acting, strict=True)}
 
 
 def _compared(

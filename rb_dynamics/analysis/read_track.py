@@ -375,7 +375,8 @@ class _TrackReader:
                 self.notes.append(
                     f"{held.topic}: {int((~held.known).sum())} of {len(held.known)} wrenches are not usable numbers or "
                     f"in an undeclared frame (frames: {frame_names(held.frames)}); their effect is unknown. "
-                    "Declare frames in a scene and give it with --scene SCENE."
+                    "A scene says what frames are, with body.frame, world_frame and body.frames: give it with --scene "
+                    "SCENE."
                 )
         return steps, own or bool(chosen)
 

@@ -79,9 +79,8 @@ def warnings(track: Track, channels: Sequence[ChannelHistory], health: WorstStat
     if pieces := missing(track):
         found.append(f"{pieces[0].upper()}{pieces[1:]}: what came and acted there is not known.")
     found += _commands(track, channels)
-    for series in (track.pose, track.twist):
-        if series is not None and (count := gaps(series.time_ns)):
-            found.append(f"{series.topic} has {count} gap{'s' if count > 1 else ''}.")
+    holes = {each.topic: gaps(each.time_ns) for each in (track.pose, track.twist) if each is not None}
+    found += [f"{topic} has {count} gap{'s' * (count > 1)}." for topic, count in holes.items() if count]
     found += remarks(track)
     if health is not None:
         values = dict(health.values)

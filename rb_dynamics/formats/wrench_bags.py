@@ -107,6 +107,8 @@ class _Recording:
         refused: why the first that cannot be honoured cannot.
         lost: what is missing of the bag; "" where it is whole.
         ours: a log of a run.
+        origin: of such a log, the bags that its own commands came from: name and time 0 of each.
+        driven: of such a log, the channel that each topic of those drove.
         moves: states in it to which the body was moved from outside.
         drives: it has commands to actuators.
     """
@@ -123,6 +125,8 @@ class _Recording:
     refused: str = ""
     lost: str = ""
     ours: bool = False
+    origin: list[tuple[str, int]] = field(default_factory=list)
+    driven: dict[str, str] = field(default_factory=dict)
     moves: int = 0
     drives: bool = False
     stamps: _Span = field(default_factory=_Span)
@@ -162,7 +166,8 @@ class RecordedWrenches:
         first_ns: the earliest time; None where there is no command.
         late: how many lie after `end_ns`.
         notes: what a person should know of how the bags were read, one line each.
-        facts: which bags, and which time of each is time 0 of the run: for the metadata of a log.
+        facts: which bags, which time of each is time 0 of the run, and the channel that each topic drives whose name is
+            another: for the metadata of a log. Where a bag is a log, those that its commands came from follow.
     """
 
     def __init__(
@@ -210,10 +215,15 @@ class RecordedWrenches:
         spans = [(bag, bag.span.first_ns) for bag in self._bags]
         self.first_ns = min((first - bag.offset_ns for bag, first in spans if first is not None), default=None)
         self.late = sum(bag.count - bag.within - bag.early for bag in self._bags)
+        came = [(bag.path.name, bag.offset_ns) for bag in self._bags]
+        came += [(name, start_ns + bag.offset_ns) for bag in self._bags for name, start_ns in bag.origin]
         self.facts = {
-            "wrench_bags": ", ".join(bag.path.name for bag in self._bags),
-            "wrench_start_ns": ", ".join(str(bag.offset_ns) for bag in self._bags),
+            "wrench_bags": ", ".join(name for name, _ in came),
+            "wrench_start_ns": ", ".join(str(start_ns) for _, start_ns in came),
         }
+        driven = {key: value for bag in self._bags for key, value in bag.driven.items()} | dict(self._mapping)
+        if driven:
+            self.facts["wrench_topics"] = ", ".join(f"{topic}={channel}" for topic, channel in driven.items())
         self.notes += (
             f"{bag.path}: {bag.moves} states to which the body was moved (set_state) are left out: only replay has them"
             for bag in self._bags
@@ -311,6 +321,8 @@ class RecordedWrenches:
         absent = source.metadata.get(INTERRUPTED, {}).get(MISSING_FILES) or next_file(source.metadata)
         bag.lost = "was cut off" if not source.complete else f"is without {absent}" if absent else ""
         bag.ours = RUN in source.metadata
+        bag.origin = list(origin_of(source.metadata).items())
+        bag.driven = driven_of(source.metadata)
         return bag
 
     def _count(self, bag: _Recording, batch: _Batch) -> None:
@@ -494,6 +506,24 @@ def _seconds(time_ns: int) -> str:
     """Return a time in s with all its digits."""
     sign, whole, rest = "-" if time_ns < 0 else "", *divmod(abs(time_ns), _NANOSECONDS)
     return f"{sign}{whole}.{rest:09d}".rstrip("0").rstrip(".")
+
+
+def origin_of(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, int]:
+    """Return the bags that the commands of a log came from, by name, and which time (ns) of each was time 0."""
+    facts = metadata.get(RUN, {})
+    names, starts = (facts.get(key, "").split(", ") for key in ("wrench_bags", "wrench_start_ns"))
+    # What any program may have written: no more digits than a time has.
+    if len(names) != len(starts) or not all(
+        start.removeprefix("-").isdecimal() and len(start) < 20 for start in starts
+    ):
+        return {}
+    return dict(zip(names, map(int, starts), strict=True))
+
+
+def driven_of(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, str]:
+    """Return the channel that each topic of those bags drove, if their names differed."""
+    pairs = (pair.partition("=") for pair in metadata.get(RUN, {}).get("wrench_topics", "").split(", "))
+    return {topic: channel for topic, _, channel in pairs if channel}
 
 
 def _wanted(topics: Sequence[str], mapping: Mapping[str, str]) -> dict[str, str]:

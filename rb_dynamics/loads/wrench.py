@@ -228,7 +228,8 @@ class WrenchFrames:
         if frame is None:
             raise WrenchError(
                 f"wrench frame_id is {shown(frame_id)}, expected one of {self.names}; "
-                "declare the frame under body.frames in the scene or transform the wrench before sending it"
+                "declare the frame under body.frames in the scene, name the body or the world like it (body.frame, "
+                "world_frame), or transform the wrench before sending it"
             )
         force = rotate(frame.orientation_xyzw, force)
         torque = rotate(frame.orientation_xyzw, torque)

@@ -19,7 +19,7 @@ from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_reader import WRENCHES as WRENCH_TYPES
 from rb_dynamics.formats.bag_reader import Bag, read_bag
 from rb_dynamics.formats.own_log import opened_scene
-from rb_dynamics.formats.wrench_bags import RecordedWrenches, Start
+from rb_dynamics.formats.wrench_bags import RecordedWrenches, Start, origin_of
 from rb_dynamics.loads.channels import WrenchChannels
 from rb_dynamics.numerics.argument_checks import number, shown
 from rb_dynamics.run.provenance import RUN
@@ -194,7 +194,7 @@ class _Flights:
 
 def _start_of(commands: RecordedWrenches) -> int:
     """Return the time (ns) of the bag that is time 0 of the run."""
-    return int(commands.facts["wrench_start_ns"])
+    return int(commands.facts["wrench_start_ns"].partition(",")[0])
 
 
 def _moves(track: Track) -> bool:
@@ -233,11 +233,8 @@ def _aligned(a: Given, b: Given, flown_ns: int | None, align: Align) -> tuple[Al
 def _flown_from(a: Track, b: Track) -> int | None:
     """Return B's time less A's where the log of one says that its commands came from the other; None otherwise."""
     for log, bag, sign in ((a, b, 1), (b, a, -1)):
-        facts = log.bag.metadata.get(RUN, {})
-        names = facts.get("wrench_bags", "").split(", ")
-        starts = facts.get("wrench_start_ns", "").split(", ")
-        if not bag.own and bag.bag.path.name in names and len(starts) == len(names):
-            start = int(starts[names.index(bag.bag.path.name)])
+        start = origin_of(log.bag.metadata).get(bag.bag.path.name)
+        if not bag.own and start is not None:
             first, last = bag.span_ns
             if first <= start + log.span_ns[1] and start + log.span_ns[0] <= last:
                 return sign * start

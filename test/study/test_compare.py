@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 import rb_dynamics as rb
 from rb_dynamics.analysis.comparison import MOTION
 from rb_dynamics.cli import main
+from rb_dynamics.formats.wrench_bags import origin_of
 from rb_dynamics.sinks.mcap_sink import McapSink
 
 SCENE = """
@@ -253,6 +254,31 @@ def test_a_log_says_from_which_bag_it_was_flown(log: Path, scene: Path, folder: 
     found = rb.compare(run, bag)
     assert (found.alignment.by, found.alignment.offset_ns) == ("commands", LATER)
     assert found.first_ns is None
+
+
+def test_what_if_of_a_flight_is_aligned_and_its_commands_are_compared_as_those_of_the_flight(
+    log: Path, scene: Path, folder: Path
+) -> None:
+    """Under the names of the bag, through the log of the flight: no lag is sought, which the inertia would shift."""
+    both = [*bag_commands("/robot/cmd"), *bag_commands("/robot/other")]
+    bag = foreign(folder / "robot.mcap", log, later_ns=LATER, commands=both)
+    run, again, other = (folder / f"robot_{name}.mcap" for name in ("run", "again", "other"))
+    mapped = ["--topic", "/robot/cmd=thrust", "--topic", "/robot/other=idle"]
+    idle = ["--set", "wrenches=[{topic: thrust}, {topic: idle}]"]
+    assert main(["simulate", str(scene), *idle, "--wrench", str(bag), *mapped, "--mcap", str(run)]) == 0
+    assert main(["simulate", str(run), "--set", "body.inertia.matrix[0][0]=0.6", "--mcap", str(again)]) == 0
+    assert main(["simulate", str(again), "--set", "body.mass=3", "--mcap", str(other)]) == 0
+    for made in (run, again, other):
+        found = rb.compare(made, bag)
+        assert (found.alignment.by, found.alignment.offset_ns) == ("commands", LATER)
+        assert found.commands == []
+        found = rb.compare(bag, made)
+        assert (found.alignment.offset_ns, found.commands) == (-LATER, [])
+
+
+@pytest.mark.parametrize("starts", ["", "x", "1, 2", "9" * 30])
+def test_times_of_bags_that_are_none_are_left_out(starts: str) -> None:
+    assert origin_of({"rb_dynamics": {"wrench_bags": "a.mcap", "wrench_start_ns": starts}}) == {}
 
 
 def test_bad_input_is_one_line(log: Path, scene: Path, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
