@@ -57,6 +57,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     starts = whole("a whole number of at least 1", lambda v: v >= 1)
     parser.add_argument("--starts", type=starts, default=4, metavar="N", help="starts of the fit (default 4)")
     parser.add_argument("--out", metavar="FITTED.yaml", help="write the scene with what was found")
+    parser.add_argument(
+        "--html", metavar="F", help="write a page: measured and fitted, residuals, ellipses of errors (extra: plot)"
+    )
     parser.add_argument("--advise", action="store_true", help="also say what recording would tell what is not known")
     parser.add_argument("--json", action="store_true", help="print the result as one JSON object, floats in full")
 
@@ -68,11 +71,13 @@ def run(args: argparse.Namespace) -> int:
 
     from rb_dynamics.analysis.identification.identify import identify
     from rb_dynamics.cli import output, scene
-    from rb_dynamics.formats.log_file import make_folder, require_other
+    from rb_dynamics.formats.log_file import make_folder, require_apart, require_other
 
-    if args.out:
-        require_other(args.out, args.scene, *args.recordings, *args.wrench, *args.validate)
-        make_folder(Path(args.out))
+    written = [*filter(None, (args.out, args.html))]
+    require_apart(written)
+    for target in written:
+        require_other(target, args.scene, *args.recordings, *args.wrench, *args.validate)
+        make_folder(Path(target))
     names = None if args.fit is None else [name.strip() for name in args.fit.split(",") if name.strip()]
     with output.progress(args.scene) as progress:
         found = identify(
@@ -90,6 +95,11 @@ def run(args: argparse.Namespace) -> int:
     if args.out:
         Path(args.out).write_text(found.scene.text, encoding="utf-8")
         print(f"wrote {args.out}", file=sys.stderr if args.json else sys.stdout)
+    if args.html:
+        from rb_dynamics.report.identification_page import write_identification_page
+
+        write_identification_page(found, args.html)
+        print(f"wrote {args.html}", file=sys.stderr if args.json else sys.stdout)
     for line in _missing(found):
         print(f"rb-dynamics: {line}", file=sys.stderr)
     return 0 if found.passed else 1

@@ -34,12 +34,14 @@ def test_ratios_of_a_tumble_are_found_and_written(
     tumble: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     scene, log = tumble
-    out = tmp_path / "fitted.yaml"
+    out, page = tmp_path / "fitted.yaml", tmp_path / "fitted.html"
+    files = ["--out", str(out), "--html", str(page)]
     wrong = ["--set", "body.inertia={diagonal: [2, 2, 2]}"]
-    code = main(["identify", str(scene), str(log), *wrong, "--fit", "inertia_ratios", "--out", str(out), "--json"])
+    code = main(["identify", str(scene), str(log), *wrong, "--fit", "inertia_ratios", *files, "--json"])
     found: dict[str, Any] = json.loads(capsys.readouterr().out)
 
     assert code == 0
+    assert "Identified from tumble.mcap" in page.read_text(encoding="utf-8")
     assert set(found) >= KEYS
     assert {"name", "value", "standard_error", "interval", "unit", "known"} == set(found["parameters"][0])
     ratios = [each["value"] for each in found["parameters"] if each["name"] == "inertia_ratios.zz"]

@@ -109,7 +109,9 @@ class Identification:
     """What recordings tell about a body.
 
     Attributes:
+        recordings: their names.
         parameters: the numbers, and how surely they are known.
+        covariance: of the parameters, in their order and units; NaN of those that are not known.
         body: with the values that are known, and those of the scene for the others.
         scene: with that body, the effects and the start of the first recording: it runs.
         residuals: what is left, by topic and kind.
@@ -124,7 +126,9 @@ class Identification:
         validation: residuals of recordings that were held out; of those the start alone is fitted.
     """
 
+    recordings: tuple[str, ...]
     parameters: tuple[Parameter, ...]
+    covariance: Array
     body: RigidBody
     scene: Scene
     residuals: tuple[Residuals, ...]
@@ -291,6 +295,7 @@ class _Report:
     def __init__(self, model: Model, fit: Fit, names: Sequence[str]) -> None:
         self.model, self.fit, self.names = model, fit, names
         self.residuals = _residuals(fit)
+        self.changes: list[Array] = []
         self.local = self._local()
         weighted = fit.weighted @ self.local
         told = information(weighted)
@@ -316,7 +321,9 @@ class _Report:
         ]
         first, second, third = (float(e) for e in errors)
         return Identification(
+            recordings=tuple(flight.name for flight in self.model.flights),
             parameters=parameters,
+            covariance=self._covariance(parameters),
             body=body,
             scene=self._scene(body),
             residuals=tuple(self.residuals),
@@ -358,6 +365,7 @@ class _Report:
     def _parameter(self, name: str, value: float, by: Array, group: str) -> Parameter:
         error = self._error(by)
         known = bool(np.isfinite(error)) and bool(by.any())
+        self.changes.append(by)
         asked = group in self.names
         unit = _UNITS.get(name.split(".", maxsplit=1)[0], "") or _UNITS.get(
             name.split(".")[1] if "." in name else "", ""
@@ -366,6 +374,14 @@ class _Report:
             return Parameter(name, value, None, None, unit, False, asked)
         half = self.quantile * error
         return Parameter(name, value, error, (value - half, value + half), unit, True, asked)
+
+    def _covariance(self, parameters: Sequence[Parameter]) -> Array:
+        """Return the covariance of the numbers, in the order in which they were made."""
+        by = np.array(self.changes).reshape(len(parameters), -1) @ self.local
+        found: Array = by @ self.covariance @ by.T
+        unknown = np.array([not each.known for each in parameters], dtype=bool)
+        found[unknown] = found[:, unknown] = np.nan
+        return found
 
     def _inertia_by(self) -> Array:
         """Return the derivatives (3, 3, p) of the inertia by all parameters."""

@@ -61,6 +61,7 @@ class Predicted(NamedTuple):
         left: (n, 3), predicted less measured; of an attitude the turn between the two.
         by: (n, 3, p), derivatives of `left`.
         time_ns: (n,), of the samples.
+        measured: (n, 3), of an attitude (n, 4).
     """
 
     key: tuple[str, str]
@@ -68,6 +69,7 @@ class Predicted(NamedTuple):
     left: Array
     by: Array
     time_ns: Times
+    measured: Array
 
 
 @dataclass(frozen=True)
@@ -401,7 +403,7 @@ class Model:
             rows = np.searchsorted(knots, at)
             seen = _Seen(states[rows], columns[rows], *(part[rows] if slopes else part for part in rates))
             left, left_by = self._against(z, number, stream, seen, mine)
-            yield Predicted((stream.topic, stream.kind), number, left, left_by, stream.time_ns)
+            yield Predicted((stream.topic, stream.kind), number, left, left_by, stream.time_ns, stream.values)
 
     def _columns(self, number: int) -> Array:
         """Return which parameters change the motion of a flight; those that change what is held come last."""

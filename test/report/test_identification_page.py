@@ -1,0 +1,51 @@
+"""The page of an identification."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from identified_flights import flown, guess
+
+from rb_dynamics import Identification, RigidBody, identify
+from rb_dynamics.report.html import Section, render_html
+from rb_dynamics.report.identification_page import identification_report
+
+BODY = RigidBody.from_diagonal(2.0, (0.02, 0.03, 0.04))
+
+
+def sections(found: Identification) -> dict[str, Section]:
+    return {each.heading: each for each in identification_report(found).sections}
+
+
+def test_page_shows_motion_residuals_and_errors() -> None:
+    pytest.importorskip("matplotlib")
+    pytest.importorskip("jinja2")
+    flights = [flown(BODY, np.random.default_rng(k), seconds=1.0, torque=3.0, pose=1e-3) for k in range(2)]
+    found = identify(guess(BODY), flights, ["inertia", "gyro_bias"])
+    page = sections(found)
+    table = page["Parameters"].table
+
+    assert [tile.value for tile in page["At a glance"].tiles if "moment" in tile.label] != ["not told"] * 3
+    assert table is not None
+    assert [row[0] for row in table.rows] == [each.name for each in found.parameters]
+    assert len(page["Ellipses of errors"].figures) == len(page["Ellipsoid of inertia"].figures) == 1
+    assert sum(heading.startswith("Measured and fitted") for heading in page) == 2
+    assert "inertia.xx" in render_html(identification_report(found))
+    # The ellipses are those of the errors in the table.
+    errors = [each.standard_error or np.nan for each in found.parameters]
+    np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)), errors)
+
+
+def test_page_of_a_cube_says_what_is_not_told() -> None:
+    pytest.importorskip("matplotlib")
+    cube = RigidBody.from_diagonal(2.0, (0.02, 0.02, 0.02))
+    found = identify(
+        guess(cube), [flown(cube, np.random.default_rng(6), seconds=1.0, spin=(1.0, 1.0, 1.0))], ["inertia"]
+    )
+    page = sections(found)
+
+    assert np.isnan(found.covariance).all()
+    assert {tile.value for tile in page["At a glance"].tiles if "moment" in tile.label} == {"not told"}
+    assert "shape of the inertia is not told" in page["Ellipsoid of inertia"].text
+    assert "Not told by these recordings" in page["What these recordings do not tell"].text
+    assert "Ellipses of errors" not in page
