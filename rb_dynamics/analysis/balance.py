@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rb_dynamics.analysis.impulse import Impulse, impulses
+from rb_dynamics.analysis.impulse import Impulse, impulses, wander
 from rb_dynamics.analysis.noise import Noise, judge
 from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track
 from rb_dynamics.formats.messages import SET_STATE
@@ -122,9 +122,10 @@ def _momentum(track: Track, name: str, kind: str, unit: str, series: TimeSeries,
     impulse.turning[~good] = 0.0
     total = np.cumsum(np.add(impulse.exact, impulse.turning, out=total), axis=0, out=total)
     measured = _measured(impulse, good, kind, by_quadrature, unit)
+    steps = None if track.own else wander(track, impulse, series.time_ns)
     del impulse
     np.subtract(series.values, total, out=total)
-    defect, covered, noise = _from_start(total, good, series.time_ns, track.own)
+    defect, covered, noise = _from_start(total, good, series.time_ns, track.own, steps)
     rest = f"a {kind} acts in body axes or none is logged, and the samples do not give its impulse"
     if moved.any():
         rest += ", or the body was moved from outside (set_state)"
@@ -171,7 +172,9 @@ def _basis(what: str, covered: float, rest: str) -> str:
     return f"{what}; known for {100.0 * covered:.3g} % of the time; elsewhere {rest}"
 
 
-def _from_start(values: Array, good: NDArray[np.bool_], time_ns: Times, own: bool) -> tuple[Array, float, Noise | None]:
+def _from_start(
+    values: Array, good: NDArray[np.bool_], time_ns: Times, own: bool, steps: Array | None = None
+) -> tuple[Array, float, Noise | None]:
     """Return `values` relative to the start of their stretch of valid intervals, and the fraction of the time covered.
 
     The last result is their noise, and whether they change by more; None for a log of this package.
@@ -187,4 +190,6 @@ def _from_start(values: Array, good: NDArray[np.bool_], time_ns: Times, own: boo
     lengths = np.diff(time_ns, prepend=time_ns[:1])
     total = int(lengths.sum())
     covered = float(lengths[good].sum() / total) if total else 0.0
-    return defect, covered, None if own else judge(values[known], starts[known])
+    if own:
+        return defect, covered, None
+    return defect, covered, judge(values[known], starts[known], None if steps is None else steps[known])

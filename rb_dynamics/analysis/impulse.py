@@ -14,6 +14,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from rb_dynamics.analysis.noise import typical
 from rb_dynamics.analysis.track import Array, RecordedWrench, Times, Track, unit_rows
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.numerics.rotation_arrays import rotate_all, rotate_all_inverse, rotation_vectors
@@ -64,6 +65,19 @@ def impulses(track: Track, kind: str, time_ns: Times) -> Impulse:
         for name in Impulse.__annotations__:
             getattr(whole, name)[block][1:] = getattr(part, name)[1:]
     return whole
+
+
+def wander(track: Track, impulse: Impulse, time_ns: Times) -> Array:
+    """Return the variance that the noise of the attitude gives to `turning` in each interval, (n,).
+
+    Each error turns the impulse of about one interval, and stays in the sum of all.
+    """
+    if track.pose is None or not (rows := _rows(track, time_ns)):
+        return np.zeros(len(time_ns))
+    turned = np.cumsum(rotation_vectors(unit_rows(track.pose.values[rows[0], 3:])), axis=0)
+    angle = typical(turned, np.zeros(len(turned), dtype=np.int_))
+    result: Array = angle**2 * np.sum(impulse.turning**2, axis=1)
+    return result
 
 
 def _between(

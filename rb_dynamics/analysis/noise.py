@@ -36,24 +36,28 @@ class Noise:
         level: standard deviation of one sample, all components together; infinite if there are too few samples.
         beyond: whether the values change by more than noise.
         sizes: block sizes that were tested, in samples.
+        wander: sum of squares, over all samples, that integrated noise explains.
     """
 
     level: float
     beyond: bool
     sizes: tuple[int, ...]
+    wander: float = 0.0
 
     def seen(self) -> float:
         """Return the root of the sum of squares, over all samples, of a smooth change that is surely detected."""
-        return 2.0 * self.level * float(np.sqrt(_BEYOND * np.sqrt(_SPREAD * _LEAST_MEANS)))
+        return 2.0 * float(np.sqrt(self.level**2 * _BEYOND * np.sqrt(_SPREAD * _LEAST_MEANS) + self.wander))
 
 
-def judge(values: Array, stretch: Labels) -> Noise:
+def judge(values: Array, stretch: Labels, steps: Array | None = None) -> Noise:
     """Return the noise of `values`, (n, c), and whether they are otherwise constant within each stretch.
 
     Args:
         values: should be constant within a stretch.
         stretch: number of the stretch of each row, ascending.
+        steps: (n,) variance of the noise that each row adds to all after it; None for none.
     """
+    wander = 0.0 if steps is None else _BEYOND * _wander(steps, stretch)
     size = _NEIGHBOURS if len(values) >= _NEIGHBOURS * 2 * _LEAST_MEANS else 1
     level, beyond = np.inf, False
     sizes: list[int] = []
@@ -63,15 +67,23 @@ def judge(values: Array, stretch: Labels) -> Noise:
         count = len(mean) - len(np.unique(of))
         if len(third) < _LEAST_MEANS - 3 or count < _LEAST_MEANS - 1:
             if size == 1 or sizes:
-                return Noise(level, beyond, tuple(sizes))
+                return Noise(level, beyond, tuple(sizes), wander)
             size = 1
             continue
         noise = float(np.sum(third**2)) / len(third) / _THIRD
         spread = float(np.sum(centred(mean, of) ** 2)) / count
         level = level if sizes else float(np.sqrt(size * noise))
-        beyond = beyond or bool(spread > (1.0 + _BEYOND * np.sqrt(_SPREAD / len(third))) * noise)
+        accepted = (1.0 + _BEYOND * np.sqrt(_SPREAD / len(third))) * noise + wander / (size * count)
+        beyond = beyond or bool(spread > accepted)
         sizes.append(size)
         size *= 2
+
+
+def _wander(steps: Array, stretch: Labels) -> float:
+    """Return the sum of squares about the means of the stretches that is expected of a random walk of these steps."""
+    _, begins, number, count = np.unique(stretch, return_index=True, return_inverse=True, return_counts=True)
+    before = np.arange(len(stretch)) - begins[number]
+    return float(np.sum(steps * before * (1.0 - before / count[number])))
 
 
 def typical(values: Array, stretch: Labels) -> float:

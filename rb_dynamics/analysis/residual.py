@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rb_dynamics.analysis.impulse import Impulse, impulses
+from rb_dynamics.analysis.impulse import Impulse, impulses, wander
 from rb_dynamics.analysis.noise import Labels, Noise, centred, judge, means, typical
 from rb_dynamics.analysis.track import Array, Times, Track, motion_of
 from rb_dynamics.body.rigid_body import RigidBody
@@ -164,17 +164,17 @@ def residual(track: Track, bound: float) -> Residual | None:
     speed = rotate_all(attitude, motion.linear_velocity_body + np.cross(omega, np.array(body.center_of_mass)))
     pushed, turned = (np.cumsum(_impulse(each), axis=0) for each in (push, turn))
     of_force = body.mass * speed - pushed
-    mass, mass_error = _of_mass(speed, pushed, stretch)
+    push_steps, turn_steps = (wander(track, each, time_ns) for each in (push, turn))
+    mass, mass_error = _of_mass(speed, pushed, stretch, push_steps)
     basis = np.stack([rotate_all(attitude, omega @ unit) for unit in _UNITS], axis=2)
-    fit = _of_inertia(body, basis, turned, stretch)
+    fit = _of_inertia(body, basis, turned, stretch, turn_steps)
     relative, best = (_rms(left) / fit.scale if fit.scale > 0.0 else 0.0 for left in (fit.left, fit.best_left))
     # An error of the quadrature is an explanation.
     accepted = bound + (float(turn.error[known].sum()) / scale if scale > 0.0 else 0.0)
     explained = relative <= accepted or not fit.noise.beyond
-    explainable = (best <= max(_FITS * relative, accepted) or not judge(fit.best_left, stretch).beyond) and _possible(
-        fit.inertia
-    )
-    bias = None if explained else _bias(body, attitude, fit.left, stretch)
+    fits = best <= max(_FITS * relative, accepted) or not judge(fit.best_left, stretch, turn_steps).beyond
+    explainable = fits and _possible(fit.inertia)
+    bias = None if explained else _bias(body, attitude, fit.left, stretch, turn_steps)
     size = _block(fit.left, stretch, fit.noise)
     rows = np.arange(len(time_ns)).astype(np.float64)
     (at, of), seconds = means(rows, stretch, size), means((time_ns - time_ns[0]) * 1e-9, stretch, size)[0]
@@ -231,13 +231,13 @@ class _Fit:
     unseen: tuple[float, float, float]
 
 
-def _of_inertia(body: RigidBody, basis: Array, turned: Array, stretch: Labels) -> _Fit:
+def _of_inertia(body: RigidBody, basis: Array, turned: Array, stretch: Labels, steps: Array) -> _Fit:
     """Return the residual of `basis` (n, 3, 6) times the inertia and the impulses so far (n, 3), as given and best."""
     given = np.array([body.inertia[i][j] for i, j in _PLACES])
     momentum = basis @ given
     scale = float(np.linalg.norm(momentum, axis=1).max())
     left = centred(momentum - turned, stretch)
-    noise = judge(left, stretch)
+    noise = judge(left, stretch, steps)
     felt = np.linalg.norm(centred(turned, stretch), axis=1).max()
     scaled = float(felt) > max(_FELT * scale, noise.level)
     # Without a torque every multiple of an inertia fits as well, so only changes that keep the size of the momentum
@@ -280,14 +280,14 @@ def _unseen(body: RigidBody, directions: Array, values: Array, noise: Noise) -> 
     return found[0], found[1], found[2]
 
 
-def _bias(body: RigidBody, attitude: Array, left: Array, stretch: Labels) -> Array | None:
+def _bias(body: RigidBody, attitude: Array, left: Array, stretch: Labels, steps: Array) -> Array | None:
     """Return the constant error of the rates (rad/s, body axes) that explains what is `left`; None if none does."""
     matrix = np.array(body.inertia)
     effect = centred(np.stack([rotate_all(attitude, row) for row in matrix.T], axis=2), stretch)
     bias = np.linalg.lstsq(effect.reshape(-1, 3), left.ravel(), rcond=_SEEN)[0]
     rest = left - effect @ bias
     result: Array = np.asarray(bias, dtype=np.float64)
-    return result if _rms(rest) <= _FITS * _rms(left) or not judge(rest, stretch).beyond else None
+    return result if _rms(rest) <= _FITS * _rms(left) or not judge(rest, stretch, steps).beyond else None
 
 
 def _across(direction: Array) -> Array:
@@ -307,11 +307,11 @@ def _one_axis(omega: Array, stretch: Labels) -> Array | None:
     return axis
 
 
-def _of_mass(speed: Array, pushed: Array, stretch: Labels) -> tuple[float | None, float]:
+def _of_mass(speed: Array, pushed: Array, stretch: Labels, steps: Array | None = None) -> tuple[float | None, float]:
     """Return the best-fitting mass, and its standard deviation; None if no force determines it.
 
-    The impulses, which have no noise, are the instruments. A residual that is not noise may be parallel to them as well
-    as perpendicular: another force, or one at another time, could change the mass by that much.
+    The impulses, which have little noise, are the instruments. A residual that is not noise may be parallel to them as
+    well as perpendicular: another force, or one at another time, could change the mass by that much.
     """
     impulse = centred(pushed, stretch)
     felt, along = float(np.sum(impulse**2)), float(np.sum(impulse * speed))
@@ -319,7 +319,7 @@ def _of_mass(speed: Array, pushed: Array, stretch: Labels) -> tuple[float | None
         return None, np.inf
     mass = felt / along
     left = centred(mass * speed - pushed, stretch)
-    noise = judge(left, stretch)
+    noise = judge(left, stretch, steps)
     error = (float(np.linalg.norm(left)) if noise.beyond else noise.level) * np.sqrt(felt) / along
     return (mass, error) if error <= _TOLD * mass else (None, error)
 

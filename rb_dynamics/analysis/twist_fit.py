@@ -251,14 +251,15 @@ class _Blocks:
         wanted = (self.gone - moved).ravel()
         values, errors, spread = np.zeros(8), np.zeros(8), float(np.sum((self.gone - self.gone.mean(axis=0)) ** 2))
         size = np.linalg.norm(beside, axis=0)
-        # A lag is told by a twist that changes, a factor by one that is not constant, as the error of a gyro is.
-        rate, near = moved / seconds[:, None], (before + after) / seconds[:, None]
-        told = [(slope, (after - before) / seconds[:, None])] if 0 in kept else []
-        for part, other in [*told, (rate - rate.mean(axis=0), near - near.mean(axis=0))]:
+        # A factor is told by a twist that is not constant, as the error of a gyro is, and a lag by one whose slope is
+        # not: under a constant force the lag is a constant error of the velocity.
+        told = [(moved / seconds[:, None], (before + after) / seconds[:, None])]
+        if 0 in kept:
+            told.append((slope, (after - before) / seconds[:, None]))
+        least = _CHANGES * float(np.linalg.norm(told[0][0]))
+        for part, other in ((each - each.mean(axis=0) for each in pair) for pair in told):
             own, follows = float(np.linalg.norm(part)), float(np.sum(part * other))
-            if not own > _CHANGES * float(np.linalg.norm(rate)) or follows < _FOLLOWS * own * float(
-                np.linalg.norm(other)
-            ):
+            if not own > least or follows < _FOLLOWS * own * float(np.linalg.norm(other)):
                 return _Fit(values, errors, np.inf, spread, count)
         size[size == 0.0] = 1.0
         model, beside = model / size, beside / size
