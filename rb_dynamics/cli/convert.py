@@ -19,10 +19,17 @@ from decimal import Decimal
 from typing import TYPE_CHECKING
 
 from rb_dynamics.cli.parser import add_window
+from rb_dynamics.cli.topics import add_frames
 from rb_dynamics.numerics.option_types import real
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
+
+    from rb_dynamics.sinks.convert import Skip, Window
+    from rb_dynamics.sinks.convert_bag import Poses
+
+_TABLES = (("log", ".csv"), ("log", ".parquet"))
 
 HELP = "write a log as .rrd, .csv or .parquet, its scene as .yaml, or a .csv of wrenches as .mcap"
 
@@ -44,6 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             f"--{kind}-topic", dest="topics", metavar="TOPIC", action="append", default=[],
             help=f"convert this topic of a {kind}, and no others that are not named; may be repeated",
         )  # fmt: skip
+    add_frames(parser, "of a table: the pose of the frame BODY in WORLD alone, through all transforms between them")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -56,26 +64,16 @@ def run(args: argparse.Namespace) -> int:
     sources, target = [Path(source) for source in args.source], Path(args.target)
     source, bad = sources[0], list[Path]()
     way = ("table" if source.suffix == ".csv" else "log", target.suffix)
-    tables = (("log", ".csv"), ("log", ".parquet"))
-    if len(sources) > 1 and way not in tables:
-        args.parser.error(
-            f"found {len(sources)} inputs for {target.name}, expected one; only a .csv or .parquet table takes several"
-        )
-    if args.at is not None and way not in (("log", ".yaml"), ("log", ".yml")):
-        args.parser.error(
-            f"found --at for {target.name}, expected a scene; give OUT the ending .yaml, or leave out --at"
-        )
     window = (args.from_s, args.to_s)
-    if window != (None, None) and way not in (*tables, ("log", ".rrd")):
-        args.parser.error(f"found --from or --to for {target.name}, expected a .csv, .parquet or .rrd")
-    if args.topics and way not in (*tables, ("log", ".rrd")):
-        args.parser.error(f"found a topic for {target.name}, expected none; only .csv, .parquet and .rrd have topics")
+    _require_fitting(args, target, way)
 
     def skip(path: Path, error: LogError) -> None:
         bad.append(path)
         print(f"rb-dynamics: left out: {error}", file=sys.stderr)
 
-    if way in tables:
+    if args.frames:
+        written = [convert.poses_to_table(_poses(sources, args.frames, window, skip), target, sources)]
+    elif way in _TABLES:
         written = convert.to_table(sources, target, args.topics, skip, window)
     elif way == ("log", ".rrd"):
         written = [convert.Written(target, convert.log_to_rerun(source, target, args.topics, window), "rows")]
@@ -95,6 +93,53 @@ def run(args: argparse.Namespace) -> int:
     for path, count, what in written:
         print(f"wrote {path}: {count} {what}")
     return 1 if bad else 0
+
+
+def _require_fitting(args: argparse.Namespace, target: Path, way: tuple[str, str]) -> None:
+    """End with a usage error where an option does not fit what is converted to what."""
+    if len(args.source) > 1 and way not in _TABLES:
+        args.parser.error(
+            f"found {len(args.source)} inputs for {target.name}, expected one; only a .csv or .parquet takes several"
+        )
+    if args.at is not None and way not in (("log", ".yaml"), ("log", ".yml")):
+        args.parser.error(
+            f"found --at for {target.name}, expected a scene; give OUT the ending .yaml, or leave out --at"
+        )
+    if (args.from_s, args.to_s) != (None, None) and way not in (*_TABLES, ("log", ".rrd")):
+        args.parser.error(f"found --from or --to for {target.name}, expected a .csv, .parquet or .rrd")
+    if args.topics and way not in (*_TABLES, ("log", ".rrd")):
+        args.parser.error(f"found a topic for {target.name}, expected none; only .csv, .parquet and .rrd have topics")
+    if args.frames and (args.topics or way not in _TABLES):
+        args.parser.error(f"found --frames for {target.name}, expected a .csv or .parquet and no topics; leave one out")
+
+
+def _poses(
+    sources: Sequence[Path], frames: tuple[str, str], window_s: Window, skip: Skip
+) -> Iterator[tuple[Path, Poses]]:
+    """Yield the poses of one frame in another in each bag; of several, those without them are left out."""
+    from rb_dynamics.analysis.frames import pose_between
+    from rb_dynamics.errors import LogError
+    from rb_dynamics.formats.bag_reader import read_bag
+    from rb_dynamics.run.provenance import RUN
+    from rb_dynamics.sinks.convert_bag import Poses
+
+    found = False
+    for number, path in enumerate(sources):
+        try:
+            bag = read_bag(path)
+            pose = pose_between(bag, *frames)
+        except LogError as error:
+            if number == len(sources) - 1 and not found:
+                raise
+            skip(path, error)
+            continue
+        found = True
+        time_s = (pose.time_ns - (0 if RUN in bag.metadata else pose.time_ns[0])) * 1e-9
+        first_s, last_s = window_s
+        wanted = (time_s >= (time_s[0] if first_s is None else first_s)) & (
+            time_s <= (time_s[-1] if last_s is None else last_s)
+        )
+        yield path, Poses(", ".join(pose.topics), frames, pose.time_ns[wanted], pose.values[wanted])
 
 
 def _scene_at(source: Path, target: Path, at_s: float) -> int:

@@ -20,9 +20,12 @@ def add_topics(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--wrench-topic", metavar="TOPIC", action="append", default=[], help="topic of a wrench; may be repeated"
     )
-    parser.add_argument(
-        "--frames", metavar="WORLD:BODY", type=_frames, help="take the pose of the frame BODY in WORLD from /tf"
-    )
+    add_frames(parser, "take the pose of the frame BODY in WORLD from /tf")
+
+
+def add_frames(parser: argparse.ArgumentParser, text: str) -> None:
+    """Add `--frames` with the help `text`."""
+    parser.add_argument("--frames", metavar="WORLD:BODY", type=_frames, help=text)
 
 
 def chosen_topics(args: argparse.Namespace) -> TopicChoice:

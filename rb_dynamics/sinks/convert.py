@@ -44,7 +44,7 @@ from rb_dynamics.numerics.rotation import rotate
 from rb_dynamics.run.provenance import RESULT, RUN, SCENE, version
 from rb_dynamics.run.sink import RunInfo, Sample
 from rb_dynamics.scene.model import Scene
-from rb_dynamics.sinks.convert_bag import Span, columns_of, quantities_of, table_of
+from rb_dynamics.sinks.convert_bag import ORIENTATION, POSITION, Poses, Span, columns_of, quantities_of, table_of
 
 _logger = logging.getLogger(__name__)
 
@@ -170,6 +170,18 @@ def to_table(
     spans = {each.path: each.span(window_s) for each in inputs}
     blocks = table_of([each.path for each in inputs], quantities, topics, spans)
     return [Written(target, write_table(target, columns_of(quantities), blocks), "messages")]
+
+
+def poses_to_table(poses: Iterable[tuple[Path, Poses]], target: Path, paths: Sequence[Path]) -> Written:
+    """Write poses of frames, each with the bag it comes from, to a table .csv or .parquet; `paths` are all bags.
+
+    Raises:
+        LogError: a bag cannot be read, or `target` is one of them or cannot be written.
+        MissingExtraError: a .parquet file without pyarrow.
+    """
+    require_other(target, *paths)
+    rows = (found.rows(str(path)) for path, found in poses)
+    return Written(target, write_table(target, columns_of((POSITION, ORIENTATION)), rows), "poses")
 
 
 def _looked_through(paths: Sequence[str | Path], skip: Skip | None, split: bool) -> Iterator[_Input]:

@@ -125,6 +125,21 @@ class Messages:
     values: dict[Quantity, Values]
 
 
+class Poses(NamedTuple):
+    """Poses (n, 7) of the second of two frames in the first, at stamps (n,), from `topics`."""
+
+    topics: str
+    frames: tuple[str, str]
+    stamps: Times
+    values: Values
+
+    def rows(self, source: str) -> Rows:
+        """Return the rows of a table; what is composed of several messages has no log time."""
+        count = len(self.stamps)
+        texts = (source, self.topics, TRANSFORM, *self.frames)
+        return [*([text] * count for text in texts), [None] * count, self.stamps.tolist(), *self.values.T.tolist()]
+
+
 class Span(NamedTuple):
     """First and last log time (ns) that are wanted."""
 

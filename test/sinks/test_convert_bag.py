@@ -161,6 +161,30 @@ def test_named_topics_alone(tmp_path: Path, example_dir: Path) -> None:
     assert command("convert", bag, tmp_path / "scene.yaml", "--pose-topic", "/truth/pose").returncode == 2
 
 
+def test_the_pose_of_one_frame_in_another(tmp_path: Path) -> None:
+    """Through all transforms between them: here a turn of 90 degrees about z, then a step of 2 m along the new x."""
+    half = math.sqrt(0.5)
+    rows = [
+        ("/tf", TF, t, transforms([transform(t, "map", "base", [0.1 * k, 0.0, 0.0, 0.0, 0.0, half, half])]))
+        for k, t in enumerate(range(10**9, 6 * 10**9, 10**9))
+    ]
+    rows.append(("/tf_static", TF, 0, transforms([transform(0, "base", "camera", [2.0, 0, 0, 0, 0, 0, 1.0])])))
+    bag, target = write_bag(tmp_path / "bag", rows), tmp_path / "poses.csv"
+    assert command("convert", bag, target, "--frames", "map:camera", "--from", "1").returncode == 0
+    with target.open(newline="") as file:
+        found = list(csv.DictReader(file))
+    assert [int(row["stamp_ns"]) for row in found] == [k * 10**9 for k in range(2, 6)]
+    assert {(row["frame_id"], row["child_frame_id"], row["log_time_ns"]) for row in found} == {("map", "camera", "")}
+    assert {row["topic"] for row in found} == {"/tf map:base, /tf_static base:camera"}
+    for k, row in enumerate(found, 1):
+        place = [float(row[f"position_{axis}_m"]) for axis in "xyz"]
+        assert place == pytest.approx([0.1 * k, 2.0, 0.0], abs=1e-15)
+    refused = command("convert", bag, target, "--frames", "map:nowhere")
+    assert refused.returncode == 2
+    assert "nowhere" in refused.stderr
+    assert command("convert", bag, tmp_path / "a.rrd", "--frames", "map:camera").returncode == 2
+
+
 def test_a_recording_of_a_bag(tmp_path: Path, example_dir: Path) -> None:
     pytest.importorskip("rerun")
     assert bag_to_rerun(example_dir / "slew.mcap", tmp_path / "slew.rrd") == 2402
