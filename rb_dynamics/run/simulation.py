@@ -210,6 +210,8 @@ class Simulation:
         Raises:
             ConvergenceError: a step could not be solved.
         """
+        if self._computed_ns == self.time_ns:
+            return self.sample
         phase = self._arc.at(self._computed_ns)
         _require_finite(self.scene.body, phase, self._computed_ns)
         return self._observer.sample(phase, self._computed_ns)

@@ -9,12 +9,15 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from nav_msgs.msg import Odometry
 from ros_harness import ROOT, Peer, running
+from std_srvs.srv import SetBool
 
 from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.run.provenance import RESULT
+from rb_dynamics.study.replay import replay
 
 pytestmark = pytest.mark.ros
 
@@ -51,6 +54,27 @@ def test_the_controller_in_lockstep_flies_the_same_bits_again(tmp_path: Path) ->
         assert facts["end_time_ns"] == "1000000000"
         hashes.append(facts["states_sha256"])
     assert hashes[0] == hashes[1]
+
+
+def test_the_spacecraft_is_flown_by_its_sensors_alone(peer: Peer, tmp_path: Path) -> None:
+    """Its tumble dies down, the log has what did it, and replays."""
+    scene, log = ROOT / "config" / "campaigns" / "spacecraft" / "satellite.yaml", tmp_path / "flown.mcap"
+    with (
+        running(scene, real_time_factor=10.0, duration=20.0, start_paused=True, mcap=log) as node,
+        subprocess.Popen([sys.executable, ROOT / "examples" / "spacecraft.py"]) as controller,
+    ):
+        try:
+            peer.until(lambda: peer.node.count_subscribers("imu") > 0, "the controller listening")
+            peer.call("rigid_body/pause", SetBool.Request(data=False))
+            assert node.wait() == 0, node.err
+        finally:
+            controller.kill()
+    bag = read_bag(log)
+    for name in (f"{kind}_{axis}" for kind in ("wheel", "rod") for axis in "xyz"):
+        assert len(bag.scalars(f"/{name}/command")[0]) > 10
+    rates = bag.twists("/twist")[1][:, 3:]
+    assert np.linalg.norm(rates[-1]) < 0.7 * np.linalg.norm(rates[0])
+    assert replay(log).identical
 
 
 @pytest.mark.usefixtures("signals_of_a_terminal")

@@ -75,7 +75,7 @@ class Bodies(Protocol):
         """Return their present state and bookkeeping."""
 
     def onboard(self) -> Onboard:
-        """Return what is there for a controller."""
+        """Return what is there for a controller, at the last `samples`."""
 
     def hold(self, commands: Commands, new: Commands, changed: npt.NDArray[np.bool_]) -> None:
         """Hold `commands` from now on, of which `new` come now, for the bodies marked in `changed` (N,)."""
@@ -127,7 +127,7 @@ class Alone:
         self._scene, self._hearing = scene, Hearing(scene) if driven and scene.sensors else None
         hearing = [self._hearing] if self._hearing else []
         self._run = Simulation(scene if sinks else without_outputs(scene), [*sinks, *hearing])
-        self._rejected = 0
+        self._rejected, self._seen = 0, self._run.sample
         self._now_ns, self._body_frame = 0, scene.frames.body_frame
         self._first = self._run.sample
         self._run.start()
@@ -137,6 +137,7 @@ class Alone:
         import numpy as np
 
         first, sample = self._first, self._run.look()
+        self._seen = sample
         columns = {name: np.array([getattr(sample, name)]) for name in _FIELDS}
         impulses = {
             "impulse_world": (
@@ -158,7 +159,7 @@ class Alone:
         """Return what is there for a controller; see `Bodies`."""
         import numpy as np
 
-        sample, effects, hearing = self._run.look(), self._scene.combined_effects, self._hearing
+        sample, effects, hearing = self._seen, self._scene.combined_effects, self._hearing
         speeds = zip(self._scene.wheels, sample.wheel_speeds or (), strict=True)
         field = np.array([effects.magnetic_field()(sample.position_world)]) if effects.magnetic else None
         found = Onboard({}, {wheel.name: np.array([speed]) for wheel, speed in speeds}, field)
