@@ -19,7 +19,7 @@ _SIGNIFICANT = 8.0
 _GROUPS, _LEAST_IN_GROUP = 12, 2
 # An instrument is this many samples of the twist away from its block, and correlates with it by at least this.
 _AWAY, _FOLLOWS = 3.0, 0.9
-# A twist that changes less than this fraction of itself tells no lag.
+# A twist that changes less than this fraction of itself tells neither lag nor factor.
 _CHANGES = 1e-6
 # The longest lag looked for: s, and as a fraction of the recording; and the number of lags tried on either side.
 _LONGEST, _PART, _TRIED = 1.0, 0.1, 80
@@ -33,6 +33,9 @@ _SEEN = 1e-9
 # Columns of the model: lag, s, θ and b; a simpler model is taken unless F is larger than this.
 _MODELS = ((0, 1, 5, 6, 7), (1, 2, 3, 4, 5, 6, 7), tuple(range(8)))
 _NEEDED = _SIGNIFICANT**2
+# What may look like a lag, and like a factor: of a uniform acceleration a lag is a constant error, of a motion that
+# dies out under drag it is a factor. What looks like turned axes is told apart by the models.
+_LIKE = ([1, 5, 6, 7], [5, 6, 7])
 # The twist contradicts the pose from these values on: factor and axes (rad). Sensors have smaller errors.
 _FACTOR, _TURN = 0.05, 0.035
 # A lag up to this many intervals of the twist may be how a program stamps.
@@ -105,8 +108,12 @@ def fit_of_twist(ends: Times, gone: Array, time_ns: Times, said: Array, turn: fl
     if not found:
         return TwistFit()
     nearest = found[-1].nearest()
-    fits = [(fit.errors[0], each) for each in found if (fit := each.fit(nearest, _MODELS[0])) is not None]
-    blocks = min(fits, key=lambda pair: pair[0])[1] if fits else found[0]
+    blocks = found[0]
+    for model in _MODELS[:2]:
+        fits = [(fit.errors[model[0]], each) for each in found if (fit := each.fit(nearest, model)) is not None]
+        if fits:
+            blocks = min(fits, key=lambda pair: pair[0])[1]
+            break
     models = [fit for model in _MODELS if (fit := blocks.fit(nearest, model)) is not None]
     if not models:
         return TwistFit()
@@ -246,19 +253,17 @@ class _Blocks:
         apart, length = self.away, 0.5 * seconds
         before = self._moved(begin - apart - length, begin - apart)
         after = self._moved(end + apart, end + apart + length)
-        model = _columns(slope, moved, seconds)[:, kept]
-        beside = _columns((after - before) / seconds[:, None], before + after, seconds)[:, kept]
+        columns = _columns(slope, moved, seconds)
+        beside_columns = _columns((after - before) / seconds[:, None], before + after, seconds)
+        model, beside = columns[:, kept], beside_columns[:, kept]
         wanted = (self.gone - moved).ravel()
         values, errors, spread = np.zeros(8), np.zeros(8), float(np.sum((self.gone - self.gone.mean(axis=0)) ** 2))
         size = np.linalg.norm(beside, axis=0)
-        # A factor is told by a twist that is not constant, as the error of a gyro is, and a lag by one whose slope is
-        # not: under a constant force the lag is a constant error of the velocity.
-        told = [(moved / seconds[:, None], (before + after) / seconds[:, None])]
-        if 0 in kept:
-            told.append((slope, (after - before) / seconds[:, None]))
-        least = _CHANGES * float(np.linalg.norm(told[0][0]))
-        for part, other in ((each - each.mean(axis=0) for each in pair) for pair in told):
-            own, follows = float(np.linalg.norm(part)), float(np.sum(part * other))
+        for column in sorted({0, 1} & set(kept)):
+            # Whatever else gives the same change may be the cause in its place.
+            part, other = (_besides(every, column, _LIKE[column]) for every in (columns, beside_columns))
+            own, follows = float(np.linalg.norm(part)), float(part @ other)
+            least = _CHANGES * float(np.linalg.norm(columns[:, 1]))
             if not own > least or follows < _FOLLOWS * own * float(np.linalg.norm(other)):
                 return _Fit(values, errors, np.inf, spread, count)
         size[size == 0.0] = 1.0
@@ -271,6 +276,14 @@ class _Blocks:
         scatter = inverse @ (groups.T @ groups) @ inverse.T * _GROUPS / (_GROUPS - 1.0)
         values[kept], errors[kept] = best / size, np.sqrt(np.maximum(np.diag(scatter), 0.0)) / size
         return _Fit(values, errors, float(left @ left) + (_LEAST * float(np.linalg.norm(moved))) ** 2, spread, count)
+
+
+def _besides(columns: Array, column: int, others: list[int]) -> Array:
+    """Return what the `others` do not give of a column."""
+    sizes = np.linalg.norm(columns, axis=0)
+    scaled = columns / np.where(sizes > 0.0, sizes, 1.0)
+    rest: Array = columns[:, column] - scaled[:, others] @ np.linalg.lstsq(scaled[:, others], columns[:, column])[0]
+    return rest
 
 
 def _columns(slope: Array, moved: Array, seconds: Array) -> Array:
