@@ -1,13 +1,14 @@
-"""Draw the figures of docs/campaigns.md: the worked studies, which are run if their rows are not in out/, and the cost.
+"""Draw the figures of docs/campaigns.md and docs/tutorials/spacecraft.md; studies run if out/ has no rows of them.
 
-    python tools/make_campaigns.py            # a few minutes; needs the extras scale and plot
+    python tools/make_campaigns.py [NAME...]  # a few minutes; needs the extras scale and plot
 
 The page itself, written by hand, says what the studies show.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,8 @@ from matplotlib import style
 from matplotlib.figure import Figure
 
 from rb_dynamics.study.campaign.engine import run_campaign
+from rb_dynamics.study.campaign.flight import fly_alone
+from rb_dynamics.study.campaign.metrics import quantity
 from rb_dynamics.study.campaign.read import read_campaign
 from rb_dynamics.study.campaign.store import Store, read_rows
 
@@ -80,6 +83,30 @@ def rotor(figure: Figure) -> None:
     axes.legend(frameon=False)
 
 
+def spacecraft(figure: Figure) -> None:
+    """The six runs of the tutorial, over time."""
+    campaign = read_campaign(ROOT / "config" / "campaigns" / "spacecraft.yaml", {"runs": 6})
+    quantities = [quantity(campaign, each) for each in campaign.metrics if each.name in ("pointing", "wheel_speed")]
+    panels = figure.subplots(1, 2)
+    for run in range(campaign.runs):
+        seen: list[tuple[float, ...]] = []
+        found = fly_alone(
+            campaign,
+            run,
+            watch=lambda samples, seen=seen: seen.append(
+                (samples.time_ns / 1e9, *(float(each(samples)[0]) for each in quantities))
+            ),
+        )
+        color = GOOD if found["pointing"] < 0.02 else BAD
+        times, *columns = zip(*seen, strict=True)
+        for axes, column in zip(panels, columns, strict=True):
+            axes.plot(times, column, color=color, linewidth=1.2)
+    panels[0].axhline(0.02, color=GREY, linestyle="--", linewidth=1.0)
+    panels[0].set(xlabel="time [s]", ylabel="angle from the target [rad]", yscale="log")
+    panels[1].axhline(600.0, color=GREY, linestyle="--", linewidth=1.0)
+    panels[1].set(xlabel="time [s]", ylabel="fastest wheel [rad/s]")
+
+
 def cost(figure: Figure) -> None:
     axes = figure.subplots()
     runs, each = zip(*COST, strict=True)
@@ -92,11 +119,14 @@ FIGURES: dict[str, tuple[Callable[[Figure], None], tuple[float, float]]] = {
     "capture": (capture, (9.0, 3.6)),
     "rotor": (rotor, (6.5, 3.6)),
     "cost": (cost, (6.5, 3.2)),
+    "spacecraft": (spacecraft, (9.0, 3.4)),
 }
 
 
-def main() -> None:
+def main(names: Sequence[str]) -> None:
     for name, (draw, size) in FIGURES.items():
+        if names and name not in names:
+            continue
         settings = {"font.size": 9.0, "svg.hashsalt": name, "svg.fonttype": "path"}
         with style.context(["default", settings]):
             figure = Figure(figsize=size, layout="constrained")
@@ -109,4 +139,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])
