@@ -4,7 +4,8 @@ A table has one line per logged sample, with all digits; the wrench commands go 
 the ending of OUT. Of a bag of another program, or of named topics, a table has one line per message: source, topic,
 type, frames, log time, stamp, and the quantities with their units. Several inputs make one table, which says in the
 column run or source what is whose. The scene is the text in the log, which can be run again or edited; with --at S, it
-goes on from the state at S with the same bits. A CSV of
+goes on from the state at S with the same bits. Bags of other
+programs, one or several, become one MCAP file, each message byte for byte; with --from and --to a part. A CSV of
 wrenches (time_ns or time_s, force_x ... torque_z, and topic and frame_id if needed) becomes an MCAP bag for simulate
 --wrench. An earlier OUT is replaced.
 
@@ -26,12 +27,12 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from pathlib import Path
 
-    from rb_dynamics.sinks.convert import Skip, Window
+    from rb_dynamics.sinks.convert import Skip, Window, Written
     from rb_dynamics.sinks.convert_bag import Poses
 
 _TABLES = (("log", ".csv"), ("log", ".parquet"))
 
-HELP = "write a log as .rrd, .csv or .parquet, its scene as .yaml, or a .csv of wrenches as .mcap"
+HELP = "write a log as .rrd, .csv or .parquet, its scene as .yaml, bags or a .csv of wrenches as .mcap"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -71,7 +72,9 @@ def run(args: argparse.Namespace) -> int:
         bad.append(path)
         print(f"rb-dynamics: left out: {error}", file=sys.stderr)
 
-    if args.frames:
+    if way == ("log", ".mcap"):
+        written = [_merged(sources, target, window)]
+    elif args.frames:
         written = [convert.poses_to_table(_poses(sources, args.frames, window, skip), target, sources)]
     elif way in _TABLES:
         written = convert.to_table(sources, target, args.topics, skip, window)
@@ -88,7 +91,7 @@ def run(args: argparse.Namespace) -> int:
     else:
         raise LogError(
             f"cannot convert {source.name} to {target.name}, expected a log to .rrd, .csv, .parquet or .yaml, a "
-            "bag to .rrd, .csv or .parquet, or a .csv of wrenches to .mcap; give OUT such an ending"
+            "bag to .rrd, .csv, .parquet or .mcap, or a .csv of wrenches to .mcap; give OUT such an ending"
         )
     for path, count, what in written:
         print(f"wrote {path}: {count} {what}")
@@ -97,20 +100,29 @@ def run(args: argparse.Namespace) -> int:
 
 def _require_fitting(args: argparse.Namespace, target: Path, way: tuple[str, str]) -> None:
     """End with a usage error where an option does not fit what is converted to what."""
-    if len(args.source) > 1 and way not in _TABLES:
+    if len(args.source) > 1 and way not in (*_TABLES, ("log", ".mcap")):
         args.parser.error(
-            f"found {len(args.source)} inputs for {target.name}, expected one; only a .csv or .parquet takes several"
+            f"found {len(args.source)} inputs for {target.name}, expected one; only .csv, .parquet and .mcap take more"
         )
     if args.at is not None and way not in (("log", ".yaml"), ("log", ".yml")):
         args.parser.error(
             f"found --at for {target.name}, expected a scene; give OUT the ending .yaml, or leave out --at"
         )
-    if (args.from_s, args.to_s) != (None, None) and way not in (*_TABLES, ("log", ".rrd")):
-        args.parser.error(f"found --from or --to for {target.name}, expected a .csv, .parquet or .rrd")
+    if (args.from_s, args.to_s) != (None, None) and way not in (*_TABLES, ("log", ".rrd"), ("log", ".mcap")):
+        args.parser.error(f"found --from or --to for {target.name}, expected a .csv, .parquet, .rrd or .mcap")
     if args.topics and way not in (*_TABLES, ("log", ".rrd")):
         args.parser.error(f"found a topic for {target.name}, expected none; only .csv, .parquet and .rrd have topics")
     if args.frames and (args.topics or way not in _TABLES):
         args.parser.error(f"found --frames for {target.name}, expected a .csv or .parquet and no topics; leave one out")
+
+
+def _merged(sources: Sequence[Path], target: Path, window_s: Window) -> Written:
+    from rb_dynamics.sinks.convert import merge_bags
+
+    written, notes = merge_bags(sources, target, window_s)
+    for note in notes:
+        print(f"note: {note}", file=sys.stderr)
+    return written
 
 
 def _poses(

@@ -249,7 +249,7 @@ class DatabaseFile:
         try:
             with Reader(self.path) as reader:
                 self.channels = {
-                    each.id: McapChannel(_name(each.topic), Schema(_name(each.msgtype)), _encoding(each), {})
+                    each.id: McapChannel(_name(each.topic), _schema(each), _encoding(each), {})
                     for each in reader.connections
                 }
                 for connection, time_ns, data in reader.messages():
@@ -274,6 +274,12 @@ class DatabaseFile:
 
 _File: TypeAlias = McapFile | DatabaseFile
 _Read = TypeVar("_Read", Message, Block)
+
+
+def _schema(connection: Any) -> Schema:
+    """Return the type, with its definition where the bag has it: before ROS 2 Iron none had."""
+    definition = getattr(connection.msgdef, "data", "")
+    return Schema(_name(connection.msgtype), "ros2msg" if definition else "", _name(definition).encode())
 
 
 def _encoding(connection: Any) -> str:

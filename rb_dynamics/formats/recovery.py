@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import itertools
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -92,7 +93,7 @@ def _recover_file(old: McapFile, target: Path) -> Recovered:
     first = list(itertools.islice(messages, 1))
     facts = BagFile(target.name, 2**63)
     with contextlib.closing(LogFile(target)) as file:
-        copy = _Copy(McapWriter(file, f"rb_dynamics {version()}"))
+        copy = Copy(McapWriter(file, f"rb_dynamics {version()}"))
         for message in itertools.chain(first, messages):
             copy.add(message)
             facts.counts[message.channel.topic] += 1
@@ -104,13 +105,13 @@ def _recover_file(old: McapFile, target: Path) -> Recovered:
             missing = ", ".join(f"{begin_ns} {end_ns}" for begin_ns, end_ns in old.missing)
             told = {"reason": " and ".join(found), "last_message_ns": str(facts.end_ns), "missing_ns": missing}
             old.metadata.setdefault(INTERRUPTED, told)
-        copy.finish(old)
+        copy.finish(old.channels.values(), old.attachments, old.metadata)
     state = old.metadata.get(INTERRUPTED, {"reason": WHOLE}).get("reason", CUT_OFF)
     return Recovered(facts, state, list(old.channels.values()), old.damage, old.missing, next_file(old.metadata))
 
 
-class _Copy:
-    """Writes what a file says to another, in the same order."""
+class Copy:
+    """Writes what files say to another, in the same order."""
 
     def __init__(self, writer: McapWriter) -> None:
         self._writer = writer
@@ -123,13 +124,18 @@ class _Copy:
         channel = self._declared(message.channel)
         self._writer.add_messages((channel,), (message.data,), message.log_time, message.publish_time)
 
-    def finish(self, old: McapFile) -> None:
+    def finish(
+        self,
+        channels: Iterable[McapChannel],
+        attachments: Mapping[str, bytes],
+        metadata: Mapping[str, Mapping[str, str]],
+    ) -> None:
         """Copy what is no message, and write the index."""
-        for channel in old.channels.values():
+        for channel in channels:
             self._declared(channel)
-        for name, data in old.attachments.items():
+        for name, data in attachments.items():
             self._writer.add_attachment(name, "application/yaml" if name.endswith(".yaml") else "", data)
-        for name, facts in old.metadata.items():
+        for name, facts in metadata.items():
             self._writer.add_metadata(name, facts)
         self._writer.finish()
 

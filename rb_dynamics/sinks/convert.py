@@ -22,6 +22,7 @@ from rb_dynamics.formats.bag_source import Source, open_source
 from rb_dynamics.formats.log_file import LogFile, require_other
 from rb_dynamics.formats.mcap_records import Message
 from rb_dynamics.formats.mcap_writer import McapWriter
+from rb_dynamics.formats.merging import merge
 from rb_dynamics.formats.messages import (
     APPLIED,
     COMMAND_DEPTH,
@@ -291,6 +292,28 @@ def log_to_rerun(log: str | Path, target: Path, topics: Sequence[str] = (), wind
     finally:
         sink.close(source.metadata.get(RESULT, {}))
     return count
+
+
+def merge_bags(paths: Sequence[Path], target: Path, window_s: Window = _WHOLE) -> tuple[Written, list[str]]:
+    """Write bags of other programs, or a part of one, to one MCAP file; returns remarks, too.
+
+    `window_s` counts from the first message of a motion in any of them.
+
+    Raises:
+        LogError: as `merge`, or one is a log of this package.
+    """
+    require_other(target, *paths)
+    inputs = list(_looked_through(paths, None, split=False))
+    for each in inputs:
+        if each.own:
+            raise LogError(
+                f"{each.path} is a log of rb_dynamics, which is one run and stays whole, expected bags of other "
+                "programs; write several to one table (.csv, .parquet), or a part of one"
+            )
+    moving = [each for each in inputs if _MOTIONS & set(each.kinds.values())] or inputs
+    span = min(moving, key=lambda each: each.motion_ns).span(window_s)
+    found = merge(paths, target, span)
+    return Written(target, found.messages, "messages"), found.notes
 
 
 def log_to_scene(log: str | Path, target: Path) -> None:

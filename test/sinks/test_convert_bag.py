@@ -21,9 +21,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rb_dynamics.formats.topic import KEPT
+from rb_dynamics.run.simulation import simulate
+from rb_dynamics.scene import parse_scene
 from rb_dynamics.sinks import convert_bag
 from rb_dynamics.sinks.convert import to_table
 from rb_dynamics.sinks.convert_bag import FORCE, QUANTITIES, TORQUE, table_of
+from rb_dynamics.sinks.mcap_sink import McapSink
 from rb_dynamics.sinks.rerun_bag import bag_to_rerun
 
 G = "geometry_msgs/msg/"
@@ -183,6 +186,19 @@ def test_the_pose_of_one_frame_in_another(tmp_path: Path) -> None:
     assert refused.returncode == 2
     assert "nowhere" in refused.stderr
     assert command("convert", bag, tmp_path / "a.rrd", "--frames", "map:camera").returncode == 2
+
+
+def test_bags_become_one_file_and_a_log_stays_whole(tmp_path: Path, example_dir: Path) -> None:
+    log = tmp_path / "run.mcap"
+    scene = parse_scene("body: {mass: 1, inertia: {diagonal: [1, 1, 1]}}\nduration: 0.1\n")
+    simulate(scene, (), [McapSink(log)])
+    bag, target = example_dir / "slew.mcap", tmp_path / "part.mcap"
+    found = command("convert", bag, target, "--from", "10", "--to", "20")
+    assert (found.returncode, found.stdout) == (0, f"wrote {target}: 404 messages\n")
+    refused = command("convert", bag, log, tmp_path / "both.mcap")
+    assert refused.returncode == 2
+    assert "is one run and stays whole" in refused.stderr
+    assert not (tmp_path / "both.mcap").exists()
 
 
 def test_a_recording_of_a_bag(tmp_path: Path, example_dir: Path) -> None:

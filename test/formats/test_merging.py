@@ -1,0 +1,78 @@
+"""Merging: every message of every bag, byte for byte, read by rosbags; a part of one; what cannot be merged is told."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+from foreign_bags import GEOMETRY, STORE, TF, header, of, transform, transforms, write_bag
+
+from rb_dynamics.errors import LogError
+from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.formats.merging import merge
+
+SECOND = 10**9
+ALL = (-math.inf, math.inf)
+
+
+def wrenches(topic: str, times_s: Any, frame: str = "body") -> list[Any]:
+    rows = []
+    for k in times_s:
+        parts = of("Wrench", of("Vector3", float(k), 0.0, 0.0), of("Vector3", 0.0, 0.0, 0.0))
+        rows.append(
+            (topic, f"{GEOMETRY}WrenchStamped", k * SECOND, of("WrenchStamped", header(k * SECOND, frame), parts))
+        )
+    return rows
+
+
+def content(path: Path) -> list[tuple[int, str, str, bytes]]:
+    from rosbags.highlevel import AnyReader
+
+    with AnyReader([path], default_typestore=STORE) as reader:
+        return [(time_ns, each.topic, each.msgtype, bytes(data)) for each, time_ns, data in reader.messages()]
+
+
+@pytest.mark.parametrize("sqlite", [False, True])
+def test_every_message_is_there_in_the_order_of_time(tmp_path: Path, sqlite: bool) -> None:
+    one = write_bag(tmp_path / "one", wrenches("/a", range(0, 10, 2)), sqlite)
+    other = write_bag(tmp_path / "other", wrenches("/b", range(1, 10, 3)))
+    found = merge([one, other], tmp_path / "all.mcap", ALL)
+    expected = sorted(content(one) + content(other))
+    assert content(tmp_path / "all.mcap") == expected
+    assert (found.messages, found.notes) == (len(expected), [])
+    assert read_bag(tmp_path / "all.mcap").complete
+
+
+def test_a_part_keeps_the_fixed_transforms(tmp_path: Path) -> None:
+    fixed = ("/tf_static", TF, 0, transforms([transform(0, "base", "camera", [2.0, 0, 0, 0, 0, 0, 1.0])]))
+    bag = write_bag(tmp_path / "bag", [fixed, *wrenches("/a", range(10))])
+    merge([bag], tmp_path / "part.mcap", (3 * SECOND, 5 * SECOND))
+    assert [(time_ns // SECOND, topic) for time_ns, topic, *_ in content(tmp_path / "part.mcap")] == [
+        (0, "/tf_static"),
+        (3, "/a"),
+        (4, "/a"),
+        (5, "/a"),
+    ]
+
+
+def test_what_may_be_two_bodies_or_two_clocks_is_told(tmp_path: Path) -> None:
+    one = write_bag(tmp_path / "one", wrenches("/a", range(5)))
+    other = write_bag(tmp_path / "other", wrenches("/a", range(3, 9)))
+    far = write_bag(tmp_path / "far", wrenches("/a", range(1_700_000_000, 1_700_000_003)))
+    (note,) = merge([one, other], tmp_path / "both.mcap", ALL).notes
+    assert "/a is in" in note
+    (note,) = merge([one, far], tmp_path / "far.mcap", ALL).notes
+    assert "apart by their log times" in note
+
+
+def test_what_cannot_be_merged_is_one_error(tmp_path: Path) -> None:
+    one = write_bag(tmp_path / "one", wrenches("/a", range(5)))
+    parts = of("Vector3", 1.0, 0.0, 0.0), of("Vector3", 0.0, 0.0, 0.0)
+    plain = write_bag(tmp_path / "plain", [("/a", f"{GEOMETRY}Wrench", 7 * SECOND, of("Wrench", *parts))])
+    with pytest.raises(LogError, match=r"topic /a is .*WrenchStamped in one bag and .*Wrench in another"):
+        merge([one, plain], tmp_path / "out.mcap", ALL)
+    with pytest.raises(LogError, match="found no message to write"):
+        merge([one], tmp_path / "out.mcap", (100 * SECOND, 200 * SECOND))
+    assert not (tmp_path / "out.mcap").exists()
