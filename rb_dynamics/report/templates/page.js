@@ -87,6 +87,30 @@
     return axis;
   }
 
+  // Axes of one scale in a box whose longest edge is 1, so that flat and long paths fill the view, too.
+  function inSpace(plot) {
+    const ends = [0, 1, 2].map((k) => {
+      let low = Infinity, high = -Infinity;
+      for (const curve of plot.curves) {
+        for (const value of arrays[curve.points[k]]) {
+          if (value < low) low = value;
+          if (value > high) high = value;
+        }
+      }
+      return [low, high];
+    });
+    const most = Math.max(...ends.map(([low, high]) => high - low));
+    const edges = ends.map(([low, high]) => 1.06 * Math.max(high - low, 0.1 * most));
+    const scene = { aspectmode: "manual", aspectratio: {} };
+    ["x", "y", "z"].forEach((name, k) => {
+      const middle = (ends[k][0] + ends[k][1]) / 2;
+      const range = [middle - edges[k] / 2, middle + edges[k] / 2];
+      scene[`${name}axis`] = { ...axisOf(plot, k), range, exponentformat: "none", separatethousands: false, nticks: edges[k] < 0.3 * most ? 3 : 6 };
+      scene.aspectratio[name] = edges[k] / (1.06 * most);
+    });
+    return scene;
+  }
+
   function layoutOf(plot, last) {
     const three = plot.axes.length === 3;
     const bottom = plot.equal || (plot.second && !last) ? 12 : plot.axes[0] ? 40 : 26;
@@ -100,8 +124,8 @@
     };
     layout.height = (three ? 420 : plot.second ? 132 : plot.log[0] ? 420 : 220) + (layout.margin.b - 12);
     if (three) {
-      layout.scene = { xaxis: axisOf(plot, 0), yaxis: axisOf(plot, 1), zaxis: axisOf(plot, 2), aspectmode: "data" };
-      layout.scene.camera = { eye: { x: 1.8, y: 1.35, z: 1.1 }, center: { x: 0, y: 0, z: -0.22 } };
+      layout.scene = { ...inSpace(plot), camera: { eye: { x: 1.25, y: 0.94, z: 0.9 }, center: { x: 0, y: 0, z: -0.08 } } };
+      layout.margin = { l: 0, r: 0, t: 0, b: 0 };
       return layout;
     }
     layout.xaxis = axisOf(plot, 0, last);
