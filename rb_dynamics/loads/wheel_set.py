@@ -21,8 +21,11 @@ from rb_dynamics.loads.load import Load
 from rb_dynamics.loads.reaction_wheel import ReactionWheel
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.numerics.rotation import Matrix, Quaternion, rotate, rotate_inverse
-from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, cross, divide, dot, scale, subtract
+from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, cross, divide, dot, norm, scale, subtract
 from rb_dynamics.numerics.vector import multiply as times
+
+# The volume that axes must span, of 1 for three that are perpendicular.
+_FLAT = 1e-6
 
 _BOOKS = 6
 """States behind the momenta: motor work, friction heat, work and impulse of the inner torque."""
@@ -266,6 +269,23 @@ class WheelSet:
         four, five, six = s * (a * c - e * e), s * (d * e - a * f), s * (a * b - d * d)
         one, two, three = s * one, s * two, s * three
         return ((one, two, three), (two, four, five), (three, five, six))
+
+
+def shares(axes: Sequence[Vector]) -> list[Vector] | None:
+    """Return a row for each axis, by which it gets its share of a vector: those that add up to it, of least squares.
+
+    With a of length 1: x = a . (sum of a a^T)^-1 v. None if the axes lie in one plane.
+    """
+    axes = [scale(1.0 / norm(axis), axis) for axis in axes]
+    xx, xy, xz, yy, yz, zz = (math.fsum(axis[i] * axis[k] for axis in axes) for i in range(3) for k in range(i, 3))
+    one, two, three = (xx, xy, xz), (xy, yy, yz), (xz, yz, zz)
+    across = cross(two, three), cross(three, one), cross(one, two)
+    volume = dot(one, across[0])
+    if volume < _FLAT:
+        return None
+    # The matrix is symmetric, and so is its inverse.
+    x, y, z = (scale(1.0 / volume, each) for each in across)
+    return [(dot(axis, x), dot(axis, y), dot(axis, z)) for axis in axes]
 
 
 class WheelLoad:

@@ -16,6 +16,7 @@ from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.actuator_types import ACTUATORS
 from rb_dynamics.loads.effect_types import EFFECTS
 from rb_dynamics.loads.load import LoadDependence
+from rb_dynamics.loads.wheel_set import shares
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.caching import clear_caches
@@ -23,8 +24,8 @@ from rb_dynamics.motion.exact import EXACT
 from rb_dynamics.motion.fixed_step_kernel import Tally, counted_by
 from rb_dynamics.numerics.argument_checks import items, number
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
-from rb_dynamics.numerics.rotation import angle_between
-from rb_dynamics.numerics.vector import norm, scale, subtract
+from rb_dynamics.numerics.rotation import angle_between, rotate_inverse
+from rb_dynamics.numerics.vector import dot, norm, scale, subtract
 from rb_dynamics.run.simulation import Command, Simulation, as_command, post_all, without_outputs
 from rb_dynamics.scene import opened
 from rb_dynamics.scene.model import DEFAULT_ACCURACY, Scene, Solver
@@ -78,6 +79,10 @@ _FREE_ROTATION = {
     Symmetry.PROLATE: "trigonometric functions, since two moments are equal",
     Symmetry.TRIAXIAL: "Jacobi's elliptic functions",
 }
+
+
+_NEAR = 0.8
+"""Part of what a wheel can hold from which it is near its limit."""
 
 
 @dataclass(frozen=True)
@@ -195,6 +200,7 @@ def explain(
         remarks.append(
             f"cost: measured over the first {reached:g} s of {length:g} s, as far as the time budget allowed"
         )
+    remarks += _wheel_remarks(scene)
     remarks += fixed_costs(scene, commands, stopwatch, cost * length)
     is_compiled = bool(tally.used)
     # Outputs do not change the motion; without them the run gets further in the same time.
@@ -222,6 +228,26 @@ def explain(
         basis,
         tuple(remarks),
     )
+
+
+def _wheel_remarks(scene: Scene) -> list[str]:
+    """Return which wheels cannot hold the momentum of the body and would saturate; none if they can."""
+    rows = shares([wheel.axis for wheel in scene.wheels])
+    if rows is None:
+        return []
+    # About the centre of mass, body axes; a wheel turns with the body, and by itself.
+    momentum = Simulation(scene).sample.angular_momentum_world
+    momentum = rotate_inverse(scene.initial.orientation_xyzw, momentum)
+    found = []
+    for wheel, row in zip(scene.wheels, rows, strict=True):
+        share, held = abs(dot(row, momentum)), wheel.inertia * wheel.max_speed
+        if share > _NEAR * held:
+            found.append(
+                f"{wheel.name} holds {held:.3g} N m s at its max_speed, and would have to hold {share:.3g} N m s for "
+                f"the wheels to bring the body to rest: it {'saturates' if share > held else 'comes near that'}; take "
+                "momentum out otherwise, or allow it more speed"
+            )
+    return found
 
 
 def fixed_costs(scene: Scene, commands: Sequence[Command], clock: Callable[[], float], run_s: float) -> list[str]:

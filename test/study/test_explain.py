@@ -348,3 +348,22 @@ def test_json_has_all_of_it(capsys: pytest.CaptureFixture[str]) -> None:
     assert found["methods"] == "exact"
     assert found["cost_per_s"] > 0.0
     assert {"modelled", "left_out", "solver", "attitude_error", "position_error"} <= found.keys()
+
+
+@pytest.mark.parametrize(
+    ("rate", "speed", "said"),
+    [(0.1, 0.0, ""), (0.18, 0.0, "comes near that"), (0.3, 0.0, "saturates"), (0.1, 150.0, "saturates")],
+)
+def test_wheels_that_cannot_hold_the_momentum_are_named(rate: float, speed: float, said: str) -> None:
+    """About y: 0.1 kg m^2 times the rate, of which the wheel holds 1e-4 kg m^2 times 200 rad/s."""
+    wheels = "".join(
+        f"  - {{type: reaction_wheel, name: wheel_{axis}, axis: {direction}, inertia: 1.0e-4, max_speed: 200.0, "
+        f"speed: {speed if axis == 'y' else 0.0}}}\n"
+        for axis, direction in (("x", "[1, 0, 0]"), ("y", "[0, 3, 0]"), ("z", "[0, 0, 1]"))
+    )
+    text = "body: {mass: 10, inertia: {diagonal: [0.1, 0.1, 0.1]}}\n"
+    text += f"initial: {{angular_velocity_body: [0, {rate}, 0], orientation: {{x: 0, y: 0, z: 0.6, w: 0.8}}}}\n"
+    scene = parse_scene(f"{text}wrenches: []\nactuators:\n{wheels}duration: 1\n")
+    found = [remark for remark in explain(scene, budget=0.02).remarks if "max_speed" in remark]
+    assert len(found) == bool(said)
+    assert all(remark.startswith("wheel_y holds 0.02 N m s") and said in remark for remark in found)

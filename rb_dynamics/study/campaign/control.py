@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
+from rb_dynamics.loads.wheel_set import shares
 from rb_dynamics.loads.wrench import largest_wrench
 from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS
-from rb_dynamics.numerics.vector import Vector, cross, dot, norm, scale
+from rb_dynamics.numerics.vector import Vector, scale
 from rb_dynamics.scene.fields import Rule
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.study.campaign.bodies import FORCE, TORQUE, Commands
@@ -55,9 +56,6 @@ _NONE: Mapping[str, float] = {
 
 _AHEAD = 64
 """Noise is drawn for this many samples at a time."""
-
-_FLAT = 1e-6
-"""Volume that the axes of wheels must span, of 1 for three that are perpendicular."""
 
 
 def check_values(values: Mapping[str, float]) -> None:
@@ -225,26 +223,13 @@ def sharing(scene: Scene, through: Sequence[str]) -> Mapping[str, Vector]:
         raise SceneError(
             f"names of reaction wheels of which a torque is commanded, known: {', '.join(wheels) or 'none'}"
         )
-    axes = [scale(1.0 / norm(wheels[name].axis), wheels[name].axis) for name in through]
+    axes = [wheels[name].axis for name in through]
     if not axes:
         return {}
-    one, two, three = (_row(axes, i) for i in range(3))
-    across = cross(two, three), cross(three, one), cross(one, two)
-    volume = dot(one, across[0])
-    if volume < _FLAT:
+    rows = shares(axes)
+    if rows is None:
         raise SceneError("three wheels or more, with axes that do not lie in one plane")
-    # The matrix is symmetric, and so is its inverse.
-    x, y, z = (scale(-1.0 / volume, each) for each in across)
-    return {name: (dot(axis, x), dot(axis, y), dot(axis, z)) for name, axis in zip(through, axes, strict=True)}
-
-
-def _row(axes: Sequence[Vector], i: int) -> Vector:
-    """Return row i of the sum of a a^T."""
-    return (
-        math.fsum(axis[i] * axis[0] for axis in axes),
-        math.fsum(axis[i] * axis[1] for axis in axes),
-        math.fsum(axis[i] * axis[2] for axis in axes),
-    )
+    return {name: scale(-1.0, row) for name, row in zip(through, rows, strict=True)}
 
 
 def _parameters(numbers: Mapping[str, Numbers]) -> Parameters:

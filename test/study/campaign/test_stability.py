@@ -1,0 +1,56 @@
+"""A loop that is too slow for what it turns is named before the runs."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+from campaigns import CAMPAIGN, write
+
+from rb_dynamics.study.campaign.read import read_campaign
+from rb_dynamics.study.campaign.stability import growth_per_sample, remarks
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+def flown(stiffness: float, damping: float, period: float, delay: float) -> float:
+    """Return the growth per sample of the loop, sample by sample."""
+    angle, rate, size, (whole, part) = 1.0, 0.0, [], divmod(delay, period)
+    commands = [0.0] * (int(whole) + 1)
+    for _ in range(400):
+        commands.append(-stiffness * angle - damping * rate)
+        for command, time in ((commands[-int(whole) - 2], part), (commands[-int(whole) - 1], period - part)):
+            angle, rate = angle + rate * time + 0.5 * command * time * time, rate + command * time
+        size.append(math.hypot(angle, rate))
+    return (max(size[300:350]) / max(size[100:150])) ** (1.0 / 200.0)
+
+
+@pytest.mark.parametrize(
+    "loop",
+    [(0.5, 0.7, 1.0, 0.3), (0.1, 0.3, 1.0, 2.4), (0.5, 2.5, 1.0, 0.0), (0.4, 0.8, 1.0, 1.0), (0.2, 0.6, 0.5, 0.1)],
+)
+def test_the_growth_is_that_of_a_flown_loop(loop: tuple[float, float, float, float]) -> None:
+    assert growth_per_sample(*loop) == pytest.approx(flown(*loop), rel=5e-3)
+
+
+def test_damping_alone_is_stable_up_to_twice_the_inertia_per_period() -> None:
+    """And with a delay of a whole period up to once."""
+    assert growth_per_sample(0.0, 1.99, 1.0, 0.0) == pytest.approx(0.99)
+    assert growth_per_sample(0.0, 2.01, 1.0, 0.0) == pytest.approx(1.01)
+    assert growth_per_sample(0.0, 0.99, 1.0, 1.0) < 1.0 < growth_per_sample(0.0, 1.01, 1.0, 1.0)
+
+
+def test_a_loop_that_grows_and_a_body_that_is_too_fast_are_named(tmp_path: Path) -> None:
+    assert remarks(read_campaign(write(tmp_path))) == []
+    slow = CAMPAIGN.replace("  rate: 4\n", "  rate: 0.4\n")
+    (fast, unstable) = remarks(read_campaign(write(tmp_path, slow)))
+    assert fast == "the body turns by 1.8 rad from one sample of the control law to the next; raise control.rate"
+    assert unstable.startswith("rate_damping is unstable about the axis of 0.9")
+    assert "2.5 s and a delay of 0.1 s" in unstable
+    assert remarks(read_campaign(write(tmp_path, CAMPAIGN.replace("law: rate_damping", "law: math.floor")))) == []
+
+
+def test_the_shipped_campaigns_are_fast_enough() -> None:
+    for path in sorted((ROOT / "config" / "campaigns").glob("*.yaml")):
+        assert remarks(read_campaign(path)) == [], path
