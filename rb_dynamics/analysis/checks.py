@@ -16,6 +16,7 @@ from rb_dynamics.analysis.continuity import FARTHEST, Continuity, Jump, Other
 from rb_dynamics.analysis.gaps import NAMED, listed, longest_usual, told
 from rb_dynamics.analysis.track import Array, TimeSeries, Track, frame_names
 from rb_dynamics.formats.own_log import logged_scene
+from rb_dynamics.formats.topic import Topic
 
 BOUND = 1e-6
 """Default of the largest accepted defect, relative to the largest energy or momentum."""
@@ -54,7 +55,9 @@ def checks(
     detail = "it is complete" if whole else "cut off: it contains what was written until then"
     done = [Check("file is whole", whole, detail), _recorded(track)]
     done += [one_recording(track)] if track.bag.boundaries else []
-    done += [_whole(series, track) for series in _motion(track)]
+    motion = _motion(track)
+    done += [_whole(series, track) for series in motion]
+    done += [_unread(topic) for topic in _damaged(track) if topic.name not in {series.topic for series in motion}]
     done += [_continuous(track, steady)] if steady is not None else []
     done += [_one_body(track, steady.others)] if steady is not None and steady.others else []
     done += [_agrees(track, each) for each in agreed]
@@ -103,9 +106,12 @@ def _motion(track: Track) -> list[TimeSeries]:
 
 def _whole(series: TimeSeries, track: Track) -> Check:
     name, count = f"{series.topic} is whole", len(series.time_ns)
-    if series.unusable:
-        of = f"{series.unusable} of {count + series.unusable} messages"
+    lost = [topic for topic in _damaged(track) if topic.name == series.topic]
+    if unusable := series.unusable - sum(len(topic.damaged) for topic in lost):
+        of = f"{unusable} of {count + series.unusable} messages"
         return Check(name, False, f"{of} have a number that is not finite or too large")
+    if lost:
+        return _unread(lost[0])
     if series.backwards:
         return Check(name, False, f"stamps go back {series.backwards}×; two runs in one file cannot be told apart")
     steps = np.diff(series.time_ns)
@@ -115,6 +121,16 @@ def _whole(series: TimeSeries, track: Track) -> Check:
     if lacks := "; ".join(filter(None, (told(series.time_ns, begin), _late(series, track)))):
         return Check(name, False, lacks)
     return Check(name, True, f"{count} samples, all finite, at most {int(steps.max()) * 1e-9:.6g} s apart")
+
+
+def _damaged(track: Track) -> list[Topic]:
+    """Return the topics with messages that cannot be read."""
+    return [topic for _, topic in sorted(track.bag.topics.items()) if topic.damaged]
+
+
+def _unread(topic: Topic) -> Check:
+    detail = f"{len(topic.damaged)} of {topic.count} messages are cut short or damaged, the first is number "
+    return Check(f"{topic.name} is whole", False, f"{detail}{topic.damaged[0] + 1}")
 
 
 def _late(series: TimeSeries, track: Track) -> str:

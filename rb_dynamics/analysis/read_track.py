@@ -310,6 +310,8 @@ class _TrackReader:
         if len(time_ns) > 1 and not time_ns.any():
             self.notes.append(f"{topic}: no message has a stamp; the log times are used.")
             time_ns = self.bag.topics[topic].log_times
+        if topic in self.bag.topics and (damaged := len(self.bag.topics[topic].damaged)):
+            self.notes.append(f"{topic}: {damaged} messages are cut short or damaged, and left out.")
         rows = values.reshape(len(time_ns), -1)
         usable = (np.abs(rows) < LARGEST).all(axis=1)
         # A bag may be large: what need not be copied is not.

@@ -223,7 +223,7 @@ def _topic_of(bag: Bag, channel: McapChannel, repeated: bool) -> Topic:
     kind, topic = named_type(channel), bag.topics.get(channel.topic)
     if topic is None:
         keeps = repeated or kind != ODOMETRY or RUN not in bag.metadata or not _has_motion(bag)
-        topic = bag.topics[channel.topic] = Topic(channel.topic, kind, keeps)
+        topic = bag.topics[channel.topic] = Topic(channel.topic, kind, keeps, bears=True)
     if topic.type_name != kind:
         raise LogError(
             f"{bag.path}: topic {topic.name} has both types {topic.type_name} and {kind}, expected one; give them "

@@ -67,14 +67,23 @@ class Topic:
         qos: `offered_qos_profiles` as recorded, YAML; "" where the writer gave none.
         count: messages.
         messages: the bytes of each message, of DiagnosticArray alone: what is not kept as numbers.
+        damaged: rows of messages that are cut short or not CDR: their numbers are NaN, their stamps the log times.
     """
 
-    def __init__(self, name: str, type_name: str, keeps: bool = True) -> None:
-        """Begin with no message; of the numbers of those to come only the fingerprints are kept if not `keeps`."""
+    def __init__(self, name: str, type_name: str, keeps: bool = True, bears: bool = False) -> None:
+        """Begin with no message.
+
+        Args:
+            name: as recorded.
+            type_name: of its messages.
+            keeps: keep the numbers of those to come, or else only their fingerprints.
+            bears: count damaged messages, unless all are; or else one is an error.
+        """
         self.name, self.type_name, self.qos = name, type_name, ""
         self.count = 0
         self.messages: list[bytes] = []
-        self._fields, self._keeps = KEPT.get(type_name, ()), keeps
+        self.damaged: list[int] = []
+        self._fields, self._keeps, self._bears = KEPT.get(type_name, ()), keeps, bears
         self._times: list[Times] = []
         # Content of messages of which the numbers are not taken yet; rows of one array are of one length.
         self._waiting: list[Bytes] = []
@@ -89,7 +98,7 @@ class Topic:
         """Add messages."""
         self._times.append(block.log_times)
         self.count += len(block.log_times)
-        if self._fields and self._error is None:
+        if self._fields and (self._error is None or self._bears):
             self._waiting += block.rows()
             if self.count - len(self._numbers) // self._width >= _BATCH:
                 self._take()
@@ -104,7 +113,7 @@ class Topic:
     def only(self, rows: NDArray[np.bool_]) -> Topic:
         """Return the topic with these of its messages."""
         self._taken()
-        kept = Topic(self.name, self.type_name, self._keeps)
+        kept = Topic(self.name, self.type_name, self._keeps, self._bears)
         kept.qos, kept.count = self.qos, int(rows.sum())
         kept._times = [self.log_times[rows]]
         if self._stamps is not None:
@@ -114,6 +123,7 @@ class Topic:
         before = np.concatenate([[0], np.cumsum(rows)]).tolist()
         texts = {before[row]: text for row, text in self._texts}
         kept._texts = [(row, text) for row, text in texts.items() if row < kept.count]
+        kept.damaged = [int(before[row]) for row in self.damaged if rows[row]]
         kept.messages = [message for message, keep in zip(self.messages, rows.tolist(), strict=False) if keep]
         return kept
 
@@ -175,8 +185,10 @@ class Topic:
     @property
     def _width(self) -> int:
         """Numbers of a message that are kept, or fingerprints."""
-        if not self._keeps:
-            return len(self._fields)
+        return self._numbers_of_one if self._keeps else len(self._fields)
+
+    @property
+    def _numbers_of_one(self) -> int:
         return sum(_length(self.type_name, field) for field in self._fields)
 
     def _taken(self) -> None:
@@ -187,7 +199,7 @@ class Topic:
         """
         if self._waiting:
             self._take()
-        if self._error is not None:
+        if self._error is not None and (not self._bears or len(self.damaged) == self.count):
             raise self._error
 
     def _take(self) -> None:
@@ -195,7 +207,7 @@ class Topic:
         try:
             stamps, numbers, texts = _alike(self.type_name, self._fields, waiting) or self._one_by_one(waiting)
         except LogError as error:
-            self._error = error
+            self._error = LogError(f"topic {self.name}: {error}")
             return
         begin = len(self._numbers) // self._width
         if self.stamped:
@@ -220,11 +232,23 @@ class Topic:
         return np.concatenate(parts[::-1])
 
     def _one_by_one(self, waiting: list[Bytes]) -> tuple[Times, Values, list[tuple[int, tuple[str, ...]]]]:
-        rows = [cdr.decode(self.type_name, message.tobytes()) for messages in waiting for message in messages]
-        stamps = np.array([row[0] if self.stamped else 0 for row in rows], dtype=np.int64)
-        numbers = [list(itertools.chain.from_iterable(row[field] for field in self._fields)) for row in rows]
-        texts = [tuple(value for value in row if isinstance(value, str)) for row in rows]
-        return stamps, np.array(numbers, dtype=np.float64), list(enumerate(texts))
+        content = [message.tobytes() for messages in waiting for message in messages]
+        begin = len(self._numbers) // self._width
+        stamps, numbers = self._last_times(len(content)).copy(), np.full((len(content), self._numbers_of_one), np.nan)
+        texts: list[tuple[int, tuple[str, ...]]] = []
+        for k, message in enumerate(content):
+            try:
+                row = cdr.decode(self.type_name, message)
+            except LogError as error:
+                if not self._bears:
+                    raise
+                self._error = self._error or LogError(f"topic {self.name}: {error}")
+                self.damaged.append(begin + k)
+                continue
+            stamps[k] = row[0] if self.stamped else 0
+            numbers[k] = [*itertools.chain.from_iterable(row[field] for field in self._fields)]
+            texts.append((k, tuple(value for value in row if isinstance(value, str))))
+        return stamps, numbers, texts
 
 
 def _alike(
@@ -235,7 +259,10 @@ def _alike(
         return None
     raw = np.concatenate(waiting)
     first = raw[0].tobytes()
-    texts = tuple(value for value in cdr.decode(type_name, first) if isinstance(value, str))
+    try:
+        texts = tuple(value for value in cdr.decode(type_name, first) if isinstance(value, str))
+    except LogError:
+        return None
     begin = cdr.first_number(type_name, first)
     same = raw[:, 12:begin]
     if (raw[:, :2] != raw[0, :2]).any() or (same != same[0]).any():

@@ -136,7 +136,12 @@ class _Flights:
         bag = read_bag(source, repeated=False)
         own = RUN in bag.metadata
         scene = None if own else self._scene or self._other_scene()
-        return Given(read_track(bag, scene, None if own else self._topics), str(source))
+        track = read_track(bag, scene, None if own else self._topics)
+        for topic in bag.topics.values():
+            if topic.damaged:
+                part = f"{len(topic.damaged)} of {topic.count} messages of {topic.name}"
+                self.notes.append(f"{bag.path}: {part} are cut short or damaged, and left out.")
+        return Given(track, str(source))
 
     def _other_scene(self) -> Scene | None:
         """Return the scene that is to be flown: it tells body and frames of the recording, too."""

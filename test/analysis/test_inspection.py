@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import json
+import math
 import tracemalloc
 from pathlib import Path
 
 import numpy as np
 import pytest
+from bag_rows import write_rows
 from recorded_runs import Flight
 
 import rb_dynamics as rb
 from rb_dynamics.cli import main
+from rb_dynamics.formats import cdr
 from rb_dynamics.sinks.mcap_sink import McapSink
 
 SPIN = """
@@ -37,6 +40,23 @@ def test_a_foreign_bag_with_the_scene_as_a_value_or_a_file(example_dir: Path, sc
     assert by_file.passed
     assert by_file.as_dict() == by_value.as_dict()
     assert by_file.as_dict()["residual"]["explained"] is True
+
+
+def test_a_message_that_cannot_be_read_stops_neither_inspect_nor_compare(tmp_path: Path) -> None:
+    pose, twist = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/TwistStamped"
+    rows = []
+    for k in range(100):
+        at, turn = 10_000_000 * k, 0.005 * k
+        place = (0.0, 0.0, 0.0, 0.0, 0.0, math.sin(turn), math.cos(turn))
+        data = cdr.encode(pose, at, "world", place)
+        rows.append(("/pose", pose, at, data[:-30] if k in (40, 60) else data))
+        rows.append(("/twist", twist, at, cdr.encode(twist, at, "body", (0.0, 0.0, 0.0, 0.0, 0.0, 1.0))))
+    bag = write_rows(tmp_path / "damaged.mcap", rows)
+    found = rb.inspect(bag).as_dict()
+    failed = {check["name"]: check["detail"] for check in found["checks"] if not check["passed"]}
+    assert failed == {"/pose is whole": "2 of 100 messages are cut short or damaged, the first is number 41"}
+    notes = rb.compare(bag, bag).notes
+    assert any("2 of 100 messages of /pose are cut short or damaged, and left out" in note for note in notes)
 
 
 def test_a_stricter_bound_fails_a_balance(flight: Flight) -> None:

@@ -62,6 +62,27 @@ def test_a_damaged_message_is_no_error_until_the_topic_is_looked_at(bad: int) ->
             _ = topic.numbers
 
 
+@pytest.mark.parametrize("bad", [0, 700, 2400])
+def test_a_topic_that_bears_damage_counts_it(bad: int) -> None:
+    topic = Topic("/twist", TWIST, bears=True)
+    for k in range(COUNT):
+        data = cdr.encode(TWIST, k - 5, "body", (float(k),) * 6)
+        add(topic, k, {bad: data[:-1], bad + 1: b"", bad + 2: data[:12] + b"\xff" * 4 + data[16:]}.get(k, data))
+    rows = [bad, bad + 1, bad + 2]
+    assert np.isnan(topic.numbers).all(axis=1).nonzero()[0].tolist() == topic.damaged == rows
+    assert topic.stamps.tolist() == [k if k in rows else k - 5 for k in range(COUNT)]
+    assert {text for _, text in topic.texts} == {("body",)}
+    assert topic.only(np.arange(COUNT) >= bad + 1).damaged == [0, 1]
+
+
+def test_a_topic_of_which_nothing_can_be_read_is_an_error() -> None:
+    topic = Topic("/twist", TWIST, bears=True)
+    for k in range(3):
+        add(topic, k, b"\0\1\0\0damaged")
+    with pytest.raises(LogError, match=r"topic /twist: .* message ends after 11 bytes"):
+        _ = topic.numbers
+
+
 def test_a_large_bag_takes_little_more_memory_than_its_numbers(tmp_path: Path) -> None:
     """40 000 Odometry, 30 MB: without their covariances 5 MB, and no Python object for each."""
     if not Path("/proc/self/status").exists():
