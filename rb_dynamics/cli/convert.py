@@ -52,6 +52,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             f"--{kind}-topic", dest="topics", metavar="TOPIC", action="append", default=[],
             help=f"convert this topic of a {kind}, and no others that are not named; may be repeated",
         )  # fmt: skip
+    parser.add_argument(
+        "--covariances", action="store_true", help="of a table of messages: with a column for each element"
+    )
     add_frames(parser, "of a table: the pose of the frame BODY in WORLD alone, through all transforms between them")
 
 
@@ -77,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
     elif args.frames:
         written = [convert.poses_to_table(_poses(sources, args.frames, window, skip), target, sources)]
     elif way in _TABLES:
-        written = convert.to_table(sources, target, args.topics, skip, window)
+        written = convert.to_table(sources, target, args.topics, skip, window, args.covariances)
     elif way == ("log", ".rrd"):
         written = [convert.Written(target, convert.log_to_rerun(source, target, args.topics, window), "rows")]
     elif way in (("log", ".yaml"), ("log", ".yml")) and args.at is not None:
@@ -112,6 +115,10 @@ def _require_fitting(args: argparse.Namespace, target: Path, way: tuple[str, str
         args.parser.error(f"found --from or --to for {target.name}, expected a .csv, .parquet, .rrd or .mcap")
     if args.topics and way not in (*_TABLES, ("log", ".rrd")):
         args.parser.error(f"found a topic for {target.name}, expected none; only .csv, .parquet and .rrd have topics")
+    if args.covariances and (args.frames or way not in _TABLES):
+        args.parser.error(
+            f"found --covariances for {target.name}, expected a .csv or .parquet of messages; leave it out"
+        )
     if args.frames and (args.topics or way not in _TABLES):
         args.parser.error(f"found --frames for {target.name}, expected a .csv or .parquet and no topics; leave one out")
 

@@ -70,7 +70,14 @@ class Topic:
         damaged: rows of messages that are cut short or not CDR: their numbers are NaN, their stamps the log times.
     """
 
-    def __init__(self, name: str, type_name: str, keeps: bool = True, bears: bool = False) -> None:
+    def __init__(
+        self,
+        name: str,
+        type_name: str,
+        keeps: bool = True,
+        bears: bool = False,
+        fields: tuple[int, ...] | None = None,
+    ) -> None:
         """Begin with no message.
 
         Args:
@@ -78,12 +85,14 @@ class Topic:
             type_name: of its messages.
             keeps: keep the numbers of those to come, or else only their fingerprints.
             bears: count damaged messages, unless all are; or else one is an error.
+            fields: which fields are kept, by their place in the layout; None: those of `KEPT`.
         """
         self.name, self.type_name, self.qos = name, type_name, ""
         self.count = 0
         self.messages: list[bytes] = []
         self.damaged: list[int] = []
-        self._fields, self._keeps, self._bears = KEPT.get(type_name, ()), keeps, bears
+        self._fields = KEPT.get(type_name, ()) if fields is None else fields
+        self._keeps, self._bears = keeps, bears
         self._times: list[Times] = []
         # Content of messages of which the numbers are not taken yet; rows of one array are of one length.
         self._waiting: list[Bytes] = []
@@ -113,7 +122,7 @@ class Topic:
     def only(self, rows: NDArray[np.bool_]) -> Topic:
         """Return the topic with these of its messages."""
         self._taken()
-        kept = Topic(self.name, self.type_name, self._keeps, self._bears)
+        kept = Topic(self.name, self.type_name, self._keeps, self._bears, self._fields)
         kept.qos, kept.count = self.qos, int(rows.sum())
         kept._times = [self.log_times[rows]]
         if self._stamps is not None:

@@ -135,6 +135,7 @@ def to_table(
     topics: Sequence[str] = (),
     skip: Skip | None = None,
     window_s: Window = _WHOLE,
+    covariances: bool = False,
 ) -> list[Written]:
     """Write logs or bags to one table, .csv or .parquet; returns the files with their rows.
 
@@ -147,6 +148,7 @@ def to_table(
         topics: names of topics; all, if empty.
         skip: told of each log of several that cannot be read, with the reason; without it that is an error.
         window_s: the part of the time that is wanted: simulation time, or since the first message of a motion.
+        covariances: of messages, whether they are wanted, too.
 
     Raises:
         LogError: nothing can be converted, logs of this package are mixed with bags, or a file is read itself or cannot
@@ -165,9 +167,14 @@ def to_table(
             "for one table; convert them to two"
         )
     if own and not topics:
+        if covariances:
+            raise LogError(
+                f"{own[0].path}: samples have no covariances, expected messages; name topics with --pose-topic, or "
+                "leave out --covariances"
+            )
         return _samples_to_table(own, target, beside, skip, window_s)
     kinds = {topic: kind for each in inputs for topic, kind in each.kinds.items()}
-    quantities = quantities_of(kinds, ", ".join(str(each.path) for each in inputs), topics)
+    quantities = quantities_of(kinds, ", ".join(str(each.path) for each in inputs), topics, covariances)
     spans = {each.path: each.span(window_s) for each in inputs}
     blocks = table_of([each.path for each in inputs], quantities, topics, spans)
     return [Written(target, write_table(target, columns_of(quantities), blocks), "messages")]

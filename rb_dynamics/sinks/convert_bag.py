@@ -89,7 +89,32 @@ QUANTITIES: dict[str, tuple[tuple[Quantity, int], ...]] = {
     SCALAR: ((VALUE, 0),),
     INERTIA: ((MASS, 0), (CENTER_OF_MASS, 1), (INERTIA_PART, 4)),
 }
-_ORDER = dict.fromkeys(quantity for parts in QUANTITIES.values() for quantity, _ in parts)
+
+_SIX, _THREE = ("x", "y", "z", "rx", "ry", "rz"), ("x", "y", "z")
+POSE_COVARIANCE, TWIST_COVARIANCE = (
+    Quantity(f"{name}_covariance", tuple(f"{row}_{column}" for row in _SIX for column in _SIX), "", "")
+    for name in ("pose", "twist")
+)
+_IMU_COVARIANCES = {
+    measured: Quantity(
+        f"{measured.name}_covariance", tuple(f"{row}_{column}" for row in _THREE for column in _THREE), unit, suffix
+    )
+    for measured, unit, suffix in (
+        (ORIENTATION, "rad^2", "rad2"),
+        (ANGULAR_VELOCITY, "rad^2/s^2", "rad2_s2"),
+        (LINEAR_ACCELERATION, "m^2/s^4", "m2_s4"),
+    )
+}
+# Of each type: its covariances, in their order, and the fields of its layout that hold them.
+_COVARIANCES: dict[str, tuple[tuple[Quantity, ...], tuple[int, ...]]] = {
+    POSE_WITH_COVARIANCE: ((POSE_COVARIANCE,), (3,)),
+    TWIST_WITH_COVARIANCE: ((TWIST_COVARIANCE,), (3,)),
+    ODOMETRY: ((POSE_COVARIANCE, TWIST_COVARIANCE), (4, 6)),
+    IMU: (tuple(_IMU_COVARIANCES.values()), (3, 4, 6, 7, 9, 10)),
+}
+_ORDER = dict.fromkeys(quantity for parts in QUANTITIES.values() for quantity, _ in parts) | dict.fromkeys(
+    quantity for parts, _ in _COVARIANCES.values() for quantity in parts
+)
 # Element 0 of the covariance of each quantity of an Imu: -1 where it is not measured.
 _MEASURED = {ORIENTATION: 4, ANGULAR_VELOCITY: 8, LINEAR_ACCELERATION: 12}
 
@@ -154,13 +179,16 @@ class Span(NamedTuple):
 ALL = Span()
 
 
-def messages_of(path: Path, topics: Sequence[str] = (), span: Span = ALL) -> Iterator[Messages]:
+def messages_of(
+    path: Path, topics: Sequence[str] = (), span: Span = ALL, covariances: bool = False
+) -> Iterator[Messages]:
     """Yield the messages of a bag that have quantities, in blocks of one topic.
 
     Args:
         path: of the bag.
         topics: names of those that are wanted; all, if empty.
         span: log times that are wanted.
+        covariances: whether they are wanted, too.
 
     Raises:
         LogError: the bag cannot be read, or a message is damaged.
@@ -171,18 +199,25 @@ def messages_of(path: Path, topics: Sequence[str] = (), span: Span = ALL) -> Ite
         for part in transforms(block) if kind == TRANSFORMS else [block]:
             kind = named_type(part.channel)
             if kind in QUANTITIES and (not wanted or part.channel.topic.lstrip("/") in wanted):
-                found = _messages(part, kind)
+                found = _messages(part, kind, covariances)
                 yield found if span == ALL else _within(found, span)
 
 
-def _messages(block: Block, kind: str) -> Messages:
+def _messages(block: Block, kind: str, covariances: bool) -> Messages:
     topic = Topic(block.channel.topic, kind)
     topic.take(block)
     stamps, numbers, texts = topic.stamps, topic.numbers, topic.texts
     values = {quantity: numbers[:, begin : begin + len(quantity.axes)].copy() for quantity, begin in QUANTITIES[kind]}
+    if covariances and kind in _COVARIANCES:
+        parts, fields = _COVARIANCES[kind]
+        spread = Topic(block.channel.topic, kind, fields=fields)
+        spread.take(block)
+        values |= zip(parts, np.split(spread.numbers.copy(), len(parts), axis=1), strict=True)
     if kind == IMU:
         for quantity, said in _MEASURED.items():
-            values[quantity][numbers[:, said] == -1.0] = np.nan
+            for part in (quantity, _IMU_COVARIANCES[quantity]):
+                if part in values:
+                    values[part][numbers[:, said] == -1.0] = np.nan
     frames: list[tuple[str | None, str | None]] | None = None
     if topic.stamped:
         row = np.searchsorted([start for start, _ in texts], np.arange(topic.count), side="right") - 1
@@ -204,13 +239,16 @@ def _within(found: Messages, span: Span) -> Messages:
     )
 
 
-def quantities_of(kinds: Mapping[str, str], where: str, topics: Sequence[str] = ()) -> list[Quantity]:
+def quantities_of(
+    kinds: Mapping[str, str], where: str, topics: Sequence[str] = (), covariances: bool = False
+) -> list[Quantity]:
     """Return which quantities there are, in the order of the columns.
 
     Args:
         kinds: type of each topic.
         where: what an error calls the bags.
         topics: those that are wanted; all, if empty.
+        covariances: whether they are wanted, too.
 
     Raises:
         LogError: there are none, or not the topics that are wanted.
@@ -218,6 +256,8 @@ def quantities_of(kinds: Mapping[str, str], where: str, topics: Sequence[str] = 
     names = {name.lstrip("/"): kind for name, kind in kinds.items()}
     wanted = {name.lstrip("/") for name in topics}
     found = {quantity for name in wanted or names for quantity, _ in QUANTITIES.get(names.get(name, ""), ())}
+    if covariances:
+        found |= {part for name in wanted or names for part in _COVARIANCES.get(names.get(name, ""), ((),))[0]}
     missing = sorted(name for name in wanted if name not in names)
     if missing or not found:
         listed = ", ".join(f"{name} ({kind})" for name, kind in sorted(kinds.items())) or "none"
@@ -239,9 +279,10 @@ def table_of(
 
     `spans` says which log times are wanted of a bag; all, if it does not.
     """
+    covariances = any(quantity in parts for parts, _ in _COVARIANCES.values() for quantity in quantities)
     for path in bags:
         waiting: list[Messages] = []
-        for each in messages_of(path, topics, spans.get(path, ALL)):
+        for each in messages_of(path, topics, spans.get(path, ALL), covariances):
             waiting += [each] if len(each.log_times) else []
             if sum(len(part.log_times) for part in waiting) >= _ROWS:
                 yield _rows(str(path), waiting, quantities)

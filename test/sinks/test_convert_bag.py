@@ -164,6 +164,29 @@ def test_named_topics_alone(tmp_path: Path, example_dir: Path) -> None:
     assert command("convert", bag, tmp_path / "scene.yaml", "--pose-topic", "/truth/pose").returncode == 2
 
 
+@pytest.mark.parametrize("sqlite", [False, True])
+def test_covariances_have_a_column_for_each_element(tmp_path: Path, sqlite: bool) -> None:
+    spread, name = np.arange(72.0).reshape(2, 36), "nav_msgs/msg/Odometry"
+    still = pose([0.0, 0, 0, 0, 0, 0, 1]), twist(np.zeros(6))
+    parts = of("PoseWithCovariance", still[0], spread[0]), of("TwistWithCovariance", still[1], spread[1])
+    gyro = imu(3, [0.0, 0, 0, 1], [1.0, 2, 3], [0.0, 0, 9], (False, True, True))
+    rows = [("/odom", name, 1, of(name, header(1, "odom"), "base", *parts)), ("/imu", IMU, 3, gyro)]
+    bag, target = write_bag(tmp_path / "bag", rows, sqlite), tmp_path / "all.csv"
+    assert command("convert", bag, target, "--covariances").returncode == 0
+    with target.open(newline="") as file:
+        odom, sensed = csv.DictReader(file)
+    six = ("x", "y", "z", "rx", "ry", "rz")
+    for kind, numbers in zip(("pose", "twist"), spread, strict=True):
+        cells = [odom[f"{kind}_covariance_{row}_{column}"] for row in six for column in six]
+        assert [float(cell) for cell in cells] == numbers.tolist()
+    assert odom["orientation_covariance_x_x_rad2"] == sensed["orientation_covariance_x_x_rad2"] == ""
+    assert sensed["pose_covariance_x_x"] == ""
+    told = [float(sensed[f"angular_velocity_covariance_{axis}_{axis}_rad2_s2"]) for axis in "xyz"]
+    assert told == [0.01, 0.0, 0.0]
+    assert command("convert", bag, tmp_path / "plain.csv").returncode == 0
+    assert "_covariance_x" not in (tmp_path / "plain.csv").read_text()
+
+
 def test_the_pose_of_one_frame_in_another(tmp_path: Path) -> None:
     """Through all transforms between them: here a turn of 90 degrees about z, then a step of 2 m along the new x."""
     half = math.sqrt(0.5)
@@ -195,6 +218,9 @@ def test_bags_become_one_file_and_a_log_stays_whole(tmp_path: Path, example_dir:
     bag, target = example_dir / "slew.mcap", tmp_path / "part.mcap"
     found = command("convert", bag, target, "--from", "10", "--to", "20")
     assert (found.returncode, found.stdout) == (0, f"wrote {target}: 404 messages\n")
+    refused = command("convert", log, tmp_path / "samples.csv", "--covariances")
+    assert refused.returncode == 2
+    assert "samples have no covariances" in refused.stderr
     refused = command("convert", bag, log, tmp_path / "both.mcap")
     assert refused.returncode == 2
     assert "is one run and stays whole" in refused.stderr
