@@ -121,8 +121,6 @@ def time_axis(axes: Axes, second: float) -> None:
 
 
 def _plot(axes: Axes) -> Plot:
-    from matplotlib.patches import Rectangle
-
     across = axes.get_xaxis_transform()
     curves, shapes = [_collection(each) for each in axes.collections], []
     for line in axes.get_lines():
@@ -134,9 +132,11 @@ def _plot(axes: Axes) -> Plot:
     bars = [_bars(each) for each in axes.containers]
     barred = {patch for each in axes.containers for patch in each}
     for patch in axes.patches:
-        if patch not in barred and isinstance(patch, Rectangle):
+        if patch not in barred:
+            # A rectangle or, before matplotlib 3.9, a polygon.
+            x = patch.get_patch_transform().transform(patch.get_path().vertices)[:, 0]
             gray = {"fillcolor": "#808080", "opacity": 0.25, "line": {"width": 0}}
-            shapes.append(_shape("rect", patch.get_x(), patch.get_x() + patch.get_width(), **gray))
+            shapes.append(_shape("rect", x.min(), x.max(), **gray))
     second = axes.xaxis.get_gid()
     return Plot(
         str(axes.get_label()) or axes.get_title(loc="left") or axes.get_title(),
