@@ -362,10 +362,10 @@ class Model:
         slopes = any(stream.kind == ACCELERATION for stream in streams) or "delay" in self.fit
         begin = self.flights[number].span_ns[0]
         knots, held, held_by, shifts = self._grid(z, flight, begin, times)
+        lowest = int(knots.argmin())
         numbers, by = self._numbers(z)
         start, start_by = self.start_of(z, number)
         mine = self._columns(number)
-        # A sensor that lags may have measured what was before the start: the first interval then goes back in time.
         lengths = np.diff(knots, prepend=begin) / NANOSECONDS
         fastest = self.starts[number].fastest
         steps = np.maximum(1, np.ceil(np.abs(lengths) * fastest / self.turn)).astype(np.int64)
@@ -400,7 +400,7 @@ class Model:
             for part in (columns, rates[1]):
                 part[:, :, where[layout["delay.commands"].at.start]] *= layout["delay.commands"].scale[0]
         for stream, at in zip(streams, times, strict=True):
-            rows = np.searchsorted(knots, at)
+            rows = lowest + np.searchsorted(knots[lowest:], at)
             seen = _Seen(states[rows], columns[rows], *(part[rows] if slopes else part for part in rates))
             left, left_by = self._against(z, number, stream, seen, mine)
             yield Predicted((stream.topic, stream.kind), number, left, left_by, stream.time_ns, stream.values)
@@ -417,27 +417,33 @@ class Model:
         return found
 
     def _grid(self, z: Array, flight: Flight, begin: int, times: Sequence[Times]) -> tuple[Times, Array, Array, Array]:
-        """Return knots; of the interval up to each what is held, how it changes, and whether a command begins it."""
+        """Return knots; of the interval up to each what is held, how it changes, and whether a command begins it.
+
+        From `begin` they go down to the earliest time, at which a sensor that lags may have measured, and then up.
+        """
         late = self._delay_ns(z, "commands")
         scheduled = [_scheduled(effect, self.scene) for effect in self.scene.effects]
         channels = [(c.time_ns + late, c.held, c.topic) for c in flight.channels]
         channels += [(at, rows, "") for at, rows in filter(None, scheduled)]
-        end = max(int(at[-1]) for at in times)
+        low, end = min(begin, *(int(at[0]) for at in times)), max(int(at[-1]) for at in times)
         rotors = [(i, e) for i, e in enumerate(self.scene.effects) if isinstance(e, Rotor)]
-        edges = [at[(at > begin) & (at < end)] for at, _, _ in channels]
+        edges = [at[(at > low) & (at < end)] for at, _, _ in channels]
         turns = [np.array([nanoseconds(t) for t, _ in e.spin_rate], dtype=np.int64) for _, e in rotors]
-        inner = [at[(at > begin) & (at < end)] for at in turns]
+        inner = [at[(at > low) & (at < end)] for at in turns]
         knots = np.unique(np.concatenate([*times, *edges, *inner]))
+        before = knots[knots < begin]
+        knots = np.concatenate([before[::-1], knots[1:] if len(before) else knots])
         starts = np.concatenate([[begin], knots[:-1]])
         held = np.zeros((len(knots), HELD))
         m = self._held_to - self._held_from
         held_by = np.zeros((len(knots) if m else 1, HELD, m))
         commanded = np.zeros(len(knots), dtype=bool)
         for at, rows, topic in channels:
-            row = np.searchsorted(at, starts, side="right") - 1
+            row = np.searchsorted(at, np.minimum(starts, knots), side="right") - 1
             if topic:
                 commanded |= np.isin(starts, at)
-                row[0] = np.searchsorted(at, starts[0], side="left") - 1
+                if knots[0] == begin:
+                    row[0] = np.searchsorted(at, begin, side="left") - 1
             acting = np.where((row >= 0)[:, None], rows[row], 0.0)
             name = f"wrench_scale.{topic}"
             if name in self.layout:

@@ -20,6 +20,7 @@ from rb_dynamics.analysis.identification.flights import (
 )
 from rb_dynamics.analysis.identification.prediction import Model
 from rb_dynamics.analysis.identification.rotations import matrices, quaternions
+from rb_dynamics.analysis.track import Array
 from rb_dynamics.motion import variational_flight
 from rb_dynamics.motion.every_kernel import usual_kernels
 from rb_dynamics.motion.fixed_step_kernel import Tally, counted_by
@@ -69,28 +70,49 @@ def every_sensor() -> Flight:
     return Flight("every", streams, channels)
 
 
-def test_derivatives_are_those_of_differences() -> None:
+@pytest.mark.parametrize(("late", "lag"), [(0.01, 0.01), (0.15, 0.1)])
+def test_derivatives_are_those_of_differences(late: float, lag: float) -> None:
     model = Model(parse_scene(SCENE), [every_sensor()], FIT)
-    model.turn = 0.01
+    model.turn = 0.03
     z = 0.1 * np.random.default_rng(1).standard_normal(model.layout.count)
     for name, block in model.layout.blocks.items():
         if name.startswith("delay"):
-            z[block.at] = 0.1
-    here = {each.key: each.by for each in model.predict(z)}
+            # In units of 0.1 s; the later command comes between the earliest measurement and the start.
+            z[block.at] = 10.0 * (late if name == "delay.commands" else lag)
+    with counted_by(Tally()):
+        here = {each.key: each.by for each in model.predict(z)}
+        slopes = {k: _difference(model, z, k) for k in range(model.layout.count)}
 
     for name, block in model.layout.blocks.items():
         for k in range(block.at.start, block.at.stop):
-            step = np.zeros_like(z)
-            step[k] = 1e-4 if name.startswith("delay") else 1e-5
-            above, below = ({each.key: each.left for each in model.predict(z + sign * step)} for sign in (1, -1))
             for key, by in here.items():
                 if name == "delay.imu" and key[1] == ACCELERATION:
                     continue  # its jerk is taken between samples
-                difference = (above[key] - below[key]) / (2.0 * step[k])
                 scale = max(float(np.abs(by[:, :, k]).max()), 1e-3)
                 np.testing.assert_allclose(
-                    by[:, :, k], difference, rtol=0.0, atol=2e-5 * scale, err_msg=f"{name} {key}"
+                    by[:, :, k], slopes[k][key], rtol=0.0, atol=2e-5 * scale, err_msg=f"{name} {key}"
                 )
+
+
+def _difference(model: Model, z: Array, k: int) -> dict[tuple[str, str], Array]:
+    step = np.zeros_like(z)
+    step[k] = 1e-4 if any(n.startswith("delay") and b.at.start == k for n, b in model.layout.blocks.items()) else 1e-5
+    above, below = ({each.key: each.left for each in model.predict(z + sign * step)} for sign in (1, -1))
+    return {key: (above[key] - below[key]) / (2.0 * step[k]) for key in above}
+
+
+def test_nothing_jumps_where_a_late_sensor_measured_as_a_command_came() -> None:
+    model = Model(parse_scene(SCENE), [every_sensor()], ("delay",))
+    z = np.zeros(model.layout.count)
+    z[model.layout["delay.commands"].at] = 1.5
+    predicted: list[dict[tuple[str, str], Array]] = []
+    for lag in (0.05 - 2e-9, 0.05, 0.05 + 2e-9):
+        z[model.layout["delay.twist"].at] = 10.0 * lag
+        predicted.append({each.key: each.left for each in model.predict(z)})
+
+    for key, left in predicted[1].items():
+        for other in (predicted[0], predicted[2]):
+            np.testing.assert_allclose(other[key], left, rtol=0.0, atol=1e-6, err_msg=str(key))
 
 
 def test_prediction_is_the_flight_of_the_engine() -> None:
