@@ -96,10 +96,11 @@ def _path(bag: Bag, known: dict[tuple[str, str], Topic], world: str, body: str) 
         return found
     if bag.faults:
         raise next(iter(bag.faults.values()))
-    listed = ", ".join(f"{parent}:{child}" for parent, child in sorted(known)) or "none"
+    listed = ", ".join(f"{parent}:{child}" for parent, child in sorted(known))
+    remedy = f"there are {listed}: name two of these frames" if listed else "it has none at all: name a topic of a pose"
     raise LogError(
         f"{bag.path}: found no transforms from {world!r} to {body!r}, expected two frames that transforms connect; "
-        f"there are {listed}: name two of these frames"
+        + remedy
     )
 
 

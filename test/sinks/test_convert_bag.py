@@ -208,6 +208,9 @@ def test_the_pose_of_one_frame_in_another(tmp_path: Path) -> None:
     refused = command("convert", bag, target, "--frames", "map:nowhere")
     assert refused.returncode == 2
     assert "nowhere" in refused.stderr
+    without = write_bag(tmp_path / "without", [("/value", "std_msgs/msg/Float64", 1, of("std_msgs/msg/Float64", 1.0))])
+    refused = command("convert", without, target, "--frames", "map:camera")
+    assert "it has none at all: name a topic of a pose" in refused.stderr
     assert command("convert", bag, tmp_path / "a.rrd", "--frames", "map:camera").returncode == 2
 
 
