@@ -7,6 +7,7 @@ opposite sign and degrees are tried as explanations. A lag, a factor and turned 
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -36,18 +37,37 @@ _SECOND = 1_000_000_000
 _FARTHEST, _AROUND = 1.0, 2.0
 
 
+_AS_IS = (1, 2, 3)
+
+
+def _other_axes() -> list[tuple[int, ...]]:
+    """Return signed orders of axes that programs take for each other: one sign, or a rotation by quarter turns."""
+    signed = [
+        tuple(s * a for s, a in zip(signs, order, strict=True))
+        for order in itertools.permutations(_AS_IS)
+        for signs in itertools.product((1, -1), repeat=3)
+    ]
+    one_sign = [axes for axes in signed if tuple(map(abs, axes)) == _AS_IS and sum(axis < 0 for axis in axes) == 1]
+    turns = [a for a in signed if np.linalg.det(np.sign(a)[:, None] * np.eye(3)[np.abs(a) - 1]) > 0.0 and a != _AS_IS]
+    return one_sign + turns
+
+
 @dataclass(frozen=True)
 class Reading:
-    """An interpretation of a twist."""
+    """An interpretation of a twist: its frame, a factor, and which of its numbers are x, y, z, from 1 on, with sign."""
 
     world: bool
     factor: float
+    axes: tuple[int, ...] = _AS_IS
 
     def words(self, given: Reading) -> str:
         """Return the difference from the `given` interpretation, as text."""
         parts = [f"in {'world' if self.world else 'body'} axes"] if self.world != given.world else []
         parts += ["with the opposite sign"] if self.factor < 0.0 else []
         parts += ["in degrees per second"] if abs(self.factor) != 1.0 else []
+        if self.axes != _AS_IS:
+            named = ["-" * (axis < 0) + "xyz"[abs(axis) - 1] for axis in self.axes]
+            parts.append(f"with ({', '.join(named)}) for its (x, y, z)")
         return " and ".join(parts)
 
 
@@ -217,7 +237,7 @@ class _Both:
 
     def said(self, part: slice, reading: Reading) -> Array:
         """Return the integral of a part of the twist over each interval, world axes."""
-        added = reading.factor * self.twist[:, part]
+        added = reading.factor * self.twist[:, part][:, np.abs(reading.axes) - 1] * np.sign(reading.axes)
         if reading.world:
             return added
         attitude = self.pose[:, 3:]
@@ -243,10 +263,16 @@ def _judged(of: str, both: _Both, readings: list[Reading]) -> Agreement:
     error, speed, count, window_s, beyond, odd = found
     if not both.twist[:, part].any():
         return Agreement(of, error, window_s, count, True, nothing=True)
-    if error <= _CONTRADICTS:
+    remedy, remaining = "", 0.0
+    if error > _CONTRADICTS:
+        remedy, remaining = _remedy(given, others, compared, _RECONCILED)
+    if not remedy and speed > _SENSORS:
+        # An axis about which the body turns little makes a small difference, which it alone explains.
+        turned = [replace(given, axes=axes) for axes in _other_axes()]
+        remedy, remaining = _remedy(given, turned, compared, _RECONCILED * min(1.0, error))
+    if error <= _CONTRADICTS and not remedy:
         partly = beyond if beyond * count > 1.5 else 0.0
         return Agreement(of, error, window_s, count, partly > 0.0, partly=partly, odd=odd)
-    remedy, remaining = _remedy(given, others, compared)
     contradicts = bool(remedy) or speed > _SENSORS
     if not contradicts:
         unit = "rad/s" if of == "attitude" else "m/s"
@@ -254,10 +280,16 @@ def _judged(of: str, both: _Both, readings: list[Reading]) -> Agreement:
     return Agreement(of, error, window_s, count, contradicts, remedy, remaining)
 
 
-def _remedy(given: Reading, others: list[Reading], compared: Callable[[Reading], _Found | None]) -> tuple[str, float]:
+def _remedy(
+    given: Reading, others: list[Reading], compared: Callable[[Reading], _Found | None], accepted: float
+) -> tuple[str, float]:
+    """Return the first of `others` that fits about as well as the best, and what it leaves; "" beyond `accepted`."""
     tried = [(found[0], reading) for reading in others if (found := compared(reading))]
-    least, best = min(tried, key=lambda pair: pair[0], default=(np.inf, given))
-    return (best.words(given), least) if least <= _RECONCILED else ("", 0.0)
+    least = min((error for error, _ in tried), default=np.inf)
+    if least > accepted:
+        return "", 0.0
+    error, first = next(each for each in tried if each[0] <= max(1.5 * least, 1e-12))
+    return first.words(given), error
 
 
 def _windows(both: _Both, gone: Array, said: Array, floor: float) -> _Found | None:
