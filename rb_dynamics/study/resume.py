@@ -64,7 +64,12 @@ def scene_at(log: str | os.PathLike[str], time_ns: int) -> SceneAt:
         if row.time_ns == time_ns:
             logged = dict(zip(columns, row.numbers, strict=True))
     _require_possible(source.path, scene, messages, time_ns, last_ns)
-    received = [command for command in received_commands(scene, names, iter(messages)) if command[2] < time_ns]
+    # What is not finite was rejected, and no scene can say it.
+    received = [
+        (topic, wrench, at)
+        for topic, wrench, at in received_commands(scene, names, iter(messages))
+        if at < time_ns and np.isfinite((*wrench.force, *wrench.torque)).all()
+    ]
     state = _state_at(scene, received, time_ns)
     end_ns, notes = scene.end_ns, []
     if logged is not None and not _agrees(state, logged):

@@ -50,6 +50,16 @@ def test_it_goes_on_with_the_same_bits_and_books(tmp_path: Path, solver: str) ->
         assert bits(rest) == bits(whole)
 
 
+def test_a_rejected_command_that_no_scene_can_say_is_left_out(tmp_path: Path) -> None:
+    log, topic = tmp_path / "run.mcap", COMMANDS[0][0]
+    commands = [*COMMANDS, (topic, rb.Wrench((float("nan"), 0.0, float("inf")), stamp_ns=100_000_000))]
+    whole = rb.simulate(rb.parse_scene(SCENE), commands, [McapSink(log)])
+    assert len(whole.rejected) == 1
+    found = scene_at(log, TIMES[1])
+    assert found.notes == ()
+    assert bits(rb.simulate(rb.parse_scene(found.text), list(later(TIMES[1])))) == bits(whole)
+
+
 def test_a_free_body_in_closed_form_goes_on(coasting: Flight, tmp_path: Path) -> None:
     log = tmp_path / "spin.mcap"
     text = "body: {mass: 1, inertia: {diagonal: [1, 2, 3]}}\ninitial: {angular_velocity_body: [0.1, 2, 0.1]}\n"
