@@ -170,7 +170,7 @@ class Alone:
             sensors=hearing.sensors(),
             orientation_xyzw=None if attitude is None else np.array([attitude]),
             angular_velocity_body=None if rate is None else np.array([rate]),
-            awake=hearing.awake,
+            silent=hearing.silent,
         )
 
     def hold(self, commands: Commands, new: Commands, changed: npt.NDArray[np.bool_]) -> None:

@@ -130,7 +130,14 @@ class ControlLoop:
         self._noise = [generator(campaign.seed, run, NOISE) for run in runs] if self._sizes.any() else []
         self._random = RandomStreams(lambda: [generator(campaign.seed, run, LAW) for run in runs])
         self._drawn: Numbers = np.empty((0, count, 2, 3))
-        self._sample = 0
+        self._sample, self._silent = 0, tuple[str, ...]()
+
+    def end(self) -> None:
+        """Count the runs as failed if their law was never called: they show the body without it."""
+        if self._silent:
+            why = f"{self._name} was never called: it waits for a first message from {', '.join(self._silent)}; "
+            why += "correct their rate, delay or dropout, or make the run longer"
+            self.failed.update(dict.fromkeys(range(len(self._largest)), why))
 
     def commands(self, samples: Samples, onboard: Onboard) -> Commands:
         """Return what is commanded at the sample that is due now: nothing before the sensors have spoken.
@@ -139,7 +146,8 @@ class ControlLoop:
             FunctionError: the law raised.
             SceneError: the law did not return an array of the right shape, or commands what is not there.
         """
-        if not onboard.awake:
+        self._silent = onboard.silent
+        if self._silent:
             return {}
         measured = self._measure(samples, onboard)
         # The law gets arrays of its own, which it may overwrite.

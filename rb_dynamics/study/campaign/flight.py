@@ -217,7 +217,7 @@ def _advance(
                 loop.sample(time_ns, samples, bodies.onboard())
                 next_sample_ns += loop.period_ns
         if time_ns >= end_ns or (loop is not None and len(loop.failed) == len(runs)):
-            return {} if loop is None else loop.failed
+            return {} if loop is None else loop.end()
         if loop is not None and (held := loop.commanded(time_ns)) is not None:
             bodies.hold(*held)
 
@@ -235,6 +235,11 @@ class _Closed:
         self._commands: dict[int, Commands] = {}
         self._held: dict[str, Numbers] = {}
         self._count = 0
+
+    def end(self) -> Mapping[int, str]:
+        """Return why runs failed, by index."""
+        self._loop.end()
+        return self.failed
 
     def sample(self, time_ns: int, samples: Samples, onboard: Onboard) -> None:
         """Evaluate the law; its commands wait for the delay."""

@@ -54,7 +54,7 @@ class Onboard(NamedTuple):
         magnetic_field_world: flux density at the body origin, T, (N, 3); None without a field.
         orientation_xyzw: body to world, as first sensor that measures it says, (N, 4); None if there is none.
         angular_velocity_body: rad/s, (N, 3), likewise.
-        awake: whether every sensor has spoken that is sure to.
+        silent: sensors that have not spoken, except those that may have nothing to say.
     """
 
     sensors: Mapping[str, SensorReading] = MappingProxyType({})
@@ -62,7 +62,7 @@ class Onboard(NamedTuple):
     magnetic_field_world: Numbers | None = None
     orientation_xyzw: Numbers | None = None
     angular_velocity_body: Numbers | None = None
-    awake: bool = True
+    silent: tuple[str, ...] = ()
 
 
 class Hearing:
@@ -84,9 +84,10 @@ class Hearing:
         """End."""
 
     @property
-    def awake(self) -> bool:
-        """Whether every sensor has spoken, except those that may have nothing to say."""
-        return all(sensor.name in self._newest or sensor.may_be_silent for sensor in self._scene.sensors)
+    def silent(self) -> tuple[str, ...]:
+        """Sensors that have not spoken, except those that may have nothing to say."""
+        names = (sensor.name for sensor in self._scene.sensors if not sensor.may_be_silent)
+        return tuple(name for name in names if name not in self._newest)
 
     def sensors(self) -> dict[str, SensorReading]:
         """Return the newest messages, with a leading axis of one body."""

@@ -380,3 +380,15 @@ def test_a_force_goes_side_by_side_and_alone_with_the_same_bits(tmp_path: Path) 
     block = fly_block(campaign, 0, 3)
     assert [fly_alone(campaign, run)["final_rate"] for run in range(3)] == block["final_rate"].tolist()
     assert len({*block["final_rate"].tolist()}) == 3
+
+
+@pytest.mark.parametrize("silent", ["delay: 10.0", "dropout: 0.999999"])
+def test_a_run_whose_law_is_never_called_has_failed(tmp_path: Path, silent: str) -> None:
+    """It would show a body without control as the result of the law."""
+    campaign = spacecraft(tmp_path, scene=SPACECRAFT.replace("delay: 0.15", silent))
+    rows = fly_block(campaign, 0, 1)
+
+    assert not seen(campaign)
+    why = "control.law: spy.law was never called: it waits for a first message from tracker; correct their rate, "
+    assert rows["error"] == [why + "delay or dropout, or make the run longer"]
+    assert not rows["passed"].any()
