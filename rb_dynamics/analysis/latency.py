@@ -10,7 +10,7 @@ import numpy as np
 from rb_dynamics.formats.bag_reader import Bag
 from rb_dynamics.formats.messages import LATENCY, VECTOR
 
-EDGES_S = (0.0, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2, 1e-1, math.inf)
+EDGES_S = (-math.inf, 0.0, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2, 1e-1, math.inf)
 """Edges of the histogram, s."""
 
 
@@ -26,7 +26,8 @@ class CommandLatency:
         median_s: from sending to acting, and the next two.
         p99_s: not exceeded by 99 % of the commands.
         largest_s: of all.
-        counts: commands from each of `EDGES_S` to the next.
+        counts: commands from each of `EDGES_S` to the next; below 0 they act from before they were sent, because that
+            was their stamp or nothing was computed since, or the sender's clock is ahead of ours.
         skipped: sequence numbers that are missing between the smallest and the largest.
     """
 
@@ -49,8 +50,7 @@ def command_latencies(bag: Bag) -> list[CommandLatency]:
             continue
         transport, waiting, numbers = bag.vectors(name)[1].T
         total = np.sort(transport + waiting)
-        # A clock of the sender that is ahead of ours makes times negative.
-        counts = np.histogram(np.maximum(total, 0.0), EDGES_S)[0]
+        counts = np.histogram(total, EDGES_S)[0]
         found.append(
             CommandLatency(
                 name.removesuffix(LATENCY),

@@ -176,7 +176,8 @@ def histogram(latency: CommandLatency) -> list[str]:
     lines = [f"  {latency.topic}, from sending to acting; {latency.skipped} sequence numbers are missing:"]
     for place in range(used[0], used[-1] + 1):
         count, low, high = latency.counts[place], 1e3 * EDGES_S[place], 1e3 * EDGES_S[place + 1]
-        interval = f"{low:g} to {high:g} ms" if math.isfinite(high) else f"from {low:g} ms"
+        interval = f"from {low:g} ms" if math.isinf(high) else f"{low:g} to {high:g} ms"
+        interval = interval if math.isfinite(low) else f"below {high:g} ms"
         bar = "#" * math.ceil(50 * count / max(latency.counts))
         lines.append(f"    {interval:<16} {count:>8}  {bar}".rstrip())
     return [*lines, ""]

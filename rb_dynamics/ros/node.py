@@ -181,7 +181,7 @@ class RigidBodyNode(Node):
             self._hear_best_effort()
         self._neighbours.look()
         if self._health.due():
-            self.runner.correct()
+            self.runner.every_second()
             self._hear_types()
             self._miss_logs()
             if self._settings.logs.names or self._topic_sink.status_is_read:

@@ -27,8 +27,10 @@ from rb_dynamics.scene.model import Scene
 # How long the node may wait without checking signals, and compute without checking messages or signals.
 LONGEST_WAIT = 0.05
 _LONGEST_BURST_NS = 5_000_000
-# A command this far ahead was most likely stamped by another clock.
-_FAR_AHEAD_NS = 10**6 * NANOSECONDS
+# A command this far from our time was most likely stamped by another clock.
+_FAR_NS = 10**6 * NANOSECONDS
+# Seconds after which a wait in lockstep is told: a slow commander is not worth a line each time.
+_LONG_WAIT = 3
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,8 @@ class Runner:
         # Number of events that may have interrupted requested steps.
         self.interruptions = 0
         self._topics = tuple(channel.topic for channel in scene.channels)
+        # What lockstep waits for, and for how many seconds it has.
+        self._wait, self._waited = "", 0
 
     def start(self) -> None:
         """Begin the first run.
@@ -106,10 +110,16 @@ class Runner:
         """The scene, with the state that `reset` restores."""
         return self._scene
 
-    def correct(self) -> None:
-        """Let stamps follow ROS time if that was set anew; once a second is enough."""
+    def every_second(self) -> None:
+        """Let stamps follow ROS time if that was set anew, and tell once of each long wait in lockstep."""
         if isinstance(self.pacer, Pacer) and not (self.stands_still or self._free_running):
             self.pacer.correct()
+        wait = self._awaited() if self.lockstep and not (self.paused or self.behind or self.done) else ""
+        self._waited = self._waited + 1 if wait == self._wait else 0
+        self._wait = wait
+        if wait and self._waited == _LONG_WAIT:
+            hint = "; stamp each for the next output: under our /clock now() is not later than the newest state"
+            self.health.told(f"lockstep{wait}{'' if None in self._newest.values() else hint}")
 
     def go(self) -> None:
         """Start pacing now: time spent on preparation is not a lag."""
@@ -328,15 +338,17 @@ class Runner:
                 f"{topic}: two commands without a stamp; in lockstep time advances only to the newest stamp, so stamp "
                 "each for the next output"
             )
-        if arrival is Arrival.LATE:
+        if by_stamp and abs(time_ns - computed_ns) > _FAR_NS:
+            self.health.warn(
+                f"{topic}: a command has the header.stamp {seconds_text(wrench.stamp_ns)} s, far "
+                f"{'ahead of' if time_ns > computed_ns else 'behind'} ours, "
+                f"{seconds_text(computed_ns + (offset_ns or 0))} s, expected the time that our stamps show: either its "
+                "sender has use_sim_time and follows the same /clock (publish_clock:=true here), or it has not and our "
+                "stamps are ROS time (stamps:=ros here)"
+            )
+        elif arrival is Arrival.LATE:
             self.health.warn(
                 f"{topic}: a command came {(computed_ns - time_ns) / 1e9:.9g} s after its stamp and took effect at once"
-            )
-        if time_ns - computed_ns > _FAR_AHEAD_NS:
-            self.health.warn(
-                f"{topic}: a command has the header.stamp {seconds_text(wrench.stamp_ns)} s, far ahead of ours, "
-                f"{seconds_text(computed_ns + (offset_ns or 0))} s, expected the time that our stamps show"
-                f"{'' if self.lockstep else '; ROS time is that of -p stamps:=ros'}"
             )
 
     def _time(self, topic: str, sent: tuple[int, int, int], waits_ns: int) -> None:

@@ -42,9 +42,12 @@ class Memory:
     def take_commands(self) -> None: ...
 
 
-def runner(text: str = SCENE, mode: Mode | None = None, host: Host | None = None) -> Runner:
+def runner(
+    text: str = SCENE, mode: Mode | None = None, host: Host | None = None, said: list[str] | None = None
+) -> Runner:
     scene = parse_scene(text)
-    health = Health("/body", [channel.topic for channel in scene.channels], lambda level, message: None)
+    said = [] if said is None else said
+    health = Health("/body", [channel.topic for channel in scene.channels], lambda level, message: said.append(message))
     body = Runner(scene, mode or Mode(start_paused=True), Pacer(1.0), health, host or Memory())
     body.start()
     return body
@@ -480,6 +483,46 @@ def test_lockstep_says_what_it_waits_for_and_warns_of_commands_that_move_no_time
     assert "waits for a command on push with a header.stamp later than 0.0" in message()
     body.command("push", Wrench(stamp_ns=0))
     assert "stamp each for the next output" in message()
+
+
+def test_lockstep_tells_once_of_a_long_wait_whoever_reads_the_diagnostics() -> None:
+    said: list[str] = []
+    body = runner(mode=Mode(lockstep=True), said=said)
+
+    def wait(seconds: int) -> list[str]:
+        said.clear()
+        for _ in range(seconds):
+            while body.behind:
+                body.tick()
+            body.every_second()
+        return said
+
+    assert wait(3) == []
+    assert wait(9) == ["lockstep, waits for the first command on wrench"]
+    for topic in ("wrench", "push"):
+        body.command(topic, Wrench(stamp_ns=10_000_000))
+    body.tick()
+    assert "with a header.stamp later than 0.010000000 s; stamp each" in wait(9)[0]
+    assert len(said) == 1
+    body.pause(True)
+    assert wait(9) == []
+    body.pause(False)
+    for number in range(2, 12):
+        for topic in ("wrench", "push"):
+            body.command(topic, Wrench(stamp_ns=10_000_000 * number))
+        body.tick()
+        assert wait(2) == []
+
+
+@pytest.mark.parametrize(("epoch_ns", "stamp_ns", "far"), [(0, 10**18, "ahead of"), (10**18, 5 * 10**9, "behind")])
+def test_stamps_of_another_clock_are_told_with_what_gives_both_one_time(epoch_ns: int, stamp_ns: int, far: str) -> None:
+    said: list[str] = []
+    body = runner(mode=Mode(start_paused=True, apply_at="stamp"), said=said)
+    body.pacer.begin(epoch_ns)
+    body.command("wrench", Wrench(stamp_ns=stamp_ns))
+    assert len(said) == 1
+    assert f"far {far} ours" in said[0]
+    assert "sender has use_sim_time and follows the same /clock (publish_clock:=true here)" in said[0]
 
 
 def test_a_rejected_command_leaves_no_trace_in_what_the_stamps_of_others_mean() -> None:
