@@ -18,6 +18,8 @@ import math
 import os
 import re
 import socket
+import stat
+import struct
 import subprocess
 import sys
 import threading
@@ -69,8 +71,12 @@ SPAWN = "spawn"
 
 # Where a viewer listens by default, and how long one may take to start, s.
 _PORT, _STARTS_S = 9876, 30.0
-# s that a viewer may take to receive what is sent; then the connection is closed, as Rerun would wait forever.
+# s for which a viewer may take nothing of what is sent; then the connection is closed, as Rerun would wait forever.
 _VIEWER_S = 30.0
+# How often that is looked at in this time.
+_LOOKS = 10
+# Bytes acknowledged and received, in the tcp_info of Linux.
+_BYTES, _BYTES_AT = struct.Struct("QQ"), 120
 
 MAX_ROWS = 200_000
 BATCH_ROWS = 4096
@@ -479,7 +485,9 @@ def require_viewer(address: str) -> None:
 
 @contextlib.contextmanager
 def sending_to(address: str) -> Iterator[None]:
-    """Close the connections to a viewer that takes too long: nothing else ends Rerun's waiting. A file ("") may.
+    """Close the connections to a viewer that takes nothing: nothing else ends Rerun's waiting. A file ("") has none.
+
+    One that is slow may take as long as it needs. Only Linux tells whether bytes move: elsewhere, the time is for all.
 
     Raises:
         LogError: that happened.
@@ -487,15 +495,21 @@ def sending_to(address: str) -> Iterator[None]:
     if not address:
         yield
         return
-    late = threading.Event()
+    done, late = threading.Event(), threading.Event()
 
-    def hang_up() -> None:
-        late.set()
-        _close_connections(address)
+    def watch() -> None:
+        moved, since = 0, time.monotonic()
+        while not done.wait(_VIEWER_S / _LOOKS):
+            now = _moved(address)
+            if now != moved:
+                moved, since = now, time.monotonic()
+            elif time.monotonic() - since >= _VIEWER_S:
+                late.set()
+                _close_connections(address)
+                return
 
-    timer = threading.Timer(_VIEWER_S, hang_up)
-    timer.daemon = True
-    timer.start()
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
     try:
         yield
     except (RuntimeError, OSError):
@@ -504,7 +518,8 @@ def sending_to(address: str) -> Iterator[None]:
         if not late.is_set():
             raise
     finally:
-        timer.cancel()
+        done.set()
+        watcher.join()
     if late.is_set():
         raise LogError(
             f"the Rerun viewer at {address} received nothing for {_VIEWER_S:g} s; start another one, or give a file "
@@ -514,13 +529,35 @@ def sending_to(address: str) -> Iterator[None]:
 
 def _close_connections(address: str) -> None:
     """Close this process's connections to the server at `address`."""
+    for connection in _connections(address):
+        with connection, contextlib.suppress(OSError):
+            connection.shutdown(socket.SHUT_RDWR)
+
+
+def _moved(address: str) -> int:
+    """Return how many bytes the server at `address` has acknowledged and sent; 0 where the system does not tell."""
+    total = 0
+    for connection in _connections(address):
+        with connection, contextlib.suppress(OSError, struct.error):
+            if sys.platform == "linux":
+                facts = connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _BYTES_AT + _BYTES.size)
+                total += sum(_BYTES.unpack_from(facts, _BYTES_AT))
+    return total
+
+
+def _connections(address: str) -> list[socket.socket]:
+    """Return this process's connections to the server at `address`, to be closed."""
     host, port = _host_and_port(address)
+    found = []
     with contextlib.suppress(OSError):
-        peers = {found[4][:2] for found in socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)}
+        peers = {each[4][:2] for each in socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)}
         for name in os.listdir("/dev/fd"):
-            with contextlib.suppress(OSError), socket.socket(fileno=os.dup(int(name))) as connection:
-                if connection.getpeername()[:2] in peers:
-                    connection.shutdown(socket.SHUT_RDWR)
+            with contextlib.suppress(OSError):
+                if stat.S_ISSOCK(os.fstat(int(name)).st_mode):
+                    with socket.socket(fileno=os.dup(int(name))) as connection:
+                        if connection.getpeername()[:2] in peers:
+                            found.append(connection.dup())
+    return found
 
 
 def _host_and_port(address: str) -> tuple[str, int]:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 import socket
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,7 +26,7 @@ from rb_dynamics.run.sink import AppliedWrench, Event, RunInfo, Status
 from rb_dynamics.scene import parse_scene, read_scene
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.scene.read import UNSAID
-from rb_dynamics.sinks.rerun_sink import RerunSink
+from rb_dynamics.sinks.rerun_sink import RerunSink, sending_to
 
 
 def still(index: int, period_ns: int = 1_000_000) -> Sample:
@@ -406,6 +408,24 @@ def test_a_viewer_that_takes_nothing_is_given_up(monkeypatch: pytest.MonkeyPatch
         address = f"rerun+http://127.0.0.1:{silent.getsockname()[1]}/proxy"
         with pytest.raises(LogError, match=re.escape(f"viewer at {address} received nothing for 0.5 s")):
             simulate(parse_scene("body: {mass: 1}\nduration: 1\n"), sinks=[RerunSink(address)])
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the system does not tell whether bytes move")
+def test_a_viewer_that_is_slow_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And looking at the connections leaves none open."""
+    monkeypatch.setattr("rb_dynamics.sinks.rerun_sink._VIEWER_S", 0.2)
+    with socket.create_server(("127.0.0.1", 0)) as slow:
+        address = f"rerun+http://127.0.0.1:{slow.getsockname()[1]}/proxy"
+        before = len(os.listdir("/dev/fd"))
+        with socket.create_connection(slow.getsockname(), 30.0) as connection, slow.accept()[0] as viewer:
+            with sending_to(address):
+                for _ in range(8):
+                    connection.sendall(b"rows")
+                    assert viewer.recv(4) == b"rows"
+                    time.sleep(0.05)
+            with pytest.raises(LogError, match="received nothing"), sending_to(address):
+                assert connection.recv(1) == b""
+        assert len(os.listdir("/dev/fd")) == before
 
 
 @pytest.mark.parametrize(
