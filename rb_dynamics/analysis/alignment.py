@@ -1,8 +1,8 @@
 """`Alignment`: how the times of two recordings belong together, given by the reader or found as the best lag.
 
-The lag is that at which the magnitudes of angular and linear velocity, which no choice of axes changes, differ least;
-where they say nothing or repeat themselves, the angular velocity in body axes. It is said how far it can be trusted:
-by the noise, by the halves of the recording alone, and by other lags that fit as well.
+The lag makes the magnitudes of angular and linear velocity, which do not depend on the axes, differ least. If they are
+constant or periodic, the angular velocity in body axes is used. How far the lag can be trusted is told by the noise, by
+each half of the recording alone, and by other lags that fit as well.
 """
 
 from __future__ import annotations

@@ -64,7 +64,7 @@ class Buoyancy(Effect):
         )
 
     def __post_init__(self) -> None:
-        """Refuse what displaces nothing.
+        """Check the arguments.
 
         Raises:
             TypeError: an argument is not of its type.

@@ -106,7 +106,7 @@ class Channel:
     bias_torque: Vector = ZERO
 
     def __post_init__(self) -> None:
-        """Refuse what is no channel.
+        """Check the arguments.
 
         Raises:
             TypeError: a field is not of its type.

@@ -27,7 +27,7 @@ class Resistance(NamedTuple):
         translation, rotation: coefficients along and about the body axes.
         medium: its velocity, world axes, m/s.
         axes: principal to body axes.
-        slowing: the rate at which all differences of velocity die down by it, over the speed to `power`; else 0.
+        slowing: the rate at which it makes all differences of velocity decay, over |v - u|^power; 0 if it need not.
     """
 
     power: float
@@ -87,7 +87,7 @@ class _Drag(Effect):
         return cls(translation, rotation, entry.vector("medium_velocity_world", "a finite number (m/s)", ZERO))
 
     def __post_init__(self) -> None:
-        """Refuse coefficients that are none.
+        """Check the coefficients.
 
         Raises:
             TypeError: one is not three numbers.
@@ -105,7 +105,7 @@ class _Drag(Effect):
         object.__setattr__(self, "medium_velocity_world", wind)
 
     def check(self, body: RigidBody) -> None:
-        """Refuse to turn a particle.
+        """Refuse rotational drag on a particle.
 
         Raises:
             SceneError: the body is one and `rotation` is not zero.
@@ -117,9 +117,10 @@ class _Drag(Effect):
             )
 
     def slowing(self, body: RigidBody) -> Slowing | None:
-        """Return c/m, times the speed where drag goes with its square; then it is known where all axes are alike.
+        """Return the slowest rate: the least c / m for linear drag, c |v - u| / m for quadratic drag alike on all axes.
 
-        Else the speed along the axis of most drag, which the others share, fades before it has slowed the rest.
+        None for other quadratic drag: the speed that its axes share fades along the axis of most drag, before it has
+        slowed the others.
         """
         resistance = self.resistance(body)
         return partial(slowed, resistance) if resistance.slowing > 0.0 else None

@@ -24,7 +24,8 @@ class MagneticField(Effect):
     """A magnetic flux density B (T), constant in world axes.
 
     A dipole m (A m^2) at c has B = mu_0 / (4 pi) (3 n (n . m) - m) / r^3, with r n from c to the place (Wertz,
-    Spacecraft Attitude Determination and Control, eq. H-16). A tilted m is a tilted dipole; it does not turn.
+    Spacecraft Attitude Determination and Control, eq. H-16). m may be tilted, but is
+    fixed in world axes: it does not turn with the Earth.
 
     Attributes:
         model: `uniform` or `dipole`.
@@ -61,7 +62,7 @@ class MagneticField(Effect):
         return cls(model, ZERO, moment, entry.vector("center_world", "a finite number (m)", ZERO))
 
     def __post_init__(self) -> None:
-        """Refuse what is no field.
+        """Check the arguments.
 
         Raises:
             TypeError: an argument is not of its type.

@@ -36,7 +36,7 @@ class Magnetorquer(Actuator):
     max_dipole: float
 
     def __post_init__(self) -> None:
-        """Refuse what is no magnetorquer.
+        """Check the arguments.
 
         Raises:
             TypeError: an argument is not of its type.

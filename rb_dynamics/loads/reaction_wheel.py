@@ -30,7 +30,7 @@ class ReactionWheel(Actuator):
     and friction on the wheel, whose reaction acts on the body (Hughes, Spacecraft Attitude Dynamics, section 3.4).
 
     The friction is f = -c sign W - v W; at rest it holds the wheel up to c. A commanded torque u is held until the next
-    command; at `max_speed` the drive gives no more than keeps the speed. A commanded speed is approached with
+    command; at `max_speed` it is limited to what holds that speed. A commanded speed is approached with
     `max_torque`, and held with what that takes, up to `max_torque`.
 
     Attributes:
@@ -60,7 +60,7 @@ class ReactionWheel(Actuator):
     speed: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse what is no reaction wheel.
+        """Check the arguments.
 
         Raises:
             TypeError: an argument is not of its type.

@@ -19,10 +19,10 @@ COMMANDS = ("on_time", "level")
 
 @dataclass(frozen=True, kw_only=True)
 class Thruster(Actuator):
-    """Open, it exerts `force` along the x axis of its frame, at the frame's origin.
+    """While open, exerts `force` along the x axis of its frame, at the frame's origin.
 
-    A command opens it `delay` after it came, for so many seconds (`on_time`) or at so much of its force (`level`, 0 to
-    1) until the next one. It replaces the one before: `on_time` 0 closes. Edges fall on their nanosecond, so that an
+    A command takes effect `delay` after it arrives: open for `on_time` seconds, or at `level` (0 to 1) times the force
+    until the next command. It replaces the one before: `on_time` 0 closes. Edges fall on their nanosecond, so that an
     impulse is force times time. The force rises and falls at once.
 
     Attributes:
@@ -43,7 +43,7 @@ class Thruster(Actuator):
     delay: float = 0.0  # type: ignore[misc]
 
     def __post_init__(self) -> None:
-        """Refuse what is no thruster.
+        """Check the arguments.
 
         Raises:
             TypeError: an argument is not of its type.
@@ -80,7 +80,7 @@ class Thruster(Actuator):
         return "s" if self.command == "on_time" else "of its force"
 
     def held(self, frames: WrenchFrames, level: float) -> HeldWrench:
-        """Return what it does about the centre of mass at so much of its force."""
+        """Return its wrench about the centre of mass at `level` times its force."""
         return frames.hold(Wrench((level * self.force, 0.0, 0.0), frame_id=self.frame))
 
     def _accept(self, value: float) -> Accepted:

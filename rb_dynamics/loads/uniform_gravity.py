@@ -26,7 +26,7 @@ class UniformGravity(Effect):
     acceleration_world: Vector
 
     def __post_init__(self) -> None:
-        """Refuse what is no acceleration.
+        """Check the arguments.
 
         Raises:
             TypeError: it is not three numbers.

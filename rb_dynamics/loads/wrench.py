@@ -80,7 +80,7 @@ class FixedFrame:
     orientation_xyzw: Quaternion = IDENTITY
 
     def __post_init__(self) -> None:
-        """Refuse what is no frame.
+        """Check the arguments.
 
         Raises:
             TypeError: an argument is not of its type.
@@ -140,7 +140,7 @@ class WrenchFrames:
     _of_body: bool = field(default=False, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Refuse what is no set of frames.
+        """Check the arguments.
 
         Raises:
             TypeError: a field is not of its type.

@@ -1,8 +1,8 @@
 """`Arc`: the motion between two changes of the load, with a constant held wrench, as a function of time.
 
 An arc steps on a grid that starts where the arc starts. A time between two grid points is reached by one shorter step
-that is then discarded. So outputs at any rate do not change the motion, and advancing in many small pieces gives the
-same bits as advancing at once.
+from the last grid point, and the next step starts from that point again. So outputs at any rate do not change the
+motion, and advancing in many small pieces gives the same bits as advancing at once.
 """
 
 from __future__ import annotations

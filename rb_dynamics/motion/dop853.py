@@ -141,7 +141,7 @@ def pair(
     angular_velocity: Vector,
     load: Load | None = None,
 ) -> tuple[Increment, Increment]:
-    """Return the step, and a second result that differs by the estimated error, which falls like that of order 7.
+    """Return the step, and a second result: they differ by the estimated error, which scales like that of order 7.
 
     The estimate combines those of orders 5 and 3, e5 |e5| / sqrt(|e5|^2 + |e3|^2 / 100) (HNW I, eq. II.10.17), for
     each of q, omega, impulse and displacement.

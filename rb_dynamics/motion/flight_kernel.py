@@ -1,10 +1,10 @@
 """The kernel for flights: from edge to edge, across changes of what is held, in one compiled call.
 
 An edge is a time at which something happens: a state is looked at, or what is held changes and a new arc begins. What
-happens in an arc is what `arc.py` does, to the same bits: strides on a grid that begins with the arc, and to an edge
-between two grid points a shorter step, which is discarded. The kernel is one for all methods, whose own kernels it is
-handed. Where a step is refused or a method is to be chosen, it stops before the edge; plain Python goes on from there
-and raises the error.
+happens in an arc is what `arc.py` does, to the same bits: steps lie on a grid that begins with the arc; an edge between
+two grid points is reached by a shorter step from the last one, which is then discarded. One kernel serves all methods:
+it is passed the kernel of the method. Where a step is refused or a method has to be chosen, it stops before the edge;
+plain Python goes on from there and raises the error.
 """
 
 from __future__ import annotations

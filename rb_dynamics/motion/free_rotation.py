@@ -115,7 +115,7 @@ def _in_units(v: Vector, exponent: int) -> Vector:
 
 
 def _balanced(moments: Vector, start: Vector, w: Vector) -> Vector:
-    """Return w without what rounding did to 2T = w . I w and L^2 = |I w|^2 since `start`.
+    """Return w corrected so that 2T = w . I w and L^2 = |I w|^2 are those at `start` again.
 
     Rounding of the closed form is biased by some hundredths of a unit in the last place; in n steps that adds up like
     n, not like its root. The correction is the shortest, across the polhode; one that is larger than round-off is not

@@ -1,8 +1,7 @@
 """States beside those of the body, such as the speeds of wheels: integrated by the stages of the same method.
 
-They stand behind the sums of a `PhaseState`. A load with states of its own is evaluated at each stage with the states
-there, which follow from the rates at the stages before by the method's own tableau: that is the method itself, applied
-to body and states as one system.
+They are stored after the sums of a `PhaseState`. Each stage computes them with the method's own tableau, so the method
+integrates body and states as one system.
 """
 
 from __future__ import annotations

@@ -41,8 +41,9 @@ def step(
     w is the angular velocity of the mean momentum, I w = (m0 + m1)/2, and m1 = cay(h w)^T (m0 + lambda), lambda the
     torque impulse in the axes of R0. For constant torque in body axes lambda = (1 - hat(h w)/2)^-1 h tau, in world
     axes lambda = h R0^T tau. The energy then changes by w . lambda exactly and the world-frame angular momentum by
-    lambda exactly; both are what is booked. A load acts like a wrench in world axes, with the value that it has at the
-    midpoint: at h/2, half the displacement and half the turn, with the mean velocities. Order 2, symmetric.
+    lambda exactly; these are added to the totals of work and impulse. A load acts like a wrench in world axes, with the
+    value that it has at the midpoint: at h/2, half the displacement and half the turn, with the mean velocities. Order
+    2, symmetric.
 
     Raises:
         ConvergenceError: there is no solution w for this step, or the iteration over the load does not converge.

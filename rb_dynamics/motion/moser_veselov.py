@@ -1,7 +1,7 @@
 """Splitting into kicks and preprocessed discrete Moser-Veselov motion: nearly the exact flow at a fraction of its cost.
 
-The discrete body conserves energy and angular momentum exactly; slightly modified moments make it follow the true
-motion to order 10. Steps that rotate the body by more than about a radian between two kicks are refused.
+The discrete body conserves energy and angular momentum exactly; slightly modified moments of inertia raise its order to
+10. Steps that rotate the body by more than about a radian between two kicks are refused.
 """
 
 from __future__ import annotations

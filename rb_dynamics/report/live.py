@@ -1,6 +1,6 @@
-"""Plots that answer when touched: the numbers of a figure, for plotly.js in the page.
+"""Interactive plots: the numbers of a figure, for plotly.js in the page.
 
-The numbers are read from the very figure that a picture is drawn from, so the two cannot differ. plotly.js comes from
+The numbers are read from the figure that also gives the static picture, so the two cannot differ. plotly.js comes from
 the package plotly, about 4.8 MB, and goes into the page compressed, 2 MB. Must not draw.
 """
 

@@ -1,4 +1,4 @@
-"""What sees attitude: a star tracker, motion capture (`pose`) and a sun sensor."""
+"""Attitude sensors: a star tracker, motion capture (`pose`) and a sun sensor."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class StarTracker(Sensor):
     noise: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse what is no star tracker, as `Sensor` does."""
+        """Check the arguments, as `Sensor` does."""
         super().__post_init__()
         self._number("noise", f"{_SIZE} (rad)", least=0.0)
 
@@ -85,7 +85,7 @@ class PoseSensor(Sensor):
     orientation_noise: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse what is no such sensor, as `Sensor` does."""
+        """Check the arguments, as `Sensor` does."""
         super().__post_init__()
         self._number("position_noise", f"{_SIZE} (m)", least=0.0)
         self._number("orientation_noise", f"{_SIZE} (rad)", least=0.0)
@@ -116,7 +116,7 @@ class SunSensor(Sensor):
 
     Attributes:
         direction_world: towards the sun; its length does not count.
-        noise: standard deviation of the angle about each axis across the direction, rad, in every sample.
+        noise: standard deviation of the angle about each axis perpendicular to the direction, rad, in every sample.
         field_of_view: angle (rad) from the x axis of its frame within which it sees the sun.
     """
 
@@ -130,7 +130,7 @@ class SunSensor(Sensor):
     field_of_view: float = math.pi
 
     def __post_init__(self) -> None:
-        """Refuse what is no sun sensor, as `Sensor` does.
+        """Check the arguments, as `Sensor` does.
 
         Raises:
             TypeError: an argument is not of its type.

@@ -43,7 +43,7 @@ class Imu(Sensor):
     accelerometer: AxisErrors = AxisErrors()
 
     def __post_init__(self) -> None:
-        """Refuse what is no IMU, as `Sensor` does."""
+        """Check the arguments, as `Sensor` does."""
         super().__post_init__()
         for name in ("gyro", "accelerometer"):
             instance(getattr(self, name), AxisErrors, f"imu: {name}", "write AxisErrors(noise_density=...)")

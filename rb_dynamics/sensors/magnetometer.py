@@ -35,7 +35,7 @@ class Magnetometer(Sensor):
     errors: AxisErrors = AxisErrors()
 
     def __post_init__(self) -> None:
-        """Refuse what is no magnetometer, as `Sensor` does."""
+        """Check the arguments, as `Sensor` does."""
         super().__post_init__()
         instance(self.errors, AxisErrors, "magnetometer: errors", "write AxisErrors(noise_density=...)")
 

@@ -84,7 +84,7 @@ class Sensor:
     dropout: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse what is no sensor.
+        """Check the arguments.
 
         Raises:
             TypeError: an argument is not of its type.

@@ -1,8 +1,9 @@
 """`scene_at`: a scene that goes on from a time of a log, with the same bits.
 
 The log is run again up to that time. The new scene begins with the state there, to the last bit, and says in
-`continues` from what run it comes: its first state and the commands until then. With it, books and method go on as
-well, so that every later number is that of the run; the part before is computed when the scene is run, and not shown.
+`continues` from what run it comes: its first state and the commands until then. When the scene is run, the earlier part
+is computed again but not output; so the method and the totals of work and impulse go on too, and every later number is
+that of the run.
 """
 
 from __future__ import annotations

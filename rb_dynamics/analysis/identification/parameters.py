@@ -1,9 +1,9 @@
 """Parameters of a fit: plain numbers without limits, and the body, effects and sensors that they stand for.
 
-Each is zero at the start and of the order of one where it changes what it stands for as much as it plausibly may. The
-inertia is that of second moments of mass S = (tr I / 2) 1 - I = L M M^T L^T, with L of the start and M lower triangular
-with a positive diagonal (log-Cholesky; Rucker & Wensing, IEEE RA-L 7 (2022) 2439): every value is that of a body. One
-number is the logarithm of the trace, and five are its shape, which is all that a motion without torque tells.
+Each is scaled: 0 is the starting value, and about 1 is the largest plausible change. The inertia is that of second
+moments of mass S = (tr I / 2) 1 - I = L M M^T L^T, with L of the start and M lower triangular with a positive diagonal
+(log-Cholesky; Rucker & Wensing, IEEE RA-L 7 (2022) 2439): every value is that of a body. One number is the logarithm of
+the trace, and five are its shape, which is all that a motion without torque tells.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ _FLATTEST = 1e-6
 
 @dataclass(frozen=True)
 class Block:
-    """Some parameters that stand together.
+    """Parameters next to each other in the vector of all.
 
     Attributes:
-        name: what they are; of one recording or sensor with that in brackets.
+        name: what they are; followed by the recording or sensor in brackets, if they belong to one.
         at: where they are in the vector of all.
         scale: of each, in SI units.
         start: (k,), values at zero, for those that are values themselves.
@@ -74,7 +74,7 @@ AXES = ("xx", "yy", "zz", "xy", "xz", "yz")
 
 
 class Inertia:
-    """Inertias of bodies around one of them."""
+    """Inertia, parametrised around that of a reference body."""
 
     def __init__(self, body: RigidBody) -> None:
         """Begin with that of `body`."""

@@ -1,6 +1,6 @@
-"""What is on board of a body for its controller: messages of its sensors, speeds of its wheels, a model of the field.
+"""Inputs of a controller on board: messages of the sensors, speeds of the wheels, a model of the field.
 
-`Hearing` is a sink: a law hears what a log or a topic of the node gets, at the same nanosecond.
+`Hearing` is a sink, so a law gets exactly the messages that are logged or published, at the same nanosecond.
 """
 
 from __future__ import annotations

@@ -92,7 +92,7 @@ def rerun(campaign: Campaign, run: int, log: Path, rows: Path) -> SingleRun:
     try:
         metrics = fly_alone(campaign, run, [McapSink(log)])
     except (ConvergenceError, FunctionError) as problem:
-        # The log ends with the run.
+        # The run failed: the log ends there.
         error = str(problem)
     found = read_row(rows, run) if compared else None
     row = None if found is None else {each.name: float(found[each.name]) for each in campaign.metrics}

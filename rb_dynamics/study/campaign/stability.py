@@ -1,8 +1,8 @@
-"""Whether a loop is too slow for what it turns: said before the runs, by the numbers of the base scene.
+"""Predict from the base scene, before the runs, whether a loop samples too slowly to be stable.
 
 For the laws of this package small motion about one principal axis is linear: theta' = w, I w' = u, with u = -k theta -
-d w sampled every T, acting a delay later and held. From sample to sample it is multiplied by a matrix, and grows if an
-eigenvalue of it is beyond 1 (Astrom and Wittenmark, Computer-Controlled Systems, section 3.2).
+d w sampled every T, acting a delay later and held. Each sample multiplies the state by a matrix; the motion grows if an
+eigenvalue has a magnitude above 1 (Astrom and Wittenmark, Computer-Controlled Systems, section 3.2).
 """
 
 from __future__ import annotations
