@@ -81,6 +81,8 @@ from rb_dynamics.sinks.failure_guard import GuardedSink
 _LONGEST_SLEEP, _BETWEEN_SPINS, _LONGEST_SPIN = 0.006, 0.1, 0.005
 # s before an output: commands that arrived until then are computed before the output is due, and do not delay it.
 _LAST_LOOK = 0.0004
+# s that a publisher may take longer than a reader until each has found the other.
+_FINDS_S = 1.0
 # prctl(2): by how many ns Linux may delay the end of a sleep to merge wake-ups; the default is 50 000.
 _PR_SET_TIMERSLACK, _SLACK_NS = 29, 1
 
@@ -149,6 +151,8 @@ class RigidBodyNode(Node):
         # that; and what was taken meanwhile, as both readers may get it.
         self._unheard: set[str] = set()
         self._replaced: dict[str, Subscription] = {}
+        # Since when the reader in its place has found every publisher, by the monotonic clock, s.
+        self._found: dict[str, float] = {}
         self._taken: deque[tuple[object, ...]] = deque(maxlen=COMMAND_DEPTH)
         require_overridable(self, elsewhere, shared)
         self._neighbours = Neighbours(self, self._topic_sink.publishers, self._health)
@@ -308,8 +312,8 @@ class RigidBodyNode(Node):
     def _hear_best_effort(self) -> None:
         """Replace the reader of a channel with a BEST_EFFORT publisher by one that hears that too.
 
-        Readers ask for RELIABLE while they can, as a lost wrench is lost momentum. The earlier reader goes when the new
-        one has found every publisher, so that nothing is lost in between.
+        Readers ask for RELIABLE while they can, as a lost wrench is lost momentum. The earlier reader goes only a while
+        after the new one has found every publisher: a publisher may find the reader later, and nothing may be lost.
         """
         for topic in self._unheard - self._replaced.keys():
             before = self._wrench_subscriptions[topic]
@@ -322,8 +326,12 @@ class RigidBodyNode(Node):
                 )
         self._unheard.clear()
         for topic, before in list(self._replaced.items()):
-            if self._wrench_subscriptions[topic].get_publisher_count() >= self.count_publishers(topic):
+            now = time.monotonic()
+            if self._wrench_subscriptions[topic].get_publisher_count() < self.count_publishers(topic):
+                self._found.pop(topic, None)
+            elif now - self._found.setdefault(topic, now) >= _FINDS_S:
                 self.take_commands()
+                del self._found[topic]
                 del self._replaced[topic]
                 self.destroy_subscription(before)
                 self._losses[topic].forget()

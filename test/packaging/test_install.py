@@ -142,7 +142,7 @@ def test_extras_bring_what_they_promise(metadata: Message) -> None:
         brought.setdefault(extra[1] if extra else "", set()).add(name[0])
 
     assert brought.keys() == {
-        *("", "bench", "dev", "docs", "fast", "log", "mesh", "plot", "ros", "scale", "test", "video")
+        *("", "bench", "dev", "docs", "fast", "interactive", "log", "mesh", "plot", "ros", "scale", "test", "video")
     }
     assert brought[""] == {"numpy", "scipy", "PyYAML"}
     assert brought["fast"] == {"numba"}

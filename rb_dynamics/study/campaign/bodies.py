@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 from rb_dynamics.errors import WrenchError
 from rb_dynamics.loads.actuator import COMMAND
@@ -38,7 +38,7 @@ CHANNEL = "control"
 TORQUE, FORCE = "torque", "force"
 """What a controller commands beside actuators: a wrench on `CHANNEL`, body axes."""
 
-Commands = Mapping[str, "Numbers"]
+Commands: TypeAlias = "Mapping[str, Numbers]"
 """`TORQUE` and `FORCE`, (N, 3), and commands to actuators by their names, (N,)."""
 
 
