@@ -9,6 +9,7 @@ Usage: python benchmarks/campaign.py WHAT [COUNT] [--basilisk PYTHON]
 `peer`: COUNT runs (default 20) of 300 s of rate damping, steps of 0.05 s and samples of 0.5 s, without delay or noise;
     Basilisk uses its own RK4 and compiled modules, one simulation after the other, in the interpreter given by
     --basilisk.
+`effects`: COUNT runs (default 6) of that with one effect, against the same runs side by side without.
 `memory`: memory of a worker.
 Times are for one core of this machine, the best of several repeats; `workers` measures wall-clock time.
 """
@@ -253,6 +254,23 @@ def beside(runs: int, python: str) -> None:
         print(f"ratio        {theirs / ours:9.1f}   largest difference of final rates {worst:.1e} rad/s")
 
 
+def under_effects(runs: int) -> None:
+    from rb_dynamics.study.campaign.flight import fly_block
+    from rb_dynamics.study.campaign.read import read_campaign
+
+    with tempfile.TemporaryDirectory() as folder:
+        found = campaign(folder, END, 2000)
+        fly_block(found, 0, 2000, 1)
+        without = seconds(lambda: fly_block(found, 0, 2000, 1)) / 2000
+        print(f"no effect        {without * 1e3:9.3f} ms a run")
+        for effect in ("uniform_gravity, acceleration_world: [0, 0, -9.81]", "linear_drag, rotation: 1.0e-4"):
+            Path(folder, "scene.yaml").write_text(f"{SCENE}\neffects:\n  - {{type: {effect}}}\n")
+            found = read_campaign(Path(folder, "campaign.yaml"))
+            fly_block(found, 0, 1, 1)
+            alone = seconds(lambda found=found: fly_block(found, 0, runs, 1)) / runs
+            print(f"{effect.partition(',')[0]:<16} {alone * 1e3:9.3f} ms a run, {alone / without:.0f} times as long")
+
+
 def _inertias(found: Any, runs: int) -> list[Any]:
     from rb_dynamics.study.campaign.sampling import inputs
     from rb_dynamics.study.campaign.scenes import Scenes
@@ -327,7 +345,7 @@ def memory() -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("runs", "workers", "limits", "peer", "memory", "basilisk"))
+    parser.add_argument("what", choices=("runs", "workers", "limits", "peer", "effects", "memory", "basilisk"))
     parser.add_argument("count", nargs="?", type=int)
     parser.add_argument("--basilisk", default=sys.executable, metavar="PYTHON")
     args = parser.parse_args()
@@ -339,6 +357,8 @@ def main() -> None:
         limits(args.count or 200)
     elif args.what == "peer":
         beside(args.count or 20, args.basilisk)
+    elif args.what == "effects":
+        under_effects(args.count or 6)
     elif args.what == "memory":
         memory()
     else:

@@ -72,6 +72,21 @@ def _compiled(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always")
 
 
+@pytest.fixture
+def flown(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Return the numbers of edges that each call of the flight kernel takes from now on."""
+    flown: list[int] = []
+    whole = flight.fly
+
+    def counted(*arguments: Any) -> Any:
+        found = whole(*arguments)
+        flown.append(0 if found is None else found.edges)
+        return found
+
+    monkeypatch.setattr("rb_dynamics.scene.plan.fly", counted)
+    return flown
+
+
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Commands in and out of order, early and late, at equal times, too large, unknown, and zero for a while."""
@@ -106,18 +121,9 @@ def _run(scene: Scene, commands: Any, *sinks: Any) -> Any:
     ],
     ids=str,
 )
-def test_a_bag_flies_as_its_commands_one_by_one(bag: Path, solver: Solver, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_bag_flies_as_its_commands_one_by_one(bag: Path, solver: Solver, flown: list[int]) -> None:
     scene = replace(SCENE, solver=solver)
     recorded = RecordedWrenches([bag], ["a", "b"], scene.end_ns or 0)
-    flown: list[int] = []
-    whole = flight.fly
-
-    def counted(*arguments: Any) -> Any:
-        found = whole(*arguments)
-        flown.append(0 if found is None else found.edges)
-        return found
-
-    monkeypatch.setattr("rb_dynamics.scene.plan.fly", counted)
     singly, together = _Everything(), _Everything()
     one = _run(scene, list(recorded), singly)
     alone = sum(flown)
@@ -137,19 +143,10 @@ def test_a_bag_flies_as_its_commands_one_by_one(bag: Path, solver: Solver, monke
     [Solver(method="rk4", step=1 / 256), Solver(method="dop853", accuracy=1e-9), Solver(method="auto", accuracy=1e-7)],
     ids=str,
 )
-def test_so_it_does_under_effects(bag: Path, solver: Solver, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_so_it_does_under_effects(bag: Path, solver: Solver, flown: list[int], monkeypatch: pytest.MonkeyPatch) -> None:
     """To the bits of plain Python, across the knots of a rotor, with its energy and the potential in the books."""
     scene = replace(parse_scene(SCENE.text + EFFECTS), solver=solver)
     recorded, kept = RecordedWrenches([bag], ["a", "b"], scene.end_ns or 0), []
-    flown: list[int] = []
-    whole = flight.fly
-
-    def counted(*arguments: Any) -> Any:
-        found = whole(*arguments)
-        flown.append(0 if found is None else found.edges)
-        return found
-
-    monkeypatch.setattr("rb_dynamics.scene.plan.fly", counted)
     for when, commands in (("never", list(recorded)), ("always", list(recorded)), ("always", recorded)):
         monkeypatch.setenv("RB_DYNAMICS_COMPILE", when)
         flown.clear()
