@@ -51,8 +51,10 @@ class NodeProcess:
 
     def __init__(self, scene: Path | str, *ros_args: str, **parameters: object) -> None:
         arguments = [sys.executable, "-m", "rb_dynamics", *node_arguments(scene, *ros_args, **parameters)]
+        # Where it crashes stands in `err` then.
+        environment = os.environ | {"PYTHONFAULTHANDLER": "1"}
         self.process = subprocess.Popen(
-            arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT, env=os.environ
+            arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT, env=environment
         )
 
     def stop(self, number: int = signal.SIGTERM) -> int:
