@@ -15,6 +15,7 @@ from rb_dynamics.analysis.balance import Balance, sizes_of
 from rb_dynamics.analysis.continuity import FARTHEST, Continuity, Jump, Other
 from rb_dynamics.analysis.gaps import NAMED, listed, longest_usual, told
 from rb_dynamics.analysis.track import Array, TimeSeries, Track, frame_names
+from rb_dynamics.formats.messages import is_latched
 from rb_dynamics.formats.own_log import logged_scene
 from rb_dynamics.formats.topic import Topic
 
@@ -138,7 +139,11 @@ def _late(series: TimeSeries, track: Track) -> str:
     own = track.bag.topics.get(series.topic)
     if track.own or own is None or not own.count:
         return ""
-    others = [each for each in track.bag.topics.values() if each.count and not each.type_name.startswith(_OF_ROS)]
+    others = [
+        each
+        for each in track.bag.topics.values()
+        if each.count and not each.type_name.startswith(_OF_ROS) and not is_latched(each.qos)
+    ]
     begin, first = min((int(each.log_times.min()), each.name) for each in others)
     end, last = max((int(each.log_times.max()), each.name) for each in others)
     apart = max(_APART * 1e9, longest_usual(series.time_ns) if len(series.time_ns) > 3 else 0.0)

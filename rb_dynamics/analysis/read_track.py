@@ -362,6 +362,8 @@ class _TrackReader:
         if asked := self.choice.wrenches:
             topics = [self._given(name, (*WRENCHES,), "--wrench-topic") for name in asked]
         applied = [topic for topic in topics if topic.endswith(APPLIED)]
+        # A bag of several bodies has what acted on each beside its pose.
+        applied = [topic for topic in applied if own or not self._distance(topic)] or applied
         if not own and not applied:
             topics = [topic for topic in topics if self.bag.topics[topic].count]
         if topics and not (own or applied):

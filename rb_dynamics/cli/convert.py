@@ -4,10 +4,10 @@ A table has one line per logged sample, with all digits; the wrench commands go 
 the ending of OUT. Of a bag of another program, or of named topics, a table has one line per message: source, topic,
 type, frames, log time, stamp, and the quantities with their units. Several inputs make one table, which says in the
 column run or source what is whose. The scene is the text in the log, which can be run again or edited; with --at S, it
-goes on from the state at S with the same bits. Bags of other
-programs, one or several, become one MCAP file, each message byte for byte; with --from and --to a part. A CSV of
-wrenches (time_ns or time_s, force_x ... torque_z, and topic and frame_id if needed) becomes an MCAP bag for simulate
---wrench. An earlier OUT is replaced.
+goes on from the state at S with the same bits. Bags and logs become one MCAP file, each message byte for byte, with
+--from and --to a part; it is a bag, which replay does not take. A log and one that goes on from it (--at) become the
+log of the whole run. A CSV of wrenches (time_ns or time_s, force_x ... torque_z, and topic and frame_id if needed)
+becomes an MCAP bag for simulate --wrench. An earlier OUT is replaced.
 
 Exit codes: 0 done; 1 some of several inputs could not be read and are left out; 2 bad input.
 """
@@ -124,8 +124,11 @@ def _require_fitting(args: argparse.Namespace, target: Path, way: tuple[str, str
 
 
 def _merged(sources: Sequence[Path], target: Path, window_s: Window) -> Written:
-    from rb_dynamics.sinks.convert import merge_bags
+    from rb_dynamics.sinks.convert import Written, merge_bags
+    from rb_dynamics.study.resume import whole_run
 
+    if len(sources) > 1 and window_s == (None, None) and (samples := whole_run(sources, target)) is not None:
+        return Written(target, samples, "samples of one run")
     written, notes = merge_bags(sources, target, window_s)
     for note in notes:
         print(f"note: {note}", file=sys.stderr)

@@ -1,4 +1,8 @@
-"""`merge`: several bags of other programs as one MCAP file, or a part of one; each message byte for byte."""
+"""`merge`: several bags as one MCAP file, or a part of one; each message byte for byte.
+
+Of logs of this package it makes a bag like any other, with their scenes attached under their names: it is no run, and
+nothing takes it for one.
+"""
 
 from __future__ import annotations
 
@@ -14,14 +18,18 @@ from rb_dynamics.formats.bag_source import Source, open_source
 from rb_dynamics.formats.log_file import LogFile, require_other
 from rb_dynamics.formats.mcap_records import McapChannel, Message, Schema
 from rb_dynamics.formats.mcap_writer import McapWriter
+from rb_dynamics.formats.messages import DIAGNOSTICS, QOS, TRANSFORMS, is_latched
 from rb_dynamics.formats.recovery import Copy
 from rb_dynamics.formats.ros2msg import schema_text
-from rb_dynamics.run.provenance import version
+from rb_dynamics.run.provenance import RUN, SCENE, version
 
 MERGED = "rb_dynamics.merged"
 
-# What holds from whenever it was said, and belongs to every part.
-_LATCHED = "tf_static"
+# What holds from whenever it was said, and belongs to every part, as what is latched does.
+_FIXED = "tf_static"
+
+# Their messages name what they tell of.
+_SHARED = (TRANSFORMS, DIAGNOSTICS)
 
 # Bags further apart are of two clocks or two days, s.
 _FAR = 86400.0
@@ -38,8 +46,8 @@ class Merged:
 def merge(paths: Sequence[Path], target: Path, span_ns: tuple[float, float]) -> Merged:
     """Write the messages of the bags whose log times are within `span_ns` to the MCAP file `target`, by log time.
 
-    Fixed transforms are those of the whole bags. Topics of one name and type become one. What has no definition of its
-    type is left out, since nothing could read it.
+    Fixed transforms, and what else is latched, are those of the whole bags. Topics of one name and type become one.
+    What has no definition of its type is left out, since nothing could read it.
 
     Raises:
         LogError: a bag cannot be read, a topic is of two types, nothing is left, or `target` is one of the bags or
@@ -61,8 +69,7 @@ def _written(paths: Sequence[Path], target: Path, span_ns: tuple[float, float]) 
         types: dict[str, Schema] = {}
         unknown: dict[str, str] = {}
         for number, message in _by_log_time(sources):
-            latched = message.channel.topic.endswith(_LATCHED)
-            if not (latched or span_ns[0] <= message.log_time <= span_ns[1]):
+            if not (_holds(message.channel) or span_ns[0] <= message.log_time <= span_ns[1]):
                 continue
             channel = _defined(message.channel)
             if channel is None:
@@ -84,11 +91,13 @@ def _written(paths: Sequence[Path], target: Path, span_ns: tuple[float, float]) 
                 found.notes.append(f"{source.path} was cut off: what comes later is lost.")
         if not found.messages:
             raise LogError(f"{target}: found no message to write, expected some; give other times, or another bag")
-        copy.finish((), {}, {MERGED: {"sources": ", ".join(source.path.name for source in sources)}})
+        told = {MERGED: {"sources": ", ".join(source.path.name for source in sources)}}
+        copy.finish((), _scenes(sources), told)
     if unknown:
         listed = ", ".join(f"{topic} ({kind})" for topic, kind in sorted(unknown.items()))
         found.notes.append(f"Left out, as the bag does not define their types: {listed}.")
-    found.notes += [*_doubled(spans, paths), *_apart(spans, paths)]
+    alone = {topic: ends for topic, ends in spans.items() if types[topic].name not in _SHARED}
+    found.notes += [*_doubled(alone, paths), *_apart(spans, paths)]
     return found
 
 
@@ -101,6 +110,22 @@ def _by_log_time(sources: Sequence[Source]) -> Iterator[tuple[int, Message]]:
 
     streams = [numbered(number, source) for number, source in enumerate(sources)]
     return heapq.merge(*streams, key=lambda each: each[1].log_time)
+
+
+def _holds(channel: McapChannel) -> bool:
+    return channel.topic.endswith(_FIXED) or is_latched(channel.metadata.get(QOS, ""))
+
+
+def _scenes(sources: Sequence[Source]) -> dict[str, bytes]:
+    """Return the scenes of logs of this package, by the names under which they are attached."""
+    found: dict[str, bytes] = {}
+    for source in sources:
+        if RUN in source.metadata and SCENE in source.attachments:
+            stem = source.path.stem
+            names = (f"{stem}{end}.{SCENE}" for end in ("", *(f".{k}" for k in range(2, len(found) + 2))))
+            name = next(name for name in names if name not in found)
+            found[name] = source.attachments[SCENE]
+    return found
 
 
 def _defined(channel: McapChannel) -> McapChannel | None:

@@ -5,6 +5,7 @@ Log, node and replay all use this encoder. Must not import ROS or touch a file.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from itertools import chain
 from typing import TYPE_CHECKING, Any, cast
@@ -116,6 +117,11 @@ def qos_profile(depth: int, durability: str = "volatile") -> str:
         f"  liveliness: automatic\n  liveliness_lease_duration:{_FOREVER}"
         "  avoid_ros_namespace_conventions: false"
     )
+
+
+def is_latched(qos: str) -> bool:
+    """Return whether a message of a topic holds until the next, by its profile in the words of any rosbag2."""
+    return re.search(r"durability: (?:transient_local|1)\b", qos) is not None
 
 
 def sample_topics(scene: Scene, accel: bool) -> tuple[tuple[str, str], ...]:

@@ -33,7 +33,7 @@ from rb_dynamics.formats.messages import (
     encode_received,
     qos_profile,
 )
-from rb_dynamics.formats.own_log import SampleRow, received_commands, row_columns, rows, scene_and_names
+from rb_dynamics.formats.own_log import SampleRow, logged_scene, received_commands, row_columns, rows, scene_and_names
 from rb_dynamics.formats.ros2msg import TYPE_HASHES, schema_text
 from rb_dynamics.formats.tables import Column, Rows, write_table
 from rb_dynamics.formats.transforms import transforms
@@ -42,7 +42,7 @@ from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.numerics.argument_checks import shown
 from rb_dynamics.numerics.decimals import exact_number, real_number
 from rb_dynamics.numerics.rotation import rotate
-from rb_dynamics.run.provenance import RESULT, RUN, SCENE, version
+from rb_dynamics.run.provenance import EPOCH, RESULT, RUN, SCENE, version
 from rb_dynamics.run.sink import RunInfo, Sample
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.sinks.convert_bag import ORIENTATION, POSITION, Poses, Span, columns_of, quantities_of, table_of
@@ -302,25 +302,51 @@ def log_to_rerun(log: str | Path, target: Path, topics: Sequence[str] = (), wind
 
 
 def merge_bags(paths: Sequence[Path], target: Path, window_s: Window = _WHOLE) -> tuple[Written, list[str]]:
-    """Write bags of other programs, or a part of one, to one MCAP file; returns remarks, too.
+    """Write bags, or a part of one, to one MCAP file, which is a bag and no run; returns remarks, too.
 
-    `window_s` counts from the first message of a motion in any of them.
+    `window_s` counts from the first message of a motion in any of them; with a log of this package, from its time 0.
 
     Raises:
-        LogError: as `merge`, or one is a log of this package.
+        LogError: as `merge`, or two logs of this package have the same topics.
     """
     require_other(target, *paths)
     inputs = list(_looked_through(paths, None, split=False))
-    for each in inputs:
-        if each.own:
-            raise LogError(
-                f"{each.path} is a log of rb_dynamics, which is one run and stays whole, expected bags of other "
-                "programs; write several to one table (.csv, .parquet), or a part of one"
-            )
+    notes = [*_logs_together([each for each in inputs if each.own])]
     moving = [each for each in inputs if _MOTIONS & set(each.kinds.values())] or inputs
-    span = min(moving, key=lambda each: each.motion_ns).span(window_s)
+    span = min(moving, key=lambda each: 0 if each.own else each.motion_ns).span(window_s)
     found = merge(paths, target, span)
-    return Written(target, found.messages, "messages"), found.notes
+    return Written(target, found.messages, "messages"), [*notes, *found.notes]
+
+
+def _logs_together(logs: Sequence[_Input]) -> Iterator[str]:
+    """Yield remarks on logs of this package that become one bag.
+
+    Raises:
+        LogError: two have a topic of motion in common: each begins at time 0, so two bodies would be on it.
+    """
+    if logs:
+        yield "the messages are those of the log, but no run: replay needs the log itself"
+    for one, other in itertools.combinations(logs, 2):
+        common = [topic for topic in one.kinds if one.kinds[topic] in _MOTIONS and topic in other.kinds]
+        if common:
+            raise LogError(
+                f"{one.path} and {other.path} are two runs, both with {common[0]} from time 0 on, expected topics "
+                "of its own for each body: they would look like one body that jumps. Run the nodes in namespaces, or "
+                "write the logs to one table (.csv, .parquet), which says what is of which"
+            )
+        scenes = [logged_scene(each.source.attachments) for each in (one, other)]
+        frames = {scene.frames.body_frame for scene in scenes if scene is not None}
+        if len(frames) == 1 and None not in scenes:
+            yield (
+                f"{one.path} and {other.path} both move the frame {min(frames)} on /tf: viewers show one body there; "
+                "give each its own body.frame"
+            )
+        epochs = [each.source.metadata.get(EPOCH, {}).get("epoch_ns", "") for each in (one, other)]
+        if all(each.isdecimal() for each in epochs) and epochs[0] != epochs[1]:
+            yield (
+                f"time 0 of {other.path} is {(int(epochs[1]) - int(epochs[0])) * 1e-9:.9g} s after that of {one.path} "
+                "by their stamps; log times are those of each run"
+            )
 
 
 def log_to_scene(log: str | Path, target: Path) -> None:

@@ -1,4 +1,4 @@
-"""`scene_at`: a scene that goes on from a time of a log, with the same bits.
+"""`scene_at`: a scene that goes on from a time of a log, with the same bits. `whole_run`: the logs of both as one.
 
 The log is run again up to that time. The new scene begins with the state there, to the last bit, and says in
 `continues` from what run it comes: its first state and the commands until then. When the scene is run, the earlier part
@@ -8,8 +8,9 @@ that of the run.
 
 from __future__ import annotations
 
+import contextlib
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,15 +19,17 @@ import numpy as np
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import LogError, SceneError, WrenchError
 from rb_dynamics.formats.bag_source import open_source
+from rb_dynamics.formats.log_file import require_other
 from rb_dynamics.formats.mcap_records import Message
-from rb_dynamics.formats.messages import SET_STATE
+from rb_dynamics.formats.messages import ACCEL, SET_STATE
 from rb_dynamics.formats.own_log import received_commands, row_columns, rows, scene_and_names
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.numerics.rotation import rotate_inverse
-from rb_dynamics.run.provenance import RESULT
+from rb_dynamics.run.provenance import RESULT, RUN
 from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.scene.model import Past, Scene
 from rb_dynamics.scene.read import parse_scene
+from rb_dynamics.sinks.mcap_sink import LogSettings, McapSink
 
 
 @dataclass(frozen=True)
@@ -99,6 +102,85 @@ def scene_at(log: str | os.PathLike[str], time_ns: int) -> SceneAt:
         "and books begin anew, so that later bits differ"
     )
     return SceneAt(_text(scene, changes), tuple(notes), bool(scene.channels))
+
+
+class _Part:
+    """The log of a part of a run: from `begin_ns` of it on."""
+
+    def __init__(self, path: Path) -> None:
+        source = open_source(path)
+        self.path, self.messages = path, list(source.messages())
+        self.own = RUN in source.metadata
+        if self.own:
+            self.scene, self.names = scene_and_names(source, "made one with others", {})
+            self.begin_ns = self.scene.past.length_ns if self.scene.past else 0
+            self.end_ns = self.scene.end_ns or int(source.metadata.get(RESULT, {}).get("end_time_ns", "0"))
+
+    def samples(self) -> Iterator[tuple[int, dict[str, float]]]:
+        """Yield time (ns of the whole run) and numbers of each sample."""
+        columns = row_columns(self.scene, self.names)
+        for row in rows(self.scene, self.names, iter(self.messages)):
+            yield row.time_ns + self.begin_ns, dict(zip(columns, row.numbers, strict=True))
+
+
+def whole_run(logs: Sequence[Path], target: Path) -> int | None:
+    """Write the log of the whole run of which `logs` are parts, that of the beginning among them; return its samples.
+
+    None, and nothing written, if none of them goes on from another.
+
+    Raises:
+        LogError: they are not of one run: run as one, it comes to other numbers than one of them has; or no scene says
+            what happened in one.
+    """
+    parts = [_Part(path) for path in logs]
+    if not all(part.own for part in parts) or all(part.scene.past is None for part in parts):
+        return None
+    require_other(target, *logs)
+    parts.sort(key=lambda part: part.begin_ns)
+    first, last = parts[0], parts[-1]
+    ends_ns = [*(part.begin_ns for part in parts[1:]), last.begin_ns + last.end_ns]
+    for part, end_ns in zip(parts, ends_ns, strict=True):
+        _require_possible(part.path, part.scene, part.messages, end_ns - part.begin_ns, part.end_ns)
+        if part.scene.sensors:
+            raise LogError(
+                f"{part.path} has sensors, whose noise begins anew in each part, expected none; keep it apart"
+            )
+    scene = parse_scene(first.scene.text, first.scene.source, {"duration": ends_ns[-1] / 1e9})
+    log = McapSink(target, settings=LogSettings(accel=ACCEL[0] in first.names))
+    run = Simulation(scene, [log], {"merged_from": ", ".join(part.path.name for part in parts)})
+    run.start()
+    for part, end_ns in zip(parts, ends_ns, strict=True):
+        for topic, wrench, at in received_commands(part.scene, part.names, iter(part.messages)):
+            if part.begin_ns + at < end_ns or part is last:
+                with contextlib.suppress(WrenchError):
+                    run.post(topic, wrench, part.begin_ns + at)
+    try:
+        run.advance(ends_ns[-1])
+    finally:
+        run.finish()
+    try:
+        return _repeated(_Part(target), parts, ends_ns)
+    except LogError:
+        target.unlink()
+        raise
+
+
+def _repeated(whole: _Part, parts: Sequence[_Part], ends_ns: Sequence[int]) -> int:
+    """Return the samples of a run, which must have the bits of its parts at the times of both.
+
+    Raises:
+        LogError: they differ.
+    """
+    found = dict(whole.samples())
+    for part, end_ns in zip(parts, ends_ns, strict=True):
+        for time_ns, numbers in part.samples():
+            if time_ns <= end_ns and repr(found.get(time_ns, numbers)) != repr(numbers):
+                raise LogError(
+                    f"{part.path} is no part of that run: run as one, it comes to other numbers at "
+                    f"{time_ns / 1e9:.9g} s, expected the same bits; was its body, its solver or its duration changed? "
+                    "compare shows two logs beside each other, and a table (.csv, .parquet) holds both"
+                )
+    return len(found)
 
 
 def _require_possible(path: Path, scene: Scene, messages: Sequence[Message], time_ns: int, last_ns: int) -> None:

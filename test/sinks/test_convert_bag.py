@@ -20,7 +20,14 @@ from foreign_bags import IMU, TF, header, imu, of, pose, transform, transforms, 
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from rb_dynamics.analysis.inspection import inspect
+from rb_dynamics.analysis.read_track import TopicChoice, read_track
+from rb_dynamics.cli import main
+from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.formats.bag_source import open_source
 from rb_dynamics.formats.topic import KEPT
+from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.run.provenance import RUN
 from rb_dynamics.run.simulation import simulate
 from rb_dynamics.scene import parse_scene
 from rb_dynamics.sinks import convert_bag
@@ -28,6 +35,7 @@ from rb_dynamics.sinks.convert import to_table
 from rb_dynamics.sinks.convert_bag import FORCE, QUANTITIES, TORQUE, table_of
 from rb_dynamics.sinks.mcap_sink import McapSink
 from rb_dynamics.sinks.rerun_bag import bag_to_rerun
+from rb_dynamics.study.compare import compare
 
 G = "geometry_msgs/msg/"
 numbers = st.floats(allow_nan=False, width=64)
@@ -214,7 +222,7 @@ def test_the_pose_of_one_frame_in_another(tmp_path: Path) -> None:
     assert command("convert", bag, tmp_path / "a.rrd", "--frames", "map:camera").returncode == 2
 
 
-def test_bags_become_one_file_and_a_log_stays_whole(tmp_path: Path, example_dir: Path) -> None:
+def test_bags_become_one_file_and_a_log_becomes_a_bag(tmp_path: Path, example_dir: Path) -> None:
     log = tmp_path / "run.mcap"
     scene = parse_scene("body: {mass: 1, inertia: {diagonal: [1, 1, 1]}}\nduration: 0.1\n")
     simulate(scene, (), [McapSink(log)])
@@ -224,10 +232,42 @@ def test_bags_become_one_file_and_a_log_stays_whole(tmp_path: Path, example_dir:
     refused = command("convert", log, tmp_path / "samples.csv", "--covariances")
     assert refused.returncode == 2
     assert "samples have no covariances" in refused.stderr
-    refused = command("convert", bag, log, tmp_path / "both.mcap")
-    assert refused.returncode == 2
-    assert "is one run and stays whole" in refused.stderr
-    assert not (tmp_path / "both.mcap").exists()
+    found = command("convert", bag, log, tmp_path / "both.mcap")
+    assert found.returncode == 0
+    assert "no run: replay needs the log itself" in found.stderr
+    both = open_source(tmp_path / "both.mcap")
+    assert sum(1 for _ in both.messages()) == sum(1 for each in (bag, log) for _ in open_source(each).messages())
+    # Nothing takes it for a run; the scene is there all the same.
+    assert (RUN in both.metadata, list(both.attachments)) == (False, ["run.scene.yaml"])
+
+
+def test_logs_of_two_bodies_become_one_bag_if_their_topics_differ(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    logs = [tmp_path / "a.mcap", tmp_path / "b.mcap", tmp_path / "c.mcap"]
+    for log, name, frame in zip(logs, "abb", ("body", "other", "body"), strict=True):
+        body = f"{{frame: {frame}, mass: 1, inertia: {{diagonal: [1, 2, 3]}}}}"
+        text = (
+            f"body: {body}\ninitial: {{angular_velocity_body: [0.1, 1, 0]}}\nwrenches: [{{topic: push}}]\nduration: 1"
+        )
+        push = "push", Wrench((1.0 if name == "a" else 2.0, 0.0, 0.0), stamp_ns=10**8)
+        simulate(parse_scene(text), [push], [McapSink(log, namespace=name)])
+    target = tmp_path / "all.mcap"
+    main(["convert", *map(str, logs[:2]), str(target)])
+    assert capsys.readouterr().err.count("note: ") == 1
+    # What acted on one body is not what acted on the other.
+    track = read_track(read_bag(target), choice=TopicChoice("/b/pose", "/b/twist"))
+    assert [each.topic for each in track.acting] == ["/b/push/applied"]
+    assert not compare(target, logs[1], topics=TopicChoice("/b/pose", "/b/twist")).first_ns
+    main(["convert", str(logs[0]), str(logs[2]), str(target)])
+    assert "both move the frame body on /tf" in capsys.readouterr().err
+    assert main(["convert", *map(str, logs), str(target)]) == 2
+    said = capsys.readouterr().err
+    assert "are two runs, both with /b/pose" in said
+    # A part keeps the mass properties, which were said once, and is whole all the same.
+    main(["convert", str(logs[0]), str(target), "--from", "0.2", "--to", "0.7"])
+    assert read_track(read_bag(target)).body is not None
+    assert all(each.passed for each in inspect(target).summary.checks if "is whole" in each.name)
 
 
 def test_a_recording_of_a_bag(tmp_path: Path, example_dir: Path) -> None:

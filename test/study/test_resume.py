@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from recorded_runs import COMMANDS, SCENE, Flight, coasting, flight, flown
+from recorded_runs import COMMANDS, SCENE, Flight, coasting, flight, flown, fly
 
 import rb_dynamics as rb
 from rb_dynamics.cli import main
@@ -97,6 +97,37 @@ def test_as_a_user_does_it_and_again_from_the_log_of_that(
     assert compared.first_ns is None
     assert compared.samples == 76
     assert (compared.commands, compared.body) == ([], [])
+
+
+def test_the_logs_of_both_become_that_of_the_whole_run(
+    flight: Flight, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    state, again = tmp_path / "state.yaml", tmp_path / "again.yaml"
+    rest, end, whole = tmp_path / "rest.mcap", tmp_path / "end.mcap", tmp_path / "whole.mcap"
+    main(["convert", str(flight.log), str(state), "--at", "0.605"])
+    main(["simulate", str(state), "--wrench", str(flight.log), "--wrench-start", "0.605", "--mcap", str(rest)])
+    main(["convert", str(rest), str(again), "--at", "0.92"])
+    main(["simulate", str(again), "--wrench", str(rest), "--wrench-start", "0.92", "--mcap", str(end)])
+    assert main(["convert", str(end), str(flight.log), str(rest), str(whole)]) == 0
+    assert f"wrote {whole}: 151 samples of one run" in capsys.readouterr().out
+    assert main(["replay", str(whole)]) == 0
+    compared = rb.compare(flight.log, whole)
+    assert (compared.first_ns, compared.commands, compared.samples) == (None, [], 151)
+
+
+def test_another_flight_is_no_part_of_the_run(
+    flight: Flight, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    state, rest, whole = tmp_path / "state.yaml", tmp_path / "rest.mcap", tmp_path / "whole.mcap"
+    other = fly(tmp_path / "other.mcap", SCENE.replace("0.3, -0.4", "0.3, -0.5"))
+    main(["convert", str(other.log), str(state), "--at", "1.5"])
+    main(["simulate", str(state), "--mcap", str(rest)])
+    capsys.readouterr()
+    assert main(["convert", str(flight.log), str(rest), str(whole)]) == 2
+    said = capsys.readouterr().err
+    assert "comes to other numbers at 1.5 s" in said
+    assert said.count("\n") == 1
+    assert not whole.exists()
 
 
 def test_without_later_commands_it_goes_on_with_what_is_held(flown: Callable[..., Flight]) -> None:
