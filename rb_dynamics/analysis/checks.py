@@ -130,8 +130,7 @@ def _damaged(track: Track) -> list[Topic]:
 
 
 def _unread(topic: Topic) -> Check:
-    detail = f"{len(topic.damaged)} of {topic.count} messages are cut short or damaged, the first is number "
-    return Check(f"{topic.name} is whole", False, f"{detail}{topic.damaged[0] + 1}")
+    return Check(f"{topic.name} is whole", False, topic.unread)
 
 
 def _late(series: TimeSeries, track: Track) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from rb_dynamics.analysis.track import LARGEST, Array, Times, unit_rows
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_reader import Bag
-from rb_dynamics.formats.messages import TRANSFORM
+from rb_dynamics.formats.messages import TRANSFORM, TRANSFORMS
 from rb_dynamics.formats.topic import Topic
 from rb_dynamics.numerics.rotation_arrays import interpolated, product, rotate_all, rotate_all_inverse
 
@@ -94,8 +94,8 @@ def _path(bag: Bag, known: dict[tuple[str, str], Topic], world: str, body: str) 
                     waiting.append(end)
     if found := reached.get(body):
         return found
-    if bag.faults:
-        raise next(iter(bag.faults.values()))
+    if faults := [topic.error for topic in bag.topics.values() if topic.type_name == TRANSFORMS and topic.error]:
+        raise faults[0]
     listed = ", ".join(f"{parent}:{child}" for parent, child in sorted(known))
     remedy = f"there are {listed}: name two of these frames" if listed else "it has none at all: name a topic of a pose"
     raise LogError(

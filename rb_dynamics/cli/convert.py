@@ -9,7 +9,8 @@ goes on from the state at S with the same bits. Bags and logs become one MCAP fi
 log of the whole run. A CSV of wrenches (time_ns or time_s, force_x ... torque_z, and topic and frame_id if needed)
 becomes an MCAP bag for simulate --wrench. An earlier OUT is replaced.
 
-Exit codes: 0 done; 1 some of several inputs could not be read and are left out; 2 bad input.
+Exit codes: 0 done; 1 what could not be read, some of several inputs or some messages, is left out and named; 2 bad
+input.
 """
 
 from __future__ import annotations
@@ -27,8 +28,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from pathlib import Path
 
-    from rb_dynamics.sinks.convert import Skip, Window, Written
-    from rb_dynamics.sinks.convert_bag import Poses
+    from rb_dynamics.sinks.convert import Window, Written
+    from rb_dynamics.sinks.convert_bag import Poses, Skip
 
 _TABLES = (("log", ".csv"), ("log", ".parquet"))
 
@@ -59,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Convert; exit code 0, or 1 if one of several logs could not be read."""
+    """Convert; exit code 0, or 1 if a log of several or a message could not be read."""
     from pathlib import Path
 
     from rb_dynamics.errors import LogError
@@ -82,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
     elif way in _TABLES:
         written = convert.to_table(sources, target, args.topics, skip, window, args.covariances)
     elif way == ("log", ".rrd"):
-        written = [convert.Written(target, convert.log_to_rerun(source, target, args.topics, window), "rows")]
+        written = [convert.Written(target, convert.log_to_rerun(source, target, args.topics, window, skip), "rows")]
     elif way in (("log", ".yaml"), ("log", ".yml")) and args.at is not None:
         return _scene_at(source, target, args.at)
     elif way in (("log", ".yaml"), ("log", ".yml")):
@@ -150,6 +151,9 @@ def _poses(
         try:
             bag = read_bag(path)
             pose = pose_between(bag, *frames)
+            used = {name.partition(" ")[0] for name in pose.topics}
+            for topic in (each for each in bag.topics.values() if each.name in used and each.damaged):
+                skip(path, LogError(f"{path}: topic {topic.name}: {topic.unread}"))
         except LogError as error:
             if number == len(sources) - 1 and not found:
                 raise

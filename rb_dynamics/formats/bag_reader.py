@@ -63,7 +63,6 @@ class Bag:
         whole: the file itself has its end, which a recovered one has too.
         boundaries: where one file ends and the next begins, of several in which nothing is missing between the two.
         pairs: names of the topics that are a pair of frames.
-        faults: why the transforms of a topic cannot be read, by its name.
         cut: a part of what was recorded was taken out of it.
 
     Each pair of frames on a topic of TFMessage is a topic of its own too, named "/tf PARENT:CHILD", of
@@ -78,7 +77,6 @@ class Bag:
     whole: bool = True
     boundaries: tuple[FileBoundary, ...] = ()
     pairs: set[str] = field(default_factory=set)
-    faults: dict[str, LogError] = field(default_factory=dict)
     cut: bool = False
 
     @property
@@ -182,13 +180,12 @@ def read_bag(path: str | os.PathLike[str], repeated: bool = True) -> Bag:
     for block in file.blocks():
         topic = _topic_of(bag, block.channel, repeated)
         topic.take(block)
-        if topic.type_name == TRANSFORMS and RUN not in bag.metadata and topic.name not in bag.faults:
-            try:
-                for part in transforms(block):
-                    _topic_of(bag, part.channel, repeated).take(part)
-                    bag.pairs.add(part.channel.topic)
-            except LogError as error:
-                bag.faults[topic.name] = error
+        if topic.type_name == TRANSFORMS and RUN not in bag.metadata:
+            found = transforms(block)
+            topic.lose(found.damaged, found.error)
+            for part in found.blocks:
+                _topic_of(bag, part.channel, repeated).take(part)
+                bag.pairs.add(part.channel.topic)
     for channel in file.channels.values():
         _topic_of(bag, channel, repeated)
     alike: dict[tuple[int, ...], Times] = {}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from array import array
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -68,6 +69,7 @@ class Topic:
         count: messages.
         messages: the bytes of each message, of DiagnosticArray alone: what is not kept as numbers.
         damaged: rows of messages that are cut short or not CDR: their numbers are NaN, their stamps the log times.
+        error: what is wrong with the first of them; None if there are none.
     """
 
     def __init__(
@@ -96,7 +98,7 @@ class Topic:
         self._times: list[Times] = []
         # Content of messages of which the numbers are not taken yet; rows of one array are of one length.
         self._waiting: list[Bytes] = []
-        self._error: LogError | None = None
+        self.error: LogError | None = None
         # Stamps are mostly the log times: they are kept apart from the first on that is not.
         self._stamps: array[int] | None = None
         self._numbers = array("d")
@@ -107,12 +109,23 @@ class Topic:
         """Add messages."""
         self._times.append(block.log_times)
         self.count += len(block.log_times)
-        if self._fields and (self._error is None or self._bears):
+        if self._fields and (self.error is None or self._bears):
             self._waiting += block.rows()
             if self.count - len(self._numbers) // self._width >= _BATCH:
                 self._take()
         elif self.type_name == DIAGNOSTICS:
             self.messages += [row.tobytes() for rows in block.rows() for row in rows]
+
+    def lose(self, rows: Sequence[int], error: LogError | None) -> None:
+        """Count as damaged these rows of the block that was added last; of a type whose numbers are not kept here."""
+        begin = self.count - len(self._times[-1])
+        self.damaged += [begin + row for row in rows]
+        self.error = self.error or (error and LogError(f"topic {self.name}: {error}"))
+
+    @property
+    def unread(self) -> str:
+        """How many of its messages are damaged, and which is the first, as text."""
+        return unread_words(len(self.damaged), self.count, self.damaged[0])
 
     def join(self, alike: dict[tuple[int, ...], Times]) -> None:
         """Put the log times into one array, that of another topic in `alike` where it has the same blocks of times."""
@@ -208,15 +221,15 @@ class Topic:
         """
         if self._waiting:
             self._take()
-        if self._error is not None and (not self._bears or len(self.damaged) == self.count):
-            raise self._error
+        if self.error is not None and (not self._bears or len(self.damaged) == self.count):
+            raise self.error
 
     def _take(self) -> None:
         waiting, self._waiting = self._waiting, []
         try:
             stamps, numbers, texts = _alike(self.type_name, self._fields, waiting) or self._one_by_one(waiting)
         except LogError as error:
-            self._error = LogError(f"topic {self.name}: {error}")
+            self.error = LogError(f"topic {self.name}: {error}")
             return
         begin = len(self._numbers) // self._width
         if self.stamped:
@@ -251,13 +264,18 @@ class Topic:
             except LogError as error:
                 if not self._bears:
                     raise
-                self._error = self._error or LogError(f"topic {self.name}: {error}")
+                self.error = self.error or LogError(f"topic {self.name}: {error}")
                 self.damaged.append(begin + k)
                 continue
             stamps[k] = row[0] if self.stamped else 0
             numbers[k] = [*itertools.chain.from_iterable(row[field] for field in self._fields)]
             texts.append((k, tuple(value for value in row if isinstance(value, str))))
         return stamps, numbers, texts
+
+
+def unread_words(damaged: int, count: int, first: int) -> str:
+    """Return how many of `count` messages are damaged, and which is the first, as text; rows count from 0."""
+    return f"{damaged} of {count} messages are cut short or damaged, the first is number {first + 1}"
 
 
 def _alike(

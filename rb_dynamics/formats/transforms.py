@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.mcap_records import Block, McapChannel, Schema
 from rb_dynamics.formats.messages import TRANSFORM
@@ -16,22 +17,41 @@ _NUMBERS = 56
 _Rows: TypeAlias = tuple[NDArray[np.intp], NDArray[np.uint8]]
 
 
-def transforms(block: Block) -> list[Block]:
-    """Return the transforms in a block of TFMessage, one block for each pair of frames, on the topic "/tf world:base".
+class Transforms(NamedTuple):
+    """What a block of TFMessage tells.
+
+    Attributes:
+        blocks: one for each pair of frames, on the topic "/tf world:base".
+        damaged: rows of messages that are cut short or not CDR, ascending.
+        error: what is wrong with one of them; None if `damaged` is empty.
+    """
+
+    blocks: list[Block]
+    damaged: list[int]
+    error: LogError | None
+
+
+def transforms(block: Block) -> Transforms:
+    """Return the transforms in a block of TFMessage.
 
     Messages of one publisher mostly differ in stamps and numbers alone, and are taken together.
-
-    Raises:
-        LogError: a message is cut short or not CDR.
     """
     found: dict[tuple[str, str], list[_Rows]] = {}
+    damaged: list[int] = []
+    wrong: LogError | None = None
     lengths = block.ends - block.begins
     for length in np.unique(lengths):
         left = np.flatnonzero(lengths == length)
         raw = block.data[block.begins[left][:, None] + np.arange(length)]
         while len(left):
             first = raw[0].tobytes()
-            places = cdr.transform_places(first)
+            try:
+                places = cdr.transform_places(first)
+            except LogError as error:
+                damaged.append(int(left[0]))
+                wrong = wrong or error
+                left, raw = left[1:], raw[1:]
+                continue
             same = np.ones(length, dtype=bool)
             for stamp_at, _, _, at in places:
                 same[stamp_at : stamp_at + 8] = same[at : at + _NUMBERS] = False
@@ -40,7 +60,7 @@ def transforms(block: Block) -> list[Block]:
                 rows = _messages(raw[alike], stamp_at, frame, child, at, "<" if first[1] else ">")
                 found.setdefault((frame, child), []).append((left[alike], rows))
             left, raw = left[~alike], raw[~alike]
-    return [_block(block, *pair, parts) for pair, parts in found.items()]
+    return Transforms([_block(block, *pair, parts) for pair, parts in found.items()], sorted(damaged), wrong)
 
 
 def _messages(raw: NDArray[np.uint8], stamp_at: int, frame: str, child: str, at: int, order: str) -> NDArray[np.uint8]:

@@ -11,7 +11,7 @@ import csv
 import itertools
 import logging
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -45,7 +45,7 @@ from rb_dynamics.numerics.rotation import rotate
 from rb_dynamics.run.provenance import EPOCH, RESULT, RUN, SCENE, version
 from rb_dynamics.run.sink import RunInfo, Sample
 from rb_dynamics.scene.model import Scene
-from rb_dynamics.sinks.convert_bag import ORIENTATION, POSITION, Poses, Span, columns_of, quantities_of, table_of
+from rb_dynamics.sinks.convert_bag import ORIENTATION, POSITION, Poses, Skip, Span, columns_of, quantities_of, table_of
 
 _logger = logging.getLogger(__name__)
 
@@ -88,8 +88,6 @@ class Written(NamedTuple):
     rows: int
     what: str
 
-
-Skip = Callable[[Path, LogError], None]
 
 Window = tuple[float | None, float | None]
 """First and last time, s; None: from the start, or to the end."""
@@ -146,7 +144,8 @@ def to_table(
         paths: the logs or bags.
         target: the table.
         topics: names of topics; all, if empty.
-        skip: told of each log of several that cannot be read, with the reason; without it that is an error.
+        skip: told of each log of several, and of each topic with messages, that cannot be read, with the reason;
+            without it that is an error.
         window_s: the part of the time that is wanted: simulation time, or since the first message of a motion.
         covariances: of messages, whether they are wanted, too.
 
@@ -176,7 +175,7 @@ def to_table(
     kinds = {topic: kind for each in inputs for topic, kind in each.kinds.items()}
     quantities = quantities_of(kinds, ", ".join(str(each.path) for each in inputs), topics, covariances)
     spans = {each.path: each.span(window_s) for each in inputs}
-    blocks = table_of([each.path for each in inputs], quantities, topics, spans)
+    blocks = table_of([each.path for each in inputs], quantities, topics, spans, skip)
     return [Written(target, write_table(target, columns_of(quantities), blocks), "messages")]
 
 
@@ -204,7 +203,7 @@ def _looked_through(paths: Sequence[str | Path], skip: Skip | None, split: bool)
                 moves, begin_ns = kind in _MOTIONS, int(block.log_times.min())
                 first[moves] = min(first.get(moves, begin_ns), begin_ns)
                 if kind == TRANSFORMS and (split or RUN not in source.metadata):
-                    kinds |= {part.channel.topic: TRANSFORM for part in transforms(block)}
+                    kinds |= {part.channel.topic: TRANSFORM for part in transforms(block).blocks}
         except LogError as error:
             if skip is None or (number == len(paths) - 1 and not found):
                 raise
@@ -266,8 +265,12 @@ def _unit(name: str) -> str:
     return next((unit for begin, unit in _UNITS.items() if name.startswith(begin)), "")
 
 
-def log_to_rerun(log: str | Path, target: Path, topics: Sequence[str] = (), window_s: Window = _WHOLE) -> int:
+def log_to_rerun(
+    log: str | Path, target: Path, topics: Sequence[str] = (), window_s: Window = _WHOLE, skip: Skip | None = None
+) -> int:
     """Write a log as a Rerun recording; returns the samples, of a bag of another program the messages.
+
+    `skip` is told of each topic of a bag with messages that cannot be read; without it that is an error.
 
     Raises:
         LogError: `log` has nothing to show, or `target` is `log` itself or cannot be written.
@@ -280,7 +283,7 @@ def log_to_rerun(log: str | Path, target: Path, topics: Sequence[str] = (), wind
     (found,) = _looked_through([log], None, bool(topics))
     if topics or not found.own:
         quantities_of(found.kinds, str(found.path), topics)
-        return bag_to_rerun(found.path, target, topics, found.span(window_s))
+        return bag_to_rerun(found.path, target, topics, found.span(window_s), skip)
     source = found.source
     scene, names = scene_and_names(source, _TO_CONVERT)
     facts = source.metadata[RUN]

@@ -6,8 +6,9 @@ with its unit at the end of its name. What a message does not have is empty. Mem
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -39,7 +40,7 @@ from rb_dynamics.formats.messages import (
     WRENCH,
 )
 from rb_dynamics.formats.tables import Column, Rows
-from rb_dynamics.formats.topic import Times, Topic, Values
+from rb_dynamics.formats.topic import Times, Topic, Values, unread_words
 from rb_dynamics.formats.transforms import transforms
 
 # Rows that are sorted by log time and written together.
@@ -179,8 +180,34 @@ class Span(NamedTuple):
 ALL = Span()
 
 
+Skip = Callable[[Path, LogError], None]
+"""Is told what is left out of which file, and why."""
+
+
+@dataclass
+class _Unread:
+    """The messages of one topic that cannot be read, among those met so far: their number, the first, what is wrong."""
+
+    met: int = 0
+    damaged: int = 0
+    first: int = 0
+    error: LogError | None = None
+
+    def add(self, log_times: Times, rows: Sequence[int], error: LogError | None, span: Span) -> None:
+        """Count the messages of one block, of which these rows are damaged; those outside of `span` are not wanted."""
+        rows = [row for row in rows if int(log_times[row]) in span]
+        if rows and not self.damaged:
+            self.first, self.error = self.met + rows[0], error
+        self.damaged += len(rows)
+        self.met += len(log_times)
+
+
 def messages_of(
-    path: Path, topics: Sequence[str] = (), span: Span = ALL, covariances: bool = False
+    path: Path,
+    topics: Sequence[str] = (),
+    span: Span = ALL,
+    covariances: bool = False,
+    skip: Skip | None = None,
 ) -> Iterator[Messages]:
     """Yield the messages of a bag that have quantities, in blocks of one topic.
 
@@ -189,30 +216,65 @@ def messages_of(
         topics: names of those that are wanted; all, if empty.
         span: log times that are wanted.
         covariances: whether they are wanted, too.
+        skip: told, at the end, of each topic with damaged messages, which are left out; without it, or if no other
+            message is wanted, they are an error.
 
     Raises:
-        LogError: the bag cannot be read, or a message is damaged.
+        LogError: the bag cannot be read, or a message, see `skip`.
     """
-    wanted = {name.lstrip("/") for name in topics}
+    wanted, found = {name.lstrip("/") for name in topics}, False
+    unread: dict[str, _Unread] = {}
     for block in open_source(path).blocks():
-        kind = named_type(block.channel)
-        for part in transforms(block) if kind == TRANSFORMS else [block]:
-            kind = named_type(part.channel)
-            if kind in QUANTITIES and (not wanted or part.channel.topic.lstrip("/") in wanted):
-                found = _messages(part, kind, covariances)
-                yield found if span == ALL else _within(found, span)
+        parts, name = [block], block.channel.topic
+        if named_type(block.channel) == TRANSFORMS:
+            parts, rows, error = transforms(block)
+            if not wanted or any(each.startswith(f"{name.lstrip('/')} ") for each in wanted):
+                unread.setdefault(name, _Unread()).add(block.log_times, rows, error, span)
+        for part in parts:
+            kind, name = named_type(part.channel), part.channel.topic
+            if kind in QUANTITIES and (not wanted or name.lstrip("/") in wanted):
+                whole = _taken(part, kind)
+                unread.setdefault(name, _Unread()).add(part.log_times, whole.damaged, whole.error, span)
+                if len(whole.damaged) < whole.count:
+                    messages = _within(_messages(part, whole, covariances), span)
+                    found = found or bool(len(messages.log_times))
+                    yield messages
+        if skip is None:
+            _refuse(unread)
+    if not found:
+        _refuse(unread)
+    for name, lost in unread.items():
+        if skip is not None and lost.damaged:
+            skip(path, LogError(f"{path}: topic {name}: {unread_words(lost.damaged, lost.met, lost.first)}"))
 
 
-def _messages(block: Block, kind: str, covariances: bool) -> Messages:
-    topic = Topic(block.channel.topic, kind)
+def _refuse(unread: Mapping[str, _Unread]) -> None:
+    """Raise the error of the first topic that has one."""
+    for each in unread.values():
+        if each.error is not None:
+            raise each.error
+
+
+def _taken(block: Block, kind: str, fields: tuple[int, ...] | None = None) -> Topic:
+    """Return the messages of a block as arrays, with what is damaged among them counted."""
+    topic = Topic(block.channel.topic, kind, bears=True, fields=fields)
     topic.take(block)
+    with contextlib.suppress(LogError):
+        _ = topic.numbers
+    return topic
+
+
+def _messages(block: Block, whole: Topic, covariances: bool) -> Messages:
+    """Return those messages of a block that can be read."""
+    kind, readable = whole.type_name, np.ones(whole.count, dtype=bool)
+    readable[whole.damaged] = False
+    topic = whole.only(readable) if whole.damaged else whole
     stamps, numbers, texts = topic.stamps, topic.numbers, topic.texts
     values = {quantity: numbers[:, begin : begin + len(quantity.axes)].copy() for quantity, begin in QUANTITIES[kind]}
     if covariances and kind in _COVARIANCES:
         parts, fields = _COVARIANCES[kind]
-        spread = Topic(block.channel.topic, kind, fields=fields)
-        spread.take(block)
-        values |= zip(parts, np.split(spread.numbers.copy(), len(parts), axis=1), strict=True)
+        spread = _taken(block, kind, fields).numbers[readable]
+        values |= zip(parts, np.split(spread, len(parts), axis=1), strict=True)
     if kind == IMU:
         for quantity, said in _MEASURED.items():
             for part in (quantity, _IMU_COVARIANCES[quantity]):
@@ -229,6 +291,8 @@ def _messages(block: Block, kind: str, covariances: bool) -> Messages:
 
 
 def _within(found: Messages, span: Span) -> Messages:
+    if span == ALL:
+        return found
     rows = (found.log_times >= span.first_ns) & (found.log_times <= span.last_ns)
     return replace(
         found,
@@ -270,23 +334,31 @@ def quantities_of(
 
 
 def table_of(
-    bags: Iterable[Path],
+    bags: Sequence[Path],
     quantities: Sequence[Quantity],
     topics: Sequence[str] = (),
     spans: Mapping[Path, Span] = MappingProxyType({}),
+    skip: Skip | None = None,
 ) -> Iterator[Rows]:
     """Yield the rows of a table of bags, one for each message, by log time within each block.
 
-    `spans` says which log times are wanted of a bag; all, if it does not.
+    `spans` says which log times are wanted of a bag; all, if it does not. `skip`: see `messages_of`; it is told of each
+    bag of several of which nothing can be read, too.
     """
+    some = False
     covariances = any(quantity in parts for parts, _ in _COVARIANCES.values() for quantity in quantities)
     for path in bags:
         waiting: list[Messages] = []
-        for each in messages_of(path, topics, spans.get(path, ALL), covariances):
-            waiting += [each] if len(each.log_times) else []
-            if sum(len(part.log_times) for part in waiting) >= _ROWS:
-                yield _rows(str(path), waiting, quantities)
-                waiting = []
+        try:
+            for each in messages_of(path, topics, spans.get(path, ALL), covariances, skip):
+                some, waiting = True, waiting + ([each] if len(each.log_times) else [])
+                if sum(len(part.log_times) for part in waiting) >= _ROWS:
+                    yield _rows(str(path), waiting, quantities)
+                    waiting = []
+        except LogError as error:
+            if skip is None or (path == bags[-1] and not some):
+                raise
+            skip(path, error)
         if waiting:
             yield _rows(str(path), waiting, quantities)
 

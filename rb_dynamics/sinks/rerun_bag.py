@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rb_dynamics.errors import LogError, MissingExtraError
 from rb_dynamics.formats.log_file import make_folder, require_other
 from rb_dynamics.sinks.appearance import BLUE, GREEN, GREY, RED
-from rb_dynamics.sinks.convert_bag import ALL, ORIENTATION, POSITION, Messages, Quantity, Span, messages_of
+from rb_dynamics.sinks.convert_bag import ALL, ORIENTATION, POSITION, Messages, Quantity, Skip, Span, messages_of
 from rb_dynamics.sinks.thinning import Polyline
 
 if TYPE_CHECKING:
@@ -24,8 +24,10 @@ PATH_POINTS = 8192
 _DATES_NS = 10**17
 
 
-def bag_to_rerun(bag: Path, target: Path, topics: Sequence[str] = (), span: Span = ALL) -> int:
-    """Write the messages of a bag as a Rerun recording; returns their number.
+def bag_to_rerun(
+    bag: Path, target: Path, topics: Sequence[str] = (), span: Span = ALL, skip: Skip | None = None
+) -> int:
+    """Write the messages of a bag as a Rerun recording; returns their number. `skip`: see `messages_of`.
 
     Raises:
         LogError: the bag has nothing to show, or a file cannot be read or written.
@@ -43,7 +45,7 @@ def bag_to_rerun(bag: Path, target: Path, topics: Sequence[str] = (), span: Span
         stream.save(target)
         stream.send_recording_name(bag.name)
         recorder = _Recorder(bag, stream)
-        for messages in messages_of(bag, topics, span):
+        for messages in messages_of(bag, topics, span, skip=skip):
             recorder.take(messages)
         recorder.end()
         stream.flush()

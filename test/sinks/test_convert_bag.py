@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import csv
+import importlib.util
 import math
 import struct
 import tempfile
 import tracemalloc
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,14 +17,17 @@ import pytest
 
 pytest.importorskip("rosbags")
 
+from bag_rows import write_rows
 from command_line import command
-from foreign_bags import IMU, TF, header, imu, of, pose, transform, transforms, twist, write_bag
+from foreign_bags import IMU, STORE, TF, header, imu, of, pose, transform, transforms, twist, write_bag
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rb_dynamics.analysis.inspection import inspect
 from rb_dynamics.analysis.read_track import TopicChoice, read_track
 from rb_dynamics.cli import main
+from rb_dynamics.errors import LogError
+from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.formats.bag_source import open_source
 from rb_dynamics.formats.topic import KEPT
@@ -170,6 +175,60 @@ def test_named_topics_alone(tmp_path: Path, example_dir: Path) -> None:
     assert "found no topic nowhere" in found.stderr
     assert "/truth/pose (geometry_msgs/msg/PoseStamped)" in found.stderr
     assert command("convert", bag, tmp_path / "scene.yaml", "--pose-topic", "/truth/pose").returncode == 2
+
+
+def damaged_bag(path: Path, bad: Sequence[int], count: int = 60) -> Path:
+    """Return a bag of poses with covariances and transforms, of which the messages `bad` of each topic are cut."""
+    kind, spread = f"{G}PoseWithCovarianceStamped", (0.0,) * 36
+    rows = []
+    for k in range(count):
+        row = (0.1 * k, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+        moved = STORE.serialize_cdr(transforms([transform(k, "map", "base", row)]), TF)
+        for topic, name, data in (("/pose", kind, cdr.encode(kind, k, "map", row, spread)), ("/tf", TF, moved)):
+            rows.append((topic, name, k, bytes(data)[:50] if k in bad else bytes(data)))
+    return write_rows(path, rows, chunk_size=2000)
+
+
+@pytest.mark.parametrize("bad", [(0,), (7, 8, 9, 10, 11, 12, 13, 14, 15), (59,)])
+def test_damaged_messages_are_left_out_and_named(tmp_path: Path, bad: tuple[int, ...]) -> None:
+    """As `inspect` does, in every format, whatever their number in a chunk of the file."""
+    bag, target = damaged_bag(tmp_path / "bag.mcap", bad), tmp_path / "out.csv"
+    left = f"{len(bad)} of 60 messages are cut short or damaged, the first is number {bad[0] + 1}\n"
+    found = command("convert", bag, target, "--covariances")
+    assert found.returncode == 1
+    for topic in ("/pose", "/tf"):
+        assert f"rb-dynamics: left out: {bag}: topic {topic}: {left}" in found.stderr
+    with target.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    good = [k for k in range(60) if k not in bad]
+    for topic in ("/pose", "/tf map:base"):
+        shown = [(int(row["stamp_ns"]), float(row["position_x_m"])) for row in rows if row["topic"] == topic]
+        assert shown == [(k, 0.1 * k) for k in good]
+    found = command("convert", bag, target, "--frames", "map:base")
+    assert (found.returncode, found.stderr) == (1, f"rb-dynamics: left out: {bag}: topic /tf: {left}")
+    assert len(target.read_text().splitlines()) == 1 + len(good)
+    found = command("convert", bag, target, "--pose-topic", "/pose", "--from", "0", "--to", "3e-9")
+    assert found.returncode == (bad[0] <= 3)
+    with pytest.raises(LogError, match="ends after 50 bytes"):
+        to_table([bag], target)
+    found = command("inspect", bag)
+    assert [f"{topic} is whole: " in found.stdout for topic in ("/pose", "/tf")] == [True, True]
+    assert found.stdout.count(left) == 2
+    if importlib.util.find_spec("rerun"):
+        found = command("convert", bag, tmp_path / "out.rrd")
+        assert (found.returncode, found.stdout) == (1, f"wrote {tmp_path / 'out.rrd'}: {2 * len(good)} rows\n")
+        assert left in found.stderr
+
+
+def test_a_bag_of_which_no_message_can_be_read_is_refused(tmp_path: Path) -> None:
+    bag, target = damaged_bag(tmp_path / "bad.mcap", range(60)), tmp_path / "out.csv"
+    found = command("convert", bag, target)
+    assert found.returncode == 2
+    assert "ends after 50 bytes" in found.stderr
+    good = damaged_bag(tmp_path / "good.mcap", ())
+    found = command("convert", good, bag, target)
+    assert (found.returncode, len(target.read_text().splitlines())) == (1, 121)
+    assert "left out: topic /" in found.stderr
 
 
 @pytest.mark.parametrize("sqlite", [False, True])
