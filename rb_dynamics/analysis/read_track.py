@@ -37,12 +37,15 @@ class TopicChoice:
         twist: topic of the twist.
         wrenches: topics of the wrenches.
         frames: the pose is that of the second frame in the first, from /tf and /tf_static.
+        alone: of the motion, only what these topics tell counts: the twist of an Odometry whose pose is chosen, but not
+            what another topic tells.
     """
 
     pose: str = ""
     twist: str = ""
     wrenches: tuple[str, ...] = ()
     frames: tuple[str, str] | None = None
+    alone: bool = False
 
 
 def read_track(bag: Bag, scene: Scene | None = None, choice: TopicChoice | None = None) -> Track:
@@ -112,7 +115,9 @@ class _TrackReader:
         if pose is None and twist is None and not wrenches:
             raise self._nothing()
         body, body_from = self._body()
-        logged = [self._vector("angular_momentum"), self._vector("linear_momentum"), self._scalar("energy/kinetic")]
+        logged: list[TimeSeries | None] = [None, None, None]
+        if not self.choice.alone:
+            logged = [self._vector("angular_momentum"), self._vector("linear_momentum"), self._scalar("energy/kinetic")]
         angular, linear, kinetic = logged
         momenta_from = "the log" if any(logged) else ""
         if not momenta_from and pose and twist and body:
@@ -155,6 +160,10 @@ class _TrackReader:
 
     def _pose(self) -> TimeSeries | None:
         frames, topic = self.choice.frames, self.choice.pose
+        if frames is None and not topic and self.choice.alone:
+            topic = self._also(self.choice.twist, (*POSES, *IMUS))
+            if not topic:
+                return None
         if frames is None and not topic:
             topic = self._best(("pose", "odom"), POSES)
             if not topic:
@@ -177,7 +186,11 @@ class _TrackReader:
         return self._read("pose", topic, self.bag.poses)
 
     def _twist(self) -> TimeSeries | None:
-        topic = self.choice.twist or self._best(("twist", "odom"), TWISTS) or self._best(("imu",), IMUS)
+        topic = self.choice.twist
+        if self.choice.alone:
+            topic = topic or self._also(self.choice.pose, (*TWISTS, *IMUS))
+        else:
+            topic = topic or self._best(("twist", "odom"), TWISTS) or self._best(("imu",), IMUS)
         if not topic:
             return None
         topic = self._given(topic, (*TWISTS, *IMUS), "--twist-topic")
@@ -201,6 +214,11 @@ class _TrackReader:
             if topics:
                 return min(topics, key=lambda name: (self._distance(name), not name.endswith(tuple(names)), name))
         return ""
+
+    def _also(self, name: str, types: Sequence[str]) -> str:
+        """Return the topic called `name`, chosen for something else, if it is of one of `types`, too; else ""."""
+        found = next((t for t in self.bag.topics.values() if t.name.lstrip("/") == name.lstrip("/")), None)
+        return found.name if found is not None and found.type_name in types else ""
 
     def _given(self, name: str, types: Sequence[str], option: str) -> str:
         """Return the topic called `name`, with or without its first slash.

@@ -1,6 +1,7 @@
 """Compare two flights: logs of this package, bags of other programs, or a scene flown under the commands of a bag.
 
   compare A.mcap B.mcap              two recordings
+  compare BAG BAG --pose-topic /odom --pose-topic /mocap   two topics of one bag
   compare SCENE.yaml BAG             the scene, flown under the commands of BAG, against the motion in BAG
   compare BAG --scene SCENE          likewise; with two recordings, --scene gives body and frames of bags without them
 
@@ -18,7 +19,7 @@ from decimal import Decimal
 
 from rb_dynamics.cli.parser import add_window
 from rb_dynamics.cli.scene import add_start_and_topics, mapping_of
-from rb_dynamics.cli.topics import add_topics, chosen_topics
+from rb_dynamics.cli.topics import add_topics, topics_of_two
 from rb_dynamics.numerics.option_types import real
 
 HELP = "compare two flights, or a scene with a recording"
@@ -39,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     add_window(parser, "compare")
     add_start_and_topics(parser, "of a scene that is flown: ")
-    add_topics(parser)
+    add_topics(parser, "; given twice: of A and of B")
     parser.add_argument(
         "--html", metavar="F", help="write a page with both motions and their differences (extra: plot)"
     )
@@ -78,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
         end_s=args.to_s,
         wrench_start="auto" if args.wrench_start is None else args.wrench_start,
         mapping=mapping_of(args),
-        topics=chosen_topics(args),
+        topics=topics_of_two(args),
     )
     encoding = sys.stdout.encoding or "utf-8"
     text = json.dumps(found.as_dict(), allow_nan=False) if args.json else as_text(found)

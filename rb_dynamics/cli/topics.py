@@ -9,32 +9,51 @@ if TYPE_CHECKING:
     from rb_dynamics.analysis.read_track import TopicChoice
 
 
-def add_topics(parser: argparse.ArgumentParser) -> None:
-    """Add the options; without them topics are found by type and name; `compare` applies them to foreign bags."""
+def add_topics(parser: argparse.ArgumentParser, of_two: str = "") -> None:
+    """Add the options; without them topics are found by type and name. `of_two` says what a second one is for."""
+    action = "append" if of_two else "store"
     parser.add_argument(
-        "--pose-topic", metavar="TOPIC", help="topic of the pose: PoseStamped, Odometry, TransformStamped, Imu, ..."
-    )
+        "--pose-topic", metavar="TOPIC", action=action,
+        help="topic of the pose: PoseStamped, Odometry, TransformStamped, Imu, ..." + of_two,
+    )  # fmt: skip
     parser.add_argument(
-        "--twist-topic", metavar="TOPIC", help="topic of the velocities: TwistStamped, Odometry, Imu, ..."
-    )
+        "--twist-topic", metavar="TOPIC", action=action,
+        help="topic of the velocities: TwistStamped, Odometry, Imu, ..." + of_two,
+    )  # fmt: skip
     parser.add_argument(
         "--wrench-topic", metavar="TOPIC", action="append", default=[], help="topic of a wrench; may be repeated"
     )
-    add_frames(parser, "take the pose of the frame BODY in WORLD from /tf")
+    add_frames(parser, "take the pose of the frame BODY in WORLD from /tf" + of_two, action)
 
 
-def add_frames(parser: argparse.ArgumentParser, text: str) -> None:
+def add_frames(parser: argparse.ArgumentParser, text: str, action: str = "store") -> None:
     """Add `--frames` with the help `text`."""
-    parser.add_argument("--frames", metavar="WORLD:BODY", type=_frames, help=text)
+    parser.add_argument("--frames", metavar="WORLD:BODY", type=_frames, action=action, help=text)
 
 
 def chosen_topics(args: argparse.Namespace) -> TopicChoice:
     """Return what the options say."""
+    return _choice(args, args.pose_topic, args.twist_topic, args.frames)
+
+
+def topics_of_two(args: argparse.Namespace) -> TopicChoice | tuple[TopicChoice, TopicChoice]:
+    """Return what the options say of both; of each, where one of them is given twice."""
+    given = [found or [None] for found in (args.pose_topic, args.twist_topic, args.frames)]
+    most = max(map(len, given))
+    if most > 2:
+        args.parser.error(f"found a topic or frames {most} times, expected two, of A and of B; leave out the others")
+    a, b = (_choice(args, *(each[min(k, len(each) - 1)] for each in given)) for k in (0, 1))
+    return (a, b) if most == 2 else a
+
+
+def _choice(
+    args: argparse.Namespace, pose: str | None, twist: str | None, frames: tuple[str, str] | None
+) -> TopicChoice:
     from rb_dynamics.analysis.read_track import TopicChoice
 
-    if args.pose_topic and args.frames:
+    if pose and frames:
         args.parser.error("found --pose-topic and --frames, expected one source of the pose; leave out one of them")
-    return TopicChoice(args.pose_topic or "", args.twist_topic or "", tuple(args.wrench_topic), args.frames)
+    return TopicChoice(pose or "", twist or "", tuple(args.wrench_topic), frames)
 
 
 def _frames(text: str) -> tuple[str, str]:

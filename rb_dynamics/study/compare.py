@@ -45,7 +45,7 @@ def compare(
     end_s: float | None = None,
     wrench_start: Start = "auto",
     mapping: Mapping[str, str] | None = None,
-    topics: TopicChoice | None = None,
+    topics: TopicChoice | tuple[TopicChoice, TopicChoice] | None = None,
 ) -> Comparison:
     """Return how two flights differ.
 
@@ -62,7 +62,9 @@ def compare(
         end_s: compare up to here.
         wrench_start: of a scene that is flown, which time of the commands is time 0; see `simulate --wrench-start`.
         mapping: of a scene that is flown, the channel that each topic drives, if their names differ.
-        topics: which topics of bags from other programs tell of the body; found by type and name otherwise.
+        topics: which topics of bags from other programs tell of the body; found by type and name otherwise. Two, of A
+            and of B: also of logs of this package; where A and B are one bag, what another topic tells counts for
+            neither, since it would agree with itself.
 
     Raises:
         TypeError: an argument has the wrong type.
@@ -91,6 +93,11 @@ def _is_scene(source: Source) -> bool:
     return isinstance(source, Scene) or Path(source).suffix in (".yaml", ".yml")
 
 
+def _is_one(a: Source, b: Source) -> bool:
+    """Return whether both are one bag."""
+    return not (_is_scene(a) or _is_scene(b)) and Path(str(a)).exists() and Path(str(a)).samefile(str(b))
+
+
 class _Flights:
     """Reads two flights, and flies one of them where it is a scene or says nothing of its motion.
 
@@ -106,19 +113,24 @@ class _Flights:
         scene: Source | None,
         wrench_start: Start,
         mapping: Mapping[str, str],
-        topics: TopicChoice | None,
+        topics: TopicChoice | tuple[TopicChoice, TopicChoice] | None,
     ) -> None:
         self._sources = (a, b)
+        self._choices = topics if isinstance(topics, tuple) else None
+        self._one_bag = self._choices is not None and _is_one(a, b)
         self._scene = None if scene is None else opened_scene(scene)
-        self._start, self._mapping, self._topics = wrench_start, mapping, topics
+        self._start, self._mapping = wrench_start, mapping
+        self._topics = None if isinstance(topics, tuple) else topics
         self.offset_ns: int | None = None
         self.notes: list[str] = []
 
     def both(self) -> tuple[Given, Given]:
         """Return the two."""
-        a, b = (None if _is_scene(source) else self._read(source) for source in self._sources)
+        a, b = (None if _is_scene(source) else self._read(source, k) for k, source in enumerate(self._sources))
         if a is not None and b is not None:
-            if self._scene is not None and not a.track.own and Path(a.path).samefile(b.path):
+            if self._one_bag:
+                return a, b
+            if self._scene is not None and not a.track.own and _is_one(*self._sources):
                 # A bag against itself says nothing: the scene is to be flown.
                 return self._flown(self._scene, a, 0), b
             if self._scene is not None and not (_moves(a.track) and _moves(b.track)):
@@ -131,17 +143,22 @@ class _Flights:
         assert b is not None
         return self._flown(opened_scene(self._sources[0]), b, 0), b
 
-    def _read(self, source: Source) -> Given:
+    def _read(self, source: Source, place: int) -> Given:
+        """Return a recording; `place` is 0 for A."""
         assert not isinstance(source, Scene)
-        bag = read_bag(source, repeated=False)
+        bag = read_bag(source, repeated=self._choices is not None)
         own = RUN in bag.metadata
         scene = None if own else self._scene or self._other_scene()
-        track = read_track(bag, scene, None if own else self._topics)
+        choice = None if own else self._topics
+        if self._choices is not None:
+            choice = replace(self._choices[place], alone=self._one_bag)
+        track = read_track(bag, scene, choice)
         for topic in bag.topics.values():
             if topic.damaged:
                 part = f"{len(topic.damaged)} of {topic.count} messages of {topic.name}"
                 self.notes.append(f"{bag.path}: {part} are cut short or damaged, and left out.")
-        return Given(track, str(source))
+        motion = [each.topic for each in (track.pose, track.twist) if each is not None] if self._one_bag else []
+        return Given(track, ", ".join([str(source), *dict.fromkeys(motion)]))
 
     def _other_scene(self) -> Scene | None:
         """Return the scene that is to be flown: it tells body and frames of the recording, too."""

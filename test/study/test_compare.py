@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 import rb_dynamics as rb
 from rb_dynamics.analysis.comparison import MOTION
 from rb_dynamics.cli import main
+from rb_dynamics.formats.merging import merge
 from rb_dynamics.formats.wrench_bags import origin_of
 from rb_dynamics.sinks.mcap_sink import McapSink
 
@@ -197,6 +198,32 @@ def test_without_a_twist_velocities_are_null(log: Path, folder: Path) -> None:
     assert abs(told["offset_ns"] - LATER) < 2_000_000
     assert (told["angular_velocity"], told["linear_velocity"]) == (None, None)
     assert "angular velocity: B does not tell" in told["not_compared"]
+
+
+def test_two_topics_of_one_bag(log: Path, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    moved = foreign(folder / "moved.mcap", log, shifted=(0.5, 0.0, 0.0))
+    both = folder / "both.mcap"
+    merge([moved, log], both, (-math.inf, math.inf))
+    line = ["compare", str(both), str(both), "--pose-topic", "/odom", "--pose-topic", "/vicon/pose"]
+    assert main([*line, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["attitude"]["max"], found["position"]["max"]) == (0.0, pytest.approx(0.5, abs=1e-12))
+    # Nothing but the pose tells of the second, though the bag has other twists and momenta.
+    assert (found["angular_velocity"], found["linear_velocity"]) == (None, None)
+    assert main([*line, "--twist-topic", "/odom", "--twist-topic", "vicon/twist", "--scene", str(log)]) == 0
+    text = capsys.readouterr().out
+    assert f"A         {both}, /odom: " in text
+    assert f"B         {both}, /vicon/pose, /vicon/twist: " in text
+    gyros = rb.compare(both, both, topics=(rb.TopicChoice(twist="/odom"), rb.TopicChoice(twist="/vicon/twist")))
+    assert list(gyros.differences) == ["angular_velocity", "linear_velocity"]
+    # Of two recordings each has its topic; what is not named is found.
+    one = rb.compare(log, both, topics=(rb.TopicChoice(pose="/odom"), rb.TopicChoice(pose="/vicon/pose")))
+    assert one.differences["position"].max == pytest.approx(0.5, abs=1e-12)
+    assert one.differences["angular_velocity"].max == 0.0
+    with pytest.raises(SystemExit) as stopped:
+        main([*line, "--pose-topic", "/pose"])
+    assert stopped.value.code == 2
+    assert main([*line[:-1], "/none"]) == 2
 
 
 def test_axes_that_are_turned_are_named_and_nothing_is_corrected(log: Path, folder: Path) -> None:
