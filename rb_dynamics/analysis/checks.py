@@ -100,7 +100,7 @@ def _motion(track: Track) -> list[TimeSeries]:
     """Return pose and twist; of two from one topic, whose rows are left out apart, that which lacks more."""
     found: dict[str, TimeSeries] = {}
     for series in (track.pose, track.twist):
-        if series is not None and (series.topic not in found or series.unusable > found[series.topic].unusable):
+        if series is not None and (series.topic not in found or series.left_out > found[series.topic].left_out):
             found[series.topic] = series
     return list(found.values())
 
@@ -109,10 +109,12 @@ def _whole(series: TimeSeries, track: Track) -> Check:
     name, count = f"{series.topic} is whole", len(series.time_ns)
     lost = [topic for topic in _damaged(track) if topic.name == series.topic]
     if unusable := series.unusable - sum(len(topic.damaged) for topic in lost):
-        of = f"{unusable} of {count + series.unusable} messages"
+        of = f"{unusable} of {series.count} messages"
         return Check(name, False, f"{of} have a number that is not finite or too large")
     if lost:
         return _unread(lost[0])
+    if series.strays:
+        return Check(name, False, series.strayed)
     if series.backwards:
         return Check(name, False, f"stamps go back {series.backwards}×; two runs in one file cannot be told apart")
     steps = np.diff(series.time_ns)

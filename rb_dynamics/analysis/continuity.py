@@ -148,7 +148,7 @@ def _others(track: Track, extent: float) -> tuple[Other, ...]:
     for topic in bag.topics.values():
         if topic.type_name != ODOMETRY or not topic.count or topic.name in track.uses:
             continue
-        if bag.frame_ids(topic.name, False) != {pose.frame} or bag.frame_ids(topic.name, True) != {twist.frame}:
+        if topic.kinds[0][0] != (pose.frame, twist.frame):
             continue
         time_ns, rows = bag.poses(topic.name)
         within = (time_ns >= pose.time_ns[0]) & (time_ns <= pose.time_ns[-1]) & (np.abs(rows) < LARGEST).all(axis=1)

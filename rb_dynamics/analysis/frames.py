@@ -35,7 +35,7 @@ def pairs(bag: Bag) -> dict[tuple[str, str], Topic]:
     found: dict[tuple[str, str], Topic] = {}
     for topic in bag.topics.values():
         if topic.type_name == TRANSFORM and topic.count:
-            _, texts = topic.texts[0]
+            texts = topic.kinds[0][0]
             found.setdefault((texts[0].lstrip("/"), texts[1].lstrip("/")), topic)
     return found
 
@@ -107,7 +107,8 @@ def _path(bag: Bag, known: dict[tuple[str, str], Topic], world: str, body: str) 
 def _rows(topic: Topic) -> tuple[Times, Array]:
     """Return stamps, ascending and each once, and rows with unit quaternions, without those that are no numbers."""
     rows, stamps = topic.numbers, topic.stamps if topic.stamps_given else topic.log_times
-    kept = (np.abs(rows) < LARGEST).all(axis=1) & (rows[:, 3:] != 0.0).any(axis=1)
+    _, kind = topic.kinds
+    kept = (kind == 0) & (np.abs(rows) < LARGEST).all(axis=1) & (rows[:, 3:] != 0.0).any(axis=1)
     if not kept.any():
         raise LogError(f"topic {topic.name}: found no transform of usable numbers, expected some; record it again")
     # Of the same stamp the later counts, as in tf2.

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rb_dynamics.analysis.clocks import APART, clock
 from rb_dynamics.analysis.frames import is_fixed, pairs, pose_between
@@ -22,10 +23,14 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import BodyError, LogError, WrenchError
 from rb_dynamics.formats.bag_reader import IMUS, POSES, TWISTS, WRENCHES, Bag
 from rb_dynamics.formats.messages import APPLIED, INERTIA, ODOMETRY, SCALAR, VECTOR
+from rb_dynamics.formats.topic import Topic
 from rb_dynamics.loads.wrench import WORLD, HeldWrench, Wrench, WrenchFrames
 from rb_dynamics.numerics.rotation_arrays import product, rotate_all
 from rb_dynamics.run.provenance import RUN
 from rb_dynamics.scene.model import Scene
+
+# Largest part of the messages of a topic that may be of other frames, and are left out.
+_STRAYS = 0.1
 
 
 @dataclass(frozen=True)
@@ -239,7 +244,11 @@ class _TrackReader:
         """Return the series of a topic; of an Odometry as twist with its child frame."""
         self.parent = self.parent or topic.rpartition("/")[0] + "/"
         child = use == "twist" and self.bag.topics[topic].type_name == ODOMETRY
-        return self._cleaned(use, topic, *read(topic), self._one_frame(topic, self.bag.frame_ids(topic, child)))
+        frame, strays, kept = self._main_frame(self.bag.topics[topic], child)
+        time_ns, values = read(topic)
+        if strays:
+            time_ns, values = time_ns[kept], values[kept]
+        return replace(self._cleaned(use, topic, time_ns, values, frame), strays=strays)
 
     def _of_imu(self, use: str, topic: str, part: slice, places: slice, width: int) -> TimeSeries | None:
         """Return what an IMU measures, in the `places` of rows of `width`, the others NaN; None if it does not."""
@@ -283,7 +292,7 @@ class _TrackReader:
     def _child_frames(self) -> set[str]:
         """Return the frame of the body as the topic of the pose names it."""
         topics = [self.bag.topics[name] for name, use in self.uses.items() if "pose" in use]
-        return {texts[1] for topic in topics for _, texts in topic.texts[:1] if len(texts) > 1}
+        return {texts[1] for topic in topics for texts in topic.kinds[0][:1] if len(texts) > 1}
 
     def _body_frame(self) -> str:
         return self.scene.frames.body_frame if self.scene else ""
@@ -297,7 +306,10 @@ class _TrackReader:
         self.parent = self.parent or "/"
         self.notes.append(f"The pose is that of {body} in {world}, from {', '.join(found.topics)}.")
         fastest = max(found.topics, key=lambda name: self.bag.topics[name].count)
-        return TimeSeries(fastest, found.time_ns, found.values, world)
+        strays: dict[str, int] = {}
+        for name in found.topics:
+            strays |= self._main_frame(self.bag.topics[name], child=False)[1]
+        return TimeSeries(fastest, found.time_ns, found.values, world, strays=strays)
 
     def _rates(self, pose: TimeSeries | None) -> TimeSeries | None:
         """Return the rates that the pose gives; None without, and with a position that is not known."""
@@ -315,13 +327,28 @@ class _TrackReader:
     def _distance(self, topic: str) -> bool:
         return bool(self.parent) and not topic.startswith(self.parent)
 
-    def _one_frame(self, topic: str, frames: set[str]) -> str:
-        if len(frames) > 1:
+    def _main_frame(self, topic: Topic, child: bool) -> tuple[str, dict[str, int], NDArray[np.bool_]]:
+        """Return the frame of nearly all messages, how many are of which others, and which are not of these.
+
+        A pose is of another body or in other axes where one of its two frames differs, a twist where its axes do.
+
+        Raises:
+            LogError: there is no such frame.
+        """
+        kinds, of_row = topic.kinds
+        names = [(text[-1:] if child else text) or ("",) for text in kinds]
+        counts: dict[tuple[str, ...], int] = {}
+        for name, count in zip(names, np.bincount(of_row[of_row >= 0], minlength=len(kinds)).tolist(), strict=True):
+            counts[name] = counts.get(name, 0) + count
+        main = max(counts, key=counts.__getitem__)
+        strays = {":".join(name): count for name, count in counts.items() if name != main}
+        if sum(strays.values()) > _STRAYS * sum(counts.values()):
             raise LogError(
-                f"{self.bag.path}: topic {topic!r} has the frames {sorted(frames)}, expected one; "
-                "a topic that mixes bodies or axes cannot be inspected, record them apart"
+                f"{self.bag.path}: topic {topic.name!r} has the frames {sorted([':'.join(main), *strays])}, expected "
+                f"one in {100.0 * (1.0 - _STRAYS):g} % of its messages or more; a topic that mixes bodies or axes "
+                "cannot be inspected, record them apart"
             )
-        return next(iter(frames))
+        return main[0], strays, np.array([*(name == main for name in names), True])[of_row]
 
     def _cleaned(self, use: str, topic: str, time_ns: Times, values: Array, frame: str = "") -> TimeSeries:
         self.uses[topic] = ", ".join(filter(None, (self.uses.get(topic), use)))

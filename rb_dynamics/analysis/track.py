@@ -32,6 +32,7 @@ class TimeSeries:
         frame: the header's frame, "" if there is none.
         backwards: how often stamps decrease in the file.
         unusable: number of messages left out because a number in them is not finite or too large.
+        strays: number of messages left out because they are of other frames, by these, as in "map:base_link".
     """
 
     topic: str
@@ -40,6 +41,24 @@ class TimeSeries:
     frame: str = ""
     backwards: int = 0
     unusable: int = 0
+    strays: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def left_out(self) -> int:
+        """Messages that are left out."""
+        return self.unusable + sum(self.strays.values())
+
+    @property
+    def count(self) -> int:
+        """Messages, with those that are left out."""
+        return len(self.time_ns) + self.left_out
+
+    @property
+    def strayed(self) -> str:
+        """What is left out because it is of other frames, as text; "" for nothing."""
+        each = ", ".join(f"{frame or '(no name)'} {count}×" for frame, count in self.strays.items())
+        of = f"{sum(self.strays.values())} of {self.count} messages"
+        return f"{of} are of other frames than the rest, and left out: {each}" if each else ""
 
 
 @dataclass(frozen=True)

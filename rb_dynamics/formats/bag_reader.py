@@ -146,11 +146,6 @@ class Bag:
             for at, k, stamp_ns, (fx, fy, fz, tx, ty, tz) in zip(*columns, strict=True)
         ]
 
-    def frame_ids(self, topic: str, child: bool = False) -> set[str]:
-        """Return every `header.frame_id`, or every `child_frame_id`, on a topic of a type below; "" without header."""
-        types = POSES | TWISTS | IMUS | WRENCHES | _VECTORS
-        return {texts[child] if texts else "" for _, texts in self._topic(topic, types).texts}
-
     def _series(self, topic: str, columns: Mapping[str, slice]) -> tuple[Times, Values]:
         source = self._topic(topic, columns)
         return source.stamps, source.numbers[:, columns[source.type_name]]

@@ -196,6 +196,18 @@ class Topic:
         self._taken()
         return self._texts
 
+    @property
+    def kinds(self) -> tuple[list[tuple[str, ...]], NDArray[np.intp]]:
+        """The different strings of messages, commonest first, and which each message has; -1 for a damaged one."""
+        texts, numbers = self.texts, dict[tuple[str, ...], int]()
+        of_text = [numbers.setdefault(text, len(numbers)) for _, text in texts]
+        ends = [*(row for row, _ in texts[1:]), self.count][: len(texts)]
+        of_row = np.repeat(np.array(of_text, dtype=np.intp), np.diff([0, *ends]))
+        of_row[self.damaged] = -1
+        order = np.argsort(-np.bincount(of_row[of_row >= 0], minlength=len(numbers)), kind="stable")
+        different = list(numbers)
+        return [different[k] for k in order], np.append(np.argsort(order), -1)[of_row]
+
     def decoded(self) -> list[tuple[Any, ...]]:
         """Return the values of each of `messages`, see `cdr.decode`.
 

@@ -11,8 +11,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from recorded_runs import SCENE
 
 from rb_dynamics.analysis.gaps import gaps
+from rb_dynamics.analysis.identification.flights import read_flight
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.summary import RunSummary, summarize
 from rb_dynamics.errors import LogError
@@ -26,6 +28,7 @@ from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.run.sink import Status
 from rb_dynamics.scene import parse_scene, read_scene
 from rb_dynamics.sinks.mcap_sink import McapSink
+from rb_dynamics.study.compare import compare
 
 COMMANDS = (
     ("thrust", Wrench(torque=(0.2, -0.1, 0.3), stamp_ns=700_000_000)),
@@ -505,6 +508,34 @@ def test_the_world_of_a_bag_may_have_any_name(bagger: Any, frame: str) -> None:
 def test_mixed_frames_on_one_topic_are_refused(bagger: Any) -> None:
     with pytest.raises(LogError, match=r"has the frames \['a', 'b'\]"):
         summary_of(bagger([pose(EVERY * k, frame="ab"[k % 2]) for k in range(4)]))
+
+
+@pytest.mark.parametrize("strays", [{0: "a:b"}, {7: "a:b", 8: "c:b", 99: "a:d"}, dict.fromkeys(range(10), ":b")])
+def test_a_few_messages_of_another_frame_are_left_out_and_named(bagger: Any, strays: dict[int, str]) -> None:
+    """Of another parent or of another body: both spoil a pose; the axes of a twist are those of its child frame."""
+    still, spread = (0.0,) * 6, (0.0,) * 36
+    rows = []
+    for k in range(100):
+        parent, child = strays.get(k, "odom:base").split(":")
+        place = (0.01 * k if k not in strays else 1e6, *STILL[1:])
+        rows += [("/odom", ODOMETRY, EVERY * k, (EVERY * k, parent, child, place, spread, still, spread))]
+    summary = summary_of(bagger(rows))
+    assert "/odom is whole" in failed(summary)
+    (detail,) = (check.detail for check in summary.checks if check.name == "/odom is whole")
+    begin = f"{len(strays)} of 100 messages are of other frames than the rest, and left out: "
+    assert detail.startswith(begin)
+    each = set(detail.removeprefix(begin).split(", "))
+    assert each == {f"{frame} {sum(other == frame for other in strays.values())}×" for frame in strays.values()}
+    assert summary.samples == 100 - len(strays)
+    assert next(m.last for m in summary.moments if m.name == "position, world")[0] < 1.0
+    found = compare(summary.path, summary.path)
+    assert sum(f"/odom: {detail}" in note for note in found.notes) == 2
+    assert any(f"/odom: {detail}" in note for note in read_flight(summary.path, parse_scene(SCENE)).notes)
+
+
+def test_frames_of_more_than_a_tenth_are_mixed(bagger: Any) -> None:
+    with pytest.raises(LogError, match=r"has the frames \['a', 'b'\], expected one in 90 % of its messages or more"):
+        summary_of(bagger([pose(EVERY * k, frame="ab"[k < 11]) for k in range(100)]))
 
 
 def test_bag_of_nothing_known_is_refused(bagger: Any) -> None:

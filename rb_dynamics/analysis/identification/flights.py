@@ -130,6 +130,7 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = ()) -> Flight:
     track = read_track(bag, None if RUN in bag.metadata else scene)
     zero = 0 if track.own else track.span_ns[0]
     notes = [note for note in track.notes if "inspected" not in note]
+    notes += [f"{s.topic}: {s.strayed}" for s in (track.pose, track.twist) if s is not None and s.strays]
     streams = [*_of_pose(track, zero, notes), *_of_twist(track, scene, zero, notes)]
     end = track.span_ns[1]
     channels = _channels(track, scene, zero, end, path) + acting_elsewhere(commands, scene, zero, end, path)

@@ -433,7 +433,7 @@ def test_the_command_and_a_rerun(tmp_path: Path, capsys: pytest.CaptureFixture[s
     # It says which run it is, and in which axes the controller commands.
     log = read_bag(found["log"])
     assert log.metadata[RUN]["scene_file"] == f"campaign.yaml, run {failed}, seed 7"
-    assert log.frame_ids("/control") == {"bus"}
+    assert log.topics["/control"].texts == [(0, ("bus",))]
 
     assert main(["campaign", str(campaign), "--rerun", "24", "--out", str(out)]) == 2
     assert "found 24, expected a run from 0 to 23" in capsys.readouterr().err
