@@ -343,7 +343,8 @@ class Kernel(OnDemand):
         import numpy as np
 
         numbers = np.empty(CONSTANTS + PHASE + len(effects))
-        numbers[CONSTANTS + PHASE :] = effects
+        if effects:
+            numbers[CONSTANTS + PHASE :] = effects
         _NUMBERS.pack_into(numbers.data, 0, *constant_numbers(inertia, held), *phase_numbers(phase))
         compiled(numbers, h, n)
         end = _PHASE.unpack_from(numbers.data, 8 * CONSTANTS)

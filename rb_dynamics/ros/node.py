@@ -156,7 +156,15 @@ class RigidBodyNode(Node):
         self._taken: deque[tuple[object, ...]] = deque(maxlen=COMMAND_DEPTH)
         require_overridable(self, elsewhere, shared)
         self._neighbours = Neighbours(self, self._topic_sink.publishers, self._health)
-        self._states = self.create_subscription(Odometry, "~/set_state", self._on_set_state, COMMAND_DEPTH)
+        # Nothing is looked for where nobody sends: it would cost 1 % of a processor at 1 kHz.
+        self._state_senders = 0
+        self._states = self.create_subscription(
+            Odometry,
+            "~/set_state",
+            self._on_set_state,
+            COMMAND_DEPTH,
+            event_callbacks=SubscriptionEventCallbacks(matched=self._on_state_senders),
+        )
         self.create_service(SetBool, "~/pause", self._on_pause)
         self.create_service(Trigger, "~/step", self._on_step)
         self.create_service(Trigger, "~/reset", self._on_reset)
@@ -180,7 +188,8 @@ class RigidBodyNode(Node):
     def tick(self) -> None:
         """Take commands, advance as far as time allows, and publish diagnostics once a second."""
         self.runner.tick()
-        self._set_newest([message for message, _ in _waiting(self._states)])
+        if self._state_senders:
+            self._set_newest([message for message, _ in _waiting(self._states)])
         if self._unheard or self._replaced:
             self._hear_best_effort()
         self._neighbours.look()
@@ -445,6 +454,9 @@ class RigidBodyNode(Node):
 
     def _on_set_state(self, message: Odometry) -> None:
         self._set_newest([message, *(later for later, _ in _waiting(self._states))])
+
+    def _on_state_senders(self, event: Any) -> None:
+        self._state_senders = event.current_count
 
     def _set_newest(self, waiting: list[Odometry]) -> None:
         """Apply the newest valid state of those waiting."""

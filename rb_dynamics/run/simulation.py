@@ -420,10 +420,12 @@ class Simulation:
                 self.write(self.sample)
             self._measure()
 
-    def _nearest_ns(self, *times_ns: int | None) -> int:
-        """Return the earliest of some times, the end, and the next sample of a sensor."""
-        sensed = None if self._sensing is None else self._sensing.next_ns
-        return min(time_ns for time_ns in (*times_ns, sensed, self.end_ns) if time_ns is not None)
+    def _nearest_ns(self, output_ns: int, change_ns: int | None) -> int:
+        """Return the earliest of an output, a change, the next sample of a sensor, and the end."""
+        nearest_ns = output_ns if change_ns is None else min(output_ns, change_ns)
+        if self._sensing is not None:
+            nearest_ns = min(nearest_ns, self._sensing.next_ns)
+        return nearest_ns if self.end_ns is None else min(nearest_ns, self.end_ns)
 
     def _fly(self, until_ns: int) -> bool:
         """Go from edge to edge up to `until_ns` by a kernel; return whether there is more to do."""
