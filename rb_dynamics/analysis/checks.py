@@ -113,14 +113,12 @@ def _whole(series: TimeSeries, track: Track) -> Check:
         return Check(name, False, f"{of} have a number that is not finite or too large")
     if lost:
         return _unread(lost[0])
-    if series.strays:
-        return Check(name, False, series.strayed)
-    if series.backwards:
-        return Check(name, False, f"stamps go back {series.backwards}×; two runs in one file cannot be told apart")
+    begin, _ = track.span_ns
+    if faults := series.faults(begin):
+        return Check(name, False, "; ".join(faults))
     steps = np.diff(series.time_ns)
     if not len(steps):
         return Check(name, True, f"{count} samples")
-    begin, _ = track.span_ns
     if lacks := "; ".join(filter(None, (told(series.time_ns, begin), _late(series, track)))):
         return Check(name, False, lacks)
     return Check(name, True, f"{count} samples, all finite, at most {int(steps.max()) * 1e-9:.6g} s apart")

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from rb_dynamics.analysis.clocks import APART, clock
 from rb_dynamics.analysis.frames import is_fixed, pairs, pose_between
+from rb_dynamics.analysis.order import disorder
 from rb_dynamics.analysis.rates import rates_of
 from rb_dynamics.analysis.track import LARGEST, Array, RecordedWrench, Times, TimeSeries, Track, frame_names, motion_of
 from rb_dynamics.body.rigid_body import RigidBody
@@ -362,11 +363,11 @@ class _TrackReader:
         # A bag may be large: what need not be copied is not.
         if not usable.all():
             time_ns, values = time_ns[usable], values[usable]
-        backwards = int((np.diff(time_ns) < 0).sum())
-        if backwards:
+        unordered = disorder(time_ns)
+        if unordered is not None:
             order = np.argsort(time_ns, kind="stable")
             time_ns, values = time_ns[order], values[order]
-        return TimeSeries(topic, time_ns, values, frame, backwards, int((~usable).sum()))
+        return TimeSeries(topic, time_ns, values, frame, unordered, int((~usable).sum()))
 
     def _vector(self, name: str) -> TimeSeries | None:
         topic = self._named(name, VECTOR)

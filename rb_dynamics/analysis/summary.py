@@ -235,6 +235,11 @@ def _unsure(track: Track, steady: Continuity | None, agreed: Sequence[Agreement]
         return ""
     if track.bag.boundaries and not one_recording(track).passed:
         return "these are several recordings"
+    if any(
+        series is not None and series.disorder is not None and series.disorder.restarts
+        for series in (track.pose, track.twist)
+    ):
+        return "these are several runs"
     if any(each.contradicts for each in agreed):
         return "pose and twist contradict each other"
     if track.pose is not None and off_unit(track.pose.values[:, 3:]) > _NO_ATTITUDE:

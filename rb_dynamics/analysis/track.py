@@ -9,6 +9,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from rb_dynamics.analysis.order import Disorder
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.formats.bag_reader import Bag
 from rb_dynamics.numerics.rotation_arrays import rotate_all_inverse
@@ -30,7 +31,7 @@ class TimeSeries:
         values: one row, or one number, per time; all finite and below `LARGEST`, but for columns that nothing measures,
             such as the velocity beside the rates of a gyro: these are NaN throughout.
         frame: the header's frame, "" if there is none.
-        backwards: how often stamps decrease in the file.
+        disorder: stamps that do not ascend in the file; None if all do.
         unusable: number of messages left out because a number in them is not finite or too large.
         strays: number of messages left out because they are of other frames, by these, as in "map:base_link".
     """
@@ -39,7 +40,7 @@ class TimeSeries:
     time_ns: Times
     values: Array
     frame: str = ""
-    backwards: int = 0
+    disorder: Disorder | None = None
     unusable: int = 0
     strays: Mapping[str, int] = field(default_factory=dict)
 
@@ -53,12 +54,14 @@ class TimeSeries:
         """Messages, with those that are left out."""
         return len(self.time_ns) + self.left_out
 
-    @property
-    def strayed(self) -> str:
-        """What is left out because it is of other frames, as text; "" for nothing."""
-        each = ", ".join(f"{frame or '(no name)'} {count}×" for frame, count in self.strays.items())
-        of = f"{sum(self.strays.values())} of {self.count} messages"
-        return f"{of} are of other frames than the rest, and left out: {each}" if each else ""
+    def faults(self, start_ns: int) -> list[str]:
+        """Return what is wrong with frames and stamps, as text; times count from `start_ns`."""
+        told = []
+        if self.strays:
+            each = ", ".join(f"{frame or '(no name)'} {count}×" for frame, count in self.strays.items())
+            of = f"{sum(self.strays.values())} of {self.count} messages"
+            told.append(f"{of} are of other frames than the rest, and left out: {each}")
+        return told + ([self.disorder.told(start_ns)] if self.disorder is not None else [])
 
 
 @dataclass(frozen=True)
@@ -154,6 +157,13 @@ class Track:
         if not times:
             return 0, 0
         return int(min(time[0] for time in times)), int(max(time[-1] for time in times))
+
+    @property
+    def faults(self) -> list[str]:
+        """What is wrong with frames and stamps of pose and twist, as text."""
+        start, _ = self.span_ns
+        series = [each for each in (self.pose, self.twist) if each is not None]
+        return [*dict.fromkeys(f"{each.topic}: {fault}" for each in series for fault in each.faults(start))]
 
     @property
     def moving(self) -> TimeSeries | None:

@@ -157,8 +157,7 @@ class _Flights:
             if topic.damaged:
                 part = f"{len(topic.damaged)} of {topic.count} messages of {topic.name}"
                 self.notes.append(f"{bag.path}: {part} are cut short or damaged, and left out.")
-        for series in (track.pose, track.twist):
-            self.notes += [f"{bag.path}: {series.topic}: {series.strayed}."] if series and series.strays else []
+        self.notes += [f"{bag.path}: {fault}." for fault in track.faults]
         motion = [each.topic for each in (track.pose, track.twist) if each is not None] if self._one_bag else []
         return Given(track, ", ".join([str(source), *dict.fromkeys(motion)]))
 

@@ -510,6 +510,28 @@ def test_mixed_frames_on_one_topic_are_refused(bagger: Any) -> None:
         summary_of(bagger([pose(EVERY * k, frame="ab"[k % 2]) for k in range(4)]))
 
 
+def test_messages_out_of_order_are_no_second_run(bagger: Any) -> None:
+    """They are sorted, and what they tell is judged; of two runs, nothing tells which message is of which."""
+    order = [*range(100)]
+    order[40:42] = 41, 40
+    for again, words in (
+        ([], "1 of 100 stamps is out of order, by 0.01 s, at t = 0.4 s"),
+        (order, "two runs in one file"),
+    ):
+        rows = [
+            row
+            for k in [*order, *again]
+            for row in (pose(EVERY * k, (0.01 * k, *STILL[1:])), twist(EVERY * k, (1.0, *STILL[1:6])))
+        ]
+        path = bagger([(topic, kind, EVERY * n, values) for n, (topic, kind, _, values) in enumerate(rows)])
+        summary = summary_of(path, scene=parse_scene(SCENE))
+        details = [check.detail for check in summary.checks if check.name in ("/b/pose is whole", "/b/twist is whole")]
+        assert len(details) == 2
+        assert all(words in detail for detail in details)
+        assert any("these are several runs" in check.detail for check in summary.checks) == bool(again)
+        assert sum(words in note for note in compare(path, path).notes) == 4
+
+
 @pytest.mark.parametrize("strays", [{0: "a:b"}, {7: "a:b", 8: "c:b", 99: "a:d"}, dict.fromkeys(range(10), ":b")])
 def test_a_few_messages_of_another_frame_are_left_out_and_named(bagger: Any, strays: dict[int, str]) -> None:
     """Of another parent or of another body: both spoil a pose; the axes of a twist are those of its child frame."""

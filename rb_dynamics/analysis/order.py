@@ -1,0 +1,101 @@
+"""`Disorder`: stamps that do not ascend in the file: single messages that come late, or another run that begins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Times = NDArray[np.int64]
+
+# Fewer messages than this in a row are no run of their own.
+_RUN = 3
+
+
+@dataclass(frozen=True)
+class Disorder:
+    """Stamps that are less than one before them.
+
+    Attributes:
+        count: of all messages.
+        odd: of messages out of order, without those of a run that begins again.
+        most_ns: by how much such a one is earlier than one before it, or later than the one behind it, at most.
+        first_ns: the first such stamp.
+        restarts: last stamp of a run, and first of the next.
+    """
+
+    count: int
+    odd: int
+    most_ns: int
+    first_ns: int
+    restarts: tuple[tuple[int, int], ...]
+
+    def told(self, start_ns: int) -> str:
+        """Return it as text, with times from `start_ns`."""
+        parts = []
+        if self.restarts:
+            end, begin = ((time_ns - start_ns) * 1e-9 for time_ns in self.restarts[0])
+            runs = "two" if len(self.restarts) == 1 else str(len(self.restarts) + 1)
+            first = ", first" * (len(self.restarts) > 1)
+            parts.append(
+                f"stamps begin again{first} after t = {end:.6g} s at {begin:.6g} s: {runs} runs in one file, which "
+                "cannot be told apart"
+            )
+        if self.odd:
+            is_are, most = ("is", "") if self.odd == 1 else ("are", "at most ")
+            parts.append(
+                f"{self.odd} of {self.count} stamps {is_are} out of order, by {most}{self.most_ns * 1e-9:.6g} s, "
+                f"{'' if self.odd == 1 else 'first '}at t = {(self.first_ns - start_ns) * 1e-9:.6g} s; messages are "
+                "taken by their stamps"
+            )
+        return "; ".join(parts)
+
+
+def disorder(time_ns: Times) -> Disorder | None:
+    """Return what is not ascending in stamps as they stand in the file; None if nothing is."""
+    if not (np.diff(time_ns) < 0).any():
+        return None
+    restarts: list[tuple[int, int]] = []
+    ahead = _ahead(time_ns)
+    odd: list[int] = time_ns[ahead].tolist()
+    by: list[int] = (time_ns[ahead] - time_ns[ahead + 1]).tolist()
+    run = np.delete(time_ns, ahead)
+    while True:
+        newest = np.maximum.accumulate(run)
+        is_late = run < newest
+        end = _restart(run, newest, is_late)
+        at = np.flatnonzero(is_late[:end])
+        odd += run[at].tolist()
+        by += (newest[at] - run[at]).tolist()
+        if end == len(run):
+            break
+        restarts.append((int(newest[end - 1]), int(run[end])))
+        run = run[end:]
+    return Disorder(len(time_ns), len(odd), max(by, default=0), min(odd, default=0), tuple(restarts))
+
+
+def _ahead(time_ns: Times) -> NDArray[np.intp]:
+    """Return which messages alone are later than all the next ones, which go on from those before."""
+    if len(time_ns) <= _RUN:
+        return np.empty(0, np.intp)
+    following = np.lib.stride_tricks.sliding_window_view(time_ns[1:], _RUN)
+    goes_on = np.append(True, time_ns[: -_RUN - 1] <= following[1:, 0])
+    return np.flatnonzero((time_ns[:-_RUN] > following.max(axis=1)) & goes_on)
+
+
+def _restart(run: Times, newest: Times, late: NDArray[np.bool_]) -> int:
+    """Return where another run begins: late messages in a row that neither lead back nor fill a hole; the end if none.
+
+    Messages that were under way for longer lead back to the newest by a jump, or are of a time without others.
+    """
+    edges = np.diff(late.astype(np.int8), prepend=0, append=0)
+    for begin, end in zip(np.flatnonzero(edges == 1).tolist(), np.flatnonzero(edges == -1).tolist(), strict=True):
+        if end - begin < _RUN:
+            continue
+        if end < len(run) and 2 * (run[end] - run[end - 1]) >= newest[begin] - run[begin]:
+            continue
+        among = np.count_nonzero((run[:begin] >= run[begin]) & (run[:begin] <= run[end - 1]))
+        if run[begin] <= run[0] or 2 * among >= end - begin:
+            return begin
+    return len(run)
