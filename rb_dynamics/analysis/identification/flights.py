@@ -13,6 +13,7 @@ from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_reader import IMUS, Bag, read_bag
 from rb_dynamics.formats.messages import APPLIED
 from rb_dynamics.loads.channels import Channel as WrenchChannel
+from rb_dynamics.numerics.rotation_arrays import exponentials, product, rotations_between
 from rb_dynamics.run.provenance import RUN
 from rb_dynamics.scene.model import Scene
 
@@ -93,6 +94,37 @@ class Flight:
             raise LogError(
                 f"{self.name}: found {most} samples of the motion, expected at least {_FEWEST} of a pose, an odometry, "
                 "a twist or a gyro; record the flight again, or name another recording"
+            )
+
+    def require_dense(self) -> None:
+        """Refuse a recording between whose samples the body may have turned any number of times.
+
+        Raises:
+            LogError: it turns by more than pi in the intervals of every sensor that tells of its rotation, or no
+                attitude follows from those before.
+        """
+        turning = [s for s in self.streams if s.kind in (ATTITUDE, RATES) and len(s.time_ns) >= _FEWEST]
+        rates = [float(np.median(np.linalg.norm(s.values, axis=1))) for s in turning if s.kind == RATES]
+        if not turning:
+            return
+        interval, place = min((float(np.median(np.diff(s.time_ns))) * 1e-9, k) for k, s in enumerate(turning))
+        topic = turning[place].topic
+        if rates:
+            turn, far = min(rates) * interval, np.pi
+            often = f"{np.ceil(turn / far + 1.0):.0f}"
+            found = f"the body turns by {turn:.3g} rad in the {interval:.3g} s between two samples of {topic}"
+        else:
+            attitudes = turning[place].values
+            steps = rotations_between(attitudes[:-1], attitudes[1:])
+            often = "several"
+            following = product(attitudes[1:-1], exponentials(steps[:-1]))
+            turn, far = float(np.median(np.linalg.norm(rotations_between(following, attitudes[2:]), axis=1))), np.pi / 2
+            found = f"attitudes of {topic}, {interval:.3g} s apart, are {turn:.3g} rad from what those before lead to"
+        if turn > far:
+            raise LogError(
+                f"{self.name}: {found}, expected at most {far:.3g} rad; in between it may have turned any number of "
+                "times, so that its motion cannot be told: check that times are in seconds, or the time_ms, time_us or "
+                f"time_ns that they are called, and rates in rad/s; or record {often} times as often"
             )
 
     @property

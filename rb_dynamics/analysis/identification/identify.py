@@ -243,11 +243,12 @@ def identify(
         raise ValueError(f"starts is {starts}, expected 1 or more; write how many, such as 4")
     names = () if fit is None else tuple(items(fit, "fit", "names of what to fit"))
     _require_names(names, known)
-    flights = [_flight(each, known, commands, columns) for each in given]
+    flights, held_out = ([_flight(each, known, commands, columns) for each in some] for some in (given, validate))
+    for flight in (*flights, *held_out):
+        flight.require_dense()
     model = Model(known, flights, names or _default(flights))
     found = fitted(model, starts, loss, seed, progress)
     result = _Report(model, found, names).identification()
-    held_out = [_flight(each, known, commands, columns) for each in validate]
     if held_out:
         sensors = tuple(name for name in model.fit if name == "gyro_bias")
         rest = Model(result.scene, held_out, ("initial", *sensors))

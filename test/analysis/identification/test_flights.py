@@ -32,6 +32,28 @@ def imu_bag(flight: Flight) -> Bag:
     return Bag(Path("imu.mcap"), True, {topic.name: topic}, {}, {})
 
 
+def test_motion_between_samples_that_cannot_be_told_is_refused_before_the_fit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As of times in milliseconds that are called seconds; one sensor that is fast enough tells what others miss."""
+    body = RigidBody.from_diagonal(2.0, (0.02, 0.03, 0.04))
+    made = flown(body, np.random.default_rng(3), seconds=20.0, spin=(0.3, 3.0, 0.5), gyro=1e-3, pose=1e-3)
+    rates, attitude, _ = made.streams
+    slow_rates = replace(rates, time_ns=1000 * rates.time_ns)
+    slow_attitude = replace(attitude, time_ns=1000 * attitude.time_ns)
+    few = slice(None, None, 300)
+    rare = replace(attitude, time_ns=attitude.time_ns[few], values=attitude.values[few])
+    for streams in ((rates,), (attitude,), (attitude, rates), (slow_attitude, rates), (slow_attitude,)):
+        replace(made, streams=streams).require_dense()
+    monkeypatch.setattr("rb_dynamics.analysis.identification.identify.fitted", None)
+    for wrong in ((slow_rates,), (slow_attitude, slow_rates), (rare,)):
+        flight = replace(made, streams=wrong)
+        with pytest.raises(
+            LogError, match=r"^flight: .* at most .* check that times are in sec.*; or record (\d+|several) "
+        ):
+            identify(guess(body), [flight])
+        with pytest.raises(LogError, match="cannot be told"):
+            identify(guess(body), [made], validate=[flight])
+
+
 def test_gyro_alone_tells_ratios_and_its_bias() -> None:
     body, bias = RigidBody.from_diagonal(2.0, (0.02, 0.03, 0.04)), np.array([0.02, -0.01, 0.03])
     random = np.random.default_rng(3)
