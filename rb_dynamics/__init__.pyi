@@ -66,6 +66,8 @@ from rb_dynamics.sensors.magnetometer import Magnetometer as Magnetometer
 from rb_dynamics.sinks.memory_sink import MemorySink as MemorySink
 from rb_dynamics.sinks.state_hash import HashSink as HashSink
 from rb_dynamics.study.compare import compare as compare
+from rb_dynamics.study.covariance import Covariance as Covariance
+from rb_dynamics.study.covariance import covariance as covariance
 from rb_dynamics.study.explain import Explanation as Explanation
 from rb_dynamics.study.explain import explain as explain
 from rb_dynamics.study.trade import Trade as Trade

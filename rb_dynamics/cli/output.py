@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from rb_dynamics.formats.wrench_bags import RecordedWrenches
     from rb_dynamics.run.simulation import Run
     from rb_dynamics.scene.model import Scene
+    from rb_dynamics.study.covariance import Covariance
 
 _UNITS = {
     "position_world": "m",
@@ -33,15 +34,21 @@ _UNITS = {
 }
 
 
-def as_json(run: Run) -> str:
+# Less than this part of the largest is rounding.
+_NOTHING = 1e-9
+
+
+def as_json(run: Run, spread: Covariance | None = None) -> str:
     """Return one JSON object; floats in full precision, so that they can be read back to the same bits."""
     sample = _known(run)
     facts = {**sample, "method": run.method, "steps": run.steps, "wall_time_s": run.wall_time_s}
+    if spread is not None:
+        facts["uncertainty"] = spread.as_dict()
     return json.dumps(facts, allow_nan=False)
 
 
-def as_text(run: Run) -> str:
-    """Return the final state and the balances as text."""
+def as_text(run: Run, spread: Covariance | None = None) -> str:
+    """Return the final state and the balances as text, and how uncertain the motion is."""
     sample = _known(run)
     seconds = sample.pop("time_ns") / 1e9
     steps = f"{run.steps} step{'' if run.steps == 1 else 's'}"
@@ -49,7 +56,46 @@ def as_text(run: Run) -> str:
     for name, value in sample.items():
         numbers = value if isinstance(value, tuple) else (value,)
         lines.append(f"  {name:30}{''.join(f'{number:>18.9g}' for number in numbers)}  {_UNITS[name]}".rstrip())
-    return "\n".join(lines)
+    return "\n".join([*lines, *(_spread_lines(spread) if spread is not None else ())])
+
+
+def _spread_lines(spread: Covariance) -> Iterator[str]:
+    """Yield how the standard deviations grow, what they come from, and how far that is true."""
+    from rb_dynamics.study.covariance import QUANTITIES
+
+    labels = [
+        f"{name.removesuffix('_body').removesuffix('_world').replace('_', ' ')} [{unit}]"
+        for name, unit in QUANTITIES.items()
+    ]
+    yield ""
+    yield "standard deviations by linear growth, along the worst axis"
+    yield f"{'t [s]':>14}" + "".join(f"{label:>26}" for label in labels)
+    last = len(spread.time_ns) - 1
+    columns = [spread.largest(name) for name in QUANTITIES]
+    for at in sorted({round(last * k / 6) for k in range(7)}):
+        yield f"{spread.time_ns[at] / 1e9:14.6g}" + "".join(f"{column[at]:26.4g}" for column in columns)
+    yield "at the end, from each alone"
+    for name, sigma, row in zip(spread.names, spread.sigmas, spread.alone.tolist(), strict=True):
+        if sigma == 0.0:
+            continue
+        sizes = zip(row, QUANTITIES.values(), spread.alone.max(axis=0), strict=True)
+        yield f"  {name} +- {sigma:.4g}: " + (
+            ", ".join(f"{size:.4g} {unit}" for size, unit, most in sizes if size > _NOTHING * most) or "nothing"
+        )
+    if spread.exact:
+        yield f"not told by the fit, and taken as exact: {', '.join(spread.exact)}"
+    flown = "flights that are one standard deviation off"
+    if spread.linear_until_ns is None:
+        yield f"linear: {flown} depart from this by at most {100.0 * spread.departure:.3g} % of it"
+        return
+    size = f"by up to {100.0 * spread.departure:.3g} % of it" if spread.departure < 10.0 else "altogether"
+    if spread.departure == float("inf"):
+        yield "NOT LINEAR: a body that is one standard deviation off cannot exist; a campaign tells the true spread"
+    else:
+        yield (
+            f"NOT LINEAR from t = {spread.linear_until_ns / 1e9:.6g} s on: {flown} depart from this {size}; a campaign "
+            "tells the true spread"
+        )
 
 
 def _known(run: Run) -> dict[str, Any]:

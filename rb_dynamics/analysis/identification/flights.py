@@ -185,7 +185,8 @@ def acting_elsewhere(commands: Sequence[str], scene: Scene, zero: int, end_ns: i
 
 
 def _channels(track: Track, scene: Scene, zero: int, end_ns: int, path: str) -> list[Channel]:
-    acting = [wrench for wrench in track.acting if not wrench.topic.startswith("effects/")]
+    # What effects of the scene did is in a log of this package, too, in whatever namespace.
+    acting = [wrench for wrench in track.acting if "/effects/" not in f"/{wrench.topic}"]
     return [_channel(wrench, scene, zero, end_ns, path) for wrench in acting if len(wrench.time_ns)]
 
 

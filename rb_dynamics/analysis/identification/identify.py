@@ -163,6 +163,7 @@ class Identification:
                 }
                 for each in self.parameters
             ],
+            "covariance": [[v if np.isfinite(v) else None for v in row] for row in self.covariance.tolist()],
             "mass": self.body.mass,
             "center_of_mass": list(self.body.center_of_mass),
             "inertia": [list(row) for row in self.body.inertia],

@@ -149,11 +149,11 @@ class Model:
         )
 
     def _require_modelled(self) -> None:
-        source, left_out = self.scene.source, "they would be taken for a torque of the body"
+        source, left_out = self.scene.source, "derivatives of the motion do not know them"
         if self.scene.actuators:
             names = ", ".join(actuator.name for actuator in self.scene.actuators)
             raise SceneError(
-                f"{source}: actuators: found {names}, expected none of a flight that is identified, as {left_out}; "
+                f"{source}: actuators: found {names}, expected none, as {left_out}; "
                 "leave them out with --set actuators=[] if they stood still"
             )
         if biased := [channel.topic for channel in self.scene.channels if channel.bias is not None]:
@@ -166,8 +166,8 @@ class Model:
             if not isinstance(effect, MODELLED):
                 known = ", ".join(kind.kind for kind in MODELLED)
                 raise SceneError(
-                    f"{self.scene.source}: effects: found {effect.kind}, expected of a flight that is identified only "
-                    f"{known}; remove it where it hardly acts, with --set effects=[] or in the scene"
+                    f"{self.scene.source}: effects: found {effect.kind}, expected only {known}, whose "
+                    f"derivatives are known; remove it where it hardly acts, with --set effects=[] or in the scene"
                 )
             if isinstance(effect, (LinearDrag, QuadraticDrag)) and type(effect) in kinds:
                 raise SceneError(f"{self.scene.source}: effects: found {effect.kind} twice, expected once; add them up")

@@ -11,10 +11,21 @@ from bag_rows import add
 from identified_flights import flown, guess
 from noisy_recordings import recording
 
-from rb_dynamics import Channel, LogError, ReactionWheel, RigidBody, SceneError, identify
+from rb_dynamics import (
+    Channel,
+    LogError,
+    ReactionWheel,
+    RigidBody,
+    SceneError,
+    Wrench,
+    identify,
+    parse_scene,
+    simulate,
+)
 from rb_dynamics.analysis.identification.flights import ATTITUDE, POSITION, RATES, VELOCITY, Flight, flight_of
 from rb_dynamics.formats import cdr
-from rb_dynamics.formats.bag_reader import Bag, Topic
+from rb_dynamics.formats.bag_reader import Bag, Topic, read_bag
+from rb_dynamics.sinks.mcap_sink import McapSink
 
 IMU = "sensor_msgs/msg/Imu"
 
@@ -113,3 +124,13 @@ def test_commands_act_after_the_delay_of_their_channel() -> None:
     late = replace(scene, channels=tuple(replace(channel, delay=0.125) for channel in scene.channels))
     for prompt, delayed in zip(flight_of(made.bag, scene).channels, flight_of(made.bag, late).channels, strict=True):
         assert (delayed.time_ns == prompt.time_ns + 125_000_000).all()
+
+
+def test_gravity_in_a_log_of_this_package_does_not_act_twice(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    gravity = "effects: [{type: uniform_gravity, acceleration_world: [0, 0, -9.8]}]\n"
+    text = f"body: {{mass: 2, inertia: {{diagonal: [1, 2, 3]}}}}\n{gravity}wrenches: [{{topic: push}}]\nduration: 0.1\n"
+    for namespace in ("", "a"):
+        simulate(parse_scene(text), [("push", Wrench((1.0, 0.0, 0.0)))], [McapSink(path, namespace=namespace)])
+        flight = flight_of(read_bag(path), parse_scene(text))
+        assert [channel.topic.rpartition("/")[2] for channel in flight.channels] == ["push"]

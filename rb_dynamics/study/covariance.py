@@ -1,0 +1,488 @@
+"""`covariance`: how an uncertainty of state and body grows along a flight, to first order.
+
+The derivatives of the motion are those of `identify`: the variational equations, flown under what acted in the run.
+Whether they give the motion of the run is checked, and so is how far the motion is linear: flights that are one
+standard deviation off, in the directions that count most, are flown, too.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+
+from rb_dynamics.analysis.identification import rotations
+from rb_dynamics.analysis.identification.flights import ATTITUDE, POSITION, RATES, VELOCITY, Flight, Stream, flight_of
+from rb_dynamics.analysis.identification.identify import Identification
+from rb_dynamics.analysis.identification.parameters import AXES, PLACES
+from rb_dynamics.analysis.identification.prediction import Model
+from rb_dynamics.analysis.track import Array, Times
+from rb_dynamics.errors import LogError, SceneError
+from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.formats.messages import POSE
+from rb_dynamics.formats.own_log import logged_scene
+from rb_dynamics.motion.fixed_step_kernel import Tally, counted_by
+from rb_dynamics.numerics.argument_checks import shown
+from rb_dynamics.numerics.rotation_arrays import rotate_all
+from rb_dynamics.run.provenance import RUN
+from rb_dynamics.scene.document import parse, plain
+from rb_dynamics.scene.model import Scene
+from rb_dynamics.scene.problems import Problems
+
+Uncertain: TypeAlias = "Mapping[str, object] | str | os.PathLike[str] | Identification"
+
+QUANTITIES = {
+    "attitude": "rad",
+    "angular_velocity_body": "rad/s",
+    "position_world": "m",
+    "linear_velocity_world": "m/s",
+}
+"""What is told, three numbers each, with units; the attitude as a turn about body axes."""
+
+# Outputs without which nothing is known of the motion.
+_FEWEST = 4
+# At most so many outputs are told of.
+_MOST = 1001
+# Part of a radian, or of the motion, by which the derivatives' flight may be off the run.
+_OFF = 1e-3
+# Departure from the linear growth that is called too much.
+_BENT = 0.1
+_KINDS = (ATTITUDE, RATES, POSITION, VELOCITY)
+_STATE = ("orientation", "angular_velocity_body", "position_world", "linear_velocity_world")
+
+
+@dataclass(frozen=True)
+class Covariance:
+    """The covariance of a motion over time, as far as it is linear.
+
+    Attributes:
+        names: of the numbers that are uncertain.
+        sigmas: their standard deviations, SI units.
+        exact: what a fit could not tell, and is taken as exact.
+        time_ns: (n,), outputs of the run.
+        matrices: (n, 12, 12), of attitude (turn about body axes), angular velocity (body axes), position and velocity
+            (world axes, of the body origin).
+        alone: (k, 4), standard deviation of each of `QUANTITIES` at the end, along its worst axis, from each of the
+            names alone.
+        departure: of flights that are one standard deviation off, how far they are from linear growth, as a part of it:
+            the largest over time; infinite if such a body is none.
+        linear_until_ns: the last time before that departure exceeds a tenth; None if it never does.
+    """
+
+    names: tuple[str, ...]
+    sigmas: tuple[float, ...]
+    exact: tuple[str, ...]
+    time_ns: Times
+    matrices: Array
+    alone: Array
+    departure: float
+    linear_until_ns: int | None
+
+    def deviations(self, quantity: str) -> Array:
+        """Return the standard deviations (n, 3) of one of `QUANTITIES`, axis by axis."""
+        at = 3 * list(QUANTITIES).index(quantity)
+        found: Array = np.sqrt(np.maximum(np.diagonal(self.matrices, axis1=1, axis2=2)[:, at : at + 3], 0.0))
+        return found
+
+    def largest(self, quantity: str) -> Array:
+        """Return the standard deviations (n,) of one of `QUANTITIES` along the axis where they are largest."""
+        at = 3 * list(QUANTITIES).index(quantity)
+        values = np.linalg.eigvalsh(self.matrices[:, at : at + 3, at : at + 3])
+        found: Array = np.sqrt(np.maximum(values[:, -1], 0.0))
+        return found
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON: standard deviations by time and axis."""
+        bent = self.linear_until_ns
+        return {
+            "time_ns": self.time_ns.tolist(),
+            **{name: self.deviations(name).tolist() for name in QUANTITIES},
+            "from": [
+                {"name": name, "standard_deviation": sigma, "at_end": dict(zip(QUANTITIES, row, strict=True))}
+                for name, sigma, row in zip(self.names, self.sigmas, self.alone.tolist(), strict=True)
+            ],
+            "taken_as_exact": list(self.exact),
+            "departure_from_linear": self.departure if math.isfinite(self.departure) else None,
+            "linear_until_s": None if bent is None else bent / 1e9,
+        }
+
+
+def covariance(
+    log: str | os.PathLike[str], uncertain: Uncertain | None = None, sigmas: Mapping[str, object] | None = None
+) -> Covariance:
+    """Return how the motion in a log of this package spreads if state and body are uncertain, to first order.
+
+    Args:
+        log: of the run.
+        uncertain: standard deviations by name: `mass`, `center_of_mass`, `inertia`, `initial.orientation` (rad, a turn
+            about body axes), `initial.angular_velocity_body`, `initial.position_world`,
+            `initial.linear_velocity_world`, `wrench_scale.TOPIC`, a number of an effect as `effects[0].rotation`; each
+            a number for all axes, a list, or by axis as in `inertia.xx`. Or what `identify` returns, or the file of its
+            JSON or of such a mapping in YAML.
+        sigmas: such a mapping; it goes before what `uncertain` says of the same number.
+
+    Raises:
+        LogError: `log` is no log of this package, or the file cannot be read.
+        SceneError: a name or a value is wrong, or derivatives of the scene are not known.
+    """
+    bag = read_bag(log, repeated=False)
+    scene = logged_scene(bag.attachments)
+    if scene is None or RUN not in bag.metadata:
+        raise LogError(f"{log} is no log of this package, expected one; write it with simulate --mcap")
+    if scene.body.is_particle:
+        raise SceneError(f"{scene.source}: body: found a particle, expected a body with an inertia; add body.inertia")
+    outputs = max((topic.count for topic in bag.topics.values() if topic.type_name == POSE), default=0)
+    if outputs < _FEWEST:
+        raise SceneError(
+            f"{scene.source}: output_rate: found {outputs} outputs of the run, expected {_FEWEST} or more; raise it"
+        )
+    flight = _thinned(flight_of(bag, scene), log)
+    given = required(uncertain, sigmas, scene)
+    model = Model(scene, [flight], _groups(given.names))
+    z = _at_start(model, scene)
+    by, matrix = _directions(model, scene, given.names), given.matrix
+    with counted_by(Tally()):
+        nominal, columns = _steady(model, z)
+        growth = columns @ by
+        matrices: Array = growth @ matrix @ np.swapaxes(growth, 1, 2)
+        deviations = np.sqrt(np.diagonal(matrix))
+        end = (growth[-1] * deviations).reshape(4, 3, -1)
+        alone = np.linalg.norm(end, axis=1).T
+        departure, bent = _departure(model, z, by, matrix, nominal, growth)
+    until = None if bent is None else int(flight.streams[0].time_ns[bent])
+    return Covariance(
+        given.names,
+        tuple(deviations.tolist()),
+        given.exact,
+        flight.streams[0].time_ns,
+        matrices,
+        alone,
+        departure,
+        until,
+    )
+
+
+class Given(NamedTuple):
+    """What is uncertain: names, their covariance, and what is taken as exact."""
+
+    names: tuple[str, ...]
+    matrix: Array
+    exact: tuple[str, ...] = ()
+
+
+def required(uncertain: Uncertain | None, sigmas: Mapping[str, object] | None, scene: Scene) -> Given:
+    """Return what `uncertain` and `sigmas` say, for a run of `scene`; see `covariance`.
+
+    Raises:
+        LogError: the file cannot be read.
+        SceneError: what is in it, a name or a value is wrong, or nothing is uncertain.
+    """
+    above = _given(sigmas, "sigma", scene) if sigmas else Given((), np.zeros((0, 0)))
+    below = Given((), np.zeros((0, 0))) if uncertain is None else _given(uncertain, "uncertain", scene)
+    # A fit tells the start as a rotation vector.
+    said = {name.replace("orientation", "rotation") for name in above.names}
+    kept = [k for k, name in enumerate(below.names) if name.replace("orientation", "rotation") not in said]
+    matrix = np.zeros((len(kept) + len(above.names),) * 2)
+    matrix[: len(kept), : len(kept)] = below.matrix[np.ix_(kept, kept)]
+    matrix[len(kept) :, len(kept) :] = above.matrix
+    names = (*(below.names[k] for k in kept), *above.names)
+    if not matrix.any():
+        raise SceneError("found nothing uncertain, expected a standard deviation above 0; give one, such as mass: 0.1")
+    return Given(
+        names,
+        matrix,
+        tuple(
+            name for name in below.exact if name.replace("initial.rotation", "initial.orientation") not in above.names
+        ),
+    )
+
+
+def _given(uncertain: Uncertain, source: str, scene: Scene) -> Given:
+    """Return what is uncertain."""
+    if isinstance(uncertain, Identification):
+        uncertain = uncertain.as_dict()
+    if isinstance(uncertain, (str, os.PathLike)):
+        source = str(uncertain)
+        try:
+            text = Path(uncertain).read_text(encoding="utf-8")
+            # A fit of many numbers is beyond the limits of what people write.
+            found = json.loads(text) if '"parameters"' in text else _written(text, source)
+        except (OSError, ValueError) as error:
+            raise LogError(
+                f"cannot read {source}: {error}; give the output of identify --json, or a YAML file"
+            ) from error
+    else:
+        found = uncertain
+    if not isinstance(found, Mapping) or not found:
+        raise SceneError(f"{source}: found {shown(found)}, expected standard deviations by name, such as mass: 0.1")
+    if isinstance(found.get("parameters"), list):
+        return _of_fit(found, source)
+    names: list[str] = []
+    sigmas: list[float] = []
+    for name, value in found.items():
+        each = _named(str(name).removeprefix("body."), value, scene, source)
+        names += each
+        sigmas += each.values()
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise SceneError(f"{source}: found {twice} twice, expected it once; leave out one of them")
+    return Given(tuple(names), np.diag(np.square(sigmas)))
+
+
+def _written(text: str, source: str) -> object:
+    problems = Problems(source)
+    document = parse(text, problems, "file of standard deviations", "mass")
+    if problems:
+        raise problems.error()
+    return plain(document)
+
+
+def _named(name: str, value: object, scene: Scene, source: str) -> dict[str, float]:
+    """Return the standard deviation of each number that `name` stands for.
+
+    Raises:
+        SceneError: there is no such name, or the value does not fit.
+    """
+    whole, axes = name, _axes(name, scene)
+    if axes is None and "." in name:
+        whole, _, axis = name.rpartition(".")
+        axes = _axes(whole, scene)
+        axes = (axis,) if axes is not None and axis in axes else None
+    if axes is None:
+        known = [*(f"initial.{part}" for part in _STATE), "mass", "center_of_mass", "inertia", "wrench_scale.TOPIC"]
+        raise SceneError(
+            f"{source}: found {name!r}, expected one of {', '.join(known)}, a number of an effect as "
+            "effects[0].rotation, or one axis of them as inertia.xx; correct the name"
+        )
+    values = value if isinstance(value, (list, tuple)) else [value] * len(axes)
+    good = len(values) == len(axes) and all(
+        isinstance(v, (int, float)) and not isinstance(v, bool) and math.isfinite(v) and v >= 0.0 for v in values
+    )
+    if not good:
+        many = "" if len(axes) == 1 else f", or a list of {len(axes)} ({', '.join(axes)})"
+        raise SceneError(
+            f"{source}: {name}: found {shown(value)}, expected a standard deviation, 0 or more, in SI units{many}; "
+            "correct it"
+        )
+    return {f"{whole}.{axis}" if axis else whole: float(v) for axis, v in zip(axes, values, strict=True)}
+
+
+def _axes(name: str, scene: Scene) -> tuple[str, ...] | None:
+    """Return the parts of a number of several, ("",) of a single one; None if there is no such name."""
+    if name == "mass" or name.startswith("wrench_scale."):
+        return ("",)
+    if name == "inertia":
+        return AXES
+    if name == "center_of_mass" or name in {f"initial.{part}" for part in _STATE}:
+        return tuple("xyz")
+    match = re.fullmatch(r"effects\[([0-9]{1,6})\]\.(\w+)", name)
+    if match is None or int(match[1]) >= len(scene.effects):
+        return None
+    value = getattr(scene.effects[int(match[1])], match[2], None)
+    return None if value is None else tuple("xyz") if isinstance(value, tuple) and len(value) == 3 else ("",)
+
+
+def _of_fit(found: Mapping[str, Any], source: str) -> Given:
+    """Return the numbers of a fit that change a motion.
+
+    Raises:
+        SceneError: it is not what `identify --json` prints.
+    """
+    try:
+        parameters = [(str(p["name"]), bool(p["known"]), p["standard_error"]) for p in found["parameters"]]
+        errors = [math.nan if error is None else float(error) for *_, error in parameters]
+        rows = found.get("covariance") or np.diag(np.square(errors)).tolist()
+        matrix = np.array([[math.nan if v is None else float(v) for v in row] for row in rows])
+        trace = float(np.trace(np.array(found["inertia"], dtype=np.float64)))
+        matrix = matrix.reshape(len(parameters), len(parameters))
+    except (KeyError, TypeError, ValueError) as error:
+        raise SceneError(
+            f"{source}: found no output of identify --json ({error}), expected one; make it anew"
+        ) from error
+    names = [name.replace("initial[0].", "initial.") for name, *_ in parameters]
+    told = {name for name, (_, known, _) in zip(names, parameters, strict=True) if known}
+    # Without a scale the moments are not known, but their ratios are; the motion without torque needs no more.
+    scale = np.ones(len(names))
+    if "inertia.xx" not in told and "inertia_ratios.xx" in told:
+        for k, name in enumerate(names):
+            if name.startswith("inertia_ratios."):
+                names[k], scale[k] = name.replace("_ratios", ""), trace
+            elif name.startswith("inertia."):
+                names[k] = f"scale of the {name}"
+    moving = ("mass", "center_of_mass.", "inertia.", "initial.", "effects[", "wrench_scale.", "scale of the inertia.xx")
+    kept = [k for k, name in enumerate(names) if name.startswith(moving)]
+    known = [k for k in kept if parameters[k][1]]
+    unknown = [names[k].replace("inertia.xx", "inertia") for k in kept if k not in known]
+    part = (scale[:, None] * matrix * scale)[np.ix_(known, known)]
+    return Given(tuple(names[k] for k in known), part, tuple(unknown))
+
+
+def _groups(names: Sequence[str]) -> tuple[str, ...]:
+    """Return what of a `Model` the names need."""
+    found = dict.fromkeys(name.partition(".")[0] for name in names if not name.startswith("effects["))
+    keys = dict.fromkeys(".".join(name.split(".")[:2]) for name in names if name.startswith("effects["))
+    return tuple(name for name in (*found, *keys) if name != "initial")
+
+
+def _thinned(flight: Flight, log: str | os.PathLike[str]) -> Flight:
+    """Return the motion of a log at so many outputs, with velocities in world axes.
+
+    Raises:
+        LogError: it has no motion.
+    """
+    streams = {stream.kind: stream for stream in flight.streams}
+    if not set(_KINDS) <= set(streams):
+        raise LogError(f"{log}: found no pose and twist, expected those of a run; give the log of a run")
+    times = streams[ATTITUDE].time_ns
+    count = min(len(times), *(len(streams[kind].time_ns) for kind in _KINDS))
+    kept = np.unique(np.linspace(0, count - 1, min(count, _MOST)).round().astype(np.int64))
+    found: list[Stream] = []
+    for kind in _KINDS:
+        stream = streams[kind]
+        values = stream.values[kept]
+        if kind == VELOCITY and not stream.world:
+            values = rotate_all(streams[ATTITUDE].values[kept], values)
+        found.append(replace(stream, time_ns=times[kept], values=values, world=kind == VELOCITY))
+    return replace(flight, streams=tuple(found))
+
+
+def _at_start(model: Model, scene: Scene) -> Array:
+    """Return the parameters with which a flight begins as the scene says."""
+    z = np.zeros(model.layout.count)
+    state = scene.initial
+    for name in _STATE[1:]:
+        block = model.layout[f"initial[0].{name}"]
+        z[block.at] = (np.array(getattr(state, name)) - block.start) / block.scale
+    block = model.layout["initial[0].rotation"]
+    measured = model.starts[0].attitude
+    z[block.at] = rotations.logarithms(
+        rotations.products(rotations.conjugates(measured), np.array(state.orientation_xyzw))
+    )
+    return z
+
+
+def _directions(model: Model, scene: Scene, names: Sequence[str]) -> Array:
+    """Return how the parameters change with each of the names, (p, k).
+
+    Raises:
+        SceneError: a topic of a wrench scale is not in the run.
+    """
+    by = np.zeros((model.layout.count, len(names)))
+    layout = model.layout
+    if "shape" in layout:
+        inertia_by = np.linalg.inv(model.inertia.derivative(0.0, np.zeros(5))[1])
+    vector = rotations.logarithms(np.array(scene.initial.orientation_xyzw))
+    for k, name in enumerate(names):
+        whole, _, axis = name.rpartition(".")
+        place = "xyz".find(axis) if whole else 0
+        if name == "mass":
+            by[layout["mass"].at, k] = 1.0 / scene.body.mass
+        elif whole == "inertia":
+            column = inertia_by[:, AXES.index(axis)]
+            by[layout["size"].at, k], by[layout["shape"].at, k] = column[:1], column[1:]
+        elif name.startswith("wrench_scale."):
+            topic = name.partition(".")[2].lstrip("/")
+            blocks = {n.partition(".")[2].lstrip("/"): b for n, b in layout.blocks.items() if n.startswith("wrench_s")}
+            if topic not in blocks:
+                listed = ", ".join(blocks) or "none, as no wrench acted"
+                raise SceneError(f"found {name}, expected the scale of a topic of the run: {listed}; correct the name")
+            by[blocks[topic].at, k] = 1.0
+        elif whole in ("initial.orientation", "initial.rotation"):
+            # A fit tells the rotation vector of the attitude; anyone else a turn from it.
+            turns = rotations.right_jacobians(vector) if whole.endswith("rotation") else np.eye(3)
+            by[layout["initial[0].rotation"].at, k] = turns[:, place]
+        else:
+            key = name if name in layout else whole.replace("initial.", "initial[0].")
+            block = layout[key]
+            at = block.at.start + (0 if key == name else place)
+            by[at, k] = 1.0 / block.scale[at - block.at.start]
+    return by
+
+
+def _stacked(model: Model, z: Array) -> tuple[Array, Array]:
+    """Return what a flight is off the run (n, 12), and its derivatives (n, 12, p)."""
+    parts = {each.key[1]: each for each in model.predict(z)}
+    left = np.concatenate([parts[kind].left for kind in _KINDS], axis=1)
+    return left, np.concatenate([parts[kind].by for kind in _KINDS], axis=1)
+
+
+def _steady(model: Model, z: Array) -> tuple[Array, Array]:
+    """Return `_stacked` with steps so short that the flight is that of the run.
+
+    Raises:
+        SceneError: it is another with the shortest, too.
+    """
+    start = model.starts[0]
+    speed = max(float(np.abs(s.values).max()) for s in model.flights[0].streams if s.kind == VELOCITY)
+    scale = np.repeat([1.0, max(start.fastest, 1e-9), max(start.extent, 1e-9), max(speed, 1e-9)], 3)
+    for _ in range(6):
+        left, by = _stacked(model, z)
+        off = float(np.abs(left / scale).max()) if np.isfinite(left).all() else math.inf
+        if off <= _OFF and np.isfinite(by).all():
+            return left, by
+        model.turn /= 2.0
+    raise SceneError(
+        f"{model.scene.source}: with the derivatives the flight comes to another motion than the run (by {off:.2g} of "
+        "it), expected the same: something acts that they do not know, or the motion is too sensitive; run a "
+        "campaign instead"
+    )
+
+
+def _departure(
+    model: Model, z: Array, by: Array, matrix: Array, nominal: Array, growth: Array
+) -> tuple[float, int | None]:
+    """Return the largest departure from linear growth, and the last output before it is too much."""
+    worst = np.zeros(len(growth))
+    for rows in (slice(0, 3), slice(6, 9)):
+        last = growth[-1, rows]
+        values, axes = np.linalg.eigh(last @ matrix @ last.T)
+        if values[-1] <= 0.0:
+            continue
+        change = matrix @ last.T @ axes[:, -1] / math.sqrt(values[-1])
+        straight = growth[:, rows] @ change
+        size = np.linalg.norm(straight, axis=1)
+        floor = 1e-3 * float(size.max())
+        for sign in (1.0, -1.0):
+            moved = _moved(model, z, by, sign * change)
+            if moved is None:
+                return math.inf, 0
+            left, _ = _stacked(model, moved)
+            gap = np.linalg.norm(left[:, rows] - nominal[:, rows] - sign * straight, axis=1)
+            worst = np.fmax(worst, np.where(np.isfinite(gap), gap, np.inf) / np.maximum(size, floor))
+    beyond = np.flatnonzero(worst > _BENT)
+    return float(worst.max()), max(0, int(beyond[0]) - 1) if len(beyond) else None
+
+
+def _moved(model: Model, z: Array, by: Array, change: Array) -> Array | None:
+    """Return parameters with the numbers changed, mass and inertia by as much as they are; None if that is no body."""
+    moved: Array = z + by @ change
+    if "mass" in model.layout:
+        at_mass = model.layout["mass"].at
+        if moved[at_mass][0] <= -1.0:
+            return None
+        # The parameter is the logarithm.
+        moved[at_mass] = np.log1p(moved[at_mass])
+    if "shape" not in model.layout:
+        return moved
+    size, shape = model.layout["size"].at, model.layout["shape"].at
+    six, six_by = model.inertia.derivative(0.0, np.zeros(5))
+    target = six + six_by @ (moved - z)[[size.start, *range(shape.start, shape.stop)]]
+    matrix = np.zeros((3, 3))
+    for (i, j), value in zip(PLACES, target, strict=True):
+        matrix[i, j] = matrix[j, i] = value
+    moments = np.linalg.eigvalsh(matrix)
+    if moments[0] <= 0.0 or moments[2] >= moments[0] + moments[1]:
+        return None
+    at = moved[[size.start, *range(shape.start, shape.stop)]]
+    for _ in range(20):
+        here, here_by = model.inertia.derivative(float(at[0]), at[1:])
+        at = at - np.linalg.solve(here_by, here - target)
+    moved[size], moved[shape] = at[:1], at[1:]
+    return moved
