@@ -53,17 +53,18 @@ def write_comparison_recording(found: Comparison, target: str | os.PathLike[str]
     else:
         make_folder(path)
     try:
-        with sending_to(address), rr.RecordingStream("rb_dynamics compare") as stream:
+        # Without a receiver, the stream keeps all: none waits while it is computed.
+        stream, layout = rr.RecordingStream("rb_dynamics compare"), _blueprint(found, _length(found))
+        _send_bodies(stream, found)
+        for each in found.differences.values():
+            _send_plots(stream, found, each)
+        about = rr.TextDocument(f"```\n{text.as_text(found)}\n```", media_type="text/markdown")
+        stream.log("about", about, static=True)
+        with sending_to(address):
             if address:
-                stream.connect_grpc(address, default_blueprint=_blueprint(found, _length(found)))
+                stream.connect_grpc(address, default_blueprint=layout)
             else:
-                stream.save(path, default_blueprint=_blueprint(found, _length(found)))
-            _send_bodies(stream, found)
-            for each in found.differences.values():
-                _send_plots(stream, found, each)
-            stream.log(
-                "about", rr.TextDocument(f"```\n{text.as_text(found)}\n```", media_type="text/markdown"), static=True
-            )
+                stream.save(path, default_blueprint=layout)
             stream.disconnect()
     except (OSError, RuntimeError) as error:
         raise LogError(f"cannot write {path}: {error}; give a file you may write to") from error

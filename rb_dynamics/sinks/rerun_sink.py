@@ -488,6 +488,7 @@ def sending_to(address: str) -> Iterator[None]:
     """Close the connections to a viewer that takes nothing: nothing else ends Rerun's waiting. A file ("") has none.
 
     One that is slow may take as long as it needs. Only Linux tells whether bytes move: elsewhere, the time is for all.
+    What is computed within counts as time in which it takes nothing, so that little should be.
 
     Raises:
         LogError: that happened.
@@ -498,12 +499,12 @@ def sending_to(address: str) -> Iterator[None]:
     done, late = threading.Event(), threading.Event()
 
     def watch() -> None:
-        moved, since = 0, time.monotonic()
+        moved, looks = 0, 0
+        # Counted in looks: a process that was stopped for a while has not looked.
         while not done.wait(_VIEWER_S / _LOOKS):
             now = _moved(address)
-            if now != moved:
-                moved, since = now, time.monotonic()
-            elif time.monotonic() - since >= _VIEWER_S:
+            moved, looks = now, 0 if now != moved else looks + 1
+            if looks >= _LOOKS:
                 late.set()
                 _close_connections(address)
                 return

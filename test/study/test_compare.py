@@ -359,6 +359,27 @@ def test_a_viewer_that_takes_nothing_is_given_up(
     assert f"viewer at {address} received nothing for 0.5 s" in capsys.readouterr().err
 
 
+def test_a_comparison_is_computed_before_a_viewer_waits(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As time counts against the viewer once there is a connection."""
+    pytest.importorskip("rerun")
+    from rb_dynamics.report import comparison_rerun, comparison_text
+    from rb_dynamics.sinks import rerun_sink
+
+    open_then, as_text = [], comparison_text.as_text
+
+    def last(found: Any) -> str:
+        open_then.append(len(rerun_sink._connections(address)))
+        return as_text(found)
+
+    monkeypatch.setattr(rerun_sink, "_VIEWER_S", 0.5)
+    monkeypatch.setattr(comparison_text, "as_text", last)
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        address = f"rerun+http://127.0.0.1:{silent.getsockname()[1]}/proxy"
+        with pytest.raises(rb.LogError, match="received nothing"):
+            comparison_rerun.write_comparison_recording(rb.compare(log, log), address)
+    assert open_then == [0]
+
+
 @pytest.mark.parametrize("kind", ["poses", "itself", "bag"])
 def test_pages_and_recordings_show_what_there_is(kind: str, log: Path, folder: Path) -> None:
     """Without momenta, without a twist or without any difference there is less to draw."""
