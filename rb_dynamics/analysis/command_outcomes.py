@@ -12,6 +12,7 @@ from rb_dynamics.analysis.gaps import gaps
 from rb_dynamics.analysis.track import RecordedWrench, Track
 from rb_dynamics.errors import WrenchError
 from rb_dynamics.formats.topic import Topic
+from rb_dynamics.loads.channels import Channel
 from rb_dynamics.loads.wrench import Wrench, WrenchFrames
 
 
@@ -35,7 +36,7 @@ class CommandOutcomes:
 
 
 def outcomes_of(
-    track: Track, steps: RecordedWrench, source: Topic, declared: WrenchFrames | None, delay_ns: int = 0
+    track: Track, steps: RecordedWrench, source: Topic, declared: WrenchFrames | None, channel: Channel
 ) -> CommandOutcomes:
     """Return the outcome of the commands on `source`; `steps` are the applied wrenches.
 
@@ -44,8 +45,9 @@ def outcomes_of(
         steps: applied wrenches of the channel.
         source: commands received on it.
         declared: frames of the scene; None if it cannot be read: then every command counts as accepted.
-        delay_ns: from a command to its effect.
+        channel: as in the scene.
     """
+    delay_ns = channel.delay_ns
     came = [(at + delay_ns, wrench) for at, wrench in (track.bag.wrenches(source.name) if source.count else [])]
     refused = [(at, wrench) for at, wrench in came if declared and not _honoured(declared, wrench)]
     honoured = Counter(at for at, _ in came) - Counter(at for at, _ in refused)
@@ -76,8 +78,9 @@ def outcomes_of(
     too_large = [at for at in known(honoured - acted) if at != last]
     return CommandOutcomes(
         applied=len(steps.time_ns) - alone.total(),
-        timeouts=len(drops) if _known(track, drops) else None,
-        timed_out_ns=drops[0] if drops else None,
+        # With a lag there is no drop to see.
+        timeouts=len(drops) if _known(track, drops) and not channel.lag else None,
+        timed_out_ns=drops[0] if drops and not channel.lag else None,
         rejected=None if declared is None else len(refused) + len(too_large),
         undeclared=tuple(
             sorted({each.frame_id for _, each in refused if declared and not _honoured(declared, _nothing(each))})

@@ -156,7 +156,8 @@ def _applied(track: Track, scene: Scene) -> Check | None:
     channels = WrenchChannels(scene.channels, scene.frames, (), scene.body)
     logged = {steps.topic: steps for steps in track.wrenches}
     sources: list[tuple[str, int, list[_Taken], int | None]] = []
-    for channel in scene.channels:
+    # What follows with a lag is what no command of its time gives.
+    for channel in (each for each in scene.channels if not each.lag):
         topic = _topic(track, channel.topic)
         came = track.bag.wrenches(topic.name) if topic is not None else []
         taken = [(at + channel.delay_ns, channels.check(channel.topic, wrench).held) for at, wrench in came]

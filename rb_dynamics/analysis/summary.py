@@ -29,6 +29,7 @@ from rb_dynamics.formats.bag_reader import Bag
 from rb_dynamics.formats.messages import APPLIED, DIAGNOSTICS, SCALAR, VECTOR
 from rb_dynamics.formats.own_log import logged_scene
 from rb_dynamics.formats.topic import KEPT, Topic
+from rb_dynamics.loads.channels import Channel
 from rb_dynamics.loads.wrench import WrenchFrames
 from rb_dynamics.numerics.decimals import whole_number
 from rb_dynamics.run.provenance import RESULT, RUN, TOPICS
@@ -370,23 +371,23 @@ def _range(track: Track, name: str, unit: str, series: TimeSeries) -> Range:
 def _channels(track: Track, health: WorstStatus | None) -> list[ChannelHistory]:
     scene = logged_scene(track.bag.attachments) if track.own else None
     names = track.bag.metadata.get(TOPICS, {})
-    delays = {names.get(each.topic, ""): each.delay_ns for each in (() if scene is None else scene.channels)}
+    channels = {names.get(each.topic, ""): each for each in (() if scene is None else scene.channels)}
     declared = None if scene is None else scene.frames
     return [
-        _channel(track, steps, health, declared, delays.get(steps.topic.removesuffix(APPLIED), 0))
+        _channel(track, steps, health, declared, channels.get(steps.topic.removesuffix(APPLIED), Channel()))
         for steps in track.wrenches
     ]
 
 
 def _channel(
-    track: Track, steps: RecordedWrench, health: WorstStatus | None, declared: WrenchFrames | None, delay_ns: int
+    track: Track, steps: RecordedWrench, health: WorstStatus | None, declared: WrenchFrames | None, channel: Channel
 ) -> ChannelHistory:
     name = steps.topic.removesuffix(APPLIED)
     applied = len(steps.time_ns) if steps.topic.endswith(APPLIED) else None
     source = track.bag.topics.get(name)
     known = track.own and applied is not None and source is not None
     became = (
-        outcomes_of(track, steps, source, declared, delay_ns)
+        outcomes_of(track, steps, source, declared, channel)
         if known and source is not None
         else CommandOutcomes(applied or 0)
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 from rb_dynamics.body.rigid_body import RigidBody
@@ -14,9 +15,10 @@ from rb_dynamics.loads.effect import Field, Point, Wrenching
 from rb_dynamics.loads.magnetorquer import Magnetorquer
 from rb_dynamics.loads.reaction_wheel import ReactionWheel
 from rb_dynamics.loads.thruster import Thruster
+from rb_dynamics.loads.transient import Transient
 from rb_dynamics.loads.wheel_set import WheelSet
 from rb_dynamics.loads.wrench import HeldWrench, WrenchFrames
-from rb_dynamics.numerics.nanoseconds import nanoseconds
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
 from rb_dynamics.numerics.rotation import rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector, add, cross
 
@@ -49,6 +51,8 @@ class ActuatorBank:
         # What each does now, and the number of the command that opened a thruster, to which its closing belongs.
         self._values = [0.0] * len(self._actuators)
         self._opened = [0] * len(self._actuators)
+        # Thrusters whose force rises or falls: how, and from which part of it.
+        self._ramps: dict[int, tuple[Transient, float]] = {}
         wheels = [actuator for actuator in self._actuators if isinstance(actuator, ReactionWheel)]
         self.wheels = WheelSet(wheels, body) if wheels else None
         self._wheel = {actuator.name: k for k, actuator in enumerate(wheels)}
@@ -73,12 +77,26 @@ class ActuatorBank:
 
     def next_change_ns(self) -> int | None:
         """Return when a command comes or an actuator changes next; None if that never happens."""
-        return self._queue[0].time_ns if self._queue else None
+        times = [transient.end_ns for transient in self.transients()]
+        return min([*times, *(edge.time_ns for edge in self._queue[:1])], default=None)
+
+    def transients(self) -> list[Transient]:
+        """Return what thrusters do whose force rises or falls."""
+        return [transient for transient, _ in self._ramps.values()]
+
+    def on_their_way(self, now_ns: int) -> list[AppliedWrench]:
+        """Return what each thruster does at `now_ns` whose force rises or falls."""
+        going = [k for k, (ramp, _) in sorted(self._ramps.items()) if ramp.since_ns < now_ns < ramp.end_ns]
+        return [replace(self._applied(k, now_ns), on_its_way=True) for k in going]
 
     def apply(self, now_ns: int) -> list[ActuatorCommand | AppliedWrench]:
         """Make every change that is due at `now_ns`, and return what came and which thruster changed, in order."""
         told: list[ActuatorCommand | AppliedWrench] = []
         self.changed = False
+        for k in [k for k, (ramp, _) in sorted(self._ramps.items()) if ramp.end_ns <= now_ns]:
+            del self._ramps[k]
+            self.changed = True
+            told.append(replace(self._applied(k, now_ns), on_its_way=True))
         while self._queue and self._queue[0].time_ns <= now_ns:
             edge = heapq.heappop(self._queue)
             if edge.acts:
@@ -104,10 +122,10 @@ class ActuatorBank:
             self._turning.clear()
 
     def held(self) -> HeldWrench:
-        """Return what the thrusters do about the centre of mass, body axes."""
+        """Return what the thrusters do about the centre of mass, body axes, without those of `transients`."""
         total = HeldWrench()
-        for actuator, value in zip(self._actuators, self._values, strict=True):
-            if isinstance(actuator, Thruster) and value > 0.0:
+        for k, (actuator, value) in enumerate(zip(self._actuators, self._values, strict=True)):
+            if isinstance(actuator, Thruster) and value > 0.0 and k not in self._ramps:
                 total = total + actuator.held(self._frames, value)
         return total
 
@@ -161,7 +179,26 @@ class ActuatorBank:
         if value == self._values[k]:
             return []
         self.changed = True
+        was = self._level(k, edge.time_ns)
         self._values[k] = value
-        held = actuator.held(self._frames, value)
+        self._ramps.pop(k, None)
+        if length_ns := nanoseconds(actuator.way(value - was)):
+            before, after = (actuator.held(self._frames, level) for level in (was, value))
+            ramp = Transient(before, after, edge.time_ns, length_ns / NANOSECONDS, is_linear=True)
+            self._ramps[k] = ramp, was
+        return [self._applied(k, edge.time_ns)]
+
+    def _level(self, k: int, now_ns: int) -> float:
+        """Return how much of its force a thruster gives."""
+        value = self._values[k]
+        if k not in self._ramps:
+            return value
+        ramp, was = self._ramps[k]
+        return was + (value - was) * ((now_ns - ramp.since_ns) / NANOSECONDS / ramp.length)
+
+    def _applied(self, k: int, now_ns: int) -> AppliedWrench:
+        thruster = self._actuators[k]
+        assert isinstance(thruster, Thruster)
+        held = thruster.held(self._frames, self._level(k, now_ns))
         frame = self._frames.body_frame
-        return [AppliedWrench(edge.time_ns, actuator.name, None, frame, held.force_body, held.torque_body)]
+        return AppliedWrench(now_ns, thruster.name, None, frame, held.force_body, held.torque_body)

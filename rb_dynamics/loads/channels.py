@@ -10,7 +10,7 @@ import heapq
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 from rb_dynamics.body.rigid_body import RigidBody
@@ -26,9 +26,12 @@ from rb_dynamics.loads.command_table import (
     timeline,
 )
 from rb_dynamics.loads.effect import Effect
+from rb_dynamics.loads.load import LoadDependence
+from rb_dynamics.loads.transient import Transient, seen_in_one_frame
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, WrenchFrames, largest_wrench, require_possible
 from rb_dynamics.numerics.argument_checks import instance, number, shown, truth, vector
-from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS, nanoseconds
+from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS, SHORTEST, nanoseconds
+from rb_dynamics.numerics.rotation import IDENTITY, Quaternion
 from rb_dynamics.numerics.vector import ZERO, Vector, norm, scale
 
 if TYPE_CHECKING:
@@ -40,6 +43,9 @@ if TYPE_CHECKING:
 
 ON_EXCESS = ("reject", "clip")
 """What may become of a command beyond the limits of its channel."""
+
+LAG = f"0 (none) or a time from {SHORTEST:g} to {LONGEST:.1e} (s)"
+"""What is expected of a lag."""
 
 # m/s^2 and rad/s^2: beyond, no actuator is meant, and a command under which the motion cannot go on is what is wrong.
 # Below, it is the step or the accuracy, and whoever chose it has to know.
@@ -93,6 +99,7 @@ class Channel:
         delay: s from a command to its effect.
         bias_force: N, through the centre of mass in body axes: acts from time 0 on, whatever is commanded.
         bias_torque: N m, likewise.
+        lag: s, time constant with which what acts follows the command (first order); 0 for at once.
     """
 
     topic: str = "wrench"
@@ -104,6 +111,7 @@ class Channel:
     delay: float = 0.0
     bias_force: Vector = ZERO
     bias_torque: Vector = ZERO
+    lag: float = 0.0
 
     def __post_init__(self) -> None:
         """Check the arguments.
@@ -126,6 +134,10 @@ class Channel:
                 object.__setattr__(self, name, number(limit, name, expected, SceneError, above=0.0))
         expected = f"a time from 0 to {LONGEST:.1e} (s)"
         object.__setattr__(self, "delay", number(self.delay, "delay", expected, SceneError, least=0.0, most=LONGEST))
+        lag = number(self.lag, "lag", LAG, SceneError, least=0.0, most=LONGEST)
+        if 0.0 < lag < SHORTEST:
+            raise SceneError(f"lag is {lag!r}, expected {LAG}; write 0 for none")
+        object.__setattr__(self, "lag", lag)
         for name, what in (("bias_force", "a force (N)"), ("bias_torque", "a torque (N m)")):
             object.__setattr__(self, name, vector(getattr(self, name), name, what, SceneError))
         if self.on_excess not in ON_EXCESS:
@@ -192,19 +204,31 @@ class ChannelBias(Effect):
         return ((0.0, self._bias),)
 
 
+class ChannelLag(Effect):
+    """That what acts on a channel changes inside a step, while it follows the command."""
+
+    takes = LoadDependence.FIELD
+
+    def __init__(self, channel: Channel) -> None:
+        """Be the lag of `channel`."""
+        self.kind = f"{channel.topic.removeprefix('/')}/lag"  # type: ignore[misc]
+
+
 @dataclass(frozen=True, slots=True)
 class AppliedWrench:
-    """A channel's wrench changed.
+    """A channel's wrench changed, or, where it follows with a lag, is on its way at an output.
 
     Attributes:
         time_ns: simulation time at which it took effect.
         topic: the channel's topic, as the scene writes it.
-        received: the command as it came; None where a timeout dropped the channel to zero.
+        received: the command as it came; None where a timeout dropped the channel to zero, and on the way.
         frame_id: the axes of `force` and `torque`: body or world frame.
         force: N, through the centre of mass.
         torque: N m, about the centre of mass.
         clipped: whether the channel's limits made the command smaller.
         delayed: whether the command came earlier, and was told then.
+        timed_out: whether a timeout dropped the channel to zero.
+        on_its_way: whether nothing changed: what acts follows a change that was told before.
     """
 
     time_ns: int
@@ -215,6 +239,8 @@ class AppliedWrench:
     torque: Vector
     clipped: bool = False
     delayed: bool = False
+    timed_out: bool = field(default=False, compare=False)
+    on_its_way: bool = field(default=False, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -281,6 +307,11 @@ class _Hold(NamedTuple):
     held: HeldWrench = HeldWrench()
     received: Wrench | None = None
     expires_ns: int | None = None
+    transient: Transient | None = None
+
+    def at(self, time_ns: int) -> HeldWrench:
+        """Return what acts."""
+        return self.held if self.transient is None else self.transient.at(time_ns)
 
 
 class _Pending(NamedTuple):
@@ -367,7 +398,7 @@ class WrenchChannels:
         held, good = self._held(batch)
         for k, channel in enumerate(self._channels[: self._commanded]):
             mine = batch.channel == k
-            good[mine] &= self._delay_ns[k] == 0
+            good[mine] &= self._delay_ns[k] == 0 and channel.lag == 0.0
             # Close to a limit, `check` decides.
             for limit, part in ((channel.max_force, batch.wrench[:, :3]), (channel.max_torque, batch.wrench[:, 3:])):
                 if limit != math.inf:
@@ -420,6 +451,8 @@ class WrenchChannels:
         """
         if self._queue:
             until_ns = min(until_ns, self._queue[0].time_ns - 1)
+        for change_ns in self._lagging():
+            until_ns = min(until_ns, change_ns - 1)
         if self._table is not None and self._row + most < len(self._table.time_ns):
             until_ns = min(until_ns, int(self._table.time_ns[self._row + most]) - 1)
         table = self._table or CommandTable.empty()
@@ -484,10 +517,11 @@ class WrenchChannels:
         """Return for how long (ns) a command that is on its way will have been so."""
         return self._delay_ns[pending.channel] if pending.on_its_way else 0
 
-    def standing(self, now_ns: int) -> list[AppliedWrench]:
+    def standing(self, now_ns: int, orientation: Quaternion = IDENTITY) -> list[AppliedWrench]:
         """Return each wrench that is held, as a change at `now_ns` that no command of that time made."""
         nothing = HeldWrench()
-        changes = [self._applied(now_ns, i) for i, hold in enumerate(self._holds) if hold.held != nothing]
+        acting = [i for i, hold in enumerate(self._holds) if hold.held != nothing or hold.transient is not None]
+        changes = [self._applied(now_ns, i, orientation) for i in acting]
         return [replace(change, received=None) for change in changes]
 
     def schedule(self, effect: int, wrench: Wrench, time_ns: int) -> None:
@@ -523,16 +557,50 @@ class WrenchChannels:
     def next_change_ns(self) -> int | None:
         """Return when the held wrench changes next: a command or a timeout; None if it never does."""
         times = [hold.expires_ns for hold in self._holds if hold.expires_ns is not None]
+        times += [transient.end_ns for transient in self.transients()]
         if self._queue:
             times.append(self._queue[0].time_ns)
         if self._table is not None and self._row < len(self._table.time_ns):
             times.append(int(self._table.time_ns[self._row]))
         return min(times, default=None)
 
-    def apply(self, now_ns: int) -> list[AppliedWrench | ReceivedWrench | RejectedWrench]:
+    def transients(self) -> list[Transient]:
+        """Return what acts on channels that follow a change with a lag."""
+        return [hold.transient for hold in self._holds if hold.transient is not None]
+
+    def on_their_way(self, now_ns: int, orientation: Quaternion) -> list[AppliedWrench]:
+        """Return what acts at `now_ns` on each channel that is not yet what it was commanded to be."""
+        going = [
+            i
+            for i, hold in enumerate(self._holds)
+            if hold.transient is not None and hold.transient.since_ns < now_ns < hold.transient.end_ns
+        ]
+        return [self._underway(now_ns, i, orientation) for i in going]
+
+    def _underway(self, now_ns: int, channel: int, orientation: Quaternion) -> AppliedWrench:
+        return replace(self._applied(now_ns, channel, orientation), received=None, on_its_way=True)
+
+    def _lagging(self) -> list[int]:
+        """Return the times (ns) at which channels with a lag change without a command."""
+        holds = zip(self._channels, self._holds, strict=True)
+        expiring = [hold.expires_ns for channel, hold in holds if channel.lag and hold.expires_ns is not None]
+        return [*expiring, *(transient.end_ns for transient in self.transients())]
+
+    def _follow(self, channel: int, hold: _Hold, now_ns: int) -> None:
+        """Let a channel hold something else from now on; with a lag, it comes from what acts now."""
+        lag = self._channels[channel].lag
+        if lag:
+            before = self._holds[channel].at(now_ns)
+            hold = hold._replace(transient=Transient(before, hold.held, now_ns, lag) if before != hold.held else None)
+        self._holds[channel] = hold
+
+    def apply(
+        self, now_ns: int, orientation: Quaternion = IDENTITY
+    ) -> list[AppliedWrench | ReceivedWrench | RejectedWrench]:
         """Make every change that is due at `now_ns` and return what changed, in order.
 
-        A command that comes at the very time of its channel's timeout wins over it.
+        A command that comes at the very time of its channel's timeout wins over it. `orientation` (principal to world
+        axes) tells in body axes what follows with a lag from world to body axes.
         """
         self._from_table(now_ns)
         due: list[_Pending] = []
@@ -548,16 +616,19 @@ class WrenchChannels:
         self._done, self._before = due, self._holds.copy()
         commanded = {pending.channel for pending in due if pending.command.held is not None}
         for i, hold in enumerate(self._holds):
+            if hold.transient is not None and hold.transient.end_ns <= now_ns:
+                self._holds[i] = hold._replace(transient=None)
+                told.append(self._underway(now_ns, i, orientation))
             if hold.expires_ns is not None and hold.expires_ns <= now_ns and i not in commanded:
-                self._holds[i] = _Hold()
-                told.append(self._applied(now_ns, i))
+                self._follow(i, _Hold(), now_ns)
+                told.append(replace(self._applied(now_ns, i, orientation), timed_out=True))
         for _, channel, _, (_, received, held, reason, clipped), delayed in due:
             if held is None:
                 told.append(RejectedWrench(now_ns, self._channels[channel].topic, received, reason))
                 continue
             timeout = self._timeout_ns[channel]
-            self._holds[channel] = _Hold(held, received, now_ns + timeout if timeout else None)
-            told.append(self._applied(now_ns, channel, clipped, delayed))
+            self._follow(channel, _Hold(held, received, now_ns + timeout if timeout else None), now_ns)
+            told.append(self._applied(now_ns, channel, orientation, clipped, delayed))
         return told
 
     @property
@@ -588,15 +659,30 @@ class WrenchChannels:
         return max(linear, max(map(abs, (*held.torque_body, *held.torque_world))) / min(body.principal_moments))
 
     def total(self) -> HeldWrench:
-        """Return the sum of the channels, always in the order of the scene, so that its bits do not vary."""
+        """Return the sum of the channels, always in the order of the scene, so that its bits do not vary.
+
+        Without those on their way, which `transients` has.
+        """
         total = HeldWrench()
         for hold in self._holds:
-            total = total + hold.held
+            total = total + hold.held if hold.transient is None else total
         return total
 
-    def _applied(self, now_ns: int, channel: int, clipped: bool = False, delayed: bool = False) -> AppliedWrench:
-        held, received, _ = self._holds[channel]
+    def _applied(
+        self,
+        now_ns: int,
+        channel: int,
+        orientation: Quaternion = IDENTITY,
+        clipped: bool = False,
+        delayed: bool = False,
+    ) -> AppliedWrench:
+        held, received, _, _ = self._holds[channel]
         topic, frames = self._channels[channel].topic, self._frames
+        if self._channels[channel].lag:
+            acting = self._holds[channel].at(now_ns)
+            world, force, torque = seen_in_one_frame(acting, orientation, self._body)
+            frame = frames.world_frame if world else frames.body_frame
+            return AppliedWrench(now_ns, topic, received, frame, force, torque, clipped, delayed)
         if received is not None and received.frame_id == frames.world_frame:
             force, torque = held.force_world, held.torque_world
             return AppliedWrench(now_ns, topic, received, frames.world_frame, force, torque, clipped, delayed)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.loads.buoyancy import Buoyancy, Lift, lifted
 from rb_dynamics.loads.central_gravity import Attraction, CentralGravity, attracted, time_to_fall
+from rb_dynamics.loads.channels import ChannelBias, ChannelLag
 from rb_dynamics.loads.drag import LinearDrag, QuadraticDrag, Resistance, resisted, slowed
 from rb_dynamics.loads.effect import Effect, Point
 from rb_dynamics.loads.load import evaluated
@@ -31,7 +32,8 @@ if TYPE_CHECKING:
 # stand at the end of what a kernel is given, whatever is before them.
 _WIDTH = 16
 _ATTRACTION, _RESISTANCE, _SPIN, _LIFT = 1.0, 2.0, 3.0, 4.0
-_WITHOUT_LOAD = (UniformGravity, ScheduledWrench, MagneticField)
+# What follows a lag is no load of its own, see `transient.py`.
+_WITHOUT_LOAD = (UniformGravity, ScheduledWrench, MagneticField, ChannelBias, ChannelLag)
 
 NO_EFFECTS = (0.0,)
 """The numbers of no effect."""

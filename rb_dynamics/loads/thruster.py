@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from rb_dynamics.errors import SceneError, WrenchError
 from rb_dynamics.loads.actuator import Accepted, Actuator
+from rb_dynamics.loads.load import LoadDependence
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, WrenchFrames
 from rb_dynamics.numerics.argument_checks import instance, shown
 from rb_dynamics.numerics.nanoseconds import LONGEST
@@ -23,7 +24,8 @@ class Thruster(Actuator):
 
     A command takes effect `delay` after it arrives: open for `on_time` seconds, or at `level` (0 to 1) times the force
     until the next command. It replaces the one before: `on_time` 0 closes. Edges fall on their nanosecond, so that an
-    impulse is force times time. The force rises and falls at once.
+    impulse is force times time. With `rise` and `fall` the force goes to its new level along a straight line from each
+    edge on: a pulse of at least `rise` has the impulse F (on-time - rise / 2 + fall / 2).
 
     Attributes:
         frame: where it is, one of the body's fixed frames.
@@ -31,16 +33,20 @@ class Thruster(Actuator):
         command: `on_time` or `level`.
         minimum_on: s; a shorter on-time greater than 0 is rejected.
         delay: s from a command to its edge.
+        rise: s from no force to the whole; 0 for at once.
+        fall: s from the whole force to none; 0 for at once.
     """
 
     kind: ClassVar[str] = "thruster"
-    keys: ClassVar[tuple[str, ...]] = ("name", "frame", "force", "command", "minimum_on", "delay")
+    keys: ClassVar[tuple[str, ...]] = ("name", "frame", "force", "command", "minimum_on", "delay", "rise", "fall")
 
     frame: str
     force: float
     command: str = "on_time"
     minimum_on: float = 0.0
     delay: float = 0.0  # type: ignore[misc]
+    rise: float = 0.0
+    fall: float = 0.0
 
     def __post_init__(self) -> None:
         """Check the arguments.
@@ -53,7 +59,8 @@ class Thruster(Actuator):
         instance(self.frame, str, "thruster: frame", "write the name of a frame")
         self._number("force", "a force greater than 0 (N)", above=0.0)
         self._number("minimum_on", "a time of 0 or more (s)", least=0.0)
-        self._number("delay", f"a time from 0 to {LONGEST:.1e} (s)", least=0.0, most=LONGEST)
+        for name in ("delay", "rise", "fall"):
+            self._number(name, f"a time from 0 to {LONGEST:.1e} (s)", least=0.0, most=LONGEST)
         if self.command not in COMMANDS:
             raise SceneError(f"thruster: command is {shown(self.command)}, expected {' or '.join(COMMANDS)}")
 
@@ -71,13 +78,25 @@ class Thruster(Actuator):
             force=entry.number("force", "a number greater than 0 (N)", lambda v: v > 0.0, "write its force"),
             command=entry.choice("command", COMMANDS, COMMANDS[0]),
             minimum_on=entry.number("minimum_on", "0 or more (s)", lambda v: v >= 0.0, "write 0 for none", 0.0),
-            delay=entry.number("delay", "0 or more (s)", lambda v: 0.0 <= v <= LONGEST, "write 0 for none", 0.0),
+            **{
+                name: entry.number(name, "0 or more (s)", lambda v: 0.0 <= v <= LONGEST, "write 0 for none", 0.0)
+                for name in ("delay", "rise", "fall")
+            },
         )
+
+    @property
+    def takes(self) -> LoadDependence:  # type: ignore[override]
+        """What its load depends on: on time while it rises and falls."""
+        return LoadDependence.FIELD if self.rise or self.fall else LoadDependence.HELD
 
     @property
     def unit(self) -> str:
         """The unit of its commands."""
         return "s" if self.command == "on_time" else "of its force"
+
+    def way(self, level: float) -> float:
+        """Return how long (s) its force takes to rise by `level` times the whole, or to fall by it if negative."""
+        return level * self.rise if level > 0.0 else -level * self.fall
 
     def held(self, frames: WrenchFrames, level: float) -> HeldWrench:
         """Return its wrench about the centre of mass at `level` times its force."""

@@ -200,6 +200,11 @@ def elapsed(phase: PhaseState) -> float:
     return phase.high[13] + phase.low[13]
 
 
+def time_between(before: PhaseState, after: PhaseState) -> float:
+    """Return the time from one phase of a run to another, s, however late in the run."""
+    return (after.high[13] - before.high[13]) + (after.low[13] - before.low[13])
+
+
 def is_finite(phase: PhaseState) -> bool:
     """Return whether attitude, rate and sums are finite, and so is their total.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rb_dynamics.loads.channels import AppliedWrench
@@ -64,4 +64,5 @@ class Block(NamedTuple):
         received = changes.came.received(row) if row >= 0 else None
         frame = changes.frames[int(changes.in_world[i])]
         topic = changes.topics[int(changes.channel[i])]
-        return AppliedWrench(int(changes.time_ns[i]), topic, received, frame, (fx, fy, fz), (tx, ty, tz))
+        applied = AppliedWrench(int(changes.time_ns[i]), topic, received, frame, (fx, fy, fz), (tx, ty, tz))
+        return applied if received is not None else replace(applied, timed_out=True)

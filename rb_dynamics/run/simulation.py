@@ -25,13 +25,14 @@ from rb_dynamics.loads.actuator_bank import ActuatorBank
 from rb_dynamics.loads.channels import AppliedWrench, CheckedWrench, ReceivedWrench, RejectedWrench, WrenchChannels
 from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.command_table import CommandBatch
+from rb_dynamics.loads.transient import Transient, TransientLoad
 from rb_dynamics.loads.wheel_set import WheelLoad, WheelSet
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, held_of
-from rb_dynamics.motion.arc import Arc, LoadFrom
+from rb_dynamics.motion.arc import Arc, LoadFrom, OfPhase
 from rb_dynamics.motion.flight import Edges, Flown, pays
 from rb_dynamics.motion.flight_kernel import CHANGE, LOOK
 from rb_dynamics.motion.kernel_layout import phase_of
-from rb_dynamics.motion.phase_state import PhaseState, RoundingHistory, in_principal_axes
+from rb_dynamics.motion.phase_state import PhaseState, RoundingHistory, in_principal_axes, time_between
 from rb_dynamics.motion.step_control import WholeArc
 from rb_dynamics.numerics.argument_checks import instance, items, shown, time_count, whole_number
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
@@ -272,7 +273,7 @@ class Simulation:
         self._outputs = 1
         self.write(self.sample)
         if self.continues:
-            self._write_changes(self._channels.standing(0))
+            self._write_changes(self._channels.standing(0, self._phase.orientation))
         self._measure()
 
     def post(self, topic: str, wrench: Wrench, time_ns: int = 0) -> bool:
@@ -415,10 +416,18 @@ class Simulation:
             if edge == output:
                 self._outputs += 1
                 output = self.next_output_ns()
-                self.write(self.sample)
+                self._write_sample()
             elif edge == self.end_ns or (self._period_ns is None and edge == change):
-                self.write(self.sample)
+                self._write_sample()
             self._measure()
+
+    def _write_sample(self) -> None:
+        """Tell the sinks the state, and what acts of what is on its way."""
+        if self._sinks:
+            self.write(self.sample)
+            going = self._channels.on_their_way(self.time_ns, self._phase.orientation)
+            for event in (*going, *(self._bank.on_their_way(self.time_ns) if self._bank is not None else ())):
+                self.write(event)
 
     def _nearest_ns(self, output_ns: int, change_ns: int | None) -> int:
         """Return the earliest of an output, a change, the next sample of a sensor, and the end."""
@@ -605,10 +614,11 @@ class Simulation:
         ahead = [knot for knot in self._knots if knot > self.time_ns]
         kink = len(ahead) < len(self._knots)
         self._knots = ahead
-        changes = self._channels.apply(self.time_ns)
+        orientation = self._phase.orientation
+        changes = self._channels.apply(self.time_ns, orientation)
         on_their_way = [change for change in changes if isinstance(change, ReceivedWrench)]
         while self._channels.huge and not self._goes_on():
-            changes = [*on_their_way, *self._channels.apply(self.time_ns)]
+            changes = [*on_their_way, *self._channels.apply(self.time_ns, orientation)]
         self._write_changes(changes)
         if self._bank is not None:
             for told in self._bank.apply(self.time_ns):
@@ -669,11 +679,20 @@ class Simulation:
         seconds = (self.time_ns + self._earlier_ns) / NANOSECONDS
         body, load_from = self.scene.body, self._effects.load_from(seconds, driven)
         self._load_from = None if load_from is None else lambda phase: load_from(phase.point(body))
+        gradual = self._channels.transients() + (self._bank.transients() if self._bank is not None else [])
+        transients = [
+            each._replace(before=in_principal_axes(body, each.before), after=in_principal_axes(body, each.after))
+            for each in gradual
+        ]
+        if transients:
+            self._load_from = _with_transients(transients, self.time_ns, self._phase, self._load_from)
         if self._wheels is not None:
             self._load_from = self._with_wheels(self._wheels, held, self._load_from)
             self._wheels.settle(self._torque(self._phase), self._phase.angular_velocity, self._phase.inner)
-        numbers = self._effects.numbers(seconds) if driven is None and self._wheels is None else None
-        arc = plan.arc(held, self.time_ns, self._phase, self._load_from, numbers)
+        by_effects = driven is None and self._wheels is None and not transients
+        numbers = self._effects.numbers(seconds) if by_effects and self._load_from is not None else None
+        sight = _sight_of(transients, self.time_ns, self._phase) if transients else None
+        arc = plan.arc(held, self.time_ns, self._phase, self._load_from, numbers, sight)
         expected = [time for time in (self._next_change_ns(), self.end_ns) if time is not None]
         arc.expected_ns = min(expected, default=self.time_ns)
         return arc
@@ -700,6 +719,30 @@ def _channels(scene: Scene, effects: CombinedEffects, earlier_ns: int) -> Wrench
             time_ns = nanoseconds(seconds)
             channels.schedule(number, replace(wrench, stamp_ns=time_ns), time_ns - earlier_ns)
     return channels
+
+
+def _with_transients(
+    transients: Sequence[Transient], since_ns: int, start: PhaseState, load_from: LoadFrom | None
+) -> LoadFrom:
+    """Return the load of an arc from `start` at `since_ns` with what acts gradually."""
+    ages = [(since_ns - each.since_ns) / NANOSECONDS for each in transients]
+
+    def at(phase: PhaseState) -> TransientLoad:
+        t = time_between(start, phase)
+        return TransientLoad(transients, [age + t for age in ages], load_from and load_from(phase))
+
+    return at
+
+
+def _sight_of(transients: Sequence[Transient], since_ns: int, start: PhaseState) -> OfPhase:
+    """Return for how long (s) what acts gradually tells of itself in a phase of an arc."""
+    ages = [(since_ns - each.since_ns, each) for each in transients]
+
+    def at(phase: PhaseState) -> float:
+        t = time_between(start, phase)
+        return min(each.sight(age_ns / NANOSECONDS + t) for age_ns, each in ages)
+
+    return at
 
 
 def _require_finite(body: RigidBody, phase: PhaseState, time_ns: int) -> None:

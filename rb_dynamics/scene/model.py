@@ -9,7 +9,7 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.actuator import Actuator
-from rb_dynamics.loads.channels import Channel, ChannelBias, topic_fault
+from rb_dynamics.loads.channels import Channel, ChannelBias, ChannelLag, topic_fault
 from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.effect import Effect
 from rb_dynamics.loads.reaction_wheel import ReactionWheel
@@ -203,9 +203,10 @@ class Scene:
 
     @property
     def combined_effects(self) -> CombinedEffects:
-        """The effects, the biases of channels and what actuators are, combined, for this body."""
+        """The effects, the biases and lags of channels and what actuators are, combined, for this body."""
         biases = tuple(ChannelBias(channel) for channel in self.channels if channel.bias is not None)
-        return CombinedEffects(self.body, (*self.effects, *biases, *self.actuators), self.frames)
+        lags = tuple(ChannelLag(channel) for channel in self.channels if channel.lag)
+        return CombinedEffects(self.body, (*self.effects, *biases, *lags, *self.actuators), self.frames)
 
 
 __all__ = ["Channel", "Scene", "Solver"]

@@ -79,15 +79,17 @@ class Plan:
         phase: PhaseState,
         load_from: LoadFrom | None,
         numbers: tuple[float, ...] | None = None,
+        sight: OfPhase | None = None,
     ) -> Arc:
         """Return the motion from `start_ns` on, with `held` (body parts in principal axes) and the load of `load_from`.
 
-        `numbers` are the same load for kernels.
+        `numbers` are the same load for kernels, and `sight` tells more than the effects for how long the load in a
+        phase is a guide to the load ahead.
 
         Raises:
             ConvergenceError: no method meets the accuracy here.
         """
-        outlook = self._outlook._replace(numbers=numbers or ())
+        outlook = self._outlook._replace(numbers=numbers or (), sight=_nearer(self._outlook.sight, sight))
 
         def stepper(method: Method) -> Stepper:
             return Stepper(method, self._inertia, held, load_from, outlook)
@@ -198,6 +200,13 @@ class Plan:
 
 def _of_phase(part: Callable[[Point], float], body: RigidBody) -> OfPhase:
     return lambda phase: part(phase.point(body))
+
+
+def _nearer(one: OfPhase | None, other: OfPhase | None) -> OfPhase | None:
+    """Return the shorter of two sights."""
+    if one is None or other is None:
+        return one or other
+    return lambda phase: min(one(phase), other(phase))
 
 
 def _turns_nothing(scene: Scene) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from rb_dynamics.loads.channels import ON_EXCESS, topic_fault
+from rb_dynamics.loads.channels import LAG, ON_EXCESS, topic_fault
 from rb_dynamics.numerics.nanoseconds import LONGEST, SHORTEST
 from rb_dynamics.scene.fields import Field, Rule, Section
 from rb_dynamics.scene.model import Channel
@@ -22,8 +22,9 @@ _LIMITS = {
 _DELAY = Rule(
     f"a time from 0 to {LONGEST:.1e} (s)", lambda v: 0.0 <= v <= LONGEST, "write the time from a command to its effect"
 )
+_LAG = Rule(LAG, lambda v: v == 0.0 or SHORTEST <= v <= LONGEST, "write 0 or the time constant of the actuator")
 _BIAS = {name: Rule(f"a finite number ({unit})") for name, unit in (("force", "N"), ("torque", "N m"))}
-_KEYS = ("topic", "timeout", "optional", *_LIMITS, "on_excess", "delay", "bias")
+_KEYS = ("topic", "timeout", "optional", *_LIMITS, "on_excess", "delay", "bias", "lag")
 
 
 def channels(field: Field | None, taken: dict[str, str]) -> tuple[Channel, ...]:
@@ -50,6 +51,7 @@ def _channel(section: Section, taken: dict[str, str]) -> Channel:
         section.number("delay", _DELAY, 0.0),
         bias.vector("force", _BIAS["force"]),
         bias.vector("torque", _BIAS["torque"]),
+        section.number("lag", _LAG, 0.0),
     )
 
 

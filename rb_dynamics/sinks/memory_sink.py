@@ -24,7 +24,7 @@ class MemorySink:
 
     Attributes:
         samples: the samples themselves.
-        applied: every change of a wrench channel.
+        applied: every change of a wrench channel, and what acts meanwhile where it follows with a lag.
         rejected: every command that was not honoured.
         commands: every command to an actuator, rejected ones too.
         measurements: everything that sensors gave.

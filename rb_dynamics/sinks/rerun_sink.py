@@ -239,8 +239,9 @@ class Recorder:
         elif isinstance(event, AppliedWrench):
             for part in self.rows.take_wrench(event):
                 self._send_wrench_looks(part)
-            self._mark(event)
-            self._note("INFO", _told(event))
+            if not event.on_its_way:
+                self._mark(event)
+                self._note("INFO", _told(event))
         elif isinstance(event, RejectedWrench):
             self._note("WARN", f"{event.topic}: rejected: {event.reason}")
         elif isinstance(event, StateChange):
@@ -628,7 +629,7 @@ def _wrench_entity(part: WrenchPart) -> str:
 
 
 def _told(event: AppliedWrench) -> str:
-    if event.received is None:
+    if event.timed_out:
         return f"{event.topic}: timed out, drops to zero"
     force, torque = (", ".join(f"{value:.6g}" for value in vector) for vector in (event.force, event.torque))
     return f"{event.topic}: force ({force}) N, torque ({torque}) N m, in {event.frame_id} axes"

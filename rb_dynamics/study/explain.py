@@ -66,7 +66,7 @@ NOT_MODELLED = (
     "harmonics, third bodies, ephemerides",
     "a moving or rotating world frame",
     "cameras, range sensors",
-    "imbalance and gimbals of wheels, rise and fall of thrust, lag of a channel",
+    "imbalance and gimbals of wheels",
     "relativity, radiation of momentum",
 )
 """What no scene can describe; docs/limits.md names alternatives."""

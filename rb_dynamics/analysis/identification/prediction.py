@@ -161,6 +161,11 @@ class Model:
                 f"{source}: wrenches: found a bias of {', '.join(biased)}, expected none, as {left_out}; write it as "
                 "an effect of type scheduled_wrench"
             )
+        if lagging := [channel.topic for channel in self.scene.channels if channel.lag]:
+            raise SceneError(
+                f"{source}: wrenches: found a lag of {', '.join(lagging)}, expected none of a flight that is "
+                "identified, as commands are taken to act at once; leave it out where it hardly counts, or fit delay"
+            )
         kinds: list[type] = []
         for effect in self.scene.effects:
             if not isinstance(effect, MODELLED):

@@ -1,0 +1,103 @@
+"""`Transient`: the way from one held wrench to the next: the lag of a channel, the rise and fall of a thruster.
+
+What acts on the way is known in closed form: a mean of the two whose weight goes from one to the other along an
+exponential or a straight line. So it needs no state, and depends neither on steps nor on outputs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.loads.load import Load
+from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
+from rb_dynamics.numerics.rotation import IDENTITY, Quaternion, conjugate, multiply, rotate, rotate_inverse
+from rb_dynamics.numerics.vector import ZERO, Vector, add, scale
+
+# Time constants after which an exponential is over: exp(-40) = 4e-18 of a change is less than its rounding.
+_OVER = 40.0
+
+
+class Transient(NamedTuple):
+    """What acts from `since_ns` on.
+
+    Attributes:
+        before: what acts at `since_ns`.
+        after: what will act.
+        since_ns: when it began.
+        length: s: the time constant of an exponential, or how long a straight line takes.
+        is_linear: which of the two it is.
+    """
+
+    before: HeldWrench
+    after: HeldWrench
+    since_ns: int
+    length: float
+    is_linear: bool = False
+
+    @property
+    def end_ns(self) -> int:
+        """When it is over."""
+        return self.since_ns + max(1, nanoseconds(self.length if self.is_linear else _OVER * self.length))
+
+    def aged(self, age: float) -> HeldWrench:
+        """Return what acts `age` s after it began.
+
+        With two weights: what acts is exact to a few roundings of itself, also where it begins at zero, or comes there.
+        """
+        part = age / self.length
+        old, new = (1.0 - part, part) if self.is_linear else (math.exp(-part), -math.expm1(-part))
+        return scaled(old, self.before) + scaled(new, self.after)
+
+    def at(self, time_ns: int) -> HeldWrench:
+        """Return what acts at a time."""
+        return self.aged((time_ns - self.since_ns) / NANOSECONDS)
+
+    def sight(self, age: float) -> float:
+        """Return for how long (s) it tells of itself: a step over many time constants would see nothing of it."""
+        return math.inf if self.is_linear else self.length * math.exp(min(age / self.length, _OVER))
+
+
+def scaled(factor: float, held: HeldWrench) -> HeldWrench:
+    """Return a multiple of a wrench."""
+    return HeldWrench(*(scale(factor, part) for part in held))
+
+
+def seen_in_one_frame(held: HeldWrench, orientation: Quaternion, body: RigidBody | None) -> tuple[bool, Vector, Vector]:
+    """Return whether a wrench is given in world axes, force and torque; in body axes where it has parts in both.
+
+    `orientation` is from principal to world axes.
+    """
+    if (held.force_body, held.torque_body) == (ZERO, ZERO) != (held.force_world, held.torque_world):
+        return True, held.force_world, held.torque_world
+    if (held.force_world, held.torque_world) == (ZERO, ZERO):
+        return False, held.force_body, held.torque_body
+    axes = IDENTITY if body is None else body.principal_orientation_xyzw
+    attitude = multiply(orientation, conjugate(axes))
+    force, torque = (rotate_inverse(attitude, part) for part in (held.force_world, held.torque_world))
+    return False, add(held.force_body, force), add(held.torque_body, torque)
+
+
+class TransientLoad:
+    """The load of one step with transients: what else acts, and what they do."""
+
+    def __init__(self, transients: Sequence[Transient], ages: Sequence[float], load: Load | None) -> None:
+        """Begin a step when the transients, with body parts in principal axes, are so old (s)."""
+        self._transients, self._ages, self._load = transients, ages, load
+
+    def __call__(
+        self, t: float, displacement: Vector, velocity: Vector, orientation: Quaternion, angular_velocity: Vector
+    ) -> tuple[Vector, Vector]:
+        """Return force (N, world axes) and torque (N m, principal axes), as a `Load` does."""
+        force, torque = ZERO, ZERO
+        if self._load is not None:
+            force, torque = self._load(t, displacement, velocity, orientation, angular_velocity)
+        acting = HeldWrench()
+        for transient, age in zip(self._transients, self._ages, strict=True):
+            acting = acting + transient.aged(age + t)
+        force = add(force, add(acting.force_world, rotate(orientation, acting.force_body)))
+        torque = add(torque, add(acting.torque_body, rotate_inverse(orientation, acting.torque_world)))
+        return force, torque
