@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import socket
+import time
 from pathlib import Path
 from typing import Any
 
@@ -368,10 +369,11 @@ def test_a_comparison_is_computed_before_a_viewer_waits(log: Path, monkeypatch: 
     open_then, as_text = [], comparison_text.as_text
 
     def last(found: Any) -> str:
+        time.sleep(0.3)  # in which a thread of Rerun would connect
         open_then.append(len(rerun_sink._connections(address)))
+        monkeypatch.setattr(rerun_sink, "_VIEWER_S", 0.5)
         return as_text(found)
 
-    monkeypatch.setattr(rerun_sink, "_VIEWER_S", 0.5)
     monkeypatch.setattr(comparison_text, "as_text", last)
     with socket.create_server(("127.0.0.1", 0)) as silent:
         address = f"rerun+http://127.0.0.1:{silent.getsockname()[1]}/proxy"
