@@ -2,7 +2,8 @@
 
     python tools/make_pictures.py
 
-Uses the Rerun viewer without a window (software rendering if there is no graphics card), and Chromium for the report.
+Uses the Rerun viewer without a window (software rendering if there is no graphics card), and Chromium for the report,
+with the extra `interactive`.
 The recording is that of `make demo`; the flip of a free body is run here. Look at the pictures before committing them.
 """
 
@@ -57,6 +58,8 @@ def main() -> None:
         save(viewed(demo, DEMO_S), "demo.png")
         save(viewed(rrd, FLIP_S), "flip.png")
         write_run_report(mcap, page)
+        # The facts of the run are left out, so that figures come into view.
+        page.write_text(page.read_text().replace("</head>", "<style>#section-2 { display: none }</style></head>"))
         save(browsed(page, Path(folder) / "page.png"), "report.png")
         make_video(mcap, Path(folder) / "flip.gif")
 
@@ -115,6 +118,7 @@ def browsed(page: Path, shot: Path) -> Image.Image:
         "--headless",
         "--no-sandbox",
         "--hide-scrollbars",
+        "--virtual-time-budget=20000",  # until figures have become those that answer when touched
         f"--window-size={width},{height}",
         f"--screenshot={shot}",
     ]

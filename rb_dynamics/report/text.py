@@ -136,8 +136,8 @@ def balance_rows(summary: RunSummary) -> list[list[str]]:
     """Return header and rows: defects; empty if there are no balances."""
     rows = [["", "worst defect", "at t [s]", "largest value", "relative", "of the run"]]
     for b in summary.balances:
-        worst = [f"{b.worst:.3e}", _short((b.worst_ns - summary.start_ns) * 1e-9)] if b.covered else ["", ""]
-        relative = f"{b.relative:.3e}" if b.covered else ""
+        worst = [_size(b.worst), _short((b.worst_ns - summary.start_ns) * 1e-9)] if b.covered else ["", ""]
+        relative = _size(b.relative) if b.covered else ""
         rows.append([f"{b.name} [{b.unit}]", *worst, f"{b.scale:.4g}", relative, f"{100.0 * b.covered:.3g} %"])
     return rows if summary.balances else []
 
@@ -285,6 +285,10 @@ def health_sentence(summary: RunSummary) -> str:
     if summary.health is None:
         return ""
     return f"worst level {summary.health.level}; last message: {summary.health.message or 'none'}"
+
+
+def _size(value: float) -> str:
+    return f"{value:.3e}" if value else "0"
 
 
 def _short(value: float) -> str:
