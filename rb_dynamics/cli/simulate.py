@@ -54,10 +54,11 @@ def run(args: argparse.Namespace) -> int:
     scene, commands = read_with_commands(args)
     spread = None
     if args.sigma or args.covariance:
-        from rb_dynamics.study.covariance import covariance, required
+        from rb_dynamics.study.covariance import covariance
+        from rb_dynamics.study.uncertain_numbers import uncertain_numbers
 
         sigmas = dict(map(_sigma, args.sigma))
-        required(args.covariance, sigmas, scene)
+        uncertain_numbers(args.covariance, sigmas, scene)
     if not len(commands):
         output.note_coasting(scene)
     with contextlib.ExitStack() as stack:
