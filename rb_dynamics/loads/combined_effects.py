@@ -11,14 +11,14 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from numbers import Integral
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.compiled_load import effect_numbers
 from rb_dynamics.loads.effect import Effect, Field, Point, Sight, Slowing, Stored, Wrenching
 from rb_dynamics.loads.load import Load, LoadDependence
-from rb_dynamics.loads.wrench import WORLD, Wrench, WrenchFrames
+from rb_dynamics.loads.wrench import WORLD, HeldWrench, Wrench, WrenchFrames, largest_wrench
 from rb_dynamics.numerics.argument_checks import shown
 from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import ZERO, Vector, add, norm
@@ -27,6 +27,18 @@ if TYPE_CHECKING:
     from typing import TypeGuard
 
 _T = TypeVar("_T")
+
+
+class Lasting(NamedTuple):
+    """What effects do all the time.
+
+    Attributes:
+        force_world: held, N, world axes, through the centre of mass.
+        numbers: of the load inside the steps, for kernels; empty where there is none.
+    """
+
+    force_world: Vector
+    numbers: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -127,6 +139,24 @@ class CombinedEffects:
     def numbers(self, start: float) -> tuple[float, ...] | None:
         """Return the same load for kernels; None if there is none, or an effect has no numbers."""
         return None if self.takes == LoadDependence.HELD else effect_numbers(self.effects, self.body, start)
+
+    def lasting(self) -> Lasting | None:
+        """Return what acts from the start of a run to its end; None where that is not all, or has no numbers.
+
+        There is more where the load has knots, a wrench comes later or turns, or something moves inside the body.
+        """
+        numbers, force = self.numbers(0.0), ZERO
+        if (numbers is None and self.takes != LoadDependence.HELD) or self.knots() or self.storing() is not None:
+            return None
+        for _, entries in self.schedules():
+            if len(entries) > 1 or entries[0][0] != 0.0:
+                return None
+            held = self.frames.hold(entries[0][1])
+            if held != HeldWrench(force_world=held.force_world):
+                return None
+            force = add(force, held.force_world)
+        possible = max(map(abs, force)) <= largest_wrench(self.body)[0]
+        return Lasting(force, numbers or ()) if possible else None
 
     def potential(self) -> Callable[[Point], float] | None:
         """Return the potential energy (J) of all; None where none has one."""

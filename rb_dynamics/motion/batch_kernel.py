@@ -11,13 +11,14 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rb_dynamics.errors import ConvergenceError
+from rb_dynamics.loads.effect import Point
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import dlm, exact, fixed_step_kernel, midpoint, rk4
 from rb_dynamics.motion.kernel_layout import (
@@ -58,6 +59,10 @@ _WRENCH = "Array(float64, 3, 'A', True)"
 _SHARED = f"float64[:, ::1], float64, int64[::1], float64[::1], {', '.join(4 * (_WRENCH,))}"
 _LANES = f"boolean({_SHARED}, float64[:, ::1], float64[:, ::1], int64, int64)"
 _ONE_BY_ONE = f"void({_SHARED}, float64[:, ::1], float64[:, ::1], float64[:, ::1], int64, int64)"
+
+
+Loads = Sequence[Callable[[Point], Load] | None]
+"""What gives the load of a step from its first point, for each body; empty where there are no effects."""
 
 
 class Schedule(NamedTuple):
@@ -116,7 +121,8 @@ def one_by_one(
 ) -> None:
     """Move the bodies `first` to `last` from `state` to `after` by counts[k] steps of h s and one of rests[k] s.
 
-    Wrenches are (interval, body, axis), body parts in body axes. If `trace` has rows, they receive the states after
+    Wrenches are (interval, body, axis), body parts in body axes; effects have their numbers at the end of the rows of
+    `properties`. If `trace` has rows, they receive the states after
     each interval; there is only one body then.
     """
     for i in range(first, last):
@@ -126,7 +132,7 @@ def one_by_one(
             held = _held(properties, force_body, torque_body, force_world, torque_world, k, i)
             count, rest = counts[k], rests[k]
             for j in range(count + (1 if rest > 0.0 else 0)):
-                q, w, high, low = run(inertia, held, h if j < count else rest, 1, q, w, high, low)
+                q, w, high, low = run(inertia, held, h if j < count else rest, 1, q, w, high, low, properties[i])
             if len(trace) > 0:
                 write_phase_in(trace.T, k, q, w, high, low)
         write_phase_in(after.T, i, q, w, high, low)
@@ -221,27 +227,40 @@ def _all_finite(s: Numbers, sums: Numbers) -> bool:
 class Mover:
     """One method, for many bodies."""
 
-    def __init__(self, method: Method) -> None:
-        """Compile nothing yet."""
-        self._plain = fixed_step_kernel.plain(method)
-        self._lanes = _on_demand(lanes, _LANES, method.name, _LANE_STEPS.get(method.name))
+    def __init__(self, method: Method, *, effects: bool = False) -> None:
+        """Compile nothing yet; with `effects` it is for bodies that have some."""
+        self._plain = fixed_step_kernel.plain(method, fixed_step_kernel.load_in_plain)
+        lane_step = None if effects else _LANE_STEPS.get(method.name)
+        self._lanes = _on_demand(lanes, _LANES, method.name, lane_step)
         step = method.step if method.compiles else _COMPILED_STEPS.get(method.name)
-        self._one_by_one = _on_demand(one_by_one, _ONE_BY_ONE, method.name, step)
+        if effects and not fixed_step_kernel.compiles(method, effects=True):
+            step = None
+        self._one_by_one = _on_demand(one_by_one, _ONE_BY_ONE, method.name, step, effects=effects)
 
     @property
     def kernels(self) -> tuple[fixed_step_kernel.OnDemand | None, ...]:
         """Those of blocks and of single bodies."""
         return self._lanes, self._one_by_one
 
-    def move(self, properties: Numbers, schedule: Schedule, state: Numbers, after: Numbers, threads: int) -> None:
+    def move(
+        self,
+        properties: Numbers,
+        schedule: Schedule,
+        state: Numbers,
+        after: Numbers,
+        threads: int,
+        loads: Loads = (),
+    ) -> None:
         """Write the state of all bodies after `schedule` to `after`; `state` is unchanged.
 
         Args:
-            properties: (N, 8), for each body mass, principal moments, rotation from principal to body axes.
+            properties: (N, 8 or more), for each body mass, principal moments, rotation from principal to body axes; at
+                the end the numbers of its effects.
             schedule: steps and wrenches.
             state: (N, `PHASE`).
             after: same shape.
             threads: at most this many; the bits do not depend on it.
+            loads: of the effects of each body, in plain Python.
 
         Raises:
             ConvergenceError: a step of a body cannot be solved; names the first such body.
@@ -271,7 +290,8 @@ class Mover:
                 left = _not_finite(after)
         for i in left.tolist():
             try:
-                for numbers in self._in_plain_python(properties, schedule, state[i].tolist(), i):
+                load_from = loads[i] if loads else None
+                for numbers in self._in_plain_python(properties, schedule, state[i].tolist(), i, load_from):
                     after[i] = numbers
             except ConvergenceError as error:
                 raise ConvergenceError(f"body {i}: {error}" if bodies > 1 else str(error)) from error
@@ -295,10 +315,15 @@ class Mover:
                 trace[k] = numbers
 
     def _in_plain_python(
-        self, properties: Numbers, schedule: Schedule, state: list[float], i: int
+        self,
+        properties: Numbers,
+        schedule: Schedule,
+        state: list[float],
+        i: int,
+        load_from: Callable[[Point], Load] | None = None,
     ) -> Iterator[tuple[float, ...]]:
         """Yield the states of body i after each interval."""
-        mass, i1, i2, i3, *axes = properties[i].tolist()
+        mass, i1, i2, i3, *axes = properties[i, :8].tolist()
         inertia, axes = Inertia(mass, (i1, i2, i3)), tuple(axes)
         q, w, high, low = phase_of(tuple(state))
         h, counts, rests, *wrenches = schedule
@@ -306,9 +331,9 @@ class Mover:
             force, torque, force_world, torque_world = (tuple((wrench[k, i] + 0.0).tolist()) for wrench in wrenches)
             held = HeldWrench(rotate_inverse(axes, force), rotate_inverse(axes, torque), force_world, torque_world)
             try:
-                q, w, high, low = self._plain(inertia, held, h, count, q, w, high, low)
+                q, w, high, low = self._plain(inertia, held, h, count, q, w, high, low, load_from)
                 if rest > 0.0:
-                    q, w, high, low = self._plain(inertia, held, rest, 1, q, w, high, low)
+                    q, w, high, low = self._plain(inertia, held, rest, 1, q, w, high, low, load_from)
             except ArithmeticError as error:
                 raise _out_of_range() from error
             numbers = phase_numbers(PhaseState(q, w, high, low))
@@ -318,9 +343,9 @@ class Mover:
 
 
 @cache
-def mover(method: Method) -> Mover:
-    """Return the `Mover` of `method`."""
-    return Mover(method)
+def mover(method: Method, *, effects: bool = False) -> Mover:
+    """Return the `Mover` of `method`, for bodies with or without effects."""
+    return Mover(method, effects=effects)
 
 
 @compiled_as(NO_INCREMENT)
@@ -348,13 +373,18 @@ _LANE_STEPS: dict[str, Step] = {"rk4": rk4.step, "midpoint": midpoint.lane_step,
 
 
 def _on_demand(
-    template: Callable[..., Any], signature: str, name: str, step: Step | None
+    template: Callable[..., Any], signature: str, name: str, step: Step | None, *, effects: bool = False
 ) -> fixed_step_kernel.OnDemand | None:
     if step is None:
         return None
     full = f"{template.__name__}_{name}"
-    one = specialise(fixed_step_kernel.run, f"run_{full}", _step=step)
-    return fixed_step_kernel.OnDemand(name, specialise(template, full, run=one), signature)
+    load: Callable[..., Any] = fixed_step_kernel.no_load
+    price = 1.0
+    if effects:
+        full += fixed_step_kernel.WITH_EFFECTS
+        load, price = fixed_step_kernel.load_of_effects, fixed_step_kernel.PRICE_OF_EFFECTS
+    one = specialise(fixed_step_kernel.run, f"run_{full}", _step=step, _load=load)
+    return fixed_step_kernel.OnDemand(name, specialise(template, full, run=one), signature, price)
 
 
 def _parts(bodies: int, least: int, threads: int, steps: int) -> list[tuple[int, int]]:

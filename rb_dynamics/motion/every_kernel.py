@@ -26,12 +26,16 @@ def usual_kernels() -> dict[str, OnDemand]:
 def every_kernel() -> dict[str, OnDemand]:
     """Return all that there are, those of plug-ins included."""
     methods = METHODS.usable()
-    others = (each for m in methods for each in (*_of(m), *_of(m, effects=True), *mover(m).kernels))
+    others = (each for m in methods for each in (*_of(m), *_of(m, effects=True), *_side_by_side(m)))
     return usual_kernels() | _by_name([FREE_STATES, *others])
 
 
 def _of(method: Method, *, effects: bool = False) -> Iterable[OnDemand | None]:
     return kernel(method, effects=effects), strides_of(method, effects=effects)
+
+
+def _side_by_side(method: Method) -> Iterable[OnDemand | None]:
+    return *mover(method).kernels, *mover(method, effects=True).kernels
 
 
 def _by_name(kernels: Iterable[OnDemand | None]) -> dict[str, OnDemand]:

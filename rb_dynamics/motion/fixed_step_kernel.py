@@ -26,7 +26,8 @@ from typing import TYPE_CHECKING, Any
 
 from rb_dynamics.errors import MissingExtraError, RigidBodyError
 from rb_dynamics.loads.compiled_load import EffectLoad
-from rb_dynamics.loads.load import LoadDependence
+from rb_dynamics.loads.effect import Point
+from rb_dynamics.loads.load import Load, LoadDependence
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.kernel_layout import (
     CONSTANTS,
@@ -42,8 +43,8 @@ from rb_dynamics.motion.method import Increment, Inertia, Method
 from rb_dynamics.motion.phase_state import PhaseState, Sums, grown
 from rb_dynamics.numerics.compilation import available, compile_kernel, failure_of, is_cached, specialise
 from rb_dynamics.numerics.compiling_beside import ask_for
-from rb_dynamics.numerics.rotation import Quaternion
-from rb_dynamics.numerics.vector import Vector, scale
+from rb_dynamics.numerics.rotation import IDENTITY, Quaternion
+from rb_dynamics.numerics.vector import ZERO, Vector, scale
 
 if TYPE_CHECKING:
     from rb_dynamics.numerics.arrays import Numbers
@@ -132,7 +133,7 @@ def no_load(_effects: Any, _high: Sums, _low: Sums) -> EffectLoad | None:
 _load = no_load
 
 
-def load_of_effects(effects: Numbers, high: Sums, low: Sums) -> EffectLoad:
+def load_of_effects(effects: Any, high: Sums, low: Sums) -> EffectLoad:
     """Return the load of a step that starts with these sums; the numbers of the effects are at the end of `effects`."""
     return EffectLoad(effects, high[13] + low[13], (high[0] + low[0], high[1] + low[1], high[2] + low[2]))
 
@@ -147,9 +148,17 @@ def _run_on_numbers(numbers: Numbers, h: float, n: int) -> None:
     write_phase(numbers, CONSTANTS, PhaseState(q, w, high, low))
 
 
-def plain(method: Method) -> Callable[..., tuple[Quaternion, Vector, Sums, Sums]]:
-    """Return `run` for `method`, in plain Python."""
-    return specialise(run, f"run_{method.name}", _step=method.step)
+def load_in_plain(load_from: Callable[[Point], Load] | None, high: Sums, low: Sums) -> Load | None:
+    """Return the load of a step that starts with these sums, by what effects are in plain Python."""
+    if load_from is None:
+        return None
+    start = load_of_effects(load_from, high, low)
+    return load_from(Point(start.time, start.position, ZERO, IDENTITY, ZERO))
+
+
+def plain(method: Method, load: Callable[..., Any] = no_load) -> Callable[..., tuple[Quaternion, Vector, Sums, Sums]]:
+    """Return `run` for `method`, in plain Python; `load` makes the load of a step of its argument `effects`."""
+    return specialise(run, f"run_{method.name}", _step=method.step, _load=load)
 
 
 class Tally:
@@ -354,6 +363,11 @@ class Kernel(OnDemand):
 def compiles(method: Method, *, effects: bool = False) -> bool:
     """Return whether `method` can be compiled for scenes with or without effects."""
     return method.compiles and not (effects and (method.takes == LoadDependence.HELD or not method.compiles_loads))
+
+
+def takes_compiled(method: Method, takes: LoadDependence) -> bool:
+    """Return whether the kernels of `method` take effects that depend on `takes`."""
+    return method.takes >= takes and compiles(method, effects=True)
 
 
 @cache

@@ -16,10 +16,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from rb_dynamics.body.rigid_body import RigidBody, require_body
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import WrenchError
+from rb_dynamics.loads.combined_effects import CombinedEffects, Lasting
+from rb_dynamics.loads.load import LoadDependence
 from rb_dynamics.loads.wrench import largest_wrench, require_possible
 from rb_dynamics.motion import METHODS, remedy
 from rb_dynamics.motion.batch_kernel import Schedule, mover
-from rb_dynamics.motion.fixed_step_kernel import LONGEST_STRETCH
+from rb_dynamics.motion.fixed_step_kernel import LONGEST_STRETCH, takes_compiled
 from rb_dynamics.motion.kernel_layout import PHASE, phase_numbers
 from rb_dynamics.motion.method import Method
 from rb_dynamics.motion.phase_state import PhaseState, inertia_of
@@ -35,6 +37,7 @@ from rb_dynamics.numerics.argument_checks import (
     whole_number,
 )
 from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS, SHORTEST_STEP
+from rb_dynamics.numerics.vector import ZERO, Vector
 from rb_dynamics.run.sample_arrays import Samples
 
 if TYPE_CHECKING:
@@ -79,6 +82,7 @@ class Ensemble:
         method: str,
         step: float | None = None,
         threads: int | None = None,
+        effects: Sequence[CombinedEffects] = (),
     ) -> None:
         """Start from `states`, all at the same time.
 
@@ -88,10 +92,12 @@ class Ensemble:
             method: name of a method with a step, or `exact` for motions with a closed form.
             step: s; required by every method except `exact`.
             threads: at most this many, by default one per available core; the bits do not depend on it.
+            effects: on each of N bodies, such as `scene.combined_effects`; by default none. They must act all the time:
+                uniform and central gravity, drag and buoyancy do.
 
         Raises:
             TypeError: an argument has the wrong type.
-            ValueError: numbers of bodies and states, times, method, step, threads or a state are not valid.
+            ValueError: numbers of bodies and states, times, method, step, threads, a state or effects are not valid.
         """
         states = [state.checked(f"states[{k}]") for k, state in enumerate(instances(states, State, "states", _STATE))]
         if isinstance(bodies, RigidBody):
@@ -106,16 +112,20 @@ class Ensemble:
         times = sorted({state.time_ns for state in states})
         if len(times) > 1:
             raise ValueError(f"states begin between {times[0]} and {times[-1]} ns, expected the same time for all")
-        self._steps = _Steps(method, step)
+        lasting = _lasting(many, effects)
+        takes = max((each.takes for each in effects), default=LoadDependence.HELD)
+        self._steps = _Steps(method, step, takes)
         self._threads = _threads(threads)
         self._body = _body_of_arrays(many)
-        self._mass_properties = _mass_properties(many)
+        self._mass_properties = _mass_properties(many, [each.numbers for each in lasting])
+        self._loads = [each.load_from(0.0) for each in effects] if takes > LoadDependence.HELD else []
+        self._steady = _steady([each.force_world for each in lasting])
         self._particles = _particles(many)
         self._start = self._state = _initial(self._body, states)
         self._memory: list[Numbers] = []
         self.time_ns = times[0]
         self._largest = _largest(many)
-        nothing = _wrenches(1, len(many), self._particles, self._largest, 0, 0, 0, 0)
+        nothing = self._with_effects(_wrenches(1, len(many), self._particles, self._largest, 0, 0, 0, 0))
         self._hold = _Hold(self.time_ns, nothing, 0, self._state)
 
     def __len__(self) -> int:
@@ -138,9 +148,8 @@ class Ensemble:
             WrenchError: a number is not finite, or a torque acts on a particle.
         """
         parts = _copies(force_body, torque_body, force_world, torque_world)
-        self._hold = _Hold(
-            self.time_ns, _wrenches(1, len(self), self._particles, self._largest, *parts), 0, self._state
-        )
+        wrenches = self._with_effects(_wrenches(1, len(self), self._particles, self._largest, *parts))
+        self._hold = _Hold(self.time_ns, wrenches, 0, self._state)
 
     def advance(self, seconds: float) -> None:
         """Advance by `seconds`, rounded to whole nanoseconds; see `advance_to`."""
@@ -187,7 +196,7 @@ class Ensemble:
         """
         times = _times(times_ns, self.time_ns)
         parts = _copies(force_body, torque_body, force_world, torque_world)
-        wrenches = _wrenches(len(times), len(self), self._particles, self._largest, *parts)
+        wrenches = self._with_effects(_wrenches(len(times), len(self), self._particles, self._largest, *parts))
         state = self._state
         before = tuple(wrench[:-1] for wrench in wrenches)
         for schedule in self._steps.schedules(self.time_ns, times[:-1], before):
@@ -202,6 +211,12 @@ class Ensemble:
         # Samples are computed lazily from the state, so its memory must not be reused.
         self._memory = [array for array in self._memory if array is not self._state]
         return Samples(self._body, self._start, self._state, self.time_ns)
+
+    def _with_effects(self, wrenches: tuple[Numbers, ...]) -> tuple[Numbers, ...]:
+        """Return `wrenches` with the forces that effects hold."""
+        if self._steady is None:
+            return wrenches
+        return *wrenches[:2], wrenches[2] + self._steady, wrenches[3]
 
     def _advanced(self, hold: _Hold, time_ns: int) -> tuple[_Hold, Numbers]:
         """Return `hold` after its full steps before `time_ns`, and the state then."""
@@ -227,7 +242,7 @@ class Ensemble:
 
             after = np.empty_like(state)
             self._memory.append(after)
-        self._steps.mover.move(self._mass_properties, schedule, state, after, self._threads)
+        self._steps.mover.move(self._mass_properties, schedule, state, after, self._threads, self._loads)
         return after
 
 
@@ -302,7 +317,7 @@ class _Steps:
         mover: takes the steps.
     """
 
-    def __init__(self, name: object, step: float | None) -> None:
+    def __init__(self, name: object, step: float | None, takes: LoadDependence = LoadDependence.HELD) -> None:
         method = METHODS.get(name) if isinstance(name, str) else None
         if method is None:
             known, mend = ", ".join(METHODS), remedy(name, tuple(METHODS), "write one, as steps are fixed here")
@@ -310,7 +325,11 @@ class _Steps:
         self._grid = grid = _grid(method, step)
         self._length, self._denominator = grid.length, grid.denominator
         self._h = self._length / (self._denominator * NANOSECONDS)
-        self.mover = mover(method)
+        loaded = takes > LoadDependence.HELD
+        if loaded and not takes_compiled(method, takes):
+            able = ", ".join(each.name for each in METHODS.usable() if takes_compiled(each, takes))
+            raise ValueError(f"method is {name}, expected one that takes such effects side by side: {able}; write one")
+        self.mover = mover(method, effects=loaded)
 
     def require_few(self, time_ns: int) -> None:
         """Let pass a run of `time_ns` that comes to an end.
@@ -483,11 +502,43 @@ def _particles(bodies: Sequence[RigidBody]) -> npt.NDArray[np.bool_]:
     return np.array([body.is_particle for body in bodies])
 
 
-def _mass_properties(bodies: Sequence[RigidBody]) -> Numbers:
-    """Return mass, moments, and the rotation from principal to body axes of each body, as (N, 8)."""
+def _lasting(bodies: Sequence[RigidBody], effects: object) -> list[Lasting]:
+    """Return what effects do on each of `bodies`; empty where there are none."""
+    expected = "give scene.combined_effects of each body, or leave them out"
+    many = instances(effects, CombinedEffects, "effects", expected) if effects != () else ()
+    if not many:
+        return []
+    if len(many) != len(bodies) or any(each.body != body for each, body in zip(many, bodies, strict=False)):
+        raise ValueError(f"effects has {len(many)} entries for {len(bodies)} bodies, expected one on each; {expected}")
+    found: list[Lasting] = []
+    for k, each in enumerate(many):
+        lasting = each.lasting()
+        if lasting is None or len(lasting.numbers) != len((found or [lasting])[0].numbers):
+            kinds = ", ".join(effect.kind for effect in each.effects) or "none"
+            raise ValueError(
+                f"effects[{k}] is {kinds}, expected the kinds of effects[0], each acting all the time with numbers for "
+                "kernels, and nothing that moves inside the body; simulate this body alone"
+            )
+        found.append(lasting)
+    return found
+
+
+def _steady(forces: Sequence[Vector]) -> Numbers | None:
+    """Return held forces (N, 3); None where there are none."""
     import numpy as np
 
-    rows = [(body.mass, *inertia_of(body).moments, *body.principal_orientation_xyzw) for body in bodies]
+    return np.array(forces, dtype=np.float64) if any(force != ZERO for force in forces) else None
+
+
+def _mass_properties(bodies: Sequence[RigidBody], effects: Sequence[tuple[float, ...]] = ()) -> Numbers:
+    """Return mass, moments, rotation from principal to body axes, and numbers of the effects of each body."""
+    import numpy as np
+
+    numbers = effects or ((),) * len(bodies)
+    rows = [
+        (body.mass, *inertia_of(body).moments, *body.principal_orientation_xyzw, *more)
+        for body, more in zip(bodies, numbers, strict=True)
+    ]
     return np.array(rows, dtype=np.float64)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import random
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,9 +16,16 @@ from motions import Recorder, scene
 from rb_dynamics import METHODS, Ensemble, RigidBody, Samples, Simulation, Solver, State, Wrench
 from rb_dynamics import driven_motion as driven
 from rb_dynamics.errors import ConvergenceError, WrenchError
+from rb_dynamics.loads.central_gravity import CentralGravity
 from rb_dynamics.loads.channels import Channel
 from rb_dynamics.loads.combined_effects import CombinedEffects
-from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.loads.drag import LinearDrag
+from rb_dynamics.loads.effect import Effect
+from rb_dynamics.loads.magnetic_field import MagneticField
+from rb_dynamics.loads.rotor import Rotor
+from rb_dynamics.loads.scheduled_wrench import ScheduledWrench
+from rb_dynamics.loads.uniform_gravity import UniformGravity
+from rb_dynamics.loads.wrench import WORLD, HeldWrench
 from rb_dynamics.motion.arc import Arc
 from rb_dynamics.motion.batch_kernel import Mover
 from rb_dynamics.motion.phase_state import PhaseState, in_principal_axes, inertia_of
@@ -124,6 +132,63 @@ def test_compiled_too(monkeypatch: pytest.MonkeyPatch, method: str, count: int) 
     monkeypatch.setattr("rb_dynamics.motion.batch_kernel.WORTH_A_THREAD", 1)
 
     compare(random.Random(1), method, count, 0.003, [50_000_000, 0, 1, 7_654_321])
+
+
+EFFECTS: tuple[Effect, ...] = (
+    UniformGravity((0.0, 0.3, -9.81)),
+    LinearDrag((0.1, 0.2, 0.3), (0.01, 0.0, 0.05)),
+    CentralGravity(5.0, (9.0, -0.1, 0.3), gravity_gradient=True),
+    MagneticField("uniform", (1e-5, 0.0, 0.0)),
+)
+
+
+@pytest.mark.parametrize("effects", [EFFECTS, EFFECTS[:1]], ids=["loads", "gravity"])
+@pytest.mark.parametrize("when", ["never", pytest.param("always", marks=needs_numba)])
+def test_effects_act_as_in_a_run(monkeypatch: pytest.MonkeyPatch, when: str, effects: tuple[Effect, ...]) -> None:
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", when)
+    bodies, states = bodies_and_states(random.Random(3), 14)
+    scenes = [
+        replace(scene(body, state, Solver("rk4", step=0.01), 0.2), effects=effects)
+        for body, state in zip(bodies, states, strict=True)
+    ]
+    many = Ensemble(bodies, states, "rk4", 0.01, effects=[each.combined_effects for each in scenes])
+    alone = [Simulation(each) for each in scenes]
+    torque = (0.1, -0.2, 0.3)
+    for time_ns in (50_000_000, 123_456_789, 200_000_000):
+        many.advance_to(time_ns)
+        for run in alone:
+            run.advance(time_ns)
+        assert rows(many.samples()) == [row(run.look()) for run in alone]
+        if time_ns == 50_000_000:
+            many.hold(torque_body=torque)
+            for run in alone:
+                run.post("wrench", Wrench(torque=torque), time_ns)
+
+
+@pytest.mark.parametrize(
+    ("method", "effects", "message"),
+    [
+        ("rk4", Rotor((0.0, 0.0, 1.0), 0.1, ((0.0, 5.0),)), r"effects\[0\] is rotor, expected .* simulate this body"),
+        ("rk4", ScheduledWrench(((1.0, Wrench((1.0, 0.0, 0.0), frame_id=WORLD)),)), "is scheduled_wrench, expected"),
+        ("rk4", UniformGravity((0.0, 0.0, 1e300)), "is uniform_gravity, expected"),
+        ("dlm6", LinearDrag((0.1, 0.1, 0.1)), "method is dlm6, expected one that takes such effects side by side: "),
+    ],
+)
+def test_effects_that_no_ensemble_takes(method: str, effects: Effect, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Ensemble(BODY, [STATE], method, 0.1, effects=[CombinedEffects(BODY, (effects,))])
+
+
+def test_each_body_has_effects_of_its_own() -> None:
+    other = CombinedEffects(OTHER, (LinearDrag((0.1, 0.1, 0.1)),))
+    drag = CombinedEffects(BODY, (LinearDrag((0.1, 0.1, 0.1)),))
+    for effects in (
+        [drag],
+        [drag, other],
+        [drag, CombinedEffects(BODY)],
+    ):
+        with pytest.raises(ValueError, match=r"expected one on each|effects\[1\] is none, expected the kinds"):
+            Ensemble(BODY, [STATE, STATE], "rk4", 0.1, effects=effects)
 
 
 @pytest.mark.usefixtures("_compile")

@@ -1,7 +1,7 @@
 """The bodies of a block of runs: side by side in the kernels of `Ensemble`, or one alone through `Simulation`.
 
-Both give the same bits. Side by side is for runs without effects, with one method and a fixed step (or without torque,
-in closed form); every other scene runs alone.
+Both give the same bits. Side by side is for runs with one method and a fixed step (or without effects and torque, in
+closed form), under effects that act all the time and have kernels; every other scene runs alone.
 """
 
 from __future__ import annotations
@@ -13,9 +13,12 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 from rb_dynamics.errors import WrenchError
 from rb_dynamics.loads.actuator import COMMAND
 from rb_dynamics.loads.channels import Channel
+from rb_dynamics.loads.combined_effects import CombinedEffects
+from rb_dynamics.loads.load import LoadDependence
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.exact import EXACT
+from rb_dynamics.motion.fixed_step_kernel import takes_compiled
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.vector import ZERO, Vector, subtract
 from rb_dynamics.run.ensemble import Ensemble
@@ -45,14 +48,29 @@ Commands: TypeAlias = "Mapping[str, Numbers]"
 def go_side_by_side(scenes: Sequence[Scene], driven: bool) -> bool:
     """Return whether the runs can go side by side; `driven`: by a controller."""
     first = scenes[0]
-    shared = first.solver, first.duration, ()
-    if any((scene.solver, scene.duration, scene.combined_effects.effects) != shared for scene in scenes):
+    shared = first.solver, first.duration
+    if any((scene.solver, scene.duration) != shared for scene in scenes):
         return False
     if driven and any(scene.sensors or not _plain(scene) for scene in scenes):
         return False
+    effects = [scene.combined_effects for scene in scenes]
+    if any(each.effects for each in effects):
+        return first.solver.step is not None and _lasting(scenes, effects, driven)
     if first.solver.method in ("auto", "exact"):
         return not driven
     return first.solver.step is not None
+
+
+def _lasting(scenes: Sequence[Scene], effects: Sequence[CombinedEffects], driven: bool) -> bool:
+    """Return whether an ensemble takes these effects; a law may measure a magnetic field."""
+    if any(scene.actuators for scene in scenes) or (driven and any(each.magnetic for each in effects)):
+        return False
+    found = [each.lasting() for each in effects]
+    lengths = {None if each is None else len(each.numbers) for each in found}
+    method = METHODS.get(scenes[0].solver.method, EXACT)
+    takes = max(each.takes for each in effects)
+    able = method.order is not None and (takes == LoadDependence.HELD or takes_compiled(method, takes))
+    return able and None not in lengths and len(lengths) == 1
 
 
 def _plain(scene: Scene) -> bool:
@@ -96,7 +114,12 @@ class SideBySide:
         solver = scenes[0].solver
         method = "exact" if solver.method == "auto" else solver.method
         self._ensemble = Ensemble(
-            [scene.body for scene in scenes], [scene.initial for scene in scenes], method, solver.step, threads
+            [scene.body for scene in scenes],
+            [scene.initial for scene in scenes],
+            method,
+            solver.step,
+            threads,
+            _effects(scenes),
         )
 
     def samples(self) -> Samples:
@@ -114,6 +137,11 @@ class SideBySide:
     def advance_to(self, time_ns: int) -> None:
         """Advance; see `Bodies`."""
         self._ensemble.advance_to(time_ns)
+
+
+def _effects(scenes: Sequence[Scene]) -> list[CombinedEffects] | tuple[()]:
+    found = [scene.combined_effects for scene in scenes]
+    return found if any(each.effects for each in found) else ()
 
 
 _FIELDS = [name for name in Sample.__slots__ if name in vars(Samples)]

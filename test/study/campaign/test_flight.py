@@ -71,6 +71,47 @@ def test_a_run_alone_has_the_bits_of_the_block(tmp_path: Path, law: str) -> None
         }
 
 
+@pytest.mark.parametrize(
+    "effect",
+    [
+        "uniform_gravity, acceleration_world: [0, 0.5, -9.81]",
+        "linear_drag, rotation: 0.05",
+        "central_gravity, gravitational_parameter: 3.0, gravity_gradient: true, center_world: [9, 0.5, 0.1]",
+    ],
+)
+@pytest.mark.parametrize("driven", [True, False])
+def test_effects_go_side_by_side(tmp_path: Path, effect: str, driven: bool) -> None:
+    text = CAMPAIGN.replace("[0.0, 0.1, 0.35]", "[0.0, 0.1, 0.3]")
+    if not driven:
+        text = re.sub(r"  control\..*\n|control:\n(  .*\n)*", "", text)
+    scene = SCENE.replace("angular_velocity_body", "linear_velocity_world: [1, 0, 3]\n  angular_velocity_body")
+    campaign = read_campaign(write(tmp_path, text, f"{scene}effects: [{{type: {effect}}}]\n"))
+    assert (campaign.control is not None) == driven
+    assert flies_side_by_side(campaign)
+
+    block = fly_block(campaign, 0, 3)
+    for run in range(3):
+        alone = fly_alone(campaign, run)
+        assert {name: repr(value) for name, value in alone.items()} == {
+            name: repr(float(block[name][run])) for name in alone
+        }
+
+
+@pytest.mark.parametrize(
+    ("effect", "solver"),
+    [
+        ("rotor, axis_body: [0, 0, 1], axial_inertia: 0.1, spin_rate: 5", "{method: rk4, step: 0.05}"),
+        ("scheduled_wrench, schedule: [{time: 1, force: [0, 0, 1], torque: [0, 0, 1]}]", "{method: rk4, step: 0.05}"),
+        ("magnetic_field, model: uniform, field_world: [1.0e-5, 0, 0]", "{method: rk4, step: 0.05}"),
+        ("linear_drag, rotation: 0.05", "{method: rk4, accuracy: 1.0e-6}"),
+    ],
+)
+def test_other_effects_do_not(tmp_path: Path, effect: str, solver: str) -> None:
+    text = CAMPAIGN.replace("[0.0, 0.1, 0.35]", "[0.0, 0.1, 0.3]")
+    scene = SCENE.replace("{method: rk4, step: 0.05}", solver) + f"effects: [{{type: {effect}}}]\n"
+    assert not flies_side_by_side(read_campaign(write(tmp_path, text, scene)))
+
+
 def test_a_run_alone_ends_when_its_scene_does(tmp_path: Path) -> None:
     """8562165.564 * 1e9 is a nanosecond less in double precision."""
     text = "scene: scene.yaml\nset: {duration: 8562165.564, output_rate: 1e-6}\nobserve_rate: 1e-6\nruns: 1\n"
