@@ -249,3 +249,14 @@ def test_every_argument_says_what_it_is_and_the_scene_is_required(file: str) -> 
     arguments = description.get_launch_arguments()
     assert [each.name for each in arguments if each.default_value is None] == ["scene"]
     assert all(each.description for each in arguments)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("ros2") is None, reason="ros2 is not installed: it is not on PyPI")
+def test_what_is_checked_in_a_jazzy_holds(prefix: Path) -> None:
+    done = subprocess.run(
+        ["bash", str(ROOT / "tools" / "check_in_jazzy.sh")], capture_output=True, text=True, timeout=300, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "FAILED" not in done.stdout
+    assert "ok      a BEST_EFFORT commander that stamps with now() turns the body" in done.stdout
