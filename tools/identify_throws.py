@@ -8,22 +8,24 @@ and is not part of this package: logs of Betaflight with a gyro at 4 kHz and the
 bodies are built of blocks that were weighed. CONFIGURATIONS are a, b, c, empty, of final_tests.
 
 The moments of inertia are told in units of the flywheel's. That comes from throws of the device alone and with a box of
-known inertia, final_calibration. Each throw is fitted in two pieces, so that what the scene does not have, such as
-drag, does not add up; the flywheel's vibration shifts the zero of the gyro, which is therefore fitted. The centre of
-mass, by which the device's share is taken off, is that at which the specific force of a free fall is zero.
+known inertia, final_calibration: all throws of each are fitted together. Air takes up to a tenth of the momentum that
+the flywheel gives: quadratic drag of rotation is fitted. The flywheel's vibration shifts the zero of the gyro, which
+is therefore fitted too. The centre of mass, by which the device's share is taken off, is that at which the specific
+force of a free fall is zero. Intervals hold the errors of throw and calibration.
 """
 
 from __future__ import annotations
 
 import ast
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from rb_dynamics import Identification, identify, parse_scene
+from rb_dynamics import identify, parse_scene
 from rb_dynamics.analysis.identification.flights import RATES, Flight, Stream
 from rb_dynamics.loads.rotor import Rotor
 
@@ -34,11 +36,16 @@ FRAME_CENTER = np.array([0.0, 0.0, -0.0189])
 FRAME_INERTIA = FRAME / 145.2 * np.diag([0.2994, 0.1004, 0.3506])
 # Any: what is found is in units of it.
 UNIT = 1e-5
-SCENE = "body: {mass: 1, inertia: {diagonal: [9.0e-3, 5.0e-3, 9.0e-3]}}"
+SCENE = """
+body: {{mass: 1, inertia: {{diagonal: [{0}, {0}, {0}]}}}}
+effects: [{{type: quadratic_drag, rotation: [0, 0, 0]}}]
+"""
+# Where fits begin: of the device, and of all that is heavier.
+SMALL, LARGE = 4e-4, 4e-3
 COLUMNS = ("time", *(f"{name}[{k}]" for name in ("gyroADC", "accSmooth") for k in range(3)), "erpm[0]")
 # Samples at rest; after the flywheel has started; and every which one is fitted.
 REST, SKIP, EVERY = 400, 300, 4
-PIECES = 2
+LOWER = np.tril_indices(3)
 
 
 @dataclass(frozen=True)
@@ -71,14 +78,27 @@ def read(path: Path) -> Throw:
     return Throw(path.stem, times, *turned, wheel[first:])
 
 
-def fitted(throw: Throw, fit: list[str]) -> Identification:
-    """Return the inertia of device and body, in units of the flywheel's over `UNIT`."""
-    every = slice(None, None, EVERY)
-    times, rates, wheel = throw.time_ns[every], throw.rates[every], throw.wheel[every]
-    rotor = Rotor((0.0, 0.0, 1.0), UNIT, tuple(zip((times * 1e-9).tolist(), wheel.tolist(), strict=True)))
-    parts = zip(np.array_split(times, PIECES), np.array_split(rates, PIECES), strict=True)
-    pieces = [Flight(f"{throw.name}.{k}", (Stream("gyro", RATES, *part, gyro=True),)) for k, part in enumerate(parts)]
-    return identify(replace(parse_scene(SCENE), effects=(rotor,)), pieces, fit, starts=1)
+class Found(NamedTuple):
+    """An inertia, in units of the flywheel's over `UNIT`, and the covariance of its lower triangle."""
+
+    inertia: Any
+    covariance: Any
+
+
+def fitted(throws: Sequence[Throw], start: float) -> Found:
+    """Return the inertia of device and body that fits all `throws`, each with a start and a zero of the gyro."""
+    flights, spins, begin = [], [], 0
+    for throw in throws:
+        times = throw.time_ns[::EVERY] + begin
+        flights.append(Flight(throw.name, (Stream("gyro", RATES, times, throw.rates[::EVERY], gyro=True),)))
+        spins += zip((times * 1e-9).tolist(), throw.wheel[::EVERY].tolist(), strict=True)
+        begin = int(times[-1]) + 1_000_000_000
+    scene = parse_scene(SCENE.format(start))
+    scene = replace(scene, effects=(*scene.effects, Rotor((0.0, 0.0, 1.0), UNIT, tuple(spins))))
+    result = identify(scene, flights, ["inertia", "gyro_bias", "effects[0].rotation"], starts=1)
+    names = [each.name for each in result.parameters]
+    rows = [names.index(f"inertia.{'xyz'[j]}{'xyz'[i]}") for i, j in zip(*LOWER, strict=True)]
+    return Found(np.array(result.body.inertia), result.covariance[np.ix_(rows, rows)])
 
 
 def center(throw: Throw) -> Any:
@@ -128,15 +148,17 @@ def main() -> None:
         [read(path) for path in sorted((folder / "final_calibration" / part).glob("*.BFL"))]
         for part in ("device_only", "proof_body")
     )
-    device, both = (np.mean([fitted(t, ["inertia"]).body.inertia for t in part], axis=0) for part in (alone, boxed))
+    device, both = fitted(alone, SMALL), fitted(boxed, LARGE)
     place, other = (np.mean([center(throw) for throw in part], axis=0) for part in (alone, boxed))
     moved = place - other
-    expected = box(BOX, BOX_SIZE) + at(BOX, DEVICE / BOX * moved) + at(DEVICE, moved)
-    lower = np.tril_indices(3)
-    found = (both - device)[lower]
-    scale = float(found @ expected[lower] / (found @ found))
-    misfit = np.linalg.norm(scale * found - expected[lower]) / np.linalg.norm(expected[lower])
-    print(f"Flywheel: {scale * UNIT:.4g} kg m^2; the box is found to {100 * misfit:.1f} %.\n")
+    expected = (box(BOX, BOX_SIZE) + at(BOX, DEVICE / BOX * moved) + at(DEVICE, moved))[LOWER]
+    found = (both.inertia - device.inertia)[LOWER]
+    scale = float(found @ expected / (found @ found))
+    # How the scale changes with what is found.
+    scale_by = (expected - 2.0 * scale * found) / (found @ found)
+    misfit = np.linalg.norm(scale * found - expected) / np.linalg.norm(expected)
+    error = np.sqrt(scale_by @ (both.covariance + device.covariance) @ scale_by)
+    print(f"Flywheel: {scale * UNIT:.4g} +- {error * UNIT:.1g} kg m^2; the box is found to {100 * misfit:.1f} %.\n")
     print("| body | throws | mean error of the moments | spread | mean of the error of a throw | in the interval |")
     print("|---|---|---|---|---|---|")
     for name in names:
@@ -145,12 +167,18 @@ def main() -> None:
         errors, held = [], []
         for path in sorted((folder / "final_tests" / f"config_{name}").glob("*.BFL")):
             throw = read(path)
-            result = fitted(throw, ["inertia", "gyro_bias"])
-            arm = place - center(throw)
-            whole = scale * (np.array(result.body.inertia) - device) - at(mass, DEVICE / mass * arm) - at(DEVICE, arm)
-            off = np.linalg.eigvalsh(whole) - true
+            result = fitted([throw], LARGE)
+            arm, own = place - center(throw), result.inertia - device.inertia
+            moments, axes = np.linalg.eigh(scale * own - at(mass, DEVICE / mass * arm) - at(DEVICE, arm))
+            off = moments - true
             errors.append(off)
-            held.append(np.abs(off) <= 1.96 * scale * np.array(result.principal_errors))
+            # Of each moment: by what is found of the throw, of the box and of the device.
+            twice = 2.0 - np.eye(3)
+            along = np.array([(twice * np.outer(axis, axis))[LOWER] for axis in axes.T])
+            rescaled = np.outer(along @ own[LOWER], scale_by)
+            parts = ((scale * along, result), (rescaled, both), (-scale * along - rescaled, device))
+            variance = sum(np.einsum("ij,jk,ik->i", by, each.covariance, by) for by, each in parts)
+            held.append(np.abs(off) <= 1.96 * np.sqrt(variance))
             print(f"{path.stem}: " + ", ".join(f"{100 * e:+.1f} %" for e in off / true), file=sys.stderr, flush=True)
         mean, spread = (
             ", ".join(f"{100 * e:+.1f} %" for e in part)
