@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from rb_dynamics.analysis.identification import rotations
+from rb_dynamics.analysis.identification.coloured_noise import widened
 from rb_dynamics.analysis.identification.csv_flight import read_csv_flight
 from rb_dynamics.analysis.identification.estimation import LOSSES, Fit, fitted, information
 from rb_dynamics.analysis.identification.flights import UNITS, Flight, read_flight
@@ -302,11 +303,12 @@ class _Report:
         weighted = fit.weighted @ self.local
         told = information(weighted)
         self.covariance: Array = np.asarray(np.linalg.inv(told + np.eye(len(told))), dtype=np.float64)
+        freedom = max(1.0, len(fit.left) - float(np.trace(self.covariance @ told)))
         if not all(each.white for each in self.residuals):
-            self.covariance = _inflated(fit, weighted, self.covariance)
+            parts = [len(each.left) for each in fit.predicted]
+            self.covariance, freedom = widened(self.covariance, fit.left, weighted, parts)
         values, directions = np.linalg.eigh(self.covariance)
         self.unseen = directions[:, values > _TOLD**2]
-        freedom = max(1.0, len(fit.left) - float(np.trace(self.covariance @ told)))
         from scipy.special import stdtrit
 
         self.quantile = float(stdtrit(freedom, 0.975))
@@ -669,41 +671,6 @@ def _whiteness(parts: Sequence[Array]) -> tuple[bool, float]:
         freedom += _LAGS * int(used.sum())
     white = freedom == 0 or float(chdtrc(freedom, statistic)) > _CHANCE
     return white, first / total if total > 0.0 else 0.0
-
-
-def _inflated(fit: Fit, weighted: Array, covariance: Array) -> Array:
-    """Return the covariance with residuals that hang together over some samples, or the given one where that is larger.
-
-    That of Newey & West (Econometrica 55 (1987) 703), whose weights are those of means over overlapping blocks.
-    """
-    gathered = np.zeros_like(covariance)
-    row = 0
-    for each in fit.predicted:
-        size = each.left.size
-        rows = slice(row, row + size)
-        row += size
-        push = (weighted[rows] * fit.left[rows, None]).reshape(-1, 3, covariance.shape[0]).sum(axis=1)
-        block = _length(each.left)
-        sums = np.cumsum(np.vstack([np.zeros((block, push.shape[1])), push, np.zeros((block, push.shape[1]))]), axis=0)
-        blocks = sums[block:] - sums[:-block]
-        gathered += blocks.T @ blocks / block
-    wider = covariance @ gathered @ covariance
-    # Never smaller than for white noise, in any direction.
-    sizes, axes = np.linalg.eigh(0.5 * (covariance + covariance.T))
-    root = axes * np.sqrt(np.maximum(sizes, 1e-30))
-    inverse = (axes / np.sqrt(np.maximum(sizes, 1e-30))).T
-    values, vectors = np.linalg.eigh(inverse @ wider @ inverse.T)
-    found: Array = root @ ((vectors * np.maximum(values, 1.0)) @ vectors.T) @ root.T
-    return found
-
-
-def _length(left: Array) -> int:
-    """Return over how many samples residuals hang together: four times until their correlation is below a tenth."""
-    n, square = len(left), float(np.sum(left**2))
-    for lag in range(1, max(2, n // 20)):
-        if float(np.sum(left[lag:] * left[:-lag])) < 0.1 * square:
-            return 4 * lag
-    return max(1, n // 5)
 
 
 __all__ = ["GROUPS", "STARTS", "Body", "Identification", "Parameter", "identify"]
