@@ -27,6 +27,7 @@ EXTRAS = {
     "log": ["mcap>=1.6", "rerun-sdk>=0.39,<0.42", "rosbags>=0.10", "zstandard>=0.22"],
     "ros": [f"ros-jazzy-{name}" for name in ROS_PACKAGES],
     "interactive": ["plotly>=6"],
+    "igrf": ["ppigrf>=2.1"],
     "mesh": ["trimesh>=4"],
     "plot": ["jinja2>=3.1", "matplotlib>=3.8", "tqdm>=4.66"],
     "scale": ["dask>=2024.8", "distributed>=2024.8", "pyarrow>=15"],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -41,8 +41,14 @@ class ActuatorBank:
         changed: whether the last `apply` changed what an actuator does.
     """
 
-    def __init__(self, actuators: Sequence[Actuator], body: RigidBody, frames: WrenchFrames, field: Field) -> None:
-        """Start without commands; `field` is the magnetic flux density (T)."""
+    def __init__(
+        self,
+        actuators: Sequence[Actuator],
+        body: RigidBody,
+        frames: WrenchFrames,
+        field: Callable[[float], Field],
+    ) -> None:
+        """Start without commands; `field` is the magnetic flux density (T) at a time (s of the run)."""
         self._actuators, self._body, self._frames, self._field = tuple(actuators), body, frames, field
         self._index = {actuator.topic.lstrip("/"): k for k, actuator in enumerate(actuators)}
         self._queue: list[_Edge] = []
@@ -140,7 +146,7 @@ class ActuatorBank:
         m, field = rotate_inverse(self._body.principal_orientation_xyzw, dipole), self._field
 
         def torque(point: Point) -> tuple[Vector, Vector]:
-            return ZERO, cross(m, rotate_inverse(point.orientation, field(point.position)))
+            return ZERO, cross(m, rotate_inverse(point.orientation, field(point.time)(point.position)))
 
         return torque
 

@@ -132,8 +132,12 @@ class Effect:
         return None
 
     def magnetic_field(self) -> Field | None:
-        """Return its magnetic flux density (T); None where it has none."""
+        """Return its magnetic flux density (T), at time 0 where it changes; None where it has none."""
         return None
+
+    def magnetic_field_at(self, time: float) -> Field | None:
+        """Return its magnetic flux density (T) at a time (s of the run); None where it has none."""
+        return self.magnetic_field()
 
     def storing(self, body: RigidBody) -> Storing | None:
         """Return what moves inside the body by it; None where nothing does."""

@@ -1,4 +1,4 @@
-"""A magnetic field, uniform or of a dipole, for magnetometers and magnetorquers. It exerts no force of its own."""
+"""A magnetic field, uniform, of a dipole or the Earth's, for magnetometers and magnetorquers: no force of its own."""
 
 from __future__ import annotations
 
@@ -7,13 +7,20 @@ from typing import TYPE_CHECKING, ClassVar
 
 from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.effect import Effect, Field
-from rb_dynamics.numerics.argument_checks import shown, vector
+from rb_dynamics.loads.igrf import EPOCH, field_in_world, terms_at
+from rb_dynamics.numerics.argument_checks import instance, shown, vector
 from rb_dynamics.numerics.vector import ZERO, Vector, add_scaled, dot, norm, scale, subtract
 
 if TYPE_CHECKING:
     from rb_dynamics.scene.scene_entry import SceneEntry
 
-MODELS = ("uniform", "dipole")
+MODELS = ("uniform", "dipole", "igrf")
+
+_KEYS = {
+    "uniform": ("field_world",),
+    "dipole": ("moment_world", "center_world"),
+    "igrf": ("center_world", "epoch"),
+}
 
 # mu_0 / 4 pi (T m/A): its value before 2019, which CODATA 2018 confirms to 2e-10.
 _MU_0_BY_4_PI = 1e-7
@@ -21,26 +28,29 @@ _MU_0_BY_4_PI = 1e-7
 
 @dataclass(frozen=True)
 class MagneticField(Effect):
-    """A magnetic flux density B (T), constant in world axes.
+    """A magnetic flux density B (T); uniform and dipole are constant in world axes.
 
     A dipole m (A m^2) at c has B = mu_0 / (4 pi) (3 n (n . m) - m) / r^3, with r n from c to the place (Wertz,
     Spacecraft Attitude Determination and Control, eq. H-16). m may be tilted, but is
-    fixed in world axes: it does not turn with the Earth.
+    fixed in world axes: it does not turn with the Earth. `igrf` is the International Geomagnetic Reference Field of the
+    package ppigrf, with the coefficients of `epoch`; it turns with the Earth about z, see `igrf.py`.
 
     Attributes:
-        model: `uniform` or `dipole`.
+        model: `uniform`, `dipole` or `igrf`.
         field_world: T, of the uniform field.
         moment_world: A m^2, of the dipole; the Earth's, about -7.8e22 along its axis, points south.
-        center_world: m, where the dipole is.
+        center_world: m, where the dipole or the centre of the Earth is.
+        epoch: UTC of time 0, ISO 8601, for `igrf`.
     """
 
     kind: ClassVar[str] = "magnetic_field"
-    keys: ClassVar[tuple[str, ...]] = ("model", "field_world", "moment_world", "center_world")
+    keys: ClassVar[tuple[str, ...]] = ("model", "field_world", "moment_world", "center_world", "epoch")
 
     model: str = "uniform"
     field_world: Vector = ZERO
     moment_world: Vector = ZERO
     center_world: Vector = ZERO
+    epoch: str = ""
 
     @classmethod
     def read(cls, entry: SceneEntry) -> MagneticField:
@@ -51,11 +61,16 @@ class MagneticField(Effect):
             if entry.has("model"):
                 entry.reject(expected, "write one of them", "model")
             else:
-                entry.section.missing("model", expected, "add model: uniform or model: dipole")
+                entry.section.missing("model", expected, "add model: uniform, model: dipole or model: igrf")
             return cls()
-        foreign = ("moment_world", "center_world") if model == "uniform" else ("field_world",)
-        for key in foreign:
-            entry.reject(f"no {key}, as the model is {model}", "remove it, or write the other model", key)
+        for key in (key for key in cls.keys[1:] if key not in _KEYS[model]):
+            entry.reject(f"no {key}, as the model is {model}", "remove it, or write another model", key)
+        if model == "igrf":
+            center = entry.vector("center_world", "a finite number (m)", ZERO)
+            if not entry.has("epoch"):
+                entry.section.missing("epoch", EPOCH, "add epoch: 2025-06-01T12:00:00Z")
+                return cls()
+            return cls(model, center_world=center, epoch=entry.text("epoch", EPOCH, ""))
         if model == "uniform":
             return cls(model, field_world=entry.vector("field_world", "a finite number (T)"))
         moment = entry.vector("moment_world", "a finite number (A m^2)")
@@ -72,6 +87,8 @@ class MagneticField(Effect):
             raise SceneError(
                 f"magnetic_field: model is {shown(self.model)}, expected {' or '.join(MODELS)}; write one of them"
             )
+        if self.model == "igrf":
+            terms_at(instance(self.epoch, str, "magnetic_field: epoch", "write a text"))
         for name, what in (
             ("field_world", "a flux density (T)"),
             ("moment_world", "a dipole moment (A m^2)"),
@@ -80,12 +97,20 @@ class MagneticField(Effect):
             value = vector(getattr(self, name), f"magnetic_field: {name}", what, SceneError)
             object.__setattr__(self, name, value)
 
+    def magnetic_field_at(self, time: float) -> Field:
+        """Return B (T) at a time (s of the run) and a place."""
+        if self.model != "igrf":
+            return self.magnetic_field()
+        return lambda place: field_in_world(self.epoch, time, self.center_world, place)
+
     def magnetic_field(self) -> Field:
-        """Return B (T) at a place.
+        """Return B (T) at a place at time 0.
 
         Raises:
-            ConvergenceError: the place is where the dipole is.
+            ConvergenceError: the place is where the dipole is, or in the core of the Earth.
         """
+        if self.model == "igrf":
+            return self.magnetic_field_at(0.0)
         if self.model == "uniform":
             return lambda _: self.field_world
 

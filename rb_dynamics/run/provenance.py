@@ -108,6 +108,14 @@ def run_metadata(scene: Scene, method: str, solver: str) -> dict[str, str]:
         "machine": platform.machine(),
         "python": platform.python_version(),
         "code_sha256": code_hash(),
-        **{f"version.{package}": version(package) for package in _PACKAGES},
+        **{f"version.{package}": version(package) for package in (*_PACKAGES, *_of_effects(scene))},
         **({"plugins": plugins} if plugins else {}),
     }
+
+
+def _of_effects(scene: Scene) -> list[str]:
+    """Return the packages whose numbers are in the effects of a scene."""
+    from rb_dynamics.loads.magnetic_field import MagneticField
+
+    fields = [effect for effect in scene.effects if isinstance(effect, MagneticField)]
+    return ["ppigrf"] if any(field.model == "igrf" for field in fields) else []

@@ -138,7 +138,7 @@ class Simulation:
         self._channels = _channels(scene, self._effects, self._earlier_ns)
         self._bank = None
         if scene.actuators:
-            self._bank = ActuatorBank(scene.actuators, scene.body, scene.frames, self._effects.magnetic_field())
+            self._bank = ActuatorBank(scene.actuators, scene.body, scene.frames, self._effects.magnetic_field)
         self._knots = [nanoseconds(knot) - self._earlier_ns for knot in self._effects.knots()]
         self._steps = self._steps_before = 0
         self._used: dict[str, None] = {}
@@ -565,7 +565,7 @@ class Simulation:
             sample.angular_velocity_body,
             lambda: self.acceleration,
             effects.gravity(),
-            effects.magnetic_field(),
+            effects.magnetic_field(self._phase.time),
         )
         for measurement in sensing.at(self.time_ns, truth):
             self.write(measurement)

@@ -142,7 +142,8 @@ def test_extras_bring_what_they_promise(metadata: Message) -> None:
         brought.setdefault(extra[1] if extra else "", set()).add(name[0])
 
     assert brought.keys() == {
-        *("", "bench", "dev", "docs", "fast", "interactive", "log", "mesh", "plot", "ros", "scale", "test", "video")
+        *("", "bench", "dev", "docs", "fast", "igrf", "interactive", "log", "mesh", "plot", "ros", "scale", "test"),
+        "video",
     }
     assert brought[""] == {"numpy", "scipy", "PyYAML"}
     assert brought["fast"] == {"numba"}
@@ -150,6 +151,7 @@ def test_extras_bring_what_they_promise(metadata: Message) -> None:
     assert brought["ros"] == ROS
     assert brought["plot"] == {"jinja2", "matplotlib", "tqdm"}
     assert brought["scale"] == {"dask", "distributed", "pyarrow"}
+    assert brought["igrf"] == {"ppigrf"}
     assert brought["mesh"] == {"trimesh"}
     assert brought["dev"] >= {"mypy", "ruff"}
 

@@ -189,7 +189,11 @@ class Alone:
 
         sample, effects, hearing = self._seen, self._scene.combined_effects, self._hearing
         speeds = zip(self._scene.wheels, sample.wheel_speeds or (), strict=True)
-        field = np.array([effects.magnetic_field()(sample.position_world)]) if effects.magnetic else None
+        field = (
+            np.array([effects.magnetic_field(sample.time_ns / NANOSECONDS)(sample.position_world)])
+            if effects.magnetic
+            else None
+        )
         found = Onboard({}, {wheel.name: np.array([speed]) for wheel, speed in speeds}, field)
         if hearing is None:
             return found
