@@ -348,7 +348,7 @@ def _logs_together(logs: Sequence[_Input]) -> Iterator[str]:
         if all(each.isdecimal() for each in epochs) and epochs[0] != epochs[1]:
             yield (
                 f"time 0 of {other.path} is {(int(epochs[1]) - int(epochs[0])) * 1e-9:.9g} s after that of {one.path} "
-                "by their stamps; log times are those of each run"
+                "on the ROS clock; both are 0 here, as in the logs"
             )
 
 

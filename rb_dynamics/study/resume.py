@@ -22,7 +22,7 @@ from rb_dynamics.formats.bag_source import open_source
 from rb_dynamics.formats.log_file import require_other
 from rb_dynamics.formats.mcap_records import Message
 from rb_dynamics.formats.messages import ACCEL, SET_STATE
-from rb_dynamics.formats.own_log import received_commands, row_columns, rows, scene_and_names
+from rb_dynamics.formats.own_log import logged_scene, received_commands, row_columns, rows, scene_and_names
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.numerics.rotation import rotate_inverse
 from rb_dynamics.run.provenance import RESULT, RUN
@@ -110,17 +110,22 @@ class _Part:
     def __init__(self, path: Path) -> None:
         source = open_source(path)
         self.path, self.messages = path, list(source.messages())
-        self.own = RUN in source.metadata
-        if self.own:
-            self.scene, self.names = scene_and_names(source, "made one with others", {})
-            self.begin_ns = self.scene.past.length_ns if self.scene.past else 0
-            self.end_ns = self.scene.end_ns or int(source.metadata.get(RESULT, {}).get("end_time_ns", "0"))
+        self.scene, self.names = scene_and_names(source, "made one with others", {})
+        self.begin_ns = self.scene.past.length_ns if self.scene.past else 0
+        self.end_ns = self.scene.end_ns or int(source.metadata.get(RESULT, {}).get("end_time_ns", "0"))
 
     def samples(self) -> Iterator[tuple[int, dict[str, float]]]:
         """Yield time (ns of the whole run) and numbers of each sample."""
         columns = row_columns(self.scene, self.names)
         for row in rows(self.scene, self.names, iter(self.messages)):
             yield row.time_ns + self.begin_ns, dict(zip(columns, row.numbers, strict=True))
+
+
+def _scene_said_first(path: Path) -> Scene | None:
+    """Return the scene of a log of this package, which says it before its messages; None of any other bag."""
+    source = open_source(path)
+    next(iter(source.blocks()), None)
+    return logged_scene(source.attachments) if RUN in source.metadata else None
 
 
 def whole_run(logs: Sequence[Path], target: Path) -> int | None:
@@ -132,9 +137,10 @@ def whole_run(logs: Sequence[Path], target: Path) -> int | None:
         LogError: they are not of one run: run as one, it comes to other numbers than one of them has; or no scene says
             what happened in one.
     """
-    parts = [_Part(path) for path in logs]
-    if not all(part.own for part in parts) or all(part.scene.past is None for part in parts):
+    scenes = [_scene_said_first(path) for path in logs]
+    if None in scenes or all(scene is None or scene.past is None for scene in scenes):
         return None
+    parts = [_Part(path) for path in logs]
     require_other(target, *logs)
     parts.sort(key=lambda part: part.begin_ns)
     first, last = parts[0], parts[-1]
