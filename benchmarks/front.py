@@ -19,8 +19,8 @@ from itertools import pairwise
 from pathlib import Path
 
 import rb_dynamics as rb
-from rb_dynamics.formats.wrench_bags import read_wrenches
 from rb_dynamics.loads.load import LoadDependence
+from rb_dynamics.logs.wrench_bags import read_wrenches
 from rb_dynamics.motion import METHODS, splitting
 from rb_dynamics.motion.composition import SUZUKI4
 from rb_dynamics.scene.shipped import shipped

@@ -25,8 +25,8 @@ from mcap.writer import CompressionType, Writer
 import rb_dynamics as rb
 from rb_dynamics.formats.log_file import LogFile
 from rb_dynamics.formats.mcap_writer import CHUNK_BYTES, McapWriter
-from rb_dynamics.formats.messages import SAMPLE_TOPICS, sample_encoder
 from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.logs.messages import SAMPLE_TOPICS, sample_encoder
 from rb_dynamics.run.sink import RunInfo, Sample, Sink
 from rb_dynamics.scene.shipped import shipped
 from rb_dynamics.sinks import rerun_layout as layout

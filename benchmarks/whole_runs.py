@@ -28,9 +28,10 @@ from peers.reference import reference
 from written import processor, table
 
 from rb_dynamics.formats import cdr
+from rb_dynamics.formats.channel_metadata import log_channel, qos_profile
 from rb_dynamics.formats.log_file import LogFile
 from rb_dynamics.formats.mcap_writer import McapWriter
-from rb_dynamics.formats.messages import WRENCH, log_channel, qos_profile
+from rb_dynamics.formats.message_types import WRENCH
 from rb_dynamics.numerics.compilation import available
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -10,8 +10,8 @@ Conventions, kept everywhere:
 
 The data takes one way: a scene is read and compiled to the least model that moves it (`scene`), advanced by one engine
 (`run`), and what happens goes to sinks (`sinks`, `ros`). Each part imports only those before it: `errors`,
-`plugins`, `numerics`, `body`, `loads`, `sensors`, `motion`, `theory`, `scene`, `run`, `formats`, `sinks`, `analysis`,
-`study`, `report`, `ros`, `cli`.
+`plugins`, `numerics`, `formats`, `body`, `loads`, `sensors`, `motion`, `theory`, `scene`, `run`, `logs`, `sinks`,
+`analysis`, `study`, `report`, `ros`, `cli`.
 Nothing is imported before it is used: neither optional libraries nor, on `import rb_dynamics`, the modules behind its
 names.
 """
@@ -30,7 +30,7 @@ __all__ = list(_HOMES)
 def __getattr__(name: str) -> object:
     """Import the object of a public name, a subpackage or the version when it is first used."""
     if name == "__version__":
-        return import_module(f"{__name__}.run.provenance").version()
+        return import_module(f"{__name__}.formats.log_metadata").version()
     home = _HOMES.get(name, f"{__name__}.{name}")
     try:
         module = import_module(home)

@@ -17,10 +17,8 @@ PARTS = {path.relative_to(PACKAGE).parts[0].removesuffix(".py") for path in PACK
 
 
 def imported(node: ast.AST) -> Iterator[str]:
-    """Yield the modules that running `node` imports, at once or later; what is for type checkers only is not run."""
+    """Yield the modules that `node` imports: at once, later, or for type checkers only."""
     for child in ast.iter_child_nodes(node):
-        if isinstance(child, ast.If) and ast.unparse(child.test) == "TYPE_CHECKING":
-            continue
         if isinstance(child, ast.Import):
             yield from (name.name for name in child.names)
         elif isinstance(child, ast.ImportFrom):

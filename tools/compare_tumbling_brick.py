@@ -23,9 +23,10 @@ from pathlib import Path
 
 import rb_dynamics as rb
 from rb_dynamics.formats import cdr
+from rb_dynamics.formats.channel_metadata import QOS, TYPE_HASH, qos_profile
 from rb_dynamics.formats.log_file import LogFile
 from rb_dynamics.formats.mcap_writer import McapWriter
-from rb_dynamics.formats.messages import POSE, QOS, TWIST, TYPE_HASH, qos_profile
+from rb_dynamics.formats.message_types import POSE, TWIST
 from rb_dynamics.formats.ros2msg import TYPE_HASHES, schema_text
 from rb_dynamics.numerics.rotation import Quaternion, multiply
 

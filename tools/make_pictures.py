@@ -27,7 +27,7 @@ from rerun.experimental import ViewerClient
 
 import rb_dynamics as rb
 from rb_dynamics.analysis.read_track import read_track
-from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.report.run_page import write_run_report
 from rb_dynamics.report.video import write_video
 from rb_dynamics.sinks.mcap_sink import McapSink

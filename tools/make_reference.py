@@ -31,10 +31,10 @@ import rb_dynamics as rb
 from rb_dynamics.body.shapes import SHAPES
 from rb_dynamics.cli import COMMANDS
 from rb_dynamics.errors import SceneError
-from rb_dynamics.formats.bag_reader import read_bag
-from rb_dynamics.formats.wrench_bags import read_wrenches
 from rb_dynamics.loads.actuator_types import ACTUATORS
 from rb_dynamics.loads.effect_types import EFFECTS
+from rb_dynamics.logs.bag_reader import read_bag
+from rb_dynamics.logs.wrench_bags import read_wrenches
 from rb_dynamics.motion import METHODS
 from rb_dynamics.run.input_hash import InputHash
 from rb_dynamics.sensors.axis_errors import AXIS_KEYS

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rb_dynamics.analysis.impulse import Impulse, impulses, wander
 from rb_dynamics.analysis.noise import Noise, judge
 from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track
-from rb_dynamics.formats.messages import SET_STATE
+from rb_dynamics.logs.messages import SET_STATE
 
 _BLOCK = 1 << 16
 

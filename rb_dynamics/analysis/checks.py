@@ -15,9 +15,9 @@ from rb_dynamics.analysis.balance import Balance, sizes_of
 from rb_dynamics.analysis.continuity import FARTHEST, Continuity, Jump, Other
 from rb_dynamics.analysis.gaps import NAMED, listed, longest_usual, told
 from rb_dynamics.analysis.track import Array, TimeSeries, Track, frame_names
-from rb_dynamics.formats.messages import is_latched
-from rb_dynamics.formats.own_log import logged_scene
+from rb_dynamics.formats.channel_metadata import is_latched
 from rb_dynamics.formats.topic import Topic
+from rb_dynamics.logs.own_log import logged_scene
 
 BOUND = 1e-6
 """Default of the largest accepted defect, relative to the largest energy or momentum."""

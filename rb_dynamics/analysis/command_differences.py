@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from rb_dynamics.analysis.track import RecordedWrench, Times, Track
-from rb_dynamics.formats.messages import APPLIED
-from rb_dynamics.formats.wrench_bags import driven_of
+from rb_dynamics.logs.messages import APPLIED
+from rb_dynamics.logs.wrench_bags import driven_of
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,8 @@ from rb_dynamics.analysis.streams import MotionStreams, Stream, differences
 from rb_dynamics.analysis.track import Array, Times, Track
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import LogError
+from rb_dynamics.formats.log_metadata import RUN
 from rb_dynamics.numerics.rotation_arrays import product, rotations_between
-from rb_dynamics.run.provenance import RUN
 
 UNITS = {
     "attitude": "rad",

@@ -12,7 +12,7 @@ import numpy as np
 
 from rb_dynamics.analysis.gaps import longest_usual
 from rb_dynamics.analysis.track import LARGEST, Array, Times, Track, unit_rows
-from rb_dynamics.formats.messages import ODOMETRY
+from rb_dynamics.formats.message_types import ODOMETRY
 from rb_dynamics.numerics.rotation_arrays import rotation_vectors
 
 # Number of intervals on either side that define the usual motion.

@@ -16,8 +16,8 @@ from rb_dynamics.analysis.residual import Residual
 from rb_dynamics.analysis.summary import RunSummary, summarize
 from rb_dynamics.analysis.track import Track
 from rb_dynamics.analysis.window import Window, part_of
-from rb_dynamics.formats.bag_reader import read_bag
-from rb_dynamics.formats.own_log import opened_scene
+from rb_dynamics.logs.bag_reader import read_bag
+from rb_dynamics.logs.own_log import opened_scene
 from rb_dynamics.numerics.argument_checks import number, shown
 from rb_dynamics.scene.model import Scene
 

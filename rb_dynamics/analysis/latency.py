@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rb_dynamics.formats.bag_reader import Bag
-from rb_dynamics.formats.messages import LATENCY, VECTOR
+from rb_dynamics.formats.message_types import VECTOR
+from rb_dynamics.logs.bag_reader import Bag
+from rb_dynamics.logs.messages import LATENCY
 
 EDGES_S = (-math.inf, 0.0, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2, 1e-1, math.inf)
 """Edges of the histogram, s."""

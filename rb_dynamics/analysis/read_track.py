@@ -22,12 +22,13 @@ from rb_dynamics.analysis.rates import rates_of
 from rb_dynamics.analysis.track import LARGEST, Array, RecordedWrench, Times, TimeSeries, Track, frame_names, motion_of
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import BodyError, LogError, WrenchError
-from rb_dynamics.formats.bag_reader import IMUS, POSES, TWISTS, WRENCHES, Bag
-from rb_dynamics.formats.messages import APPLIED, INERTIA, ODOMETRY, SCALAR, VECTOR
+from rb_dynamics.formats.log_metadata import RUN
+from rb_dynamics.formats.message_types import INERTIA, ODOMETRY, SCALAR, VECTOR
 from rb_dynamics.formats.topic import Topic
 from rb_dynamics.loads.wrench import WORLD, HeldWrench, Wrench, WrenchFrames
+from rb_dynamics.logs.bag_reader import IMUS, POSES, TWISTS, WRENCHES, Bag
+from rb_dynamics.logs.messages import APPLIED
 from rb_dynamics.numerics.rotation_arrays import product, rotate_all
-from rb_dynamics.run.provenance import RUN
 from rb_dynamics.scene.model import Scene
 
 # Largest part of the messages of a topic that may be of other frames, and are left out.

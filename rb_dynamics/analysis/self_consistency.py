@@ -20,14 +20,14 @@ from rb_dynamics.analysis.checks import Check
 from rb_dynamics.analysis.read_track import momenta
 from rb_dynamics.analysis.track import Array, RecordedWrench, Times, TimeSeries, Track, unit_rows
 from rb_dynamics.errors import RigidBodyError
-from rb_dynamics.formats.messages import APPLIED, MASS_PROPERTIES, log_topics, sample_topics
-from rb_dynamics.formats.own_log import logged_scene
+from rb_dynamics.formats.log_metadata import RESULT, RUN, SCENE, TOPICS
 from rb_dynamics.formats.topic import Topic
 from rb_dynamics.loads.channels import Channel, WrenchChannels
 from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.logs.messages import APPLIED, MASS_PROPERTIES, log_topics, sample_topics
+from rb_dynamics.logs.own_log import logged_scene
 from rb_dynamics.numerics.nanoseconds import nanoseconds
 from rb_dynamics.numerics.rotation_arrays import rotate_all_inverse
-from rb_dynamics.run.provenance import RESULT, RUN, SCENE, TOPICS
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.scene.read import parse_scene
 

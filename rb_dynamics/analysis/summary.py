@@ -25,14 +25,15 @@ from rb_dynamics.analysis.residual import Residual, residual
 from rb_dynamics.analysis.self_consistency import self_consistency
 from rb_dynamics.analysis.track import Array, RecordedWrench, TimeSeries, Track
 from rb_dynamics.analysis.warnings import ChannelHistory, WorstStatus, warnings
-from rb_dynamics.formats.bag_reader import Bag
-from rb_dynamics.formats.messages import APPLIED, DIAGNOSTICS, SCALAR, VECTOR
-from rb_dynamics.formats.own_log import logged_scene
+from rb_dynamics.formats.log_metadata import RESULT, RUN, TOPICS
+from rb_dynamics.formats.message_types import DIAGNOSTICS, SCALAR, VECTOR
 from rb_dynamics.formats.topic import KEPT, Topic
 from rb_dynamics.loads.channels import Channel
 from rb_dynamics.loads.wrench import WrenchFrames
+from rb_dynamics.logs.bag_reader import Bag
+from rb_dynamics.logs.messages import APPLIED
+from rb_dynamics.logs.own_log import logged_scene
 from rb_dynamics.numerics.decimals import whole_number
-from rb_dynamics.run.provenance import RESULT, RUN, TOPICS
 
 EXPLAINS = "inertia explains the motion"
 # |norm - 1| of a quaternion beyond which it was not filled in; single precision leaves 1e-7.

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rb_dynamics.analysis.order import Disorder
 from rb_dynamics.body.rigid_body import RigidBody
-from rb_dynamics.formats.bag_reader import Bag
+from rb_dynamics.logs.bag_reader import Bag
 from rb_dynamics.numerics.rotation_arrays import rotate_all_inverse
 
 Array: TypeAlias = NDArray[np.float64]

@@ -63,7 +63,7 @@ def parser() -> argparse.ArgumentParser:
 
 class _Version(argparse.Action):
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
-        from rb_dynamics.run.provenance import version
+        from rb_dynamics.formats.log_metadata import version
 
         print(f"{parser.prog} {version()}")
         parser.exit()

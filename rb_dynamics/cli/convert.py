@@ -142,8 +142,8 @@ def _poses(
     """Yield the poses of one frame in another in each bag; of several, those without them are left out."""
     from rb_dynamics.analysis.frames import pose_between
     from rb_dynamics.errors import LogError
-    from rb_dynamics.formats.bag_reader import read_bag
-    from rb_dynamics.run.provenance import RUN
+    from rb_dynamics.formats.log_metadata import RUN
+    from rb_dynamics.logs.bag_reader import read_bag
     from rb_dynamics.sinks.convert_bag import Poses
 
     found = False

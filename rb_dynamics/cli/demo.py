@@ -41,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
 
     from rb_dynamics.cli import output
     from rb_dynamics.formats.log_file import make_folder
-    from rb_dynamics.formats.wrench_bags import read_wrenches
+    from rb_dynamics.logs.wrench_bags import read_wrenches
     from rb_dynamics.report.run_page import write_run_report
     from rb_dynamics.run.simulation import simulate
     from rb_dynamics.scene import read_scene
@@ -133,7 +133,7 @@ def _differences(bag_file: Path, player: WrenchPlayer) -> dict[str, Difference]:
     from rb_dynamics.analysis.read_track import read_track
     from rb_dynamics.analysis.streams import MotionStreams, Stream
     from rb_dynamics.errors import LogError
-    from rb_dynamics.formats.bag_reader import read_bag
+    from rb_dynamics.logs.bag_reader import read_bag
 
     recorded = MotionStreams.of(read_track(read_bag(bag_file)))
     (position, attitude), (velocity, rate) = (
@@ -181,7 +181,7 @@ def _section(found: dict[str, Difference]) -> Section:
 
 def _same_bits_offline(scene: Scene, commands: list[tuple[str, Wrench]], mcap: Path) -> bool:
     """Return whether `simulate` with the same commands gives the states that the node logged, to the bit."""
-    from rb_dynamics.formats.bag_reader import read_bag
+    from rb_dynamics.logs.bag_reader import read_bag
     from rb_dynamics.run.simulation import simulate
     from rb_dynamics.sinks.state_hash import HashSink
 

@@ -10,7 +10,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from rb_dynamics.formats.wrench_bags import RecordedWrenches
+    from rb_dynamics.logs.wrench_bags import RecordedWrenches
     from rb_dynamics.run.simulation import Run
     from rb_dynamics.scene.model import Scene
     from rb_dynamics.study.covariance import Covariance

@@ -11,8 +11,8 @@ from rb_dynamics.cli.parser import require_with
 from rb_dynamics.numerics.option_types import real
 
 if TYPE_CHECKING:
-    from rb_dynamics.formats.wrench_bags import RecordedWrenches, Start
     from rb_dynamics.loads.wrench import Wrench
+    from rb_dynamics.logs.wrench_bags import RecordedWrenches, Start
     from rb_dynamics.scene.model import Scene
 
 
@@ -88,7 +88,7 @@ def _read(args: argparse.Namespace) -> tuple[Scene, dict[str, str]]:
         if (value := getattr(args, name, None)) is not None:
             overrides[key] = value
     if is_log(args.scene):
-        from rb_dynamics.formats.own_log import scene_of_log
+        from rb_dynamics.logs.own_log import scene_of_log
 
         return scene_of_log(args.scene, overrides)
     return read_scene(args.scene, overrides), {}
@@ -110,8 +110,8 @@ def read_with_commands(args: argparse.Namespace) -> tuple[Scene, RecordedWrenche
     repeated = not args.wrench and is_log(args.scene)
     if not (args.wrench or (repeated and (scene.channels or scene.actuators))):
         return scene, []
-    from rb_dynamics.formats.wrench_bags import RecordedWrenches
     from rb_dynamics.loads.channels import WrenchChannels
+    from rb_dynamics.logs.wrench_bags import RecordedWrenches
 
     end_ns = math.inf if scene.end_ns is None else scene.end_ns
     topics, start = [channel.topic for channel in scene.channels], args.wrench_start
@@ -152,7 +152,7 @@ def mapping_of(args: argparse.Namespace) -> dict[str, str]:
 
 def _override(text: str) -> tuple[str, object]:
     from rb_dynamics.errors import SceneError
-    from rb_dynamics.scene.document import value_of
+    from rb_dynamics.formats.yaml.document import value_of
 
     key, equals, value = text.partition("=")
     if not (key and equals and value.strip()):

@@ -86,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _sigma(text: str) -> tuple[str, object]:
     from rb_dynamics.errors import SceneError
-    from rb_dynamics.scene.document import value_of
+    from rb_dynamics.formats.yaml.document import value_of
 
     name, equals, value = text.partition("=")
     if not (name and equals and value.strip()):

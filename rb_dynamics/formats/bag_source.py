@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, Protocol, TypeAlias, TypeVar
 
 from rb_dynamics.errors import LogError, MissingExtraError, SceneError
+from rb_dynamics.formats.log_metadata import DAMAGED, INTERRUPTED, MISSING_FILES, RESULT, next_file
 from rb_dynamics.formats.mcap_records import (
     MAX_RECORD_BYTES,
     Block,
@@ -29,8 +30,7 @@ from rb_dynamics.formats.mcap_records import (
     require_file,
 )
 from rb_dynamics.formats.rosbag2_metadata import METADATA_FILE
-from rb_dynamics.run.provenance import DAMAGED, INTERRUPTED, MISSING_FILES, RESULT, next_file
-from rb_dynamics.scene.document import MAX_CHARACTERS, load
+from rb_dynamics.formats.yaml.document import MAX_CHARACTERS, load
 
 # So much is given to zstd at once.
 _PACKED_BYTES = 4096

@@ -15,13 +15,14 @@ from pathlib import Path
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_source import Source, open_source
+from rb_dynamics.formats.channel_metadata import QOS, is_latched
 from rb_dynamics.formats.log_file import LogFile, require_other
+from rb_dynamics.formats.log_metadata import RUN, SCENE, version
 from rb_dynamics.formats.mcap_records import McapChannel, Message, Schema
 from rb_dynamics.formats.mcap_writer import McapWriter
-from rb_dynamics.formats.messages import DIAGNOSTICS, QOS, TRANSFORMS, is_latched
+from rb_dynamics.formats.message_types import DIAGNOSTICS, TRANSFORMS
 from rb_dynamics.formats.recovery import Copy
 from rb_dynamics.formats.ros2msg import schema_text
-from rb_dynamics.run.provenance import RUN, SCENE, version
 
 MERGED = "rb_dynamics.merged"
 

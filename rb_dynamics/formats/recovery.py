@@ -14,10 +14,10 @@ from pathlib import Path
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_source import in_order
 from rb_dynamics.formats.log_file import LogFile, require_other
+from rb_dynamics.formats.log_metadata import CUT_OFF, DAMAGED, INTERRUPTED, next_file, version
 from rb_dynamics.formats.mcap_records import McapChannel, McapFile, Message, Schema, instead_of_recover
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.rosbag2_metadata import BagFile, write_metadata
-from rb_dynamics.run.provenance import CUT_OFF, DAMAGED, INTERRUPTED, next_file, version
 
 WHOLE = "whole"
 

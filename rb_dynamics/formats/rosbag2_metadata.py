@@ -12,7 +12,7 @@ import yaml
 
 from rb_dynamics.errors import SceneError
 from rb_dynamics.formats.mcap_records import McapChannel
-from rb_dynamics.scene.document import load
+from rb_dynamics.formats.yaml.document import load
 
 METADATA_FILE = "metadata.yaml"
 

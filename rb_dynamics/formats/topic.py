@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.mcap_records import Block
-from rb_dynamics.formats.messages import (
+from rb_dynamics.formats.message_types import (
     ACCELERATION,
     DIAGNOSTICS,
     IMU,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.mcap_records import Block, McapChannel, Schema
-from rb_dynamics.formats.messages import TRANSFORM
+from rb_dynamics.formats.message_types import TRANSFORM
 
 _NUMBERS = 56
 # Row of the block, the bytes of each message.

@@ -18,7 +18,7 @@ from rb_dynamics.numerics.rotation import rotate, rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector, add, cross, dot, scale, subtract
 
 if TYPE_CHECKING:
-    from rb_dynamics.scene.scene_entry import SceneEntry
+    from rb_dynamics.loads.scene_entry import SceneEntry
 
 
 class Lift(NamedTuple):

@@ -16,7 +16,7 @@ from rb_dynamics.numerics.vector import ZERO, Vector, norm, scale, subtract
 from rb_dynamics.numerics.vector import multiply as times
 
 if TYPE_CHECKING:
-    from rb_dynamics.scene.scene_entry import SceneEntry
+    from rb_dynamics.loads.scene_entry import SceneEntry
 
 
 class Resistance(NamedTuple):

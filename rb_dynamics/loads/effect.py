@@ -17,7 +17,7 @@ from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import Vector
 
 if TYPE_CHECKING:
-    from rb_dynamics.scene.scene_entry import SceneEntry
+    from rb_dynamics.loads.scene_entry import SceneEntry
 
 
 class Point(NamedTuple):

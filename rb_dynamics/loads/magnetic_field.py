@@ -12,7 +12,7 @@ from rb_dynamics.numerics.argument_checks import instance, shown, vector
 from rb_dynamics.numerics.vector import ZERO, Vector, add_scaled, dot, norm, scale, subtract
 
 if TYPE_CHECKING:
-    from rb_dynamics.scene.scene_entry import SceneEntry
+    from rb_dynamics.loads.scene_entry import SceneEntry
 
 MODELS = ("uniform", "dipole", "igrf")
 

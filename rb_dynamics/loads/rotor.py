@@ -18,7 +18,7 @@ from rb_dynamics.numerics.vector import ZERO, Vector, cross, dot, norm, scale, s
 from rb_dynamics.numerics.vector import multiply as times
 
 if TYPE_CHECKING:
-    from rb_dynamics.scene.scene_entry import SceneEntry
+    from rb_dynamics.loads.scene_entry import SceneEntry
 
 _RATE = "a finite number (rad/s)"
 

@@ -13,7 +13,7 @@ from rb_dynamics.numerics.argument_checks import instance, shown
 from rb_dynamics.numerics.nanoseconds import LONGEST
 
 if TYPE_CHECKING:
-    from rb_dynamics.scene.scene_entry import SceneEntry
+    from rb_dynamics.loads.scene_entry import SceneEntry
 
 COMMANDS = ("on_time", "level")
 

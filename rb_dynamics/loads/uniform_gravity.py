@@ -13,7 +13,7 @@ from rb_dynamics.numerics.argument_checks import vector
 from rb_dynamics.numerics.vector import Vector, dot, scale
 
 if TYPE_CHECKING:
-    from rb_dynamics.scene.scene_entry import SceneEntry
+    from rb_dynamics.loads.scene_entry import SceneEntry
 
 
 @dataclass(frozen=True)

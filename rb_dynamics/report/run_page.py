@@ -17,12 +17,12 @@ from rb_dynamics.analysis.inspection import inspect
 from rb_dynamics.analysis.summary import HALF, RunSummary
 from rb_dynamics.analysis.track import Array, TimeSeries, Track, motion_of
 from rb_dynamics.body.plausibility import Symmetry, symmetry
-from rb_dynamics.formats.messages import APPLIED
+from rb_dynamics.formats.log_metadata import RUN
+from rb_dynamics.logs.messages import APPLIED
 from rb_dynamics.report import plots, text
 from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, write_html
 from rb_dynamics.report.path_figure import path_in_space
 from rb_dynamics.report.poinsot_figure import poinsot_view
-from rb_dynamics.run.provenance import RUN
 
 if TYPE_CHECKING:
     from rb_dynamics.scene.model import Scene

@@ -20,14 +20,16 @@ from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from rb_dynamics.formats.cdr import clock_packer, covariance, odometry_packer, stamped_packer
-from rb_dynamics.formats.messages import (
+from rb_dynamics.formats.message_types import (
     CLOCK,
     DIAGNOSTICS,
-    MASS_PROPERTIES,
     POSE_WITH_COVARIANCE,
-    TF_STATIC,
     TRANSFORMS,
     TWIST_WITH_COVARIANCE,
+)
+from rb_dynamics.logs.messages import (
+    MASS_PROPERTIES,
+    TF_STATIC,
     Stamped,
     depth_at,
     encode_fixed,

@@ -17,13 +17,14 @@ from rclpy.parameter import Parameter
 
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import SceneError
-from rb_dynamics.formats.messages import sample_depth
+from rb_dynamics.formats.yaml import document
+from rb_dynamics.formats.yaml.problems import Problems
+from rb_dynamics.logs.messages import sample_depth
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.ros.publishers import Topics
 from rb_dynamics.ros.runner import Mode
-from rb_dynamics.scene import document, read_scene
+from rb_dynamics.scene import read_scene
 from rb_dynamics.scene.model import Scene
-from rb_dynamics.scene.problems import Problems
 from rb_dynamics.scene.read import ROOT_KEYS
 from rb_dynamics.sinks.log_outputs import Logs
 from rb_dynamics.sinks.mcap_sink import FLUSH_S, LogSettings

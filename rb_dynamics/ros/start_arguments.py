@@ -12,10 +12,10 @@ from pathlib import Path
 import yaml
 
 from rb_dynamics.errors import SceneError
+from rb_dynamics.formats.yaml import document
+from rb_dynamics.formats.yaml.document import Node
+from rb_dynamics.formats.yaml.problems import Problems, printable
 from rb_dynamics.numerics.decimals import real_number, whole_number
-from rb_dynamics.scene import document
-from rb_dynamics.scene.document import Node
-from rb_dynamics.scene.problems import Problems, printable
 
 LOGS = ("mcap", "bag", "rerun", "sink")
 """The parameters that request a log."""

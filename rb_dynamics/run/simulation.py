@@ -20,6 +20,7 @@ from typing import Protocol, cast, runtime_checkable
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import ConvergenceError, SceneError, WrenchError
+from rb_dynamics.formats.log_metadata import INPUTS_RULE
 from rb_dynamics.loads.actuator import ActuatorCommand, Setpoint
 from rb_dynamics.loads.actuator_bank import ActuatorBank
 from rb_dynamics.loads.channels import AppliedWrench, CheckedWrench, ReceivedWrench, RejectedWrench, WrenchChannels
@@ -41,7 +42,7 @@ from rb_dynamics.run.block import Block
 from rb_dynamics.run.edges_ahead import FEWEST, EdgesAhead
 from rb_dynamics.run.input_hash import RULE, InputHash
 from rb_dynamics.run.measurements import Measurements
-from rb_dynamics.run.provenance import INPUTS_RULE, run_metadata
+from rb_dynamics.run.provenance import run_metadata
 from rb_dynamics.run.sample import Sample, SampleBuilder, acceleration, kinetic_energy
 from rb_dynamics.run.sink import Event, RunInfo, Sink
 from rb_dynamics.run.state_change import StateChange, moved

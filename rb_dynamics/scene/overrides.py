@@ -8,9 +8,9 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 
+from rb_dynamics.formats.yaml.document import Node, from_python, join, show
+from rb_dynamics.formats.yaml.problems import Problems
 from rb_dynamics.numerics.argument_checks import mapping
-from rb_dynamics.scene.document import Node, from_python, join, show
-from rb_dynamics.scene.problems import Problems
 
 # A dotted key, with [n] for an item of a list, as messages write it: wrenches[0].timeout. An item that has a name is
 # found by it, too: actuators.wheel_x.max_torque

@@ -12,13 +12,14 @@ from dataclasses import replace
 from types import MappingProxyType
 
 from rb_dynamics.errors import PluginError, SceneError
+from rb_dynamics.formats.yaml import document
+from rb_dynamics.formats.yaml.fields import Field, Rule, Section
+from rb_dynamics.formats.yaml.problems import Problems
+from rb_dynamics.formats.yaml.text_file import read_text
 from rb_dynamics.numerics.argument_checks import instance, shown
 from rb_dynamics.numerics.nanoseconds import LONGEST, SHORTEST
-from rb_dynamics.scene import document
-from rb_dynamics.scene.fields import Field, Rule, Section
 from rb_dynamics.scene.model import DEFAULT_ACCURACY, MOST_SEED, Scene, Solver
 from rb_dynamics.scene.overrides import apply_overrides
-from rb_dynamics.scene.problems import Problems
 from rb_dynamics.scene.read_actuators import actuators
 from rb_dynamics.scene.read_body import body_and_frames
 from rb_dynamics.scene.read_channels import channels
@@ -26,7 +27,6 @@ from rb_dynamics.scene.read_effects import effects
 from rb_dynamics.scene.read_sensors import sensors
 from rb_dynamics.scene.read_state import INITIAL_KEYS, initial_state, past
 from rb_dynamics.scene.shipped import shipped
-from rb_dynamics.scene.text_file import read_text
 
 _NO_OVERRIDES: Mapping[str, object] = MappingProxyType({})
 

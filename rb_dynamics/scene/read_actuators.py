@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.formats.yaml.fields import Field
 from rb_dynamics.loads.actuator import COMMAND, Actuator
 from rb_dynamics.loads.actuator_types import ACTUATORS
 from rb_dynamics.loads.effect import Effect
+from rb_dynamics.loads.scene_entry import SceneEntry
 from rb_dynamics.loads.wrench import WrenchFrames
-from rb_dynamics.scene.fields import Field
 from rb_dynamics.scene.read_channels import topic_in
 from rb_dynamics.scene.read_effects import each_entry, require_field
-from rb_dynamics.scene.scene_entry import SceneEntry
 
 
 def actuators(

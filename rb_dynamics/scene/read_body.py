@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 
+from rb_dynamics.formats.yaml.fields import Field, Section
+from rb_dynamics.formats.yaml.problems import printable
 from rb_dynamics.loads.wrench import FixedFrame, WrenchFrames
-from rb_dynamics.scene.fields import Field, Section
-from rb_dynamics.scene.problems import printable
 from rb_dynamics.scene.read_inertia import LENGTH, BodyReading, read_inertia
 
 

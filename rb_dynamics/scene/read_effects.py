@@ -8,13 +8,13 @@ from typing import TypeVar
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import PluginError, SceneError
+from rb_dynamics.formats.yaml.fields import Field
+from rb_dynamics.formats.yaml.problems import printable
 from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.effect import Effect
 from rb_dynamics.loads.effect_types import EFFECTS
+from rb_dynamics.loads.scene_entry import SceneEntry
 from rb_dynamics.loads.wrench import WrenchFrames
-from rb_dynamics.scene.fields import Field
-from rb_dynamics.scene.problems import printable
-from rb_dynamics.scene.scene_entry import SceneEntry
 
 T = TypeVar("T")
 E = TypeVar("E")

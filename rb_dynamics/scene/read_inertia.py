@@ -15,10 +15,10 @@ from rb_dynamics.body.plausibility import Finding, examine_density, examine_reac
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.shapes import SHAPES, Form
 from rb_dynamics.errors import BodyError
+from rb_dynamics.formats.yaml.document import Node, from_python, show
+from rb_dynamics.formats.yaml.fields import Field, Rule, Section
+from rb_dynamics.formats.yaml.problems import printable
 from rb_dynamics.numerics.vector import ZERO, Vector
-from rb_dynamics.scene.document import Node, from_python, show
-from rb_dynamics.scene.fields import Field, Rule, Section
-from rb_dynamics.scene.problems import printable
 
 INERTIA_FORMS = ("matrix", "diagonal", "principal", "particles", "shape", "mesh", "urdf")
 FORMS = ", ".join(INERTIA_FORMS)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.formats.yaml.fields import Field
+from rb_dynamics.loads.scene_entry import SceneEntry
 from rb_dynamics.loads.wrench import WrenchFrames
-from rb_dynamics.scene.fields import Field
 from rb_dynamics.scene.read_channels import topic_in
 from rb_dynamics.scene.read_effects import each_entry, require_field
-from rb_dynamics.scene.scene_entry import SceneEntry
 from rb_dynamics.sensors.sensor import COMMON_KEYS, Sensor
 from rb_dynamics.sensors.sensor_types import SENSORS
 

@@ -6,11 +6,11 @@ import math
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
+from rb_dynamics.formats.yaml.fields import Field, Rule, Section
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.numerics.nanoseconds import LONGEST, SHORTEST
 from rb_dynamics.numerics.rotation import rotate
 from rb_dynamics.numerics.vector import ZERO
-from rb_dynamics.scene.fields import Field, Rule, Section
 from rb_dynamics.scene.model import Past
 
 INITIAL_KEYS = (

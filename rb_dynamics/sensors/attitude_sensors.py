@@ -16,7 +16,7 @@ from rb_dynamics.sensors.random_numbers import Four, RandomNumbers
 from rb_dynamics.sensors.sensor import Reading, Sensor, Truth, common, diagonal
 
 if TYPE_CHECKING:
-    from rb_dynamics.scene.scene_entry import SceneEntry
+    from rb_dynamics.loads.scene_entry import SceneEntry
 
 _SIZE, _NO_SIGN = "a number of 0 or more", "write a size without a sign"
 

@@ -20,7 +20,7 @@ from rb_dynamics.sensors.random_numbers import Four, RandomNumbers
 from rb_dynamics.sensors.sensor import diagonal
 
 if TYPE_CHECKING:
-    from rb_dynamics.scene.scene_entry import SceneEntry
+    from rb_dynamics.loads.scene_entry import SceneEntry
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from rb_dynamics.sensors.random_numbers import RandomNumbers
 from rb_dynamics.sensors.sensor import Reading, Sensor, Truth, common
 
 if TYPE_CHECKING:
-    from rb_dynamics.scene.scene_entry import SceneEntry
+    from rb_dynamics.loads.scene_entry import SceneEntry
 
 # sensor_msgs/Imu: it gives no attitude, which a covariance that begins with -1 says.
 _NO_ATTITUDE = (0.0, 0.0, 0.0, 1.0, -1.0, *(0.0,) * 8)

@@ -15,7 +15,7 @@ from rb_dynamics.sensors.random_numbers import RandomNumbers
 from rb_dynamics.sensors.sensor import Reading, Sensor, Truth, common
 
 if TYPE_CHECKING:
-    from rb_dynamics.scene.scene_entry import SceneEntry
+    from rb_dynamics.loads.scene_entry import SceneEntry
 
 
 @dataclass(frozen=True, kw_only=True)

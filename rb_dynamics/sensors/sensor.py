@@ -19,7 +19,7 @@ from rb_dynamics.numerics.vector import Vector
 from rb_dynamics.sensors.random_numbers import RandomNumbers
 
 if TYPE_CHECKING:
-    from rb_dynamics.scene.scene_entry import SceneEntry
+    from rb_dynamics.loads.scene_entry import SceneEntry
 
 COMMON_KEYS = ("name", "rate", "frame", "delay", "dropout")
 """Keys of every sensor, beside `type`."""

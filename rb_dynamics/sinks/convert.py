@@ -17,32 +17,25 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from rb_dynamics.errors import LogError
-from rb_dynamics.formats.bag_reader import IMUS, POSES, TWISTS, named_type
 from rb_dynamics.formats.bag_source import Source, open_source
+from rb_dynamics.formats.channel_metadata import qos_profile
 from rb_dynamics.formats.log_file import LogFile, require_other
+from rb_dynamics.formats.log_metadata import EPOCH, RESULT, RUN, SCENE, version
 from rb_dynamics.formats.mcap_records import Message
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.merging import merge
-from rb_dynamics.formats.messages import (
-    APPLIED,
-    COMMAND_DEPTH,
-    TRANSFORM,
-    TRANSFORMS,
-    WRENCH,
-    decode_wrench,
-    encode_received,
-    qos_profile,
-)
-from rb_dynamics.formats.own_log import SampleRow, logged_scene, received_commands, row_columns, rows, scene_and_names
+from rb_dynamics.formats.message_types import TRANSFORM, TRANSFORMS, WRENCH
 from rb_dynamics.formats.ros2msg import TYPE_HASHES, schema_text
 from rb_dynamics.formats.tables import Column, Rows, write_table
 from rb_dynamics.formats.transforms import transforms
 from rb_dynamics.loads.channels import NAMING, AppliedWrench, is_topic_name
 from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.logs.bag_reader import IMUS, POSES, TWISTS, named_type
+from rb_dynamics.logs.messages import APPLIED, COMMAND_DEPTH, decode_wrench, encode_received
+from rb_dynamics.logs.own_log import SampleRow, logged_scene, received_commands, row_columns, rows, scene_and_names
 from rb_dynamics.numerics.argument_checks import shown
 from rb_dynamics.numerics.decimals import exact_number, real_number
 from rb_dynamics.numerics.rotation import rotate
-from rb_dynamics.run.provenance import EPOCH, RESULT, RUN, SCENE, version
 from rb_dynamics.run.sink import RunInfo, Sample
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.sinks.convert_bag import ORIENTATION, POSITION, Poses, Skip, Span, columns_of, quantities_of, table_of

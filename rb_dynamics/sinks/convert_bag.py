@@ -18,10 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rb_dynamics.errors import LogError
-from rb_dynamics.formats.bag_reader import named_type
 from rb_dynamics.formats.bag_source import open_source
 from rb_dynamics.formats.mcap_records import Block
-from rb_dynamics.formats.messages import (
+from rb_dynamics.formats.message_types import (
     ACCELERATION,
     IMU,
     INERTIA,
@@ -42,6 +41,7 @@ from rb_dynamics.formats.messages import (
 from rb_dynamics.formats.tables import Column, Rows
 from rb_dynamics.formats.topic import Times, Topic, Values, unread_words
 from rb_dynamics.formats.transforms import transforms
+from rb_dynamics.logs.bag_reader import named_type
 
 # Rows that are sorted by log time and written together.
 _ROWS = 20_000

@@ -25,19 +25,20 @@ from typing import TYPE_CHECKING, cast
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
+from rb_dynamics.formats.channel_metadata import log_channel, qos_profile
 from rb_dynamics.formats.log_file import LogFile
+from rb_dynamics.formats.log_metadata import CHECKPOINT, EPOCH, INTERRUPTED, RESULT, RUN, SCENE, TOPICS, version
 from rb_dynamics.formats.mcap_integrity import require_library, verify
 from rb_dynamics.formats.mcap_records import McapChannel
 from rb_dynamics.formats.mcap_writer import InPieces, McapWriter, framed, framed_one
-from rb_dynamics.formats.messages import (
+from rb_dynamics.formats.message_types import VECTOR, WRENCH
+from rb_dynamics.logs.messages import (
     APPLIED,
     COMMAND_DEPTH,
     LATENCY,
     MASS_PROPERTIES,
     SET_STATE,
     TF_STATIC,
-    VECTOR,
-    WRENCH,
     block_encoder,
     encode_applied,
     encode_fixed,
@@ -47,16 +48,13 @@ from rb_dynamics.formats.messages import (
     encode_setpoint,
     encode_state_change,
     encode_status,
-    log_channel,
     log_topics,
     measurement_packers,
-    qos_profile,
     sample_encoder,
     sample_topics,
 )
 from rb_dynamics.numerics.nanoseconds import split_stamp
 from rb_dynamics.run.block import Block
-from rb_dynamics.run.provenance import CHECKPOINT, EPOCH, INTERRUPTED, RESULT, RUN, SCENE, TOPICS, version
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.sink import (
     ActuatorCommand,
@@ -74,8 +72,8 @@ from rb_dynamics.run.stop_signals import uninterrupted
 from rb_dynamics.sinks.state_hash import StateHash, hashed_rows
 
 if TYPE_CHECKING:
-    from rb_dynamics.formats.messages import Times
     from rb_dynamics.loads.command_table import Changes
+    from rb_dynamics.logs.messages import Times
     from rb_dynamics.scene.model import Scene
 
 FLUSH_S = 0.5

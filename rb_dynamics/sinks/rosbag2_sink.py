@@ -13,9 +13,9 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from rb_dynamics.errors import LogError
+from rb_dynamics.formats.log_metadata import CONTINUES_IN
 from rb_dynamics.formats.mcap_records import McapChannel
 from rb_dynamics.formats.rosbag2_metadata import METADATA_FILE, BagFile, write_metadata
-from rb_dynamics.run.provenance import CONTINUES_IN
 from rb_dynamics.run.sink import Epoch, Event, RunInfo, Sample
 from rb_dynamics.sinks.mcap_sink import LogSettings, McapSink
 from rb_dynamics.sinks.state_hash import StateHash

@@ -16,13 +16,13 @@ from rb_dynamics.analysis.read_track import TopicChoice, read_track
 from rb_dynamics.analysis.streams import MotionStreams
 from rb_dynamics.analysis.track import Track
 from rb_dynamics.errors import LogError
-from rb_dynamics.formats.bag_reader import WRENCHES as WRENCH_TYPES
-from rb_dynamics.formats.bag_reader import Bag, read_bag
-from rb_dynamics.formats.own_log import opened_scene
-from rb_dynamics.formats.wrench_bags import RecordedWrenches, Start, origin_of
+from rb_dynamics.formats.log_metadata import RUN
 from rb_dynamics.loads.channels import WrenchChannels
+from rb_dynamics.logs.bag_reader import WRENCHES as WRENCH_TYPES
+from rb_dynamics.logs.bag_reader import Bag, read_bag
+from rb_dynamics.logs.own_log import opened_scene
+from rb_dynamics.logs.wrench_bags import RecordedWrenches, Start, origin_of
 from rb_dynamics.numerics.argument_checks import number, shown
-from rb_dynamics.run.provenance import RUN
 from rb_dynamics.run.simulation import simulate
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.sinks.mcap_sink import McapSink

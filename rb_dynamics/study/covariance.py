@@ -21,12 +21,12 @@ from rb_dynamics.analysis.identification.parameters import AXES, PLACES
 from rb_dynamics.analysis.identification.prediction import Model
 from rb_dynamics.analysis.track import Array, Times
 from rb_dynamics.errors import LogError, SceneError
-from rb_dynamics.formats.bag_reader import read_bag
-from rb_dynamics.formats.messages import POSE
-from rb_dynamics.formats.own_log import logged_scene
+from rb_dynamics.formats.log_metadata import RUN
+from rb_dynamics.formats.message_types import POSE
+from rb_dynamics.logs.bag_reader import read_bag
+from rb_dynamics.logs.own_log import logged_scene
 from rb_dynamics.motion.fixed_step_kernel import Tally, counted_by
 from rb_dynamics.numerics.rotation_arrays import rotate_all
-from rb_dynamics.run.provenance import RUN
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.study.uncertain_numbers import STATE, Uncertain, uncertain_numbers
 

@@ -26,49 +26,8 @@ import numpy as np
 from rb_dynamics.errors import LogError, WrenchError
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_source import Source, SplitBag, open_source
-from rb_dynamics.formats.mcap_records import Fact, McapChannel, Message
-from rb_dynamics.formats.messages import (
-    ACCEL,
-    APPLIED,
-    COMMAND_DEPTH,
-    DIAGNOSTICS,
-    LATENCY,
-    MASS_PROPERTIES,
-    QOS,
-    SAMPLE_TOPICS,
-    SCALAR,
-    SET_STATE,
-    TF_STATIC,
-    TYPE_HASH,
-    WRENCH,
-    block_encoder,
-    decode_state_change,
-    encode_applied,
-    encode_fixed,
-    encode_inertia,
-    encode_received,
-    encode_setpoint,
-    encode_state_change,
-    log_channel,
-    log_topics,
-    measurement_packers,
-    qos_profile,
-    sample_encoder,
-    sample_topics,
-)
-from rb_dynamics.formats.own_log import received_commands, received_setpoints, scene_and_names
-from rb_dynamics.loads.channels import AppliedWrench, ReceivedWrench, RejectedWrench
-from rb_dynamics.loads.command_table import CommandBatch, listed
-from rb_dynamics.loads.thruster import Thruster
-from rb_dynamics.loads.wrench import Wrench
-from rb_dynamics.motion import METHODS, REMOVED
-from rb_dynamics.numerics.argument_checks import shown
-from rb_dynamics.numerics.decimals import whole_number
-from rb_dynamics.numerics.nanoseconds import split_stamp
-from rb_dynamics.numerics.vector import ZERO
-from rb_dynamics.run.block import Block
-from rb_dynamics.run.input_hash import RULE, AppliedHash
-from rb_dynamics.run.provenance import (
+from rb_dynamics.formats.channel_metadata import QOS, TYPE_HASH, log_channel, qos_profile
+from rb_dynamics.formats.log_metadata import (
     CHECKPOINT,
     CONTINUES_IN,
     EPOCH,
@@ -80,6 +39,42 @@ from rb_dynamics.run.provenance import (
     TOPICS,
     next_file,
 )
+from rb_dynamics.formats.mcap_records import Fact, McapChannel, Message
+from rb_dynamics.formats.message_types import DIAGNOSTICS, SCALAR, WRENCH
+from rb_dynamics.loads.channels import AppliedWrench, ReceivedWrench, RejectedWrench
+from rb_dynamics.loads.command_table import CommandBatch, listed
+from rb_dynamics.loads.thruster import Thruster
+from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.logs.messages import (
+    ACCEL,
+    APPLIED,
+    COMMAND_DEPTH,
+    LATENCY,
+    MASS_PROPERTIES,
+    SAMPLE_TOPICS,
+    SET_STATE,
+    TF_STATIC,
+    block_encoder,
+    decode_state_change,
+    encode_applied,
+    encode_fixed,
+    encode_inertia,
+    encode_received,
+    encode_setpoint,
+    encode_state_change,
+    log_topics,
+    measurement_packers,
+    sample_encoder,
+    sample_topics,
+)
+from rb_dynamics.logs.own_log import received_commands, received_setpoints, scene_and_names
+from rb_dynamics.motion import METHODS, REMOVED
+from rb_dynamics.numerics.argument_checks import shown
+from rb_dynamics.numerics.decimals import whole_number
+from rb_dynamics.numerics.nanoseconds import split_stamp
+from rb_dynamics.numerics.vector import ZERO
+from rb_dynamics.run.block import Block
+from rb_dynamics.run.input_hash import RULE, AppliedHash
 from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.run.sink import ActuatorCommand, Event, Measurement, RunInfo, Sample, StateChange
 from rb_dynamics.scene.model import Scene

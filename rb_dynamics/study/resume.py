@@ -20,12 +20,12 @@ from rb_dynamics.body.state import State
 from rb_dynamics.errors import LogError, SceneError, WrenchError
 from rb_dynamics.formats.bag_source import open_source
 from rb_dynamics.formats.log_file import require_other
+from rb_dynamics.formats.log_metadata import RESULT, RUN
 from rb_dynamics.formats.mcap_records import Message
-from rb_dynamics.formats.messages import ACCEL, SET_STATE
-from rb_dynamics.formats.own_log import logged_scene, received_commands, row_columns, rows, scene_and_names
 from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.logs.messages import ACCEL, SET_STATE
+from rb_dynamics.logs.own_log import logged_scene, received_commands, row_columns, rows, scene_and_names
 from rb_dynamics.numerics.rotation import rotate_inverse
-from rb_dynamics.run.provenance import RESULT, RUN
 from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.scene.model import Past, Scene
 from rb_dynamics.scene.read import parse_scene

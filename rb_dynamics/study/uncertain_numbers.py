@@ -16,10 +16,10 @@ from rb_dynamics.analysis.identification.identify import Identification
 from rb_dynamics.analysis.identification.parameters import AXES
 from rb_dynamics.analysis.track import Array
 from rb_dynamics.errors import LogError, SceneError
+from rb_dynamics.formats.yaml.document import parse, plain
+from rb_dynamics.formats.yaml.problems import Problems
 from rb_dynamics.numerics.argument_checks import shown
-from rb_dynamics.scene.document import parse, plain
 from rb_dynamics.scene.model import Scene
-from rb_dynamics.scene.problems import Problems
 
 Uncertain: TypeAlias = "Mapping[str, object] | str | os.PathLike[str] | Identification"
 

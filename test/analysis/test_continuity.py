@@ -14,9 +14,9 @@ from rb_dynamics.analysis.continuity import continuity
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.summary import summarize
 from rb_dynamics.formats import cdr
-from rb_dynamics.formats.bag_reader import Bag
-from rb_dynamics.formats.messages import ODOMETRY
+from rb_dynamics.formats.message_types import ODOMETRY
 from rb_dynamics.formats.topic import Topic
+from rb_dynamics.logs.bag_reader import Bag
 from rb_dynamics.numerics.rotation_arrays import rotate_all_inverse
 
 BALL = scene_of(5.0, np.diag([1.0, 1.0, 1.0]), (0.0, 0.0, 0.0))

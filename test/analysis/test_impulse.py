@@ -12,8 +12,8 @@ from rb_dynamics.analysis.balance import Balance, balances
 from rb_dynamics.analysis.impulse import impulses, integral
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.track import Track
-from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.logs.bag_reader import read_bag
 
 BOUND = 1e-6
 

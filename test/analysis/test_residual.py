@@ -12,7 +12,7 @@ from tumbling import Tumble, bag_of
 
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.residual import Residual, _of_mass, _possible, residual
-from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.numerics.rotation_arrays import rotate_all_inverse
 from rb_dynamics.report.text import residual_sentence
 from rb_dynamics.scene import parse_scene

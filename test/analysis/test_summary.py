@@ -18,11 +18,11 @@ from rb_dynamics.analysis.identification.flights import read_flight
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.summary import RunSummary, summarize
 from rb_dynamics.errors import LogError
-from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.formats.log_file import LogFile
 from rb_dynamics.formats.mcap_records import McapFile, Message
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.report.text import as_text
 from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.run.sink import Status

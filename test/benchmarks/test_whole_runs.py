@@ -10,7 +10,7 @@ from types import ModuleType
 import pytest
 
 import rb_dynamics as rb
-from rb_dynamics.formats.wrench_bags import RecordedWrenches
+from rb_dynamics.logs.wrench_bags import RecordedWrenches
 
 pytest.importorskip("matplotlib")
 

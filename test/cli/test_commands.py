@@ -16,7 +16,7 @@ import pytest
 from command_line import command
 
 from rb_dynamics import Sample, Simulation, Wrench, WrenchError, read_scene
-from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.sinks.mcap_sink import McapSink
 
 FREE = "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\ninitial: {angular_velocity_body: [0.1, 2, 0.1]}\nduration: 3\n"

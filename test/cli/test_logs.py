@@ -12,7 +12,7 @@ from campaigns import write as write_campaign
 from command_line import command
 
 from rb_dynamics.cli import main
-from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.logs.bag_reader import read_bag
 
 SCENE = (
     "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\ninitial: {angular_velocity_body: [0.1, 2, 0.1]}\n"

@@ -14,11 +14,11 @@ import pytest
 from rb_dynamics.analysis.checks import one_recording
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.errors import LogError
-from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.formats.log_file import LogFile
 from rb_dynamics.formats.mcap_writer import McapWriter
-from rb_dynamics.formats.wrench_bags import read_wrenches
 from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.logs.bag_reader import read_bag
+from rb_dynamics.logs.wrench_bags import read_wrenches
 
 pytest.importorskip("rosbags")
 

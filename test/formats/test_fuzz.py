@@ -15,10 +15,10 @@ from hypothesis import strategies as st
 
 from rb_dynamics import parse_scene, simulate
 from rb_dynamics.errors import LogError
-from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.formats.mcap_records import MAGIC, Block, McapFile, Message
 from rb_dynamics.formats.recovery import recover
 from rb_dynamics.formats.topic import KEPT
+from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.sinks.mcap_sink import LogSettings, McapSink
 
 MANY = settings(max_examples=300, suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture])

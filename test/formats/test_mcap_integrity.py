@@ -11,12 +11,12 @@ import pytest
 
 from rb_dynamics.cli import main
 from rb_dynamics.errors import LogError, MissingExtraError
-from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.formats.log_file import LogFile
 from rb_dynamics.formats.mcap_integrity import verify, verify_bag
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.recovery import recover
 from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.run.simulation import simulate
 from rb_dynamics.scene import parse_scene
 from rb_dynamics.sinks.mcap_sink import LogSettings, McapSink

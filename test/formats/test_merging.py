@@ -10,8 +10,8 @@ import pytest
 from foreign_bags import GEOMETRY, STORE, TF, header, of, transform, transforms, write_bag
 
 from rb_dynamics.errors import LogError
-from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.formats.merging import merge
+from rb_dynamics.logs.bag_reader import read_bag
 
 SECOND = 10**9
 ALL = (-math.inf, math.inf)

@@ -13,8 +13,8 @@ from bag_rows import STAMPED, Row, stamped, write_rows
 from rb_dynamics import parse_scene, simulate
 from rb_dynamics.cli import main
 from rb_dynamics.errors import LogError
-from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.formats.recovery import recover
+from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.sinks.mcap_sink import McapSink
 
 pytest.importorskip("mcap")

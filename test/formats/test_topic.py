@@ -14,7 +14,7 @@ from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.log_file import LogFile
 from rb_dynamics.formats.mcap_writer import McapWriter
-from rb_dynamics.formats.messages import ODOMETRY, PLAIN_WRENCH, TWIST
+from rb_dynamics.formats.message_types import ODOMETRY, PLAIN_WRENCH, TWIST
 from rb_dynamics.formats.topic import Topic
 
 COVARIANCE = (9.0,) * 36
@@ -99,7 +99,7 @@ def test_a_large_bag_takes_little_more_memory_than_its_numbers(tmp_path: Path) -
     writer.finish()
     file.close()
     code = f"""
-from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.analysis.read_track import read_track
 def peak_mb():
     return next(int(line.split()[1]) for line in open("/proc/self/status") if line.startswith("VmHWM")) / 1024

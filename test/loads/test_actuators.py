@@ -10,10 +10,10 @@ from scipy.spatial.transform import Rotation
 
 import rb_dynamics as rb
 from rb_dynamics.errors import WrenchError
-from rb_dynamics.formats.bag_reader import read_bag
-from rb_dynamics.formats.wrench_bags import RecordedWrenches
 from rb_dynamics.loads.actuator import Setpoint
 from rb_dynamics.loads.channels import AppliedWrench
+from rb_dynamics.logs.bag_reader import read_bag
+from rb_dynamics.logs.wrench_bags import RecordedWrenches
 from rb_dynamics.sinks.mcap_sink import McapSink
 from rb_dynamics.study.replay import replay
 

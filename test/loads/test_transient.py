@@ -10,11 +10,11 @@ import pytest
 
 import rb_dynamics as rb
 from rb_dynamics.errors import SceneError
-from rb_dynamics.formats.bag_reader import read_bag
-from rb_dynamics.formats.wrench_bags import RecordedWrenches
 from rb_dynamics.loads.actuator import Setpoint
 from rb_dynamics.loads.channels import AppliedWrench, Channel, WrenchChannels
 from rb_dynamics.loads.wrench import Wrench, WrenchFrames
+from rb_dynamics.logs.bag_reader import read_bag
+from rb_dynamics.logs.wrench_bags import RecordedWrenches
 from rb_dynamics.numerics.rotation import rotate_inverse
 from rb_dynamics.run.simulation import Command, Simulation
 from rb_dynamics.sinks.mcap_sink import McapSink

@@ -11,8 +11,8 @@ import pytest
 
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.summary import summarize
-from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.report.html import Section, write_html
 from rb_dynamics.report.run_page import comparison_section, run_report, write_run_report
 from rb_dynamics.report.text import as_text

@@ -16,7 +16,7 @@ from rb_dynamics import Wrench, parse_scene, simulate
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.track import Track
 from rb_dynamics.errors import LogError, MissingExtraError
-from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.report import video
 from rb_dynamics.report.video import write_video
 from rb_dynamics.sinks.mcap_sink import McapSink

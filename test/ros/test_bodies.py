@@ -20,7 +20,7 @@ from rclpy.parameter import Parameter
 from ros_harness import TRANSIENT, Peer
 from rosgraph_msgs.msg import Clock
 
-from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.ros.bodies import main
 from rb_dynamics.ros.node import RigidBodyNode, spin_some
 from rb_dynamics.ros.start_arguments import apart

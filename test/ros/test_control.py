@@ -21,7 +21,7 @@ from ros_harness import TRANSIENT, Peer, node_arguments, running, stamp, values
 from std_srvs.srv import SetBool, Trigger
 
 from rb_dynamics.errors import SceneError
-from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.ros.node import RigidBodyNode
 from rb_dynamics.study.replay import replay
 

@@ -15,8 +15,8 @@ from nav_msgs.msg import Odometry
 from ros_harness import ROOT, Peer, running
 from std_srvs.srv import SetBool
 
-from rb_dynamics.formats.bag_reader import read_bag
-from rb_dynamics.run.provenance import RESULT
+from rb_dynamics.formats.log_metadata import RESULT
+from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.study.replay import replay
 
 pytestmark = pytest.mark.ros

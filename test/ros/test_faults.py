@@ -22,7 +22,7 @@ from rclpy.serialization import serialize_message
 from ros_harness import Peer, running, stamp, values
 from std_srvs.srv import SetBool, Trigger
 
-from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.study.replay import replay
 
 pytestmark = pytest.mark.ros

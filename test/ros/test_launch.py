@@ -24,7 +24,7 @@ from ros_harness import ROOT, TRANSIENT, Peer
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool
 
-from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.logs.bag_reader import read_bag
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("signals_of_a_terminal")]
 

@@ -20,7 +20,8 @@ TYPES = {
 
 def node_topics() -> dict[str, str]:
     """The topics and types that the log has: those of the node."""
-    from rb_dynamics.formats.messages import DIAGNOSTICS, SAMPLE_TOPICS, WRENCH
+    from rb_dynamics.formats.message_types import DIAGNOSTICS, WRENCH
+    from rb_dynamics.logs.messages import SAMPLE_TOPICS
 
     return {f"/{name}": kind for name, kind in SAMPLE_TOPICS} | {"/wrench": WRENCH, "/diagnostics": DIAGNOSTICS}
 

@@ -19,7 +19,7 @@ from ros_harness import KEEP_ALL, TRANSIENT, Peer
 from rosgraph_msgs.msg import Clock
 
 from rb_dynamics import Wrench, parse_scene, simulate
-from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.sinks.mcap_sink import McapSink
 
 pytestmark = pytest.mark.ros

@@ -33,7 +33,7 @@ from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
 
 from rb_dynamics import HashSink, Simulation, Wrench, read_scene
-from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.numerics.rotation import rotate
 from rb_dynamics.sinks.mcap_sink import McapSink
 from rb_dynamics.study.replay import replay

@@ -16,7 +16,7 @@ from ros_harness import Peer
 
 from rb_dynamics import Simulation, parse_scene
 from rb_dynamics.formats import cdr
-from rb_dynamics.formats.messages import sample_encoder, sample_topics
+from rb_dynamics.logs.messages import sample_encoder, sample_topics
 from rb_dynamics.ros.health import Health
 from rb_dynamics.ros.pacing import Pacer
 from rb_dynamics.ros.publishers import Topics, TopicSink

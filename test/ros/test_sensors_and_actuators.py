@@ -10,7 +10,7 @@ from ros_harness import Peer, running, stamp, values
 from sensor_msgs.msg import Imu
 from std_msgs.msg import Float64
 
-from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.study.replay import replay
 
 pytestmark = pytest.mark.ros

@@ -15,7 +15,7 @@ from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
 
 from rb_dynamics.errors import SceneError
-from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.ros.node import RigidBodyNode
 from rb_dynamics.study.replay import replay
 

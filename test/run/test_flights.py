@@ -16,7 +16,7 @@ from rb_dynamics import Solver, Wrench, parse_scene, simulate
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.mcap_records import Message
-from rb_dynamics.formats.wrench_bags import RecordedWrenches
+from rb_dynamics.logs.wrench_bags import RecordedWrenches
 from rb_dynamics.motion import flight
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.sink import RunInfo

@@ -7,7 +7,7 @@ import struct
 from pathlib import Path
 
 from rb_dynamics import Wrench, parse_scene, simulate
-from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.sinks.mcap_sink import McapSink
 
 SCENE = parse_scene(

@@ -27,7 +27,7 @@ solver: {method: euler, step: 0.01}
 
 PRELUDE = """
 from rb_dynamics import Wrench, parse_scene, simulate
-from rb_dynamics.formats.wrench_bags import RecordedWrenches
+from rb_dynamics.logs.wrench_bags import RecordedWrenches
 from rb_dynamics.sinks.mcap_sink import McapSink
 from rb_dynamics.sinks.rerun_sink import RerunSink
 

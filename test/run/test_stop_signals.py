@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from rb_dynamics import parse_scene, simulate
-from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.run.sink import Event, RunInfo
 from rb_dynamics.run.stop_signals import Stopped, interrupted_by_signals, uninterrupted
 from rb_dynamics.sinks.mcap_sink import McapSink

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from rb_dynamics.errors import SceneError
-from rb_dynamics.scene.problems import MAX_REPORTED
+from rb_dynamics.formats.yaml.problems import MAX_REPORTED
 from rb_dynamics.scene.read import parse_scene
 
 # Four lines that are a valid scene; what a case adds begins on line 5.

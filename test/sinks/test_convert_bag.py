@@ -28,11 +28,11 @@ from rb_dynamics.analysis.read_track import TopicChoice, read_track
 from rb_dynamics.cli import main
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
-from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.formats.bag_source import open_source
+from rb_dynamics.formats.log_metadata import RUN
 from rb_dynamics.formats.topic import KEPT
 from rb_dynamics.loads.wrench import Wrench
-from rb_dynamics.run.provenance import RUN
+from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.run.simulation import simulate
 from rb_dynamics.scene import parse_scene
 from rb_dynamics.sinks import convert_bag
@@ -364,7 +364,7 @@ def wrench_log(path: Path, count: int) -> Path:
     from rb_dynamics.formats import cdr
     from rb_dynamics.formats.log_file import LogFile
     from rb_dynamics.formats.mcap_writer import McapWriter
-    from rb_dynamics.formats.messages import WRENCH
+    from rb_dynamics.formats.message_types import WRENCH
     from rb_dynamics.formats.ros2msg import schema_text
 
     file = LogFile(path)

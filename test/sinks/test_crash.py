@@ -15,9 +15,9 @@ import pytest
 from log_killer import samples
 
 from rb_dynamics.errors import LogError
-from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.formats.mcap_records import McapFile
 from rb_dynamics.formats.recovery import recover
+from rb_dynamics.logs.bag_reader import read_bag
 
 pytest.importorskip("mcap")
 pytest.importorskip("rosbags")

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from rb_dynamics.errors import LogError
-from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.formats.bag_source import open_source
+from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.run.simulation import simulate
 from rb_dynamics.scene import parse_scene
 from rb_dynamics.sinks.log_outputs import Logs

@@ -22,11 +22,11 @@ import yaml
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import LogError
-from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.formats.mcap_writer import CHUNK_BYTES
-from rb_dynamics.formats.messages import COMMAND_DEPTH, sample_depth
 from rb_dynamics.formats.ros2msg import TYPE_HASHES
 from rb_dynamics.loads.wrench import Wrench, WrenchFrames
+from rb_dynamics.logs.bag_reader import read_bag
+from rb_dynamics.logs.messages import COMMAND_DEPTH, sample_depth
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.simulation import simulate
 from rb_dynamics.run.sink import AppliedWrench, Event, RejectedWrench, RunInfo, Status

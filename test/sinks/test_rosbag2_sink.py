@@ -10,11 +10,11 @@ import yaml
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.summary import summarize
 from rb_dynamics.errors import LogError
-from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.formats.bag_source import open_source
 from rb_dynamics.formats.recovery import recover
-from rb_dynamics.formats.wrench_bags import RecordedWrenches
 from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.logs.bag_reader import read_bag
+from rb_dynamics.logs.wrench_bags import RecordedWrenches
 from rb_dynamics.run.simulation import simulate
 from rb_dynamics.scene.read import parse_scene
 from rb_dynamics.sinks.mcap_sink import LogSettings, McapSink

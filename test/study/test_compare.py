@@ -20,7 +20,7 @@ import rb_dynamics as rb
 from rb_dynamics.analysis.comparison import MOTION
 from rb_dynamics.cli import main
 from rb_dynamics.formats.merging import merge
-from rb_dynamics.formats.wrench_bags import origin_of
+from rb_dynamics.logs.wrench_bags import origin_of
 from rb_dynamics.sinks.mcap_sink import McapSink
 
 SCENE = """

@@ -13,9 +13,9 @@ import pytest
 
 from rb_dynamics.cli import main
 from rb_dynamics.errors import SceneError
-from rb_dynamics.formats.wrench_bags import read_wrenches
 from rb_dynamics.loads.effect_types import EFFECTS
 from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.logs.wrench_bags import read_wrenches
 from rb_dynamics.motion import fixed_step_kernel
 from rb_dynamics.numerics import compilation
 from rb_dynamics.numerics.rotation import angle_between

@@ -19,12 +19,13 @@ from rb_dynamics.analysis.summary import summarize
 from rb_dynamics.cli import main
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
-from rb_dynamics.formats.bag_reader import read_bag
 from rb_dynamics.formats.bag_source import Source, open_source
 from rb_dynamics.formats.mcap_records import McapFile, Message, OnFact
-from rb_dynamics.formats.messages import WRENCH, decode_wrench
-from rb_dynamics.formats.own_log import logged_scene, scene_and_names
+from rb_dynamics.formats.message_types import WRENCH
 from rb_dynamics.formats.recovery import recover
+from rb_dynamics.logs.bag_reader import read_bag
+from rb_dynamics.logs.messages import decode_wrench
+from rb_dynamics.logs.own_log import logged_scene, scene_and_names
 from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.run.sink import Status
 from rb_dynamics.sinks.convert import to_table

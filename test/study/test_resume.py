@@ -14,7 +14,7 @@ from recorded_runs import COMMANDS, SCENE, Flight, coasting, flight, flown, fly
 
 import rb_dynamics as rb
 from rb_dynamics.cli import main
-from rb_dynamics.formats.bag_reader import read_bag
+from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.sinks.mcap_sink import McapSink
 from rb_dynamics.study.resume import scene_at
 

@@ -11,8 +11,8 @@ from bag_rows import Row, write_rows
 from numpy.typing import NDArray
 
 from rb_dynamics.formats import cdr
-from rb_dynamics.formats.bag_reader import Bag, read_bag
-from rb_dynamics.formats.messages import POSE, TWIST, WRENCH
+from rb_dynamics.formats.message_types import POSE, TWIST, WRENCH
+from rb_dynamics.logs.bag_reader import Bag, read_bag
 from rb_dynamics.numerics.rotation_arrays import product
 
 Array = NDArray[Any]

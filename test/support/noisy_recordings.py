@@ -13,7 +13,7 @@ from bag_rows import add
 from rb_dynamics import State
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.formats import cdr
-from rb_dynamics.formats.bag_reader import Bag, Topic
+from rb_dynamics.logs.bag_reader import Bag, Topic
 from rb_dynamics.numerics.rotation_arrays import rotate_all_inverse
 from rb_dynamics.run.ensemble import driven_motion
 from rb_dynamics.scene import parse_scene

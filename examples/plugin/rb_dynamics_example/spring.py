@@ -13,7 +13,7 @@ from rb_dynamics.numerics.argument_checks import number, vector
 from rb_dynamics.numerics.vector import ZERO, Vector, dot, scale, subtract
 
 if TYPE_CHECKING:
-    from rb_dynamics.scene.scene_entry import SceneEntry
+    from rb_dynamics.loads.scene_entry import SceneEntry
 
 
 @dataclass(frozen=True)

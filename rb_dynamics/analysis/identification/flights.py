@@ -10,11 +10,11 @@ import numpy as np
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.track import Array, RecordedWrench, Times, TimeSeries, Track, frame_names, unit_rows
 from rb_dynamics.errors import LogError
-from rb_dynamics.formats.bag_reader import IMUS, Bag, read_bag
-from rb_dynamics.formats.messages import APPLIED
+from rb_dynamics.formats.log_metadata import RUN
 from rb_dynamics.loads.channels import Channel as WrenchChannel
+from rb_dynamics.logs.bag_reader import IMUS, Bag, read_bag
+from rb_dynamics.logs.messages import APPLIED
 from rb_dynamics.numerics.rotation_arrays import exponentials, product, rotations_between
-from rb_dynamics.run.provenance import RUN
 from rb_dynamics.scene.model import Scene
 
 ATTITUDE, POSITION, VELOCITY, RATES, ACCELERATION = "attitude", "position", "velocity", "rates", "acceleration"

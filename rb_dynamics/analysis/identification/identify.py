@@ -23,11 +23,11 @@ from rb_dynamics.analysis.identification.prediction import Body, Model, Predicte
 from rb_dynamics.analysis.track import Array
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
+from rb_dynamics.formats.yaml import document
+from rb_dynamics.formats.yaml.problems import Problems
 from rb_dynamics.numerics.argument_checks import items, shown, whole_number
-from rb_dynamics.scene import document
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.scene.overrides import apply_overrides
-from rb_dynamics.scene.problems import Problems
 from rb_dynamics.scene.read import opened, scene_of
 
 GROUPS = (

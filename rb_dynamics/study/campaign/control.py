@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
+from rb_dynamics.formats.yaml.fields import Rule
 from rb_dynamics.loads.wheel_set import shares
 from rb_dynamics.loads.wrench import largest_wrench
 from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS
 from rb_dynamics.numerics.vector import Vector, scale
-from rb_dynamics.scene.fields import Rule
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.study.campaign.bodies import FORCE, TORQUE, Commands
 from rb_dynamics.study.campaign.laws import LAWS, Measurement, Parameters, RandomStreams

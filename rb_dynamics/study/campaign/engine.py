@@ -18,8 +18,8 @@ from itertools import islice
 from typing import Any
 
 from rb_dynamics.errors import LogError, MissingExtraError
+from rb_dynamics.formats.log_metadata import version
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
-from rb_dynamics.run.provenance import version
 from rb_dynamics.study.campaign.bodies import go_side_by_side, step_ns
 from rb_dynamics.study.campaign.control import DELAY
 from rb_dynamics.study.campaign.distributions import Choice, Stepped

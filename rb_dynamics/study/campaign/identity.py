@@ -11,9 +11,9 @@ import os
 from collections.abc import Iterator, Mapping
 
 from rb_dynamics.errors import LogError, SceneError
-from rb_dynamics.run.provenance import version
-from rb_dynamics.scene import document
-from rb_dynamics.scene.problems import Problems
+from rb_dynamics.formats.log_metadata import version
+from rb_dynamics.formats.yaml import document
+from rb_dynamics.formats.yaml.problems import Problems
 from rb_dynamics.study.campaign.model import Campaign
 
 Facts = Mapping[str, str]

@@ -14,17 +14,17 @@ from dataclasses import replace
 from types import MappingProxyType
 
 from rb_dynamics.errors import SceneError
+from rb_dynamics.formats.yaml import document
+from rb_dynamics.formats.yaml.fields import Field, Rule, Section
+from rb_dynamics.formats.yaml.problems import Problems
+from rb_dynamics.formats.yaml.text_file import read_text
 from rb_dynamics.loads.actuator import Actuator
 from rb_dynamics.loads.channels import Channel
 from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS, SHORTEST
 from rb_dynamics.numerics.rotation import IDENTITY, unit
-from rb_dynamics.scene import document
-from rb_dynamics.scene.fields import Field, Rule, Section
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.scene.overrides import apply_overrides
-from rb_dynamics.scene.problems import Problems
 from rb_dynamics.scene.read import parse_scene, read_scene
-from rb_dynamics.scene.text_file import read_text
 from rb_dynamics.study.campaign import laws
 from rb_dynamics.study.campaign.bodies import CHANNEL, FORCE, TORQUE, step_ns
 from rb_dynamics.study.campaign.control import DELAY, NOT_NEGATIVE, NUMBER, POSITIVE, RULES, sharing

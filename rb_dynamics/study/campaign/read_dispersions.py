@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 
-from rb_dynamics.scene import document
-from rb_dynamics.scene.document import Node
-from rb_dynamics.scene.fields import Field, Rule, Section
+from rb_dynamics.formats.yaml import document
+from rb_dynamics.formats.yaml.document import Node
+from rb_dynamics.formats.yaml.fields import Field, Rule, Section
+from rb_dynamics.formats.yaml.problems import Problems
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.scene.overrides import find
-from rb_dynamics.scene.problems import Problems
 from rb_dynamics.study.campaign.control import NOT_NEGATIVE, NUMBER, POSITIVE
 from rb_dynamics.study.campaign.distributions import (
     Choice,

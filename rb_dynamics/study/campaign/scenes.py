@@ -11,12 +11,12 @@ import math
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 
+from rb_dynamics.formats.yaml import document
+from rb_dynamics.formats.yaml.document import Node
+from rb_dynamics.formats.yaml.problems import Problems
 from rb_dynamics.numerics.rotation import Quaternion, exp, multiply, normalize
-from rb_dynamics.scene import document
-from rb_dynamics.scene.document import Node
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.scene.overrides import apply_overrides
-from rb_dynamics.scene.problems import Problems
 from rb_dynamics.scene.read import parse_scene, scene_of
 from rb_dynamics.study.campaign.model import Campaign
 from rb_dynamics.study.campaign.sampling import seed_of_run

@@ -24,7 +24,7 @@ from rb_dynamics import (
 )
 from rb_dynamics.analysis.identification.flights import ATTITUDE, POSITION, RATES, VELOCITY, Flight, flight_of
 from rb_dynamics.formats import cdr
-from rb_dynamics.formats.bag_reader import Bag, Topic, read_bag
+from rb_dynamics.logs.bag_reader import Bag, Topic, read_bag
 from rb_dynamics.sinks.mcap_sink import McapSink
 
 IMU = "sensor_msgs/msg/Imu"

@@ -20,16 +20,17 @@ from numpy.typing import NDArray
 
 from rb_dynamics.errors import LogError, WrenchError
 from rb_dynamics.formats import cdr
-from rb_dynamics.formats.bag_reader import WRENCHES, named_type
 from rb_dynamics.formats.bag_source import Source, open_source
+from rb_dynamics.formats.log_metadata import INTERRUPTED, MISSING_FILES, RUN, next_file
 from rb_dynamics.formats.mcap_records import Block, McapChannel
-from rb_dynamics.formats.messages import SCALAR, SET_STATE, WRENCH, decode_setpoint
+from rb_dynamics.formats.message_types import SCALAR, WRENCH
 from rb_dynamics.formats.topic import Times, Topic
 from rb_dynamics.loads.actuator import Setpoint
 from rb_dynamics.loads.channels import WrenchChannels
 from rb_dynamics.loads.command_table import CommandBatch, Received
 from rb_dynamics.loads.wrench import Wrench
-from rb_dynamics.run.provenance import INTERRUPTED, MISSING_FILES, RUN, next_file
+from rb_dynamics.logs.bag_reader import WRENCHES, named_type
+from rb_dynamics.logs.messages import SET_STATE, decode_setpoint
 
 _logger = logging.getLogger(__name__)
 

@@ -16,8 +16,9 @@ import numpy as np
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_source import FileBoundary, SplitBag, open_source
+from rb_dynamics.formats.log_metadata import DAMAGED, INTERRUPTED, MISSING_FILES, RESULT, RUN, next_file
 from rb_dynamics.formats.mcap_records import McapChannel
-from rb_dynamics.formats.messages import (
+from rb_dynamics.formats.message_types import (
     IMU,
     ODOMETRY,
     PLAIN_POSE,
@@ -33,11 +34,10 @@ from rb_dynamics.formats.messages import (
     VECTOR,
     WRENCH,
 )
-from rb_dynamics.formats.own_log import logged_scene, require_types
 from rb_dynamics.formats.topic import Times, Topic, Values
 from rb_dynamics.formats.transforms import transforms
 from rb_dynamics.loads.wrench import Wrench
-from rb_dynamics.run.provenance import DAMAGED, INTERRUPTED, MISSING_FILES, RESULT, RUN, next_file
+from rb_dynamics.logs.own_log import logged_scene, require_types
 
 # Of each kind of quantity: the types that carry it, and where it stands in the numbers of a `Topic`.
 # In the order in which they are preferred.

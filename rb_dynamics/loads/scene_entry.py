@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.formats.yaml.fields import Rule, Section
 from rb_dynamics.loads.wrench import WrenchFrames
 from rb_dynamics.numerics.nanoseconds import LONGEST
 from rb_dynamics.numerics.vector import ZERO, Vector
-from rb_dynamics.scene.fields import Rule, Section
 
 _TIME = Rule(f"a number from 0 to {LONGEST:.1e} (s)", lambda v: 0.0 <= v <= LONGEST, "write the time since the start")
 

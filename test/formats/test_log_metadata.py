@@ -1,10 +1,10 @@
-"""Provenance of a run."""
+"""Versions of software in the metadata of a log."""
 
 from __future__ import annotations
 
 from importlib import metadata
 
-from rb_dynamics.run.provenance import version
+from rb_dynamics.formats.log_metadata import version
 
 
 def test_a_version_is_looked_up_once() -> None:

@@ -7,8 +7,8 @@ import time
 import pytest
 
 from rb_dynamics.errors import SceneError
-from rb_dynamics.scene.document import MAX_CHARACTERS, MAX_DEPTH, Node, parse
-from rb_dynamics.scene.problems import Problems
+from rb_dynamics.formats.yaml.document import MAX_CHARACTERS, MAX_DEPTH, Node, parse
+from rb_dynamics.formats.yaml.problems import Problems
 
 
 def tree(text: str) -> dict[str, Node]:

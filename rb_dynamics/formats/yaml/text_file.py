@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 
 from rb_dynamics.errors import SceneError
-from rb_dynamics.scene.document import MAX_CHARACTERS
-from rb_dynamics.scene.problems import printable
+from rb_dynamics.formats.yaml.document import MAX_CHARACTERS
+from rb_dynamics.formats.yaml.problems import printable
 
 _MCAP = b"\x89MCAP"
 

@@ -5,14 +5,26 @@ Log, node and replay all use this encoder. Must not import ROS or touch a file.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from itertools import chain
 from typing import TYPE_CHECKING, Any, cast
 
 from rb_dynamics.formats import cdr
-from rb_dynamics.formats.mcap_records import McapChannel, Message, Schema
-from rb_dynamics.formats.ros2msg import TYPE_HASHES, schema_text
+from rb_dynamics.formats.channel_metadata import qos_profile
+from rb_dynamics.formats.mcap_records import Message
+from rb_dynamics.formats.message_types import (
+    ACCELERATION,
+    DIAGNOSTICS,
+    INERTIA,
+    JOINTS,
+    ODOMETRY,
+    POSE,
+    SCALAR,
+    TRANSFORMS,
+    TWIST,
+    VECTOR,
+    WRENCH,
+)
 from rb_dynamics.loads.thruster import Thruster
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, split_stamp
@@ -31,26 +43,6 @@ if TYPE_CHECKING:
     from rb_dynamics.loads.wrench import WrenchFrames
     from rb_dynamics.scene.model import Scene
     from rb_dynamics.sensors.sensor import Sensor
-
-POSE = "geometry_msgs/msg/PoseStamped"
-TWIST = "geometry_msgs/msg/TwistStamped"
-ODOMETRY = "nav_msgs/msg/Odometry"
-VECTOR = "geometry_msgs/msg/Vector3Stamped"
-SCALAR = "std_msgs/msg/Float64"
-INERTIA = "geometry_msgs/msg/InertiaStamped"
-WRENCH = "geometry_msgs/msg/WrenchStamped"
-PLAIN_WRENCH = "geometry_msgs/msg/Wrench"
-DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
-ACCELERATION = "geometry_msgs/msg/AccelStamped"
-JOINTS = "sensor_msgs/msg/JointState"
-TRANSFORMS = "tf2_msgs/msg/TFMessage"
-CLOCK = "rosgraph_msgs/msg/Clock"
-PLAIN_POSE = "geometry_msgs/msg/Pose"
-PLAIN_TWIST = "geometry_msgs/msg/Twist"
-POSE_WITH_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
-TWIST_WITH_COVARIANCE = "geometry_msgs/msg/TwistWithCovarianceStamped"
-TRANSFORM = "geometry_msgs/msg/TransformStamped"
-IMU = "sensor_msgs/msg/Imu"
 
 SAMPLE_TOPICS = (
     ("pose", POSE),
@@ -88,13 +80,8 @@ SET_STATE = ("set_state", ODOMETRY)
 TF_STATIC = ("/tf_static", TRANSFORMS)
 """Where the scene has frames fixed on the body."""
 
-QOS, TYPE_HASH = "offered_qos_profiles", "topic_type_hash"
-"""What the metadata of a channel say, as rosbag2 writes them."""
-
 COMMAND_DEPTH = 1000
 """How many commands the node keeps until it reads them: what plays a log to a node must keep as many."""
-
-_FOREVER = "\n    sec: 9223372036\n    nsec: 854775807\n"
 
 Acceleration = Callable[[], tuple[Vector, Vector]]
 
@@ -107,21 +94,6 @@ def sample_depth(scene: Scene) -> int:
 def depth_at(rate: float) -> int:
     """Return the same for messages at a rate (Hz)."""
     return min(1000, max(10, round(rate / 2)))
-
-
-def qos_profile(depth: int, durability: str = "volatile") -> str:
-    """Return a reliable profile in the words of rosbag2 in Jazzy (bag metadata version 9)."""
-    return (
-        f"- history: keep_last\n  depth: {depth}\n  reliability: reliable\n  durability: {durability}\n"
-        f"  deadline:{_FOREVER}  lifespan:{_FOREVER}"
-        f"  liveliness: automatic\n  liveliness_lease_duration:{_FOREVER}"
-        "  avoid_ros_namespace_conventions: false"
-    )
-
-
-def is_latched(qos: str) -> bool:
-    """Return whether a message of a topic holds until the next, by its profile in the words of any rosbag2."""
-    return re.search(r"durability: (?:transient_local|1)\b", qos) is not None
 
 
 def sample_topics(scene: Scene, accel: bool) -> tuple[tuple[str, str], ...]:
@@ -146,12 +118,6 @@ def log_topics(scene: Scene, accel: bool) -> list[tuple[str, str, str]]:
         *([(*TF_STATIC, latched)] if scene.frames.fixed else []),
         ("/diagnostics", DIAGNOSTICS, qos_profile(1)),
     ]
-
-
-def log_channel(topic: str, type_name: str, qos: str) -> McapChannel:
-    """Return the channel of a topic in a log."""
-    schema = Schema(type_name, "ros2msg", schema_text(type_name).encode())
-    return McapChannel(topic, schema, "cdr", {QOS: qos, TYPE_HASH: TYPE_HASHES[type_name]})
 
 
 def decode_wrench(type_name: str, log_time: int, data: bytes) -> Wrench:

@@ -24,11 +24,11 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import LogError, MissingExtraError
 from rb_dynamics.formats import cdr
-from rb_dynamics.formats.bag_reader import Bag, read_bag
 from rb_dynamics.formats.mcap_records import MAX_RECORD_BYTES, McapFile
 from rb_dynamics.formats.recovery import recover
-from rb_dynamics.formats.wrench_bags import read_wrenches
 from rb_dynamics.loads.wrench import Wrench, WrenchFrames
+from rb_dynamics.logs.bag_reader import Bag, read_bag
+from rb_dynamics.logs.wrench_bags import read_wrenches
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.sink import AppliedWrench, RunInfo
 from rb_dynamics.scene.model import Scene

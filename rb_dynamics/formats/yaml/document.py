@@ -15,8 +15,8 @@ from typing import Any, TypeAlias, TypeVar
 import yaml
 
 from rb_dynamics.errors import SceneError
+from rb_dynamics.formats.yaml.problems import Problems, printable
 from rb_dynamics.numerics import decimals
-from rb_dynamics.scene.problems import Problems, printable
 
 MAX_CHARACTERS = 1 << 20
 MAX_DEPTH = 32

@@ -14,9 +14,9 @@ from rb_dynamics import parse_scene, simulate
 from rb_dynamics.cli import main
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
-from rb_dynamics.formats.bag_reader import read_bag
-from rb_dynamics.formats.wrench_bags import RecordedWrenches, Start, read_wrenches
 from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.logs.bag_reader import read_bag
+from rb_dynamics.logs.wrench_bags import RecordedWrenches, Start, read_wrenches
 from rb_dynamics.sinks.mcap_sink import McapSink
 
 pytest.importorskip("mcap")

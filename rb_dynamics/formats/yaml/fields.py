@@ -12,10 +12,10 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from rb_dynamics.formats.yaml.document import Node, is_decimal, join, show
+from rb_dynamics.formats.yaml.problems import Problems, printable
 from rb_dynamics.numerics.rotation import IDENTITY, NORM_TOLERANCE, Matrix, Quaternion, unit
 from rb_dynamics.numerics.vector import ZERO, Vector
-from rb_dynamics.scene.document import Node, is_decimal, join, show
-from rb_dynamics.scene.problems import Problems, printable
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,55 @@
+"""What the metadata of a log are called, and what they say of the files of a bag and of software versions."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+
+SCENE = "scene.yaml"
+"""Name of the attachment of a log that contains its scene."""
+
+RUN = "rb_dynamics"
+"""Name of the metadata of a log with the facts of the run: `run_metadata`."""
+
+RESULT = "rb_dynamics.result"
+"""Name of the metadata of a log with the result of the run."""
+
+CONTINUES_IN = "continues_in"
+"""Key in it, in a file that is not the last of a bag, of the next file; such a result is not the end of a run."""
+
+INTERRUPTED = "rb_dynamics.interrupted"
+"""Name of the metadata in a log whose run, disk or power ended before the log was finished."""
+
+CUT_OFF, DAMAGED = "cut off", "damaged"
+"""Value of `reason` in it for a recovered file; "cut off and damaged" if it was both."""
+
+MISSING_FILES = "missing_files"
+"""Key in it of the missing files of a bag that has later ones."""
+
+TOPICS = "rb_dynamics.topics"
+"""Name of the metadata of a log that maps the scene's topic names to those in the log."""
+
+INPUTS_RULE = "inputs_rule"
+"""Key in the result of the rule by which `inputs_sha256` was computed; absent in logs of the first rule."""
+
+CHECKPOINT = "rb_dynamics.checkpoint"
+"""Name of the metadata written between samples: their number and the hash of all of them so far."""
+
+EPOCH = "rb_dynamics.epoch"
+"""Name of the metadata with the ROS time of simulation time 0, where messages are stamped with ROS time."""
+
+
+def next_file(metadata: Mapping[str, Mapping[str, str]]) -> str:
+    """Return the file of a bag that follows the one with this metadata; "" if it is the last or does not say."""
+    return metadata.get(RESULT, {}).get(CONTINUES_IN, "")
+
+
+@functools.cache
+def version(package: str = "rb_dynamics") -> str:
+    """Return the installed version of `package` when first asked, or "not installed"."""
+    from importlib import metadata
+
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return "not installed"
