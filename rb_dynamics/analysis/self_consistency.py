@@ -8,9 +8,10 @@ that is wrong and consistent.
 from __future__ import annotations
 
 import hashlib
+import itertools
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -19,6 +20,7 @@ from rb_dynamics.analysis.balance import sizes_of
 from rb_dynamics.analysis.checks import Check
 from rb_dynamics.analysis.read_track import momenta
 from rb_dynamics.analysis.track import Array, RecordedWrench, Times, TimeSeries, Track, unit_rows
+from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import RigidBodyError
 from rb_dynamics.formats.log_metadata import RESULT, RUN, SCENE, TOPICS
 from rb_dynamics.formats.topic import Topic
@@ -37,6 +39,9 @@ _SUM = 16.0 * np.finfo(float).eps
 _PRODUCT = 1e-12
 # Hz: above, two samples are less than 10 ns apart, and whole nanoseconds do not tell which is which.
 _FASTEST = 1e8
+
+# Samples of which momenta are computed at a time.
+_BLOCK = 10_000
 
 # When a command came (ns), and what it does; None if it was rejected.
 _Taken: TypeAlias = "tuple[int, HeldWrench | None]"
@@ -125,30 +130,55 @@ def _momenta(track: Track, scene: Scene | None) -> Check | None:
     angular, linear, kinetic = track.angular_momentum, track.linear_momentum, track.kinetic_energy
     if body is None or pose is None or twist is None or track.momenta_from != "the log":
         return None
-    found = momenta(pose, twist, track.twist_in_world, body)
     rate = float(sizes_of(twist.values[:, 3:]).max(initial=0.0))
     speed = float(sizes_of(twist.values[:, :3]).max(initial=0.0)) + rate * float(np.linalg.norm(body.center_of_mass))
     spin = float(np.abs(np.array(body.inertia)).max()) * rate
-    parts = [("p", "kg m/s", linear, found.linear, body.mass * speed)]
+    parts = [("p", "kg m/s", linear, "linear", body.mass * speed)]
     effects = track.bag.metadata.get(RUN, {}).get("effects", "")
     if (scene.combined_effects.storing() is None and not scene.wheels) if scene is not None else not effects:
         parts += [
-            ("L", "kg m²/s", angular, found.angular, spin),
-            ("T", "J", kinetic, found.kinetic, body.mass * speed**2 + spin * rate),
+            ("L", "kg m²/s", angular, "angular", spin),
+            ("T", "J", kinetic, "kinetic", body.mass * speed**2 + spin * rate),
         ]
+    parts = [part for part in parts if part[2] is not None and np.isfinite(part[4])]
+    errors = _momenta_errors(track, pose, twist, body, {kind: logged for _, _, logged, kind, _ in parts if logged})
     name, worst = "momenta fit pose, twist and inertia", 0.0
-    for symbol, unit, logged, computed, scale in parts:
-        if logged is None or not np.isfinite(scale):
-            continue
-        times, here, there = np.intersect1d(logged.time_ns, found.time_ns, return_indices=True)
-        rest = logged.values[here] - computed[there]
-        errors = sizes_of(rest) if rest.ndim == 2 else np.abs(rest)
-        check = _first(track, name, times, errors, _PRODUCT * scale, unit, f"{symbol} and what it follows from")
+    for symbol, unit, _, kind, scale in parts:
+        times, off = errors[kind]
+        check = _first(track, name, times, off, _PRODUCT * scale, unit, f"{symbol} and what it follows from")
         if not check.passed:
             return check
-        worst = max(worst, float(errors.max(initial=0.0)) / scale if scale > 0.0 else 0.0)
+        worst = max(worst, float(off.max(initial=0.0)) / scale if scale > 0.0 else 0.0)
     symbols = ", ".join(symbol for symbol, *_ in parts)
     return Check(name, True, f"{symbols}: to {worst:.3g}, rounding explains {_PRODUCT:g}")
+
+
+def _momenta_errors(
+    track: Track, pose: TimeSeries, twist: TimeSeries, body: RigidBody, logged: Mapping[str, TimeSeries]
+) -> dict[str, tuple[Times, Array]]:
+    """Return when and by how much momenta and energy, by their names in `Momenta`, differ from those that follow.
+
+    In blocks, for what is computed of a long log takes more memory than the log.
+    """
+    found = {kind: [(np.empty(0, np.int64), np.empty(0))] for kind in logged}
+    bounds = [*pose.time_ns[::_BLOCK].tolist(), np.iinfo(np.int64).max]
+    for begin, end in itertools.pairwise(bounds):
+        one, other = (_within(series, begin, end) for series in (pose, twist))
+        computed = momenta(one, other, track.twist_in_world, body)
+        for kind, series in logged.items():
+            part = _within(series, begin, end)
+            times, here, there = np.intersect1d(part.time_ns, computed.time_ns, return_indices=True)
+            rest = part.values[here] - getattr(computed, kind)[there]
+            found[kind].append((times, sizes_of(rest) if rest.ndim == 2 else np.abs(rest)))
+    return {
+        kind: (np.concatenate([t for t, _ in parts]), np.concatenate([e for _, e in parts]))
+        for kind, parts in found.items()
+    }
+
+
+def _within(series: TimeSeries, begin_ns: int, end_ns: int) -> TimeSeries:
+    begin, end = np.searchsorted(series.time_ns, [begin_ns, end_ns])
+    return replace(series, time_ns=series.time_ns[begin:end], values=series.values[begin:end])
 
 
 def _applied(track: Track, scene: Scene) -> Check | None:

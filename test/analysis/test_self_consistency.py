@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from edited_logs import edited
+from rb_dynamics.formats.bag_reader import read_bag
 
 from rb_dynamics import Wrench, inspect, parse_scene, simulate
+from rb_dynamics.analysis import self_consistency
+from rb_dynamics.analysis.read_track import read_track
+from rb_dynamics.analysis.track import TimeSeries
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.mcap_records import Message
 from rb_dynamics.formats.recovery import recover
@@ -221,3 +227,39 @@ def test_a_fingerprint_is_of_every_bit(log: Path) -> None:
     assert same[28::2].all()
     for k in range(13):
         assert same[2 * k + 2].tolist() == [k >= 7, k < 7]
+
+
+@pytest.mark.parametrize("factor", [1.0, 1.0 + 1e-9])
+def test_momenta_are_checked_in_blocks(
+    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, factor: float
+) -> None:
+    """With the same result; at once, what is computed takes more memory than all numbers of a long log."""
+    other = tmp_path / "other.mcap"
+    edited(log, other, scaled("/linear_momentum", factor))
+    details = []
+    for size in (100, 61, 60, 7, 1):
+        monkeypatch.setattr(self_consistency, "_BLOCK", size)
+        details += [check.detail for check in inspect(other).summary.checks if check.name == MOMENTA]
+    assert len(details) == 5
+    assert len({*details}) == 1
+
+    count = 20_000
+    track = read_track(read_bag(log))
+    assert track.pose is not None
+    assert track.twist is not None
+    assert track.body is not None
+    times = np.arange(count)
+    pose, twist = (
+        replace(each, time_ns=times, values=np.resize(each.values, (count, each.values.shape[1])))
+        for each in (track.pose, track.twist)
+    )
+    logged = {"angular": TimeSeries("", times, np.zeros((count, 3)))}
+    monkeypatch.setattr(self_consistency, "_BLOCK", 1000)
+    tracemalloc.start()
+    try:
+        found = self_consistency._momenta_errors(track, pose, twist, track.body, logged)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert len(found["angular"][0]) == count
+    assert peak < 60 * count
