@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rb_dynamics.report.live import Picture, time_axis
+from rb_dynamics.report.interactive_plots import Picture, time_axis
 from rb_dynamics.report.svg import COLORS, TEXT, picture, tick, time_unit
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from pathlib import Path
 from rb_dynamics.errors import LogError, MissingExtraError
 from rb_dynamics.formats.log_file import make_folder
 from rb_dynamics.formats.log_metadata import version
-from rb_dynamics.report.live import EXTRA, Picture, encode, library
+from rb_dynamics.report.interactive_plots import EXTRA, Picture, encode, library
 
 # All characters except text: those that HTML forbids, and marks that change the writing direction (202a.., 2066..).
 _UNSHOWABLE = re.compile(

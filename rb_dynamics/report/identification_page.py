@@ -16,7 +16,7 @@ from rb_dynamics.analysis.identification.parameters import AXES, rows_of
 from rb_dynamics.analysis.identification.prediction import Predicted
 from rb_dynamics.report import plots
 from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, made_by, write_html
-from rb_dynamics.report.live import Picture
+from rb_dynamics.report.interactive_plots import Picture
 from rb_dynamics.report.svg import COLORS, TEXT, Array, Line, Panel, components, draw, picture, tick
 
 if TYPE_CHECKING:

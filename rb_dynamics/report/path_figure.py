@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rb_dynamics.numerics.rotation import matrix
-from rb_dynamics.report.live import Curve, Picture, Plot
+from rb_dynamics.report.interactive_plots import Curve, Picture, Plot
 from rb_dynamics.report.svg import COLORS, MAX_POINTS, TEXT, Array, picture
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from rb_dynamics.report.live import Picture
+from rb_dynamics.report.interactive_plots import Picture
 from rb_dynamics.report.svg import Array, Line, Panel, components, draw
 
 # Relative defects below this are in units of 1e-16, about half the spacing of the numbers next to 1.

@@ -11,7 +11,7 @@ import numpy as np
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.numerics.rotation import matrix
-from rb_dynamics.report.live import Picture
+from rb_dynamics.report.interactive_plots import Picture
 from rb_dynamics.report.svg import COLORS, MAX_POINTS, TEXT, Array, picture
 from rb_dynamics.theory.rolling_ellipsoid import LARGEST_CHORD, contact, half_axes, separatrices
 

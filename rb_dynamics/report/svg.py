@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from rb_dynamics.analysis.gaps import longest_usual
 from rb_dynamics.errors import MissingExtraError
 from rb_dynamics.report.html import printable
-from rb_dynamics.report.live import Picture, Plot, read, time_axis
+from rb_dynamics.report.interactive_plots import Picture, Plot, read, time_axis
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -14,7 +14,7 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 import numpy as np
 
 from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, made_by, printable, write_html
-from rb_dynamics.report.live import Array, Curve, Picture, Plot
+from rb_dynamics.report.interactive_plots import Array, Curve, Picture, Plot
 from rb_dynamics.report.svg import COLORS
 from rb_dynamics.study.trade import Trade, TradeRow
 

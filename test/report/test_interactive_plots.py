@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rb_dynamics.report import campaign_figures, live, plots, svg
+from rb_dynamics.report import campaign_figures, interactive_plots, plots, svg
 from rb_dynamics.report.path_figure import path_in_space
 
 pytest.importorskip("matplotlib", reason="extra 'plot' is not installed")
