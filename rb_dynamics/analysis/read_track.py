@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rb_dynamics.analysis.clocks import APART, clock
-from rb_dynamics.analysis.frames import is_fixed, pairs, pose_between
 from rb_dynamics.analysis.order import disorder
 from rb_dynamics.analysis.rates import rates_of
 from rb_dynamics.analysis.track import LARGEST, Array, RecordedWrench, Times, TimeSeries, Track, frame_names, motion_of
+from rb_dynamics.analysis.transform_tree import is_fixed, pairs, pose_between
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import BodyError, LogError, WrenchError
 from rb_dynamics.formats.log_metadata import RUN

@@ -140,7 +140,7 @@ def _poses(
     sources: Sequence[Path], frames: tuple[str, str], window_s: Window, skip: Skip
 ) -> Iterator[tuple[Path, Poses]]:
     """Yield the poses of one frame in another in each bag; of several, those without them are left out."""
-    from rb_dynamics.analysis.frames import pose_between
+    from rb_dynamics.analysis.transform_tree import pose_between
     from rb_dynamics.errors import LogError
     from rb_dynamics.formats.log_metadata import RUN
     from rb_dynamics.logs.bag_reader import read_bag
