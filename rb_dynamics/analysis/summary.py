@@ -33,7 +33,7 @@ from rb_dynamics.loads.wrench import WrenchFrames
 from rb_dynamics.logs.bag_reader import Bag
 from rb_dynamics.logs.messages import APPLIED
 from rb_dynamics.logs.own_log import logged_scene
-from rb_dynamics.numerics.decimals import whole_number
+from rb_dynamics.numerics.number_parsing import whole_number
 
 EXPLAINS = "inertia explains the motion"
 # |norm - 1| of a quaternion beyond which it was not filled in; single precision leaves 1e-7.

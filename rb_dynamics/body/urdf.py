@@ -23,7 +23,7 @@ from rb_dynamics.body.plausibility import Finding
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import BodyError
 from rb_dynamics.numerics import rotation
-from rb_dynamics.numerics.decimals import is_decimal, real_number
+from rb_dynamics.numerics.number_parsing import is_decimal, real_number
 from rb_dynamics.numerics.rotation import IDENTITY, Matrix, Quaternion
 from rb_dynamics.numerics.vector import ZERO, Vector, add, norm, scale, subtract
 

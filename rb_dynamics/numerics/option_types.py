@@ -6,7 +6,7 @@ import argparse
 import math
 from collections.abc import Callable
 
-from rb_dynamics.numerics.decimals import real_number, whole_number
+from rb_dynamics.numerics.number_parsing import real_number, whole_number
 
 
 def real(expected: str, accepts: Callable[[float], bool] = lambda _: True) -> Callable[[str], float]:

@@ -15,7 +15,7 @@ from rb_dynamics.errors import SceneError
 from rb_dynamics.formats.yaml import document
 from rb_dynamics.formats.yaml.document import Node
 from rb_dynamics.formats.yaml.problems import Problems, printable
-from rb_dynamics.numerics.decimals import real_number, whole_number
+from rb_dynamics.numerics.number_parsing import real_number, whole_number
 
 LOGS = ("mcap", "bag", "rerun", "sink")
 """The parameters that request a log."""

@@ -34,7 +34,7 @@ from rb_dynamics.logs.bag_reader import IMUS, POSES, TWISTS, named_type
 from rb_dynamics.logs.messages import APPLIED, COMMAND_DEPTH, decode_wrench, encode_received
 from rb_dynamics.logs.own_log import SampleRow, logged_scene, received_commands, row_columns, rows, scene_and_names
 from rb_dynamics.numerics.argument_checks import shown
-from rb_dynamics.numerics.decimals import exact_number, real_number
+from rb_dynamics.numerics.number_parsing import exact_number, real_number
 from rb_dynamics.numerics.rotation import rotate
 from rb_dynamics.run.sink import RunInfo, Sample
 from rb_dynamics.scene.model import Scene

@@ -70,8 +70,8 @@ from rb_dynamics.logs.messages import (
 from rb_dynamics.logs.own_log import received_commands, received_setpoints, scene_and_names
 from rb_dynamics.motion import METHODS, REMOVED
 from rb_dynamics.numerics.argument_checks import shown
-from rb_dynamics.numerics.decimals import whole_number
 from rb_dynamics.numerics.nanoseconds import split_stamp
+from rb_dynamics.numerics.number_parsing import whole_number
 from rb_dynamics.numerics.vector import ZERO
 from rb_dynamics.run.block import Block
 from rb_dynamics.run.input_hash import RULE, AppliedHash

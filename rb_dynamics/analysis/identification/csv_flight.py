@@ -30,7 +30,7 @@ from rb_dynamics.analysis.identification.flights import (
 from rb_dynamics.analysis.track import Array, Times, unit_rows
 from rb_dynamics.errors import LogError
 from rb_dynamics.numerics.argument_checks import shown
-from rb_dynamics.numerics.decimals import exact_number, real_number
+from rb_dynamics.numerics.number_parsing import exact_number, real_number
 from rb_dynamics.scene.model import Scene
 
 # ns in the unit of each column of times.

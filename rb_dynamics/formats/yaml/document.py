@@ -16,7 +16,7 @@ import yaml
 
 from rb_dynamics.errors import SceneError
 from rb_dynamics.formats.yaml.problems import Problems, printable
-from rb_dynamics.numerics import decimals
+from rb_dynamics.numerics import number_parsing
 
 MAX_CHARACTERS = 1 << 20
 MAX_DEPTH = 32

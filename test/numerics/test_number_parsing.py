@@ -7,7 +7,7 @@ from fractions import Fraction
 
 import pytest
 
-from rb_dynamics.numerics.decimals import exact_number, is_decimal, real_number, whole_number
+from rb_dynamics.numerics.number_parsing import exact_number, is_decimal, real_number, whole_number
 
 NUMBERS = ["0", "-0", "+1", "1.", ".5", "-1.5e-3", "007", "1E9", "9223372036.854775807", "1e-9999"]
 NONE = ["", " 1", "1 ", "1_0", "1/3", "0x10", "١", "1e99999", "1e", ".", "e5", "1,5", "--1", "1e1.5", "True", "\n1"]
