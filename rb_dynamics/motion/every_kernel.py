@@ -13,7 +13,7 @@ from rb_dynamics.motion.fixed_step_kernel import OnDemand, kernel
 from rb_dynamics.motion.flight_kernel import CLOSED_FORM, FLY, NO_STRIDES
 from rb_dynamics.motion.free_motion import FREE_STATES
 from rb_dynamics.motion.method import Method
-from rb_dynamics.motion.variational_flight import VARIATIONAL
+from rb_dynamics.motion.variational_equations import VARIATIONAL
 
 
 def usual_kernels() -> dict[str, OnDemand]:

@@ -27,7 +27,7 @@ from rb_dynamics.loads.rotor import Rotor
 from rb_dynamics.loads.scheduled_wrench import ScheduledWrench
 from rb_dynamics.loads.uniform_gravity import UniformGravity
 from rb_dynamics.loads.wrench import WORLD
-from rb_dynamics.motion.variational_flight import BODY, COLUMN, HELD, STATE, kernel
+from rb_dynamics.motion.variational_equations import BODY, COLUMN, HELD, STATE, kernel
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
 from rb_dynamics.scene.model import Scene
 
