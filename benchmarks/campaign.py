@@ -75,8 +75,8 @@ def campaign(folder: str, end: float, runs: int) -> Any:
 
 
 def by_runs(most: int) -> None:
+    from rb_dynamics.study.campaign.block_of_runs import fly_block
     from rb_dynamics.study.campaign.engine import SIDE_BY_SIDE
-    from rb_dynamics.study.campaign.flight import fly_block
 
     with tempfile.TemporaryDirectory() as folder:
         found = campaign(folder, 10.0, most)
@@ -156,8 +156,8 @@ def wait_for_all(barrier: Any) -> None:
 
 
 def alone(_: int) -> float:
+    from rb_dynamics.study.campaign.block_of_runs import fly_block
     from rb_dynamics.study.campaign.engine import SIDE_BY_SIDE
-    from rb_dynamics.study.campaign.flight import fly_block
     from rb_dynamics.study.campaign.read import read_campaign
 
     found = read_campaign(DETUMBLE)
@@ -231,7 +231,7 @@ def limits(blocks: int) -> None:
 
 
 def beside(runs: int, python: str) -> None:
-    from rb_dynamics.study.campaign.flight import fly_block
+    from rb_dynamics.study.campaign.block_of_runs import fly_block
 
     with tempfile.TemporaryDirectory() as folder:
         found = campaign(folder, END, 2000)
@@ -255,7 +255,7 @@ def beside(runs: int, python: str) -> None:
 
 
 def under_effects(runs: int) -> None:
-    from rb_dynamics.study.campaign.flight import fly_block
+    from rb_dynamics.study.campaign.block_of_runs import fly_block
     from rb_dynamics.study.campaign.read import read_campaign
 
     with tempfile.TemporaryDirectory() as folder:
@@ -329,7 +329,7 @@ def basilisk(tasks: Any) -> Any:
 
 
 def memory() -> None:
-    from rb_dynamics.study.campaign.flight import fly_block
+    from rb_dynamics.study.campaign.block_of_runs import fly_block
     from rb_dynamics.study.campaign.read import read_campaign
 
     found = read_campaign(DETUMBLE)

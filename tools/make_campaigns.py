@@ -16,8 +16,8 @@ import numpy as np
 from matplotlib import style
 from matplotlib.figure import Figure
 
+from rb_dynamics.study.campaign.block_of_runs import fly_alone
 from rb_dynamics.study.campaign.engine import run_campaign
-from rb_dynamics.study.campaign.flight import fly_alone
 from rb_dynamics.study.campaign.metrics import quantity
 from rb_dynamics.study.campaign.read import read_campaign
 from rb_dynamics.study.campaign.store import Store, read_rows

@@ -19,7 +19,7 @@ from rb_dynamics.numerics.option_types import whole
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from rb_dynamics.study.campaign.flight import Columns
+    from rb_dynamics.study.campaign.block_of_runs import Columns
     from rb_dynamics.study.campaign.model import Campaign
     from rb_dynamics.study.campaign.store import Store
     from rb_dynamics.study.campaign.summary import CampaignSummary

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 from rb_dynamics.errors import RigidBodyError
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, made_by, write_html
+from rb_dynamics.study.campaign.block_of_runs import Columns, watch_runs
 from rb_dynamics.study.campaign.engine import flies_side_by_side
-from rb_dynamics.study.campaign.flight import Columns, watch_runs
 from rb_dynamics.study.campaign.metric_units import titled, unit_of
 from rb_dynamics.study.campaign.metrics import QUANTITIES, quantity
 from rb_dynamics.study.campaign.model import Campaign, Metric

@@ -20,10 +20,10 @@ from typing import Any
 from rb_dynamics.errors import LogError, MissingExtraError
 from rb_dynamics.formats.log_metadata import version
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
+from rb_dynamics.study.campaign.block_of_runs import Columns, fly_block
 from rb_dynamics.study.campaign.bodies import go_side_by_side, step_ns
 from rb_dynamics.study.campaign.control import DELAY
 from rb_dynamics.study.campaign.distributions import Choice, Stepped
-from rb_dynamics.study.campaign.flight import Columns, fly_block
 from rb_dynamics.study.campaign.model import Campaign
 from rb_dynamics.study.campaign.scenes import Scenes
 from rb_dynamics.study.campaign.store import Store

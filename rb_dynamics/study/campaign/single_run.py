@@ -10,8 +10,8 @@ from typing import Any
 
 from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.sinks.mcap_sink import McapSink
+from rb_dynamics.study.campaign.block_of_runs import fly_alone
 from rb_dynamics.study.campaign.compatibility import check_same
-from rb_dynamics.study.campaign.flight import fly_alone
 from rb_dynamics.study.campaign.model import Campaign
 from rb_dynamics.study.campaign.store import read_facts, read_row
 from rb_dynamics.study.campaign.user_functions import FunctionError

@@ -25,7 +25,7 @@ from rb_dynamics.study.campaign.lock import lock
 from rb_dynamics.study.campaign.model import Campaign
 
 if TYPE_CHECKING:
-    from rb_dynamics.study.campaign.flight import Columns
+    from rb_dynamics.study.campaign.block_of_runs import Columns
 
 ROWS = 1 << 16
 """Rows per row group of the final file, which bounds the memory needed to write it."""

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from rb_dynamics.numerics.arrays import Numbers
-    from rb_dynamics.study.campaign.flight import Columns
+    from rb_dynamics.study.campaign.block_of_runs import Columns
 
 CONFIDENCE = 0.95
 FAR = 0.9973

@@ -26,8 +26,8 @@ from rb_dynamics.cli import main
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.log_metadata import RESULT, RUN
 from rb_dynamics.logs.bag_reader import read_bag
+from rb_dynamics.study.campaign.block_of_runs import fly_block
 from rb_dynamics.study.campaign.engine import fly_there, run_campaign
-from rb_dynamics.study.campaign.flight import fly_block
 from rb_dynamics.study.campaign.model import Campaign
 from rb_dynamics.study.campaign.read import read_campaign
 from rb_dynamics.study.campaign.store import Store, read_row, read_rows

@@ -15,10 +15,10 @@ from campaigns import CAMPAIGN, SCENE, write
 from rb_dynamics import Scene, Setpoint, Wrench, simulate
 from rb_dynamics.errors import SceneError
 from rb_dynamics.run.sink import ActuatorCommand, Event, Measurement, RunInfo
+from rb_dynamics.study.campaign.block_of_runs import fly_alone, fly_block
 from rb_dynamics.study.campaign.bodies import CHANNEL
 from rb_dynamics.study.campaign.control import sharing
 from rb_dynamics.study.campaign.engine import flies_side_by_side
-from rb_dynamics.study.campaign.flight import fly_alone, fly_block
 from rb_dynamics.study.campaign.laws import RandomStreams
 from rb_dynamics.study.campaign.model import Campaign
 from rb_dynamics.study.campaign.read import read_campaign

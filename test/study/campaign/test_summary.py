@@ -14,7 +14,7 @@ import pytest
 from campaigns import CAMPAIGN, write
 from scipy import stats
 
-from rb_dynamics.study.campaign.flight import fly_block
+from rb_dynamics.study.campaign.block_of_runs import fly_block
 from rb_dynamics.study.campaign.model import Campaign, Requirement
 from rb_dynamics.study.campaign.read import read_campaign
 from rb_dynamics.study.campaign.sampling import inputs

@@ -14,9 +14,9 @@ from campaigns import CAMPAIGN, SCENE, write
 from rb_dynamics import Simulation, Wrench
 from rb_dynamics.errors import SceneError
 from rb_dynamics.sinks.memory_sink import MemorySink
+from rb_dynamics.study.campaign.block_of_runs import fly_alone, fly_block
 from rb_dynamics.study.campaign.bodies import CHANNEL
 from rb_dynamics.study.campaign.engine import flies_side_by_side
-from rb_dynamics.study.campaign.flight import fly_alone, fly_block
 from rb_dynamics.study.campaign.model import Campaign
 from rb_dynamics.study.campaign.read import read_campaign
 from rb_dynamics.study.campaign.sampling import inputs
