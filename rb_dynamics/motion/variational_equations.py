@@ -1,4 +1,4 @@
-"""Fly a body and the derivatives of its state: the variational equations on the group, compiled where possible.
+"""Propagate a body and the derivatives of its state: the variational equations on the group, compiled where possible.
 
 The state is attitude q, angular velocity w (body axes), and position p and velocity v of the centre of mass (world
 axes). A column of sensitivities is the change of the state with one parameter: a turn e of the attitude in body axes,
@@ -174,7 +174,7 @@ def rates(
             ds[11, j] = (r31 * v1 + r32 * v2 + r33 * v3 + l3 - p3 * lighter) / m + body_by[27, j]
 
 
-def variational_flight(
+def propagate_sensitivities(
     start: Numbers,
     start_by: Numbers,
     body: Numbers,
@@ -305,8 +305,8 @@ def _add_whole(h: float, dx: Numbers, ds: Numbers, x: Numbers, s: Numbers) -> No
 
 
 plain = specialise(
-    variational_flight,
-    "variational_flight_of_rows",
+    propagate_sensitivities,
+    "sensitivities_of_rows",
     rates=specialise(
         rates, "rates_of_rows", columns_of=_columns_in_two, is_held=_is_held_slice, of_held=_slice_of_held
     ),
@@ -315,9 +315,9 @@ plain = specialise(
 )
 
 # In plain Python a step takes as long as so many of rk4, whatever the number of columns.
-VARIATIONAL = OnDemand("identify", variational_flight, _SIGNATURE, price=50.0)
+VARIATIONAL = OnDemand("identify", propagate_sensitivities, _SIGNATURE, price=50.0)
 
 
 def kernel(steps: int, calls: int) -> Callable[..., None]:
-    """Return `variational_flight`, compiled where that pays for so many calls of so many steps."""
+    """Return `propagate_sensitivities`, compiled where that pays for so many calls of so many steps."""
     return VARIATIONAL.get(steps * calls, steps) or plain

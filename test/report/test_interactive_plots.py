@@ -25,7 +25,7 @@ def decoded(data: dict[str, Any], place: int) -> np.ndarray:
 
 
 def test_a_plot_has_every_sample_to_the_last_bit_and_time_once() -> None:
-    data = json.loads(live.encode([plots.momenta(TIME, WAVE, 2.0 * WAVE)]))
+    data = json.loads(interactive_plots.encode([plots.momenta(TIME, WAVE, 2.0 * WAVE)]))
     (figure,) = data["figures"]
     angular, linear = figure["plots"]
     assert [curve["label"] for curve in angular["curves"]] == ["x", "y", "z"]
@@ -62,7 +62,7 @@ def test_steps_dashes_holes_and_logarithms_are_kept() -> None:
 @pytest.mark.parametrize("text", ["</script><b>", "a & b", "\x1b\u202e"])
 def test_names_are_no_markup(text: str) -> None:
     figure = svg.draw([svg.Panel(text, [svg.Line(text, TIME, TIME), svg.Line("y", TIME, TIME)])], "any")
-    encoded = live.encode([figure])
+    encoded = interactive_plots.encode([figure])
     assert not set("<>&") & set(encoded)
     assert encoded.isascii()
     assert json.loads(encoded)["figures"][0]["plots"][0]["title"] == text
@@ -113,8 +113,8 @@ def test_what_does_not_move_has_no_path(position: np.ndarray) -> None:
 
 def test_the_library_is_plotly_compressed_and_always_the_same() -> None:
     pytest.importorskip("plotly", reason="extra 'interactive' is not installed")
-    packed = live.library()
+    packed = interactive_plots.library()
     assert b"Plotly" in gzip.decompress(base64.b64decode(packed))[:300]
     assert len(packed) < 2_500_000
-    live.library.cache_clear()
-    assert live.library() == packed
+    interactive_plots.library.cache_clear()
+    assert interactive_plots.library() == packed

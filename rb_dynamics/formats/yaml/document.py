@@ -143,7 +143,7 @@ def show(node: Node, limit: int = 60) -> str:
 
 def is_decimal(text: str) -> bool:
     """Return whether `text` is a number in decimal notation."""
-    return decimals.is_decimal(text) and _OCTAL.match(text) is None
+    return number_parsing.is_decimal(text) and _OCTAL.match(text) is None
 
 
 def _to_python(node: Node) -> object:

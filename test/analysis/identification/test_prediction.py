@@ -142,7 +142,7 @@ def test_plain_and_compiled_kernel_have_the_same_bits(monkeypatch: pytest.Monkey
     for when in ("auto", "never"):
         monkeypatch.setenv("RB_DYNAMICS_COMPILE", when)
         predicted.append(list(model.predict(z)))
-    one_by_one = variational_flight.variational_flight
+    one_by_one = variational_equations.propagate_sensitivities
     monkeypatch.setattr(prediction, "kernel", lambda *_: one_by_one)
     predicted.append(list(model.predict(z)))
 
@@ -152,10 +152,10 @@ def test_plain_and_compiled_kernel_have_the_same_bits(monkeypatch: pytest.Monkey
 
 def test_the_kernel_is_made_ahead_and_used_once_it_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "never")
-    assert variational_flight.kernel(10**6, 1) is variational_flight.plain
+    assert variational_equations.kernel(10**6, 1) is variational_equations.plain
     monkeypatch.delenv("RB_DYNAMICS_COMPILE")
     with counted_by(Tally()):
         # What was decided while it was forbidden holds no longer.
-        found = variational_flight.kernel(10**6, 1)
-    assert (found is not variational_flight.plain) == available()
-    assert variational_flight.VARIATIONAL.name in usual_kernels()
+        found = variational_equations.kernel(10**6, 1)
+    assert (found is not variational_equations.plain) == available()
+    assert variational_equations.VARIATIONAL.name in usual_kernels()
