@@ -5,18 +5,21 @@ Imports `rerun` only inside its functions.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from rb_dynamics.numerics.vector import ZERO
 from rb_dynamics.sinks import rerun_poinsot as poinsot
 from rb_dynamics.sinks.appearance import EYE, Eye
-from rb_dynamics.sinks.rerun_layout import COMMANDS_ON_PATH, DEFECTS, half_range
+from rb_dynamics.sinks.rerun_layout import COMMANDS_ON_PATH, DEFECTS, WHEELS, half_range
+from rb_dynamics.sinks.rerun_measured import TRUE, entities
 
 if TYPE_CHECKING:
     import rerun.blueprint as rrb
     from rerun import EntityPath
     from rerun.blueprint.api import VisualizerLike
+
+    from rb_dynamics.scene.model import Scene
 
 CLOSE_UP, OVERVIEW = "world/center_of_mass/view", "world/view"
 """Frames whose unit is the size of what is to be seen: the viewer cuts off what is nearer to the eye than 0.01."""
@@ -28,6 +31,7 @@ def blueprint(
     duration: float | None,
     exponents: Mapping[str, int],
     path_beside_body: bool,
+    scene: Scene,
 ) -> rrb.Blueprint:
     """Return the layout with which the file opens: 3D and text at the left, plots at the right.
 
@@ -37,6 +41,7 @@ def blueprint(
         duration: of the run, s; None where it has no end yet.
         exponents: powers of ten that are the units of the plotted defects, as far as they are known.
         path_beside_body: whether the path is shown beside the body; lines of kilometres would cover one of metres.
+        scene: what runs: its wheels and sensors have plots.
     """
     import rerun.blueprint as rrb
 
@@ -60,7 +65,7 @@ def blueprint(
         play_state="playing",
     )
     return rrb.Blueprint(
-        rrb.Horizontal(left, _plots(peaks, exponents), column_shares=[5, 6]), panel, collapse_panels=True
+        rrb.Horizontal(left, _plots(peaks, exponents, scene), column_shares=[5, 6]), panel, collapse_panels=True
     )
 
 
@@ -126,7 +131,7 @@ def _playback_speed(duration: float | None) -> float:
     return duration / 30.0
 
 
-def _plots(peaks: Mapping[str, float], exponents: Mapping[str, int]) -> rrb.Grid:
+def _plots(peaks: Mapping[str, float], exponents: Mapping[str, int], scene: Scene) -> rrb.Grid:
     import rerun.blueprint as rrb
 
     def defect(name: str, entity: str) -> rrb.TimeSeriesView:
@@ -136,8 +141,18 @@ def _plots(peaks: Mapping[str, float], exponents: Mapping[str, int]) -> rrb.Grid
         reach = half_range(peaks, entity) / 10.0 ** (exponent or 0)
         return _plot(f"{name}{scale}", f"{entity}/scaled", half_range=reach or None)
 
+    def tabs(first: rrb.TimeSeriesView, others: Sequence[rrb.TimeSeriesView]) -> rrb.TimeSeriesView | rrb.Tabs:
+        return rrb.Tabs(first, *others, active_tab=0) if others else first
+
+    measured = [
+        _plot(f"{name}: {what} beside the truth, body axes", entity, TRUE[what])
+        if what in TRUE
+        else _plot(f"{name}: {what}", entity)
+        for entity, name, what, _ in entities(scene)
+    ]
+    wheels = [_plot("Wheel speeds [rad/s]", WHEELS)] if scene.wheels else []
     return rrb.Grid(
-        _plot("Angular velocity, body axes [rad/s]", "angular_velocity"),
+        tabs(_plot("Angular velocity, body axes [rad/s]", "angular_velocity"), measured),
         _plot("Angular momentum, world [kg m²/s]", "angular_momentum"),
         _plot("Energy and work [J]", "energy/kinetic", "energy/work", "energy/potential", "energy/commands"),
         rrb.Tabs(
@@ -154,7 +169,7 @@ def _plots(peaks: Mapping[str, float], exponents: Mapping[str, int]) -> rrb.Grid
             active_tab=0,
         ),
         _plot("Applied force [N]", "force/**"),
-        _plot("Applied torque [N m]", "torque/**"),
+        tabs(_plot("Applied torque [N m]", "torque/**"), wheels),
         grid_columns=2,
     )
 

@@ -38,7 +38,9 @@ def gather(rows: Sequence[KeptSample], series: Iterable[PlotLines]) -> Columns:
     """Return the rows as columns; there is at least one."""
     samples = [row.sample for row in rows]
     stamps = np.array([(row.sample.time_ns, row.index) for row in rows], dtype=np.int64)
-    values = {one.entity: _rectangle(samples, one) for one in series}
+    # A log that is converted does not tell all.
+    told = [one for one in series if getattr(samples[0], one.attribute) is not None]
+    values = {one.entity: _rectangle(samples, one) for one in told}
     # A wrench is held for many samples: each is looked at once.
     held = {id(row.held): row.held for row in rows}
     places = {key: place for place, key in enumerate(held)}
@@ -58,5 +60,5 @@ def _rectangle(samples: Sequence[Sample], series: PlotLines) -> Array:
     """Return one field of all samples as rows."""
     width = len(series.names)
     field = map(attrgetter(series.attribute), samples)
-    numbers = chain.from_iterable(field) if width > 1 else field
+    numbers = chain.from_iterable(field) if isinstance(getattr(samples[0], series.attribute), tuple) else field
     return np.fromiter(numbers, dtype=np.float64, count=width * len(samples)).reshape(-1, width)

@@ -5,8 +5,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import cycle, islice
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +16,7 @@ from numpy.typing import NDArray
 
 from rb_dynamics.numerics.vector import ZERO, Vector
 from rb_dynamics.sinks.appearance import BLUE, CYAN, GREEN, GREY, MAGENTA, ORANGE, RED, YELLOW, Color
+from rb_dynamics.sinks.rerun_measured import entities
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -53,6 +56,11 @@ POTENTIAL = PlotLines("energy/potential", "potential_energy", ("potential energy
 """Where an effect has one."""
 
 
+WHEELS = "wheels"
+"""Speeds of reaction wheels, where there are any."""
+
+_WHEEL_COLORS = (RED, GREEN, BLUE, GREY, ORANGE, CYAN)
+
 DEFECTS: dict[str, tuple[str, tuple[str, ...]]] = {
     "energy/defect": ("J", ("energy/kinetic", "energy/work")),
     "angular_momentum/defect": ("kg m²/s", ("angular_momentum",)),
@@ -82,7 +90,12 @@ def scaled_lines(entity: str, exponent: int) -> rr.SeriesLines:
 
 def series_of(scene: Scene) -> tuple[PlotLines, ...]:
     """Return what is plotted of each sample of `scene`."""
-    return SERIES if scene.combined_effects.potential() is None else (*SERIES, POTENTIAL)
+    series = SERIES if scene.combined_effects.potential() is None else (*SERIES, POTENTIAL)
+    if not scene.wheels:
+        return series
+    limits = [f" (at most {w.max_speed:g} rad/s)" if w.max_speed < math.inf else "" for w in scene.wheels]
+    names = tuple(wheel.name + limit for wheel, limit in zip(scene.wheels, limits, strict=True))
+    return (*series, PlotLines(WHEELS, "wheel_speeds", names, tuple(islice(cycle(_WHEEL_COLORS), len(names)))))
 
 
 @dataclass(frozen=True)
@@ -129,6 +142,13 @@ def fixed_looks(scene: Scene, half_sizes: Vector, size: float) -> Iterator[tuple
     yield "energy/commands", [points]
     for series in series_of(scene):
         yield series.entity, [rr.SeriesLines(names=series.names, colors=series.colors[: len(series.names)])]
+    for entity, name, _, width in entities(scene):
+        # Points, beside the lines of the true values.
+        colors = [tuple((c + 255) // 2 for c in color) for color in _AXES_COLORS[:width]]
+        points = rr.SeriesPoints(
+            names=[f"{name} {axis}" for axis in "xyzw"[:width]], colors=colors, marker_sizes=[1.5] * width
+        )
+        yield entity, [points]
     yield "scene", [rr.TextDocument(f"```yaml\n{scene.text}\n```", media_type=rr.MediaType.MARKDOWN)]
 
 

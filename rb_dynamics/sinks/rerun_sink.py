@@ -56,6 +56,7 @@ from rb_dynamics.sinks import rerun_poinsot as poinsot
 from rb_dynamics.sinks.appearance import eye_above
 from rb_dynamics.sinks.rerun_blueprint import CLOSE_UP, OVERVIEW, blueprint
 from rb_dynamics.sinks.rerun_columns import Columns, gather
+from rb_dynamics.sinks.rerun_measured import Readings
 from rb_dynamics.sinks.thinning import KeptSamples, Piece, Polyline, Thinner, WrenchHistory, WrenchPart
 from rb_dynamics.theory.rolling_ellipsoid import contact
 
@@ -190,6 +191,7 @@ class Recorder:
         self.mark_stride = 1
         self.newest: Sample | None = None
         self.start_ns = self.time_ns = scene.initial.time_ns
+        self.readings = Readings(scene, max_rows)
         thinner = Thinner.of_run(scene.duration, scene.output_rate, max_rows)
         rows = round(scene.duration * scene.output_rate / thinner.stride) if scene.duration else None
         self.curves = None if scene.body.is_particle else poinsot.Curves(scene.body, rows)
@@ -227,7 +229,12 @@ class Recorder:
     def take(self, event: Event) -> None:
         """Take one event."""
         self.time_ns = event.time_ns
-        if isinstance(event, (Measurement, ReceivedWrench)):
+        if isinstance(event, ReceivedWrench):
+            return
+        if isinstance(event, Measurement):
+            attitude = None if self.newest is None else self.newest.orientation_xyzw
+            self.readings.take(event, self.rows.newest, attitude)
+            self._flush_if_many()
             return
         if isinstance(event, ActuatorCommand):
             if event.reason:
@@ -248,7 +255,10 @@ class Recorder:
             self._note("INFO", "moved to another state by ~/set_state")
         elif isinstance(event, Status) and event.level > 0:
             self._note("WARN" if event.level == 1 else "ERROR", _sentence(event))
-        if self.rows.unsent() + len(self.notes) >= self.batch_rows:
+        self._flush_if_many()
+
+    def _flush_if_many(self) -> None:
+        if self.rows.unsent() + len(self.notes) + self.readings.unsent() >= self.batch_rows:
             with sending_to(self.address):
                 self._flush()
 
@@ -300,7 +310,7 @@ class Recorder:
 
     def _blueprint(self, duration: float | None) -> rrb.Blueprint:
         eye = None if self.curves is None else eye_above(self.curves.normal)
-        return blueprint(eye, self.peaks, duration, self.exponents, self._path_beside_body(duration))
+        return blueprint(eye, self.peaks, duration, self.exponents, self._path_beside_body(duration), self.run.scene)
 
     def _path_beside_body(self, duration: float | None) -> bool:
         """Return whether the pieces of the path are of the size of the body: as drawn, or, before, as expected."""
@@ -322,6 +332,9 @@ class Recorder:
         for part, changes in self.rows.wrenches.fetch():
             times = _times([change.time_ns for change in changes], [change.sample for change in changes])
             self._send_scalars(_wrench_entity(part), times, np.array([change.value for change in changes]))
+        for entity, readings in self.readings.fetch().items():
+            times = _times([each.taken_ns for each in readings], [each.sample for each in readings])
+            self._send_scalars(entity, times, np.array([each.numbers for each in readings]))
         self.stream.flush()
 
     def send_columns(self, columns: Columns) -> None:

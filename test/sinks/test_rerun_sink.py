@@ -443,3 +443,32 @@ def test_an_address_is_no_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     with pytest.raises(LogError, match=says):
         simulate(scene, sinks=[RerunSink(target)])
     assert list(tmp_path.iterdir()) == []
+
+
+def test_wheels_and_what_sensors_gave_stand_beside_the_truth(tmp_path: Path) -> None:
+    scene = parse_scene("""
+body:
+  mass: 10
+  inertia: {diagonal: [0.05, 0.12, 0.14]}
+  frames: {mount: {position: [0, 0, 0], orientation: {x: 0, y: 0, z: 0.6, w: 0.8}}}
+initial: {angular_velocity_body: [0.1, -0.2, 2.0]}
+wrenches: []
+actuators:
+  - {type: reaction_wheel, name: spin, axis: [1, 0, 0], inertia: 1.0e-4, command: torque, max_torque: 5.0e-3,
+     max_speed: 600.0, speed: 100.0}
+sensors:
+  - {type: imu, name: imu, frame: mount, rate: 20.0, delay: 0.01}
+  - {type: star_tracker, name: tracker, frame: mount, rate: 5.0}
+duration: 4
+output_rate: 20
+""")
+    rrd, samples = logged(tmp_path, scene, commands=())
+    np.testing.assert_array_equal(rrd.values("wheels"), [sample.wheel_speeds for sample in samples])
+    assert rrd.static("wheels", "SeriesLines:names") == ["spin (at most 600 rad/s)"]
+    gyro, tracker = rrd.values("measured/imu/angular_velocity"), rrd.values("measured/tracker/orientation_xyzw")
+    # Without errors; a message comes 10 ms after its sample, the last one after the end.
+    assert rrd.times("measured/imu/angular_velocity") == [sample.time_ns for sample in samples][: len(gyro)]
+    np.testing.assert_allclose(gyro, rrd.values("angular_velocity")[: len(gyro)], rtol=0, atol=1e-14)
+    # Of q and -q the one beside the line, though the body turns by more than a whole turn.
+    np.testing.assert_allclose(tracker, rrd.values("attitude")[::4][: len(tracker)], rtol=0, atol=1e-14)
+    assert ("/measured/imu/specific_force", "Scalars:scalars") in rrd.rows
