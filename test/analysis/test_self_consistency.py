@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 from edited_logs import edited
-from rb_dynamics.formats.bag_reader import read_bag
 
 from rb_dynamics import Wrench, inspect, parse_scene, simulate
 from rb_dynamics.analysis import self_consistency
@@ -21,6 +20,7 @@ from rb_dynamics.formats import cdr
 from rb_dynamics.formats.mcap_records import Message
 from rb_dynamics.formats.recovery import recover
 from rb_dynamics.formats.topic import Topic
+from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.sinks.mcap_sink import McapSink
 from rb_dynamics.sinks.rosbag2_sink import BagSink
 
