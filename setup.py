@@ -109,6 +109,7 @@ setup(
             "rb-dynamics = rb_dynamics.cli:main",
             "rigid_body = rb_dynamics.ros.node:main",
             "bodies = rb_dynamics.ros.bodies:main",
+            "lifecycle = rb_dynamics.ros.lifecycle:main",
             "regulate = rb_dynamics.ros.examples:regulate",
             "command = rb_dynamics.ros.examples:command",
             "control = rb_dynamics.ros.examples:control",

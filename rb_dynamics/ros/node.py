@@ -562,16 +562,11 @@ def spin(
             # Compilation takes seconds, and pays if there are many steps between two outputs.
             os.environ["RB_DYNAMICS_COMPILE"] = "never"
             stack.callback(os.environ.pop, "RB_DYNAMICS_COMPILE", None)
-        try:
+        with told_by_ros():
             # rclpy's own handlers would shut the context down before the logs are closed.
             rclpy.init(args=None if args is None else list(args), signal_handler_options=SignalHandlerOptions.NO)
             stack.callback(rclpy.try_shutdown)
             nodes = make()
-        except (RuntimeError, ValueError, NameValidationException, InvalidParameterTypeException) as error:
-            # Errors of rcl and rmw; each names the argument or name that is invalid.
-            raise RigidBodyError(
-                f"ROS 2 could not start the node: {error}; check the arguments after --ros-args"
-            ) from error
         # Everything so far stays: searching it for garbage would take longer than an output period.
         gc.freeze()
         for last_first in (gc.collect, gc.unfreeze):
@@ -584,6 +579,17 @@ def spin(
         _end_sleeps_in_time()
         _run(nodes, executor, stop)
     return 0
+
+
+@contextlib.contextmanager
+def told_by_ros() -> Iterator[None]:
+    """Raise errors of rcl and rmw, each of which names the argument or name that is invalid, as a `RigidBodyError`."""
+    try:
+        yield
+    except (RuntimeError, ValueError, NameValidationException, InvalidParameterTypeException) as error:
+        raise RigidBodyError(
+            f"ROS 2 could not start the node: {error}; check the arguments after --ros-args"
+        ) from error
 
 
 def _end_sleeps_in_time() -> None:

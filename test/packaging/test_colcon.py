@@ -73,7 +73,7 @@ def test_node_starts(workspace: Path, bare_environment: dict[str, str]) -> None:
 
 def test_ros2_run_finds_the_node_and_the_examples(workspace: Path, bare_environment: dict[str, str]) -> None:
     folder = workspace / "install" / "rb_dynamics" / "lib" / "rb_dynamics"
-    for name in ("rigid_body", "bodies", "regulate", "command", "control"):
+    for name in ("rigid_body", "bodies", "lifecycle", "regulate", "command", "control"):
         assert (folder / name).is_file()
     assert "usage: control" in _sourced(workspace, f"{folder}/control --help", bare_environment)
 
