@@ -16,6 +16,7 @@ from rb_dynamics.analysis.identification import rotations
 from rb_dynamics.analysis.identification.flights import ATTITUDE, Flight, Stream
 from rb_dynamics.analysis.identification.prediction import Model, Predicted
 from rb_dynamics.analysis.track import Array
+from rb_dynamics.errors import LogError
 from rb_dynamics.motion.fixed_step_kernel import Tally, counted_by
 
 LOSSES = ("linear", "soft_l1", "huber", "cauchy")
@@ -36,6 +37,8 @@ _FLOOR = 1e-6
 # Residuals up to this many times the noise leave nothing to look for.
 _ENOUGH = 1.3
 _ITERATIONS = 80
+# Of the noise: more is no motion of a body any more.
+_RUNAWAY = 1e12
 # Of the noise, what the error of the steps may be.
 _STEPS = 0.05
 _SMALLEST_TURN = 2e-3
@@ -124,7 +127,7 @@ def _best(model: Model, starts: int, loss: str, seed: int, progress: Callable[[f
         z, converged = again.x, bool(again.status > 0)
     bar.step()
     predicted = list(model.predict(z))
-    left, weighted = _stacked(predicted, noise)
+    left, weighted = _of_a_motion(model, predicted, noise)
     return Fit(z, noise, predicted, weighted, left, len(found), agreeing, converged)
 
 
@@ -194,9 +197,10 @@ def _least_squares(model: Model, z: Array, noise: dict[Key, float], loss: str, u
         if name not in cache:
             cache.clear()
             left, by = _stacked(list(model.predict(at, until)), noise)
-            bad = not np.isfinite(left).all()
-            left = np.where(np.isfinite(left), np.clip(left, -1e12, 1e12), 1e12) if bad else left
-            by = np.where(np.isfinite(by), by, 0.0) if bad or not np.isfinite(by).all() else by
+            # Where the motion runs away its numbers do too, and their squares are no numbers at all.
+            if not _sane(left, by):
+                left = np.nan_to_num(np.clip(left, -_RUNAWAY, _RUNAWAY), nan=_RUNAWAY)
+                by = np.nan_to_num(np.clip(by, -_RUNAWAY, _RUNAWAY), nan=0.0)
             # As much as noise leaves, a constant: an improvement counts against it, also where nothing is left.
             constant = np.sqrt(len(left))
             left = np.concatenate([left, at / _FAR, [constant]])
@@ -243,10 +247,31 @@ def _stacked(predicted: Sequence[Predicted], noise: dict[Key, float]) -> tuple[A
     return np.concatenate(left), np.vstack(by)
 
 
+def _of_a_motion(model: Model, predicted: Sequence[Predicted], noise: dict[Key, float]) -> tuple[Array, Array]:
+    """Return residuals and derivatives over noise.
+
+    Raises:
+        LogError: the motion has run away.
+    """
+    left, by = _stacked(predicted, noise)
+    if not _sane(left, by):
+        raise LogError(
+            f"{', '.join(flight.name for flight in model.flights)}: found no motion that follows the recording, "
+            "expected one near that of the scene; correct body.inertia in the scene, which must be of the right order, "
+            "or try more starts"
+        )
+    return left, by
+
+
+def _sane(left: Array, by: Array) -> bool:
+    """Return whether neither residuals nor derivatives have run away, or are no numbers."""
+    return all(float(np.abs(each).max(initial=0.0)) < _RUNAWAY for each in (left, by))
+
+
 def _estimated(model: Model, z: Array, noise: dict[Key, float], loss: str) -> dict[Key, float]:
     """Return the noise of each sensor that the residuals show, with the degrees of freedom that the fit took."""
     predicted = list(model.predict(z))
-    left, by = _stacked(predicted, noise)
+    left, by = _of_a_motion(model, predicted, noise)
     covariance = np.linalg.inv(information(by) + np.eye(by.shape[1]) / _FAR**2)
     taken: dict[Key, list[float]] = {}
     row = 0

@@ -10,7 +10,7 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from identified_flights import flown, guess, random_body
 
-from rb_dynamics import Identification, RigidBody, SceneError, identify, parse_scene
+from rb_dynamics import Identification, LogError, RigidBody, SceneError, identify, parse_scene
 from rb_dynamics.analysis.identification.parameters import Inertia
 
 AXES = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
@@ -144,3 +144,18 @@ def test_every_number_is_an_inertia(shape: list[float]) -> None:
 
     assert low > 0.0
     assert low + middle >= high * (1.0 - 1e-9)
+
+
+def test_a_fit_that_runs_away_from_a_body_a_thousand_times_too_heavy_says_so() -> None:
+    flight = flown(
+        RigidBody.from_diagonal(2.0, (0.02, 0.03, 0.04)),
+        np.random.default_rng(4),
+        seconds=2.0,
+        torque=30.0,
+        spin=(1.0, 3.0, 20.0),
+        gyro=1e-3,
+    )
+    heavy = "body: {mass: 1, inertia: {diagonal: [30, 30, 30]}}\neffects: [{type: quadratic_drag, rotation: [0, 0, 0]}]"
+
+    with pytest.raises(LogError, match=r"body\.inertia in the scene, which must be of the right order"):
+        identify(parse_scene(heavy), [flight], ["inertia", "gyro_bias", "effects[0].rotation"], starts=1)
