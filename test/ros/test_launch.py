@@ -17,7 +17,7 @@ import yaml
 
 pytest.importorskip("launch_ros", reason="launch_ros is not installed: it is not on PyPI")
 
-from geometry_msgs.msg import InertiaStamped
+from geometry_msgs.msg import InertiaStamped, PoseWithCovarianceStamped, TwistWithCovarianceStamped
 from launch.launch_description_sources import get_launch_description_from_python_launch_file
 from nav_msgs.msg import Odometry
 from ros_harness import ROOT, TRANSIENT, Peer
@@ -249,6 +249,18 @@ def test_every_argument_says_what_it_is_and_the_scene_is_required(file: str) -> 
     arguments = description.get_launch_arguments()
     assert [each.name for each in arguments if each.default_value is None] == ["scene"]
     assert all(each.description for each in arguments)
+
+
+def test_the_launch_file_of_the_docs_puts_the_node_in_the_place_of_a_vehicle(peer: Peer, prefix: Path) -> None:
+    (text,) = re.findall(r"```python\n(from launch import.*?)```", (ROOT / "docs" / "ros.md").read_text(), re.DOTALL)
+    (prefix / "share" / "rb_dynamics" / "launch" / "vehicle.launch.py").write_text(text)
+    with launched(prefix, "vehicle.launch.py") as launch:
+        poses = peer.listen(PoseWithCovarianceStamped, "/orca/pose")
+        twists = peer.listen(TwistWithCovarianceStamped, "/orca/twist")
+        peer.until(lambda: bool(poses and twists), "motion")
+        assert peer.node.count_subscribers("/orca/wrench_input") == 1
+        assert launch.stop() == 0, launch.said
+    assert twists[0].header.frame_id == "base_link"
 
 
 @pytest.mark.slow

@@ -463,3 +463,49 @@ def test_what_is_published_where_asked_and_what_is_heard_without_a_stamp(scene: 
     assert accel.accel.linear.x == 1.5
     # I3 w3' = N3 + (I1 - I2) w1 w2, and w1 w2 has not changed much in 10 ms.
     assert accel.accel.angular.z == pytest.approx((0.5 + (1 - 2) * 0.3 * -0.2) / 2.5, rel=2e-3)
+
+
+def test_a_controller_and_a_filter_of_others_get_what_they_ask_for(scene: Path, peer: Peer) -> None:
+    """The topics of vortex-auv's LQR (types, QoS, stamps, frame), and the conditions of robot_localization.
+
+    Sources: velocity_controller_lqr_node.py; odometryCallback, loadParams and copyCovariance in ros_filter.cpp.
+    """
+    names = {"pose": "truth/pose", "twist": "truth/twist", "wrench": "wrench_input"}
+    names |= {"pose_with_covariance": "pose", "twist_with_covariance": "twist"}
+    remaps = [word for name, other in names.items() for word in ("-r", f"{name}:={other}")]
+    asked = {"body__frame": "base_link", "publish_pose_with_covariance": True, "publish_twist_with_covariance": True}
+    best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    now = peer.node.get_clock().now
+    with running(scene, "-r", "__ns:=/orca", *remaps, **asked) as node:
+        diagnostics, begun = peer.diagnostics(), now().nanoseconds
+        commands = peer.node.create_publisher(WrenchStamped, "/orca/wrench_input", best_effort)
+
+        def regulate(twist: TwistWithCovarianceStamped) -> None:
+            rate, command = twist.twist.twist.angular, WrenchStamped()
+            command.header.frame_id, command.header.stamp = "base_link", now().to_msg()
+            command.wrench.torque = Vector3(x=-9.0 * rate.x, y=-9.0 * rate.y, z=-9.0 * rate.z)
+            commands.publish(command)
+
+        peer.node.create_subscription(TwistWithCovarianceStamped, "/orca/twist", regulate, best_effort)
+        poses = peer.listen(PoseWithCovarianceStamped, "/orca/pose", best_effort)
+        odometry = peer.listen(Odometry, "/orca/odom", best_effort)
+
+        def turns() -> float:
+            rate = odometry[-1].twist.twist.angular
+            return abs(rate.x) + abs(rate.y) + abs(rate.z)
+
+        peer.until(lambda: bool(poses and odometry) and turns() < 0.05, "the body at rest")
+        peer.until(lambda: bool(diagnostics) and int(values(diagnostics[-1])["wrench: accepted"]) > 20, "the count")
+        assert values(diagnostics[-1])["wrench: rejected"] == "0"
+        assert node.stop() == 0, node.err
+    ended = now().nanoseconds
+    for message in odometry:
+        # Else the filter looks for transforms that nobody has, and drops what it cannot transform.
+        assert (message.header.frame_id, message.child_frame_id) == ("world", "base_link")
+        assert {*message.pose.covariance[::7], *message.twist.covariance[::7]} == {1e-12}
+        q = message.pose.pose.orientation
+        assert abs(q.x**2 + q.y**2 + q.z**2 + q.w**2 - 1.0) < 1e-12
+    stamps = [stamp(message) for message in odometry]
+    # What is not newer than the last is ignored; what is not in ROS time, always.
+    assert stamps == sorted(set(stamps))
+    assert begun < stamps[0] < stamps[-1] < ended
