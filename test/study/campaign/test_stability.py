@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 
 import pytest
-from campaigns import CAMPAIGN, write
+from campaigns import CAMPAIGN, SCENE, write
 
 from rb_dynamics.study.campaign.read import read_campaign
 from rb_dynamics.study.campaign.stability import growth_per_sample, remarks
@@ -14,23 +14,30 @@ from rb_dynamics.study.campaign.stability import growth_per_sample, remarks
 ROOT = Path(__file__).resolve().parents[3]
 
 
-def flown(stiffness: float, damping: float, period: float, delay: float) -> float:
+def flown(stiffness: float, damping: float, period: float, delay: float, lag: float = 0.0) -> float:
     """Return the growth per sample of the loop, sample by sample."""
-    angle, rate, size, (whole, part) = 1.0, 0.0, [], divmod(delay, period)
+    angle, rate, acting, size, (whole, part) = 1.0, 0.0, 0.0, [], divmod(delay, period)
     commands = [0.0] * (int(whole) + 1)
     for _ in range(400):
         commands.append(-stiffness * angle - damping * rate)
         for command, time in ((commands[-int(whole) - 2], part), (commands[-int(whole) - 1], period - part)):
             angle, rate = angle + rate * time + 0.5 * command * time * time, rate + command * time
+            if lag:
+                off, part_left = acting - command, math.exp(-time / lag)
+                angle += off * lag * (time - lag * (1.0 - part_left))
+                rate, acting = rate + off * lag * (1.0 - part_left), command + off * part_left
         size.append(math.hypot(angle, rate))
     return (max(size[300:350]) / max(size[100:150])) ** (1.0 / 200.0)
 
 
 @pytest.mark.parametrize(
     "loop",
-    [(0.5, 0.7, 1.0, 0.3), (0.1, 0.3, 1.0, 2.4), (0.5, 2.5, 1.0, 0.0), (0.4, 0.8, 1.0, 1.0), (0.2, 0.6, 0.5, 0.1)],
+    [
+        *((0.5, 0.7, 1.0, 0.3), (0.1, 0.3, 1.0, 2.4), (0.5, 2.5, 1.0, 0.0), (0.4, 0.8, 1.0, 1.0), (0.2, 0.6, 0.5, 0.1)),
+        *((0.5, 0.7, 1.0, 0.3, 0.4), (0.5, 2.5, 1.0, 0.0, 0.8), (0.5, 0.4, 1.0, 1.2, 0.3)),
+    ],
 )
-def test_the_growth_is_that_of_a_flown_loop(loop: tuple[float, float, float, float]) -> None:
+def test_the_growth_is_that_of_a_flown_loop(loop: tuple[float, ...]) -> None:
     assert growth_per_sample(*loop) == pytest.approx(flown(*loop), rel=5e-3)
 
 
@@ -44,6 +51,13 @@ def test_damping_alone_is_stable_up_to_twice_the_inertia_per_period() -> None:
 def test_a_loop_that_grows_and_a_body_that_is_too_fast_are_named(tmp_path: Path) -> None:
     assert remarks(read_campaign(write(tmp_path))) == []
     slow = CAMPAIGN.replace("  rate: 4\n", "  rate: 0.4\n")
+    # The channel's own delay and lag count.
+    for late, told in (("delay: 3", "a delay of 3.1 s,"), ("delay: 1, lag: 9", "1.1 s, followed with a lag of 9 s,")):
+        scene = SCENE.replace("wrenches: []", f"wrenches: [{{topic: control, {late}}}]")
+        assert told in remarks(read_campaign(write(tmp_path, scene=scene)))[0]
+    for late in ("delay: 1", "lag: 9"):
+        scene = SCENE.replace("wrenches: []", f"wrenches: [{{topic: control, {late}}}]")
+        assert remarks(read_campaign(write(tmp_path, scene=scene))) == []
     (fast, unstable) = remarks(read_campaign(write(tmp_path, slow)))
     assert fast == "the body turns by 1.8 rad from one sample of the control law to the next; raise control.rate"
     assert unstable.startswith("rate_damping is unstable about the axis of 0.9")
