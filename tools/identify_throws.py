@@ -1,6 +1,6 @@
 """Identify bodies thrown by hand with a flywheel inside, and print the table of docs/identify.md.
 
-    pip install orangebox
+    pip install orangebox==0.3.1
     python tools/identify_throws.py FOLDER [CONFIGURATION ...]
 
 FOLDER is "input" of https://github.com/tudelft/inertiaEstimation (Blaha et al., arXiv 2503.13137), which has no licence
