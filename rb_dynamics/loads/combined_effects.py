@@ -176,7 +176,7 @@ class CombinedEffects:
         """Return the gravitational acceleration (m/s^2) of all."""
         return _added([_field(effect, "gravity", effect.gravity()) for effect in self.effects])
 
-    def magnetic_field(self, time: float) -> Field:
+    def magnetic_field(self, time: float = 0.0) -> Field:
         """Return the magnetic flux density (T) of all at a time (s of the run)."""
         return _added([_field(effect, "magnetic_field", effect.magnetic_field_at(time)) for effect in self.effects])
 
