@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import glob
 import json
-import os
 import re
 import signal
 import sys
@@ -16,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rb_dynamics.errors import LogError, RigidBodyError
+from rb_dynamics.numerics.cores import cores
 
 if TYPE_CHECKING:
     import argparse
@@ -143,7 +143,7 @@ def each_of(logs: Sequence[str], work: Callable[[str], Row], jobs: int | None = 
     A process that dies, for want of memory, takes its log alone with it.
     """
     safely = partial(_row, work)
-    jobs = min(jobs or _cores(), len(logs))
+    jobs = min(jobs or cores(), len(logs))
     if jobs == 1:
         yield from map(safely, logs)
         return
@@ -165,10 +165,6 @@ def each_of(logs: Sequence[str], work: Callable[[str], Row], jobs: int | None = 
                 row = _result(pool.submit(safely, waiting[0]))
             yield row or _error(waiting[0], "the process that read it was killed, as for want of memory; try --jobs 1")
             waiting = waiting[1:]
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @contextlib.contextmanager

@@ -15,10 +15,10 @@ from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.adaptive_kernel import Progress, Strides, strides_by
 from rb_dynamics.motion.fixed_step_kernel import LONGEST_STRETCH, kernel
-from rb_dynamics.motion.flight import Standing
 from rb_dynamics.motion.inner_states import StagedLoad, staged
 from rb_dynamics.motion.method import Inertia, Load, Method
 from rb_dynamics.motion.phase_state import PhaseState
+from rb_dynamics.motion.propagation import Standing
 from rb_dynamics.motion.step_control import AccuracyControl, FixedStep, OwnControl, StepControl, WholeArc
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import Quaternion, exp, multiply, rotate

@@ -10,9 +10,9 @@ from rb_dynamics.motion.adaptive_kernel import strides_of
 from rb_dynamics.motion.auto_method import CANDIDATES
 from rb_dynamics.motion.batch_kernel import mover
 from rb_dynamics.motion.fixed_step_kernel import OnDemand, kernel
-from rb_dynamics.motion.flight_kernel import CLOSED_FORM, FLY, NO_STRIDES
 from rb_dynamics.motion.free_motion import FREE_STATES
 from rb_dynamics.motion.method import Method
+from rb_dynamics.motion.propagation_kernel import CLOSED_FORM, NO_STRIDES, PROPAGATE
 from rb_dynamics.motion.variational_equations import VARIATIONAL
 
 
@@ -20,7 +20,7 @@ def usual_kernels() -> dict[str, OnDemand]:
     """Return those of runs by `auto` under wrenches and under all effects, and of `identify`."""
     of_methods = [each for name in CANDIDATES[LoadDependence.HELD] for each in _of(METHODS[name])]
     of_methods += [each for name in CANDIDATES[LoadDependence.ANY] for each in _of(METHODS[name], effects=True)]
-    return _by_name([NO_STRIDES, FLY, CLOSED_FORM, *of_methods, VARIATIONAL])
+    return _by_name([NO_STRIDES, PROPAGATE, CLOSED_FORM, *of_methods, VARIATIONAL])
 
 
 def every_kernel() -> dict[str, OnDemand]:

@@ -1,4 +1,4 @@
-"""SO(3): quaternions, hat and vee, exp and log, dexp and dexpinv, the Cayley map.
+"""SO(3): quaternions, hat, exp and log, dexp and dexpinv, the Cayley map.
 
 Pure functions on plain floats. Quaternions are (x, y, z, w) and need not be sign-normalised; a rotation turns body
 axes into world axes. Half-angle forms are used where the textbook form cancels; a series takes over only where even
@@ -27,11 +27,6 @@ def hat(v: Vector) -> Matrix:
     """Return the skew matrix with hat(v) u = v x u."""
     x, y, z = v
     return ((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0))
-
-
-def vee(m: Matrix) -> Vector:
-    """Return the vector of a skew matrix: vee(hat(v)) = v."""
-    return (m[2][1], m[0][2], m[1][0])
 
 
 def multiply(p: Quaternion, q: Quaternion) -> Quaternion:

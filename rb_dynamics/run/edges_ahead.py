@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.loads.channels import WrenchChannels
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion.flight import Edges
-from rb_dynamics.motion.flight_kernel import CHANGE, LOOK
 from rb_dynamics.motion.phase_state import in_principal_axes
+from rb_dynamics.motion.propagation import Edges
+from rb_dynamics.motion.propagation_kernel import CHANGE, LOOK
 
 if TYPE_CHECKING:
     import numpy as np

@@ -8,7 +8,6 @@ pays, in threads and vectorised over bodies; without it one after the other, som
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -36,6 +35,7 @@ from rb_dynamics.numerics.argument_checks import (
     truth,
     whole_number,
 )
+from rb_dynamics.numerics.cores import cores
 from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS, SHORTEST_STEP
 from rb_dynamics.numerics.vector import ZERO, Vector
 from rb_dynamics.run.sample_arrays import Samples
@@ -394,7 +394,7 @@ def _grid(method: Method, step: float | None) -> FixedStep | WholeArc:
 
 def _threads(threads: int | None) -> int:
     if threads is None:
-        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        return cores()
     count = whole_number(threads, "threads", "write how many, or None for one for each core")
     if count < 1:
         raise ValueError(f"threads is {count}, expected a whole number of at least 1")

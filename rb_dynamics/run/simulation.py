@@ -30,10 +30,10 @@ from rb_dynamics.loads.transient import Transient, TransientLoad
 from rb_dynamics.loads.wheel_set import WheelLoad, WheelSet
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, held_of
 from rb_dynamics.motion.arc import Arc, LoadFrom, OfPhase
-from rb_dynamics.motion.flight import Edges, Flown, pays
-from rb_dynamics.motion.flight_kernel import CHANGE, LOOK
 from rb_dynamics.motion.kernel_layout import phase_of
 from rb_dynamics.motion.phase_state import PhaseState, RoundingHistory, in_principal_axes, time_between
+from rb_dynamics.motion.propagation import Edges, Propagated, pays
+from rb_dynamics.motion.propagation_kernel import CHANGE, LOOK
 from rb_dynamics.motion.step_control import WholeArc
 from rb_dynamics.numerics.argument_checks import instance, items, shown, time_count, whole_number
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
@@ -453,38 +453,38 @@ class Simulation:
         if count < FEWEST or not pays(count):
             return False
         edges = self._ahead.after(self.time_ns, self._outputs, min(until_ns, horizon_ns), horizon_ns)
-        found = None if edges is None else self.plan.fly(self._arc, edges)
+        found = None if edges is None else self.plan.propagate(self._arc, edges)
         if edges is None or found is None:
             if edges is None:
                 self._one_by_one_ns = min(until_ns, self._ahead.known_ns)
             return False
         before = self._arc.methods
-        self._arc, flown = found
+        self._arc, propagated = found
         self._arc.expected_ns = horizon_ns
-        self._one_by_one_ns = int(edges.at[min(flown.edges, len(edges.at) - 1)])
-        if flown.edges == 0:
+        self._one_by_one_ns = int(edges.at[min(propagated.edges, len(edges.at) - 1)])
+        if propagated.edges == 0:
             return False
-        self._steps = self._steps_before + flown.steps_here
-        self._used.update(dict.fromkeys((*before, *flown.methods)))
-        if flown.changes:
-            self._steps_before += flown.steps
-        self._report(edges, flown)
-        self._phase, self._held = flown.here, flown.standing.held
+        self._steps = self._steps_before + propagated.steps_here
+        self._used.update(dict.fromkeys((*before, *propagated.methods)))
+        if propagated.changes:
+            self._steps_before += propagated.steps
+        self._report(edges, propagated)
+        self._phase, self._held = propagated.here, propagated.standing.held
         self._computed_ns = max(self._computed_ns, self.time_ns)
         return True
 
-    def _report(self, edges: Edges, flown: Flown) -> None:
-        """Make the changes of a flight, and tell the sinks what it came to."""
+    def _report(self, edges: Edges, propagated: Propagated) -> None:
+        """Make the changes of a propagation, and tell the sinks what it came to."""
         import numpy as np
 
-        at, kinds = edges.at[: flown.edges], edges.kinds[: flown.edges]
+        at, kinds = edges.at[: propagated.edges], edges.kinds[: propagated.edges]
         looks = at[kinds & LOOK != 0]
         self._outputs += len(looks)
         self.time_ns = int(at[-1])
         if not self._sinks:
             self._channels.skip(self.time_ns)
             return
-        rows = np.ascontiguousarray(flown.looks[: len(looks)].T)
+        rows = np.ascontiguousarray(propagated.looks[: len(looks)].T)
         block = Block.of(self._observer.samples(phase_of(tuple(rows)), looks), self._channels.changes(self.time_ns))
         self._inputs.update_all(block.changes)
         if self._finished:

@@ -14,9 +14,9 @@ from rb_dynamics.motion import METHODS, Method
 from rb_dynamics.motion.arc import Arc, LoadFrom, OfPhase, Outlook, Stepper
 from rb_dynamics.motion.auto_method import CANDIDATES, cheapest
 from rb_dynamics.motion.exact import EXACT, has_closed_form, is_free
-from rb_dynamics.motion.flight import Arcs, Edges, Flown, fly
-from rb_dynamics.motion.flight_kernel import CHANGE
 from rb_dynamics.motion.phase_state import PhaseState, RoundingHistory, inertia_of
+from rb_dynamics.motion.propagation import Arcs, Edges, Propagated, propagate
+from rb_dynamics.motion.propagation_kernel import CHANGE
 from rb_dynamics.motion.step_control import AccuracyControl, FixedStep, OwnControl, StepControl, WholeArc
 from rb_dynamics.numerics.argument_checks import number
 from rb_dynamics.numerics.nanoseconds import SHORTEST_STEP
@@ -102,8 +102,8 @@ class Plan:
         again = None if self._method is not None or method is EXACT else self._cheapest
         return Arc(method, self._inertia, held, control, start_ns, phase, load_from, again, outlook)
 
-    def fly(self, arc: Arc, edges: Edges) -> tuple[Arc, Flown] | None:
-        """Go from edge to edge by the flight kernel; None if it does not take that, or is not worth compiling.
+    def propagate(self, arc: Arc, edges: Edges) -> tuple[Arc, Propagated] | None:
+        """Go from edge to edge by the propagation kernel; None if it does not take that, or is not worth compiling.
 
         Returns the arc that has been reached, and how far it has come.
         """
@@ -124,22 +124,22 @@ class Plan:
             return None
         accuracy = self._accuracy if auto and self._ends else math.inf
         behind = Arcs(self._course, self._from, self._driven_arcs, driven_by, auto or closed, accuracy)
-        flown = fly(self._inertia, standing, behind, edges, outlook.numbers)
-        if flown is None:
+        propagated = propagate(self._inertia, standing, behind, edges, outlook.numbers)
+        if propagated is None:
             return None
-        if flown.changes:
-            new, behind = flown.standing, flown.arcs
+        if propagated.changes:
+            new, behind = propagated.standing, propagated.arcs
             self._from_ns, self._from, self._course = new.start_ns, behind.origin, behind.history
-            self._start_ns, self._length_ns = new.start_ns, flown.length_ns
-            self._driven_arcs, self._driven = behind.driven, not flown.closed
+            self._start_ns, self._length_ns = new.start_ns, propagated.length_ns
+            self._driven_arcs, self._driven = behind.driven, not propagated.closed
             method, control = new.method, new.control
-            if flown.closed:
+            if propagated.closed:
                 method, control = EXACT, WholeArc(accuracy, self._course.turned)
             again = self._cheapest if auto and method is not EXACT else None
             what = method, self._inertia, new.held, control
             arc = Arc(*what, new.start_ns, behind.origin, load_from, again, outlook)
-        arc.resume(flown.standing)
-        return arc, flown
+        arc.resume(propagated.standing)
+        return arc, propagated
 
     def course(self, phase: PhaseState) -> RoundingHistory:
         """Return the rounding history up to `phase`, which is on the last arc."""

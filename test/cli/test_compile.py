@@ -8,7 +8,7 @@ import pytest
 
 from rb_dynamics.cli import main
 from rb_dynamics.motion.every_kernel import every_kernel, usual_kernels
-from rb_dynamics.motion.flight_kernel import NO_STRIDES
+from rb_dynamics.motion.propagation_kernel import NO_STRIDES
 from rb_dynamics.numerics import compilation
 
 
@@ -25,11 +25,11 @@ def test_compiles_what_it_is_told(
     assert main(["compile", "_no_strides"]) == 0
     assert "was there" in capsys.readouterr().out
     assert main(["compile", "_nothing"]) == 2
-    assert "found kernels ['_nothing'], expected some of _no_strides, fly" in capsys.readouterr().err
+    assert "found kernels ['_nothing'], expected some of _no_strides, propagate" in capsys.readouterr().err
 
 
 def test_every_kernel_has_a_name_of_its_own() -> None:
     usual, every = usual_kernels(), every_kernel()
 
-    assert {"fly", "strides_by_own_taylor", "_run_on_numbers_dop853"} <= usual.keys() < every.keys()
+    assert {"propagate", "strides_by_own_taylor", "_run_on_numbers_dop853"} <= usual.keys() < every.keys()
     assert all(kernel.name == name for name, kernel in every.items())

@@ -292,7 +292,7 @@ def test_another_process_compiles_what_a_run_could_use(tmp_path: Path, monkeypat
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "auto")
     run = (
-        "import sys; from rb_dynamics.motion.flight_kernel import NO_STRIDES; "
+        "import sys; from rb_dynamics.motion.propagation_kernel import NO_STRIDES; "
         "print(NO_STRIDES.get(10**9, 0) is not None, 'numba' in sys.modules)"
     )
 
@@ -408,7 +408,7 @@ def test_what_is_in_the_cache_runs_without_numba(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always")
     run = (
-        "import sys, numpy; from rb_dynamics.motion.flight_kernel import NO_STRIDES; "
+        "import sys, numpy; from rb_dynamics.motion.propagation_kernel import NO_STRIDES; "
         "print(NO_STRIDES.get(1, 0)(numpy.zeros(1), 0, 0), 'numba' in sys.modules)"
     )
     command = [sys.executable, "-c", run]

@@ -357,7 +357,3 @@ class TestHat:
 
         assert math.dist(product, cross(v, u)) <= 2.0 * EPS * norm(v) * norm(u)
         assert all(rows[i][j] == -rows[j][i] for i in range(3) for j in range(3))
-
-    @given(vectors)
-    def test_vee_inverts_hat(self, v: Vector) -> None:
-        assert rotation.vee(rotation.hat(v)) == v

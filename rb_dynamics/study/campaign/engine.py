@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import logging
 import math
-import os
 import platform
 import time
 from collections.abc import Callable, Generator, Iterator
@@ -19,6 +18,7 @@ from typing import Any
 
 from rb_dynamics.errors import LogError, MissingExtraError
 from rb_dynamics.formats.log_metadata import version
+from rb_dynamics.numerics.cores import cores
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.study.campaign.block_of_runs import Columns, fly_block
 from rb_dynamics.study.campaign.bodies import go_side_by_side, step_ns
@@ -77,7 +77,7 @@ def run_campaign(
     with_dask = find_spec("distributed") is not None
     if scheduler is not None and not with_dask:
         raise MissingExtraError("distributed", "scale", "a campaign on a cluster")
-    processes = _cores() if workers is None else workers
+    processes = cores() if workers is None else workers
     size = block or _block(campaign, max(1, processes))
     blocks, done = store.missing(size), store.done
     local = scheduler is None and (processes == 0 or not with_dask or campaign.runs - done <= size)
@@ -200,7 +200,3 @@ def fly_there(campaign: Campaign, commander: str, first: int, last: int) -> Colu
 
 
 _PATIENCE_S = 30
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -132,7 +132,7 @@ def test_workers_are_started_where_that_is_sooner(
 
     monkeypatch.setattr("rb_dynamics.study.campaign.engine._on_workers", note)
     monkeypatch.setattr("rb_dynamics.study.campaign.engine._START_S", start_s)
-    monkeypatch.setattr("rb_dynamics.study.campaign.engine._cores", lambda: 4)
+    monkeypatch.setattr("rb_dynamics.study.campaign.engine.cores", lambda: 4)
     campaign = write(tmp_path)
     rows = fly(campaign, tmp_path / "rows.parquet", workers=None, block=6)
     assert flown == elsewhere

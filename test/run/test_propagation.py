@@ -17,7 +17,7 @@ from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.mcap_records import Message
 from rb_dynamics.logs.wrench_bags import RecordedWrenches
-from rb_dynamics.motion import flight
+from rb_dynamics.motion import propagation
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.sink import RunInfo
 from rb_dynamics.scene.model import Scene
@@ -74,16 +74,16 @@ def _compiled(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def flown(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """Return the numbers of edges that each call of the flight kernel takes from now on."""
+    """Return the numbers of edges that each call of the propagation kernel takes from now on."""
     flown: list[int] = []
-    whole = flight.fly
+    whole = propagation.propagate
 
     def counted(*arguments: Any) -> Any:
         found = whole(*arguments)
         flown.append(0 if found is None else found.edges)
         return found
 
-    monkeypatch.setattr("rb_dynamics.scene.plan.fly", counted)
+    monkeypatch.setattr("rb_dynamics.scene.plan.propagate", counted)
     return flown
 
 
@@ -194,7 +194,7 @@ def test_a_replay_by_blocks_finds_what_one_by_events_finds(
         assert topic in by_blocks.differences or by_blocks.missing
 
 
-def test_a_flight_that_cannot_go_on_ends_at_the_last_good_state_with_all_of_its_events(tmp_path: Path) -> None:
+def test_a_propagation_that_cannot_go_on_ends_at_the_last_good_state_with_all_of_its_events(tmp_path: Path) -> None:
     rows: list[Any] = [
         ("/a", STAMPED, k * 10**7, _command(k * 10**7, [0.1, 0, 0, 0, 2e4 if k > 60 else 0.1, 0])) for k in range(200)
     ]
@@ -211,7 +211,7 @@ def test_a_flight_that_cannot_go_on_ends_at_the_last_good_state_with_all_of_its_
 
 
 def test_a_closed_form_between_two_driven_arcs_is_named(tmp_path: Path) -> None:
-    """The log names the method used in the middle of a flight, not only those at its ends."""
+    """The log names the method used in the middle of a propagation, not only those at its ends."""
     rows: list[Any] = [
         ("/b", STAMPED, k * 10**7, _command(k * 10**7, [0.0] * 6 if 100 <= k < 200 else [0.1, 0, 0, 0.02, 0.01, 0.03]))
         for k in range(300)
@@ -227,7 +227,7 @@ def test_a_coast_with_outputs_is_flown_in_closed_form(monkeypatch: pytest.Monkey
     scene = replace(SCENE, channels=(), duration=20.0)
     flown, edge_by_edge = _Everything(), _Everything()
     first = _run(scene, (), flown)
-    monkeypatch.setattr("rb_dynamics.scene.plan.fly", lambda *_: None)
+    monkeypatch.setattr("rb_dynamics.scene.plan.propagate", lambda *_: None)
     second = _run(scene, (), edge_by_edge)
     assert flown.events == edge_by_edge.events
     assert (first.sample, first.steps, first.method) == (second.sample, second.steps, second.method)

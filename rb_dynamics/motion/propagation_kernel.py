@@ -1,4 +1,4 @@
-"""The kernel for flights: from edge to edge, across changes of what is held, in one compiled call.
+"""The kernel of propagation: from edge to edge, across changes of what is held, in one compiled call.
 
 An edge is a time at which something happens: a state is looked at, or what is held changes and a new arc begins. What
 happens in an arc is what `arc.py` does, to the same bits: steps lie on a grid that begins with the arc; an edge between
@@ -66,7 +66,7 @@ START, REACHED, STRIDES, STRIDE, DENOMINATOR, LENGTH, PARTS, CHOOSE_AFTER, CLOSE
 DRIVEN_ARCS, BEFORE, BUDGET, EDGES, CHANGES, STEPS, STEPS_HERE, BY_METHOD, BY_CLOSED_FORM, _AT, WHOLE = range(10, 21)
 
 
-def fly(
+def propagate(
     f: Numbers,
     w: Whole,
     at: Whole,
@@ -266,6 +266,6 @@ _TAKEN = "float64[::1], int64[::1], int64[::1], int64[::1], float64[:, ::1], flo
 _HANDED = ", ".join(f"FunctionType({each})" for each in (_STEPS, _STRIDES, _STEPS))
 
 
-FLY = OnDemand("rk4", fly, f"int64({_TAKEN}, {_HANDED})")
+PROPAGATE = OnDemand("rk4", propagate, f"int64({_TAKEN}, {_HANDED})")
 CLOSED_FORM = OnDemand("exact", _in_closed_form, _STEPS)
 NO_STRIDES = OnDemand("rk4", _no_strides, _STRIDES)

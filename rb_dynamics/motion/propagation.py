@@ -1,4 +1,4 @@
-"""Flights: many edges in one call of `flight_kernel.py`, from where an arc stands and back."""
+"""Propagation: many edges in one call of `propagation_kernel.py`, from where an arc stands and back."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rb_dynamics.loads.compiled_load import NO_EFFECTS
 from rb_dynamics.loads.wrench import HeldWrench, held_of
-from rb_dynamics.motion import flight_kernel as layout
+from rb_dynamics.motion import propagation_kernel as layout
 from rb_dynamics.motion.adaptive_kernel import strides_by
 from rb_dynamics.motion.exact import EXACT
 from rb_dynamics.motion.fixed_step_kernel import LONGEST_STRETCH, OnDemand, kernel
@@ -85,14 +85,14 @@ class Standing(NamedTuple):
 
 
 class Arcs(NamedTuple):
-    """What lies behind an arc, and what decides how the next ones are flown.
+    """What lies behind an arc, and what decides how the next ones are propagated.
 
     Attributes:
         history: without the arc itself.
         origin: the phase in which it began.
         driven: how many behind it were not in closed form.
         driven_by: method and control of those that are not in closed form; None if they have not been chosen.
-        may_close: whether those that have a closed form are flown by it.
+        may_close: whether those that have a closed form are propagated by it.
         accuracy: which rounding must leave to a closed form.
     """
 
@@ -104,8 +104,8 @@ class Arcs(NamedTuple):
     accuracy: float
 
 
-class Flown(NamedTuple):
-    """What a flight came to.
+class Propagated(NamedTuple):
+    """What a propagation came to.
 
     Attributes:
         reason: why it ended: `DONE`, `CHOOSE` or `STOPPED`.
@@ -138,12 +138,12 @@ class Flown(NamedTuple):
 
 def pays(edges: int) -> bool:
     """Return whether the kernel is there for so many edges, or worth loading or compiling."""
-    return layout.FLY.get(edges * _PRICE_OF_AN_EDGE, 0) is not None
+    return layout.PROPAGATE.get(edges * _PRICE_OF_AN_EDGE, 0) is not None
 
 
-def fly(
+def propagate(
     inertia: Inertia, standing: Standing, arcs: Arcs, edges: Edges, effects: tuple[float, ...] = ()
-) -> Flown | None:
+) -> Propagated | None:
     """Go from edge to edge as far as the kernel gets; None if it is not worth compiling or cannot count so far.
 
     `effects` are the numbers of those that act all the way.
@@ -161,7 +161,7 @@ def fly(
     rows = np.empty((int(np.count_nonzero(edges.kinds & layout.LOOK)), PHASE))
     run, *handed = kernels
     reason = run(f, w, edges.at, edges.kinds, edges.held, rows, *handed)
-    return _flown(reason, f.tolist(), w.tolist(), rows, standing, arcs)
+    return _propagated(reason, f.tolist(), w.tolist(), rows, standing, arcs)
 
 
 def _countable(grid: StepControl, length_ns: int, time_ns: int) -> bool:
@@ -175,7 +175,7 @@ def _countable(grid: StepControl, length_ns: int, time_ns: int) -> bool:
 def _kernels(
     driven_by: tuple[Method, StepControl] | None, closed: bool, edges: int, *, effects: bool
 ) -> list[Callable[..., Any]] | None:
-    """Return the kernel for flights and those that it is handed; None if one is not worth compiling."""
+    """Return the kernel for propagation and those that it is handed; None if one is not worth compiling."""
     steps: OnDemand | None = layout.CLOSED_FORM
     strides: OnDemand | None = layout.NO_STRIDES
     if driven_by is not None:
@@ -183,7 +183,7 @@ def _kernels(
         steps = kernel(method, effects=effects)
         fixed = isinstance(control, FixedStep)
         strides = layout.NO_STRIDES if fixed else strides_by(method, control, effects=effects)
-    wanted = (layout.FLY, steps, strides, layout.CLOSED_FORM if closed else steps)
+    wanted = (layout.PROPAGATE, steps, strides, layout.CLOSED_FORM if closed else steps)
     # All are asked for, so that all are there the next time.
     found = [None if each is None else each.get(edges * _PRICE_OF_AN_EDGE, 0) for each in wanted]
     return [each for each in found if each is not None] if None not in found else None
@@ -227,7 +227,7 @@ def _whole_numbers(standing: Standing, arcs: Arcs, grid: StepControl, closed: bo
     return w
 
 
-def _flown(reason: int, f: list[float], w: list[int], rows: Numbers, standing: Standing, arcs: Arcs) -> Flown:
+def _propagated(reason: int, f: list[float], w: list[int], rows: Numbers, standing: Standing, arcs: Arcs) -> Propagated:
     def phase(first: int) -> PhaseState:
         return phase_of(tuple(f[first : first + PHASE]))
 
@@ -243,7 +243,7 @@ def _flown(reason: int, f: list[float], w: list[int], rows: Numbers, standing: S
     if w[layout.BY_METHOD] and arcs.driven_by is not None:
         methods = (*methods, arcs.driven_by[0].name)
     held = held_of(f[4:CONSTANTS])
-    return Flown(
+    return Propagated(
         reason,
         w[layout.EDGES],
         w[layout.CHANGES],
