@@ -96,7 +96,7 @@ _PARTS_OF_RUN = {7: (3, 4), 6: (3, 3), 10: (1, 3, 6)}
 
 
 @dataclass
-class Difference:
+class TopicDifference:
     """Difference of one topic between log and replay.
 
     Attributes:
@@ -143,7 +143,7 @@ class Replay:
     commands: int = 0
     complete: bool = True
     gap_ns: int | None = None
-    differences: dict[str, Difference] = field(default_factory=dict)
+    differences: dict[str, TopicDifference] = field(default_factory=dict)
     missing: list[str] = field(default_factory=list)
     torn: list[str] = field(default_factory=list)
     uncompared: dict[tuple[str, str], int] = field(default_factory=dict)
@@ -180,7 +180,7 @@ class Replay:
 
     @property
     def relative(self) -> float:
-        """Largest relative difference of a number, as in `Difference`; 0 if all are the same."""
+        """Largest relative difference of a number, as in `TopicDifference`; 0 if all are the same."""
         return max((each.relative for each in self.differences.values()), default=0.0)
 
     @property
@@ -640,7 +640,7 @@ class _Comparison:
         topic = message.channel.topic
         difference = self._found.differences.setdefault(
             topic,
-            Difference(
+            TopicDifference(
                 min(message.log_time, time_ns),
                 hashed=topic not in self._unhashed,
                 certain=topic in self._certain,

@@ -22,7 +22,7 @@ _FLATTEST = 1e-6
 
 
 @dataclass(frozen=True)
-class Block:
+class ParameterBlock:
     """Parameters next to each other in the vector of all.
 
     Attributes:
@@ -48,21 +48,21 @@ class Layout:
 
     def __init__(self) -> None:
         """Begin with none."""
-        self.blocks: dict[str, Block] = {}
+        self.blocks: dict[str, ParameterBlock] = {}
         self.count = 0
 
     def add(self, name: str, scale: Sequence[float] | Array, start: Sequence[float] | Array | None = None) -> None:
         """Add a block."""
         scales = np.array(scale, dtype=np.float64)
         starts = np.zeros(len(scales)) if start is None else np.array(start, dtype=np.float64)
-        self.blocks[name] = Block(name, slice(self.count, self.count + len(scales)), scales, starts)
+        self.blocks[name] = ParameterBlock(name, slice(self.count, self.count + len(scales)), scales, starts)
         self.count += len(scales)
 
     def __contains__(self, name: str) -> bool:
         """Return whether a block is there."""
         return name in self.blocks
 
-    def __getitem__(self, name: str) -> Block:
+    def __getitem__(self, name: str) -> ParameterBlock:
         """Return a block."""
         return self.blocks[name]
 
@@ -73,7 +73,7 @@ PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 AXES = ("xx", "yy", "zz", "xy", "xz", "yz")
 
 
-class Inertia:
+class InertiaParameters:
     """Inertia, parametrised around that of a reference body."""
 
     def __init__(self, body: RigidBody) -> None:

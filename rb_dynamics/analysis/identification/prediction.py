@@ -18,7 +18,7 @@ from rb_dynamics.analysis.identification.flights import (
     Flight,
     Stream,
 )
-from rb_dynamics.analysis.identification.parameters import Inertia, Layout, rows_of
+from rb_dynamics.analysis.identification.parameters import InertiaParameters, Layout, rows_of
 from rb_dynamics.analysis.track import Array, Times
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.drag import LinearDrag, QuadraticDrag
@@ -82,7 +82,7 @@ class Body:
 
 
 @dataclass(frozen=True)
-class Start:
+class InitialEstimate:
     """State of the body origin at the first sample of a flight, roughly, and of what order its motion is."""
 
     attitude: Array
@@ -111,7 +111,7 @@ class Model:
         unused = () if "accelerometer" in fit else (ACCELERATION,)
         self.flights = tuple(flight.without(unused) for flight in flights)
         self._require_modelled()
-        self.inertia = Inertia(scene.body)
+        self.inertia = InertiaParameters(scene.body)
         self.starts = [_start(flight) for flight in self.flights]
         self.moves = [
             any(s.kind in (POSITION, VELOCITY) or (s.kind == ACCELERATION and self._drags) for s in flight.streams)
@@ -630,7 +630,7 @@ def _scheduled(effect: Effect, scene: Scene) -> tuple[Times, Array] | None:
     return times, np.array(rows, dtype=np.float64)
 
 
-def _start(flight: Flight) -> Start:
+def _start(flight: Flight) -> InitialEstimate:
     """Return a rough state at the start, from the first samples of each kind."""
     attitude, rate = np.array([0.0, 0.0, 0.0, 1.0]), None
     position, velocity = np.zeros(3), None
@@ -666,7 +666,7 @@ def _start(flight: Flight) -> Start:
         extent = max(extent, path)
     none = np.zeros(3)
     rate, velocity = none if rate is None else rate, none if velocity is None else velocity
-    return Start(attitude, rate, position, velocity, max(fastest, 1e-6), max(extent, 1e-6))
+    return InitialEstimate(attitude, rate, position, velocity, max(fastest, 1e-6), max(extent, 1e-6))
 
 
 def _within(sizes: Array, most: float) -> int:

@@ -26,7 +26,7 @@ from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.sample_arrays import Samples
 from rb_dynamics.run.simulation import Simulation, without_outputs
 from rb_dynamics.scene.model import Scene
-from rb_dynamics.study.campaign.onboard import Hearing, Onboard
+from rb_dynamics.study.campaign.onboard import NewestMeasurements, Onboard
 
 if TYPE_CHECKING:
     import numpy as np
@@ -152,9 +152,9 @@ class Alone:
 
     def __init__(self, scene: Scene, sinks: Sequence[Sink] = (), driven: bool = False) -> None:
         """Start at the initial state of the scene; `driven`: by a controller, which hears its sensors."""
-        self._scene, self._hearing = scene, Hearing(scene) if driven and scene.sensors else None
-        hearing = [self._hearing] if self._hearing else []
-        self._run = Simulation(scene if sinks else without_outputs(scene), [*sinks, *hearing])
+        self._scene, self._newest = scene, NewestMeasurements(scene) if driven and scene.sensors else None
+        newest = [self._newest] if self._newest else []
+        self._run = Simulation(scene if sinks else without_outputs(scene), [*sinks, *newest])
         self._rejected, self._seen = 0, self._run.sample
         self._now_ns, self._body_frame = 0, scene.frames.body_frame
         self._first = self._run.sample
@@ -187,7 +187,7 @@ class Alone:
         """Return what is there for a controller; see `Bodies`."""
         import numpy as np
 
-        sample, effects, hearing = self._seen, self._scene.combined_effects, self._hearing
+        sample, effects, newest = self._seen, self._scene.combined_effects, self._newest
         speeds = zip(self._scene.wheels, sample.wheel_speeds or (), strict=True)
         field = (
             np.array([effects.magnetic_field(sample.time_ns / NANOSECONDS)(sample.position_world)])
@@ -195,14 +195,14 @@ class Alone:
             else None
         )
         found = Onboard({}, {wheel.name: np.array([speed]) for wheel, speed in speeds}, field)
-        if hearing is None:
+        if newest is None:
             return found
-        attitude, rate = hearing.orientation(), hearing.angular_velocity()
+        attitude, rate = newest.orientation(), newest.angular_velocity()
         return found._replace(
-            sensors=hearing.sensors(),
+            sensors=newest.sensors(),
             orientation_xyzw=None if attitude is None else np.array([attitude]),
             angular_velocity_body=None if rate is None else np.array([rate]),
-            silent=hearing.silent,
+            silent=newest.silent,
         )
 
     def hold(self, commands: Commands, new: Commands, changed: npt.NDArray[np.bool_]) -> None:

@@ -1,6 +1,6 @@
 """Inputs of a controller on board: messages of the sensors, speeds of the wheels, a model of the field.
 
-`Hearing` is a sink, so a law gets exactly the messages that are logged or published, at the same nanosecond.
+`NewestMeasurements` is a sink, so a law gets exactly the messages that are logged or published, at the same nanosecond.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class Onboard(NamedTuple):
     silent: tuple[str, ...] = ()
 
 
-class Hearing:
+class NewestMeasurements:
     """Keeps the newest message of each sensor of one run."""
 
     def __init__(self, scene: Scene) -> None:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from identified_flights import flown, guess, random_body
 
 from rb_dynamics import Identification, LogError, RigidBody, SceneError, identify, parse_scene
-from rb_dynamics.analysis.identification.parameters import Inertia
+from rb_dynamics.analysis.identification.parameters import InertiaParameters
 
 AXES = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
 
@@ -139,7 +139,7 @@ def test_what_cannot_be_fitted_is_refused(name: str, expected: str) -> None:
 
 @given(st.lists(st.floats(-3.0, 3.0), min_size=5, max_size=5))
 def test_every_number_is_an_inertia(shape: list[float]) -> None:
-    matrix = Inertia(RigidBody.from_diagonal(1.0, (1.0, 1.2, 1.5))).matrix(0.3, np.array(shape))
+    matrix = InertiaParameters(RigidBody.from_diagonal(1.0, (1.0, 1.2, 1.5))).matrix(0.3, np.array(shape))
     low, middle, high = np.linalg.eigvalsh(matrix)
 
     assert low > 0.0
