@@ -6,19 +6,28 @@ import importlib.util
 import os
 import subprocess
 import sys
+import time
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 pytest.importorskip("rclpy", reason="rclpy is not installed: pip install '.[ros]'")
 pytest.importorskip("mcap", reason="extra 'log' is not installed")
+pytest.importorskip("rosbags", reason="extra 'log' is not installed")
 
+from command_line import command
 from geometry_msgs.msg import InertiaStamped, PoseStamped, WrenchStamped
-from mcap.writer import Writer
-from ros_harness import KEEP_ALL, TRANSIENT, Peer
+from mcap.writer import Writer as McapWriter
+from nav_msgs.msg import Odometry
+from rclpy.time import Time
+from ros_harness import KEEP_ALL, TRANSIENT, Peer, running
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
 from rosgraph_msgs.msg import Clock
 
 from rb_dynamics import Wrench, parse_scene, simulate
+from rb_dynamics.formats.log_metadata import RESULT
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.sinks.mcap_sink import McapSink
 
@@ -80,7 +89,7 @@ def test_a_log_neither_imports_what_it_names_nor_ends_the_replay(tmp_path: Path)
         "/a_list": ("geometry_msgs/msg/Vector3", "[1, 2]"),
     }
     with log.open("wb") as file:
-        writer = Writer(file)
+        writer = McapWriter(file)
         writer.start(profile="ros2")
         for topic, (kind, qos) in channels.items():
             schema = writer.register_schema(kind, "ros2msg", b"float64 x\nfloat64 y\nfloat64 z\n")
@@ -100,3 +109,40 @@ def test_a_log_neither_imports_what_it_names_nor_ends_the_replay(tmp_path: Path)
     said = done.stdout + done.stderr
     for topic in ("/imports", "/no_such_message", "/a module"):
         assert f"{topic}: left out" in said
+
+
+def test_a_bag_of_the_topics_of_a_node_flies_another_to_the_same_bits(tmp_path: Path, peer: Peer) -> None:
+    """As a recorder writes it: the bytes that came, in their order, by their times of arrival."""
+    scene, folder = tmp_path / "scene.yaml", tmp_path / "bag"
+    scene.write_text(SCENE.text)
+    logs = [tmp_path / name for name in ("first.mcap", "again.mcap")]
+    came: list[tuple[str, int, bytes]] = []
+    kinds = {"/odom": Odometry, "/wrench": WrenchStamped}
+    for topic, kind in kinds.items():
+        record = partial(lambda topic, data: came.append((topic, time.time_ns(), data)), topic)
+        peer.node.create_subscription(kind, topic, record, KEEP_ALL, raw=True)
+    with running(scene, lockstep=True, mcap=logs[0]) as node:
+        commands = peer.node.create_publisher(WrenchStamped, "/wrench", KEEP_ALL)
+        # The recorder and the node.
+        peer.until(lambda: commands.get_subscription_count() == 2 and bool(came), "the node")
+        peer.spin(0.1)
+        for k in range(1, 51):
+            stamped = WrenchStamped()
+            stamped.header.stamp, stamped.wrench.torque.x = Time(nanoseconds=20_000_000 * k).to_msg(), 0.1 * k
+            commands.publish(stamped)
+        peer.until(lambda: [topic for topic, *_ in came].count("/wrench") == 50, "every command recorded")
+        assert node.wait() == 0, node.err
+    with Writer(folder, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        store = get_typestore(Stores.ROS2_JAZZY)
+        names = {"/odom": "nav_msgs/msg/Odometry", "/wrench": "geometry_msgs/msg/WrenchStamped"}
+        opened = {topic: writer.add_connection(topic, name, typestore=store) for topic, name in names.items()}
+        for topic, time_ns, data in came:
+            writer.write(opened[topic], time_ns, data)
+    assert [bag.topics["/wrench"].count for bag in (read_bag(folder), read_bag(logs[0]))] == [50, 50]
+    with running(scene, lockstep=True, mcap=logs[1]) as node:
+        peer.until(lambda: peer.node.count_subscribers("/wrench") == 2, "the node beside the recorder")
+        arguments = ["replay", folder, "--into", "ros", "--rate", "0", "--ros-args", "-r", "/odom:=/recorded"]
+        played = command(*map(str, arguments))
+        assert played.returncode == 0, played.stderr
+        assert node.wait() == 0, node.err
+    assert len({read_bag(log).metadata[RESULT]["states_sha256"] for log in logs}) == 1
