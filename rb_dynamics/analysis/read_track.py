@@ -25,6 +25,7 @@ from rb_dynamics.errors import BodyError, LogError, WrenchError
 from rb_dynamics.formats.log_metadata import RUN
 from rb_dynamics.formats.message_types import INERTIA, ODOMETRY, SCALAR, VECTOR
 from rb_dynamics.formats.topic import Topic
+from rb_dynamics.loads.channels import Channel
 from rb_dynamics.loads.wrench import WORLD, HeldWrench, Wrench, WrenchFrames
 from rb_dynamics.logs.bag_reader import IMUS, POSES, TWISTS, WRENCHES, Bag
 from rb_dynamics.logs.messages import APPLIED
@@ -32,7 +33,7 @@ from rb_dynamics.numerics.rotation_arrays import product, rotate_all
 from rb_dynamics.scene.model import Scene
 
 # Largest part of the messages of a topic that may be of other frames, and are left out.
-_STRAYS = 0.1
+STRAYS = 0.1
 
 
 @dataclass(frozen=True)
@@ -344,10 +345,10 @@ class _TrackReader:
             counts[name] = counts.get(name, 0) + count
         main = max(counts, key=counts.__getitem__)
         strays = {":".join(name): count for name, count in counts.items() if name != main}
-        if sum(strays.values()) > _STRAYS * sum(counts.values()):
+        if sum(strays.values()) > STRAYS * sum(counts.values()):
             raise LogError(
                 f"{self.bag.path}: topic {topic.name!r} has the frames {sorted([':'.join(main), *strays])}, expected "
-                f"one in {100.0 * (1.0 - _STRAYS):g} % of its messages or more; a topic that mixes bodies or axes "
+                f"one in {100.0 * (1.0 - STRAYS):g} % of its messages or more; a topic that mixes bodies or axes "
                 "cannot be inspected, record them apart"
             )
         return main[0], strays, np.array([*(name == main for name in names), True])[of_row]
@@ -420,7 +421,10 @@ class _TrackReader:
             )
         chosen = applied if (own or applied) and not asked else topics
         self.uses |= {topic: "wrench" if topic in chosen else "commands" for topic in topics}
-        steps = tuple(_steps(self.bag, topic, frames, self._later(topic)) for topic in sorted(chosen))
+        steps = tuple(
+            _steps(self.bag, topic, frames, self._limits(topic), self._later(topic), self.notes)
+            for topic in sorted(chosen)
+        )
         for held in steps:
             if not held.known.all():
                 self.notes.append(
@@ -430,6 +434,11 @@ class _TrackReader:
                     "SCENE."
                 )
         return steps, own or bool(chosen)
+
+    def _limits(self, topic: str) -> Channel | None:
+        """Return the scene's channel of commands on `topic`, whose limits it kept."""
+        name, channels = topic.removeprefix("/"), () if self.scene is None else self.scene.channels
+        return next((channel for channel in channels if channel.topic.removeprefix("/") == name), None)
 
     def _later(self, topic: str) -> int:
         """Return by how much (ns) the log times of a topic without stamps are later than the stamps of the motion.
@@ -521,8 +530,12 @@ def mean_rate(time_ns: Times) -> float:
     return (len(time_ns) - 1) / (span * 1e-9) if span > 0 else 0.0
 
 
-def _steps(bag: Bag, topic: str, frames: WrenchFrames, later_ns: int) -> RecordedWrench:
+def _steps(
+    bag: Bag, topic: str, frames: WrenchFrames, limits: Channel | None, later_ns: int, notes: list[str]
+) -> RecordedWrench:
     commands = bag.wrenches(topic)
+    if limits is not None:
+        commands = _within(commands, topic, limits, notes)
     stamped = bag.topics[topic].stamps_given
     times = [wrench.stamp_ns if stamped else log_time - later_ns for log_time, wrench in commands]
     held = [_held(wrench, frames) for _, wrench in commands]
@@ -540,13 +553,36 @@ def _steps(bag: Bag, topic: str, frames: WrenchFrames, later_ns: int) -> Recorde
         force=rows([p.force_body for p in parts]) + rows([p.force_world for p in parts]),
         torque=rows([p.torque_body for p in parts]) + rows([p.torque_world for p in parts]),
         world=world,
+        at_point=np.array([wrench.frame_id in (frames.fixed or {}) for _, wrench in commands], dtype=bool)[order],
         known=np.array([part is not None for part in held], dtype=bool)[order],
         frames=tuple(sorted({wrench.frame_id for _, wrench in commands})),
     )
 
 
+def _within(
+    commands: Sequence[tuple[int, Wrench]], topic: str, limits: Channel, notes: list[str]
+) -> list[tuple[int, Wrench]]:
+    """Return the commands as the channel of the scene takes them, without those that it rejects."""
+    taken, clipped = [], 0
+    for log_time, wrench in commands:
+        try:
+            limited = limits.limited(wrench) if _usable(wrench) else wrench
+        except WrenchError:
+            continue
+        clipped += limited is not wrench
+        taken.append((log_time, limited))
+    if changed := clipped or len(commands) - len(taken):
+        done = "clipped to" if clipped else "rejected by"
+        notes.append(f"{topic}: {changed} of {len(commands)} commands are {done} the limits of the scene's channel.")
+    return taken
+
+
+def _usable(wrench: Wrench) -> bool:
+    return all(abs(number) < LARGEST for number in (*wrench.force, *wrench.torque))
+
+
 def _held(wrench: Wrench, frames: WrenchFrames) -> HeldWrench | None:
-    if not all(abs(number) < LARGEST for number in (*wrench.force, *wrench.torque)):
+    if not _usable(wrench):
         return None
     try:
         return frames.hold(wrench)

@@ -74,6 +74,7 @@ class RecordedWrench:
         force: N, in the axes of the frame, through the centre of mass.
         torque: N m, in the axes of the frame, about the centre of mass.
         world: whether a row is in world axes; otherwise it rotates with the body.
+        at_point: whether the force acts at a point of the body: the torque holds for the centre of mass that is known.
         known: False for a row with an undeclared frame or unusable numbers.
         frames: every `frame_id` met.
     """
@@ -83,8 +84,14 @@ class RecordedWrench:
     force: Array
     torque: Array
     world: NDArray[np.bool_]
+    at_point: NDArray[np.bool_]
     known: NDArray[np.bool_]
     frames: tuple[str, ...]
+
+    def accepted(self) -> RecordedWrench:
+        """Return the same without rows that are not known: a command that is rejected leaves the one before."""
+        rows = {name: getattr(self, name)[self.known] for name in ("time_ns", "force", "torque", "world", "at_point")}
+        return replace(self, known=self.known[self.known], **rows)
 
     def without(self, missing: Sequence[tuple[int, int]]) -> RecordedWrench:
         """Return the same, marked unknown from the start of each `missing` piece (first and last ns) to the next row.
@@ -99,6 +106,7 @@ class RecordedWrench:
             force=np.insert(self.force, at, 0.0, axis=0),
             torque=np.insert(self.torque, at, 0.0, axis=0),
             world=np.insert(self.world, at, False),
+            at_point=np.insert(self.at_point, at, False),
             known=np.insert(self.known, at, False),
         )
 

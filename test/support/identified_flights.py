@@ -62,7 +62,7 @@ def flown(
             Stream("pose", ATTITUDE, times, turned),
             Stream("pose", POSITION, times, position + pose * random.standard_normal(rates.shape)),
         ]
-    held = np.hstack([forces, recorded_torque * torques, np.zeros((count, 6))])
+    held = np.hstack([forces, recorded_torque * torques, np.zeros((count, 9))])
     channels = (Channel("wrench", times[:-1], held),) if torque or force else ()
     return Flight("flight", tuple(streams), channels)
 

@@ -91,8 +91,10 @@ def read_csv_flight(
             values = unit_rows(values)
         world, gyro = quantity == "velocity_world", quantity == "gyro"
         streams.append(Stream(quantity, _KINDS[quantity], at, values, world=world, gyro=gyro))
-    channels = [*_wrench(found, measured, times - zero, scene), *acting_elsewhere(commands, scene, zero, end, path)]
-    return Flight(path, tuple(streams), tuple(channels), () if channels else (NO_WRENCH,))
+    notes: list[str] = []
+    channels = [*_wrench(found, measured, times - zero, scene)]
+    channels += acting_elsewhere(commands, scene, zero, end, path, notes)
+    return Flight(path, tuple(streams), tuple(channels), (*notes, *([] if channels else [NO_WRENCH])))
 
 
 def _wrench(found: Mapping[str, Array], measured: Mapping[str, Mask], times: Times, scene: Scene) -> Iterator[Channel]:
@@ -101,7 +103,7 @@ def _wrench(found: Mapping[str, Array], measured: Mapping[str, Mask], times: Tim
         given = np.logical_and.reduce([measured[name] for name in parts])
         nothing = np.zeros((int(given.sum()), 3))
         held = [found[name][given] if name in found else nothing for name in ("force", "torque")]
-        acting = commanded("wrench", times[given], np.hstack([*held, nothing, nothing]), scene)
+        acting = commanded("wrench", times[given], np.hstack([*held, nothing, nothing, nothing]), scene)
         # Only a change is a command.
         changes = np.append(True, (np.diff(acting.held, axis=0) != 0.0).any(axis=1))[: len(acting.held)]
         yield Channel(acting.topic, acting.time_ns[changes], acting.held[changes])

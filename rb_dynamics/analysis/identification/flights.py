@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from rb_dynamics.analysis.read_track import read_track
+from rb_dynamics.analysis.read_track import STRAYS, read_track
 from rb_dynamics.analysis.track import Array, RecordedWrench, Times, TimeSeries, Track, frame_names, unit_rows
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.log_metadata import RUN
@@ -58,8 +58,8 @@ class Channel:
     Attributes:
         topic: as recorded.
         time_ns: ascending, from time 0 of the run.
-        held: (k, 12), force and torque in body axes, force and torque in world axes, the force through the centre of
-            mass.
+        held: (k, 15), force and torque in body axes, force and torque in world axes, about the centre of mass of the
+            scene; and the force in body axes that acts at a point of the body: its torque depends on that centre.
     """
 
     topic: str
@@ -165,12 +165,17 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = ()) -> Flight:
     notes += track.faults
     streams = [*_of_pose(track, zero, notes), *_of_twist(track, scene, zero, notes)]
     end = track.span_ns[1]
-    channels = _channels(track, scene, zero, end, path) + acting_elsewhere(commands, scene, zero, end, path)
+    channels = _channels(track, scene, zero, end, path, notes)
+    channels += acting_elsewhere(commands, scene, zero, end, path, notes)
     return Flight(path, tuple(streams), tuple(channels), (*notes, *([] if channels else [NO_WRENCH])))
 
 
-def acting_elsewhere(commands: Sequence[str], scene: Scene, zero: int, end_ns: int, path: str) -> list[Channel]:
+def acting_elsewhere(
+    commands: Sequence[str], scene: Scene, zero: int, end_ns: int, path: str, notes: list[str]
+) -> list[Channel]:
     """Return the wrenches of bags of the same clock, up to `end_ns`, from `zero`; `path` is the flight's.
+
+    `notes` gets what a person should know of them.
 
     Raises:
         LogError: a bag cannot be read or has no wrench, or one whose effect is not known.
@@ -180,14 +185,34 @@ def acting_elsewhere(commands: Sequence[str], scene: Scene, zero: int, end_ns: i
         found = read_track(read_bag(other), scene)
         if not found.wrenches:
             raise LogError(f"{other}: found no wrench topic, expected the commands of {path}; name another bag")
-        channels += _channels(found, scene, zero, end_ns, path)
+        channels += _channels(found, scene, zero, end_ns, path, notes)
     return channels
 
 
-def _channels(track: Track, scene: Scene, zero: int, end_ns: int, path: str) -> list[Channel]:
+def _channels(track: Track, scene: Scene, zero: int, end_ns: int, path: str, notes: list[str]) -> list[Channel]:
     # What effects of the scene did is in a log of this package, too, in whatever namespace.
-    acting = [wrench for wrench in track.acting if "/effects/" not in f"/{wrench.topic}"]
-    return [_channel(wrench, scene, zero, end_ns, path) for wrench in acting if len(wrench.time_ns)]
+    acting = [wrench for wrench in track.wrenches if "/effects/" not in f"/{wrench.topic}"]
+    found = [_accepted(wrench, end_ns, path, notes).without(track.bag.missing) for wrench in acting]
+    return [_channel(wrench, scene, zero, end_ns, path) for wrench in found if len(wrench.time_ns)]
+
+
+def _accepted(wrench: RecordedWrench, end_ns: int, path: str, notes: list[str]) -> RecordedWrench:
+    """Return what a channel takes of its commands: one in an undeclared frame leaves the one before, as in a run.
+
+    Raises:
+        LogError: there are too many of these to be a mishap.
+    """
+    within = wrench.time_ns <= end_ns
+    refused, count = int((~wrench.known[within]).sum()), int(within.sum())
+    said = f"{refused} of {count} wrenches on {wrench.topic} are damaged or in a frame that is not declared (frames: "
+    said += f"{frame_names(wrench.frames)})"
+    if refused == count > 0 or refused > max(1, STRAYS * count):
+        raise LogError(
+            f"{path}: {said}, so that what acted is not known; declare the frame under body.frames of the scene"
+        )
+    if refused:
+        notes.append(f"{said}: taken as rejected, so that those before them went on acting.")
+    return wrench.accepted()
 
 
 def _of_pose(track: Track, zero: int, notes: list[str]) -> list[Stream]:
@@ -251,14 +276,19 @@ def _channel(wrench: RecordedWrench, scene: Scene, zero: int, end_ns: int, path:
     within = wrench.time_ns <= end_ns
     if not wrench.known[within].all():
         raise LogError(
-            f"{path}: {int((~wrench.known[within]).sum())} wrenches on {wrench.topic} are damaged or in "
-            f"a frame that is not declared (frames: {frame_names(wrench.frames)}), so that what acted is not known; "
-            "declare the frame under body.frames of the scene"
+            f"{path}: a piece of the recording is missing, in which the wrench on {wrench.topic} may have changed; "
+            "cut the flight to before or after it, with convert --from or --to"
         )
     nothing = np.zeros_like(wrench.force)
     world = wrench.world[:, None]
     parts = (wrench.force, wrench.torque)
-    held = np.hstack([*(np.where(world, nothing, p) for p in parts), *(np.where(world, p, nothing) for p in parts)])
+    held = np.hstack(
+        [
+            *(np.where(world, nothing, part) for part in parts),
+            *(np.where(world, part, nothing) for part in parts),
+            np.where(wrench.at_point[:, None], wrench.force, nothing),
+        ]
+    )
     times = wrench.time_ns - zero
     if wrench.topic.endswith(APPLIED):
         return Channel(wrench.topic.removesuffix(APPLIED), times, held)
@@ -284,6 +314,6 @@ def _timed_out(times: Times, held: Array, timeout_ns: int) -> tuple[Times, Array
     following = np.append(times[1:], np.iinfo(np.int64).max)
     expires = times[times + timeout_ns < following] + timeout_ns
     all_times = np.concatenate([times, expires])
-    rows = np.vstack([held, np.zeros((len(expires), 12))])
+    rows = np.vstack([held, np.zeros((len(expires), held.shape[1]))])
     order = np.argsort(all_times, kind="stable")
     return all_times[order], rows[order]

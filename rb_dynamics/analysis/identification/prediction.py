@@ -29,6 +29,7 @@ from rb_dynamics.loads.uniform_gravity import UniformGravity
 from rb_dynamics.loads.wrench import WORLD
 from rb_dynamics.motion.variational_equations import BODY, COLUMN, HELD, STATE, kernel
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
+from rb_dynamics.numerics.vector import ZERO
 from rb_dynamics.scene.model import Scene
 
 MODELLED = (UniformGravity, LinearDrag, QuadraticDrag, Rotor, ScheduledWrench)
@@ -191,13 +192,13 @@ class Model:
                 layout.add(f"{name}.linear_velocity_world", np.full(3, speed), start.velocity)
         if "mass" in self.fit:
             layout.add("mass", [1.0])
-        if "center_of_mass" in self.fit:
+        if "center_of_mass" in self.fit and not self._levers:
             layout.add("center_of_mass", np.full(3, arm), body.center_of_mass)
         if {"inertia", "inertia_ratios"} & set(self.fit):
             layout.add("size", [1.0])
             layout.add("shape", np.ones(5))
         self._lay_out_delays()
-        self._lay_out_effects()
+        self._lay_out_effects(arm)
         for number, flight in enumerate(self.flights):
             for stream in flight.streams:
                 self._lay_out_sensor(number, stream, arm)
@@ -211,13 +212,22 @@ class Model:
             for topic in self._topics()[1:]:
                 layout.add(f"delay.{topic}", [0.1])
 
-    def _lay_out_effects(self) -> None:
+    @property
+    def _levers(self) -> bool:
+        """Whether a force acts at a point of the body, so that its torque changes with the centre of mass."""
+        rows = [channel.held for flight in self.flights for channel in flight.channels]
+        rows += [found[1] for effect in self.scene.effects if (found := _scheduled(effect, self.scene))]
+        return any(each[:, 12:].any() for each in rows)
+
+    def _lay_out_effects(self, arm: float) -> None:
         """Lay out effects and scales of wrenches; what changes what is held comes last."""
         layout, keys = self.layout, [key for key in self.fit if key.startswith("effects[")]
         for key in keys:
             if self._place(key)[2] >= 0:
                 self._add_effect(key)
         self._held_from = layout.count
+        if "center_of_mass" in self.fit and self._levers:
+            layout.add("center_of_mass", np.full(3, arm), self.scene.body.center_of_mass)
         for key in keys:
             if self._place(key)[2] < 0:
                 self._add_effect(key)
@@ -443,6 +453,8 @@ class Model:
         m = self._held_to - self._held_from
         held_by = np.zeros((len(knots) if m else 1, HELD, m))
         commanded = np.zeros(len(knots), dtype=bool)
+        # From the centre of mass of the scene, for which torques were computed: (p - c) x f.
+        moved = self.body(z).center_of_mass - np.array(self.scene.body.center_of_mass)
         for at, rows, topic in channels:
             row = np.searchsorted(at, np.minimum(starts, knots), side="right") - 1
             if topic:
@@ -450,12 +462,18 @@ class Model:
                 if knots[0] == begin:
                     row[0] = np.searchsorted(at, begin, side="left") - 1
             acting = np.where((row >= 0)[:, None], rows[row], 0.0)
-            name = f"wrench_scale.{topic}"
+            acting, at_point = acting[:, :12], acting[:, 12:]
+            acting[:, 3:6] -= np.cross(moved, at_point)
+            name, factor = f"wrench_scale.{topic}", 1.0
             if name in self.layout:
                 block = self.layout[name]
                 held_by[:, :12, block.at.start - self._held_from] = acting
-                acting = block.values(z)[0] * acting
-            held[:, :12] += acting
+                factor = block.values(z)[0]
+            held[:, :12] += factor * acting
+            if "center_of_mass" in self.layout and at_point.any():
+                block = self.layout["center_of_mass"]
+                place = slice(block.at.start - self._held_from, block.at.stop - self._held_from)
+                held_by[:, 3:6, place] += factor * rotations.hats(at_point) * block.scale
         seconds = starts / NANOSECONDS
         for i, rotor in rotors:
             self._add_rotor(z, i, rotor, seconds, knots, held, held_by)
@@ -626,7 +644,8 @@ def _scheduled(effect: Effect, scene: Scene) -> tuple[Times, Array] | None:
         held = scene.frames.hold(
             wrench if named == wrench.frame_id else type(wrench)(wrench.force, wrench.torque, named)
         )
-        rows.append([*held.force_body, *held.torque_body, *held.force_world, *held.torque_world])
+        at_point = held.force_body if wrench.frame_id in (scene.frames.fixed or {}) else ZERO
+        rows.append([*held.force_body, *held.torque_body, *held.force_world, *held.torque_world, *at_point])
     return times, np.array(rows, dtype=np.float64)
 
 

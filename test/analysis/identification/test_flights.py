@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bag_rows import add
+from bag_rows import STAMPED, add
 from identified_flights import flown, guess
 from noisy_recordings import recording
 
@@ -16,6 +16,7 @@ from rb_dynamics import (
     LogError,
     ReactionWheel,
     RigidBody,
+    Scene,
     SceneError,
     Wrench,
     identify,
@@ -134,3 +135,63 @@ def test_gravity_in_a_log_of_this_package_does_not_act_twice(tmp_path: Path) -> 
         simulate(parse_scene(text), [("push", Wrench((1.0, 0.0, 0.0)))], [McapSink(path, namespace=namespace)])
         flight = flight_of(read_bag(path), parse_scene(text))
         assert [channel.topic.rpartition("/")[2] for channel in flight.channels] == ["push"]
+
+
+JET = """\
+body:
+  mass: 10.0
+  center_of_mass: [0.03, -0.02, 0.04]
+  inertia: {diagonal: [0.3, 0.4, 0.5]}
+  frames: {jet: {position: [0.2, 0.1, -0.1]}}
+initial: {angular_velocity_body: [0.2, -0.3, 0.1]}
+wrenches: [{topic: cmd, max_force: 1.5, on_excess: ON_EXCESS}]
+duration: 4.0
+output_rate: 50.0
+"""
+
+
+def thrust_bag(path: Path, scene: Scene, strange: int = 1) -> Bag:
+    """Return a flight by a jet as another program records it, with `strange` commands in a frame that nobody knows."""
+    forces = [(1.0, 0.0, 0.0), (0.0, 1.2, 0.0), (0.0, 0.0, 3.0), (-1.0, 1.0, 0.0), (0.0, -2.0, 1.0), (1.0, 0.0, -1.0)]
+    commands = [(round(k * 6e8), "jet", force) for k, force in enumerate(forces)]
+    commands += [(round(k * 1e8) + 5, "nozzle", (0.5, 0.5, 0.5)) for k in range(1, 1 + strange)]
+    sent = [("cmd", Wrench(force, (0.0, 0.0, 0.0), frame, stamp)) for stamp, frame, force in commands]
+    simulate(scene, sent, [McapSink(path)])
+    topics = {name: topic for name, topic in read_bag(path).topics.items() if name in ("/pose", "/twist")}
+    topics["/cmd"] = Topic("/cmd", STAMPED)
+    for stamp, frame, force in commands:
+        add(topics["/cmd"], stamp, cdr.encode(STAMPED, stamp, frame, (*force, 0.0, 0.0, 0.0)))
+    return Bag(path, True, topics, {}, {})
+
+
+@pytest.mark.parametrize("on_excess", ["clip", "reject"])
+def test_jets_turn_the_body_about_the_center_of_mass_that_is_fitted(tmp_path: Path, on_excess: str) -> None:
+    """And the channel keeps to its limits, and to its frames, as in a run."""
+    scene = parse_scene(JET.replace("ON_EXCESS", on_excess))
+    rough = parse_scene(scene.text, "rough", {"body.center_of_mass": [0.0, 0.0, 0.0], "body.mass": 9.0})
+    flight = flight_of(thrust_bag(tmp_path / "flown.mcap", scene), rough)
+    found = identify(rough, [flight], ["mass", "center_of_mass", "inertia"])
+
+    assert found.body.mass == pytest.approx(10.0, rel=1e-6)
+    np.testing.assert_allclose(found.body.center_of_mass, scene.body.center_of_mass, atol=1e-7)
+    np.testing.assert_allclose(found.body.inertia, scene.body.inertia, atol=1e-6)
+    changed = {"clip": "clipped to", "reject": "rejected by"}[on_excess]
+    assert any(f"/cmd: 2 of 7 commands are {changed} the limits" in note for note in flight.notes)
+    assert any("wrenches on /cmd are damaged" in note and "taken as rejected" in note for note in flight.notes)
+
+
+def test_scheduled_jets_do_too(tmp_path: Path) -> None:
+    schedule = "[{time: 0, force: [1, 0, 0]}, {time: 1, force: [0, 1, 0]}, {time: 2, force: [0, 0, 1]}]"
+    effect = f"effects: [{{type: scheduled_wrench, frame_id: jet, schedule: {schedule}}}]\n"
+    scene = parse_scene(JET.replace("ON_EXCESS", "clip") + effect)
+    rough = parse_scene(scene.text, "rough", {"body.center_of_mass": [0.0, 0.0, 0.0]})
+    bag = thrust_bag(tmp_path / "flown.mcap", scene)
+    found = identify(rough, [flight_of(bag, rough)], ["center_of_mass", "inertia"])
+    np.testing.assert_allclose(found.body.center_of_mass, scene.body.center_of_mass, atol=1e-7)
+    np.testing.assert_allclose(found.body.inertia, scene.body.inertia, atol=1e-6)
+
+
+def test_commands_in_frames_that_nobody_knows_are_refused_if_there_are_many(tmp_path: Path) -> None:
+    scene = parse_scene(JET.replace("ON_EXCESS", "clip"))
+    with pytest.raises(LogError, match=r"2 of 8 wrenches on /cmd are damaged or in a frame .*frames: jet, nozzle"):
+        flight_of(thrust_bag(tmp_path / "flown.mcap", scene, strange=2), scene)
