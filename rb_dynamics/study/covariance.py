@@ -17,6 +17,7 @@ import numpy as np
 
 from rb_dynamics.analysis.identification import rotations
 from rb_dynamics.analysis.identification.flights import ATTITUDE, POSITION, RATES, VELOCITY, Flight, Stream, flight_of
+from rb_dynamics.analysis.identification.identify import Identification
 from rb_dynamics.analysis.identification.parameters import AXES, PLACES
 from rb_dynamics.analysis.identification.prediction import Model
 from rb_dynamics.analysis.track import Array, Times
@@ -26,6 +27,7 @@ from rb_dynamics.formats.message_types import POSE
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.logs.own_log import logged_scene
 from rb_dynamics.motion.fixed_step_kernel import Tally, counted_by
+from rb_dynamics.numerics.argument_checks import mapping, shown
 from rb_dynamics.numerics.rotation_arrays import rotate_all
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.study.uncertain_numbers import STATE, Uncertain, uncertain_numbers
@@ -120,9 +122,19 @@ def covariance(
         sigmas: such a mapping; it goes before what `uncertain` says of the same number.
 
     Raises:
+        TypeError: an argument has the wrong type.
         LogError: `log` is no log of this package, or the file cannot be read.
         SceneError: a name or a value is wrong, or derivatives of the scene are not known.
     """
+    if not isinstance(log, (str, os.PathLike)):
+        raise TypeError(f"log is {shown(log)}, expected the path of a log; write its name")
+    if not isinstance(uncertain, (str, os.PathLike, Mapping, Identification, type(None))):
+        raise TypeError(
+            f"uncertain is {shown(uncertain)}, expected standard deviations by name, such as {{'mass': 0.1}}, or what "
+            "identify returns, or a file of either"
+        )
+    if sigmas is not None:
+        mapping(sigmas, "sigmas", "write {'mass': 0.1}")
     bag = read_bag(log, repeated=False)
     scene = logged_scene(bag.attachments)
     if scene is None or RUN not in bag.metadata:

@@ -47,8 +47,8 @@ ANY: tuple[Effect, ...] = (
     Rotor((1.0, 2.0, -1.0), 0.05, ((0.1, 10.0), (0.35, -20.0), (0.6, 5.0))),
     ScheduledWrench(((0.2, Wrench((1.0, 0.0, 0.5), (0.1, 0.2, 0.3), WORLD)),)),
 )
-# Those whose kernels nearly all runs use; the others take long to compile.
-USUAL = ("rk4", "dop853")
+# The others take long to compile; test/run/test_propagation.py flies dop853 and auto under effects.
+USUAL = ("rk4",)
 NAMES = [
     pytest.param(name, marks=() if name in USUAL else pytest.mark.slow)
     for name, method in METHODS.items()
