@@ -426,7 +426,8 @@ def test_the_example_commander_turns_the_body(peer: Peer) -> None:
         assert commander.returncode == 0, commander.stderr
         assert node.stop() == 0
     time, rate = map(float, re.findall(r"[\d.]+\d", commander.stdout))
-    assert rate == pytest.approx(time * 0.01 / 0.31, rel=0.2)
+    # On a busy machine the command acts later than the stamp from which the commander counts.
+    assert 0.5 * time * 0.01 / 0.31 < rate < 1.05 * time * 0.01 / 0.31
 
 
 def test_what_is_published_where_asked_and_what_is_heard_without_a_stamp(scene: Path, peer: Peer) -> None:
