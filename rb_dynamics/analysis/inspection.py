@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from rb_dynamics.analysis.balance import Balance
 from rb_dynamics.analysis.checks import BOUND
+from rb_dynamics.analysis.onboard import SensorErrors, WheelSpeeds, pointing_error
 from rb_dynamics.analysis.read_track import TopicChoice, read_track
 from rb_dynamics.analysis.residual import Residual
 from rb_dynamics.analysis.summary import RunSummary, summarize
@@ -18,7 +20,7 @@ from rb_dynamics.analysis.track import Track
 from rb_dynamics.analysis.window import Window, part_of
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.logs.own_log import opened_scene
-from rb_dynamics.numerics.argument_checks import number, shown
+from rb_dynamics.numerics.argument_checks import number, quaternion, shown
 from rb_dynamics.scene.model import Scene
 
 
@@ -51,6 +53,7 @@ def inspect(
     bound: float = BOUND,
     topics: TopicChoice | None = None,
     window_s: Window = (None, None),
+    target: Sequence[float] | None = None,
 ) -> Inspection:
     """Return the analysis of a log of this package, or of any ROS 2 bag of pose, twist and wrench.
 
@@ -60,10 +63,11 @@ def inspect(
         bound: largest defect accepted, relative to the largest energy or momentum.
         topics: which topics tell of the body; found by type and name where it does not say.
         window_s: first and last time to inspect, s: simulation time, or since the start of the motion in a bag.
+        target: attitude xyzw, body to world, that the body is to point at: its angle from it is analysed too.
 
     Raises:
         TypeError: an argument has the wrong type.
-        ValueError: the bound is not greater than 0.
+        ValueError: the bound is not greater than 0, or the target no attitude.
         LogError: the recording cannot be read, has nothing to inspect, or not the topics asked for.
         SceneError: the file has no valid scene.
     """
@@ -71,9 +75,12 @@ def inspect(
     if not isinstance(log, (str, os.PathLike)):
         raise TypeError(f"log is {shown(log)}, expected the path of a log; write its name")
     known = None if scene is None else opened_scene(scene)
+    aim = None if target is None else quaternion(target, "target")
     track = read_track(read_bag(log, repeated=False), known, topics)
     if window_s != (None, None):
         track = read_track(part_of(track, window_s), known, topics)
+    if aim is not None:
+        track = replace(track, pointing=pointing_error(track, aim))
     return Inspection(track, summarize(track, bound))
 
 
@@ -84,6 +91,12 @@ def _plain(value: Any) -> Any:
     if isinstance(value, Residual):
         kept = ("relative", "best", "inertia", "scaled", "mass", "mass_error", "explained", "explainable", "noise")
         return {name: _plain(getattr(value, name)) for name in (*kept, "unseen", "bias")}
+    if isinstance(value, WheelSpeeds):
+        kept = ("name", "max_speed", "first", "last", "largest", "largest_ns", "at_limit_s")
+        return {name: _plain(getattr(value, name)) for name in kept}
+    if isinstance(value, SensorErrors):
+        kept = ("name", "quantity", "unit", "count", "compared", "mean", "deviation")
+        return {name: _plain(getattr(value, name)) for name in kept}
     if isinstance(value, (np.ndarray, np.generic)):
         return _plain(value.tolist())
     if isinstance(value, (tuple, list)):
@@ -92,4 +105,6 @@ def _plain(value: Any) -> Any:
         return {str(name): _plain(each) for name, each in value.items()}
     if isinstance(value, float):
         return value if math.isfinite(value) else None
-    return _plain(asdict(value)) if hasattr(value, "__dataclass_fields__") else value
+    if is_dataclass(value):
+        return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
+    return value

@@ -20,6 +20,7 @@ from rb_dynamics.analysis.clocks import log_time_of_start
 from rb_dynamics.analysis.command_outcomes import CommandOutcomes, outcomes_of
 from rb_dynamics.analysis.continuity import Continuity, continuity
 from rb_dynamics.analysis.latency import CommandLatency, command_latencies
+from rb_dynamics.analysis.onboard import Onboard, onboard
 from rb_dynamics.analysis.read_track import mean_rate
 from rb_dynamics.analysis.residual import Residual, residual
 from rb_dynamics.analysis.self_consistency import self_consistency
@@ -36,6 +37,7 @@ from rb_dynamics.logs.own_log import logged_scene
 from rb_dynamics.numerics.number_parsing import whole_number
 
 EXPLAINS = "inertia explains the motion"
+POINTING = "angle from the target"
 # |norm - 1| of a quaternion beyond which it was not filled in; single precision leaves 1e-7.
 _NO_ATTITUDE = 1e-3
 HALF = 0.5
@@ -121,6 +123,7 @@ class RunSummary:
         notes: remarks on the data for the reader.
         missing: what cannot be computed, and which data are needed for it.
         latencies: of the commands of a node that logged them.
+        onboard: what wheels, actuators and sensors did, in a log of a scene that has them.
     """
 
     path: str
@@ -150,6 +153,7 @@ class RunSummary:
     notes: tuple[str, ...]
     missing: tuple[str, ...]
     latencies: tuple[CommandLatency, ...] = ()
+    onboard: Onboard = Onboard()
 
     @property
     def passed(self) -> bool:
@@ -182,7 +186,9 @@ def summarize(track: Track, bound: float = BOUND) -> RunSummary:
     start, end = track.span_ns
     motion = track.pose or track.moving
     logged = log_time_of_start(track)
-    topics = tuple(_topic(topic, logged, _use(track, topic)) for _, topic in sorted(bag.topics.items()))
+    used = onboard(track)
+    uses = {**used.topics, **track.uses}
+    topics = tuple(_topic(topic, logged, _use(uses, topic)) for _, topic in sorted(bag.topics.items()))
     health = _health(bag)
     steady, agreed = continuity(track), agreements(track)
     unsure = _unsure(track, steady, agreed)
@@ -224,10 +230,11 @@ def summarize(track: Track, bound: float = BOUND) -> RunSummary:
             *_not_judged(track, unsure),
         ),
         residual=left,
-        warnings=tuple(warnings(track, channels, health)),
+        warnings=(*warnings(track, channels, health), *used.warnings()),
         notes=track.notes,
         missing=tuple(_missing(track)),
         latencies=tuple(command_latencies(bag)) if track.own else (),
+        onboard=used,
     )
 
 
@@ -286,8 +293,8 @@ def _explained(left: Residual | None) -> list[Check]:
     return [Check(name, left.explained, f"{unexplained}; with the best fit {left.best:.3g}{verdict}")]
 
 
-def _use(track: Track, topic: Topic) -> str:
-    if use := track.uses.get(topic.name):
+def _use(uses: Mapping[str, str], topic: Topic) -> str:
+    if use := uses.get(topic.name):
         return use
     if not topic.count:
         return "(no messages)"
@@ -330,6 +337,7 @@ def _moments(track: Track) -> list[FirstAndLast]:
         ("kinetic energy", "J", track.kinetic_energy, all_of_it),
         ("work", "J", track.work, all_of_it),
         ("specific force, sensor", "m/s²", track.specific_force, all_of_it),
+        (POINTING, "rad", track.pointing, all_of_it),
     ]
     return [
         FirstAndLast(name, unit, _row(series, 0, columns), _row(series, -1, columns))
@@ -354,6 +362,7 @@ def _ranges(track: Track) -> list[Range]:
         ("kinetic energy T", "J", track.kinetic_energy),
         ("work W", "J", track.work),
         ("specific force", "m/s²", track.specific_force),
+        (POINTING, "rad", track.pointing),
     ]
     return [
         _range(track, name, unit, series)

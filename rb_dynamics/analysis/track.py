@@ -135,6 +135,7 @@ class Track:
         body_from: source of the mass properties; "" without.
         notes: remarks on the data for the reader.
         uses: purpose of each topic that is used.
+        pointing: angle of the attitude from a target, rad, where one was given.
     """
 
     bag: Bag
@@ -156,6 +157,7 @@ class Track:
     uses: Mapping[str, str] = field(default_factory=dict)
     rates: TimeSeries | None = None
     specific_force: TimeSeries | None = None
+    pointing: TimeSeries | None = None
 
     @property
     def span_ns(self) -> tuple[int, int]:

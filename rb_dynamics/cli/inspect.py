@@ -18,12 +18,15 @@ from typing import TYPE_CHECKING
 
 from rb_dynamics.cli.parser import add_many, add_window
 from rb_dynamics.cli.topics import add_topics, chosen_topics
+from rb_dynamics.numerics.argument_checks import quaternion
+from rb_dynamics.numerics.number_parsing import real_number
 from rb_dynamics.numerics.option_types import real
 
 if TYPE_CHECKING:
     from rb_dynamics.analysis.read_track import TopicChoice
     from rb_dynamics.analysis.window import Window
     from rb_dynamics.cli.many import Row
+    from rb_dynamics.numerics.rotation import Quaternion
 
 HELP = "analyse a recorded run"
 
@@ -41,6 +44,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--video", metavar="F", help="write a video of the motion as .mp4 or .gif (extra: video)")
     parser.add_argument("--scene", metavar="SCENE", help="scene file whose body and frames belong to the bag")
+    parser.add_argument(
+        "--target",
+        metavar="X,Y,Z,W",
+        type=_attitude,
+        help="attitude to point at, body to world: tell the angle from it",
+    )
     add_topics(parser)
     add_window(parser, "inspect")
     parser.add_argument(
@@ -85,10 +94,12 @@ def run(args: argparse.Namespace) -> int:
             args.parser.error(f"found --video for {len(logs)} logs, expected one; a video shows one log")
         if args.scene:
             read_scene(args.scene)
-        work = partial(_row, scene=args.scene, bound=bound, topics=topics, verify=args.verify, window=window)
+        work = partial(
+            _row, scene=args.scene, bound=bound, topics=topics, verify=args.verify, window=window, target=args.target
+        )
         return report(args, logs, work, _COLUMNS, "Inspected logs")
     (log,) = args.log
-    found = inspect(log, args.scene, bound, topics, window)
+    found = inspect(log, args.scene, bound, topics, window, args.target)
     encoding = sys.stdout.encoding or "utf-8"
     text = json.dumps(found.as_dict(), allow_nan=False) if args.json else as_text(found.summary)
     print(text.encode(encoding, "backslashreplace").decode(encoding), flush=True)
@@ -116,11 +127,27 @@ def run(args: argparse.Namespace) -> int:
     return 0 if found.passed else 1
 
 
+def _attitude(text: str) -> Quaternion:
+    try:
+        return quaternion([real_number(part) for part in text.split(",")], "the attitude")
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"found {text!r}, expected four numbers such as 0,0,0,1: {error}") from error
+
+
 # The defects of energy and angular momentum are relative to the largest seen.
 _COLUMNS = ("duration [s]", "samples", "T defect", "L defect", "warnings")
 
 
-def _row(log: str, *, scene: str | None, bound: float, topics: TopicChoice, verify: bool, window: Window) -> Row:
+def _row(
+    log: str,
+    *,
+    scene: str | None,
+    bound: float,
+    topics: TopicChoice,
+    verify: bool,
+    window: Window,
+    target: Quaternion | None,
+) -> Row:
     """Return what is said of one of several logs."""
     from pathlib import Path
 
@@ -129,7 +156,7 @@ def _row(log: str, *, scene: str | None, bound: float, topics: TopicChoice, veri
     from rb_dynamics.errors import LogError
     from rb_dynamics.formats.mcap_integrity import verify_bag
 
-    found = inspect(log, scene, bound, topics, window)
+    found = inspect(log, scene, bound, topics, window, target)
     summary = found.summary
     wrong = [check.name for check in summary.checks if not check.passed]
     facts = {"path": log} | found.as_dict()

@@ -13,6 +13,8 @@ import numpy as np
 from rb_dynamics.report.interactive_plots import Picture
 from rb_dynamics.report.svg import Array, Line, Panel, components, draw
 
+# A wheel whose speed comes to this part of its limit is shown with the limit.
+_NEAR = 0.8
 # Relative defects below this are in units of 1e-16, about half the spacing of the numbers next to 1.
 _ROUND_OFF = 1e-12
 
@@ -42,6 +44,28 @@ def rates_and_velocity(time_s: Array, angular_velocity: Array, linear_velocity: 
 def specific_force(time_s: Array, values: Array) -> Picture:
     """Return what an accelerometer measures (m/s^2)."""
     return draw([Panel("Specific force [m/s²]", components(time_s, values))], "Specific force over time")
+
+
+def pointing(time_s: Array, angle: Array) -> Picture:
+    """Return the angle from a target (rad)."""
+    return draw([Panel("Angle from the target [rad]", [Line("angle", time_s, angle)])], "Pointing error over time")
+
+
+def wheel_speeds(wheels: Sequence[tuple[str, Array, Array, float]]) -> Picture:
+    """Return the speeds (rad/s) of reaction wheels: name, times (s), speeds, largest speed allowed."""
+    lines = []
+    for place, (name, time_s, speed, limit) in enumerate(wheels):
+        lines.append(Line(name, time_s, speed, color=place))
+        if np.abs(speed).max() > _NEAR * limit:
+            side = np.full(2, math.copysign(limit, speed[np.abs(speed).argmax()]))
+            lines.append(Line(f"{name}: max_speed", time_s[[0, -1]], side, dashed=True, color=place))
+    return draw([Panel("Wheel speeds [rad/s]", lines)], "Wheel speeds over time")
+
+
+def sensor_errors(panels: Sequence[tuple[str, Array, Array]]) -> Picture:
+    """Return measured less true: title with unit, times (s), rows of x, y, z."""
+    shown = [Panel(title, components(time_s, rows)) for title, time_s, rows in panels]
+    return draw(shown, "Errors of the sensors over time")
 
 
 def _measured(*panels: Panel) -> list[Panel]:

@@ -73,6 +73,7 @@ def run_report(track: Track, summary: RunSummary, extra: Sequence[Section] = ())
         *_poinsot(track),
         *_conservation(track, summary),
         *_wrenches(track, summary),
+        *_onboard(track, summary),
         *_tables(summary),
         *_provenance(track),
     ]
@@ -221,6 +222,9 @@ def _motion(track: Track) -> list[Section]:
             "turning shows zero, one at rest 9.8 m/s² upwards."
         )
         figures.append(Figure(plots.specific_force(time_s, track.specific_force.values), caption))
+    if track.pointing is not None:
+        time_s = track.seconds(track.pointing.time_ns)
+        figures.append(Figure(plots.pointing(time_s, track.pointing.values), "The angle of one turn to the target."))
     return [Section("Motion", figures=figures)] if figures else []
 
 
@@ -355,6 +359,29 @@ def _wrenches(track: Track, summary: RunSummary) -> list[Section]:
     if unlogged := track.bag.metadata.get(RUN, {}).get("effects_not_logged_as_wrench", ""):
         paragraph = f"{paragraph} What these effects did is in no wrench: {unlogged}.".strip()
     return [Section("Wrenches", paragraph, figures=figures, table=Table(rows[0], rows[1:]))]
+
+
+def _onboard(track: Track, summary: RunSummary) -> list[Section]:
+    """Return what wheels, actuators and sensors did."""
+    used, sections = summary.onboard, []
+    if rows := text.wheel_rows(summary):
+        speeds = [(each.name, track.seconds(each.time_ns), each.speed, each.max_speed) for each in used.wheels]
+        figure = Figure(
+            plots.wheel_speeds(speeds), "Relative to the body; dashed: max_speed, of wheels that come near."
+        )
+        sections.append(Section("Reaction wheels", figures=[figure], table=Table(rows[0], rows[1:])))
+    if rows := text.actuator_rows(summary):
+        sections.append(Section("Commands to actuators", table=Table(rows[0], rows[1:])))
+    if rows := text.sensor_rows(summary):
+        errors = [
+            (f"{each.name}: error of {each.quantity.removesuffix('_xyzw').replace('_', ' ')} [{each.unit}]", each)
+            for each in used.sensors
+        ]
+        panels = [(title, track.seconds(each.time_ns), each.errors) for title, each in errors]
+        caption = "In a good run this is the noise and the bias that the scene gives the sensor, and no more."
+        figures = [Figure(plots.sensor_errors(panels), caption)]
+        sections.append(Section("Sensors", text.sensor_note(summary), figures=figures, table=Table(rows[0], rows[1:])))
+    return sections
 
 
 def _tables(summary: RunSummary) -> list[Section]:

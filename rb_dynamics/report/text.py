@@ -49,6 +49,10 @@ def as_text(summary: RunSummary) -> str:
     lines += _table("commands", command_rows(summary), (36, 16, 16, 16, 16))
     lines += _table("latency", latency_rows(summary), (31, 10, 16, 16, 9, 9, 15))
     lines += [line for each in summary.latencies for line in histogram(each)]
+    lines += _table("reaction wheel", wheel_rows(summary), (25, 15, 15, 15, 15, 15))
+    lines += _table("actuator", actuator_rows(summary), (25, 17, 12, 18, 14, 14))
+    lines += _table("sensor error", sensor_rows(summary), (37, 21, 14, 14, 14))
+    lines += [*_wrap(f"  {sensor_note(summary)}", "    "), ""] if summary.onboard.sensors else []
     if summary.health:
         lines += [*_wrap(f"diagnostics: {health_sentence(summary)}"), ""]
     for remark in (*summary.missing, *summary.notes):
@@ -168,6 +172,49 @@ def latency_rows(summary: RunSummary) -> list[list[str]]:
         times = each.transport_s, each.waiting_s, each.median_s, each.p99_s, each.largest_s
         rows.append([each.topic, str(each.count), *(f"{1e3 * time:.3f}" for time in times)])
     return rows if summary.latencies else []
+
+
+def wheel_rows(summary: RunSummary) -> list[list[str]]:
+    """Return header and rows: the speeds of reaction wheels; empty without wheels."""
+    rows = [["", "first [rad/s]", "last", "largest", "of max_speed", "at it for [s]"]]
+    for each in summary.onboard.wheels:
+        limited = math.isfinite(each.max_speed)
+        limit = [f"{100.0 * each.largest / each.max_speed:.3g} %", _short(each.at_limit_s)] if limited else ["", ""]
+        rows.append([each.name, *(_short(speed) for speed in (each.first, each.last, each.largest)), *limit])
+    return rows if len(rows) > 1 else []
+
+
+def actuator_rows(summary: RunSummary) -> list[list[str]]:
+    """Return header and rows: the commands to actuators; empty where none came."""
+    rows = [["", "type", "commands", "largest", "limited", "rejected"]]
+    for each in summary.onboard.actuators:
+        counts = str(each.limited), str(each.rejected)
+        rows.append(
+            [
+                each.name,
+                each.kind,
+                str(each.commands),
+                f"{_short(each.largest)} {each.unit}".strip().replace("^2", "²"),
+                *counts,
+            ]
+        )
+    return rows if len(rows) > 1 else []
+
+
+def sensor_rows(summary: RunSummary) -> list[list[str]]:
+    """Return header and rows: measured less true, about each axis; empty where nothing can be compared."""
+    rows = [["", "", "x", "y", "z"]]
+    for each in summary.onboard.sensors:
+        for what, values in (("mean", each.mean), ("standard deviation", each.deviation)):
+            name = f"{each.name}, {each.quantity.removesuffix('_xyzw').replace('_', ' ')} [{each.unit}]"
+            rows.append([name if what == "mean" else "", what, *(f"{value:.4g}" for value in values)])
+    return rows if len(rows) > 1 else []
+
+
+def sensor_note(summary: RunSummary) -> str:
+    """Return what the errors of sensors are computed from."""
+    counts = {each.name: f"{each.compared} of {each.count} of {each.name}" for each in summary.onboard.sensors}
+    return f"Measured less true, in the samples that were taken at an output: {', '.join(counts.values())}."
 
 
 def histogram(latency: CommandLatency) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
 from rb_dynamics.errors import SceneError
@@ -51,6 +51,11 @@ class StarTracker(Sensor):
         super().__post_init__()
         self._number("noise", f"{_SIZE} (rad)", least=0.0)
 
+    @property
+    def ideal(self) -> StarTracker:
+        """The same sensor without errors and losses."""
+        return replace(self, dropout=0.0, noise=0.0)
+
     @classmethod
     def read(cls, entry: SceneEntry) -> StarTracker:
         """Return the sensor of an entry."""
@@ -89,6 +94,11 @@ class PoseSensor(Sensor):
         super().__post_init__()
         self._number("position_noise", f"{_SIZE} (m)", least=0.0)
         self._number("orientation_noise", f"{_SIZE} (rad)", least=0.0)
+
+    @property
+    def ideal(self) -> PoseSensor:
+        """The same sensor without errors and losses."""
+        return replace(self, dropout=0.0, position_noise=0.0, orientation_noise=0.0)
 
     @classmethod
     def read(cls, entry: SceneEntry) -> PoseSensor:
@@ -149,6 +159,11 @@ class SunSensor(Sensor):
     def may_be_silent(self) -> bool:
         """Whether the sun can be out of its view."""
         return self.field_of_view < math.pi
+
+    @property
+    def ideal(self) -> SunSensor:
+        """The same sensor without errors and losses."""
+        return replace(self, dropout=0.0, noise=0.0)
 
     @classmethod
     def read(cls, entry: SceneEntry) -> SunSensor:

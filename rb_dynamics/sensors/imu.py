@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
 from rb_dynamics.loads.wrench import FixedFrame
@@ -47,6 +47,11 @@ class Imu(Sensor):
         super().__post_init__()
         for name in ("gyro", "accelerometer"):
             instance(getattr(self, name), AxisErrors, f"imu: {name}", "write AxisErrors(noise_density=...)")
+
+    @property
+    def ideal(self) -> Imu:
+        """The same sensor without errors and losses."""
+        return replace(self, dropout=0.0, gyro=AxisErrors(), accelerometer=AxisErrors())
 
     @classmethod
     def read(cls, entry: SceneEntry) -> Imu:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
 from rb_dynamics.loads.wrench import FixedFrame
@@ -38,6 +38,11 @@ class Magnetometer(Sensor):
         """Check the arguments, as `Sensor` does."""
         super().__post_init__()
         instance(self.errors, AxisErrors, "magnetometer: errors", "write AxisErrors(noise_density=...)")
+
+    @property
+    def ideal(self) -> Magnetometer:
+        """The same sensor without errors and losses."""
+        return replace(self, dropout=0.0, errors=AxisErrors())
 
     @classmethod
     def read(cls, entry: SceneEntry) -> Magnetometer:

@@ -102,6 +102,11 @@ class Sensor:
         """Whether it gives nothing for as long as what it looks for is out of its view."""
         return False
 
+    @property
+    def ideal(self) -> Sensor:
+        """The same sensor without errors and losses."""
+        raise NotImplementedError
+
     @classmethod
     def read(cls, entry: SceneEntry) -> Sensor:
         """Return the sensor that an entry of a scene asks for; what is wrong with its values is noted there."""
