@@ -60,6 +60,7 @@ class Difference:
         first_ns: earliest time at which they differ by as much as a bit; None if they do not.
         interpolated: at how many of the times one of the two is interpolated.
         interpolation: about the largest error that this makes; 0 if nothing is interpolated.
+        recorded: the samples of A and of B in the time that both cover, by the clock of A, each with its own gaps.
     """
 
     name: str
@@ -71,6 +72,7 @@ class Difference:
     first_ns: int | None
     interpolated: int
     interpolation: float
+    recorded: tuple[Stream, Stream]
 
     @property
     def max(self) -> float:
@@ -280,6 +282,7 @@ def difference(name: str, axes: str, a: Stream | None, b: Stream | None) -> Diff
         int(times[other.argmax()]) if other.any() else None,
         int(interpolated.sum()),
         fine.interpolation_error() if interpolated.any() else 0.0,
+        (a.within(begin, end), b.within(begin, end)),
     )
 
 
@@ -470,7 +473,10 @@ def _runs(a: Track, b: Track) -> list[tuple[str, Any, Any]]:
 
 def _unknown_body(a: Given, b: Given) -> list[str]:
     unknown = [each.path for each in (a, b) if each.track.body is None]
-    return [f"Mass properties are not compared: {' and '.join(unknown)} without them."] if unknown else []
+    if not unknown:
+        return []
+    which = f"{' and '.join(unknown)} {'have' if unknown[1:] else 'has'} none"
+    return [f"Mass properties are not compared: {which}. A scene says them: --scene SCENE."]
 
 
 def _frames(a: Track, b: Track) -> list[str]:

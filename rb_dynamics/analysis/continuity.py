@@ -25,6 +25,8 @@ _LEAST_TURN, _LEAST_PART = 0.02, 1e-3
 _RETURNS, _LAST, _NEAR = 0.3, 8, 0.05
 # Two topics of one frame tell of two bodies if they are this far apart in the median: rad, m, fraction of the extent.
 _APART_TURN, _APART, _APART_PART = 0.5, 0.5, 0.5
+# They move alike if, between pairs of so many instants, both go equally far, up to this part of the usual distance.
+_INSTANTS, _ALIKE = 40, 0.3
 # A larger rotation between samples is ambiguous; rad.
 FARTHEST = 0.5
 
@@ -57,12 +59,22 @@ class Returns:
 
 @dataclass(frozen=True)
 class Other:
-    """Another topic of the same frame in the same world: how far apart the two are in the median, rad and m."""
+    """Another topic of the same frame in the same world, elsewhere.
+
+    Attributes:
+        topic: as recorded.
+        frame: of the body.
+        angle: how far apart the two are in the median, rad.
+        distance: likewise, m.
+        alike: whether both make the same motion, as two estimates of one body do that differ by drift, noise or origin;
+            so do two bodies that move together.
+    """
 
     topic: str
     frame: str
     angle: float
     distance: float
+    alike: bool
 
 
 @dataclass(frozen=True)
@@ -159,8 +171,25 @@ def _others(track: Track, extent: float) -> tuple[Other, ...]:
         distance = float(np.median(_apart(here[:, :3], beside[:, :3], turns=False)))
         angle = float(np.median(_apart(unit_rows(here[:, 3:]), unit_rows(beside[:, 3:]), turns=True)))
         if angle > _APART_TURN or distance > max(_APART, _APART_PART * extent):
-            found.append(Other(topic.name, twist.frame, angle, distance))
+            found.append(Other(topic.name, twist.frame, angle, distance, _alike(here, beside)))
     return tuple(found)
+
+
+def _alike(one: Array, other: Array) -> bool:
+    """Return whether two poses at the same times make the same motion, whatever lies constantly between the two.
+
+    Positions that move tell, or attitudes that turn. Where neither does, nothing distinguishes two bodies.
+    """
+    at = np.unique(np.linspace(0, len(one) - 1, _INSTANTS).astype(int))
+    i, j = np.triu_indices(len(at), 1)
+    told = []
+    for part, turns, least in ((slice(0, 3), False, 0.0), (slice(3, 7), True, _LEAST_TURN)):
+        rows = [unit_rows(each[at, part]) if turns else each[at, part] for each in (one, other)]
+        went, goes = (_apart(each[i], each[j], turns=turns) for each in rows)
+        usual = max((float(np.median(each)) for each in (went, goes)), default=0.0) if len(i) else 0.0
+        if usual > least:
+            told.append(float(np.median(np.abs(went - goes))) <= _ALIKE * usual)
+    return any(told) or not told
 
 
 def _jumps(track: Track, time_ns: Times, size: Array, least: float, *, turns: bool) -> list[Jump]:

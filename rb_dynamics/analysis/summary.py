@@ -253,7 +253,7 @@ def _unsure(track: Track, steady: Continuity | None, agreed: Sequence[Agreement]
         return "pose and twist contradict each other"
     if track.pose is not None and off_unit(track.pose.values[:, 3:]) > _NO_ATTITUDE:
         return "some quaternions are no attitude"
-    if steady is not None and (steady.returns or steady.others):
+    if steady is not None and (steady.returns or not all(other.alike for other in steady.others)):
         return "the recording tells of two bodies under one name"
     return "the pose jumps" if steady is not None and steady.jumps else ""
 

@@ -81,7 +81,7 @@ def _fly(args: argparse.Namespace, campaign: Campaign, store: Store) -> int:
     """Run what `store` does not have yet, and print statistics over all rows."""
     import json
 
-    from rb_dynamics.cli.output import counting
+    from rb_dynamics.cli.output import counting, written_page
     from rb_dynamics.formats.log_file import LogFile
     from rb_dynamics.study.campaign.engine import flies_side_by_side, run_campaign
     from rb_dynamics.study.campaign.stability import remarks
@@ -112,9 +112,10 @@ def _fly(args: argparse.Namespace, campaign: Campaign, store: Store) -> int:
     print(json.dumps(found, allow_nan=False) if args.json else as_text(campaign, summary, _options(args), str(out)))
     page = _write_page(args, campaign, rows, out, summary)
     if not args.json:
-        for path in (out, out.with_suffix(".json"), page):
-            if path is not None:
-                print(f"wrote {path}")
+        for path in (out, out.with_suffix(".json")):
+            print(f"wrote {path}")
+        if page is not None:
+            print(written_page(str(page)))
     return 1 if summary.errors else 0
 
 

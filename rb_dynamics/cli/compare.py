@@ -89,7 +89,7 @@ def run(args: argparse.Namespace) -> int:
         from rb_dynamics.report.comparison_page import write_comparison_page
 
         write_comparison_page(found, args.html)
-        print(f"wrote {args.html}", file=said)
+        print(output.written_page(args.html), file=said)
     if args.rerun:
         from rb_dynamics.report.comparison_rerun import write_comparison_recording
 

@@ -182,6 +182,6 @@ def _scene_at(source: Path, target: Path, at_s: float) -> int:
     for note in found.notes:
         print(f"note: {note}", file=sys.stderr)
     print(f"wrote {target}: goes on from {source} at {at_s:.9g} s")
-    if found.channels:
+    if found.later:
         print(f"with its later commands: simulate {target} --wrench {source} --wrench-start {at_s!r}")
     return 0

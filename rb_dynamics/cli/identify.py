@@ -99,7 +99,7 @@ def run(args: argparse.Namespace) -> int:
         from rb_dynamics.report.identification_page import write_identification_page
 
         write_identification_page(found, args.html)
-        print(f"wrote {args.html}", file=sys.stderr if args.json else sys.stdout)
+        print(output.written_page(args.html), file=sys.stderr if args.json else sys.stdout)
     for line in _missing(found):
         print(f"rb-dynamics: {line}", file=sys.stderr)
     return 0 if found.passed else 1

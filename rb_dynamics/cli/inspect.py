@@ -110,7 +110,7 @@ def run(args: argparse.Namespace) -> int:
         from rb_dynamics.report.run_page import run_report
 
         write_html(args.html, run_report(found.track, found.summary))
-        print(f"wrote {args.html}", file=said)
+        print(output.written_page(args.html), file=said)
     if args.video:
         from rb_dynamics.report.video import write_video
 

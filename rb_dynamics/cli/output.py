@@ -108,6 +108,14 @@ def written(name: str) -> str:
     return "shown in the Rerun viewer" if name == "spawn" or "://" in name else f"wrote {name}"
 
 
+def written_page(name: str) -> str:
+    """Return what to say of a page with figures that is done, and whether they answer when touched."""
+    from rb_dynamics.report.interactive_plots import EXTRA, library
+
+    touched = f"pip install 'rb_dynamics[{EXTRA}]', or '.[{EXTRA}]' in the source tree, makes them answer when touched"
+    return written(name) + ("" if library() else f"; its figures are pictures: {touched}")
+
+
 def note_coasting(scene: Scene) -> None:
     """Note on stderr that nothing acts, if the scene has channels."""
     if scene.channels and not scene.effects and "wrenches" in scene.text and scene.past is None:

@@ -78,9 +78,9 @@ def run(args: argparse.Namespace) -> int:
             from rb_dynamics.report.run_page import write_run_report
 
             write_run_report(mcap, args.html)
-    for written in outputs:
-        if written and not args.json:
-            print(output.written(written))
+    if not args.json:
+        for name in filter(None, outputs):
+            print(output.written_page(name) if name == args.html else output.written(name))
     return 1 if any(sink.error for sink in sinks) else 0
 
 

@@ -90,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
 
         write_trade_page(found, args.html)
         if not args.json:
-            print(f"wrote {args.html}")
+            print(output.written_page(args.html))
     if found.recommended is None:
         print(f"rb-dynamics: {found.shortfall}", file=sys.stderr)
         return 1

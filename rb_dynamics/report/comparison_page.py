@@ -7,6 +7,7 @@ import os
 import numpy as np
 
 from rb_dynamics.analysis.comparison import MOTION, UNITS, Comparison, Difference
+from rb_dynamics.analysis.streams import Stream
 from rb_dynamics.report import comparison_text as text
 from rb_dynamics.report import plots
 from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, made_by, write_html
@@ -81,8 +82,8 @@ def _panels(found: Comparison, names: tuple[str, ...]) -> list[Panel]:
     return [
         plots.overlay(
             _TITLES[name].format(axes=each.axes),
-            found.seconds(each.time_ns),
-            *_shown(each),
+            _curve(found, each, 0),
+            _curve(found, each, 1),
             {4: "xyzw", 3: "xyz", 1: [""]}[each.first.shape[1]],
         )
         for name in names
@@ -90,23 +91,38 @@ def _panels(found: Comparison, names: tuple[str, ...]) -> list[Panel]:
     ]
 
 
+def _curve(found: Comparison, each: Difference, side: int) -> tuple[Array, Array]:
+    """Return times and values that A (0) or B (1) recorded."""
+    return found.seconds(each.recorded[side].time_ns), _shown(each)[side]
+
+
 def _paths(found: Comparison) -> list[Figure]:
     position, attitude = found.differences.get("position"), found.differences.get("attitude")
     if position is None:
         return []
-    unknown = np.full((len(position.first), 4), np.nan)
-    turned = attitude.first if attitude is not None and len(attitude.first) == len(unknown) else unknown
-    path = path_in_space([("A", position.first, turned), ("B", position.second, unknown)])
+    places, unknown = position.recorded, [np.full((len(side.values), 4), np.nan) for side in position.recorded]
+    turned = unknown[0] if attitude is None else attitude.recorded[0].at(places[0].time_ns)[0]
+    path = path_in_space([("A", places[0].values, turned), ("B", places[1].values, unknown[1])])
     return [Figure(path, "The dots are the starts; at some places stand the body axes of A.")] if path else []
 
 
 def _shown(each: Difference) -> tuple[Array, Array]:
-    """Return both; of attitudes with continuous signs, and those of B next to those of A."""
-    if each.name != "attitude":
-        return each.first, each.second
-    first = plots.continuous(each.first)
-    sign = np.where(np.sum(first * each.second, axis=1, keepdims=True) < 0.0, -1.0, 1.0)
-    return first, each.second * sign
+    """Return what both recorded; of attitudes with continuous signs, and those of B next to those of A."""
+    first, second = each.recorded
+    if not first.turns:
+        return first.values, second.values
+    # Where A has a gap, the signs go on by B.
+    alone = ~first.at(second.time_ns)[1]
+    times = np.concatenate([first.time_ns, second.time_ns[alone]])
+    order = np.argsort(times, kind="stable")
+    signed = plots.continuous(np.concatenate([first.values, second.values[alone]])[order])
+
+    def next_to_it(side: Stream) -> Array:
+        near = signed[np.minimum(times[order].searchsorted(side.time_ns), len(signed) - 1)]
+        same: Array = side.values * np.where(np.sum(near * side.values, axis=1, keepdims=True) < 0.0, -1.0, 1.0)
+        return same
+
+    return next_to_it(first), next_to_it(second)
 
 
 def _differences(found: Comparison) -> Section:

@@ -99,7 +99,7 @@ def _send_bodies(stream: rr.RecordingStream, found: Comparison) -> None:
         stream.log(entity, rr.TransformAxes3D(1.5 * length), static=True)
         stream.log(f"{entity}/box", _box((found.a, found.b)[place], length, color, side), static=True)
         if position is not None:
-            path = (position.first, position.second)[place]
+            path = position.recorded[place].values
             line = path[:: max(1, len(path) // _PATH)]
             stream.log(f"world/path/{side}", rr.LineStrips3D([line], colors=[color], radii=[-1.5]), static=True)
 
@@ -124,13 +124,14 @@ def _send_plots(stream: rr.RecordingStream, found: Comparison, each: Difference)
     kept = _thinned(each.time_ns)
     times = [_timeline(found, each.time_ns[kept])]
     colors = [RED, GREEN, BLUE, GREY]
-    for side, rows in (("A", each.first), ("B", each.second)):
-        count = rows.shape[1]
+    for side, own in zip("AB", each.recorded, strict=True):
+        count, part = own.values.shape[1], _thinned(own.time_ns)
         names = [f"{axis} {side}".strip() for axis in ("xyzw" if count == 4 else "xyz" if count == 3 else [""])]
-        faded = [tuple(part if side == "A" else (part + 255) // 2 for part in color) for color in colors[:count]]
+        faded = [tuple(c if side == "A" else (c + 255) // 2 for c in color) for color in colors[:count]]
         entity = f"{each.name}/{side}"
         stream.log(entity, rr.SeriesLines(names=names, colors=faded), static=True)
-        stream.send_columns(entity, times, rr.Scalars.columns(scalars=rows[kept]))
+        clock = _timeline(found, own.time_ns[part])
+        stream.send_columns(entity, [clock], rr.Scalars.columns(scalars=own.values[part]))
     entity = f"{each.name}/difference"
     stream.log(
         entity, rr.SeriesLines(names=[f"{text.label(each.name)} [{UNITS[each.name]}]"], colors=[MAGENTA]), static=True

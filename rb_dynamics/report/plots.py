@@ -157,11 +157,11 @@ def comparison(time_s: Array, differences: Mapping[str, Array]) -> Picture:
     return draw(panels, "Difference against the reference over time")
 
 
-def overlay(title: str, time_s: Array, first: Array, second: Array, labels: Sequence[str]) -> Panel:
-    """Return the components of A, and dashed over them in the same colours those of B."""
+def overlay(title: str, first: tuple[Array, Array], second: tuple[Array, Array], labels: Sequence[str]) -> Panel:
+    """Return the components of A, and dashed over them in the same colours those of B; each as times (s) and rows."""
     lines = [
         Line(f"{label} {side}", time_s, column, dashed=side == "B", color=place)
-        for side, rows in (("A", first), ("B", second))
+        for side, (time_s, rows) in (("A", first), ("B", second))
         for place, (label, column) in enumerate(zip(labels, rows.T, strict=True))
     ]
     return Panel(title, lines)

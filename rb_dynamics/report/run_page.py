@@ -391,7 +391,7 @@ def _tables(summary: RunSummary) -> list[Section]:
     sections = [Section("Checks", table=checks)]
     sections += [Section(title, table=Table(rows[0], rows[1:])) for title, rows in named if rows]
     rows = text.topic_rows(summary)
-    sections.append(Section("Topics", "Rates and longest intervals are by log time.", table=Table(rows[0], rows[1:])))
+    sections.append(Section("Topics", text.topics_sentence(summary), table=Table(rows[0], rows[1:])))
     if summary.health is not None:
         values = Table(["", ""], [list(pair) for pair in summary.health.values], numeric=False)
         sections.append(Section("Diagnostics", text.health_sentence(summary), table=values if values.rows else None))

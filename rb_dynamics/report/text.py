@@ -35,6 +35,7 @@ def as_text(summary: RunSummary) -> str:
     lines += [line for fact in summary.body for line in _wrap(fact)]
     lines += [""]
     lines += _table("topic", topic_rows(summary), (21, 16, 9, 10, 16, 9, 19))
+    lines[-1:] = [*_wrap(f"  {topics_sentence(summary)}", "    "), ""]
     lines += _table("state", state_rows(summary), (37, 6, 14, 14, 14, 14))
     lines += _table("extremes", range_rows(summary), (35, 16, 16, 16, 16))
     lines += _table("balance", balance_rows(summary), (30, 14, 14, 14, 14, 14))
@@ -106,6 +107,15 @@ def topic_rows(summary: RunSummary) -> list[list[str]]:
             ]
         )
     return rows
+
+
+def topics_sentence(summary: RunSummary) -> str:
+    """Return which clock the table of topics is by."""
+    if summary.own:
+        return "Rates and gaps are by log time, which is simulation time."
+    return (
+        "Rates and gaps in this table are by log time, when a message was recorded; everything else is by header.stamp."
+    )
 
 
 def state_rows(summary: RunSummary) -> list[list[str]]:

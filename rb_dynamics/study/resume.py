@@ -22,6 +22,8 @@ from rb_dynamics.formats.bag_source import open_source
 from rb_dynamics.formats.log_file import require_other
 from rb_dynamics.formats.log_metadata import RESULT, RUN
 from rb_dynamics.formats.mcap_records import Message
+from rb_dynamics.formats.yaml import document
+from rb_dynamics.formats.yaml.problems import Problems
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.logs.messages import ACCEL, SET_STATE
 from rb_dynamics.logs.own_log import logged_scene, received_commands, row_columns, rows, scene_and_names
@@ -39,12 +41,12 @@ class SceneAt:
     Attributes:
         text: YAML.
         notes: what it does not take along; empty if it goes on with the same bits.
-        channels: whether it has any for commands.
+        later: whether the log has commands from then on.
     """
 
     text: str
     notes: tuple[str, ...]
-    channels: bool
+    later: bool
 
 
 def scene_at(log: str | os.PathLike[str], time_ns: int) -> SceneAt:
@@ -68,10 +70,12 @@ def scene_at(log: str | os.PathLike[str], time_ns: int) -> SceneAt:
         if row.time_ns == time_ns:
             logged = dict(zip(columns, row.numbers, strict=True))
     _require_possible(source.path, scene, messages, time_ns, last_ns)
+    commands = list(received_commands(scene, names, iter(messages)))
+    later = any(at >= time_ns for _, _, at in commands)
     # What is not finite was rejected, and no scene can say it.
     received = [
         (topic, wrench, at)
-        for topic, wrench, at in received_commands(scene, names, iter(messages))
+        for topic, wrench, at in commands
         if at < time_ns and np.isfinite((*wrench.force, *wrench.torque)).all()
     ]
     state = _state_at(scene, received, time_ns)
@@ -82,18 +86,17 @@ def scene_at(log: str | os.PathLike[str], time_ns: int) -> SceneAt:
             "the same bits: it was made on another platform or by another version; replay says what differs"
         )
     changes: dict[str, object] = {"initial": _initial(state)}
-    if end_ns is not None:
+    if end_ns == time_ns:
+        changes["duration"] = None
+        notes.append("the run ends there, and the scene has no duration: say with --duration S how long it goes on")
+    elif end_ns is not None:
         changes["duration"] = (end_ns - time_ns) / 1e9
     elif (ended := source.metadata.get(RESULT, {}).get("end_time_ns")) is not None:
         notes.append(f"the run had no duration; it was stopped after {int(ended) / 1e9:.9g} s")
-    if end_ns == time_ns:
-        raise LogError(f"--at: found {time_ns / 1e9:.9g} s, which is the end of the run; give an earlier time")
     if scene.sensors:
         notes.append("sensors begin anew: their noise is not that of the run")
     try:
-        return SceneAt(
-            _text(scene, changes | {"continues": _past(scene, received, time_ns)}), tuple(notes), bool(scene.channels)
-        )
+        return SceneAt(_text(scene, changes | {"continues": _past(scene, received, time_ns)}), tuple(notes), later)
     except SceneError:
         if not received:
             raise
@@ -101,7 +104,7 @@ def scene_at(log: str | os.PathLike[str], time_ns: int) -> SceneAt:
         f"{len(received)} commands before it are too many for a scene: it begins with the state of the run, but method "
         "and books begin anew, so that later bits differ"
     )
-    return SceneAt(_text(scene, changes), tuple(notes), bool(scene.channels))
+    return SceneAt(_text(scene, changes), tuple(notes), later)
 
 
 class _Part:
@@ -262,7 +265,11 @@ def _past(scene: Scene, commands: list[tuple[str, Wrench, int]], time_ns: int) -
 
 
 def _text(scene: Scene, changes: Mapping[str, object]) -> str:
-    """Return the text of a scene with changes; reads it again, so that what is returned can be read."""
-    text = parse_scene(scene.text, scene.source, changes).text
+    """Return the text of a scene with changes, None to remove a key; reads it again, so that it can be read."""
+    tree = document.parse(scene.text, Problems(scene.source))
+    if isinstance(tree.value, dict):
+        tree.value = {key: node for key, node in tree.value.items() if changes.get(key, node) is not None}
+    set_to = {key: value for key, value in changes.items() if value is not None}
+    text = parse_scene(document.to_text(tree, scene.source), scene.source, set_to).text
     parse_scene(text, scene.source)
     return text

@@ -163,7 +163,7 @@ def test_a_missing_piece_is_named_and_the_rest_judged(flown: Callable[..., Any],
     flight = flown((*COMMANDS, again))
     summary = damaged(tmp_path / "saved.mcap", flight, 1_500_000_000, 2_000_000_000)
     piece = "a piece is missing from t = 1.5 to 2 s"
-    assert [check.detail for check in summary.checks if check.name == "recording is whole"] == [piece]
+    assert [check.detail for check in summary.checks if check.name == "recording has all its parts"] == [piece]
     assert "file is whole" not in failed(summary)
     assert f"A{piece[1:]}: what came and acted there is not known." in summary.warnings
     assert not any("cut off" in each for each in summary.warnings)
@@ -207,7 +207,7 @@ def test_a_log_that_was_cut_off_says_of_how_much(flight: Any, tmp_path: Path) ->
     summary = summary_of(begun(tmp_path / "cut.mcap", whole, messages))
     assert summary.lacks == "cut off at t = 1 of 3 s"
     assert "The run was cut off at t = 1 of 3 s: everything later is lost." in summary.warnings
-    assert {"file is whole", "recording is whole"} <= {*failed(summary)}
+    assert {"file is whole", "recording has all its parts"} <= {*failed(summary)}
 
 
 def begun(path: Path, whole: McapFile, messages: list[Message], *, ended: bool = False) -> Path:

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from rb_dynamics.cli import main
+from rb_dynamics.report import html, interactive_plots
 from rb_dynamics.run.simulation import simulate
 from rb_dynamics.scene import parse_scene
 from rb_dynamics.sinks.mcap_sink import McapSink
@@ -69,9 +70,17 @@ def test_a_scene_for_a_log_of_our_own_is_not_used_and_that_is_said(
     assert checks(out) == checks(alone)
 
 
-def test_html(log: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("script", ["", "plotly.js"])
+def test_html(
+    script: str, log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module in (html, interactive_plots):
+        monkeypatch.setattr(module, "library", lambda: script)
     assert main(["inspect", str(log), "--html", str(tmp_path / "out" / "run.html")]) == 0
     assert (tmp_path / "out" / "run.html").read_text().startswith("<!DOCTYPE html>")
+    said = capsys.readouterr().out.splitlines()[-1]
+    assert said.startswith(f"wrote {tmp_path / 'out' / 'run.html'}")
+    assert ("its figures are pictures: pip install 'rb_dynamics[interactive]'" in said) == (not script)
 
 
 def test_cut_off_run_exits_with_1_and_says_so(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -80,7 +89,7 @@ def test_cut_off_run_exits_with_1_and_says_so(log: Path, capsys: pytest.CaptureF
     out = capsys.readouterr().out
     assert "FAIL  file is whole: cut off" in out
     # Only the index is gone.
-    assert "ok    recording is whole" in out
+    assert "ok    recording has all its parts" in out
     assert "1 of " in out.splitlines()[-1]
 
 

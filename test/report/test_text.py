@@ -46,6 +46,7 @@ def test_it_says_from_which_stamp_the_t_of_a_recording_counts(bagger: Any) -> No
     poses = [("/pose", POSE, k, (k, "world", (0.0,) * 6 + (1.0,))) for k in (13_070_000_000, 13_570_000_000)]
     flat = " ".join(text_of(bagger(poses)).split())
     assert "; t counts from the start, at header.stamp 13.070000000 s " in flat
+    assert "Rates and gaps in this table are by log time, when a message was recorded" in flat
 
 
 def test_a_balance_that_is_known_for_a_part_of_the_run_passes_no_check_without_saying_so(flown: Any) -> None:

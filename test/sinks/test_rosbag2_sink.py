@@ -163,9 +163,9 @@ def test_the_result_of_an_earlier_file_is_no_end(split: Path, tmp_path: Path, le
     until = read_bag(split).poses("/pose")[0][-1] * 1e-9
     assert until == pytest.approx(8.995) if not left else 9.0 < until < 12.0
     lacks = f"cut off at t = {until:.9g} of 12 s"
-    assert told(split) == (lacks, ["file is whole", "recording is whole"])
+    assert told(split) == (lacks, ["file is whole", "recording has all its parts"])
     recover(split, tmp_path / "saved")
-    assert told(tmp_path / "saved") == (lacks, ["recording is whole"])
+    assert told(tmp_path / "saved") == (lacks, ["recording has all its parts"])
 
 
 def test_a_damaged_piece_does_not_hide_that_the_end_is_cut(split: Path, tmp_path: Path) -> None:
@@ -178,7 +178,7 @@ def test_a_damaged_piece_does_not_hide_that_the_end_is_cut(split: Path, tmp_path
     lacks, failed = told(tmp_path / "saved")
     assert lacks.startswith("cut off at t = ")
     assert "of 12 s; a piece is missing from t = 3" in lacks
-    assert "recording is whole" in failed
+    assert "recording has all its parts" in failed
 
 
 @pytest.mark.parametrize(
@@ -199,11 +199,11 @@ def test_files_that_are_not_there_are_named(split: Path, tmp_path: Path, kept: s
     for folder in (split, tmp_path / "saved"):
         recover(split, tmp_path / "saved")
         assert told(folder)[0] == lacks
-        assert "recording is whole" in told(folder)[1]
+        assert "recording has all its parts" in told(folder)[1]
 
 
 def test_a_file_alone_is_not_the_recording(split: Path) -> None:
-    assert told(split / "spin_0.mcap")[1] == ["recording is whole"]
+    assert told(split / "spin_0.mcap")[1] == ["recording has all its parts"]
     assert not read_bag(split / "spin_0.mcap").complete
 
 
@@ -215,7 +215,7 @@ def test_a_file_within_that_was_cut_is_a_missing_piece_and_no_end(split: Path, t
         lacks, failed = told(folder)
         assert lacks.startswith("a piece is missing from t = ")
         assert lacks.endswith(" to 6 s")
-        assert "recording is whole" in failed
+        assert "recording has all its parts" in failed
 
 
 def test_a_copy_under_another_name_of_the_folder_is_the_same_bag(split: Path, tmp_path: Path) -> None:

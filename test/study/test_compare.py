@@ -154,6 +154,25 @@ def test_stamps_that_are_off_are_noticed(log: Path, folder: Path) -> None:
     assert not any("--align" in note for note in rb.compare(log, bag, align=0.3).notes)
 
 
+def test_curves_break_at_their_own_gaps_and_signs_go_on_across_them(log: Path, folder: Path) -> None:
+    from rb_dynamics.report.comparison_page import _panels
+
+    bags = [
+        foreign(folder / f"gap_of_{name}.mcap", log, without=[gap])
+        for name, gap in (("a", (0.5, 3.0)), ("b", (3.2, 3.7)))
+    ]
+    found = rb.compare(*bags, align="stamp")
+    for panel in _panels(found, MOTION):
+        for line in panel.lines:
+            assert (float(line.time_s[0]), float(line.time_s[-1])) == (0.0, 4.0)
+            assert math.isclose(float(np.diff(line.time_s).max()), 2.5 if line.label.endswith("A") else 0.5)
+    attitude = {line.label: line for line in _panels(found, MOTION)[0].lines}
+    for one, other in ((attitude[f"{name} A"], attitude[f"{name} B"]) for name in "xyzw"):
+        assert float(np.abs(np.diff(other.values)).max()) < 0.5
+        _, at, beside = np.intersect1d(one.time_s, other.time_s, return_indices=True)
+        assert np.abs(one.values[at] - other.values[beside]).max() < 1e-9
+
+
 def test_nothing_is_compared_within_a_gap(log: Path, folder: Path) -> None:
     bag = foreign(folder / "gap.mcap", log, without=[(1.0, 1.5), (2.0, 2.2)])
     told = rb.compare(log, bag, align="stamp").as_dict()

@@ -135,6 +135,17 @@ def test_without_later_commands_it_goes_on_with_what_is_held(flown: Callable[...
     assert bits(rb.simulate(rb.parse_scene(scene_at(whole.log, 1_500_000_000).text))) == bits(whole.result)
 
 
+def test_at_its_end_it_is_the_last_state_and_goes_on_as_long_as_is_said(
+    flight: Flight, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    target = tmp_path / "state.yaml"
+    assert main(["convert", str(flight.log), str(target), "--at", "3"]) == 0
+    assert "--duration" in capsys.readouterr().err
+    assert rb.read_scene(target).duration is None
+    longer = rb.simulate(rb.parse_scene(SCENE, overrides={"duration": 5.0}), COMMANDS)
+    assert bits(rb.simulate(rb.read_scene(target, {"duration": 2.0}))) == bits(longer)
+
+
 def test_another_body_begins_anew_from_that_state_and_that_is_said(
     flight: Flight, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -155,7 +166,7 @@ def test_another_body_begins_anew_from_that_state_and_that_is_said(
 
 def test_bad_times_are_one_line(flight: Flight, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     target = tmp_path / "state.yaml"
-    for at in ("3.5", "3.0"):
+    for at in ("3.000000001", "3.5"):
         assert main(["convert", str(flight.log), str(target), "--at", at]) == 2
         said = capsys.readouterr().err
         assert "--at: found" in said
