@@ -38,12 +38,14 @@ class Outlook(NamedTuple):
         sight: for how long (s) the load in a phase is a guide to the load ahead.
         strength: the sum of the magnitudes (N) of their forces in a phase.
         numbers: the load and all of this for kernels, see `compiled_load.py`; none if that is not known.
+        settled: when (s of the run) what acts gradually is over; infinite if nothing does.
     """
 
     slowing: OfPhase | None = None
     sight: OfPhase | None = None
     strength: OfPhase | None = None
     numbers: tuple[float, ...] = ()
+    settled: float = math.inf
 
 
 Choose = Callable[[PhaseState, Callable[[Method], "Stepper"]], tuple[Method, StepControl]]
@@ -362,6 +364,11 @@ class Stepper:
     def sight(self, phase: PhaseState) -> float:
         """Return for how long (s) from `phase` on the load there is a guide to the load ahead."""
         return math.inf if self._outlook.sight is None else self._outlook.sight(phase)
+
+    @property
+    def settled(self) -> float:
+        """When (s of the run) what acts gradually is over: until then steps may be short; infinite if nothing does."""
+        return self._outlook.settled
 
     def strength(self, phase: PhaseState) -> float:
         """Return the sum of the magnitudes (N) of the forces in `phase`, which may cancel."""

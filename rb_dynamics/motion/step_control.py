@@ -40,6 +40,10 @@ class Advance(Protocol):
     def sight(self, phase: PhaseState) -> float:
         """Return for how long (s) from `phase` on the load there is a guide to the load ahead."""
 
+    @property
+    def settled(self) -> float:
+        """When (s of the run) what acts gradually is over; infinite if nothing does."""
+
     def strength(self, phase: PhaseState) -> float:
         """Return the sum of the magnitudes (N) of the forces in `phase`, which may cancel."""
 
@@ -332,7 +336,9 @@ class AccuracyControl:
                 f"accuracy {self.goal.accuracy:g} cannot be kept: at simulation time {elapsed(phase):.9g} s a step "
                 f"of 1 ns has an error of {error:.3g}; {_TOO_FAST}"
             )
-        _require_reachable(self.goal, phase, max(length, learnt.step * NANOSECONDS))
+        # The short steps of what acts gradually end with it.
+        lasting = self.goal._replace(horizon=min(self.goal.horizon, advance.settled))
+        _require_reachable(lasting, phase, max(length, learnt.step * NANOSECONDS))
         self.following = learnt
         return length, after
 

@@ -692,8 +692,11 @@ class Simulation:
             self._wheels.settle(self._torque(self._phase), self._phase.angular_velocity, self._phase.inner)
         by_effects = driven is None and self._wheels is None and not transients
         numbers = self._effects.numbers(seconds) if by_effects and self._load_from is not None else None
-        sight = _sight_of(transients, self.time_ns, self._phase) if transients else None
-        arc = plan.arc(held, self.time_ns, self._phase, self._load_from, numbers, sight)
+        gradually = None
+        if transients:
+            settled = self._phase.time + (max(each.end_ns for each in transients) - self.time_ns) / NANOSECONDS
+            gradually = settled, _sight_of(transients, self.time_ns, self._phase)
+        arc = plan.arc(held, self.time_ns, self._phase, self._load_from, numbers, gradually)
         expected = [time for time in (self._next_change_ns(), self.end_ns) if time is not None]
         arc.expected_ns = min(expected, default=self.time_ns)
         return arc

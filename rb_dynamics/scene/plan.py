@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
@@ -24,6 +25,21 @@ from rb_dynamics.scene.model import DEFAULT_ACCURACY, Scene
 
 OPEN_END_HORIZON = 3600.0
 """The time (s) over which `accuracy` applies if a scene has no duration."""
+
+
+@dataclass
+class _Choice:
+    """What `auto` chose for arcs of one kind, and what it knows of them.
+
+    Attributes:
+        chosen: method and control of the driven ones.
+        driven_arcs: how many there were.
+        length_ns: of the last one, driven or not; 0 before the first.
+    """
+
+    chosen: tuple[Method, StepControl] | None = None
+    driven_arcs: int = 0
+    length_ns: int = 0
 
 
 class Plan:
@@ -58,12 +74,13 @@ class Plan:
         if self._method is not None and self._method.takes < self.takes:
             raise SceneError(cannot_take(scene, self._method, self.takes))
         self.name = scene.solver.method
-        self._chosen: tuple[Method, StepControl] | None = None
+        # Arcs in which something acts gradually are short and take short steps: they tell nothing of the others.
+        self._choice, self._gradual_choice = _Choice(), _Choice()
+        self._last = self._choice
         self._driven = False
-        self._driven_arcs = self._length_ns = 0
         self._start_ns = begin_ns
         if self._method is not None:
-            self._chosen = self._method, self._control(self._method)
+            self._choice.chosen = self._gradual_choice.chosen = self._method, self._control(self._method)
             self.description = f"{self.name}, {self._steps(self._method)}"
         elif not scene.channels and _turns_nothing(scene):
             self.description = "auto: exact, as nothing turns the body"
@@ -79,17 +96,20 @@ class Plan:
         phase: PhaseState,
         load_from: LoadFrom | None,
         numbers: tuple[float, ...] | None = None,
-        sight: OfPhase | None = None,
+        gradually: tuple[float, OfPhase] | None = None,
     ) -> Arc:
         """Return the motion from `start_ns` on, with `held` (body parts in principal axes) and the load of `load_from`.
 
-        `numbers` are the same load for kernels, and `sight` tells more than the effects for how long the load in a
-        phase is a guide to the load ahead.
+        `numbers` are the same load for kernels. `gradually` says of what acts gradually when (s of the run) it is over,
+        and for how long (s) it is in a phase a guide to the load ahead.
 
         Raises:
             ConvergenceError: no method meets the accuracy here.
         """
-        outlook = self._outlook._replace(numbers=numbers or (), sight=_nearer(self._outlook.sight, sight))
+        outlook = self._outlook._replace(numbers=numbers or ())
+        if gradually is not None:
+            settled, sight = gradually
+            outlook = outlook._replace(settled=settled, sight=_nearer(self._outlook.sight, sight))
 
         def stepper(method: Method) -> Stepper:
             return Stepper(method, self._inertia, held, load_from, outlook)
@@ -98,7 +118,7 @@ class Plan:
         if start_ns > self._from_ns:
             self._course = self.course(phase)
             self._from_ns, self._from = start_ns, phase
-        method, control = self._choose(held, start_ns, phase, load_from is None, stepper)
+        method, control = self._choose(held, start_ns, phase, load_from is None, gradually is not None, stepper)
         again = None if self._method is not None or method is EXACT else self._cheapest
         return Arc(method, self._inertia, held, control, start_ns, phase, load_from, again, outlook)
 
@@ -111,7 +131,7 @@ class Plan:
         if outlook.numbers:
             arc.guess()
         standing, auto = arc.standing, self._method is None
-        closed, driven_by = isinstance(standing.control, WholeArc), self._chosen
+        closed, driven_by = isinstance(standing.control, WholeArc), self._choice.chosen
         if closed and not auto:
             driven_by = None
         elif not closed and (driven_by is None or standing.control is not driven_by[1]):
@@ -123,15 +143,15 @@ class Plan:
         if not len(edges.at):
             return None
         accuracy = self._accuracy if auto and self._ends else math.inf
-        behind = Arcs(self._course, self._from, self._driven_arcs, driven_by, auto or closed, accuracy)
+        behind = Arcs(self._course, self._from, self._choice.driven_arcs, driven_by, auto or closed, accuracy)
         propagated = propagate(self._inertia, standing, behind, edges, outlook.numbers)
         if propagated is None:
             return None
         if propagated.changes:
             new, behind = propagated.standing, propagated.arcs
             self._from_ns, self._from, self._course = new.start_ns, behind.origin, behind.history
-            self._start_ns, self._length_ns = new.start_ns, propagated.length_ns
-            self._driven_arcs, self._driven = behind.driven, not propagated.closed
+            self._start_ns, self._choice.length_ns = new.start_ns, propagated.length_ns
+            self._choice.driven_arcs, self._driven = behind.driven, not propagated.closed
             method, control = new.method, new.control
             if propagated.closed:
                 method, control = EXACT, WholeArc(accuracy, self._course.turned)
@@ -146,27 +166,36 @@ class Plan:
         return self._course.on(self._inertia, self._from, phase)
 
     def _choose(
-        self, held: HeldWrench, start_ns: int, phase: PhaseState, steady: bool, stepper: Callable[[Method], Stepper]
+        self,
+        held: HeldWrench,
+        start_ns: int,
+        phase: PhaseState,
+        steady: bool,
+        gradual: bool,
+        stepper: Callable[[Method], Stepper],
     ) -> tuple[Method, StepControl]:
+        choice = self._gradual_choice if gradual else self._choice
         if self._method is None:
             # An arc that time never enters must leave no trace, so that commands of one time may come one by one.
             if start_ns > self._start_ns:
-                self._length_ns, self._start_ns = start_ns - self._start_ns, start_ns
-                self._driven_arcs += self._driven
+                self._last.length_ns, self._start_ns = start_ns - self._start_ns, start_ns
+                self._last.driven_arcs += self._driven
+            self._last = choice
             self._driven = not (steady and has_closed_form(held, phase.orientation, phase.angular_velocity))
             if not self._driven:
                 return EXACT, WholeArc(self._accuracy if self._ends else math.inf, self._course.turned)
             # Choose again after 0, 1, 2, 4, 8 ... driven arcs: the choice follows the scene at little cost.
-            if self._driven_arcs & (self._driven_arcs - 1) == 0:
-                self._chosen = self._cheapest(phase, stepper)
-        if self._chosen is None:
+            if choice.driven_arcs & (choice.driven_arcs - 1) == 0:
+                choice.chosen = self._cheapest(phase, stepper)
+        if choice.chosen is None:
             raise TypeError("a method with a name has been chosen at the start")
-        return self._chosen
+        return choice.chosen
 
     def _cheapest(self, phase: PhaseState, stepper: Callable[[Method], Stepper]) -> tuple[Method, StepControl]:
-        # The length of an arc is unknown; the last one is the best guess, and initially the whole run.
+        # The length of an arc is unknown; the last one is the best guess, and initially the whole run. An arc that has
+        # lasted longer shows that guess to be wrong: a pulse of milliseconds says nothing of the coast after it.
         rest = max(self._horizon - phase.time, 1e-9) if self._ends else self._horizon
-        arc = self._length_ns * 1e-9 or rest
+        arc = max(self._last.length_ns * 1e-9, phase.time - self._from.time) if self._last.length_ns else rest
         methods = tuple(METHODS[name] for name in CANDIDATES[self.takes])
         if self._scene.solver.step is not None:  # the most accurate, since it does not choose its steps
             methods = methods[:1]

@@ -143,6 +143,37 @@ def test_commands_of_one_time_may_come_one_by_one() -> None:
     assert apart.methods == together.method
 
 
+ORBIT = """
+body: {mass: 10, inertia: {diagonal: [0.2, 0.25, 0.3]}}
+initial:
+  position_world: [6878137, 0, 0]
+  linear_velocity_world: [0, 0, 7612.6]
+  angular_velocity_body: [0.02, 0, 0.03]
+wrenches: [{topic: wrench, lag: LAG}]
+effects: [{type: central_gravity, gravitational_parameter: 3.986004418e14, gravity_gradient: true}]
+duration: 2000
+"""
+
+
+def _steps(lag: float, pulses: int, length_ns: int = 0) -> int:
+    """Return the steps of a part of an orbit with so many torques, which end again where they have a length."""
+    commands = []
+    for at_ns in (round((10 + 400 * k) * NANOSECONDS) for k in range(pulses)):
+        commands.append(("wrench", Wrench((0.0, 0.0, 0.0), (0.0, 1e-6, 0.0), "body", at_ns)))
+        if length_ns:
+            commands.append(("wrench", Wrench((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "body", at_ns + length_ns)))
+    return simulate(parse_scene(ORBIT.replace("LAG", str(lag))), commands).steps
+
+
+def test_a_pulse_of_milliseconds_does_not_choose_for_the_coast_after_it() -> None:
+    assert _steps(0.0, 1, 2_000_000) < _steps(0.0, 0) + 100
+
+
+@pytest.mark.parametrize("lag", [1e-2, 1e-5])
+def test_a_lag_costs_the_steps_of_its_own_time_alone_and_is_not_refused(lag: float) -> None:
+    assert _steps(lag, 3) < _steps(lag, 0) + 100
+
+
 def test_a_control_it_returns_knows_its_stride() -> None:
     case = forced()
     start, held = PhaseState.of(case.body, case.initial), in_principal_axes(case.body, case.held)

@@ -278,6 +278,8 @@ class Noisy:
     def sight(self, phase: PhaseState) -> float:
         return math.inf
 
+    settled = math.inf
+
 
 class Layer(Effect):
     """Drag of 10/s at x = `center` that falls by e in 10 m; `seen`: whether it defines a sight."""
