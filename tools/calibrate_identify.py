@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "test" / "support"))
 
 from identified_flights import flown, guess, random_body
 
-from rb_dynamics import identify
+from rb_dynamics import Identification, identify
 from rb_dynamics.analysis.identification.parameters import AXES, PLACES
 
 DELAY = 0.02
@@ -30,8 +30,8 @@ WRONG = 6.0
 GROUPS = ("mass", "center_of_mass", "inertia", "inertia_ratios", "gyro_bias", "delay")
 
 
-def flight(seed: int) -> tuple[dict[str, list[tuple[float, bool]]], int, bool]:
-    """Return (value - truth) / standard error and whether the interval holds the truth, by group."""
+def flight(seed: int) -> tuple[dict[str, list[tuple[float, bool]]], int, Identification]:
+    """Return (value - truth) / standard error and whether the interval holds the truth, by group; unknown; the fit."""
     random = np.random.default_rng(seed)
     body = random_body(random, center=0.05)
     bias, gyro = 0.02 * random.standard_normal(3), (5e-4, 5e-3)[seed % 2]
@@ -58,30 +58,33 @@ def flight(seed: int) -> tuple[dict[str, list[tuple[float, bool]]], int, bool]:
         low, high = each.interval
         off = (each.value - truth[each.name]) / each.standard_error
         errors.setdefault(each.name.split(".")[0], []).append((off, low <= truth[each.name] <= high))
-    return errors, unknown, found.converged
+    return errors, unknown, found
 
 
 def main() -> None:
     """Print the table."""
     count, first = int(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else 0
     every: dict[str, list[tuple[float, bool]]] = {}
-    wrong = unknown = restless = 0
+    wrong = unknown = restless = coloured = unexplained = 0
     begin = time.monotonic()
     done = 0
     for seed in range(first, first + count):
         try:
-            errors, missing, converged = flight(seed)
+            errors, missing, found = flight(seed)
         except KeyboardInterrupt:
             break
         done += 1
-        unknown, restless = unknown + missing, restless + (not converged)
-        if max(abs(off) for group in errors.values() for off, _ in group) > WRONG:
+        unknown, restless = unknown + missing, restless + (not found.converged)
+        coloured += not all(each.white for each in found.residuals)
+        unexplained += not found.explained
+        if max((abs(off) for group in errors.values() for off, _ in group), default=0.0) > WRONG:
             wrong += 1
             print(f"wrong: seed {seed}", file=sys.stderr, flush=True)
             continue
         for name, group in errors.items():
             every.setdefault(name, []).extend(group)
-    print(f"{done} flights; wrong minima: {wrong}; not at rest: {restless}; numbers not known: {unknown}\n")
+    print(f"{done} flights; wrong minima: {wrong}; not at rest: {restless}; numbers not known: {unknown}")
+    print(f"false alarms: {coloured} not white, {unexplained} not explained\n")
     print("| number | values | coverage of 95 % | scatter over Cramér–Rao |\n|---|---|---|---|")
     for name in GROUPS:
         off = np.array([value for value, _ in every[name]])

@@ -2,7 +2,8 @@
 
 Over windows of a second or more, the integral of the angular velocity in world axes is compared with the change of the
 attitude, and that of the velocity with the change of the position. If they contradict each other, other axes, the
-opposite sign and degrees are tried as explanations. A lag, a factor and turned axes are estimated (`twist_fit.py`).
+opposite sign, degrees and other quaternions are tried as explanations. A lag, a factor and turned axes are estimated
+(`twist_fit.py`).
 """
 
 from __future__ import annotations
@@ -33,11 +34,21 @@ _LEAST_WINDOWS = 3
 # In a window they also contradict each other beyond this fraction, and this multiple of that in a quarter of them.
 _PART, _ABOVE_USUAL = 0.1, 20.0
 _SECOND = 1_000_000_000
+# A recording that is too short for windows of a second is judged by shorter ones.
+_SHORTER = _SECOND // 10
 # Larger rotations between samples do not determine how the body rotated; rad.
 _FARTHEST, _AROUND = 1.0, 2.0
 
 
 _AS_IS = (1, 2, 3)
+_DEGREE = np.pi / 180.0
+# What programs write for x, y, z, w of body to world: from 1 on, with sign.
+_QUATERNIONS = {
+    "": (1, 2, 3, 4),
+    "with attitudes from world to body": (-1, -2, -3, 4),
+    "with (w, x, y, z) for the (x, y, z, w) of attitudes": (2, 3, 4, 1),
+    "with (w, x, y, z) for the (x, y, z, w) of attitudes from world to body": (-2, -3, -4, 1),
+}
 
 
 def _other_axes() -> list[tuple[int, ...]]:
@@ -54,17 +65,23 @@ def _other_axes() -> list[tuple[int, ...]]:
 
 @dataclass(frozen=True)
 class Reading:
-    """An interpretation of a twist: its frame, a factor, and which of its numbers are x, y, z, from 1 on, with sign."""
+    """An interpretation of a twist: its frame, a factor, and which of its numbers are x, y, z, from 1 on, with sign.
+
+    `attitude`, a key of `_QUATERNIONS`, is that of the attitudes beside it.
+    """
 
     world: bool
     factor: float
     axes: tuple[int, ...] = _AS_IS
+    attitude: str = ""
 
     def words(self, given: Reading) -> str:
         """Return the difference from the `given` interpretation, as text."""
         parts = [f"in {'world' if self.world else 'body'} axes"] if self.world != given.world else []
         parts += ["with the opposite sign"] if self.factor < 0.0 else []
-        parts += ["in degrees per second"] if abs(self.factor) != 1.0 else []
+        parts += ["in degrees per second"] if abs(self.factor) == _DEGREE else []
+        parts += ["multiplied by 180/π, as if converted twice"] if self.factor == 1.0 / _DEGREE else []
+        parts += [self.attitude] if self.attitude else []
         if self.axes != _AS_IS:
             named = ["-" * (axis < 0) + "xyz"[abs(axis) - 1] for axis in self.axes]
             parts.append(f"with ({', '.join(named)}) for its (x, y, z)")
@@ -114,15 +131,24 @@ def agreements(track: Track) -> tuple[Agreement, ...]:
 
     Empty if pose or twist is absent, and for a log of this package, whose pose and twist come from one state.
     """
-    pose, twist = track.pose, track.twist
-    if track.own or pose is None or twist is None or len(pose.time_ns) < 2 or len(twist.time_ns) < 2:
+    if track.own or track.pose is None or track.twist is None:
+        return ()
+    return agreements_of(track.pose, track.twist, track.twist_in_world)
+
+
+def agreements_of(pose: TimeSeries, twist: TimeSeries, twist_in_world: bool) -> tuple[Agreement, ...]:
+    """Return how attitude and position of a pose agree with a twist; NaN is what is not measured. Empty for too few."""
+    if len(pose.time_ns) < 2 or len(twist.time_ns) < 2:
         return ()
     both = _Both.of(pose, twist)
     if both is None:
         reason = f"{pose.topic} and {twist.topic} are not of the same time"
         return Agreement("attitude", None, reason=reason), Agreement("position", None, reason=reason)
-    given = Reading(track.twist_in_world, 1.0)
-    turns = [Reading(w, f) for f in (1.0, -1.0, np.pi / 180.0) for w in (given.world, not given.world)]
+    given = Reading(twist_in_world, 1.0)
+    turns = [Reading(w, f) for f in (1.0, -1.0, _DEGREE, 1.0 / _DEGREE) for w in (given.world, not given.world)]
+    # In other axes and of opposite sign is the same as attitudes the other way round, which is what happens.
+    turns.remove(Reading(not given.world, -1.0))
+    turns += [replace(given, attitude=attitude) for attitude in _QUATERNIONS if attitude]
     moves = [Reading(w, f) for f in (1.0, -1.0) for w in (given.world, not given.world)]
     far = float((np.linalg.norm(both.twist[:, 3:], axis=1) > _AROUND).mean()) > 0.5
     if float((np.linalg.norm(both.turned, axis=1) > _FARTHEST).mean()) > 0.5:
@@ -235,6 +261,15 @@ class _Both:
         """Return the change of attitude or position in each interval, world axes."""
         return self.turned if of == "attitude" else np.diff(self.pose[:, :3], axis=0)
 
+    def taken(self, attitude: str) -> _Both:
+        """Return the same with other attitudes; see `Reading`."""
+        if not attitude:
+            return self
+        order = np.array(_QUATERNIONS[attitude])
+        turns = self.pose[:, 3:][:, np.abs(order) - 1] * np.sign(order)
+        pose = np.hstack([self.pose[:, :3], turns])
+        return replace(self, pose=pose, turned=rotate_all(turns[:-1], rotation_vectors(turns)))
+
     def said(self, part: slice, reading: Reading) -> Array:
         """Return the integral of a part of the twist over each interval, world axes."""
         added = reading.factor * self.twist[:, part][:, np.abs(reading.axes) - 1] * np.sign(reading.axes)
@@ -254,7 +289,8 @@ def _judged(of: str, both: _Both, readings: list[Reading]) -> Agreement:
     given, *others = readings
 
     def compared(reading: Reading) -> _Found | None:
-        return _windows(both, gone, both.said(part, reading), floor)
+        taken = both.taken(reading.attitude)
+        return _windows(taken, taken.changes(of), taken.said(part, reading), floor)
 
     found = compared(given)
     if found is None:
@@ -295,13 +331,14 @@ def _remedy(
 def _windows(both: _Both, gone: Array, said: Array, floor: float) -> _Found | None:
     """Return how they differ; None for too few windows.
 
-    The shortest of 1 s, 10 s, ... in which the body moves far enough.
+    The shortest of 1 s, 10 s, ... in which the body moves far enough; from 0.1 s on of a short recording.
     """
     since = both.time_ns[:-1] - both.time_ns[0]
     apart = np.diff(both.time_ns)
     judged = both.stretch >= 0
-    length = _SECOND
-    while length * _LEAST_WINDOWS <= max(int(since[-1] + apart[-1]), _SECOND * _LEAST_WINDOWS):
+    whole = int(since[-1] + apart[-1])
+    length = _SECOND if whole >= _SECOND * _LEAST_WINDOWS else _SHORTER
+    while length * _LEAST_WINDOWS <= max(whole, _SHORTER * _LEAST_WINDOWS):
         _, label = np.unique(np.stack([both.stretch, since // length]), axis=1, return_inverse=True)
         label = label.ravel()
 

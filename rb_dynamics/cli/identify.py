@@ -5,8 +5,9 @@ commands in it or in another bag (--wrench). The scene says what is known: the b
 effects. What the recordings cannot tell is said and keeps the value of the scene: a flight without torque tells ratios
 of the moments only, one without force no mass.
 
-Exit codes: 0 everything asked for is known; 1 something asked for cannot be known from these recordings, or the fit did
-not come to rest; 2 bad input.
+Residuals far beyond noise are named: the model then lacks something. Exit codes: 0 everything asked for is known; 1
+something asked for cannot be known from these recordings, the fit does not follow them or did not come to rest; 2 bad
+input.
 """
 
 from __future__ import annotations
@@ -100,7 +101,7 @@ def run(args: argparse.Namespace) -> int:
 
         write_identification_page(found, args.html)
         print(output.written_page(args.html), file=sys.stderr if args.json else sys.stdout)
-    for line in _missing(found):
+    for line in (*found.unexplained, *_missing(found)):
         print(f"rb-dynamics: {line}", file=sys.stderr)
     return 0 if found.passed else 1
 
@@ -131,19 +132,20 @@ def as_text(found: Identification, advise: bool) -> str:
                 f"{each.name:34}{each.value:>14.7g} {each.standard_error:>11.2g}   "
                 f"{low:.7g} … {high:.7g} {each.unit}".rstrip()
             )
-    lines += ["", f"{'residuals':34}{'samples':>8}{'rms':>13}{'noise':>13}"]
+    lines += ["", f"{'residuals':34}{'samples':>8}{'rms':>13}{'times noise':>13}"]
     for each_left in (*found.residuals, *found.validation):
         held = "" if each_left in found.residuals else " (held out)"
         white = "" if each_left.white else f"   not white: neighbours correlate by {each_left.correlation:.2f}"
         name = f"{each_left.topic} {each_left.kind}{held}"
         lines.append(
-            f"{name:34}{each_left.count:>8}{each_left.rms:>13.4g}{each_left.noise:>13.4g} {each_left.unit}{white}"
+            f"{name:34}{each_left.count:>8}{each_left.rms:>13.4g}{each_left.times_noise:>13.3g} {each_left.unit}{white}"
         )
     lines += [
         "",
         f"{found.agreeing} of {found.starts} starts found this minimum"
         + ("" if found.converged else "; it did not come to rest"),
     ]
+    lines += found.unexplained
     if found.unknown_combinations:
         lines += ["not told by these recordings:", *(f"  {each}" for each in found.unknown_combinations)]
     if advise and found.advice:

@@ -67,7 +67,7 @@ def _lead(found: Identification) -> str:
     return (
         f"{known} of {len(found.parameters)} numbers are told by {len(found.recordings)} "
         f"recording{'s' * (len(found.recordings) > 1)}; the fit {rest}, and {found.agreeing} of {found.starts} starts "
-        "found this minimum."
+        "found this minimum." + "".join(f" {each[0].upper()}{each[1:]}." for each in found.unexplained)
     )
 
 
@@ -81,8 +81,9 @@ def _tiles(found: Identification) -> list[Tile]:
     ):
         tiles.append(_tile(f"Principal moment {number + 1}", moment, error if math.isfinite(error) else None, "kg m²"))
     for each in found.residuals:
-        judged = "good" if each.white else "bad"
+        judged = "good" if each.white and each.explained else "bad"
         white = "white" if each.white else f"not white: neighbours correlate by {each.correlation:.2f}"
+        white += "" if each.explained else f"; {each.times_noise:.3g} times the noise"
         note = f"{each.unit}; {white}"
         tiles.append(Tile(f"Residual of {each.topic} {each.kind}, rms", f"{each.rms:.3g}", note, judged))
     return tiles
@@ -118,9 +119,9 @@ def _residuals(found: Identification) -> Table:
     for each in (*found.residuals, *found.validation):
         held = "" if each in found.residuals else " (held out)"
         white = "yes" if each.white else f"no, {each.correlation:.2f}"
-        row = [str(each.count), f"{each.rms:.4g}", f"{each.noise:.4g}", each.unit, white]
+        row = [str(each.count), f"{each.rms:.4g}", each.unit, f"{each.times_noise:.3g}", white]
         rows.append([f"{each.topic} {each.kind}{held}", *row])
-    return Table(["", "samples", "rms", "noise", "unit", "white"], rows)
+    return Table(["", "samples", "rms", "unit", "times noise", "white"], rows)
 
 
 def _motions(found: Identification) -> list[Section]:

@@ -48,6 +48,10 @@ WRONG: dict[str, tuple[Callable[[Tumble], Any], dict[str, str]]] = {
         lambda m: np.hstack([m.velocity, m.rate]),
         {MOVES: "read in world axes"},
     ),
+    "converted from degrees twice": (
+        lambda m: body_twist(m) * np.repeat([1.0, np.pi / 180.0], 3),
+        {TURNS: "read multiplied by 180/π"},
+    ),
     "an axis with the wrong sign": (
         lambda m: body_twist(m) * np.array([1.0, 1.0, 1.0, 1.0, -1.0, 1.0]),
         {TURNS: "read with (x, -y, z) for its (x, y, z) it fits to"},
@@ -145,6 +149,26 @@ def test_what_is_wrong_with_a_twist_is_told(wrong: str) -> None:
     assert {*found} == {*expected}
     for name, words in expected.items():
         assert words in found[name]
+
+
+@pytest.mark.parametrize(
+    ("order", "words"),
+    [
+        ((-1, -2, -3, 4), "read with attitudes from world to body it fits"),
+        ((4, 1, 2, 3), "read with (w, x, y, z) for the (x, y, z, w) of attitudes it fits"),
+        ((4, -1, -2, -3), "read with (w, x, y, z) for the (x, y, z, w) of attitudes from world to body it fits"),
+    ],
+)
+def test_a_quaternion_of_another_convention_is_told(order: tuple[int, ...], words: str) -> None:
+    motion = precessing()
+    rows = body_twist(motion)
+    motion.orientation_xyzw = motion.orientation_xyzw[:, np.abs(order) - 1] * np.sign(order)
+    assert words in failing(bag_of(motion, twist_rows=rows))[TURNS]
+
+
+def test_a_recording_of_a_second_is_judged() -> None:
+    motion = precessing().taken(np.arange(100))
+    assert "in degrees per second" in failing(bag_of(motion, twist_rows=WRONG["degrees"][0](motion)))[TURNS]
 
 
 def test_a_wrong_sign_of_an_axis_about_which_the_body_turns_little_is_told() -> None:

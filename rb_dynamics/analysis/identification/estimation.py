@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rb_dynamics.analysis.identification import rotations
+from rb_dynamics.analysis.identification.first_guess import first_guess
 from rb_dynamics.analysis.identification.flights import ATTITUDE, Flight, Stream
 from rb_dynamics.analysis.identification.prediction import Model, Predicted
 from rb_dynamics.analysis.track import Array
@@ -32,6 +33,10 @@ _LONGER = 3.0
 # Two fits are the same minimum if their costs differ by this fraction.
 _SAME = 1e-3
 _COARSE = 1e-3
+# Logarithm of a factor between the size of a body in the scene and that which balances of momentum tell roughly.
+_OTHER_SIZE = 2.0
+# Of the misfit of the scene, what that of the balances is at most if they are nearer.
+_NEARER = 0.1
 # Of its scale: no recording is believed to be more exact than that, not even one of a simulation without noise.
 _FLOOR = 1e-6
 # Residuals up to this many times the noise leave nothing to look for.
@@ -90,14 +95,9 @@ def fitted(model: Model, starts: int, loss: str, seed: int, progress: Callable[[
 
 
 def _best(model: Model, starts: int, loss: str, seed: int, progress: Callable[[float], None] | None) -> Fit:
-    random = np.random.default_rng(seed)
-    noise = {k: max(_noise_of(s), _FLOOR * _largest(model, k)) for k, s in _streams(model).items()}
-    first = np.zeros(model.layout.count)
-    shaped = "shape" in model.layout
-    tries = [first]
-    if shaped:
-        tries += [_elsewhere(model, random) for _ in range(starts - 1)]
+    noise = {k: max(_noise_of(s), floor_of(model, k)) for k, s in _streams(model).items()}
     pieces = _pieces(model)
+    tries = _starts(model, starts, noise, pieces[0] if pieces else None, seed)
     bar = _Progress(progress, len(tries) * (len(pieces) + 1) + 2)
     found = []
     # A search need not be more exact than that, and a recording without noise would keep it long.
@@ -146,10 +146,13 @@ def _streams(model: Model) -> dict[Key, list[Stream]]:
 
 
 def _noise_of(streams: Sequence[Stream]) -> float:
-    """Return the noise that third differences show, which smooth motion hardly changes."""
-    squares = [_third_differences(stream).ravel() ** 2 for stream in streams]
-    every = np.concatenate(squares) if squares else np.zeros(0)
-    return float(np.sqrt(every.mean() / 20.0)) if len(every) else 0.0
+    """Return the noise that third differences show, which neither smooth motion nor a few wild samples change much."""
+    every = np.abs(np.concatenate([_third_differences(stream).ravel() for stream in streams]))
+    if not len(every):
+        return 0.0
+    # Of a coarse sensor most differences may be zero.
+    usual = 1.4826 * float(np.median(every)) or float(np.sqrt(np.mean(every**2)))
+    return usual / float(np.sqrt(20.0))
 
 
 def _third_differences(stream: Stream) -> Array:
@@ -180,11 +183,34 @@ def _twelfth(flight: Flight, count: int) -> int:
     return min(int(s.time_ns[min(count, len(s.time_ns)) - 1]) for s in flight.streams if len(s.time_ns))
 
 
-def _elsewhere(model: Model, random: np.random.Generator) -> Array:
-    """Return parameters with another shape of the body."""
-    z = np.zeros(model.layout.count)
-    z[model.layout["shape"].at] = random.normal(0.0, 0.5, 5)
-    return z
+def _starts(model: Model, count: int, noise: dict[Key, float], until: Sequence[int] | None, seed: int) -> list[Array]:
+    """Return parameters to start from: the scene's, those of `first_guess`, and other shapes of the body.
+
+    Where the two disagree on the size of the body and the guess is nearer to the motion, it comes first.
+    """
+    scene, guess = np.zeros(model.layout.count), first_guess(model)
+    sizes = [model.layout[name].at for name in ("size", "mass") if name in model.layout]
+    found, near = [scene], scene
+    if guess is not None:
+        far = any(abs(float(guess[at][0])) > _OTHER_SIZE for at in sizes)
+        if far and _misfit(model, guess, noise, until) < _NEARER * _misfit(model, scene, noise, until):
+            found, near = [guess, scene], guess
+        else:
+            found = [scene, guess]
+    random = np.random.default_rng(seed)
+    while "shape" in model.layout and len(found) < count:
+        other = scene.copy()
+        for at in sizes:
+            other[at] = near[at]
+        other[model.layout["shape"].at] = random.normal(0.0, 0.5, 5)
+        found.append(other)
+    return found[:count]
+
+
+def _misfit(model: Model, z: Array, noise: dict[Key, float], until: Sequence[int] | None) -> float:
+    """Return the sum of squares that parameters leave; infinite where the motion runs away."""
+    left, by = _stacked(list(model.predict(z, until)), noise)
+    return float(left @ left) if _sane(left, by) else np.inf
 
 
 def _least_squares(model: Model, z: Array, noise: dict[Key, float], loss: str, until: Sequence[int] | None) -> Any:
@@ -287,9 +313,13 @@ def _estimated(model: Model, z: Array, noise: dict[Key, float], loss: str) -> di
     found = {}
     for key, (squares, freedom, typical, _) in taken.items():
         level = np.sqrt(squares / max(freedom, 1.0)) if loss == "linear" else typical
-        floor = _FLOOR * _largest(model, key)
-        found[key] = max(float(level) * noise[key], floor)
+        found[key] = max(float(level) * noise[key], floor_of(model, key))
     return found
+
+
+def floor_of(model: Model, key: Key) -> float:
+    """Return the least noise that a sensor is believed to have."""
+    return _FLOOR * _largest(model, key)
 
 
 def _largest(model: Model, key: Key) -> float:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from rb_dynamics.analysis.agreement import agreements_of
 from rb_dynamics.analysis.read_track import STRAYS, read_track
 from rb_dynamics.analysis.track import Array, RecordedWrench, Times, TimeSeries, Track, frame_names, unit_rows
 from rb_dynamics.errors import LogError
@@ -127,6 +129,31 @@ class Flight:
                 f"time_ns that they are called, and rates in rad/s; or record {often} times as often"
             )
 
+    def require_agreement(self) -> Flight:
+        """Return the same, with a note where rates and attitudes differ by more than sensors do.
+
+        Raises:
+            LogError: they contradict each other, and another convention explains that.
+        """
+        notes = []
+        turns = [stream for stream in self.streams if stream.kind == ATTITUDE]
+        for rates, attitude in itertools.product((s for s in self.streams if s.kind == RATES), turns):
+            said, values = f"rates of {rates.topic} and attitudes of {attitude.topic}", rates.values @ rates.mount
+            pose = TimeSeries(attitude.topic, attitude.time_ns, np.hstack([_blank(attitude), attitude.values]))
+            twist = TimeSeries(rates.topic, rates.time_ns, np.hstack([_blank(rates), values]))
+            for found in agreements_of(pose, twist, rates.world):
+                if found.remedy:
+                    raise LogError(
+                        f"{self.name}: {said} contradict each other by {100.0 * (found.error or 0.0):.3g} %, expected "
+                        f"the same turn of both: read {found.remedy} the rates fit to {100.0 * found.remaining:.2g} %; "
+                        "convert what is otherwise than was said, or name other columns or frames"
+                    )
+                if found.contradicts and found.error is not None:
+                    notes.append(f"{said} contradict each other by {100.0 * found.error:.3g} %: no fit follows both")
+                elif found.aligned.lag_s and found.aligned.large:
+                    notes.append(f"{said} are not of the same time: {found.aligned.words}; fit delay")
+        return replace(self, notes=(*self.notes, *notes)) if notes else self
+
     @property
     def span_ns(self) -> tuple[int, int]:
         """First and last time that was measured."""
@@ -140,6 +167,11 @@ class Flight:
     def until(self, end_ns: int) -> Flight:
         """Return the same without what was measured after `end_ns`."""
         return replace(self, streams=tuple(_cut(stream, end_ns) for stream in self.streams))
+
+
+def _blank(stream: Stream) -> Array:
+    """Return rows of what a stream does not measure."""
+    return np.full((len(stream.time_ns), 3), np.nan)
 
 
 def _cut(stream: Stream, end_ns: int) -> Stream:

@@ -14,10 +14,17 @@ from typing import Any
 import numpy as np
 
 from rb_dynamics.analysis.identification import rotations
-from rb_dynamics.analysis.identification.coloured_noise import widened
+from rb_dynamics.analysis.identification.coloured_noise import (
+    Band,
+    bands_of,
+    noise_beneath,
+    root_of,
+    whiteness,
+    widened,
+)
 from rb_dynamics.analysis.identification.csv_flight import read_csv_flight
-from rb_dynamics.analysis.identification.estimation import LOSSES, Fit, fitted, information
-from rb_dynamics.analysis.identification.flights import UNITS, Flight, read_flight
+from rb_dynamics.analysis.identification.estimation import LOSSES, Fit, fitted, floor_of, information
+from rb_dynamics.analysis.identification.flights import ATTITUDE, UNITS, Flight, read_flight
 from rb_dynamics.analysis.identification.parameters import AXES, PLACES
 from rb_dynamics.analysis.identification.prediction import Body, Model, Predicted
 from rb_dynamics.analysis.track import Array
@@ -28,7 +35,7 @@ from rb_dynamics.formats.yaml.problems import Problems
 from rb_dynamics.numerics.argument_checks import items, shown, whole_number
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.scene.overrides import apply_overrides
-from rb_dynamics.scene.read import opened, scene_of
+from rb_dynamics.scene.read import opened, scene_of, with_true_text
 
 GROUPS = (
     "mass", "center_of_mass", "inertia", "inertia_ratios", "initial", "gyro_bias", "gyro_scale", "gyro_alignment",
@@ -45,9 +52,9 @@ _TOLD = 0.3
 _HIDDEN = 0.05
 # Against the direction in which the inertia changes most: less is rounding.
 _FLAT = 1e-10
-# Residuals are not white if chance makes them look so in one of ten thousand recordings only.
-_CHANCE = 1e-4
-_LAGS = 10
+# Residuals of more than this many times their noise are not explained by the model. Noise alone reaches 1.3, that of
+# throws whose truth is known 4.3. A fit that does not explain so much of the motion itself tells nothing.
+_EXPLAINED, _FOLLOWED = 5.0, 0.1
 _UNITS = {
     "mass": "kg", "center_of_mass": "m", "inertia": "kg m^2", "inertia_ratios": "", "rotation": "rad",
     "angular_velocity_body": "rad/s", "position_world": "m", "linear_velocity_world": "m/s", "gyro_bias": "rad/s",
@@ -91,8 +98,10 @@ class Residuals:
         count: samples.
         rms: of one component.
         noise: of one component, as the fit estimates it.
-        white: whether neighbours are independent, as noise is.
+        white: whether they are independent, as noise is.
         correlation: of neighbouring samples.
+        times_noise: `rms` over the noise that the quickest changes show, which no model explains.
+        unexplained: `rms` over that of the motion.
     """
 
     topic: str
@@ -103,6 +112,18 @@ class Residuals:
     noise: float
     white: bool
     correlation: float
+    times_noise: float
+    unexplained: float
+
+    @property
+    def explained(self) -> bool:
+        """Whether the model explains them, but for noise."""
+        return self.times_noise <= _EXPLAINED
+
+    @property
+    def follows(self) -> bool:
+        """Whether the fit is of this motion at all."""
+        return self.explained or self.unexplained <= _FOLLOWED
 
 
 @dataclass(frozen=True)
@@ -144,8 +165,31 @@ class Identification:
     validation: tuple[Residuals, ...] = ()
 
     @property
+    def explained(self) -> bool:
+        """Whether the model explains the recordings, but for noise; if not, errors may be larger than told."""
+        return all(each.explained for each in self.residuals)
+
+    @property
+    def unexplained(self) -> list[str]:
+        """What the model does not explain, as text."""
+        return [
+            f"the model does not explain this recording: residuals of {each.topic} {each.kind} are "
+            f"{each.times_noise:.3g} times its noise and {100.0 * each.unexplained:.2g} % of its motion; "
+            + (
+                "intervals are doubled, and hold if what is missing is no larger where it does not show"
+                if each.follows
+                else "nothing is told by such a fit: look for a torque, a sensor or a body far from that of the scene"
+            )
+            for each in self.residuals
+            if not each.explained
+        ]
+
+    @property
     def passed(self) -> bool:
-        """Whether the fit came to rest and everything that was asked for is known; without names, anything at all."""
+        """Whether the fit came to rest and everything that was asked for is known; without names, anything at all.
+
+        Of a fit that does not follow its recording nothing is known.
+        """
         asked = [each.known for each in self.parameters if each.asked]
         told = all(asked) if asked else any(each.known for each in self.parameters if _of_body(each.name))
         return self.converged and told
@@ -176,6 +220,7 @@ class Identification:
             "starts": self.starts,
             "starts_agreeing": self.agreeing,
             "converged": self.converged,
+            "explained": self.explained,
             "validation": _by_topic(self.validation),
             "notes": list(self.notes),
         }
@@ -187,10 +232,13 @@ def _of_body(name: str) -> bool:
     )
 
 
+_SHOWN = ("rms", "count", "unit", "noise", "white", "correlation", "times_noise", "unexplained")
+
+
 def _by_topic(found: Sequence[Residuals]) -> dict[str, Any]:
     topics: dict[str, Any] = {}
     for each in found:
-        part = {name: getattr(each, name) for name in ("rms", "count", "unit", "noise", "white", "correlation")}
+        part = {name: getattr(each, name) for name in _SHOWN}
         topics.setdefault(each.topic, {"rms": 0.0, "count": 0, "parts": {}})["parts"][each.kind] = part
     for topic in topics.values():
         parts = topic["parts"].values()
@@ -248,13 +296,15 @@ def identify(
     flights, held_out = ([_flight(each, known, commands, columns) for each in some] for some in (given, validate))
     for flight in (*flights, *held_out):
         flight.require_dense()
+    flights, held_out = ([flight.require_agreement() for flight in some] for some in (flights, held_out))
     model = Model(known, flights, names or _default(flights))
     found = fitted(model, starts, loss, seed, progress)
     result = _Report(model, found, names).identification()
     if held_out:
         sensors = tuple(name for name in model.fit if name == "gyro_bias")
         rest = Model(result.scene, held_out, ("initial", *sensors))
-        result = replace(result, validation=tuple(_residuals(fitted(rest, 1, loss, seed))))
+        alone = fitted(rest, 1, loss, seed)
+        result = replace(result, validation=tuple(_residuals(rest, alone, _bands(alone, alone.weighted))))
     return result
 
 
@@ -296,19 +346,23 @@ class _Report:
     """What a fit tells, with errors."""
 
     def __init__(self, model: Model, fit: Fit, names: Sequence[str]) -> None:
-        self.model, self.fit, self.names = model, fit, names
-        self.residuals = _residuals(fit)
+        self.model, self.fit, self.names, self.z = model, fit, names, fit.z
         self.changes: list[Array] = []
         self.local = self._local()
         weighted = fit.weighted @ self.local
         told = information(weighted)
         self.covariance: Array = np.asarray(np.linalg.inv(told + np.eye(len(told))), dtype=np.float64)
         freedom = max(1.0, len(fit.left) - float(np.trace(self.covariance @ told)))
+        bands = _bands(fit, weighted)
+        self.residuals = _residuals(model, fit, bands)
         if not all(each.white for each in self.residuals):
-            parts = [len(each.left) for each in fit.predicted]
-            self.covariance, freedom = widened(self.covariance, fit.left, weighted, parts)
+            self.covariance, freedom = widened(root_of(self.covariance), bands)
         values, directions = np.linalg.eigh(self.covariance)
+        self.follows = all(each.follows for each in self.residuals)
         self.unseen = directions[:, values > _TOLD**2]
+        if not self.follows:
+            # All that is told is that the scene is not that of the recording: its values stay.
+            self.unseen, self.z = directions, np.zeros(len(fit.z))
         from scipy.special import stdtrit
 
         self.quantile = float(stdtrit(freedom, 0.975))
@@ -350,7 +404,7 @@ class _Report:
         found = np.eye(self.model.layout.count)
         if self._has("shape"):
             at = self.model.layout["shape"].at
-            values, axes = np.linalg.eigh(self.model.body(self.fit.z).inertia)
+            values, axes = np.linalg.eigh(self.model.body(self.z).inertia)
             root = axes / np.sqrt(values)
             relative = np.einsum("ia,ijk,jb->abk", root, self._inertia_by()[:, :, at], root).reshape(9, -1)
             _, sizes, turned = np.linalg.svd(relative, full_matrices=False)
@@ -389,7 +443,7 @@ class _Report:
 
     def _inertia_by(self) -> Array:
         """Return the derivatives (3, 3, p) of the inertia by all parameters."""
-        layout, z = self.model.layout, self.fit.z
+        layout, z = self.model.layout, self.z
         by = np.zeros((3, 3, layout.count))
         _, by_six = self.model.inertia.derivative(float(z[layout["size"].at][0]), z[layout["shape"].at])
         for (i, j), row in zip(PLACES, by_six, strict=True):
@@ -399,7 +453,7 @@ class _Report:
 
     def _parameters(self) -> list[Parameter]:
         found: list[Parameter] = []
-        body, layout = self.model.body(self.fit.z), self.model.layout
+        body, layout = self.model.body(self.z), self.model.layout
         if self._has("mass"):
             by = np.zeros(layout.count)
             by[layout["mass"].at] = body.mass
@@ -437,7 +491,7 @@ class _Report:
     def _values(self, name: str, group: str) -> list[Parameter]:
         """Return the numbers of a block that stands for itself."""
         block = self.model.layout[name]
-        values = block.values(self.fit.z)
+        values = block.values(self.z)
         shown_name = self._shown(name)
         found = []
         for k, value in enumerate(values.tolist()):
@@ -455,7 +509,7 @@ class _Report:
         if not name.endswith(".rotation"):
             return self._values(name, "initial")
         number = int(name.partition("[")[2].partition("]")[0])
-        attitude, by_start = self.model.start_of(self.fit.z, number)
+        attitude, by_start = self.model.start_of(self.z, number)
         vector = rotations.logarithms(attitude[:4])
         by = np.linalg.inv(rotations.right_jacobians(vector)) @ by_start[:3]
         names = (f"{self._shown(name)}.{axis}" for axis in "xyz")
@@ -482,7 +536,9 @@ class _Report:
         return [_combination(vector, names) for vector in _simple(directions).T]
 
     def _advice(self, parameters: Sequence[Parameter]) -> list[str]:
-        """Return what recording would tell what this one does not."""
+        """Return what recording would tell what this one does not; none where it is the model that does not fit."""
+        if not self.follows:
+            return []
         unknown = {each.name.split(".")[0] for each in parameters if not each.known}
         ratios = [p for p in parameters if p.name.startswith("inertia_ratios")]
         found = []
@@ -521,7 +577,7 @@ class _Report:
         )
 
     def _body(self) -> RigidBody:
-        found, given = self.model.body(self.fit.z), self.model.scene.body
+        found, given = self.model.body(self.z), self.model.scene.body
         # What is not told stays as it was given, to the bit.
         mass = found.mass if self._has("mass") and self._told("mass") else given.mass
         center = found.center_of_mass.tolist() if self._has("center_of_mass") else list(given.center_of_mass)
@@ -554,12 +610,12 @@ class _Report:
                 "body.center_of_mass": list(body.center_of_mass),
                 "body.inertia": {"matrix": [list(row) for row in body.inertia]},
             }
-        for name, values in self.model.effects(self.fit.z).items():
+        for name, values in self.model.effects(self.z).items():
             # Drag takes energy out: what noise makes negative is none.
             least = 0.0 if name.endswith((".rotation", ".translation")) else -np.inf
             kept = np.maximum(values, least).tolist()
             overrides[name] = kept if len(kept) > 1 else kept[0]
-        state, _ = self.model.start_of(self.fit.z, 0)
+        state, _ = self.model.start_of(self.z, 0)
         layout = self.model.layout
         overrides["initial.orientation"] = dict(
             zip("xyzw", (state[:4] / np.linalg.norm(state[:4])).tolist(), strict=True)
@@ -567,11 +623,31 @@ class _Report:
         overrides["initial.angular_velocity_body"] = state[4:7].tolist()
         if self.model.moves[0]:
             for key in ("position_world", "linear_velocity_world"):
-                overrides[f"initial.{key}"] = layout[f"initial[0].{key}"].values(self.fit.z).tolist()
+                overrides[f"initial.{key}"] = layout[f"initial[0].{key}"].values(self.z).tolist()
+        if with_true_text(scene).text != scene.text:
+            return _changed(scene, body, overrides)
         problems = Problems(scene.source)
         tree = document.parse(scene.text, problems)
         apply_overrides(tree, overrides, problems)
         return scene_of(tree, problems, scene.text, ["what was identified"])
+
+
+def _changed(scene: Scene, body: RigidBody, overrides: Mapping[str, Any]) -> Scene:
+    """Return a scene that was made or changed in Python with what was found; no text says what it is."""
+    start: dict[str, Any] = {
+        key.removeprefix("initial."): tuple(value) for key, value in overrides.items() if key.startswith("initial.")
+    }
+    start["orientation_xyzw"] = tuple(overrides["initial.orientation"][axis] for axis in "xyzw")
+    del start["orientation"]
+    effects = list(scene.effects)
+    for key, value in overrides.items():
+        if key.startswith("effects["):
+            number, _, name = key.removeprefix("effects[").partition("].")
+            given = tuple(value) if isinstance(value, list) else value
+            given = ((0.0, value),) if name == "spin_rate" else given
+            effects[int(number)] = replace(effects[int(number)], **{name: given})  # type: ignore[type-var]
+    state = replace(scene.initial, **start)
+    return with_true_text(replace(scene, body=body, initial=state, effects=tuple(effects), text=""))
 
 
 def _coordinate(name: str, k: int, block: Any) -> str:
@@ -640,37 +716,51 @@ def _rates_of(model: Model) -> Array:
     return found
 
 
-def _residuals(fit: Fit) -> list[Residuals]:
+def _bands(fit: Fit, weighted: Array) -> list[list[Band]]:
+    """Return the bands of each stream of a fit, with its derivatives by any coordinates."""
+    told = information(weighted)
+    root = root_of(np.asarray(np.linalg.inv(told + np.eye(len(told))), dtype=np.float64))
+    return bands_of(fit.left, weighted @ root, [len(each.left) for each in fit.predicted])
+
+
+def _residuals(model: Model, fit: Fit, bands: Sequence[Sequence[Band]]) -> list[Residuals]:
     found = []
     for key in dict.fromkeys(each.key for each in fit.predicted):
-        parts = [each.left for each in fit.predicted if each.key == key]
+        mine = [(each, of) for each, of in zip(fit.predicted, bands, strict=True) if each.key == key]
+        parts = [each.left for each, _ in mine]
         every = np.vstack(parts)
-        white, correlation = _whiteness(parts)
-        rms = float(np.sqrt(np.mean(every**2)))
+        white, correlation = whiteness(parts, [of for _, of in mine])
+        rms = _rms(every)
+        # Nothing is judged below what a recording is believed to show.
+        white = white or rms <= floor_of(model, key)
+        beneath = np.sqrt(np.mean([_beneath(model, each) ** 2 for each, _ in mine]))
+        motion = np.sqrt(np.mean([_motion(each) ** 2 for each, _ in mine]))
+        times, share = (float(rms / of) if of > 0.0 else 0.0 for of in (beneath, motion))
         topic, kind = key
-        found.append(Residuals(topic, kind, UNITS[kind], len(every), rms, fit.noise[key], white, correlation))
+        noise = fit.noise[key]
+        found.append(Residuals(topic, kind, UNITS[kind], len(every), rms, noise, white, correlation, times, share))
     return found
 
 
-def _whiteness(parts: Sequence[Array]) -> tuple[bool, float]:
-    """Return whether residuals are white by the test of Ljung & Box, and the correlation of neighbours."""
-    from scipy.special import chdtrc
+def _rms(rows: Array) -> float:
+    return float(np.sqrt(np.mean(rows**2)))
 
-    statistic, freedom, first, total = 0.0, 0, 0.0, 0.0
-    for left in parts:
-        n = len(left)
-        if n <= 2 * _LAGS:
-            continue
-        square = np.sum(left**2, axis=0)
-        used = square > 0.0
-        for lag in range(1, _LAGS + 1):
-            product = np.sum(left[lag:] * left[:-lag], axis=0)
-            statistic += float(np.sum(n * (n + 2.0) / (n - lag) * (product[used] / square[used]) ** 2))
-            if lag == 1:
-                first, total = first + float(product.sum()), total + float(square.sum())
-        freedom += _LAGS * int(used.sum())
-    white = freedom == 0 or float(chdtrc(freedom, statistic)) > _CHANCE
-    return white, first / total if total > 0.0 else 0.0
+
+def _beneath(model: Model, each: Predicted) -> float:
+    """Return the noise of a sample beneath residuals."""
+    interval = float(np.median(np.diff(each.time_ns))) * 1e-9 if len(each.time_ns) > 1 else 0.0
+    steps = np.abs(np.diff(each.measured, axis=0))
+    least = float(steps[steps > 0.0].min(initial=np.inf))
+    turn = model.starts[each.flight].fastest * interval
+    return max(noise_beneath(each.left, turn, least if np.isfinite(least) else 0.0), floor_of(model, each.key))
+
+
+def _motion(each: Predicted) -> float:
+    """Return how much a stream changes: root mean square about its mean, of attitudes the turn since the first."""
+    if each.key[1] == ATTITUDE:
+        since = rotations.products(rotations.conjugates(each.measured[:1]), each.measured)
+        return _rms(rotations.logarithms(since))
+    return _rms(each.measured - each.measured.mean(axis=0))
 
 
 __all__ = ["GROUPS", "STARTS", "Body", "Identification", "Parameter", "identify"]

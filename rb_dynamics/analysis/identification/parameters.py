@@ -94,6 +94,15 @@ class InertiaParameters:
         # With tr S = tr I / 2, I = tr S 1 - S.
         return self.trace * np.exp(size) * 0.5 * (np.eye(3) - second / np.trace(second))
 
+    def parameters(self, inertia: Array) -> tuple[float, Array]:
+        """Return `size` and `shape` of an inertia; see `matrix`."""
+        trace = float(np.trace(inertia))
+        inner = np.linalg.inv(self._root)
+        one = np.linalg.cholesky(inner @ (0.5 * trace * np.eye(3) - inertia) @ inner.T)
+        one /= np.cbrt(np.linalg.det(one))
+        shape = np.array([np.log(one[0, 0]), np.log(one[1, 1]), one[1, 0], one[2, 0], one[2, 1]])
+        return float(np.log(trace / self.trace)), shape
+
     def derivative(self, size: float, shape: Array) -> tuple[Array, Array]:
         """Return Ixx ... Iyz (6,) and their derivatives (6, 6) by size and shape, by complex steps: exact."""
         step = 1e-30j

@@ -376,7 +376,7 @@ class Model:
         times = [stream.time_ns - self._delay_ns(z, stream.topic) for stream in streams]
         slopes = any(stream.kind == ACCELERATION for stream in streams) or "delay" in self.fit
         begin = self.flights[number].span_ns[0]
-        knots, held, held_by, shifts = self._grid(z, flight, begin, times)
+        knots, held, held_by, shifts = self.grid(z, flight, begin, times)
         lowest = int(knots.argmin())
         numbers, by = self._numbers(z)
         start, start_by = self.start_of(z, number)
@@ -431,7 +431,7 @@ class Model:
         found: Array = np.concatenate(taken)
         return found
 
-    def _grid(self, z: Array, flight: Flight, begin: int, times: Sequence[Times]) -> tuple[Times, Array, Array, Array]:
+    def grid(self, z: Array, flight: Flight, begin: int, times: Sequence[Times]) -> tuple[Times, Array, Array, Array]:
         """Return knots; of the interval up to each what is held, how it changes, and whether a command begins it.
 
         From `begin` they go down to the earliest time, at which a sensor that lags may have measured, and then up.

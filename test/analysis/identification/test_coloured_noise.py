@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
-from scipy.signal import lfilter
+from scipy.signal import butter, lfilter
 from scipy.special import stdtrit
 
-from rb_dynamics.analysis.identification.coloured_noise import widened
+from rb_dynamics.analysis.identification.coloured_noise import (
+    _DOUBT,
+    bands_of,
+    noise_beneath,
+    root_of,
+    whiteness,
+    widened,
+)
 
 COUNT, PARAMETERS, DRAWS = 300, 6, 150
 
@@ -29,8 +38,39 @@ def test_95_of_100_intervals_hold_the_truth_with_slow_noise_and_with_a_vibration
         left = noise.ravel() - by @ error
         strength = np.sqrt(left @ left / (len(left) - PARAMETERS))
         white = np.linalg.inv(by.T @ by) * strength**2
-        covariance, freedom = widened(white, left / strength, by / strength, [COUNT])
+        root = root_of(white)
+        covariance, freedom = widened(root, bands_of(left / strength, by @ root / strength, [COUNT]))
+        covariance /= _DOUBT**2
         assert np.linalg.eigvalsh(covariance - white)[0] >= -1e-9 * np.linalg.eigvalsh(covariance)[-1]
         held.append(np.abs(error) <= stdtrit(freedom, 0.975) * np.sqrt(np.diag(covariance)))
 
     assert 0.91 <= np.mean(held) <= 0.995
+
+
+def judged(noise: Any) -> bool:
+    left = noise / noise.std()
+    return whiteness([left], bands_of(left.ravel(), np.zeros((left.size, 1)), [len(left)]))[0]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_slow_change_far_below_the_noise_of_a_sample_is_seen(seed: int) -> None:
+    noise = np.random.default_rng(seed).standard_normal((300, 3))
+
+    assert judged(noise)
+    assert not judged(noise + 0.35 * np.cos(np.linspace(0.0, 9.0, 300))[:, None])
+
+
+@pytest.mark.parametrize("kind", ["white", "filtered", "coarse", "wild"])
+def test_noise_beneath_residuals_is_told_from_them(kind: str) -> None:
+    random = np.random.default_rng(3)
+    noise, step, slow = random.standard_normal((2000, 3)), 0.0, np.sin(np.linspace(0.0, 20.0, 2000))[:, None]
+    if kind == "filtered":
+        noise = lfilter(*butter(2, 0.1), noise, axis=0)
+    elif kind == "coarse":
+        step = 3.0
+        noise = step * (np.round(7.0 * slow / step) - 7.0 * slow / step) + np.zeros((2000, 3))
+    elif kind == "wild":
+        noise[::100] += 30.0
+    strength = 1.0 if kind == "wild" else float(noise.std())
+    for change in (0.0, 40.0 * strength * slow):
+        assert 0.5 * strength < noise_beneath(noise + change, 0.02, step) < 1.5 * strength

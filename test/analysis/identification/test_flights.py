@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from bag_rows import STAMPED, add
-from identified_flights import flown, guess
+from identified_flights import flown, guess, random_body
 from noisy_recordings import recording
 
 from rb_dynamics import (
@@ -195,3 +198,31 @@ def test_commands_in_frames_that_nobody_knows_are_refused_if_there_are_many(tmp_
     scene = parse_scene(JET.replace("ON_EXCESS", "clip"))
     with pytest.raises(LogError, match=r"2 of 8 wrenches on /cmd are damaged or in a frame .*frames: jet, nozzle"):
         flight_of(thrust_bag(tmp_path / "flown.mcap", scene, strange=2), scene)
+
+
+WRONG: dict[str, tuple[Callable[[Any], Any], Callable[[Any], Any], str]] = {
+    "degrees": (np.degrees, np.copy, "in degrees per second"),
+    "twice converted": (np.radians, np.copy, "multiplied by 180/π"),
+    "negative": (np.negative, np.copy, "with the opposite sign"),
+    "a sign": (lambda rates: rates * [1.0, -1.0, 1.0], np.copy, "with (x, -y, z)"),
+    "inverse": (np.copy, lambda turns: turns * [-1.0, -1.0, -1.0, 1.0], "with attitudes from world to body"),
+    "wxyz": (np.copy, lambda turns: turns[:, [3, 0, 1, 2]], "with (w, x, y, z) for the (x, y, z, w)"),
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+def test_rates_and_attitudes_of_two_conventions_are_refused_by_name(wrong: str) -> None:
+    """A fit followed one of them, or neither, and told a body with small errors."""
+    random = np.random.default_rng(3)
+    flight = flown(random_body(random), random, torque=1.0, pose=1e-3, seconds=2.0)
+    gyro, attitude, position = flight.streams
+    of_rates, of_turns, words = WRONG[wrong]
+    streams = (
+        replace(gyro, values=of_rates(gyro.values)),
+        replace(attitude, values=of_turns(attitude.values)),
+        position,
+    )
+
+    assert flight.require_agreement() is flight
+    with pytest.raises(LogError, match=re.escape(f"read {words}")):
+        replace(flight, streams=streams).require_agreement()

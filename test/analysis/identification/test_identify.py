@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,10 @@ from hypothesis import strategies as st
 from identified_flights import flown, guess, random_body
 
 from rb_dynamics import Identification, LogError, RigidBody, SceneError, identify, parse_scene
+from rb_dynamics.analysis.identification.flights import Flight
 from rb_dynamics.analysis.identification.parameters import InertiaParameters
+from rb_dynamics.loads.drag import LinearDrag
+from rb_dynamics.loads.rotor import Rotor
 
 AXES = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
 
@@ -146,16 +150,101 @@ def test_every_number_is_an_inertia(shape: list[float]) -> None:
     assert low + middle >= high * (1.0 - 1e-9)
 
 
-def test_a_fit_that_runs_away_from_a_body_a_thousand_times_too_heavy_says_so() -> None:
-    flight = flown(
-        RigidBody.from_diagonal(2.0, (0.02, 0.03, 0.04)),
-        np.random.default_rng(4),
-        seconds=2.0,
-        torque=30.0,
-        spin=(1.0, 3.0, 20.0),
-        gyro=1e-3,
-    )
-    heavy = "body: {mass: 1, inertia: {diagonal: [30, 30, 30]}}\neffects: [{type: quadratic_drag, rotation: [0, 0, 0]}]"
+@given(st.lists(st.floats(-2.0, 2.0), min_size=5, max_size=5), st.floats(-3.0, 3.0))
+def test_parameters_of_an_inertia_are_those_that_it_was_made_of(shape: list[float], size: float) -> None:
+    inertia = InertiaParameters(RigidBody.from_diagonal(1.0, (1.0, 1.2, 1.5)))
+    again, same = inertia.parameters(inertia.matrix(size, np.array(shape)))
 
+    np.testing.assert_allclose([again, *same], [size, *shape], atol=1e-6)
+
+
+HEAVY = "body: {mass: 1, inertia: {diagonal: [30, 30, 30]}}\neffects: [{type: quadratic_drag, rotation: [0, 0, 0]}]"
+ALL = ["inertia", "gyro_bias", "effects[0].rotation"]
+
+
+def pushed() -> Flight:
+    body, random = RigidBody.from_diagonal(2.0, (0.02, 0.03, 0.04)), np.random.default_rng(4)
+    return flown(body, random, seconds=2.0, torque=30.0, spin=(1.0, 3.0, 20.0), gyro=1e-3)
+
+
+@pytest.mark.parametrize("factor", [1e-3, 1e3])
+def test_a_body_is_found_from_a_scene_a_thousand_times_too_light_or_too_heavy(factor: float) -> None:
+    random = np.random.default_rng(4)
+    body = random_body(random)
+    flight = flown(body, random, torque=1.0, force=2.0, gyro=5e-4, pose=1e-3)
+    moment = factor * float(np.trace(np.array(body.inertia)))
+    scene = parse_scene(f"body: {{mass: {factor}, inertia: {{diagonal: [{moment}, {moment}, {moment}]}}}}")
+    found = identify(scene, [flight], ["mass", "inertia"], starts=1)
+
+    assert found.passed
+    assert found.explained
+    within(found, "inertia", body.inertia)
+    within(found, "mass", body.mass)
+
+
+def test_a_start_a_thousand_times_too_heavy_is_left_for_that_of_the_balances_with_drag_too() -> None:
+    found = identify(parse_scene(HEAVY), [pushed()], ALL, starts=1)
+
+    assert found.passed
+    within(found, "inertia", np.diag([0.02, 0.03, 0.04]))
+
+
+def turned_with_the_world() -> Flight:
+    """Return a flight whose torque is said to be in world axes, which it is not."""
+    (channel,) = (flight := pushed()).channels
+    held = np.hstack([channel.held[:, :3], np.zeros((len(channel.held), 6)), channel.held[:, 3:6], np.zeros((200, 3))])
+    return replace(flight, channels=(replace(channel, held=held),))
+
+
+def test_a_fit_that_runs_away_says_so() -> None:
     with pytest.raises(LogError, match=r"body\.inertia in the scene, which must be of the right order"):
-        identify(parse_scene(heavy), [flight], ["inertia", "gyro_bias", "effects[0].rotation"], starts=1)
+        identify(parse_scene(HEAVY), [turned_with_the_world()], ALL, starts=1)
+
+
+def test_of_a_fit_that_does_not_follow_its_recording_nothing_is_known() -> None:
+    """It came to rest in a motion of its own, and told an inertia with errors of a thousandth."""
+    scene = guess(RigidBody.from_diagonal(2.0, (0.02, 0.03, 0.04)))
+    found = identify(scene, [turned_with_the_world()], ["inertia"], starts=2)
+
+    assert not found.passed
+    assert not any(each.known for each in found.parameters)
+    assert found.scene.body == found.body == scene.body
+    assert "nothing is told by such a fit" in found.unexplained[0]
+
+
+def test_residuals_beyond_noise_are_told_and_errors_doubled() -> None:
+    random = np.random.default_rng(12)
+    body = random_body(random)
+    flight = flown(body, random, torque=1.0, gyro=5e-4)
+    (gyro,) = flight.streams
+    clean = identify(guess(body), [flight], ["inertia"])
+    wave = 0.01 * np.sin(8.0 * gyro.time_ns[:, None] * 1e-9 + np.arange(3))
+    found = identify(guess(body), [replace(flight, streams=(replace(gyro, values=gyro.values + wave),))], ["inertia"])
+    (left,) = found.residuals
+
+    assert clean.explained
+    assert clean.residuals[0].white
+    assert clean.residuals[0].times_noise == pytest.approx(1.0, abs=0.2)
+    assert found.passed
+    assert not found.explained
+    assert not found.as_dict()["explained"]
+    assert left.times_noise == pytest.approx(0.01 / np.sqrt(2.0) / 5e-4, rel=0.3)
+    assert f"are {left.times_noise:.3g} times its noise" in found.unexplained[0]
+    within(found, "inertia", body.inertia, 2.5)
+
+
+def test_a_scene_of_python_keeps_its_effects() -> None:
+    """They were lost with its text, so that the fitted scene was another one."""
+    random = np.random.default_rng(1)
+    body = RigidBody.from_diagonal(2.0, (0.02, 0.03, 0.04))
+    rotor = Rotor((0.0, 0.0, 1.0), 1e-3, ((0.0, 20.0),))
+    scene = replace(guess(body), effects=(LinearDrag(rotation=(0.0, 0.0, 0.0)), rotor))
+    flight = flown(body, random, torque=1.0)
+    found = identify(scene, [flight], ["inertia", "effects[0].rotation", "effects[1].spin_rate"])
+    values = {each.name: each.value for each in found.parameters}
+    drag, turning = found.scene.effects
+
+    assert drag == LinearDrag(rotation=tuple(max(0.0, values[f"effects[0].rotation.{axis}"]) for axis in "xyz"))
+    assert turning == replace(rotor, spin_rate=((0.0, values["effects[1].spin_rate"]),))
+    assert found.scene.body == found.body
+    assert "no text says" in found.scene.text
