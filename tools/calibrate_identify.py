@@ -1,11 +1,15 @@
 """Fly many random bodies with noisy sensors, identify each, and print how true the error bars are: docs/identify.md.
 
     python tools/calibrate_identify.py 1000
+    python tools/calibrate_identify.py 200 --wrong
 
 Half of the flights have a gyro with noise of 5e-4 rad/s, half of 5e-3 rad/s. All have a bias, a pose with noise of 1e-3
 (rad, m) at 100 Hz, commands that act 20 ms later than recorded, and a scene whose mass is wrong by a half and whose
 inertia is a ball's. Coverage is of 95 % intervals; scatter is that of the errors over the standard errors, which are
 those of the Cramér-Rao bound at the solution. Ctrl-C ends it with the flights so far.
+
+With --wrong the model lacks something, of a size from 3e-4 to 0.3: a constant torque or gusts (of the torques that are
+commanded), an alignment of the gyro (rad), or a delay of the commands (0.1 s). A gyro alone measures, without a bias.
 """
 
 from __future__ import annotations
@@ -14,6 +18,7 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -27,6 +32,7 @@ from rb_dynamics.analysis.identification.parameters import AXES, PLACES
 DELAY = 0.02
 # A fit is in a wrong minimum if a number is this many standard errors off.
 WRONG = 6.0
+LACKS = ("a constant torque", "gusts", "an alignment", "a delay")
 GROUPS = ("mass", "center_of_mass", "inertia", "inertia_ratios", "gyro_bias", "delay")
 
 
@@ -61,9 +67,55 @@ def flight(seed: int) -> tuple[dict[str, list[tuple[float, bool]]], int, Identif
     return errors, unknown, found
 
 
+def lacking(seed: int) -> tuple[str, Identification, list[float]]:
+    """Return what the model lacks, the fit, and errors of the moments and products over their standard errors."""
+    random = np.random.default_rng(seed)
+    body, kind, gyro = random_body(random), LACKS[seed % len(LACKS)], (5e-4, 5e-3)[seed // len(LACKS) % 2]
+    size, seconds = 10.0 ** random.uniform(-3.5, -0.5), np.arange(300) / 100.0
+    torque: Any = 0.0
+    if kind == "a constant torque":
+        torque = size * random.standard_normal(3)
+    elif kind == "gusts":
+        waves = np.sin(np.outer(seconds, random.uniform(1.0, 30.0, 12)) + random.uniform(0.0, 7.0, 12))
+        torque = size * waves @ random.standard_normal((12, 3)) / 3.0
+    made = flown(body, random, torque=1.0, gyro=gyro, unrecorded=torque)
+    (stream,), (channel,) = made.streams, made.channels
+    if kind == "an alignment":
+        turned = stream.values @ (np.eye(3) + size * random.standard_normal((3, 3)))
+        made = replace(made, streams=(replace(stream, values=turned),))
+    elif kind == "a delay":
+        made = replace(made, channels=(replace(channel, time_ns=channel.time_ns - round(size * 1e8)),))
+    found = identify(guess(body), [made], ["inertia"])
+    truth = {f"inertia.{axis}": np.array(body.inertia)[place] for axis, place in zip(AXES, PLACES, strict=True)}
+    known = [p for p in found.parameters if p.name in truth and p.standard_error is not None]
+    return kind, found, [abs(p.value - truth[p.name]) / (p.standard_error or np.inf) for p in known]
+
+
+def print_lacking(count: int, first: int) -> None:
+    """Print the table of fits that lack something."""
+    rows: dict[str, list[tuple[Identification, list[float]]]] = {kind: [] for kind in LACKS}
+    for seed in range(first, first + count):
+        try:
+            kind, found, off = lacking(seed)
+        except KeyboardInterrupt:
+            break
+        rows[kind].append((found, off))
+    print("| the model lacks | flights | nothing known | not explained | coverage of 95 % | worst number |")
+    print("|---|---|---|---|---|---|")
+    for kind, some in {**rows, "all": [each for part in rows.values() for each in part]}.items():
+        off = np.concatenate([each for _, each in some])
+        unknown, told = sum(not each for _, each in some), sum(not found.explained for found, _ in some)
+        shown = f"{100 * np.mean(off < 1.96):.1f} % | {off.max():.1f} standard errors off"
+        print(f"| {kind} | {len(some)} | {unknown} | {told} | {shown} |")
+
+
 def main() -> None:
     """Print the table."""
-    count, first = int(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else 0
+    numbers = [int(each) for each in sys.argv[1:] if each != "--wrong"]
+    count, first = numbers[0], numbers[1] if len(numbers) > 1 else 0
+    if "--wrong" in sys.argv:
+        print_lacking(count, first)
+        return
     every: dict[str, list[tuple[float, bool]]] = {}
     wrong = unknown = restless = coloured = unexplained = 0
     begin = time.monotonic()

@@ -261,7 +261,8 @@ def residual_sentence(left: Residual, start_ns: int) -> str:
         scale = "" if left.scaled else " (up to a factor, as no torque tells the scale)"
         verdict = (
             f"The inertia given does NOT explain the motion. The best fit, principal moments of {moments} kg m²{scale}"
-            f", leaves {rest} of what the inertia given leaves unexplained.{_bias(left, 'would explain it too')}"
+            f", leaves {rest} of what the inertia given leaves unexplained; identify tells it with its errors."
+            f"{_bias(left, 'would explain it too')}"
         )
     elif left.bias is not None:
         verdict = f"NO inertia explains the motion.{_bias(left, 'does')}"

@@ -65,7 +65,8 @@ def test_another_inertia_does_not_and_the_right_one_is_found(flight: Any, judged
     assert left.relative > 1e-5
     np.testing.assert_allclose(left.inertia, TRUE, rtol=0, atol=1e-4)
     assert left.explainable
-    assert "does NOT explain the motion. The best fit, principal moments of " in residual_sentence(left, 0)
+    assert "does NOT explain the motion. The best fit, principal moments of " in (said := residual_sentence(left, 0))
+    assert "; identify tells it with its errors." in said
 
 
 def test_where_no_inertia_explains_it_the_torque_nobody_commanded_is_named(flight: Any, judged: Any) -> None:

@@ -38,10 +38,11 @@ def flown(
     pose: float | None = None,
     bias: Any = 0.0,
     recorded_torque: float = 1.0,
+    unrecorded: Any = 0.0,
 ) -> Flight:
     """Return the flight of `body`: `torque` (rad/s^2) and `force` (m/s^2) are the size of what is commanded.
 
-    A gyro measures always, a pose where `pose` (rad, m) is its noise.
+    A gyro measures always, a pose where `pose` (rad, m) is its noise. `unrecorded` (rad/s^2, of each sample) acts, too.
     """
     count = round(seconds * rate)
     times = np.rint(np.arange(count + 1) * 1e9 / rate).astype(np.int64)
@@ -50,7 +51,8 @@ def flown(
     forces = np.repeat(random.standard_normal((pushes, 3)) * force * body.mass, HOLD, 0)[:count]
     omega = 2.0 * random.standard_normal(3) if spin is None else np.array(spin, dtype=np.float64)
     state = State(angular_velocity_body=tuple(omega.tolist()))
-    motion = driven_motion(body, state, times[1:], method="rkmk4", step=0.005, torque_body=torques, force_body=forces)
+    acting = torques + unrecorded * max(body.principal_moments)
+    motion = driven_motion(body, state, times[1:], method="rkmk4", step=0.005, torque_body=acting, force_body=forces)
     rates = np.vstack([omega, np.asarray(motion.angular_velocity_body)])
     noisy = rates + bias + gyro * random.standard_normal(rates.shape)
     streams = [Stream("imu", RATES, times, noisy, gyro=True)]
