@@ -10,6 +10,8 @@ Usage: python benchmarks/campaign.py WHAT [COUNT] [--basilisk PYTHON]
     Basilisk uses its own RK4 and compiled modules, one simulation after the other, in the interpreter given by
     --basilisk.
 `effects`: COUNT runs (default 500) of that with one effect, against the same runs without.
+`accuracy`: COUNT runs (default 200) of config/campaigns/capture.yaml, by accuracy under an effect, in a block and each
+    alone, in turn.
 `memory`: memory of a worker.
 Times are for one core of this machine, the best of several repeats; `workers` measures wall-clock time.
 """
@@ -32,6 +34,7 @@ from typing import Any, NamedTuple
 
 ROOT = Path(__file__).resolve().parent.parent
 DETUMBLE = ROOT / "config" / "campaigns" / "detumble.yaml"
+CAPTURE = ROOT / "config" / "campaigns" / "capture.yaml"
 MOMENTS, RATE, GAIN = (0.112, 0.135, 0.186), (0.05, 0.1, -0.03), 0.01
 STEP, SAMPLE, END = 0.05, 0.5, 300.0
 REPEATS = 3
@@ -272,6 +275,27 @@ def under_effects(runs: int) -> None:
             print(f"{kind:<16} {under * 1e3:9.3f} ms a run, {under / without:.1f} times as long", flush=True)
 
 
+def by_accuracy(runs: int) -> None:
+    from rb_dynamics.study.campaign.block_of_runs import fly_alone, fly_block
+    from rb_dynamics.study.campaign.read import read_campaign
+    from rb_dynamics.study.campaign.scenes import Scenes
+
+    found, few = read_campaign(CAPTURE), min(runs, 20)
+    scenes, ratios = Scenes(found), []
+    values = {each.name: 1.0 if "second_moment" in each.name else 0.0 for each in found.inputs}
+    for _ in range(2):
+        fly_block(found, 0, runs, 1)
+    for _ in range(5):
+        block = seconds(lambda: fly_block(found, 0, runs, 1), 1) / runs
+        alone = seconds(lambda: [fly_alone(found, run) for run in range(few)], 1) / few
+        making = seconds(lambda: [scenes.scene(values) for _ in range(few)], 1) / few
+        ratios.append((alone / block, block, alone, making))
+    ratio, block, alone, making = sorted(ratios)[2]
+    print(f"in a block  {block * 1e3:9.3f} ms a run, {1.0 / block:8.0f} runs a second on one core")
+    print(f"  of which  {making * 1e3:9.3f} ms to make and check its scene")
+    print(f"alone       {alone * 1e3:9.3f} ms a run, {ratio:.1f} times as long")
+
+
 def _inertias(found: Any, runs: int) -> list[Any]:
     from rb_dynamics.study.campaign.sampling import inputs
     from rb_dynamics.study.campaign.scenes import Scenes
@@ -346,7 +370,9 @@ def memory() -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("runs", "workers", "limits", "peer", "effects", "memory", "basilisk"))
+    parser.add_argument(
+        "what", choices=("runs", "workers", "limits", "peer", "effects", "accuracy", "memory", "basilisk")
+    )
     parser.add_argument("count", nargs="?", type=int)
     parser.add_argument("--basilisk", default=sys.executable, metavar="PYTHON")
     args = parser.parse_args()
@@ -360,6 +386,8 @@ def main() -> None:
         beside(args.count or 20, args.basilisk)
     elif args.what == "effects":
         under_effects(args.count or 500)
+    elif args.what == "accuracy":
+        by_accuracy(args.count or 200)
     elif args.what == "memory":
         memory()
     else:

@@ -140,13 +140,18 @@ class CombinedEffects:
         """Return the same load for kernels; None if there is none, or an effect has no numbers."""
         return None if self.takes == LoadDependence.HELD else effect_numbers(self.effects, self.body, start)
 
+    @property
+    def compile(self) -> bool:
+        """Whether kernels take the load."""
+        return self.takes == LoadDependence.HELD or self.numbers(0.0) is not None
+
     def lasting(self) -> Lasting | None:
         """Return what acts from the start of a run to its end; None where that is not all, or has no numbers.
 
         There is more where the load has knots, a wrench comes later or turns, or something moves inside the body.
         """
         numbers, force = self.numbers(0.0), ZERO
-        if (numbers is None and self.takes != LoadDependence.HELD) or self.knots() or self.storing() is not None:
+        if not self.compile or self.knots() or self.storing() is not None:
             return None
         for _, entries in self.schedules():
             if len(entries) > 1 or entries[0][0] != 0.0:

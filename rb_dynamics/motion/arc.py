@@ -319,13 +319,13 @@ class Stepper:
     def stride(self, control: StepControl, phase: PhaseState) -> tuple[int, PhaseState | None]:
         """Return the next stride that `control` chooses in `phase` and, if known, the phase at its end.
 
-        A kernel is not compiled for that: there may be no other stride.
+        A kernel is not compiled for that here: there may be no other stride.
 
         Raises:
             ConvergenceError: no stride meets the accuracy.
         """
         strides = self.strides(control)
-        if strides is not None and strides.at_hand and isinstance(control, (AccuracyControl, OwnControl)):
+        if strides is not None and isinstance(control, (AccuracyControl, OwnControl)) and strides.at_hand(1):
             progress = self.progress(strides, control, phase, 0, 1, 1)
             if progress is not None and progress.next_stride:
                 control.following = progress.following

@@ -254,11 +254,15 @@ class OnDemand:
         """What it is kept under."""
         return self._function.__name__
 
-    @property
-    def at_hand(self) -> bool:
-        """Whether there is nothing to compile, and LLVM has been loaded."""
-        used = _tally.get().used
-        return self in used or (bool(used) and is_cached(self.name))
+    def at_hand(self, missed: float) -> bool:
+        """Return whether there is nothing to compile, and LLVM has been loaded.
+
+        If not, `missed` steps will be taken without it, and count: another process compiles what is missed often.
+        """
+        tally = _tally.get()
+        if self in tally.used or (tally.used and is_cached(self.name)):
+            return True
+        return tally.beside and _when() == "auto" and self.get(missed, missed) is not None
 
     def get(self, ahead: float, missed: float) -> Callable[..., Any] | None:
         """Return the compiled function; None if it is not worth compiling for `ahead` more steps.

@@ -42,6 +42,13 @@ class Edges(NamedTuple):
     kinds: Whole
     held: Numbers
 
+    @classmethod
+    def looks(cls, at: Whole) -> Edges:
+        """Return these times, at which nothing changes."""
+        import numpy as np
+
+        return cls(at, np.full(len(at), layout.LOOK, dtype=np.int64), np.empty((0, CONSTANTS - 4)))
+
     def behind(self, index: int) -> Edges:
         """Return the edges from that of this index on."""
         changes = len((self.kinds[:index] & layout.CHANGE).nonzero()[0])

@@ -116,12 +116,12 @@ class Ensemble:
         takes = max((each.takes for each in effects), default=LoadDependence.HELD)
         self._steps = _Steps(method, step, takes)
         self._threads = _threads(threads)
-        self._body = _body_of_arrays(many)
+        self._body = body_of_arrays(many)
         self._mass_properties = _mass_properties(many, [each.numbers for each in lasting])
         self._loads = [each.load_from(0.0) for each in effects] if takes > LoadDependence.HELD else []
         self._steady = _steady([each.force_world for each in lasting])
         self._particles = _particles(many)
-        self._start = self._state = _initial(self._body, states)
+        self._start = self._state = initial_phases(self._body, states)
         self._memory: list[Numbers] = []
         self.time_ns = times[0]
         self._largest = _largest(many)
@@ -551,7 +551,7 @@ class _Bodies(RigidBody):
         """Skip validation."""
 
 
-def _body_of_arrays(bodies: Sequence[RigidBody]) -> RigidBody:
+def body_of_arrays(bodies: Sequence[RigidBody]) -> RigidBody:
     """Return a body whose fields are arrays over `bodies`, so that functions of floats work on all of them at once."""
 
     def columns(rows: list[Any]) -> Any:
@@ -569,7 +569,7 @@ def _body_of_arrays(bodies: Sequence[RigidBody]) -> RigidBody:
     )
 
 
-def _initial(body: RigidBody, states: Sequence[State]) -> Numbers:
+def initial_phases(body: RigidBody, states: Sequence[State]) -> Numbers:
     """Return the phases of `states` as (N, 35)."""
     import numpy as np
 

@@ -8,8 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
+from rb_dynamics.loads.effect import Stored
 from rb_dynamics.motion.kernel_layout import phase_of
 from rb_dynamics.motion.phase_state import PhaseState
+from rb_dynamics.numerics.rotation import rotate
+from rb_dynamics.numerics.vector import Vector, add, subtract
 from rb_dynamics.run.sample import kinetic_energy
 
 if TYPE_CHECKING:
@@ -59,10 +62,20 @@ class Samples:
     rejected_commands: Numbers
     clipped_commands: Numbers
 
-    def __init__(self, body: RigidBody, start: Numbers, state: Numbers, time_ns: int | Times) -> None:
-        """Describe `body` (of arrays) in `state`, with balances from `start` on: (..., `PHASE`)."""
+    def __init__(
+        self,
+        body: RigidBody,
+        start: Numbers,
+        state: Numbers,
+        time_ns: int | Times,
+        storing: Callable[[Numbers], Stored] | None = None,
+    ) -> None:
+        """Describe `body` (of arrays) in `state`, with balances from `start` on: (..., `PHASE`).
+
+        `storing` returns, of such rows, what moves inside the body, as arrays; None where nothing does.
+        """
         self.time_ns = time_ns
-        self._body, self._began, self._state = body, start, state
+        self._body, self._began, self._state, self._storing = body, start, state, storing
 
     @classmethod
     def known(cls, time_ns: int | Times, **fields: Numbers) -> Samples:
@@ -99,7 +112,7 @@ class Samples:
     @_field
     def angular_momentum_world(self) -> Any:
         """(..., 3), about the centre of mass, kg m^2/s."""
-        return self._phase.angular_momentum_world(self._body)
+        return self._spin_of(self._phase, self._stored)
 
     @_field
     def linear_momentum_world(self) -> Any:
@@ -109,17 +122,20 @@ class Samples:
     @_field
     def kinetic_energy(self) -> Any:
         """(...), translation and rotation, J."""
-        return kinetic_energy(self._body, self._phase)
+        energy = kinetic_energy(self._body, self._phase)
+        return energy if self._stored is None else energy + self._stored.energy
 
     @_field
     def work(self) -> Any:
         """(...), of the wrenches since the start, J."""
-        return self._phase.work
+        work = self._phase.work
+        return work if self._stored is None else work + (self._stored.energy - self._stored_before.energy)
 
     @_field
     def energy_defect(self) -> Any:
         """(...), T - T0 - work, J; see `SampleBuilder`."""
-        return self.kinetic_energy - kinetic_energy(self._body, _phase(self._began)) - self.work
+        body, phase = self._body, self._phase
+        return kinetic_energy(body, phase) - kinetic_energy(body, _phase(self._began)) - phase.work
 
     @_field
     def impulse_world(self) -> Any:
@@ -129,7 +145,27 @@ class Samples:
     @_field
     def torque_impulse_world(self) -> Any:
         """(..., 3), integral of the torque about the centre of mass since the start, N m s."""
-        return self._phase.torque_impulse_world
+        if self._stored is None:
+            return self._phase.torque_impulse_world
+        # Without what went into the parts inside, of which the torque on the body alone knows.
+        began = _phase(self._began)
+        defect = subtract(subtract(self._spin_of(self._phase), self._spin_of(began)), self._phase.torque_impulse_world)
+        gained = subtract(self._spin_of(self._phase, self._stored), self._spin_of(began, self._stored_before))
+        return subtract(gained, defect)
+
+    def _spin_of(self, phase: PhaseState, stored: Stored | None = None) -> Vector:
+        spin = phase.angular_momentum_world(self._body)
+        return spin if stored is None else add(spin, rotate(phase.orientation, stored.momentum))
+
+    @cached_property
+    def _stored(self) -> Stored | None:
+        return None if self._storing is None else self._storing(self._state)
+
+    @property
+    def _stored_before(self) -> Stored:
+        if self._storing is None:
+            raise TypeError("nothing moves inside the bodies")
+        return self._storing(self._began)
 
     @cached_property
     def _phase(self) -> PhaseState:

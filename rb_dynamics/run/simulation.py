@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from operator import attrgetter
-from typing import Protocol, cast, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, cast, runtime_checkable
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import ConvergenceError, SceneError, WrenchError
@@ -30,7 +30,7 @@ from rb_dynamics.loads.transient import Transient, TransientLoad
 from rb_dynamics.loads.wheel_set import WheelLoad, WheelSet
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, held_of
 from rb_dynamics.motion.arc import Arc, LoadFrom, OfPhase
-from rb_dynamics.motion.kernel_layout import phase_of
+from rb_dynamics.motion.kernel_layout import phase_numbers, phase_of
 from rb_dynamics.motion.phase_state import PhaseState, RoundingHistory, in_principal_axes, time_between
 from rb_dynamics.motion.propagation import Edges, Propagated, pays
 from rb_dynamics.motion.propagation_kernel import CHANGE, LOOK
@@ -52,6 +52,10 @@ from rb_dynamics.scene.model import Past, Scene
 from rb_dynamics.scene.plan import Plan
 from rb_dynamics.scene.read import with_true_text
 from rb_dynamics.sensors.sensor import Truth
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
 
 Command = tuple[str, "Wrench | Setpoint"]
 """A topic and what is commanded on it."""
@@ -217,6 +221,48 @@ class Simulation:
         phase = self._arc.at(self._computed_ns)
         _require_finite(self.scene.body, phase, self._computed_ns)
         return self._observer.sample(phase, self._computed_ns)
+
+    def phases(self, times_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
+        """Advance to the first of `times_ns`, which grow, or as far as one call gets; return the phases, (k, `PHASE`).
+
+        They are those that `look` sees at these times. None is after the end.
+
+        Raises:
+            ConvergenceError: not even the first could be reached.
+        """
+        import numpy as np
+
+        first = int(times_ns[0])
+        if self._stale:
+            self._renew()
+        if first > self._computed_ns and (found := self._propagate_looks(times_ns)) is not None:
+            return found
+        self.advance(first)
+        phase = self._phase if self.time_ns == first else self._arc.at(first)
+        _require_finite(self.scene.body, phase, first)
+        return np.array([phase_numbers(phase)])
+
+    def _propagate_looks(self, times_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.float64] | None:
+        """Return the phases at those of the times that a kernel reaches before the next edge; None if there are few."""
+        if self._period_ns is None or self._goes_edge_by_edge:
+            return None
+        edge = self._nearest_ns(self.next_output_ns(), self._next_change_ns())
+        at = times_ns[: times_ns.searchsorted(edge)]
+        if len(at) < FEWEST or not pays(len(at)):
+            return None
+        found = self.plan.propagate(self._arc, Edges.looks(at))
+        if found is None or found[1].edges == 0:
+            return None
+        self._arc, propagated = found
+        self._computed_ns = int(at[propagated.edges - 1])
+        return propagated.looks[: propagated.edges]
+
+    @property
+    def _goes_edge_by_edge(self) -> bool:
+        """Whether something acts or listens that kernels do not know."""
+        load_from, outlook = self._arc.load
+        acts = self._bank is not None or (load_from is not None and not outlook.numbers)
+        return bool(acts or self._moves or self._sensing is not None)
 
     @property
     def acceleration(self) -> tuple[Vector, Vector]:
@@ -441,9 +487,7 @@ class Simulation:
         """Go from edge to edge up to `until_ns` by a kernel; return whether there is more to do."""
         # The last edge has more to it; and where this does not work, all are taken one by one.
         self._one_by_one_ns = until_ns
-        load_from, outlook = self._arc.load
-        one_by_one = self._bank is not None or self._moves or self._sensing is not None
-        if self._period_ns is None or one_by_one or (load_from is not None and not outlook.numbers):
+        if self._period_ns is None or self._goes_edge_by_edge:
             return False
         horizon_ns = until_ns if self.end_ns is None else self.end_ns - 1
         if self._knots:

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from bag_rows import STAMPED, write_rows
 from edited_logs import edited
@@ -18,7 +19,9 @@ from rb_dynamics.formats import cdr
 from rb_dynamics.formats.mcap_records import Message
 from rb_dynamics.logs.wrench_bags import RecordedWrenches
 from rb_dynamics.motion import propagation
+from rb_dynamics.motion.kernel_layout import phase_of
 from rb_dynamics.run.sample import Sample
+from rb_dynamics.run.simulation import Simulation, without_outputs
 from rb_dynamics.run.sink import RunInfo
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.sinks.failure_guard import GuardedSink
@@ -254,3 +257,25 @@ def test_commands_that_come_meanwhile_are_heeded() -> None:
 def _times(piece: int) -> Iterator[int]:
     times = {*range(piece, 3_000_000_000, piece), 2_100_000_030, 3_000_000_000}
     yield from sorted(times)
+
+
+@pytest.mark.parametrize(
+    "solver", [Solver(method="dop853", accuracy=1e-9), Solver(method="rk4", step=1 / 256)], ids=str
+)
+def test_phases_are_what_looks_see(solver: Solver, flown: list[int]) -> None:
+    """Across the knots of a rotor; the run ends at the last time."""
+    scene = without_outputs(replace(parse_scene(SCENE.text + EFFECTS), solver=solver))
+    times = np.array([*range(0, 3_000_000_000, 17_000_000), 3_000_000_000])
+    run, looking, rows = Simulation(scene), Simulation(scene), list[Any]()
+    for each in (run, looking):
+        each.start()
+    while len(rows) < len(times):
+        rows += run.phases(times[len(rows) :]).tolist()
+    assert sum(flown) > 0.9 * len(times)
+
+    for time_ns, row in zip(times.tolist(), rows, strict=True):
+        looking.advance(time_ns)
+        state, seen = phase_of(tuple(row)).state(scene.body, time_ns), looking.look()
+        assert (state.position_world, state.orientation_xyzw) == (seen.position_world, seen.orientation_xyzw)
+        assert state.angular_velocity_body == seen.angular_velocity_body
+    assert (run.steps, run.methods, run.sample) == (looking.steps, looking.methods, looking.sample)

@@ -15,7 +15,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.run.sample_arrays import Samples
 from rb_dynamics.scene.model import Scene
-from rb_dynamics.study.campaign.bodies import Alone, Bodies, Commands, SideBySide, go_side_by_side, step_ns
+from rb_dynamics.study.campaign.bodies import (
+    Alone,
+    Bodies,
+    Commands,
+    InTurn,
+    SideBySide,
+    go_side_by_side,
+    step_ns,
+    turn_of,
+)
 from rb_dynamics.study.campaign.control import ControlLoop, check_values, delay_ns
 from rb_dynamics.study.campaign.metrics import MetricAccumulator
 from rb_dynamics.study.campaign.model import Campaign
@@ -143,11 +152,14 @@ def _passed(
 
 
 def _groups(campaign: Campaign, runs: list[_Run]) -> list[list[_Run]]:
-    """Return groups of runs that can go side by side; each of the others is a group of its own."""
+    """Return groups of runs that can go side by side or in turn; each of the others is a group of its own."""
     together = [run for run in runs if _on_grid(campaign, run)]
     if together and _together(campaign, together):
         return [together, *([run] for run in runs if not _on_grid(campaign, run))]
-    return [[run] for run in runs]
+    alike: dict[object, list[_Run]] = {}
+    for run in runs:
+        alike.setdefault(turn_of(run.scene, campaign.control is not None) or run.number, []).append(run)
+    return list(alike.values())
 
 
 def _together(campaign: Campaign, runs: Sequence[_Run]) -> bool:
@@ -168,20 +180,24 @@ _Part = tuple[list[_Run], Mapping[str, "Numbers"], Mapping[int, str]]
 
 def _fly(campaign: Campaign, runs: list[_Run], threads: int | None) -> list[_Part]:
     """Execute `runs`; if one of them stops all, split them."""
-    metrics, scenes = MetricAccumulator(campaign, len(runs)), [run.scene for run in runs]
+    metrics = MetricAccumulator(campaign, len(runs))
     try:
-        bodies = (
-            SideBySide(scenes, threads)
-            if _together(campaign, runs)
-            else Alone(scenes[0], driven=campaign.control is not None)
-        )
-        failed = _advance(campaign, bodies, runs, metrics)
+        failed = _advance(campaign, _bodies(campaign, runs, threads), runs, metrics)
     except (ConvergenceError, FunctionError) as error:
         if len(runs) == 1:
             return [(runs, {}, {0: str(error).removeprefix("body 0: ")})]
         half = len(runs) // 2
         return _fly(campaign, runs[:half], threads) + _fly(campaign, runs[half:], threads)
     return [(runs, metrics.results(), failed)]
+
+
+def _bodies(campaign: Campaign, runs: Sequence[_Run], threads: int | None) -> Bodies:
+    scenes, driven = [run.scene for run in runs], campaign.control is not None
+    if _together(campaign, runs):
+        return SideBySide(scenes, threads)
+    if turn_of(scenes[0], driven):
+        return InTurn(scenes, campaign.observe_ns)
+    return Alone(scenes[0], driven=driven)
 
 
 def _advance(
@@ -205,6 +221,8 @@ def _advance(
         if loop is not None:
             time_ns = min(time_ns, loop.next_command_ns(end_ns), next_sample_ns if sampling else end_ns)
         bodies.advance_to(time_ns)
+        if len(bodies.failed) == len(runs):
+            return bodies.failed
         looking, sampling = time_ns in (next_look_ns, end_ns), sampling and time_ns == next_sample_ns
         if looking or sampling:
             samples = bodies.samples()
@@ -217,7 +235,7 @@ def _advance(
                 loop.sample(time_ns, samples, bodies.onboard())
                 next_sample_ns += loop.period_ns
         if time_ns >= end_ns or (loop is not None and len(loop.failed) == len(runs)):
-            return {} if loop is None else loop.end()
+            return bodies.failed if loop is None else loop.end()
         if loop is not None and (held := loop.commanded(time_ns)) is not None:
             bodies.hold(*held)
 

@@ -1,7 +1,8 @@
-"""The bodies of a block of runs: side by side in the kernels of `Ensemble`, or one alone through `Simulation`.
+"""The bodies of a block of runs: side by side in the kernels of `Ensemble`, in turn, or one alone.
 
-Both give the same bits. Side by side is for runs with one method and a fixed step (or without effects and torque, in
-closed form), under effects that act all the time and have kernels; every other scene runs alone.
+All give the same bits. Side by side is for runs with one method and a fixed step (or without effects and torque, in
+closed form), under effects that act all the time and have kernels. Others that no one commands go in turn, each
+through `Simulation` from observation to observation, and are looked at together; every other scene runs alone.
 """
 
 from __future__ import annotations
@@ -10,18 +11,20 @@ from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
-from rb_dynamics.errors import WrenchError
+from rb_dynamics.errors import ConvergenceError, WrenchError
 from rb_dynamics.loads.actuator import COMMAND
 from rb_dynamics.loads.channels import Channel
 from rb_dynamics.loads.combined_effects import CombinedEffects
+from rb_dynamics.loads.effect import Stored
 from rb_dynamics.loads.load import LoadDependence
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.exact import EXACT
 from rb_dynamics.motion.fixed_step_kernel import takes_compiled
+from rb_dynamics.motion.kernel_layout import phase_of
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.vector import ZERO, Vector, subtract
-from rb_dynamics.run.ensemble import Ensemble
+from rb_dynamics.run.ensemble import Ensemble, body_of_arrays, initial_phases
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.sample_arrays import Samples
 from rb_dynamics.run.simulation import Simulation, without_outputs
@@ -34,6 +37,8 @@ if TYPE_CHECKING:
 
     from rb_dynamics.numerics.arrays import Numbers
     from rb_dynamics.run.sink import Sink
+
+    Times = npt.NDArray[np.int64]
 
 CHANNEL = "control"
 """The wrench channel of the controller's commands."""
@@ -89,6 +94,10 @@ def step_ns(scene: Scene) -> int | None:
 class Bodies(Protocol):
     """N bodies that move through time."""
 
+    @property
+    def failed(self) -> Mapping[int, str]:
+        """Why some of them have stopped, by index; what is said of them since is not theirs."""
+
     def samples(self) -> Samples:
         """Return their present state and bookkeeping."""
 
@@ -121,6 +130,7 @@ class SideBySide:
             threads,
             _effects(scenes),
         )
+        self.failed: Mapping[int, str] = {}
 
     def samples(self) -> Samples:
         """Return their state; see `Bodies`."""
@@ -144,6 +154,101 @@ def _effects(scenes: Sequence[Scene]) -> list[CombinedEffects] | tuple[()]:
     return found if any(each.effects for each in found) else ()
 
 
+def turn_of(scene: Scene, driven: bool) -> tuple[object, ...] | None:
+    """Return what runs that go in turn together share; None if one cannot; `driven`: by a controller."""
+    if driven or scene.actuators or scene.past is not None:
+        return None
+    return scene.end_ns, scene.combined_effects.storing() is None
+
+
+_LOOKS = 256
+"""Of each body until the next one goes: memory is bounded, and calls are few."""
+
+
+class InTurn:
+    """Bodies that go in turn, each through many observations at a time, in the loop that `simulate` runs."""
+
+    def __init__(self, scenes: Sequence[Scene], period_ns: int) -> None:
+        """Start at the initial states of the scenes; they are looked at every `period_ns`, and at the end."""
+        import numpy as np
+
+        self._body = body_of_arrays([scene.body for scene in scenes])
+        self._start = initial_phases(self._body, [scene.initial for scene in scenes])
+        self._period_ns, self._end_ns = period_ns, scenes[0].end_ns or 0
+        self._times: Times = np.array([-1])
+        self._states, self._now = self._start[np.newaxis], 0
+        storing = [scene.combined_effects.storing() for scene in scenes]
+        self._storing = [each for each in storing if each is not None]
+        self._bodies = [scene.body for scene in scenes]
+        self._runs: list[Simulation | None] = [None] * len(scenes)
+        # By index: since when (ns), and why.
+        self._stopped: dict[int, tuple[int, str]] = {}
+        for i, scene in enumerate(scenes):
+            try:
+                run = Simulation(without_outputs(scene))
+                run.start()
+                self._runs[i] = run
+            except ConvergenceError as error:
+                self._stopped[i] = 0, str(error)
+
+    @property
+    def failed(self) -> Mapping[int, str]:
+        """Why some have stopped; see `Bodies`."""
+        return {i: why for i, (since_ns, why) in self._stopped.items() if since_ns <= self._times[self._now]}
+
+    def samples(self) -> Samples:
+        """Return their state; see `Bodies`. Those that have stopped are where they were last seen."""
+        storing = self._stored if self._storing else None
+        return Samples(self._body, self._start, self._states[self._now], int(self._times[self._now]), storing)
+
+    def _stored(self, states: Numbers) -> Stored:
+        import numpy as np
+
+        points = [phase_of(row).point(body) for row, body in zip(states.tolist(), self._bodies, strict=True)]
+        found = [storing(point) for storing, point in zip(self._storing, points, strict=True)]
+        momenta, energies = zip(*found, strict=True)
+        columns: Any = tuple(np.array(momenta).T), np.array(energies)
+        return Stored(*columns)
+
+    def onboard(self) -> Onboard:
+        """Return nothing; see `Bodies`: there is no controller."""
+        return Onboard()
+
+    def hold(self, commands: Commands, new: Commands, changed: npt.NDArray[np.bool_]) -> None:
+        """Refuse; see `Bodies`.
+
+        Raises:
+            TypeError: always: no one commands these bodies.
+        """
+        raise TypeError("bodies that go in turn take no commands")
+
+    def advance_to(self, time_ns: int) -> None:
+        """Advance; see `Bodies`."""
+        if time_ns > self._times[-1]:
+            self._go_on(time_ns)
+        self._now = int(self._times.searchsorted(time_ns))
+
+    def _go_on(self, first_ns: int) -> None:
+        """Let each go to the next observations, from `first_ns` on."""
+        import numpy as np
+
+        last_ns = min(self._end_ns, first_ns + (_LOOKS - 1) * self._period_ns)
+        times = [*range(first_ns, last_ns, self._period_ns), last_ns]
+        before, self._times = self._states[-1], np.array(times, dtype=np.int64)
+        self._states = np.empty((len(times), *before.shape))
+        for i, run in enumerate(self._runs):
+            done, seen = 0, self._states[:, i]
+            while done < len(times) and i not in self._stopped and run is not None:
+                try:
+                    found = run.phases(self._times[done:])
+                except ConvergenceError as error:
+                    self._stopped[i] = times[done], str(error)
+                else:
+                    seen[done : done + len(found)] = found
+                    done += len(found)
+            seen[done:] = seen[done - 1] if done else before[i]
+
+
 _FIELDS = [name for name in Sample.__slots__ if name in vars(Samples)]
 
 
@@ -158,6 +263,7 @@ class Alone:
         self._rejected, self._seen = 0, self._run.sample
         self._now_ns, self._body_frame = 0, scene.frames.body_frame
         self._first = self._run.sample
+        self.failed: Mapping[int, str] = {}
         self._run.start()
 
     def samples(self) -> Samples:

@@ -21,7 +21,7 @@ from rb_dynamics.formats.log_metadata import version
 from rb_dynamics.numerics.cores import cores
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.study.campaign.block_of_runs import Columns, fly_block
-from rb_dynamics.study.campaign.bodies import go_side_by_side, step_ns
+from rb_dynamics.study.campaign.bodies import go_side_by_side, step_ns, turn_of
 from rb_dynamics.study.campaign.control import DELAY
 from rb_dynamics.study.campaign.distributions import Choice, Stepped
 from rb_dynamics.study.campaign.model import Campaign
@@ -31,7 +31,7 @@ from rb_dynamics.study.campaign.store import Store
 Progress = Callable[[int, int], None]
 """Called with the number of runs done and the number of all runs."""
 
-SIDE_BY_SIDE, ALONE = 2000, 20
+SIDE_BY_SIDE, IN_TURN, ALONE = 2000, 100, 20
 """Runs in a block: enough to amortize numpy's calls, few enough for memory and to lose little when killed."""
 
 _FEW = 250
@@ -120,7 +120,11 @@ def _commands_on_grid(campaign: Campaign, step: int | None) -> bool:
 
 
 def _block(campaign: Campaign, workers: int) -> int:
-    least, most = (_FEW, SIDE_BY_SIDE) if flies_side_by_side(campaign) else (1, ALONE)
+    if flies_side_by_side(campaign):
+        least, most = _FEW, SIDE_BY_SIDE
+    else:
+        base, driven = Scenes(campaign).base, campaign.control is not None
+        least, most = 1, IN_TURN if base.combined_effects.compile and turn_of(base, driven) else ALONE
     return max(least, min(most, math.ceil(campaign.runs / (workers * _BLOCKS_EACH))))
 
 

@@ -12,7 +12,7 @@ import pytest
 from campaigns import CAMPAIGN, SCENE, write
 
 from rb_dynamics import Simulation, Wrench
-from rb_dynamics.errors import SceneError
+from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.sinks.memory_sink import MemorySink
 from rb_dynamics.study.campaign.block_of_runs import fly_alone, fly_block
 from rb_dynamics.study.campaign.bodies import CHANNEL
@@ -110,6 +110,62 @@ def test_other_effects_do_not(tmp_path: Path, effect: str, solver: str) -> None:
     text = CAMPAIGN.replace("[0.0, 0.1, 0.35]", "[0.0, 0.1, 0.3]")
     scene = SCENE.replace("{method: rk4, step: 0.05}", solver) + f"effects: [{{type: {effect}}}]\n"
     assert not flies_side_by_side(read_campaign(write(tmp_path, text, scene)))
+
+
+QUANTITIES = """
+def torque_impulse(samples): return samples.torque_impulse_world[:, 0]
+def impulse(samples): return samples.impulse_world[:, 2]
+def momentum(samples): return samples.angular_momentum_world[:, 1]
+def work(samples): return samples.work
+"""
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [
+        "rotor, axis_body: [0, 0, 1], axial_inertia: 0.1, spin_rate: [{time: 0.3, rate: 5}, {time: 1.2, rate: 2}]",
+        "scheduled_wrench, schedule: [{time: 1, force: [0, 0, 1], torque: [0, 0, 1]}]",
+        "linear_drag, rotation: 0.05, translation: 0.1",
+    ],
+)
+@pytest.mark.parametrize("solver", ["auto, accuracy: 1.0e-7", "rk4, accuracy: 1.0e-5", "rk4, step: 0.05"])
+def test_runs_in_turn_have_the_bits_of_a_run_alone(tmp_path: Path, effects: str, solver: str) -> None:
+    (tmp_path / "turn_quantities.py").write_text(QUANTITIES)
+    names = ("torque_impulse", "impulse", "momentum", "work")
+    text = re.sub(r"  control\..*\n|control:\n(  .*\n)*", "", CAMPAIGN)
+    text = text.replace("metrics:", "\n".join(["metrics:", *(f"  {n}: {{mean: turn_quantities.{n}}}" for n in names)]))
+    scene = SCENE.replace("angular_velocity_body", "linear_velocity_world: [1, 0, 3]\n  angular_velocity_body")
+    scene = scene.replace("method: rk4, step: 0.05", f"method: {solver}") + f"effects: [{{type: {effects}}}]\n"
+    campaign = read_campaign(write(tmp_path, text.replace("require", "observe_rate: 7\nrequire"), scene))
+
+    block = fly_block(campaign, 0, 3)
+    assert not any(block["error"])
+    for run in range(3):
+        alone = fly_alone(campaign, run)
+        assert {name: repr(value) for name, value in alone.items()} == {
+            name: repr(float(block[name][run])) for name in alone
+        }
+
+
+def test_a_run_in_turn_that_fails_leaves_the_others_alone(tmp_path: Path) -> None:
+    text = "scene: scene.yaml\nruns: 8\nseed: 1\nsampling: random\nobserve_rate: 20\n"
+    text += "disperse:\n  'initial.position_world[0]': {uniform: {low: 0.5, high: 2.0}}\n"
+    text += "metrics: {worst_rate: {worst: rate}}\n"
+    scene = SCENE.replace("{method: rk4, step: 0.05}", "{method: auto, accuracy: 1.0e-6}")
+    scene = scene.replace("initial:", "initial:\n  position_world: [1, 0, 0]")
+    scene += "effects: [{type: central_gravity, gravitational_parameter: 0.3}]\n"
+    campaign = read_campaign(write(tmp_path, text, scene))
+
+    block = fly_block(campaign, 0, 8)
+    failed = [bool(error) for error in block["error"]]
+    assert 0 < sum(failed) < 8
+    for run, error in enumerate(block["error"]):
+        if error:
+            assert math.isnan(block["worst_rate"][run])
+            with pytest.raises(ConvergenceError, match=re.escape(error)):
+                fly_alone(campaign, run)
+        else:
+            assert fly_alone(campaign, run)["worst_rate"] == block["worst_rate"][run]
 
 
 def test_a_run_alone_ends_when_its_scene_does(tmp_path: Path) -> None:
