@@ -32,7 +32,7 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
 
-from rb_dynamics import HashSink, Simulation, Wrench, read_scene
+from rb_dynamics import HashSink, MemorySink, Simulation, Wrench, read_scene
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.numerics.rotation import rotate
 from rb_dynamics.sinks.mcap_sink import McapSink
@@ -108,6 +108,32 @@ def test_lockstep_gives_the_bits_of_simulate_in_any_order(scene: Path, peer: Pee
     found = replay(log)
     assert found.identical
     assert {what for _, what in found.uncompared} <= {"messages that say how a node was"}
+
+
+def test_a_floating_vehicle_rights_itself_as_simulate_says(peer: Peer) -> None:
+    """The shipped scene of buoyancy begins heeled by 40 degrees; half a second later less than 20 are left."""
+    scene, end_ns = ROOT / "config" / "buoyancy.yaml", 500_000_000
+    offline = Simulation(read_scene(scene), [memory := MemorySink()])
+    offline.post("wrench", Wrench(stamp_ns=end_ns), end_ns)
+    offline.start()
+    offline.advance(end_ns)
+    offline.finish()
+    samples = {sample.time_ns: sample for sample in memory.samples}
+    end = offline.sample.potential_energy
+    with running(scene, lockstep=True) as node:
+        odometry, potential = peer.listen(Odometry, "odom"), peer.listen(Float64, "energy/potential")
+        peer.wrench(stamp_ns=end_ns)
+        peer.until(lambda: bool(odometry) and stamp(odometry[-1]) == end_ns, "the state at the stamp of the command")
+        peer.until(lambda: bool(potential) and potential[-1].data == end, "its potential energy")
+        assert node.stop() == 0, node.err
+    for heard in odometry:
+        pose, sample = heard.pose.pose, samples[stamp(heard) if stamp(heard) > 1 else 0]
+        position, q, rate = pose.position, pose.orientation, heard.twist.twist.angular
+        assert (position.x, position.y, position.z) == sample.position_world
+        assert (q.x, q.y, q.z, q.w) == sample.orientation_xyzw
+        assert (rate.x, rate.y, rate.z) == sample.angular_velocity_body
+    assert 0.0 < 2.0 * math.degrees(math.atan2(q.x, q.w)) < 20.0
+    assert rate.x < -1.0
 
 
 def test_lockstep_waits_for_a_channel_that_has_not_spoken(tmp_path: Path, peer: Peer) -> None:
