@@ -1,6 +1,7 @@
 """Fly many random bodies with noisy sensors, identify each, and print how true the error bars are: docs/identify.md.
 
     python tools/calibrate_identify.py 1000
+    python tools/calibrate_identify.py 40 --scale 1000
     python tools/calibrate_identify.py 200 --wrong
 
 Half of the flights have a gyro with noise of 5e-4 rad/s, half of 5e-3 rad/s. All have a bias, a pose with noise of 1e-3
@@ -14,6 +15,7 @@ commanded), an alignment of the gyro (rad), or a delay of the commands (0.1 s). 
 
 from __future__ import annotations
 
+import argparse
 import sys
 import time
 from dataclasses import replace
@@ -36,7 +38,7 @@ LACKS = ("a constant torque", "gusts", "an alignment", "a delay")
 GROUPS = ("mass", "center_of_mass", "inertia", "inertia_ratios", "gyro_bias", "delay")
 
 
-def flight(seed: int) -> tuple[dict[str, list[tuple[float, bool]]], int, Identification]:
+def flight(seed: int, scale: float) -> tuple[dict[str, list[tuple[float, bool]]], int, Identification]:
     """Return (value - truth) / standard error and whether the interval holds the truth, by group; unknown; the fit."""
     random = np.random.default_rng(seed)
     body = random_body(random, center=0.05)
@@ -45,7 +47,7 @@ def flight(seed: int) -> tuple[dict[str, list[tuple[float, bool]]], int, Identif
     (channel,) = made.channels
     made = replace(made, channels=(replace(channel, time_ns=channel.time_ns - round(DELAY * 1e9)),))
     names = ["mass", "center_of_mass", "inertia", "gyro_bias", "delay"]
-    found = identify(guess(body), [made], names, starts=4)
+    found = identify(guess(body, scale=scale), [made], names, starts=4)
     truth = {"mass": body.mass, "delay.commands": DELAY, "delay.pose": 0.0}
     truth |= {f"center_of_mass.{a}": c for a, c in zip("xyz", body.center_of_mass, strict=True)}
     truth |= {f"gyro_bias.imu.{a}": b for a, b in zip("xyz", bias, strict=True)}
@@ -111,9 +113,14 @@ def print_lacking(count: int, first: int) -> None:
 
 def main() -> None:
     """Print the table."""
-    numbers = [int(each) for each in sys.argv[1:] if each != "--wrong"]
-    count, first = numbers[0], numbers[1] if len(numbers) > 1 else 0
-    if "--wrong" in sys.argv:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("count", type=int, help="number of flights")
+    parser.add_argument("first", type=int, nargs="?", default=0, help="first seed")
+    parser.add_argument("--scale", type=float, default=1.0, help="by how much mass and inertia of the scene are off")
+    parser.add_argument("--wrong", action="store_true", help="the model lacks something")
+    args = parser.parse_args()
+    count, first = args.count, args.first
+    if args.wrong:
         print_lacking(count, first)
         return
     every: dict[str, list[tuple[float, bool]]] = {}
@@ -122,7 +129,7 @@ def main() -> None:
     done = 0
     for seed in range(first, first + count):
         try:
-            errors, missing, found = flight(seed)
+            errors, missing, found = flight(seed, args.scale)
         except KeyboardInterrupt:
             break
         done += 1

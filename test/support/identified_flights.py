@@ -69,8 +69,8 @@ def flown(
     return Flight("flight", tuple(streams), channels)
 
 
-def guess(body: RigidBody, moments: Any = (1.0, 1.0, 1.0)) -> Scene:
-    """Return the scene of a body whose mass is wrong by a half and whose inertia is near a ball's."""
+def guess(body: RigidBody, moments: Any = (1.0, 1.0, 1.0), scale: float = 1.0) -> Scene:
+    """Return a scene whose mass is wrong by a half and whose inertia is near a ball's, both times `scale`."""
     size = float(np.trace(np.array(body.inertia))) / 3.0
-    diagonal = [0.8 * size * moment for moment in moments]
-    return parse_scene(f"body: {{mass: {1.5 * body.mass}, inertia: {{diagonal: {diagonal}}}}}\n")
+    diagonal = [0.8 * scale * size * moment for moment in moments]
+    return parse_scene(f"body: {{mass: {1.5 * scale * body.mass}, inertia: {{diagonal: {diagonal}}}}}\n")

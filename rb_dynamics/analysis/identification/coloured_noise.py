@@ -132,6 +132,7 @@ def noise_beneath(left: Array, turn: float, step: float) -> float:
     """Return the noise of a sample that residuals (n, 3) show: what changes faster than a motion does.
 
     It is the largest in third differences of single samples and of means of ever more, as noise may be filtered.
+    Infinite where so few samples do not tell.
 
     Args:
         left: residuals.
@@ -139,6 +140,8 @@ def noise_beneath(left: Array, turn: float, step: float) -> float:
         step: smallest change of what was measured, its resolution.
     """
     found, size = step / np.sqrt(12.0), 1
+    if len(left) < _LEAST_MEANS:
+        return np.inf
     while True:
         count = len(left) // size
         third = np.diff(left[: count * size].reshape(count, size, -1).mean(axis=1), n=3, axis=0)

@@ -733,8 +733,10 @@ def _residuals(model: Model, fit: Fit, bands: Sequence[Sequence[Band]]) -> list[
         rms = _rms(every)
         # Nothing is judged below what a recording is believed to show.
         white = white or rms <= floor_of(model, key)
-        beneath = np.sqrt(np.mean([_beneath(model, each) ** 2 for each, _ in mine]))
+        told = [noise for each, _ in mine if np.isfinite(noise := _beneath(model, each))]
+        beneath = float(np.sqrt(np.mean(np.square(told)))) if told else 0.0
         motion = np.sqrt(np.mean([_motion(each) ** 2 for each, _ in mine]))
+        # Without a motion, and of too few samples, there is nothing to judge by.
         times, share = (float(rms / of) if of > 0.0 else 0.0 for of in (beneath, motion))
         topic, kind = key
         noise = fit.noise[key]

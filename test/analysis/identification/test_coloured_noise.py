@@ -74,3 +74,4 @@ def test_noise_beneath_residuals_is_told_from_them(kind: str) -> None:
     strength = 1.0 if kind == "wild" else float(noise.std())
     for change in (0.0, 40.0 * strength * slow):
         assert 0.5 * strength < noise_beneath(noise + change, 0.02, step) < 1.5 * strength
+    assert noise_beneath(noise[:10], 0.02, step) == np.inf
