@@ -534,6 +534,16 @@ class WrenchChannels:
         command.require()
         self.take(command, time_ns)
 
+    def scheduled(self, now_ns: int) -> HeldWrench | None:
+        """Return what effects will hold from `now_ns` on, where nothing of them acts yet; None for nothing."""
+        due = [p for p in sorted(self._queue) if p.channel >= self._commanded and p.time_ns <= now_ns]
+        newest = {pending.channel: pending.command.held for pending in due}
+        total = None
+        for held in newest.values():
+            if held is not None:
+                total = held if total is None else total + held
+        return total
+
     def _checked(self, channel: int, wrench: Wrench) -> CheckedWrench:
         try:
             held, clipped = self._hold(channel, wrench)

@@ -324,7 +324,8 @@ def block_encoder(scene: Scene) -> Callable[[Sample, Times], list[Bytes]]:
                 if run is not None
             ]
             for at, part in parts:
-                flat = part.view(np.uint8).reshape(len(part), -1)
+                # Not -1: where commands come by the thousand between two outputs, there is no row to tell the width.
+                flat = part.view(np.uint8).reshape(len(part), part.shape[1] * part.itemsize)
                 rows[:, at : at + flat.shape[1]] = flat
             found.append(rows)
         return found

@@ -267,8 +267,28 @@ class Simulation:
     @property
     def acceleration(self) -> tuple[Vector, Vector]:
         """Acceleration of the body origin (m/s^2) and angular acceleration (rad/s^2) at `time_ns`, body axes."""
+        if self.time_ns == self._planned[1] and (first := self._channels.scheduled(self.time_ns)) is not None:
+            # Effects act from the beginning on; what they hold is told, and begins a new arc, after the first sample.
+            with self._tentative():
+                self._new_arc(Plan(*self._planned), first)
+                return self._acceleration()
+        return self._acceleration()
+
+    def _acceleration(self) -> tuple[Vector, Vector]:
         load = self._load_from(self._phase) if self._load_from else None
         return acceleration(self.scene.body, self._phase, self._held, load)
+
+    @contextlib.contextmanager
+    def _tentative(self) -> Iterator[None]:
+        """Take back what a new arc changes."""
+        before = self._held, self._load_from
+        turning = None if self._wheels is None else self._wheels.now
+        try:
+            yield
+        finally:
+            self._held, self._load_from = before
+            if self._wheels is not None and turning is not None:
+                self._wheels.restore(turning)
 
     @property
     def steps(self) -> int:
@@ -691,23 +711,18 @@ class Simulation:
 
     def _goes_on(self) -> bool:
         """Return whether one step can be taken under the present load; if not, reject the largest command."""
-        before = self._held, self._load_from
-        turning = None if self._wheels is None else self._wheels.now
         try:
-            # With a separate plan: the other one remembers its step sizes.
-            arc = self._new_arc(Plan(*self._planned))
-            grid_ns = arc.next_grid_ns()
-            # A closed form takes no steps.
-            if grid_ns - self.time_ns < WholeArc.length:
-                _require_finite(self.scene.body, arc.at(grid_ns), grid_ns)
+            with self._tentative():
+                # With a separate plan: the other one remembers its step sizes.
+                arc = self._new_arc(Plan(*self._planned))
+                grid_ns = arc.next_grid_ns()
+                # A closed form takes no steps.
+                if grid_ns - self.time_ns < WholeArc.length:
+                    _require_finite(self.scene.body, arc.at(grid_ns), grid_ns)
         except (ConvergenceError, OverflowError) as error:
             rejected = self._channels.take_back(f"not one step can be taken under it: {error}")
             self.taken_back.append(rejected)
             return False
-        finally:
-            self._held, self._load_from = before
-            if self._wheels is not None and turning is not None:
-                self._wheels.restore(turning)
         return True
 
     def _renew(self) -> None:
@@ -716,8 +731,11 @@ class Simulation:
         self._steps_before, self._stale = self._steps, False
         self._searched_ns, self._switch_ns = -1, None
 
-    def _new_arc(self, plan: Plan) -> Arc:
+    def _new_arc(self, plan: Plan, more: HeldWrench | None = None) -> Arc:
+        """Begin an arc at `time_ns`, under what acts and `more`."""
         acting, driven = self._channels.total(), None
+        if more is not None:
+            acting = acting + more
         if self._bank is not None:
             acting, driven = acting + self._bank.held(), self._bank.wrenching()
         self._held = held = in_principal_axes(self.scene.body, acting)

@@ -15,7 +15,7 @@ from rb_dynamics.loads.effect import Effect
 from rb_dynamics.loads.reaction_wheel import ReactionWheel
 from rb_dynamics.loads.wrench import Wrench, WrenchFrames
 from rb_dynamics.numerics.argument_checks import instance, instances, number, shown, whole_number
-from rb_dynamics.numerics.nanoseconds import LONGEST, SHORTEST, nanoseconds
+from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS, nanoseconds
 from rb_dynamics.sensors.sensor import Sensor
 
 DEFAULT_ACCURACY = 1e-9
@@ -143,8 +143,8 @@ class Scene:
             expected = f"a number from 0 to {LONGEST:.1e} (s), or None"
             duration = number(self.duration, "duration", expected, SceneError, least=0.0, most=LONGEST)
             object.__setattr__(self, "duration", duration)
-        expected = f"a number from 0 to {1.0 / SHORTEST:g} (Hz)"
-        rate = number(self.output_rate, "output_rate", expected, SceneError, least=0.0, most=1.0 / SHORTEST)
+        expected = f"a number from 0 to {NANOSECONDS:g} (Hz)"
+        rate = number(self.output_rate, "output_rate", expected, SceneError, least=0.0, most=NANOSECONDS)
         object.__setattr__(self, "output_rate", rate)
         for channel in self.channels:
             if fault := topic_fault(channel.topic):

@@ -17,7 +17,7 @@ from rb_dynamics.formats.yaml.fields import Field, Rule, Section
 from rb_dynamics.formats.yaml.problems import Problems
 from rb_dynamics.formats.yaml.text_file import read_text
 from rb_dynamics.numerics.argument_checks import instance, shown
-from rb_dynamics.numerics.nanoseconds import LONGEST, SHORTEST
+from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS, SHORTEST
 from rb_dynamics.scene.model import DEFAULT_ACCURACY, MOST_SEED, Scene, Solver
 from rb_dynamics.scene.overrides import apply_overrides
 from rb_dynamics.scene.read_actuators import actuators
@@ -63,8 +63,8 @@ _SEED = Rule(
     "write any, such as 1: the same gives the same noise",
 )
 _OUTPUT_RATE = Rule(
-    f"0 (every step) or a number from {1.0 / LONGEST:.1e} to {1.0 / SHORTEST:g} (Hz)",
-    lambda v: v == 0.0 or 1.0 / LONGEST <= v <= 1.0 / SHORTEST,
+    f"0 (every step) or a number from {1.0 / LONGEST:.1e} to {NANOSECONDS:g} (Hz)",
+    lambda v: v == 0.0 or 1.0 / LONGEST <= v <= NANOSECONDS,
     "write how many states per second to publish and log, such as 100",
 )
 

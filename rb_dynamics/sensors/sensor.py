@@ -13,7 +13,7 @@ from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.effect import Field
 from rb_dynamics.loads.wrench import FixedFrame, WrenchFrames
 from rb_dynamics.numerics.argument_checks import instance, number, shown
-from rb_dynamics.numerics.nanoseconds import LONGEST, SHORTEST
+from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS
 from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import Vector
 from rb_dynamics.sensors.random_numbers import RandomNumbers
@@ -92,7 +92,7 @@ class Sensor:
         """
         for name in ("name", "frame"):
             instance(getattr(self, name), str, f"{self.kind}: {name}", "write a text")
-        low, high = 1.0 / LONGEST, 1.0 / SHORTEST
+        low, high = 1.0 / LONGEST, float(NANOSECONDS)
         self._number("rate", f"a number from {low:.1e} to {high:g} (Hz)", least=low, most=high)
         self._number("delay", f"a time from 0 to {LONGEST:.1e} (s)", least=0.0, most=LONGEST)
         self._number("dropout", "a probability of at least 0 and less than 1", least=0.0, most=1.0 - 2.0**-53)
@@ -166,7 +166,7 @@ class Common(NamedTuple):
 
 def common(entry: SceneEntry) -> Common:
     """Read `COMMON_KEYS` of an entry; `scene/read_sensors.py` has looked at its name."""
-    slowest, fastest = 1.0 / LONGEST, 1.0 / SHORTEST
+    slowest, fastest = 1.0 / LONGEST, float(NANOSECONDS)
     rate = entry.number(
         "rate",
         f"a number from {slowest:.1e} to {fastest:g} (Hz)",

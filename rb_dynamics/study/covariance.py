@@ -16,7 +16,16 @@ from typing import Any
 import numpy as np
 
 from rb_dynamics.analysis.identification import rotations
-from rb_dynamics.analysis.identification.flights import ATTITUDE, POSITION, RATES, VELOCITY, Flight, Stream, flight_of
+from rb_dynamics.analysis.identification.flights import (
+    ATTITUDE,
+    POSITION,
+    RATES,
+    VELOCITY,
+    Flight,
+    Stream,
+    flight_of,
+    with_points,
+)
 from rb_dynamics.analysis.identification.identify import Identification
 from rb_dynamics.analysis.identification.parameters import AXES, PLACES
 from rb_dynamics.analysis.identification.prediction import Model
@@ -146,7 +155,8 @@ def covariance(
         raise SceneError(
             f"{scene.source}: output_rate: found {outputs} outputs of the run, expected {_FEWEST} or more; raise it"
         )
-    flight = _thinned(flight_of(bag, scene), log)
+    # Lever arms change with the centre of mass.
+    flight = _thinned(with_points(flight_of(bag, scene), bag, scene), log)
     given = uncertain_numbers(uncertain, sigmas, scene)
     model = Model(scene, [flight], _groups(given.names))
     z = _at_start(model, scene)

@@ -74,6 +74,22 @@ duration: 0.01
     assert (imu[:, 4] == -1.0).all(), "an attitude that is not there has -1 in its covariance"
 
 
+def test_the_first_sample_feels_what_acts_from_the_beginning_on() -> None:
+    """As the one a nanosecond later does: gravity, schedules and biases are no commands, which act after a sample."""
+    text = f"""{BODY.replace("timeout: 0.4", "bias: {force: [1, 2, 3], torque: [0.1, 0.2, 0.3]}")}
+effects:
+  - {{type: uniform_gravity, acceleration_world: [0, 0, -9.81]}}
+  - {{type: scheduled_wrench, frame_id: imu, schedule: [{{time: 0, force: [4, 0, 0], torque: [0, 0, 0]}}]}}
+  - {{type: linear_drag, translation: 0.5, rotation: 0.1}}
+actuators: [{{type: reaction_wheel, name: wheel, axis: [1, 1, 0], inertia: 0.05, friction: {{coulomb: 0.01}}}}]
+sensors: [{{type: imu, name: imu, frame: imu, rate: 1.0e+9}}]
+duration: 2.0e-9
+"""
+    imu = numbers(measured(text), "imu")
+    assert np.linalg.norm(imu[0, 25:28]) > 0.5
+    assert imu[0] == pytest.approx(imu[1], abs=1e-7)
+
+
 def test_in_free_fall_only_the_place_off_the_centre_of_mass_feels_a_force() -> None:
     text = """
 body:

@@ -22,6 +22,7 @@ body:
   mass: 3.0
   center_of_mass: [0.1, -0.05, 0.02]
   inertia: {matrix: [[1.0, 0.1, -0.05], [0.1, 1.5, 0.07], [-0.05, 0.07, 1.2]]}
+  frames: {jet: {position: [0.4, 0.1, -0.3], orientation: {x: 0.5, y: 0.5, z: -0.5, w: 0.5}}}
 initial: {angular_velocity_body: [0.9, 0.2, -0.4], linear_velocity_world: [0.3, 0, 0.1]}
 effects:
   - {type: uniform_gravity, acceleration_world: [0, 0.3, -9.8]}
@@ -36,7 +37,7 @@ MATRIX = np.array([[1.0, 0.1, -0.05], [0.1, 1.5, 0.07], [-0.05, 0.07, 1.2]])
 
 def commands(scale: float = 1.0) -> list[tuple[str, rb.Wrench]]:
     return [
-        ("push", rb.Wrench((2.0 * scale, 0.0, 1.0 * scale), (0.1 * scale, 0.2 * scale, 0.0), "body", 200_000_000)),
+        ("push", rb.Wrench((2.0 * scale, 0.0, 1.0 * scale), (0.1 * scale, 0.2 * scale, 0.0), "jet", 200_000_000)),
         ("turn", rb.Wrench((0.0, 1.0, 0.0), (0.0, 0.3, -0.2), "world", 500_000_000)),
     ]
 

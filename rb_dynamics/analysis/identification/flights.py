@@ -11,7 +11,7 @@ import numpy as np
 from rb_dynamics.analysis.agreement import agreements_of
 from rb_dynamics.analysis.read_track import STRAYS, read_track
 from rb_dynamics.analysis.track import Array, RecordedWrench, Times, TimeSeries, Track, frame_names, unit_rows
-from rb_dynamics.errors import LogError
+from rb_dynamics.errors import LogError, WrenchError
 from rb_dynamics.formats.log_metadata import RUN
 from rb_dynamics.loads.channels import Channel as WrenchChannel
 from rb_dynamics.logs.bag_reader import IMUS, Bag, read_bag
@@ -200,6 +200,32 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = ()) -> Flight:
     channels = _channels(track, scene, zero, end, path, notes)
     channels += acting_elsewhere(commands, scene, zero, end, path, notes)
     return Flight(path, tuple(streams), tuple(channels), (*notes, *([] if channels else [NO_WRENCH])))
+
+
+def with_points(flight: Flight, bag: Bag, scene: Scene) -> Flight:
+    """Return the flight of a log of `scene` with the forces that acted at points of the body, in their channels.
+
+    What acted is logged about the centre of mass; the commands say the frames in which they came.
+    """
+    return replace(flight, channels=tuple(_with_points(channel, bag, scene) for channel in flight.channels))
+
+
+def _with_points(channel: Channel, bag: Bag, scene: Scene) -> Channel:
+    if channel.topic not in bag.topics:
+        return channel
+    taken = _channel_of(channel.topic, scene)
+    frames, times, at_point = scene.frames, [-1], [False]
+    for log_time, wrench in bag.wrenches(channel.topic):
+        try:
+            frames.hold(taken.limited(wrench))
+        except WrenchError:
+            continue
+        times.append(log_time + taken.delay_ns)
+        at_point.append(wrench.frame_id in (frames.fixed or {}))
+    newest = np.searchsorted(times, channel.time_ns, side="right") - 1
+    held = channel.held.copy()
+    held[:, 12:] = np.where(np.array(at_point)[newest, None], held[:, :3], 0.0)
+    return replace(channel, held=held)
 
 
 def acting_elsewhere(
