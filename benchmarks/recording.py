@@ -23,6 +23,7 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 
 import rb_dynamics as rb
+from rb_dynamics.formats.channel_metadata import log_channel
 from rb_dynamics.formats.log_file import LogFile
 from rb_dynamics.formats.mcap_writer import CHUNK_BYTES, McapWriter
 from rb_dynamics.loads.wrench import HeldWrench
@@ -79,9 +80,7 @@ def ours(path: Path, compression: CompressionType, packed: Packed) -> float:
         writer = McapWriter(file, "benchmark")
     begin = time.process_time()
     writer.begin()
-    ids = [
-        writer.add_channel(topic, "cdr", writer.add_schema(kind, "ros2msg", b""), {}) for topic, kind in SAMPLE_TOPICS
-    ]
+    ids = [writer.add_channel(log_channel(topic, kind, "")) for topic, kind in SAMPLE_TOPICS]
     for time_ns, messages in packed:
         writer.add_messages(ids, messages, time_ns, time_ns)
     writer.finish()

@@ -132,11 +132,12 @@ def _write_page(
     from pathlib import Path
 
     from rb_dynamics.errors import MissingExtraError
-    from rb_dynamics.report.campaign_page import write_campaign_page
+    from rb_dynamics.report.campaign_page import campaign_report
+    from rb_dynamics.report.html import write_html
 
     page = Path(args.html) if args.html else out.with_suffix(".html")
     try:
-        write_campaign_page(campaign, rows, page, _options(args), summary)
+        write_html(page, campaign_report(campaign, rows, _options(args), summary))
     except MissingExtraError as error:
         if args.html:
             raise

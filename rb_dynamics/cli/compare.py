@@ -86,9 +86,10 @@ def run(args: argparse.Namespace) -> int:
     print(text.encode(encoding, "backslashreplace").decode(encoding), flush=True)
     said = sys.stderr if args.json else sys.stdout
     if args.html:
-        from rb_dynamics.report.comparison_page import write_comparison_page
+        from rb_dynamics.report.comparison_page import comparison_report
+        from rb_dynamics.report.html import write_html
 
-        write_comparison_page(found, args.html)
+        write_html(args.html, comparison_report(found))
         print(output.written_page(args.html), file=said)
     if args.rerun:
         from rb_dynamics.report.comparison_rerun import write_comparison_recording

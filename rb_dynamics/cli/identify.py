@@ -97,9 +97,10 @@ def run(args: argparse.Namespace) -> int:
         Path(args.out).write_text(found.scene.text, encoding="utf-8")
         print(f"wrote {args.out}", file=sys.stderr if args.json else sys.stdout)
     if args.html:
-        from rb_dynamics.report.identification_page import write_identification_page
+        from rb_dynamics.report.html import write_html
+        from rb_dynamics.report.identification_page import identification_report
 
-        write_identification_page(found, args.html)
+        write_html(args.html, identification_report(found))
         print(output.written_page(args.html), file=sys.stderr if args.json else sys.stdout)
     for line in (*found.unexplained, *_missing(found)):
         print(f"rb-dynamics: {line}", file=sys.stderr)

@@ -86,9 +86,10 @@ def run(args: argparse.Namespace) -> int:
         )
     print(json.dumps(found.as_dict(), allow_nan=False) if args.json else as_text(found), flush=True)
     if args.html:
-        from rb_dynamics.report.trade_page import write_trade_page
+        from rb_dynamics.report.html import write_html
+        from rb_dynamics.report.trade_page import trade_report
 
-        write_trade_page(found, args.html)
+        write_html(args.html, trade_report(found))
         if not args.json:
             print(output.written_page(args.html))
     if found.recommended is None:

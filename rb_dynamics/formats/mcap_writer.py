@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.log_file import LogFile
-from rb_dynamics.formats.mcap_records import MAGIC, Opcode
+from rb_dynamics.formats.mcap_records import MAGIC, McapChannel, Opcode, Schema
 
 if TYPE_CHECKING:
     import numpy as np
@@ -106,6 +106,7 @@ class McapWriter:
         self._chunk_bytes = chunk_bytes
         self._compression, self._compress = _compression()
         self._written = _Written()
+        self._schemas: dict[Schema, int] = {}
         self._marks: deque[_Mark] = deque(maxlen=_SPARE_CHUNKS)
         self._library = library
         self._start_time, self._end_time = _NO_TIMES
@@ -129,23 +130,24 @@ class McapWriter:
         """Whether everything so far is in the file."""
         return not self._chunk
 
-    def add_schema(self, name: str, encoding: str, data: bytes) -> int:
-        """Declare a message type and return its id."""
-        number = len(self._written.schemas) + 1
-        record = _record(Opcode.SCHEMA, struct.pack("<H", number) + _text(name) + _text(encoding) + _block("I", data))
-        self._written.schemas.append(record)
-        self._chunk += record
-        return number
-
-    def add_channel(self, topic: str, encoding: str, schema: int, metadata: Mapping[str, str]) -> int:
-        """Declare a channel and return its id."""
-        number = len(self._written.channels) + 1
-        fields = (struct.pack("<HH", number, schema), _text(topic), _text(encoding), _mapping(metadata))
-        record = _record(Opcode.CHANNEL, b"".join(fields))
+    def add_channel(self, channel: McapChannel) -> int:
+        """Declare a channel, and its message type if it is the first of it; return its id."""
+        number, schema = len(self._written.channels) + 1, self._schema_id(channel.schema)
+        names = _text(channel.topic) + _text(channel.encoding)
+        record = _record(Opcode.CHANNEL, struct.pack("<HH", number, schema) + names + _mapping(channel.metadata))
         self._written.channels.append(record)
         self._chunk += record
         self._index[number] = bytearray()
         return number
+
+    def _schema_id(self, schema: Schema) -> int:
+        if schema not in self._schemas:
+            number = self._schemas[schema] = len(self._schemas) + 1
+            fields = (struct.pack("<H", number), _text(schema.name), _text(schema.encoding), _block("I", schema.data))
+            record = _record(Opcode.SCHEMA, b"".join(fields))
+            self._written.schemas.append(record)
+            self._chunk += record
+        return self._schemas[schema]
 
     def add_messages(
         self, channels: Iterable[int], messages: Iterable[bytes], log_time: int, publish_time: int

@@ -115,7 +115,6 @@ class Copy:
 
     def __init__(self, writer: McapWriter) -> None:
         self._writer = writer
-        self._schemas: dict[Schema, int] = {}
         self._channels: dict[tuple[str, Schema], int] = {}
         writer.begin()
 
@@ -143,9 +142,5 @@ class Copy:
         """Return the number of a channel in the new file; a topic with several publishers has one."""
         key = (channel.topic, channel.schema)
         if key not in self._channels:
-            if channel.schema not in self._schemas:
-                self._schemas[channel.schema] = self._writer.add_schema(*channel.schema)
-            schema = self._schemas[channel.schema]
-            number = self._writer.add_channel(channel.topic, channel.encoding, schema, channel.metadata)
-            self._channels[key] = number
+            self._channels[key] = self._writer.add_channel(channel)
         return self._channels[key]

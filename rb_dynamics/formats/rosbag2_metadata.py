@@ -11,6 +11,7 @@ from typing import Any
 import yaml
 
 from rb_dynamics.errors import SceneError
+from rb_dynamics.formats.channel_metadata import QOS
 from rb_dynamics.formats.mcap_records import McapChannel
 from rb_dynamics.formats.yaml.document import load
 
@@ -49,7 +50,7 @@ def write_metadata(folder: Path, channels: Sequence[McapChannel], files: Sequenc
                     "name": channel.topic,
                     "type": channel.type_name,
                     "serialization_format": channel.encoding,
-                    "offered_qos_profiles": offered_qos(channel),
+                    QOS: offered_qos(channel),
                     "type_description_hash": channel.metadata.get("topic_type_hash", ""),
                 },
                 "message_count": counts[channel.topic],
@@ -72,7 +73,7 @@ def write_metadata(folder: Path, channels: Sequence[McapChannel], files: Sequenc
 def offered_qos(channel: McapChannel) -> list[Any]:
     """Return the QoS profiles of a topic as its writer recorded them; none where that is no list."""
     try:
-        found = load(channel.metadata.get("offered_qos_profiles", ""), channel.topic, "list of QoS profiles")
+        found = load(channel.metadata.get(QOS, ""), channel.topic, "list of QoS profiles")
     except SceneError:
         return []
     return found if isinstance(found, list) else []

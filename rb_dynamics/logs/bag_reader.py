@@ -16,6 +16,7 @@ import numpy as np
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_source import FileBoundary, SplitBag, open_source
+from rb_dynamics.formats.channel_metadata import QOS
 from rb_dynamics.formats.log_metadata import DAMAGED, INTERRUPTED, MISSING_FILES, RESULT, RUN, next_file
 from rb_dynamics.formats.mcap_records import McapChannel
 from rb_dynamics.formats.message_types import (
@@ -221,5 +222,5 @@ def _topic_of(bag: Bag, channel: McapChannel, repeated: bool) -> Topic:
             f"{bag.path}: topic {topic.name} has both types {topic.type_name} and {kind}, expected one; give them "
             "names of their own and record again"
         )
-    topic.qos = topic.qos or channel.metadata.get("offered_qos_profiles", "")
+    topic.qos = topic.qos or channel.metadata.get(QOS, "")
     return topic

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from rb_dynamics.errors import RigidBodyError
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
-from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, made_by, write_html
+from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, made_by
 from rb_dynamics.study.campaign.block_of_runs import Columns, watch_runs
 from rb_dynamics.study.campaign.engine import flies_side_by_side
 from rb_dynamics.study.campaign.metric_units import titled, unit_of
@@ -44,28 +44,12 @@ _LOOKS = 600
 _LISTED = 30
 
 
-def write_campaign_page(
-    campaign: Campaign,
-    rows: Columns,
-    path: str | os.PathLike[str],
-    options: Sequence[str] = (),
-    summary: CampaignSummary | None = None,
-) -> None:
-    """Write the page of `rows` to `path`; `options` as in `rerun_commands`, `summary` of the rows if known.
-
-    Raises:
-        LogError: the file cannot be written.
-        MissingExtraError: matplotlib or jinja2 is not installed.
-    """
-    write_html(path, campaign_report(campaign, rows, options, summary))
-
-
 def campaign_report(
     campaign: Campaign, rows: Columns, options: Sequence[str] = (), summary: CampaignSummary | None = None
 ) -> Report:
     """Return the page of `rows`; if runs go side by side, the first of them are repeated for a figure over time.
 
-    `options` and `summary` as in `write_campaign_page`.
+    `options` as in `rerun_commands`, `summary` of the rows if known.
     """
     from rb_dynamics.report import campaign_figures
 

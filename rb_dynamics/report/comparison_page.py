@@ -10,7 +10,7 @@ from rb_dynamics.analysis.comparison import MOTION, UNITS, Comparison, Differenc
 from rb_dynamics.analysis.streams import Stream
 from rb_dynamics.report import comparison_text as text
 from rb_dynamics.report import plots
-from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, made_by, write_html
+from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, made_by
 from rb_dynamics.report.path_figure import path_in_space
 from rb_dynamics.report.svg import Array, Panel
 
@@ -23,16 +23,6 @@ _TITLES = {
     "linear_momentum": "Linear momentum, world axes [kg m/s]",
     "kinetic_energy": "Kinetic energy [J]",
 }
-
-
-def write_comparison_page(found: Comparison, html: str | os.PathLike[str]) -> None:
-    """Write the page of `found` to `html`.
-
-    Raises:
-        LogError: the file cannot be written.
-        MissingExtraError: matplotlib or jinja2 is not installed.
-    """
-    write_html(html, comparison_report(found))
 
 
 def comparison_report(found: Comparison) -> Report:

@@ -15,7 +15,7 @@ from rb_dynamics.analysis.identification.identify import Identification, Paramet
 from rb_dynamics.analysis.identification.parameters import AXES, rows_of
 from rb_dynamics.analysis.identification.prediction import Predicted
 from rb_dynamics.report import plots
-from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, made_by, write_html
+from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, made_by
 from rb_dynamics.report.interactive_plots import Picture
 from rb_dynamics.report.svg import COLORS, TEXT, Array, Line, Panel, components, draw, picture, tick
 
@@ -33,16 +33,6 @@ _SEEN = 0.05
 # sqrt of the 95 % quantile of chi-squared with two degrees of freedom.
 _ELLIPSE = 2.4477
 _VIEWS = (("x", "y"), ("x", "z"), ("y", "z"))
-
-
-def write_identification_page(found: Identification, html: str | os.PathLike[str]) -> None:
-    """Write the page of `found` to `html`.
-
-    Raises:
-        LogError: the file cannot be written.
-        MissingExtraError: matplotlib or jinja2 is not installed.
-    """
-    write_html(html, identification_report(found))
 
 
 def identification_report(found: Identification) -> Report:

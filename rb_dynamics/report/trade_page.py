@@ -7,13 +7,12 @@ from __future__ import annotations
 
 import itertools
 import math
-import os
 from collections.abc import Callable, Iterable, Sequence
 from xml.etree.ElementTree import Element, SubElement, tostring
 
 import numpy as np
 
-from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, made_by, printable, write_html
+from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, made_by, printable
 from rb_dynamics.report.interactive_plots import Array, Curve, Picture, Plot
 from rb_dynamics.report.svg import COLORS
 from rb_dynamics.study.trade import Trade, TradeRow
@@ -33,16 +32,6 @@ _NAME, _LETTER = 11.0, 5.0
 
 # This fraction of the height is below the lines, for their labels.
 _BELOW = 0.3
-
-
-def write_trade_page(found: Trade, path: str | os.PathLike[str]) -> None:
-    """Write the page of `found` to `path`.
-
-    Raises:
-        LogError: the file cannot be written.
-        MissingExtraError: jinja2 is not installed.
-    """
-    write_html(path, trade_report(found))
 
 
 def trade_report(found: Trade) -> Report:

@@ -18,14 +18,13 @@ from typing import Any, NamedTuple
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_source import Source, open_source
-from rb_dynamics.formats.channel_metadata import qos_profile
+from rb_dynamics.formats.channel_metadata import log_channel, qos_profile
 from rb_dynamics.formats.log_file import LogFile, require_other
 from rb_dynamics.formats.log_metadata import EPOCH, RESULT, RUN, SCENE, version
 from rb_dynamics.formats.mcap_records import Message
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.merging import merge
 from rb_dynamics.formats.message_types import TRANSFORM, TRANSFORMS, WRENCH
-from rb_dynamics.formats.ros2msg import TYPE_HASHES, schema_text
 from rb_dynamics.formats.tables import Column, Rows, write_table
 from rb_dynamics.formats.transforms import transforms
 from rb_dynamics.loads.channels import NAMING, AppliedWrench, is_topic_name
@@ -372,18 +371,14 @@ def table_to_bag(table: Path, target: Path) -> int:
     """
     require_other(target, table)
     commands = list(_read_wrenches(table))
-    qos, kind = qos_profile(COMMAND_DEPTH), (WRENCH, "ros2msg", schema_text(WRENCH).encode())
+    qos = qos_profile(COMMAND_DEPTH)
+    channels = {topic: log_channel(topic, WRENCH, qos) for topic in dict.fromkeys(topic for topic, _ in commands)}
     with contextlib.closing(LogFile(target)) as file:
         writer = McapWriter(file, f"rb_dynamics {version()}")
         writer.begin()
-        schema = writer.add_schema(*kind)
-        metadata = {"offered_qos_profiles": qos, "topic_type_hash": TYPE_HASHES[WRENCH]}
-        channels = {
-            topic: writer.add_channel(topic, "cdr", schema, metadata)
-            for topic in dict.fromkeys(topic for topic, _ in commands)
-        }
+        ids = {topic: writer.add_channel(channel) for topic, channel in channels.items()}
         for topic, wrench in commands:
-            writer.add_messages((channels[topic],), (encode_received(wrench),), wrench.stamp_ns, wrench.stamp_ns)
+            writer.add_messages((ids[topic],), (encode_received(wrench),), wrench.stamp_ns, wrench.stamp_ns)
         writer.finish()
     return len(commands)
 

@@ -388,13 +388,9 @@ class McapSink:
         return name if name.startswith("/") else f"{self._namespace}/{name}"
 
     def _register(self, topics: list[_Topic]) -> None:
-        schemas: dict[str, int] = {}
         for name, type_name, qos in topics:
             channel = log_channel(self._absolute(name), type_name, qos)
-            if type_name not in schemas:
-                schemas[type_name] = self._writer.add_schema(*channel.schema)
-            schema = schemas[type_name]
-            self._ids[name] = self._writer.add_channel(channel.topic, channel.encoding, schema, channel.metadata)
+            self._ids[name] = self._writer.add_channel(channel)
             self._channels.append(channel)
 
     def _write_received(self, event: AppliedWrench | ReceivedWrench | RejectedWrench) -> None:

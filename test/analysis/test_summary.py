@@ -215,12 +215,7 @@ def begun(path: Path, whole: McapFile, messages: list[Message], *, ended: bool =
     with contextlib.closing(LogFile(path)) as file:
         writer = McapWriter(file, "test")
         writer.begin()
-        numbers = {
-            channel.topic: writer.add_channel(
-                channel.topic, channel.encoding, writer.add_schema(*channel.schema), channel.metadata
-            )
-            for channel in whole.channels.values()
-        }
+        numbers = {channel.topic: writer.add_channel(channel) for channel in whole.channels.values()}
         for each in messages:
             writer.add_messages((numbers[each.channel.topic],), (each.data,), each.log_time, each.publish_time)
         for name, data in whole.attachments.items():

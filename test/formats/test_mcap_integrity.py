@@ -11,6 +11,7 @@ import pytest
 
 from rb_dynamics.cli import main
 from rb_dynamics.errors import LogError, MissingExtraError
+from rb_dynamics.formats.channel_metadata import log_channel
 from rb_dynamics.formats.log_file import LogFile
 from rb_dynamics.formats.mcap_integrity import verify, verify_bag
 from rb_dynamics.formats.mcap_writer import McapWriter
@@ -119,7 +120,7 @@ def written(path: Path, library: str, *times: int, lie: Callable[[McapWriter], N
     file = LogFile(path)
     writer = McapWriter(file, library)
     writer.begin()
-    channel = writer.add_channel("/a", "cdr", writer.add_schema("std_msgs/msg/Float64", "ros2msg", b""), {})
+    channel = writer.add_channel(log_channel("/a", "std_msgs/msg/Float64", ""))
     for time_ns in times:
         writer.add_messages([channel], [b"12345678"], time_ns, time_ns)
     writer.end_chunk()

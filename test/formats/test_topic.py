@@ -12,6 +12,7 @@ from bag_rows import add
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
+from rb_dynamics.formats.channel_metadata import log_channel
 from rb_dynamics.formats.log_file import LogFile
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.message_types import ODOMETRY, PLAIN_WRENCH, TWIST
@@ -92,7 +93,7 @@ def test_a_large_bag_takes_little_more_memory_than_its_numbers(tmp_path: Path) -
     file = LogFile(path)
     writer = McapWriter(file, "test")
     writer.begin()
-    channel = writer.add_channel("/odom", "cdr", writer.add_schema(ODOMETRY, "ros2msg", b""), {})
+    channel = writer.add_channel(log_channel("/odom", ODOMETRY, ""))
     for k, row in enumerate(numbers):
         fields = np.split(row, (7, 43, 49))
         writer.add_messages((channel,), (cdr.encode(ODOMETRY, k, "map", "base", *fields),), k, k)

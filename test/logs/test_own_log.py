@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -29,9 +30,8 @@ def with_type(log: Path, topic: str, type_name: str) -> Path:
     writer.begin()
     numbers = {}
     for channel in old.channels.values():
-        name = type_name if channel.topic == topic else channel.type_name
-        schema = writer.add_schema(name, channel.schema.encoding, channel.schema.data)
-        numbers[channel.topic] = writer.add_channel(channel.topic, channel.encoding, schema, channel.metadata)
+        schema = channel.schema._replace(name=type_name) if channel.topic == topic else channel.schema
+        numbers[channel.topic] = writer.add_channel(replace(channel, schema=schema))
     for message in messages:
         number = numbers[message.channel.topic]
         writer.add_messages((number,), (message.data,), message.log_time, message.publish_time)

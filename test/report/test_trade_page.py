@@ -12,8 +12,8 @@ import pytest
 
 from rb_dynamics.motion import METHODS
 from rb_dynamics.report import trade_page
-from rb_dynamics.report.html import render_html
-from rb_dynamics.report.trade_page import trade_report, work_precision, write_trade_page
+from rb_dynamics.report.html import render_html, write_html
+from rb_dynamics.report.trade_page import trade_report, work_precision
 from rb_dynamics.study.trade import Reference, Trade, TradeRow, recommend, with_front
 from rb_dynamics.study.trade.result import Verdict
 
@@ -79,7 +79,7 @@ def texts(root: ElementTree.Element) -> list[str]:
 
 def test_page_is_well_formed_self_contained_and_complete(tmp_path: Path) -> None:
     found = traded('<script>"x"</script>')
-    write_trade_page(found, tmp_path / "trade.html")
+    write_html(tmp_path / "trade.html", trade_report(found))
     page = (tmp_path / "trade.html").read_text(encoding="utf-8")
 
     root = ElementTree.fromstring(page.removeprefix("<!DOCTYPE html>"))

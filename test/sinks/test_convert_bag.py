@@ -362,15 +362,15 @@ def test_memory_does_not_grow_with_the_bag(tmp_path: Path, monkeypatch: pytest.M
 def wrench_log(path: Path, count: int) -> Path:
     """Return a bag of so many wrenches, of 100 bytes each."""
     from rb_dynamics.formats import cdr
+    from rb_dynamics.formats.channel_metadata import log_channel
     from rb_dynamics.formats.log_file import LogFile
     from rb_dynamics.formats.mcap_writer import McapWriter
     from rb_dynamics.formats.message_types import WRENCH
-    from rb_dynamics.formats.ros2msg import schema_text
 
     file = LogFile(path)
     writer = McapWriter(file, "test")
     writer.begin()
-    channel = writer.add_channel("/w", "cdr", writer.add_schema(WRENCH, "ros2msg", schema_text(WRENCH).encode()), {})
+    channel = writer.add_channel(log_channel("/w", WRENCH, ""))
     for k, row in enumerate(np.random.default_rng(1).standard_normal((count, 6)).tolist()):
         writer.add_messages((channel,), (cdr.encode(WRENCH, k, "body", row),), k, k)
     writer.finish()

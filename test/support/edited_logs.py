@@ -30,12 +30,7 @@ def edited(
     file = LogFile(target)
     writer = McapWriter(file, "test")
     writer.begin()
-    numbers = {
-        channel.topic: writer.add_channel(
-            channel.topic, channel.encoding, writer.add_schema(*channel.schema), channel.metadata
-        )
-        for channel in old.channels.values()
-    }
+    numbers = {channel.topic: writer.add_channel(channel) for channel in old.channels.values()}
     for message in filter(None, map(edit, messages)):
         writer.add_messages((numbers[message.channel.topic],), (message.data,), message.log_time, message.publish_time)
     for name, data in old.attachments.items():

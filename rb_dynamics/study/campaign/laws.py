@@ -81,9 +81,7 @@ class Measurement:
         Raises:
             LookupError: the scene has sensors, of which none measures it.
         """
-        if self._orientation is None:
-            raise LookupError("no sensor of the scene measures the attitude; add a star_tracker or a pose to sensors")
-        return self._orientation
+        return _known(self._orientation, "attitude", "a star_tracker or a pose")
 
     @property
     def angular_velocity_body(self) -> Numbers:
@@ -92,9 +90,13 @@ class Measurement:
         Raises:
             LookupError: the scene has sensors, of which none measures it.
         """
-        if self._rate is None:
-            raise LookupError("no sensor of the scene measures the angular velocity; add an imu to sensors")
-        return self._rate
+        return _known(self._rate, "angular velocity", "an imu")
+
+
+def _known(values: Numbers | None, what: str, sensor: str) -> Numbers:
+    if values is None:
+        raise LookupError(f"no sensor of the scene measures the {what}; add {sensor} to sensors")
+    return values
 
 
 Law = Callable[[Measurement], "Numbers | Mapping[str, Numbers]"]

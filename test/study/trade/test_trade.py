@@ -24,7 +24,8 @@ from rb_dynamics.loads.load import LoadDependence
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import METHODS, fixed_step_kernel
 from rb_dynamics.numerics import compilation
-from rb_dynamics.report.trade_page import write_trade_page
+from rb_dynamics.report.html import write_html
+from rb_dynamics.report.trade_page import trade_report
 from rb_dynamics.run.simulation import Simulation, simulate
 from rb_dynamics.scene.model import Scene, Solver
 from rb_dynamics.scene.read import parse_scene, read_scene
@@ -162,7 +163,7 @@ def test_what_is_fastest_is_fastest_with_the_outputs_of_the_scene(
     )
     assert factors in text
     assert "end alone" in text
-    write_trade_page(found, tmp_path / "trade.html")
+    write_html(tmp_path / "trade.html", trade_report(found))
     page = (tmp_path / "trade.html").read_text(encoding="utf-8")
     assert "end alone [s per s]" in page
     assert f"real time with all outputs, {taken.bare_real_time_factor:.3g} x without" in page
